@@ -1,0 +1,81 @@
+"""What a scene needs of its equations, and so what is compiled into its kernel."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, kw_only=True)
+class Features:
+    """The terms of the equations that one backbone kernel contains (equation numbers: ``docs/model.md``).
+
+    A kernel is generated for each distinct set of features, compiled once and cached on disk. What is not asked
+    for is not compiled in: a scene with a tip force alone carries no frame, one without gravity no weight.
+
+    Attributes:
+        rod_count: Concentric rods that carry the backbone, n >= 1.
+        precurvature_degree: Degree of the polynomials in arclength that hold the precurvature; 0 is constant by section.
+        force: An internal force acts.
+        tip_moment: A dead tip moment acts, equation (13).
+        distributed_force: A distributed force or gravity acts, equation (3).
+        distributed_moment: A distributed moment acts, equation (4).
+        profile_degree: Degree of the polynomials that hold loads given as functions of arclength; -1 if there are none.
+        follower_force: The tip force has a part that follows the tip frame, so the base force is unknown.
+        follower_moment: The tip moment has a part that follows the tip frame.
+        shear: Shear and extension, equation (5); without it ``v = e3``.
+        anisotropic: Bending stiffness differs between the two axes; a distinct term for ``rod_count > 1`` only.
+        transmission: The rods twist behind the base plate, equation (9).
+        pose: The pose of the tip is integrated, equations (1) and (2).
+        sensitivities: Columns d/d(unknown) are integrated, equations (15) to (20).
+        pose_sensitivities: The columns include the pose of the tip.
+        directions: Number of columns for derivatives along directions in input space.
+        nodes: States are written at nodes along the arclength, and the elastic energy is integrated.
+    """
+
+    rod_count: int = 1
+    precurvature_degree: int = 0
+    force: bool = False
+    tip_moment: bool = False
+    distributed_force: bool = False
+    distributed_moment: bool = False
+    profile_degree: int = -1
+    follower_force: bool = False
+    follower_moment: bool = False
+    shear: bool = False
+    anisotropic: bool = False
+    transmission: bool = False
+    pose: bool = True
+    sensitivities: bool = True
+    pose_sensitivities: bool = False
+    directions: int = 0
+    nodes: bool = False
+
+    @property
+    def loads_need_frame(self) -> bool:
+        """Whether a load other than a dead tip force acts, so that the frame enters the moment equations."""
+        return (
+            self.tip_moment
+            or self.distributed_force
+            or self.distributed_moment
+            or self.follower_force
+            or self.profile_degree >= 0
+        )
+
+    @property
+    def column_count(self) -> int:
+        return (self.unknown_count if self.sensitivities else 0) + self.directions
+
+    @property
+    def column_has_frame(self) -> bool:
+        return self.column_count > 0 and (self.loads_need_frame or self.pose_sensitivities)
+
+    @property
+    def force_is_state(self) -> bool:
+        """Whether the body force is integrated, equation (3b), rather than obtained from the frame, equation (3a)."""
+        return self.force and not self.loads_need_frame and not self.column_has_frame
+
+    @property
+    def frame(self) -> bool:
+        return self.pose or self.nodes or self.loads_need_frame or self.column_has_frame
+
+    @property
+    def unknown_count(self) -> int:
+        return self.rod_count + 2 + (3 if self.follower_force else 0)

@@ -1,0 +1,162 @@
+"""How the spatial equations are integrated: explicit Runge-Kutta methods given by their Butcher tableau."""
+
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import ClassVar
+
+from multirod.validation import positive_float, positive_int
+
+
+@dataclass(frozen=True)
+class Tableau:
+    """Butcher tableau of an explicit Runge-Kutta method, with an embedded error estimate where it has one.
+
+    Attributes:
+        order: Order of convergence of the solution.
+        a: Stage coefficients, row ``i`` of length ``i``.
+        b: Weights of the solution, shape (stage_count,).
+        c: Nodes, shape (stage_count,).
+        error: ``b - b_embedded``, shape (stage_count,); empty if there is no embedded method.
+
+    Raises:
+        ValueError: If the lengths do not fit, the rows of ``a`` do not sum to ``c``, or ``b`` does not sum to 1.
+    """
+
+    order: int
+    a: tuple[tuple[float, ...], ...]
+    b: tuple[float, ...]
+    c: tuple[float, ...]
+    error: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        count = len(self.b)
+        if len(self.a) != count or len(self.c) != count or any(len(row) != i for i, row in enumerate(self.a)):
+            raise ValueError(f"Tableau: {count} weights need {count} nodes and rows of lengths 0 to {count - 1}")
+        if self.error and len(self.error) != count:
+            raise ValueError(f"Tableau.error has length {len(self.error)}: must be {count} or empty")
+        if any(abs(sum(row) - c) > 1e-12 for row, c in zip(self.a, self.c, strict=True)) or abs(sum(self.b) - 1) > 1e-12:
+            raise ValueError("Tableau: rows of a must sum to c, and b must sum to 1")
+
+
+class Integrator:
+    """An explicit Runge-Kutta method. Subclass ``FixedStepIntegrator`` or ``AdaptiveIntegrator`` and name a ``tableau``.
+
+    The grid has a node wherever a section ends or a load profile changes, so piecewise properties cost no order.
+
+    Attributes:
+        tableau: The method's coefficients.
+        steps: Number of equal steps over the whole length; each stretch between nodes gets its share, at least one.
+            ``None``: steps are chosen by the embedded error estimate.
+        rtol: Largest local error of a step relative to the state, when ``steps`` is None.
+        atol: The same, absolute, in natural units: 1 for rotations, the rod's length for positions, its inverse for curvatures.
+    """
+
+    tableau: ClassVar[Tableau]
+    steps: int | None
+    rtol: float
+    atol: float
+
+    @property
+    def adaptive(self) -> bool:
+        return self.steps is None
+
+    def __str__(self) -> str:
+        detail = f"rtol={self.rtol:g}, atol={self.atol:g}" if self.adaptive else f"{self.steps}"
+        return f"{type(self).__name__}({detail})"
+
+
+@dataclass(frozen=True)
+class FixedStepIntegrator(Integrator):
+    """An explicit Runge-Kutta method at fixed steps: a subclass only names its ``tableau``.
+
+    Raises:
+        ValueError: If ``steps`` is not an integer >= 1.
+    """
+
+    rtol: ClassVar[float] = 0.0
+    atol: ClassVar[float] = 0.0
+    steps: int = 50
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "steps", positive_int(f"{type(self).__name__}.steps", self.steps))
+
+
+@dataclass(frozen=True)
+class AdaptiveIntegrator(Integrator):
+    """An embedded Runge-Kutta pair with step control, or at fixed ``steps``: a subclass names its ``tableau``.
+
+    Raises:
+        ValueError: If a field is out of range, or step control is asked of a tableau without an error estimate.
+    """
+
+    rtol: float = 1e-6
+    atol: float = 1e-9
+    steps: int | None = field(default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        name = type(self).__name__
+        object.__setattr__(self, "rtol", positive_float(f"{name}.rtol", self.rtol))
+        object.__setattr__(self, "atol", positive_float(f"{name}.atol", self.atol))
+        if self.steps is not None:
+            object.__setattr__(self, "steps", positive_int(f"{name}.steps", self.steps))
+        elif not self.tableau.error:
+            raise ValueError(f"{name}.steps = None is not allowed: the method has no error estimate, so give steps >= 1")
+
+
+def _floats(*values: Fraction | int) -> tuple[float, ...]:
+    return tuple(float(value) for value in values)
+
+
+_F = Fraction
+
+
+class RK4(FixedStepIntegrator):
+    """The classical fourth-order method at fixed steps."""
+
+    tableau: ClassVar[Tableau] = Tableau(
+        order=4,
+        a=((), (0.5,), (0.0, 0.5), (0.0, 0.0, 1.0)),
+        b=_floats(_F(1, 6), _F(1, 3), _F(1, 3), _F(1, 6)),
+        c=(0.0, 0.5, 0.5, 1.0),
+    )
+
+
+@dataclass(frozen=True)
+class RK23(AdaptiveIntegrator):
+    """Bogacki and Shampine's 3(2) pair (Appl. Math. Lett. 2, 1989), the paper's method; defaults as in MATLAB's ``ode23``."""
+
+    tableau: ClassVar[Tableau] = Tableau(
+        order=3,
+        a=((), (0.5,), (0.0, 0.75), _floats(_F(2, 9), _F(1, 3), _F(4, 9))),
+        b=_floats(_F(2, 9), _F(1, 3), _F(4, 9), 0),
+        c=(0.0, 0.5, 0.75, 1.0),
+        error=_floats(_F(-5, 72), _F(1, 12), _F(1, 9), _F(-1, 8)),
+    )
+    rtol: float = 1e-3
+    atol: float = 1e-6
+
+
+@dataclass(frozen=True)
+class RK45(AdaptiveIntegrator):
+    """Dormand and Prince's 5(4) pair (J. Comput. Appl. Math. 6, 1980): the default.
+
+    The default tolerances keep the tip within 1e-6 of the length (measured: ``docs/model.md``).
+    """
+
+    tableau: ClassVar[Tableau] = Tableau(
+        order=5,
+        a=(
+            (),
+            _floats(_F(1, 5)),
+            _floats(_F(3, 40), _F(9, 40)),
+            _floats(_F(44, 45), _F(-56, 15), _F(32, 9)),
+            _floats(_F(19372, 6561), _F(-25360, 2187), _F(64448, 6561), _F(-212, 729)),
+            _floats(_F(9017, 3168), _F(-355, 33), _F(46732, 5247), _F(49, 176), _F(-5103, 18656)),
+            _floats(_F(35, 384), 0, _F(500, 1113), _F(125, 192), _F(-2187, 6784), _F(11, 84)),
+        ),
+        b=_floats(_F(35, 384), 0, _F(500, 1113), _F(125, 192), _F(-2187, 6784), _F(11, 84), 0),
+        c=(0.0, 0.2, 0.3, 0.8, 8 / 9, 1.0, 1.0),
+        error=_floats(_F(71, 57600), 0, _F(-71, 16695), _F(71, 1920), _F(-17253, 339200), _F(22, 525), _F(-1, 40)),
+    )
+    rtol: float = 1e-8
+    atol: float = 1e-10
