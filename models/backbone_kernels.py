@@ -21,7 +21,7 @@ FAULT_NONFINITE = 1
 FAULT_STEPS = 2
 
 MATERIAL_SIZE = 10  # EI_x, EI_y, GJ, their inverses, 1/GA_x, 1/GA_y, 1/EA, mass per length
-INPUT_VECTORS = ("tip_force", "tip_moment", "follower_force", "follower_moment", "distributed_force", "distributed_moment", "gravity")
+INPUT_VECTORS = ("tip_force", "tip_moment", "follower_force", "follower_moment", "distributed_force", "distributed_moment", "gravity", "tip_curvature")
 
 
 def input_size(rod_count: int) -> int:
@@ -167,6 +167,7 @@ def make_kernel(features: Features, tableau: Tableau):
     TIP_MOMENT = features.tip_moment
     FOLLOWER = features.follower_force
     FOLLOWER_MOMENT = features.follower_moment
+    MEASURED = features.measured
     SHEAR = features.shear
     PROFILE = features.profile_degree >= 0
     LD = max(features.profile_degree, 0) + 1
@@ -186,7 +187,7 @@ def make_kernel(features: Features, tableau: Tableau):
     STAGES = len(tableau.b)
     A, B, CN, E = tableau.a, tableau.b, tableau.c, tableau.error
     SIZE_IN = input_size(n)
-    ROT, TRA, FT, MT, FF, FM, DF, DM, G, PS = 0, n, *range(2 * n, 2 * n + 22, 3)
+    ROT, TRA, FT, MT, FF, FM, DF, DM, G, UT, PS = 0, n, *range(2 * n, 2 * n + 25, 3)
 
     # State: M, [N], theta_i, tau_i (i >= 2), [q], [p], [energy]; a column: M, [N], theta_i, tau_i, [q], [p].
     oN = 3
@@ -1074,6 +1075,12 @@ def make_kernel(features: Features, tableau: Tableau):
         if wp.static(FOLLOWER_MOMENT):
             gap -= follower_moment
         unit = c_tip
+        if wp.static(MEASURED):
+            # (12): the measured curvature takes the place of the boundary condition
+            give = wp.vec3d(z.material[0, 3], z.material[0, 4], z.material[0, 5])
+            gap = precurvature(z, 0, z.length) + wp.cw_mul(give, M)
+            gap -= wp.vec3d(call.inputs[t, UT], call.inputs[t, UT + 1], call.inputs[t, UT + 2])
+            unit = wp.vec3d(one, one, one)
         total = zero
         if wp.static(TUBES):
             for i in range(1, wp.static(n)):
@@ -1104,6 +1111,12 @@ def make_kernel(features: Features, tableau: Tableau):
                 if wp.static(COLUMN_FRAME):
                     g -= rotate_inverse(q, Rbt * direction_vector(call, t, k - NX, MT))
                 g -= direction_vector(call, t, k - NX, FM)
+            if wp.static(MEASURED):
+                give = wp.vec3d(z.material[0, 3], z.material[0, 4], z.material[0, 5])
+                g = wp.cw_mul(give, wp.vec3d(y[o], y[o + 1], y[o + 2]))
+                if wp.static(k >= NX):
+                    g -= direction_vector(call, t, k - NX, UT)
+                    g += (dlength[k - NX, 0] - z.shift_directions[k - NX, 0]) * precurvature_slope(z, 0, z.length)
             if wp.static(TUBES):
                 for i in range(1, wp.static(n)):
                     if ended[i] == 0 or rods.end[r, i, sections - 1] + shift[i] >= length:

@@ -20,6 +20,7 @@ class Features:
         profile_degree: Degree of the polynomials that hold loads given as functions of arclength; -1 if there are none.
         follower_force: The tip force has a part that follows the tip frame, so the base force is unknown.
         follower_moment: The tip moment has a part that follows the tip frame.
+        measured: A measured tip curvature takes the place of the boundary condition, equation (12).
         shear: Shear and extension, equation (5); without it ``v = e3``.
         anisotropic: Bending stiffness differs between the two axes; a distinct term for ``rod_count > 1`` only.
         transmission: The rods twist behind the base plate, equation (9).
@@ -39,6 +40,7 @@ class Features:
     profile_degree: int = -1
     follower_force: bool = False
     follower_moment: bool = False
+    measured: bool = False
     shear: bool = False
     anisotropic: bool = False
     transmission: bool = False

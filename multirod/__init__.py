@@ -1,0 +1,66 @@
+"""Static equilibria of robots made of slender elastic rods.
+
+Compose an assembly of rods, give it actuation and loads, and get its equilibrium with a known error::
+
+    import multirod as mr
+
+    wire = mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638, precurvature=(14, 5, 0))
+    robot = mr.SingleRod(wire)
+    solution = mr.solve(robot, robot.inputs(rotation=0.1, tip_force=(1, 0, 0)))
+    print(solution.tip_position)
+
+SI units, radians; rotation matrices are body to world.
+"""
+
+from importlib.util import find_spec
+
+if find_spec("multirod.models") is None:
+    raise ImportError(
+        f"{__file__} is a bare checkout folder, not the installed package: run `pip install -e .`; "
+        "to test an installed wheel use `pytest`, not `python -m pytest`"
+    )
+
+from multirod.assembly import Assembly
+from multirod.inputs import Inputs, InputSpec
+from multirod.models.integrators import RK4, RK23, RK45, AdaptiveIntegrator, FixedStepIntegrator, Integrator, Tableau
+from multirod.models.single_rod import SingleRod
+from multirod.problem import Block, BoundaryProblem, Shape
+from multirod.rod import Rod, Section
+from multirod.simulation import Tracker, simulate, solve
+from multirod.solution import History, Solution, SolveError
+from multirod.solver import Outcome, Solver, Track, registered_solvers
+from multirod.solvers.shooting import Shooting
+from multirod.status import Status
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "RK4",
+    "RK23",
+    "RK45",
+    "AdaptiveIntegrator",
+    "Assembly",
+    "Block",
+    "BoundaryProblem",
+    "FixedStepIntegrator",
+    "History",
+    "InputSpec",
+    "Inputs",
+    "Integrator",
+    "Outcome",
+    "Rod",
+    "Section",
+    "Shape",
+    "Shooting",
+    "SingleRod",
+    "Solution",
+    "SolveError",
+    "Solver",
+    "Status",
+    "Tableau",
+    "Track",
+    "Tracker",
+    "registered_solvers",
+    "simulate",
+    "solve",
+]

@@ -1,0 +1,257 @@
+"""The boundary problem of one backbone: buffers and launches of its kernels."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from multirod.inputs import Inputs
+from multirod.models import backbone_kernels as kernels
+from multirod.models.features import Features
+from multirod.models.integrators import Integrator
+from multirod.problem import Block, BoundaryProblem, Shape
+from multirod.profile import DEGREE
+from multirod.rod import Rod, RodArrays, lower
+from multirod.validation import FloatArray
+
+STEP_LIMIT = 100_000
+_FEATURE_INPUTS = {
+    "force": ("tip_force", "follower_force", "distributed_force", "gravity"),
+    "tip_moment": ("tip_moment",),
+    "distributed_force": ("distributed_force", "gravity"),
+    "distributed_moment": ("distributed_moment",),
+    "follower_force": ("follower_force",),
+    "follower_moment": ("follower_moment",),
+    "measured": ("tip_curvature",),
+}
+
+
+class BackboneProblem(BoundaryProblem):
+    """One backbone of n >= 1 concentric rods, clamped at its base, loaded along its length and at its free tip.
+
+    Unknowns are the curvature at the base of a single rod (``docs/model.md``, equation 10), then, where a follower force
+    acts, the base force in curvature units.
+    """
+
+    def __init__(
+        self,
+        rods: Sequence[Rod],
+        base: FloatArray,
+        inputs: Inputs,
+        *,
+        integrator: Integrator,
+        device: str = "cpu",
+        pose: bool = True,
+        pose_sensitivities: bool = False,
+        direction_count: int = 0,
+        enabled: Sequence[str] = (),
+    ) -> None:
+        rod_batch = np.broadcast_shapes(*(rod.batch_shape for rod in rods))
+        self.batch_shape = np.broadcast_shapes(inputs.batch_shape, rod_batch, base.shape[:-2])
+        self.rods = tuple(rods)
+        self.base = base
+        self.integrator = integrator
+        self.enabled = frozenset(enabled)
+        self.arrays = lower(rods, self.batch_shape if rod_batch else ())
+        self.features = self._features(inputs, pose, pose_sensitivities, direction_count)
+        count = int(np.prod(self.batch_shape))
+        n = self.features.unknown_count
+        super().__init__(
+            unknown_count=n,
+            instance_count=count,
+            input_count=kernels.input_size(len(rods)),
+            blocks=[Block("rod 1" if len(rods) == 1 else "backbone", slice(0, n), slice(0, n))],
+            direction_count=direction_count,
+            pose_sensitivities=pose_sensitivities,
+            device=device,
+        )
+        self._table = self._make_table(inputs)
+        self._call = self._make_call(self.features, 0)
+        self._launches: dict[Features, Any] = {}
+        self.set_inputs(inputs)
+        self._launch = self._record(self.features, self._call)
+
+    # ---- what is compiled in ----
+
+    def _features(self, inputs: Inputs, pose: bool, pose_sensitivities: bool, direction_count: int) -> Features:
+        active = {name for name in inputs.given if inputs.is_active(name)} | self.enabled
+        needs = {feature: any(name in active for name in names) for feature, names in _FEATURE_INPUTS.items()}
+        needs["force"] |= "distributed_force" in inputs.profiles
+        return Features(
+            rod_count=len(self.rods),
+            precurvature_degree=self.arrays.degree,
+            profile_degree=DEGREE if inputs.profiles else -1,
+            shear=self.arrays.shear,
+            anisotropic=self.arrays.anisotropic and len(self.rods) > 1,
+            pose=pose,
+            pose_sensitivities=pose_sensitivities,
+            directions=direction_count,
+            **needs,
+        )
+
+    # ---- arrays ----
+
+    def _array(self, value: Any, dtype: Any = wp.float64) -> Any:
+        return wp.array(np.ascontiguousarray(value, dtype=np.float64), dtype=dtype, device=self.device)
+
+    def _make_table(self, inputs: Inputs) -> Any:
+        table = kernels.RodTable()
+        arrays: RodArrays = self.arrays
+        table.stride = 1 if arrays.batch_shape else 0
+        table.end = self._array(arrays.end)
+        table.material = self._array(arrays.material)
+        table.precurvature = self._array(arrays.precurvature)
+        table.length_scale = self._array(arrays.end[:, 0, -1])
+        base = self.base if self.base.ndim == 2 else np.broadcast_to(self.base, (*self.batch_shape, 4, 4))
+        base = base.reshape(-1, 4, 4)
+        table.base_stride = 1 if self.base.ndim > 2 else 0
+        table.base_position = self._array(base[:, :3, 3], wp.vec3d)
+        table.base_rotation = self._array(base[:, :3, :3], wp.mat33d)
+        ends, coefficients = _merge_profiles(inputs)
+        table.profile_end = self._array(ends)
+        table.profile = self._array(coefficients)
+        return table
+
+    def _make_call(self, features: Features, node_count: int) -> Any:
+        call = kernels.Call()
+        for name in ("active", "unknowns", "inputs", "load_factor", "directions", "fault", "step_count", "residual", "gamma"):
+            setattr(call, name, getattr(self, name))
+        for name in ("residual_directions", "position", "rotation", "pose_columns"):
+            setattr(call, name, getattr(self, name))
+        call.direction_stride = 1
+        call.steps = float(self.integrator.steps or 0)
+        call.rtol = self.integrator.rtol
+        call.atol = self.integrator.atol
+        call.step_limit = STEP_LIMIT
+        call.node_count = node_count
+        if node_count:
+            shape = (self.instance_count, node_count)
+            call.node_arclength = wp.zeros(shape, dtype=wp.float64, device=self.device)
+            for name in ("position", "curvature", "moment", "force"):
+                setattr(call, f"node_{name}", wp.zeros(shape, dtype=wp.vec3d, device=self.device))
+            for name in ("rotation", "turn"):
+                setattr(call, f"node_{name}", wp.zeros(shape, dtype=wp.mat33d, device=self.device))
+            call.energy = wp.zeros(self.instance_count, dtype=wp.float64, device=self.device)
+        return call
+
+    def _record(self, features: Features, call: Any) -> Any:
+        kernel = kernels.make_kernel(features, self.integrator.tableau)
+        return wp.launch(kernel, dim=self.instance_count, inputs=[self._table, call], device=self.device, record_cmd=True)
+
+    # ---- the interface ----
+
+    def set_inputs(self, inputs: Inputs) -> None:  # noqa: D102
+        missing = sorted(name for name in inputs.given if inputs.is_active(name) and not self.takes(name))
+        if missing:
+            raise ValueError(f"the problem was compiled without {', '.join(missing)}: name them in enabled, or make a new problem")
+        self.inputs.assign(self.pack(inputs))
+
+    def takes(self, name: str) -> bool:
+        """Whether the terms of an input are compiled in."""
+        needed = [feature for feature, names in _FEATURE_INPUTS.items() if name in names]
+        return all(getattr(self.features, feature) for feature in needed)
+
+    def pack(self, inputs: Inputs) -> FloatArray:
+        """Rows of ``inputs``, shape (instance_count, input_count); broadcast over the rods' batch."""
+        packed = np.zeros((*self.batch_shape, self.input_count))
+        for name in inputs.given:
+            if name not in inputs.profiles:
+                packed[..., self.input_slice(name)] = getattr(inputs, name)
+        packed[..., -1] = 1.0
+        return packed.reshape(self.instance_count, self.input_count)
+
+    def input_slice(self, name: str) -> slice:  # noqa: D102
+        n = len(self.rods)
+        if name in ("rotation", "translation"):
+            start = 0 if name == "rotation" else n
+            return slice(start, start + n)
+        start = 2 * n + 3 * kernels.INPUT_VECTORS.index(name)
+        return slice(start, start + 3)
+
+    def integrate(self) -> None:  # noqa: D102
+        self._launch.launch()
+
+    def guess(self) -> FloatArray:  # noqa: D102
+        result = np.zeros((self.instance_count, self.unknown_count))
+        if len(self.rods) == 1:
+            shift = self.inputs.numpy()[:, self.input_slice("translation")]
+            section = np.sum(self.arrays.end[:, 0, :-1] + shift <= 0, axis=-1)
+            rows = np.arange(len(self.arrays.end)) if len(self.arrays.end) > 1 else np.zeros(len(section), int)
+            coefficients = self.arrays.precurvature[rows, 0, section].reshape(len(section), -1, 3)
+            start = np.where(section > 0, self.arrays.end[rows, 0, np.maximum(section - 1, 0)], 0.0)
+            end = self.arrays.end[rows, 0, section]
+            with np.errstate(invalid="ignore", divide="ignore"):
+                t = np.where(end > start, (-2 * shift[:, 0] - start - end) / (end - start), 0.0)
+            powers = t[:, None] ** np.arange(coefficients.shape[1])
+            result[:, :3] = np.einsum("bk,bkj->bj", powers, coefficients)
+        return result
+
+    def load_scale(self) -> FloatArray:  # noqa: D102
+        inputs = self.inputs.numpy()
+        table = self.arrays
+        stiffness = table.material[:, 0, :, :3].min(axis=(1, 2))
+        length = table.end[:, 0, -1] + inputs[:, self.input_slice("translation")][:, 0]
+        weight = table.material[:, 0, :, 9].max(axis=1)
+        power = {"tip_force": 2, "follower_force": 2, "tip_moment": 1, "follower_moment": 1}
+        power |= {"distributed_force": 3, "distributed_moment": 2, "gravity": 3}
+        total = np.zeros(self.instance_count)
+        for name, exponent in power.items():
+            size = np.linalg.norm(inputs[:, self.input_slice(name)], axis=1) * length**exponent / stiffness
+            total += size * weight if name == "gravity" else size
+        profile = self._table.profile.numpy()
+        if profile.size:
+            size = np.abs(profile.reshape(len(profile), 6, -1)).sum(-1).max(0)
+            total += (size[:3].max() * length**3 + size[3:].max() * length**2) / stiffness
+        return total
+
+    def directions_problem(self, count: int) -> "BackboneProblem":
+        """The same instances at the same unknowns, with pose columns and ``count`` directions."""
+        raise NotImplementedError
+
+    def shapes(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:  # noqa: D102
+        call = self._nodes(node_count, sensitivities=False)
+        shape = Shape(
+            arclength=call.node_arclength.numpy(),
+            position=call.node_position.numpy(),
+            rotation=call.node_rotation.numpy(),
+            curvature=call.node_curvature.numpy(),
+            moment=call.node_moment.numpy(),
+            force=call.node_force.numpy(),
+        )
+        return (shape,), call.energy.numpy()
+
+    def _nodes(self, node_count: int, *, sensitivities: bool) -> Any:
+        features = replace(
+            self.features, nodes=True, pose=True, sensitivities=sensitivities, pose_sensitivities=sensitivities, directions=0
+        )
+        call = self._make_call(features, node_count)
+        # outputs of its own: the residual and Gamma of the solve stay as they are
+        call.residual = wp.zeros(self.residual.shape, dtype=wp.float64, device=self.device)
+        call.gamma = wp.zeros(self.gamma.shape, dtype=wp.float64, device=self.device)
+        call.pose_columns = wp.zeros((self.instance_count, 6, self.unknown_count), dtype=wp.float64, device=self.device)
+        call.position = wp.zeros(self.instance_count, dtype=wp.vec3d, device=self.device)
+        call.rotation = wp.zeros(self.instance_count, dtype=wp.mat33d, device=self.device)
+        self._record(features, call).launch()
+        return call
+
+
+def _merge_profiles(inputs: Inputs) -> tuple[FloatArray, FloatArray]:
+    """Load profiles on common pieces: ends (piece,), coefficients (piece, 6 (DEGREE + 1))."""
+    if not inputs.profiles:
+        return np.zeros(1), np.zeros((1, 6))
+    ends = np.unique(np.concatenate([p.ends for p in inputs.profiles.values()]))
+    t = np.cos(np.pi * (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1))
+    vandermonde = t[:, None] ** np.arange(DEGREE + 1)
+    result = np.zeros((len(ends), 6, DEGREE + 1))
+    for row, name in ((0, "distributed_force"), (3, "distributed_moment")):
+        profile = inputs.profile(name)
+        if profile is None:
+            continue
+        start = 0.0
+        for piece, end in enumerate(ends):
+            samples = np.array([profile(0.5 * (start + end) + 0.5 * (end - start) * node) for node in t])
+            result[piece, row : row + 3] = np.linalg.solve(vandermonde, samples).T
+            start = end
+    return ends, result.reshape(len(ends), -1)

@@ -1,0 +1,106 @@
+"""What every robot made of rods has in common."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from multirod.inputs import Inputs, InputSpec
+from multirod.problem import BoundaryProblem
+from multirod.rod import Rod
+from multirod.validation import FloatArray, array, refuse
+
+if TYPE_CHECKING:
+    from multirod.models.integrators import Integrator
+
+
+class Assembly(ABC):
+    """Rods, how they are coupled, and what actuates them. Knows nothing of solvers.
+
+    Attributes:
+        rods: The rods, in the order of inputs per rod.
+    """
+
+    rods: tuple[Rod, ...]
+
+    @property
+    @abstractmethod
+    def input_specs(self) -> tuple[InputSpec, ...]:
+        """The inputs that this assembly takes."""
+
+    @abstractmethod
+    def problem(
+        self,
+        inputs: Inputs,
+        *,
+        integrator: "Integrator",
+        device: str = "cpu",
+        pose_sensitivities: bool = False,
+        direction_count: int = 0,
+        enabled: Sequence[str] = (),
+    ) -> BoundaryProblem:
+        """The boundary problem at ``inputs``.
+
+        Args:
+            inputs: Made by ``self.inputs(...)``.
+            integrator: Of the spatial equations.
+            device: Warp device.
+            pose_sensitivities: Whether the columns include the end effector's pose.
+            direction_count: Columns for derivatives along directions in input space.
+            enabled: Inputs whose terms are compiled in although they are zero now.
+        """
+
+    @property
+    def rod_count(self) -> int:
+        """Number of rods."""
+        return len(self.rods)
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:
+        """Leading axes of the rods' parameters together."""
+        return np.broadcast_shapes(*(rod.batch_shape for rod in self.rods))
+
+    def inputs(self, **values: Any) -> Inputs:
+        """Check and broadcast inputs by name; what is not named is zero.
+
+        Raises:
+            TypeError: If a name is not one of ``input_specs``.
+            ValueError: If a value is out of range, not finite or of a wrong shape, or the leading axes do not broadcast.
+        """
+        needs_length = any(callable(value) for value in values.values())
+        length = 0.0
+        if needs_length:
+            plain = {name: value for name, value in values.items() if not callable(value)}
+            length = self._reach(Inputs(self.input_specs, self.rod_count, plain))
+        result = Inputs(self.input_specs, self.rod_count, values, length)
+        try:
+            np.broadcast_shapes(result.batch_shape, self.batch_shape)
+        except ValueError:
+            if not self.batch_shape:
+                raise
+            raise ValueError(
+                f"the inputs' leading axes {result.batch_shape} do not broadcast with the rods' {self.batch_shape}"
+            ) from None
+        self.check(result)
+        return result
+
+    def check(self, inputs: Inputs) -> None:
+        """Refuse inputs that this assembly cannot take, by a ``ValueError``."""
+
+    def _reach(self, inputs: Inputs) -> float:
+        """Largest arclength in use [m], for functions of arclength."""
+        return max(float(rod.length.max()) for rod in self.rods) + float(np.max(inputs.translation, initial=0.0))
+
+
+def pose(field: str, value: Any) -> FloatArray:
+    """A checked pose (..., 4, 4); None is the identity."""
+    if value is None:
+        return np.eye(4)
+    result = array(field, value, (4, 4))
+    R = result[..., :3, :3]
+    if np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max() > 1e-8 or (np.linalg.det(R) < 0).any():
+        refuse(field, value, "the upper left 3 x 3 block must be a rotation")
+    if np.abs(result[..., 3, :] - [0, 0, 0, 1]).max() > 0:
+        refuse(field, value, "the last row must be 0, 0, 0, 1")
+    return result

@@ -1,0 +1,119 @@
+"""Actuation and loads of an assembly, checked and broadcast."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from multirod.profile import Profile, fit
+from multirod.validation import FloatArray, array, unknown_names
+
+
+@dataclass(frozen=True, kw_only=True)
+class InputSpec:
+    """One input that an assembly takes.
+
+    Attributes:
+        name: How it is called.
+        per_rod: One number per rod, shape (..., rod_count); otherwise a vector, shape (..., 3).
+        unit: SI unit.
+        function: Whether it may be a function of arclength.
+        load: Whether it is a load, which load continuation raises in proportion.
+        optional: Whether leaving it out differs from zero.
+        description: What it is, frame included.
+    """
+
+    name: str
+    unit: str
+    description: str
+    per_rod: bool = False
+    function: bool = False
+    load: bool = True
+    optional: bool = False
+
+
+class Inputs:
+    """Values of an assembly's inputs; made by ``Assembly.inputs(...)``, never changed afterwards.
+
+    Each input is an attribute: ``inputs.tip_force`` has shape ``(*inputs.batch_shape, 3)``; what was not given is zero.
+
+    Attributes:
+        batch_shape: Leading axes of all inputs together.
+        given: Names of the inputs that were given.
+    """
+
+    def __init__(self, specs: Sequence[InputSpec], rod_count: int, values: Mapping[str, Any], length: float = 0.0) -> None:
+        """Check and broadcast ``values``; ``length`` is the range over which functions of arclength are resolved [m]."""
+        self._specs = {spec.name: spec for spec in specs}
+        self._rod_count = rod_count
+        unknown_names("inputs()", values, self._specs)
+        self._arrays: dict[str, FloatArray] = {}
+        self._profiles: dict[str, Profile] = {}
+        for name, value in values.items():
+            spec = self._specs[name]
+            if value is None and spec.optional:
+                continue
+            if spec.function and callable(value):
+                self._profiles[name] = fit(name, value, length)
+            elif spec.per_rod:
+                self._arrays[name] = per_rod(name, value, rod_count)
+            else:
+                self._arrays[name] = array(name, value, (3,))
+        self.given = tuple(name for name in self._specs if name in self._arrays or name in self._profiles)
+        try:
+            self.batch_shape: tuple[int, ...] = np.broadcast_shapes(*(a.shape[:-1] for a in self._arrays.values()))
+        except ValueError:
+            shapes = ", ".join(f"{name} {a.shape[:-1]}" for name, a in self._arrays.items())
+            raise ValueError(f"the leading axes of the inputs do not broadcast: {shapes}") from None
+
+    def __getattr__(self, name: str) -> FloatArray:
+        specs = self.__dict__.get("_specs", {})
+        if name not in specs:
+            raise AttributeError(f"inputs have no {name!r}: they have " + ", ".join(specs))
+        if name in self._profiles:
+            raise AttributeError(f"inputs.{name} is a function of arclength: see inputs.profile({name!r})")
+        width = self._rod_count if specs[name].per_rod else 3
+        value = self._arrays.get(name, np.zeros(width))
+        return np.broadcast_to(value, (*self.batch_shape, width))
+
+    def profile(self, name: str) -> Profile | None:
+        """The resolved function of arclength given for an input, if one was."""
+        return self._profiles.get(name)
+
+    @property
+    def profiles(self) -> Mapping[str, Profile]:
+        """All inputs that were given as functions of arclength."""
+        return self._profiles
+
+    def is_active(self, name: str) -> bool:
+        """Whether an input was given and is not zero everywhere."""
+        if self._specs[name].optional:
+            return name in self._arrays
+        return name in self._profiles or bool(np.any(self._arrays.get(name, 0.0)))
+
+    def __getitem__(self, index: Any) -> "Inputs":
+        """The inputs of some instances: ``inputs[k]`` takes the k-th along the first batch axis."""
+        result = object.__new__(Inputs)
+        result._specs, result._rod_count, result._profiles, result.given = self._specs, self._rod_count, self._profiles, self.given
+        result._arrays = {
+            name: np.broadcast_to(a, (*self.batch_shape, a.shape[-1]))[index] for name, a in self._arrays.items()
+        }
+        probe = np.broadcast_to(0.0, self.batch_shape)[index]
+        result.batch_shape = np.shape(probe)
+        return result
+
+    def __repr__(self) -> str:
+        return f"Inputs({', '.join(self.given) or 'none'}; batch {self.batch_shape})"
+
+
+def per_rod(name: str, value: Any, rod_count: int) -> FloatArray:
+    """An input per rod as (..., rod_count): numbers are the same for all rods, and one rod needs no axis of its own."""
+    result = array(name, value)
+    if result.ndim == 0:
+        return np.broadcast_to(result, (rod_count,)).copy()
+    if result.shape[-1] == rod_count:
+        return result
+    if rod_count == 1:
+        return result[..., None]
+    return array(name, value, (rod_count,))

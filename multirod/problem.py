@@ -1,0 +1,169 @@
+"""The boundary problem: all that a solver sees of an assembly."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from multirod.inputs import Inputs
+from multirod.validation import FloatArray
+
+
+@dataclass(frozen=True)
+class Block:
+    """Unknowns and residuals that belong to one rod (or to what couples the rods)."""
+
+    name: str
+    unknowns: slice
+    residuals: slice
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Rods of all instances on nodes along their arclength; axes (batch, node, ...) of one rod.
+
+    Attributes:
+        arclength: From the base [m], shape (batch, node_count).
+        position: Centreline in the world [m], shape (batch, node_count, 3).
+        rotation: Material frames, body to world, shape (batch, node_count, 3, 3).
+        curvature: ``u`` in the body frame [1/m], shape (batch, node_count, 3); at a section end, that of the section before.
+        moment: Internal moment in the body frame [N m], shape (batch, node_count, 3).
+        force: Internal force in the body frame [N], shape (batch, node_count, 3).
+    """
+
+    arclength: FloatArray
+    position: FloatArray
+    rotation: FloatArray
+    curvature: FloatArray
+    moment: FloatArray
+    force: FloatArray
+
+
+class BoundaryProblem(ABC):
+    """An assembly at some inputs, discretised: unknowns ``x`` to residual ``eps`` and ``Gamma = d(eps)/d(x)``.
+
+    Everything is batched: the first axis of every array is the instance. Solvers written with Warp kernels read and
+    write the arrays below and call ``integrate``; solvers written with NumPy call ``evaluate``.
+
+    Attributes:
+        unknown_count: Unknowns ``n`` of an instance, and residuals.
+        instance_count: Instances.
+        device: Where the arrays live.
+        blocks: The unknowns and residuals of each rod.
+        unknowns: Where to evaluate [1/m], shape (instance_count, n).
+        active: Instances that are evaluated (1) or left as they are (0), shape (instance_count,).
+        load_factor: What multiplies all loads of an instance, shape (instance_count,).
+        fault: 0, or why an evaluation failed (1: not finite, 2: step limit), shape (instance_count,).
+        residual: ``eps`` [1/m], shape (instance_count, n).
+        gamma: ``Gamma``, shape (instance_count, n, n).
+        residual_directions: d(eps)/d(direction), shape (instance_count, n, direction_count).
+        position: Of the end effector in the world [m], (instance_count,) of vec3d.
+        rotation: Of the end effector, body to world, (instance_count,) of mat33d.
+        pose_columns: Its derivative by the unknowns and directions, position rows then rotation-vector rows, both in the
+            world, shape (instance_count, 6, n + direction_count).
+        directions: Directions in input space, shape (instance_count, direction_count, input_count).
+    """
+
+    def __init__(
+        self,
+        *,
+        unknown_count: int,
+        instance_count: int,
+        input_count: int,
+        blocks: Sequence[Block],
+        direction_count: int = 0,
+        pose_sensitivities: bool = False,
+        device: str = "cpu",
+    ) -> None:
+        self.unknown_count = n = unknown_count
+        self.instance_count = count = instance_count
+        self.input_count = input_count
+        self.direction_count = direction_count
+        self.pose_sensitivities = pose_sensitivities
+        self.device = device
+        self.blocks = tuple(blocks)
+        # One record an instance holds all that a sample of a time series keeps, so that keeping it is one copy.
+        sizes = {"unknowns": n, "residual": n, "gamma": n * n, "position": 3, "rotation": 9}
+        self.record_fields: dict[str, slice] = {}
+        offset = 0
+        for name, size in sizes.items():
+            self.record_fields[name] = slice(offset, offset + size)
+            offset += size
+        self.records: Any = wp.zeros((count, offset), dtype=wp.float64, device=device)
+        self.unknowns = self._field("unknowns", (n,))
+        self.residual = self._field("residual", (n,))
+        self.gamma = self._field("gamma", (n, n))
+        self.position = self._field("position", (), wp.vec3d)
+        self.rotation = self._field("rotation", (), wp.mat33d)
+        self.active: Any = wp.ones(count, dtype=wp.int32, device=device)
+        self.fault: Any = wp.zeros(count, dtype=wp.int32, device=device)
+        self.step_count: Any = wp.zeros(count, dtype=wp.int32, device=device)
+        self.load_factor: Any = wp.ones(count, dtype=wp.float64, device=device)
+        self.inputs: Any = wp.zeros((count, input_count), dtype=wp.float64, device=device)
+        self.directions: Any = wp.zeros((count, max(direction_count, 1), input_count), dtype=wp.float64, device=device)
+        self.residual_directions: Any = wp.zeros((count, n, max(direction_count, 1)), dtype=wp.float64, device=device)
+        columns = n + direction_count if pose_sensitivities else 1
+        self.pose_columns: Any = wp.zeros((count, 6, columns), dtype=wp.float64, device=device)
+
+    def _field(self, name: str, tail: tuple[int, ...], dtype: Any = wp.float64) -> Any:
+        width = self.records.shape[1] * 8
+        inner = tuple(int(np.prod(tail[k + 1 :])) * 8 for k in range(len(tail)))
+        return wp.array(
+            ptr=self.records.ptr + 8 * self.record_fields[name].start,
+            shape=(self.instance_count, *tail),
+            strides=(width, *inner),
+            dtype=dtype,
+            device=self.device,
+        )
+
+    @abstractmethod
+    def guess(self) -> FloatArray:
+        """Unknowns of the unloaded equilibrium [1/m], shape (instance_count, n)."""
+
+    @abstractmethod
+    def integrate(self) -> None:
+        """Evaluate residual, ``Gamma`` and the end effector's pose of the active instances: one integration per rod."""
+
+    @abstractmethod
+    def set_inputs(self, inputs: Inputs) -> None:
+        """Take new inputs of the same batch shape.
+
+        Raises:
+            ValueError: If the inputs need terms that were not compiled into this problem.
+        """
+
+    @abstractmethod
+    def input_slice(self, name: str) -> slice:
+        """Where an input stands in a row of ``inputs`` and ``directions``."""
+
+    def load_scale(self) -> FloatArray:
+        """Size of the loads against the stiffness, ``F L^2/EI`` and its like, shape (instance_count,).
+
+        Load continuation takes care not to step over more than this says is safe.
+        """
+        return np.zeros(self.instance_count)
+
+    def unstable(self) -> FloatArray | None:
+        """Number of unstable modes at ``unknowns``, shape (instance_count,), or None where that is not known."""
+        return None
+
+    def shapes(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:
+        """Shape of each rod at ``unknowns``, and the elastic energy [J], shape (instance_count,)."""
+        raise NotImplementedError(f"{type(self).__name__} offers no shapes")
+
+    def evaluate(self, unknowns: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """``(eps, Gamma)`` at ``unknowns`` (instance_count, n), as new NumPy arrays; NaN where the integration failed."""
+        self.unknowns.assign(np.ascontiguousarray(unknowns, dtype=np.float64))
+        self.integrate()
+        residual, gamma = self.read("residual"), self.read("gamma").reshape(self.instance_count, self.unknown_count, -1)
+        failed = self.fault.numpy() != 0
+        residual[failed] = np.nan
+        gamma[failed] = np.nan
+        return residual, gamma
+
+    def read(self, name: str) -> FloatArray:
+        """A copy of one field of the records: ``unknowns``, ``residual``, ``gamma``, ``position`` or ``rotation``."""
+        return np.array(self.records.numpy()[:, self.record_fields[name]])

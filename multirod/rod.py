@@ -1,0 +1,327 @@
+"""Rods: lengths, stiffnesses and precurvature, checked at construction."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+
+from multirod import profile
+from multirod.validation import FloatArray, array, number, positive_array, refuse
+
+
+def _pair(name: str, value: Any, *, infinite: bool) -> FloatArray:
+    """Stiffness about or along the two bending axes, shape (..., 2), from one value or a pair."""
+    result = positive_array(name, value, infinite=infinite)
+    if result.ndim == 0 or result.shape[-1] not in (1, 2):
+        result = result[..., None]
+    return np.broadcast_to(result, (*result.shape[:-1], 2))
+
+
+def _is_function(value: object) -> bool:
+    return callable(value) and not isinstance(value, np.ndarray)
+
+
+def _is_by_section(value: object) -> bool:
+    return (
+        isinstance(value, (list, tuple))
+        and len(value) > 0
+        and all(isinstance(item, (list, tuple)) and len(item) == 2 and (_is_function(item[1]) or np.ndim(item[1]) >= 1) for item in value)
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Section:
+    """A stretch of rod with one stiffness and one law of precurvature; any parameter may have leading batch axes.
+
+    Attributes:
+        length: Arclength [m].
+        bending_stiffness: ``EI``, or ``(EI_x, EI_y)`` about the two material axes [N m^2], shape (..., 2) once built.
+        torsional_stiffness: ``GJ`` [N m^2]; ``inf`` is rigid.
+        precurvature: Stress-free curvature and twist ``u*`` in the material frame [1/m], shape (..., 3), or a function of
+            the arclength [m] from the section's start that returns three numbers.
+        shear_stiffness: ``GA``, or a pair [N], shape (..., 2) once built; ``inf`` (default) is unshearable.
+        axial_stiffness: ``EA`` [N]; ``inf`` (default) is inextensible.
+        linear_density: Mass per length [kg/m], for gravity.
+
+    Raises:
+        ValueError: If a field is out of range; the message names the field, its value and what is allowed.
+    """
+
+    length: Any
+    bending_stiffness: Any
+    torsional_stiffness: Any
+    precurvature: Any = (0.0, 0.0, 0.0)
+    shear_stiffness: Any = math.inf
+    axial_stiffness: Any = math.inf
+    linear_density: Any = 0.0
+
+    def __post_init__(self) -> None:
+        self._check("Section")
+
+    def _check(self, owner: str) -> None:
+        def put(name: str, value: Any) -> None:
+            object.__setattr__(self, name, value)
+
+        put("length", positive_array(f"{owner}.length", self.length))
+        put("bending_stiffness", _pair(f"{owner}.bending_stiffness", self.bending_stiffness, infinite=False))
+        put("torsional_stiffness", positive_array(f"{owner}.torsional_stiffness", self.torsional_stiffness, infinite=True))
+        put("shear_stiffness", _pair(f"{owner}.shear_stiffness", self.shear_stiffness, infinite=True))
+        put("axial_stiffness", positive_array(f"{owner}.axial_stiffness", self.axial_stiffness, infinite=True))
+        density = array(f"{owner}.linear_density", self.linear_density)
+        if (density < 0).any():
+            refuse(f"{owner}.linear_density", self.linear_density, "must be finite and >= 0")
+        put("linear_density", density)
+        if _is_function(self.precurvature):
+            if np.ndim(self.length):
+                refuse(f"{owner}.length", self.length, "must be one number where precurvature is a function")
+            put("precurvature", profile.fit(f"{owner}.precurvature", self.precurvature, float(self.length)))
+        else:
+            put("precurvature", array(f"{owner}.precurvature", self.precurvature, (3,)))
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:
+        """Leading axes of the parameters together."""
+        shapes = [np.shape(self.length), self.bending_stiffness.shape[:-1], np.shape(self.torsional_stiffness)]
+        shapes += [self.shear_stiffness.shape[:-1], np.shape(self.axial_stiffness), np.shape(self.linear_density)]
+        if isinstance(self.precurvature, np.ndarray):
+            shapes.append(self.precurvature.shape[:-1])
+        try:
+            return np.broadcast_shapes(*shapes)
+        except ValueError:
+            raise ValueError(f"the batch axes of a section's parameters do not broadcast: {shapes}") from None
+
+
+class Rod:
+    """One elastic rod or tube, clamped frames continuous along its sections.
+
+    Material frame: z along the unsheared tangent, x and y the principal axes of bending. Give one set of stiffnesses
+    with a ``length``, or ``sections``. Any parameter may have leading batch axes; they broadcast.
+
+    Args:
+        length: Arclength [m].
+        bending_stiffness: ``EI`` or ``(EI_x, EI_y)`` [N m^2]; a batch is given as (..., 1) or (..., 2), or (...,) of another size.
+        torsional_stiffness: ``GJ`` [N m^2]; ``inf`` is rigid.
+        precurvature: ``u*`` [1/m]: three numbers; a list of ``(section length, u*)`` pairs whose lengths add up to
+            ``length``; or a function of the arclength [m] from the base that returns three numbers.
+        shear_stiffness: ``GA`` or a pair [N]; ``inf`` (default) is unshearable.
+        axial_stiffness: ``EA`` [N]; ``inf`` (default) is inextensible.
+        linear_density: Mass per length [kg/m].
+        sections: ``Section`` objects from base to tip, instead of all the above.
+        outer_diameter: For drawing, and to check that tubes nest [m].
+        inner_diameter: The same [m].
+        name: How the rod is called in results and recordings.
+
+    Raises:
+        ValueError: If a parameter is out of range or of a wrong shape; the message names it, its value and what is allowed.
+        TypeError: If both or neither of ``length`` and ``sections`` are given.
+    """
+
+    def __init__(
+        self,
+        *,
+        length: Any = None,
+        bending_stiffness: Any = None,
+        torsional_stiffness: Any = None,
+        precurvature: Any = None,
+        shear_stiffness: Any = None,
+        axial_stiffness: Any = None,
+        linear_density: Any = None,
+        sections: Sequence[Section] | None = None,
+        outer_diameter: float | None = None,
+        inner_diameter: float | None = None,
+        name: str = "",
+    ) -> None:
+        given = {
+            "length": length,
+            "bending_stiffness": bending_stiffness,
+            "torsional_stiffness": torsional_stiffness,
+            "precurvature": precurvature,
+            "shear_stiffness": shear_stiffness,
+            "axial_stiffness": axial_stiffness,
+            "linear_density": linear_density,
+        }
+        properties = {key: value for key, value in given.items() if value is not None}
+        if sections is not None:
+            if properties:
+                raise TypeError(f"Rod takes sections or {', '.join(properties)}, not both")
+            if not isinstance(sections, (list, tuple)) or not sections or not all(isinstance(s, Section) for s in sections):
+                refuse("Rod.sections", sections, "must be a non-empty list of Section")
+            self.sections: tuple[Section, ...] = tuple(sections)
+        else:
+            for key in ("length", "bending_stiffness", "torsional_stiffness"):
+                if key not in properties:
+                    raise TypeError(f"Rod needs {key} (or sections)")
+            self.sections = _by_section(properties)
+        self.outer_diameter, self.inner_diameter = _diameters(outer_diameter, inner_diameter)
+        if not isinstance(name, str):
+            refuse("Rod.name", name, "must be a string")
+        self.name = name
+        try:
+            self.batch_shape: tuple[int, ...] = np.broadcast_shapes(*(section.batch_shape for section in self.sections))
+        except ValueError:
+            raise ValueError("the batch axes of a rod's sections do not broadcast") from None
+
+    @classmethod
+    def tube(
+        cls,
+        *,
+        length: Any,
+        outer_diameter: float,
+        inner_diameter: float = 0.0,
+        young_modulus: float,
+        shear_modulus: float,
+        precurvature: Any = None,
+        density: float = 0.0,
+        name: str = "",
+    ) -> "Rod":
+        """A round tube, or a wire when ``inner_diameter`` is 0: ``EI``, ``GJ`` and mass from its cross-section.
+
+        Args:
+            length: Arclength [m].
+            outer_diameter: [m].
+            inner_diameter: [m].
+            young_modulus: ``E`` [Pa].
+            shear_modulus: ``G`` [Pa].
+            precurvature: As for ``Rod``.
+            density: Mass per volume [kg/m^3].
+            name: As for ``Rod``.
+
+        Raises:
+            ValueError: If a value is out of range, or the inner diameter is not smaller than the outer.
+        """
+        outer, inner = _diameters(outer_diameter, inner_diameter)
+        assert outer is not None and inner is not None
+        E = positive_array("Rod.young_modulus", young_modulus)
+        G = positive_array("Rod.shear_modulus", shear_modulus)
+        rho = number("Rod.density", density)
+        if not (math.isfinite(rho) and rho >= 0):
+            refuse("Rod.density", density, "must be finite and >= 0")
+        I = math.pi / 64 * (outer**4 - inner**4)  # noqa: E741  (the symbol of the field)
+        return cls(
+            length=length,
+            bending_stiffness=(E * I)[..., None],
+            torsional_stiffness=G * 2 * I,
+            precurvature=precurvature,
+            linear_density=rho * math.pi / 4 * (outer**2 - inner**2),
+            outer_diameter=outer,
+            inner_diameter=inner,
+            name=name,
+        )
+
+    @property
+    def length(self) -> FloatArray:
+        """Arclength of the whole rod [m], shape (...)."""
+        return np.asarray(sum(section.length for section in self.sections), dtype=np.float64)
+
+    def __repr__(self) -> str:
+        label = f"{self.name!r}, " if self.name else ""
+        size = f"{float(self.length):g} m" if self.length.ndim == 0 else f"batch {self.batch_shape}"
+        return f"Rod({label}{size}, {len(self.sections)} section{'s' if len(self.sections) > 1 else ''})"
+
+
+def _diameters(outer: float | None, inner: float | None) -> tuple[float | None, float | None]:
+    if outer is not None:
+        value = number("Rod.outer_diameter", outer)
+        if not (math.isfinite(value) and value > 0):
+            refuse("Rod.outer_diameter", outer, "must be finite and > 0")
+        outer = value
+    if inner is not None:
+        value = number("Rod.inner_diameter", inner)
+        limit = math.inf if outer is None else outer
+        if not (math.isfinite(value) and 0 <= value < limit):
+            refuse("Rod.inner_diameter", inner, "must be finite, >= 0 and smaller than outer_diameter")
+        inner = value
+    return outer, inner
+
+
+def _by_section(properties: dict[str, Any]) -> tuple[Section, ...]:
+    """The sections of a rod given by one set of properties and a precurvature in any of its three forms."""
+    properties = {"precurvature": (0.0, 0.0, 0.0), **properties}
+    if not _is_by_section(properties["precurvature"]):
+        section = object.__new__(Section)
+        for item in fields(Section):
+            object.__setattr__(section, item.name, properties.get(item.name, item.default))
+        section._check("Rod")
+        return (section,)
+    total = positive_array("Rod.length", properties["length"])
+    sections = []
+    for length, curvature in properties["precurvature"]:
+        positive_array("Rod.precurvature section length", length)
+        sections.append(_by_section({**properties, "length": length, "precurvature": curvature})[0])
+    summed = np.asarray(sum(section.length for section in sections))
+    if np.any(np.abs(summed - total) > 1e-9 * total):
+        refuse("Rod.precurvature", properties["precurvature"], f"section lengths must add up to length = {total.tolist()}")
+    return tuple(sections)
+
+
+@dataclass(frozen=True)
+class RodArrays:
+    """Rods lowered to the arrays that kernels read; first axis the batch (1 where nothing varies).
+
+    Attributes:
+        end: Arclength of section ends from the base [m], shape (batch, rod_count, section_count); short rods are padded
+            with sections of no length.
+        material: ``EI_x, EI_y, GJ``, their inverses, ``1/GA_x, 1/GA_y, 1/EA``, mass per length,
+            shape (batch, rod_count, section_count, 10).
+        precurvature: Polynomial coefficients, shape (batch, rod_count, section_count, 3 (degree + 1)).
+        degree: Degree of the polynomials.
+        shear: Whether any rod shears or extends.
+        anisotropic: Whether any bending stiffness differs between the axes.
+    """
+
+    end: FloatArray
+    material: FloatArray
+    precurvature: FloatArray
+    degree: int
+    shear: bool
+    anisotropic: bool
+    batch_shape: tuple[int, ...] = field(default=())
+
+
+def lower(rods: Sequence[Rod], batch_shape: tuple[int, ...]) -> RodArrays:
+    """Arrays of ``rods`` broadcast to ``batch_shape`` (``()`` gives a batch axis of 1)."""
+    degree = profile.DEGREE if any(isinstance(s.precurvature, profile.Profile) for rod in rods for s in rod.sections) else 0
+
+    def batch(value: Any, tail: tuple[int, ...] = ()) -> FloatArray:
+        return np.broadcast_to(value, (*batch_shape, *tail)).reshape(-1, *tail)
+
+    columns: list[list[tuple[FloatArray, FloatArray, FloatArray]]] = []
+    for rod in rods:
+        column = []
+        end = np.zeros(math.prod(batch_shape))
+        for section in rod.sections:
+            bending, shear = section.bending_stiffness, section.shear_stiffness
+            parts = [bending[..., 0], bending[..., 1], section.torsional_stiffness]
+            inverses = [*parts, shear[..., 0], shear[..., 1], section.axial_stiffness]
+            material = np.stack([batch(p) for p in parts] + [batch(1 / np.asarray(p)) for p in inverses] + [batch(section.linear_density)], -1)
+            if isinstance(section.precurvature, profile.Profile):
+                pieces = section.precurvature
+                if not column:  # what is pushed out of the base continues the first section with its precurvature there
+                    constant = np.zeros((end.size, degree + 1, 3))
+                    constant[:, 0] = pieces(0.0)
+                    column.append((end, material, constant.reshape(end.size, -1)))
+                for stop, coefficients in zip(pieces.ends, pieces.coefficients, strict=True):
+                    column.append((end + stop, material, np.tile(coefficients.reshape(1, -1), (end.size, 1))))
+                end = end + pieces.ends[-1]
+            else:
+                constant = np.zeros((end.size, degree + 1, 3))
+                constant[:, 0] = batch(section.precurvature, (3,))
+                end = end + batch(section.length)
+                column.append((end, material, constant.reshape(end.size, -1)))
+        columns.append(column)
+    count = max(len(column) for column in columns)
+    for column in columns:
+        column += [column[-1]] * (count - len(column))
+    stacked = [np.stack([np.stack([entry[k] for entry in column], 1) for column in columns], 1) for k in range(3)]
+    material = stacked[1]
+    return RodArrays(
+        end=stacked[0],
+        material=material,
+        precurvature=stacked[2],
+        degree=degree,
+        shear=bool((material[..., 6:9] > 0).any()),
+        anisotropic=bool((material[..., 0] != material[..., 1]).any()),
+        batch_shape=batch_shape,
+    )

@@ -1,0 +1,276 @@
+"""Solving one set of inputs, a motion, or one sample at a time."""
+
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from multirod.assembly import Assembly
+from multirod.inputs import Inputs
+from multirod.problem import BoundaryProblem
+from multirod.solution import History, Solution
+from multirod.solver import Outcome, Solver
+from multirod.solvers.shooting import Shooting
+from multirod.validation import FloatArray, array, positive_float, refuse, unknown_names
+
+
+def _check(robot: object, solver: object) -> Solver:
+    if not isinstance(robot, Assembly):
+        raise TypeError(f"robot must be an assembly such as SingleRod(rod), not {type(robot).__name__}")
+    if solver is None:
+        return Shooting()
+    if not isinstance(solver, Solver):
+        raise TypeError(f"solver must be a Solver such as Shooting(), not {type(solver).__name__}")
+    return solver
+
+
+def _guess(guess: Any, problem: BoundaryProblem) -> FloatArray | None:
+    """A guess of the unknowns as (instance_count, n), from a solution or an array."""
+    if guess is None:
+        return None
+    values = guess.unknowns if isinstance(guess, Solution) else array("guess", guess, (problem.unknown_count,))
+    if values.shape[-1] != problem.unknown_count:
+        refuse("guess", f"array of shape {values.shape}", f"must have shape (..., {problem.unknown_count})")
+    flat = values.reshape(-1, problem.unknown_count)
+    if len(flat) not in (1, problem.instance_count):
+        refuse("guess", f"array of shape {values.shape}", f"must broadcast to {problem.instance_count} instances")
+    return np.array(np.broadcast_to(flat, (problem.instance_count, problem.unknown_count)))
+
+
+def _needs(solver: Solver) -> dict[str, Any]:
+    return {
+        "integrator": solver.integrator,
+        "pose_sensitivities": solver.pose_sensitivities,
+        "direction_count": solver.direction_count,
+    }
+
+
+def solve(robot: Assembly, inputs: Inputs | None = None, *, solver: Solver | None = None, guess: Any = None, device: str = "cpu") -> Solution:
+    """Static equilibrium of every instance of ``inputs``.
+
+    Args:
+        robot: The assembly.
+        inputs: Made by ``robot.inputs(...)``; none are all zero.
+        solver: ``Shooting()`` by default.
+        guess: Where to start: a ``Solution``, or unknowns (..., n). Without it, the equilibrium on the natural branch is
+            meant: the one reached from the unloaded assembly by raising all loads in proportion.
+        device: Warp device.
+
+    Returns:
+        One equilibrium an instance, each with its status; an instance that fails never raises.
+
+    Raises:
+        TypeError, ValueError: If an argument is not what it must be.
+    """
+    method = _check(robot, solver)
+    inputs = robot.inputs() if inputs is None else inputs
+    problem = robot.problem(inputs, device=device, **_needs(method))
+    outcome = method.solve(problem, _guess(guess, problem))
+    batch_shape = np.broadcast_shapes(inputs.batch_shape, robot.batch_shape)
+    return _solution(robot, inputs, batch_shape, problem, outcome, method, device)
+
+
+def _solution(
+    robot: Assembly,
+    inputs: Inputs,
+    batch_shape: tuple[int, ...],
+    problem: BoundaryProblem,
+    outcome: Outcome,
+    solver: Solver,
+    device: str,
+) -> Solution:
+    return Solution(
+        robot,
+        inputs,
+        batch_shape,
+        integrator=solver.integrator,
+        device=device,
+        records=np.array(problem.records.numpy()),
+        fields=problem.record_fields,
+        status=outcome.status,
+        iterations=outcome.iterations,
+        integrations=outcome.integrations,
+        residual=outcome.residual,
+    )
+
+
+def simulate(
+    robot: Assembly,
+    inputs: Inputs,
+    *,
+    time: Any,
+    solver: Solver | None = None,
+    guess: Any = None,
+    device: str = "cpu",
+    progress: Any = None,
+) -> History:
+    """Follow a motion from sample to sample.
+
+    Args:
+        robot: The assembly.
+        inputs: Made by ``robot.inputs(...)``, with time as the first axis of what varies.
+        time: Of the samples [s], evenly spaced and increasing, shape (sample_count,).
+        solver: ``Shooting()`` by default.
+        guess: Unknowns at the first sample, as for ``solve``.
+        device: Warp device.
+        progress: Called with the number of samples done after each one.
+
+    Returns:
+        The series, each sample with its status and the time that it took.
+
+    Raises:
+        ValueError: If ``time`` is not evenly spaced and increasing, or the inputs' first axis is not time.
+    """
+    method = _check(robot, solver)
+    time = array("time", time)
+    if time.ndim != 1 or len(time) < 1:
+        refuse("time", f"array of shape {time.shape}", "must have shape (sample_count,)")
+    steps = np.diff(time)
+    if len(steps) and not (steps.min() > 0 and np.allclose(steps, steps.mean(), rtol=1e-6, atol=0)):
+        refuse("time", time if time.size < 20 else f"{time.size} samples", "must be evenly spaced and increasing")
+    count = len(time)
+    if inputs.batch_shape and inputs.batch_shape[0] not in (1, count):
+        refuse("inputs", f"leading axes {inputs.batch_shape}", f"the first must be time, {count} samples")
+    batch_shape = np.broadcast_shapes(inputs.batch_shape[1:], robot.batch_shape)
+    first = inputs[0] if inputs.batch_shape else inputs
+    active = [name for name in inputs.given if inputs.is_active(name)]
+    dt = float(steps.mean()) if len(steps) else 1.0
+    runner = _Runner(robot, method, first, dt, device, active, guess)
+    records = np.empty((count, *runner.problem.records.shape))
+    counts = np.empty((4, count, runner.problem.instance_count))
+    step_time = np.empty(count)
+    moving = inputs.batch_shape and inputs.batch_shape[0] == count and count > 1
+    packed = np.stack([runner.problem.pack(inputs[k]) for k in range(count)]) if moving else None
+    for k in range(count):
+        start = perf_counter()
+        if packed is not None:
+            runner.problem.inputs.assign(packed[k])
+        outcome = runner.track.step()
+        step_time[k] = perf_counter() - start
+        records[k] = runner.problem.records.numpy()
+        counts[:3, k] = outcome.status, outcome.iterations, outcome.integrations
+        counts[3, k] = np.nan if outcome.residual is None else outcome.residual
+        if progress is not None:
+            progress(k + 1)
+    total = (count, *batch_shape)
+    residual = counts[3].reshape(-1)
+    return History(
+        robot,
+        _with_time(inputs, count),
+        total,
+        integrator=method.integrator,
+        device=device,
+        records=records.reshape(-1, records.shape[-1]),
+        fields=runner.problem.record_fields,
+        status=counts[0].astype(np.int32).reshape(-1),
+        iterations=counts[1].astype(np.int32).reshape(-1),
+        integrations=counts[2].astype(np.int32).reshape(-1),
+        residual=None if np.isnan(residual).all() else residual,
+        time=time,
+        step_time=step_time,
+        description=repr(method),
+    )
+
+
+def _with_time(inputs: Inputs, count: int) -> Inputs:
+    """The inputs with time as their first axis, broadcast if they do not vary."""
+    if inputs.batch_shape and inputs.batch_shape[0] == count:
+        return inputs
+    return inputs[np.zeros(count, dtype=int)] if inputs.batch_shape else inputs[np.newaxis][np.zeros(count, dtype=int)]
+
+
+class _Runner:
+    """A problem and the solver's track on it."""
+
+    def __init__(
+        self, robot: Assembly, solver: Solver, inputs: Inputs, dt: float, device: str, enabled: Any, guess: Any
+    ) -> None:
+        self.problem = robot.problem(inputs, device=device, enabled=tuple(enabled), **_needs(solver))
+        reasons = solver.unsupported(self.problem)
+        if reasons:
+            raise ValueError(f"{type(solver).__name__} cannot take this problem: " + "; ".join(reasons))
+        self.track = solver.track(self.problem, dt)
+        start = _guess(guess, self.problem)
+        if start is not None:
+            self.track.start(start)
+
+
+class Tracker:
+    """A solver in a control loop: one sample a call, buffers and launches made once.
+
+    Args:
+        robot: The assembly.
+        solver: ``Shooting()`` by default.
+        dt: Time between samples [s].
+        inputs: At the start; their batch axes are kept. Loads not zero here are compiled in now: another load named
+            later is compiled in when it first comes, which takes seconds once.
+        guess: Unknowns at the first sample, as for ``solve``.
+        device: Warp device.
+
+    Raises:
+        TypeError, ValueError: If an argument is not what it must be.
+    """
+
+    def __init__(
+        self,
+        robot: Assembly,
+        *,
+        solver: Solver | None = None,
+        dt: float,
+        inputs: Inputs | None = None,
+        guess: Any = None,
+        device: str = "cpu",
+    ) -> None:
+        self._solver = _check(robot, solver)
+        self._robot = robot
+        self._dt = positive_float("Tracker.dt", dt)
+        self._device = device
+        self._inputs = robot.inputs() if inputs is None else inputs
+        self._enabled: set[str] = set()
+        self._prepare(guess)
+
+    def _prepare(self, guess: Any) -> None:
+        self._enabled |= {name for name in self._inputs.given if self._inputs.is_active(name)}
+        runner = _Runner(self._robot, self._solver, self._inputs, self._dt, self._device, self._enabled, guess)
+        self._problem: Any = runner.problem
+        self._track = runner.track
+        self._batch_shape = np.broadcast_shapes(self._inputs.batch_shape, self._robot.batch_shape)
+
+    @property
+    def inputs(self) -> Inputs:
+        """The present inputs."""
+        return self._inputs
+
+    def step(self, inputs: Inputs | None = None, **changes: Any) -> Solution:
+        """Solve the next sample.
+
+        Args:
+            inputs: All inputs anew; or
+            **changes: inputs by name, the others keep their values.
+
+        Returns:
+            The sample's equilibrium or estimate, with its status.
+
+        Raises:
+            TypeError: If a name is not an input of the robot, or both forms are used.
+            ValueError: If a value is out of range, not finite, or changes the batch shape.
+        """
+        if inputs is not None:
+            if changes:
+                raise TypeError("Tracker.step takes inputs or named changes, not both")
+            new = inputs
+        else:
+            unknown_names("Tracker.step()", changes, (spec.name for spec in self._robot.input_specs))
+            held = {name: getattr(self._inputs, name) for name in self._inputs.given}
+            new = self._robot.inputs(**{**held, **changes})
+        named = set(changes) | {name for name in new.given if new.is_active(name)}
+        if np.broadcast_shapes(new.batch_shape, self._robot.batch_shape) != self._batch_shape:
+            refuse("inputs", f"leading axes {new.batch_shape}", f"must be those at the start, {self._batch_shape}")
+        self._inputs = new
+        if not all(self._problem.takes(name) for name in named):
+            self._enabled |= named
+            before = self._problem.read("unknowns")
+            self._prepare(before if before.any() else None)
+        self._problem.inputs.assign(self._problem.pack(new))
+        outcome = self._track.step()
+        return _solution(self._robot, new, self._batch_shape, self._problem, outcome, self._solver, self._device)

@@ -1,0 +1,298 @@
+"""Results: an equilibrium of each instance, or a time series of them."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod.assembly import Assembly
+from multirod.inputs import Inputs
+from multirod.models.integrators import Integrator
+from multirod.problem import BoundaryProblem, Shape
+from multirod.status import Status
+from multirod.validation import FloatArray, positive_int, refuse
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+DEFAULT_NODE_COUNT = 51
+
+
+class SolveError(RuntimeError):
+    """Raised by ``Solution.raise_if_failed`` where an instance has no result."""
+
+
+class Solution:
+    """Equilibria of all instances; every array has the batch's leading axes ``...``.
+
+    An instance that failed has NaN in every array but ``status``, ``residual``, ``iterations`` and ``integrations``,
+    which say how it ended. Shapes, energy and Jacobians are computed when they are first asked for.
+
+    Attributes:
+        assembly: The robot.
+        inputs: What was applied.
+        batch_shape: The leading axes.
+    """
+
+    def __init__(
+        self,
+        assembly: Assembly,
+        inputs: Inputs,
+        batch_shape: tuple[int, ...],
+        *,
+        integrator: Integrator,
+        device: str,
+        records: FloatArray,
+        fields: dict[str, slice],
+        status: NDArray[np.int32],
+        iterations: NDArray[np.int32],
+        integrations: NDArray[np.int32],
+        residual: FloatArray | None = None,
+    ) -> None:
+        self.assembly = assembly
+        self.inputs = inputs
+        self.batch_shape = batch_shape
+        self._integrator = integrator
+        self._device = device
+        self._records = records
+        self._fields = fields
+        self._status = status
+        self._iterations = iterations
+        self._integrations = integrations
+        self._residual = residual
+        self._shapes: dict[int, tuple[tuple[Shape, ...], FloatArray]] = {}
+
+    def _shaped(self, values: Any, tail: tuple[int, ...] = ()) -> Any:
+        return np.reshape(values, (*self.batch_shape, *tail))
+
+    def _failed(self) -> NDArray[np.bool_]:
+        return np.array([Status(value).failed for value in self._status.reshape(-1)])
+
+    def _masked(self, values: FloatArray, tail: tuple[int, ...]) -> FloatArray:
+        failed = self._failed()
+        if failed.any():
+            values = np.array(values)
+            values[failed] = np.nan
+        return np.reshape(values, (*self.batch_shape, *tail))
+
+    def _record(self, name: str, tail: tuple[int, ...]) -> FloatArray:
+        return self._masked(self._records[:, self._fields[name]], tail)
+
+    @cached_property
+    def status(self) -> Any:
+        """``Status`` of each instance; a ``Status`` where there are no leading axes."""
+        if not self.batch_shape:
+            return Status(int(self._status.reshape(-1)[0]))
+        return self._shaped(self._status)
+
+    @cached_property
+    def iterations(self) -> Any:
+        """Iterations, shape (...)."""
+        return self._shaped(self._iterations)
+
+    @cached_property
+    def integrations(self) -> Any:
+        """Initial value problems integrated, per rod, shape (...)."""
+        return self._shaped(self._integrations)
+
+    @cached_property
+    def residual(self) -> FloatArray:
+        """What the solver drove to zero, max norm [1/m], shape (...)."""
+        if self._residual is not None:
+            return np.asarray(self._shaped(self._residual))
+        return np.asarray(self._shaped(np.abs(self._records[:, self._fields["residual"]]).max(axis=1)))
+
+    @cached_property
+    def boundary_residual(self) -> FloatArray:
+        """Residual of the boundary conditions [1/m], shape (..., n)."""
+        return self._record("residual", (self.unknown_count,))
+
+    @property
+    def unknown_count(self) -> int:
+        """Unknowns of an instance."""
+        field = self._fields["unknowns"]
+        return field.stop - field.start
+
+    @cached_property
+    def unknowns(self) -> FloatArray:
+        """The unknowns [1/m], for one rod ``u(0)``, shape (..., n)."""
+        return self._record("unknowns", (self.unknown_count,))
+
+    @cached_property
+    def gamma(self) -> FloatArray:
+        """``Gamma = d(residual)/d(unknowns)``, shape (..., n, n)."""
+        n = self.unknown_count
+        return self._record("gamma", (n, n))
+
+    @cached_property
+    def _singular_values(self) -> FloatArray:
+        n = self.unknown_count
+        gamma = self.gamma.reshape(-1, n, n)
+        result = np.full((len(gamma), n), np.nan)
+        sound = np.isfinite(gamma).all(axis=(1, 2))
+        result[sound] = np.linalg.svd(gamma[sound], compute_uv=False)
+        return result
+
+    @cached_property
+    def condition(self) -> FloatArray:
+        """Condition number of ``gamma``, shape (...)."""
+        values = self._singular_values
+        with np.errstate(divide="ignore"):
+            return np.asarray(self._shaped(values[:, 0] / values[:, -1]))
+
+    @cached_property
+    def smallest_singular_value(self) -> FloatArray:
+        """Smallest singular value of ``gamma``, shape (...): it vanishes at a fold."""
+        return np.asarray(self._shaped(self._singular_values[:, -1]))
+
+    @cached_property
+    def determinant(self) -> FloatArray:
+        """Determinant of ``gamma``, shape (...)."""
+        return np.asarray(np.linalg.det(self.gamma))
+
+    @cached_property
+    def tip_position(self) -> FloatArray:
+        """Position of the end effector in the world [m], shape (..., 3)."""
+        return self._record("position", (3,))
+
+    @cached_property
+    def tip_rotation(self) -> FloatArray:
+        """Rotation of the end effector, body to world, shape (..., 3, 3)."""
+        return self._record("rotation", (3, 3))
+
+    @property
+    def energy(self) -> FloatArray:
+        """Elastic energy of all rods [J], shape (...)."""
+        return self._masked(self._shape_pass(self._default_node_count)[1], ())
+
+    @property
+    def _default_node_count(self) -> int:
+        steps = self._integrator.steps
+        return DEFAULT_NODE_COUNT if steps is None else steps + 1
+
+    def rod(self, rod: int | str = 0, *, nodes: int | None = None) -> Shape:
+        """Shape of one rod on nodes evenly spaced along its arclength; arrays (..., node_count, ...).
+
+        Args:
+            rod: Index or name.
+            nodes: Number of nodes; by default one a step at fixed steps, else 51.
+
+        Raises:
+            ValueError: If there is no such rod, or ``nodes`` is not an integer >= 2.
+        """
+        names = [r.name for r in self.assembly.rods]
+        index = names.index(rod) if isinstance(rod, str) and rod in names else rod
+        if not isinstance(index, (int, np.integer)) or not -len(names) <= index < len(names):
+            refuse("rod", rod, f"must be an index below {len(names)} or one of the names {[n for n in names if n]}")
+        count = self._default_node_count if nodes is None else positive_int("nodes", nodes, 2)
+        shape = self._shape_pass(count)[0][index]
+        values = {}
+        for name, value in vars(shape).items():
+            values[name] = self._masked(value, value.shape[1:])
+        return Shape(**values)
+
+    def jacobian(self, name: str) -> FloatArray:
+        """Derivative of the end effector's pose by an input, at equilibrium.
+
+        Args:
+            name: An input, such as ``"tip_force"`` (then it is the compliance) or ``"rotation"``.
+
+        Returns:
+            Shape (..., 6, k): position rows [m per unit], then rotation-vector rows [rad per unit], both in the world
+            frame; one column for each component of the input, or each rod.
+
+        Raises:
+            TypeError: If the assembly takes no such input.
+        """
+        specs = {spec.name: spec for spec in self.assembly.input_specs}
+        if name not in specs:
+            raise TypeError(f"jacobian() takes no {name!r}: it takes " + ", ".join(specs))
+        count = len(self.assembly.rods) if specs[name].per_rod else 3
+        problem = self._problem(pose_sensitivities=True, direction_count=count, enabled=(name,))
+        place = problem.input_slice(name)
+        directions = np.zeros(problem.directions.shape)
+        for k in range(count):
+            directions[:, k, place.start + k] = 1.0
+        problem.directions.assign(directions)
+        problem.integrate()
+        n = problem.unknown_count
+        columns = np.array(problem.pose_columns.numpy())
+        gamma = problem.read("gamma").reshape(-1, n, n)
+        slopes = np.array(problem.residual_directions.numpy())
+        result = np.full((problem.instance_count, 6, count), np.nan)
+        sound = ~self._failed()
+        shift = np.linalg.solve(gamma[sound], slopes[sound])
+        result[sound] = columns[sound][:, :, n:] - columns[sound][:, :, :n] @ shift
+        return np.asarray(self._shaped(result, (6, count)))
+
+    def raise_if_failed(self) -> "Solution":
+        """Return ``self`` if every instance has a result.
+
+        Raises:
+            SolveError: Otherwise; the message counts the failures and explains the first.
+        """
+        failed = self._failed()
+        if failed.any():
+            first = int(np.argmax(failed))
+            status = Status(int(self._status.reshape(-1)[first]))
+            where = "" if failed.size == 1 else f"{failed.sum()} of {failed.size} instances failed; the first is {first}: "
+            raise SolveError(
+                f"{where}{status.name} after {self._iterations.reshape(-1)[first]} iterations, "
+                f"residual {self.residual.reshape(-1)[first]:.3g} 1/m: {status.message}"
+            )
+        return self
+
+    def _problem(self, **options: Any) -> BoundaryProblem:
+        """A problem at these inputs and unknowns, at zero where an instance failed."""
+        problem = self.assembly.problem(self.inputs, integrator=self._integrator, device=self._device, **options)
+        n = problem.unknown_count
+        unknowns = self._records[:, self._fields["unknowns"]]
+        if unknowns.shape[1] != n:  # a follower force asked about where none acts adds the base force to the unknowns
+            raise ValueError("this derivative needs unknowns that the solution does not have: solve with that input enabled")
+        problem.unknowns.assign(np.ascontiguousarray(np.where(self._failed()[:, None], problem.guess(), unknowns)))
+        return problem
+
+    def _shape_pass(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:
+        if node_count not in self._shapes:
+            self._shapes = {node_count: self._problem().shapes(node_count)}
+        return self._shapes[node_count]
+
+    def __repr__(self) -> str:
+        if not self.batch_shape:
+            return f"{type(self).__name__}({self.status.name}, residual {float(self.residual):.2g} 1/m)"
+        names, counts = np.unique(self._status, return_counts=True)
+        summary = ", ".join(f"{count} {Status(int(value)).name}" for value, count in zip(names, counts, strict=True))
+        return f"{type(self).__name__}(batch {self.batch_shape}: {summary})"
+
+
+class History(Solution):
+    """A time series of equilibria: the fields of ``Solution`` with time as the first axis.
+
+    Attributes:
+        time: Of each sample [s], shape (sample_count,).
+        step_time: Measured time that each sample took [s], shape (sample_count,).
+        description: What was run, for tables and recordings.
+    """
+
+    def __init__(self, *args: Any, time: FloatArray, step_time: FloatArray, description: str = "", **options: Any) -> None:
+        super().__init__(*args, **options)
+        self.time = time
+        self.step_time = step_time
+        self.description = description
+
+    def save(self, path: "str | Path", **options: Any) -> None:
+        """Write a recording for the Rerun viewer; options as for ``multirod.recording.save``."""
+        from multirod.recording import save
+
+        save(path, self, **options)
+
+
+def concatenate(parts: Sequence[FloatArray]) -> FloatArray:
+    """Records of successive samples as one array, samples first."""
+    return np.concatenate([part[None] for part in parts])
+
+
+__all__ = ["History", "Solution", "SolveError", "replace"]

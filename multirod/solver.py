@@ -1,0 +1,124 @@
+"""What every solver has in common, and where third parties add theirs."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from importlib.metadata import entry_points
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod.models.integrators import RK45, Integrator
+from multirod.problem import BoundaryProblem
+from multirod.status import Status
+from multirod.validation import FloatArray, refuse
+
+IntArray = NDArray[np.int32]
+
+
+@dataclass
+class Outcome:
+    """How a solver left a problem, whose buffers hold the unknowns, residual and ``Gamma``; one entry an instance.
+
+    Attributes:
+        status: Values of ``Status``, shape (instance_count,).
+        iterations: Iterations, shape (instance_count,).
+        integrations: Initial value problems integrated, per rod, shape (instance_count,).
+        residual: What the solver drove to zero, max norm [1/m], shape (instance_count,); that of the problem if None.
+    """
+
+    status: IntArray
+    iterations: IntArray
+    integrations: IntArray
+    residual: FloatArray | None = None
+
+    @classmethod
+    def zeros(cls, count: int) -> "Outcome":
+        """An outcome of ``count`` instances that were not run."""
+        return cls(*(np.zeros(count, dtype=np.int32) for _ in range(3)))
+
+
+class Track(ABC):
+    """A solver that follows one problem from sample to sample, its inputs changed in between."""
+
+    problem: BoundaryProblem
+
+    @abstractmethod
+    def step(self) -> Outcome:
+        """Bring the unknowns up to the problem's present inputs."""
+
+    def start(self, unknowns: FloatArray) -> None:
+        """Take ``unknowns`` (instance_count, n) as the first guess."""
+        self.problem.unknowns.assign(np.ascontiguousarray(unknowns, dtype=np.float64))
+
+
+class Solver(ABC):
+    """Finds the unknowns of a boundary problem. Holds options only, no state; sees no robot.
+
+    A subclass implements ``_solve``; with that alone it also follows motions, each sample warm-started from the last.
+    Third parties register theirs by the entry-point group ``multirod.solvers`` (``docs/extending.md``).
+
+    Attributes:
+        integrator: Of the spatial equations.
+    """
+
+    integrator: Integrator = RK45()
+    pose_sensitivities: bool = False
+    direction_count: int = 0
+
+    def unsupported(self, problem: BoundaryProblem) -> tuple[str, ...]:
+        """Every reason why this solver cannot take ``problem``; empty if it can."""
+        return ()
+
+    def solve(self, problem: BoundaryProblem, guess: FloatArray | None = None) -> Outcome:
+        """Solve every instance.
+
+        Args:
+            problem: The problem; its buffers hold the result.
+            guess: Unknowns to start from (instance_count, n); without it, the natural branch is meant.
+
+        Raises:
+            ValueError: If the problem is not supported; the message gives every reason.
+        """
+        reasons = self.unsupported(problem)
+        if reasons:
+            raise ValueError(f"{type(self).__name__} cannot take this problem: " + "; ".join(reasons))
+        return self._solve(problem, guess)
+
+    @abstractmethod
+    def _solve(self, problem: BoundaryProblem, guess: FloatArray | None) -> Outcome:
+        """Solve every instance of a supported problem."""
+
+    def track(self, problem: BoundaryProblem, dt: float) -> Track:
+        """Follow ``problem`` at samples ``dt`` apart [s]."""
+        return _WarmStarted(self, problem)
+
+    def _check_integrator(self) -> None:
+        if not isinstance(self.integrator, Integrator):
+            refuse(f"{type(self).__name__}.integrator", self.integrator, "must be an Integrator such as RK4(50) or RK45()")
+
+
+class _WarmStarted(Track):
+    """Solves every sample anew from the unknowns of the last good one."""
+
+    def __init__(self, solver: Solver, problem: BoundaryProblem) -> None:
+        self.solver = solver
+        self.problem = problem
+        self.last: FloatArray | None = None
+
+    def start(self, unknowns: FloatArray) -> None:
+        self.last = np.array(unknowns)
+
+    def step(self) -> Outcome:
+        outcome = self.solver.solve(self.problem, self.last)
+        found = self.problem.read("unknowns")
+        kept = found if self.last is None else self.last
+        good = np.array([not Status(s).failed for s in outcome.status])
+        if good.all() or self.last is not None:
+            self.last = np.where(good[:, None], found, kept)
+        return outcome
+
+
+def registered_solvers() -> dict[str, Any]:
+    """Solver classes by name, of this package and of others that register in the group ``multirod.solvers``."""
+    return {point.name: point.load() for point in entry_points(group="multirod.solvers")}

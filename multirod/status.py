@@ -1,0 +1,55 @@
+"""Why each instance of a solve ended."""
+
+from enum import IntEnum
+
+
+class Status(IntEnum):
+    """Why an instance ended. Written by kernels and recordings: never renumbered.
+
+    ``failed`` says whether the instance's arrays hold NaN; ``message`` says what happened and what to try.
+    """
+
+    NOT_RUN = 0
+    CONVERGED = 1
+    MAX_ITERATIONS = 2
+    SINGULAR_JACOBIAN = 3
+    NONFINITE = 4
+    STEP_LIMIT = 5
+    STALLED = 6
+    BRANCH_END = 7
+    UNSTABLE = 8
+    TRACKING = 9
+    EULER_LIMIT = 10
+    NEAR_FOLD = 11
+
+    @property
+    def failed(self) -> bool:
+        """Whether there is no result: the instance's arrays hold NaN."""
+        return self not in _WITH_RESULT
+
+    @property
+    def message(self) -> str:
+        """What happened, and what to try."""
+        return _MESSAGES[self]
+
+
+_WITH_RESULT = frozenset({Status.CONVERGED, Status.TRACKING, Status.EULER_LIMIT, Status.NEAR_FOLD})
+
+_MESSAGES = {
+    Status.NOT_RUN: "not run",
+    Status.CONVERGED: "the residual is within the tolerance",
+    Status.MAX_ITERATIONS: "the iteration limit was reached: raise max_iterations, start nearer, or loosen the tolerance",
+    Status.SINGULAR_JACOBIAN: "the Jacobian is singular here (a fold or a bifurcation): start elsewhere or change the load",
+    Status.NONFINITE: "the integration overflowed: start nearer, or apply the load in smaller steps",
+    Status.STEP_LIMIT: "the integrator reached its step limit: loosen rtol, or the rod is far longer than its curvature allows",
+    Status.STALLED: "no step reduces the residual further: it is at rounding level of an ill-conditioned problem, or at a local "
+    "minimum; loosen the tolerance, tighten the integrator, or start nearer",
+    Status.BRANCH_END: "the equilibrium reached by raising the loads in proportion ends before the full load (a fold or a "
+    "bifurcation: the rod snaps or buckles); give a guess to follow another branch",
+    Status.UNSTABLE: "the equilibrium is unstable (it buckled before the full load); give a guess to follow another branch",
+    Status.TRACKING: "an estimate of the observer; residual says how far it is",
+    Status.EULER_LIMIT: "the observer's explicit Euler update left its stability limit: use update='exact', a shorter time "
+    "step, or lower gains",
+    Status.NEAR_FOLD: "an estimate near a fold: the smallest singular value of Gamma is small, so the shape may be far off "
+    "although the residual is not",
+}

@@ -1,0 +1,156 @@
+# mypy: ignore-errors
+"""Dense linear algebra of small systems inside a kernel, one system a thread."""
+
+from functools import lru_cache
+from types import SimpleNamespace
+
+import warp as wp
+
+
+@lru_cache(maxsize=None)
+def make_linear_algebra(n: int):
+    """Functions on n x n matrices: ``solve`` (LU), ``cholesky``, ``eigen`` (Jacobi), and the types they take."""
+    f64 = wp.float64
+    Vector = wp.types.vector(length=n, dtype=f64)
+    Matrix = wp.types.matrix(shape=(n, n), dtype=f64)
+    Eigen = wp.types.matrix(shape=(n + 1, n), dtype=f64)
+
+    @wp.func
+    def solve(A: Matrix, b: Vector) -> Vector:
+        """``A^-1 b`` by LU with partial pivoting; NaN if A is singular to rounding."""
+        x = b
+        size = f64(0.0)
+        for i in range(n):
+            for j in range(n):
+                size = wp.max(size, wp.abs(A[i, j]))
+        for k in range(n):
+            p = int(k)
+            for i in range(n):
+                if i > k and wp.abs(A[i, k]) > wp.abs(A[p, k]):
+                    p = i
+            if p != k:
+                for j in range(n):
+                    swap = A[k, j]
+                    A[k, j] = A[p, j]
+                    A[p, j] = swap
+                move = x[k]
+                x[k] = x[p]
+                x[p] = move
+            pivot = A[k, k]
+            if wp.abs(pivot) <= f64(1.0e-15) * size:
+                pivot = f64(0.0) / f64(0.0)
+            for i in range(n):
+                if i > k:
+                    m = A[i, k] / pivot
+                    for j in range(n):
+                        if j > k:
+                            A[i, j] = A[i, j] - m * A[k, j]
+                    x[i] = x[i] - m * x[k]
+        for r in range(n):
+            i = n - 1 - r
+            total = x[i]
+            for j in range(n):
+                if j > i:
+                    total -= A[i, j] * x[j]
+            pivot = A[i, i]
+            if wp.abs(pivot) <= f64(1.0e-15) * size:
+                pivot = f64(0.0) / f64(0.0)
+            x[i] = total / pivot
+        return x
+
+    @wp.func
+    def determinant_sign(A: Matrix) -> f64:
+        """Sign of det A, by elimination with partial pivoting."""
+        sign = f64(1.0)
+        for k in range(n):
+            p = int(k)
+            for i in range(n):
+                if i > k and wp.abs(A[i, k]) > wp.abs(A[p, k]):
+                    p = i
+            if p != k:
+                sign = -sign
+                for j in range(n):
+                    swap = A[k, j]
+                    A[k, j] = A[p, j]
+                    A[p, j] = swap
+            if A[k, k] < f64(0.0):
+                sign = -sign
+            for i in range(n):
+                if i > k:
+                    m = A[i, k] / A[k, k]
+                    for j in range(n):
+                        if j > k:
+                            A[i, j] = A[i, j] - m * A[k, j]
+        return sign
+
+    @wp.func
+    def cholesky(A: Matrix) -> Matrix:
+        """Lower factor of a symmetric positive definite matrix; NaN where it is not."""
+        L = Matrix()
+        for j in range(n):
+            d = A[j, j]
+            for k in range(n):
+                if k < j:
+                    d -= L[j, k] * L[j, k]
+            d = wp.sqrt(d)
+            L[j, j] = d
+            for i in range(n):
+                if i > j:
+                    total = A[i, j]
+                    for k in range(n):
+                        if k < j:
+                            total -= L[i, k] * L[j, k]
+                    L[i, j] = total / d
+        return L
+
+    @wp.func
+    def eigen(A: Matrix) -> Eigen:
+        """Eigenvectors (columns of the first n rows) and eigenvalues (last row) of a symmetric matrix, by Jacobi rotations."""
+        V = Matrix()
+        size = f64(0.0)
+        for i in range(n):
+            V[i, i] = f64(1.0)
+            for j in range(n):
+                size = wp.max(size, wp.abs(A[i, j]))
+        sweep = int(0)
+        off = size
+        while sweep < 30 and off > f64(1.0e-17) * size:
+            sweep += 1
+            off = f64(0.0)
+            for p in range(n):
+                for q in range(n):
+                    if q > p:
+                        a = A[p, q]
+                        if wp.abs(a) > f64(1.0e-18) * size:
+                            h = (A[q, q] - A[p, p]) / (f64(2.0) * a)
+                            t = f64(1.0) / (wp.abs(h) + wp.sqrt(h * h + f64(1.0)))
+                            if h < f64(0.0):
+                                t = -t
+                            c = f64(1.0) / wp.sqrt(t * t + f64(1.0))
+                            s = t * c
+                            for k in range(n):
+                                x = A[k, p]
+                                y = A[k, q]
+                                A[k, p] = c * x - s * y
+                                A[k, q] = s * x + c * y
+                            for k in range(n):
+                                x = A[p, k]
+                                y = A[q, k]
+                                A[p, k] = c * x - s * y
+                                A[q, k] = s * x + c * y
+                            for k in range(n):
+                                x = V[k, p]
+                                y = V[k, q]
+                                V[k, p] = c * x - s * y
+                                V[k, q] = s * x + c * y
+                        off = wp.max(off, wp.abs(A[p, q]))
+        result = Eigen()
+        for i in range(n):
+            for j in range(n):
+                result[i, j] = V[i, j]
+            result[n, i] = A[i, i]
+        return result
+
+    return SimpleNamespace(
+        Vector=Vector, Matrix=Matrix, Eigen=Eigen, solve=solve, determinant_sign=determinant_sign, cholesky=cholesky, eigen=eigen
+    )

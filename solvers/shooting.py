@@ -1,0 +1,256 @@
+"""Shooting: Newton's method with the exact Gamma, and continuation along the natural branch."""
+
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from multirod.models.integrators import RK45, Integrator
+from multirod.problem import BoundaryProblem
+from multirod.solver import Outcome, Solver, Track
+from multirod.solvers.shooting_kernels import NewtonState, make_newton
+from multirod.status import Status
+from multirod.validation import FloatArray, boolean, choice, positive_float, positive_int
+
+PREDICTORS = ("none", "linear", "quadratic")
+_MIN_LOAD_STEP = 1e-7
+_SAFE_LOAD = 5.0  # in F L^2/EI: no equilibrium loses and regains stability within such a step (Euler: 2.5 and 22)
+_CONTRACTION = 0.3
+_GAMMA_CHANGE = 0.25
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shooting(Solver):
+    """Newton's method, one integration an iteration, with a backtracking line search.
+
+    Without a guess it finds the equilibrium on the natural branch, the one reached from the unloaded assembly by raising
+    all loads in proportion: in one step where Newton's method contracts as it must on one branch and ``Gamma`` changes
+    little, else by load continuation whose steps pass the same two tests (``docs/solvers.md``).
+
+    Attributes:
+        tolerance: Largest residual, max norm [1/m].
+        integrator: Of the spatial equations.
+        max_iterations: Newton iterations allowed, in each continuation step and in all of a warm start.
+        predictor: How a motion's next sample is guessed: from the last one (``"none"``), or by ``"linear"`` or
+            ``"quadratic"`` extrapolation in time.
+        line_search: Whether steps that do not reduce the residual are halved.
+        max_continuation_steps: Load steps allowed.
+
+    Raises:
+        ValueError: If a field is out of range.
+    """
+
+    tolerance: float = 1e-9
+    integrator: Integrator = field(default_factory=RK45)
+    max_iterations: int = 30
+    predictor: str = "none"
+    line_search: bool = True
+    max_continuation_steps: int = 1000
+
+    def __post_init__(self) -> None:
+        self._check_integrator()
+        positive_float("Shooting.tolerance", self.tolerance)
+        positive_int("Shooting.max_iterations", self.max_iterations)
+        choice("Shooting.predictor", self.predictor, PREDICTORS)
+        boolean("Shooting.line_search", self.line_search)
+        positive_int("Shooting.max_continuation_steps", self.max_continuation_steps)
+
+    def _solve(self, problem: BoundaryProblem, guess: FloatArray | None) -> Outcome:
+        newton = Newton(problem, self)
+        if guess is not None:
+            problem.unknowns.assign(np.ascontiguousarray(guess, dtype=np.float64))
+            newton.run(np.ones(problem.instance_count, dtype=bool))
+            return newton.outcome()
+        return natural_branch(problem, newton, self)
+
+    def track(self, problem: BoundaryProblem, dt: float) -> Track:
+        """Follow a motion, each sample from the last or from its extrapolation."""
+        return NewtonTrack(self, problem)
+
+
+class Newton:
+    """Newton's iteration on the buffers of one problem; launches are recorded once."""
+
+    def __init__(self, problem: BoundaryProblem, options: Shooting) -> None:
+        self.problem = problem
+        n, count, device = problem.unknown_count, problem.instance_count, problem.device
+        self.state = state = NewtonState()
+        for name in ("active", "fault", "unknowns", "residual", "gamma"):
+            setattr(state, name, getattr(problem, name))
+        for name in ("status", "iterations", "integrations"):
+            setattr(state, name, wp.zeros(count, dtype=wp.int32, device=device))
+        for name in ("merit", "damping", "contraction"):
+            setattr(state, name, wp.zeros(count, dtype=wp.float64, device=device))
+        state.accepted = wp.zeros((count, n), dtype=wp.float64, device=device)
+        state.step = wp.zeros((count, n), dtype=wp.float64, device=device)
+        state.remaining = wp.zeros(1, dtype=wp.int32, device=device)
+        state.tolerance = options.tolerance
+        state.max_iterations = options.max_iterations
+        state.line_search = int(options.line_search)
+        state.max_contraction = np.inf
+        self._kernel = make_newton(n)
+        self._launch = self._record()
+        on_cpu = wp.get_device(device).is_cpu
+        self._remaining = state.remaining.numpy() if on_cpu else None
+
+    def _record(self) -> Any:
+        problem = self.problem
+        return wp.launch(
+            self._kernel, dim=problem.instance_count, inputs=[self.state], device=problem.device, record_cmd=True
+        )
+
+    def configure(self, *, tolerance: float, line_search: bool, max_contraction: float = np.inf) -> None:
+        """Change options for the runs that follow."""
+        self.state.tolerance = tolerance
+        self.state.line_search = int(line_search)
+        self.state.max_contraction = max_contraction
+        self._launch = self._record()
+
+    def run(self, chosen: Any) -> None:
+        """Iterate the chosen instances (bool, (instance_count,)) from ``problem.unknowns`` to their ends."""
+        state = self.state
+        state.active.assign(np.asarray(chosen, dtype=np.int32))
+        self.restart()
+        while self.iterate():
+            pass
+
+    def restart(self) -> None:
+        """Forget the iteration of all instances; counts of integrations go on."""
+        self.state.merit.fill_(-1.0)
+        self.state.contraction.fill_(0.0)
+        self.state.iterations.fill_(0)
+
+    def iterate(self) -> int:
+        """One integration of all active instances, and what follows from it; the number still active."""
+        if self._remaining is not None:
+            self._remaining[0] = 0
+        else:
+            self.state.remaining.zero_()
+        self.problem.integrate()
+        self._launch.launch()
+        return int(self._remaining[0] if self._remaining is not None else self.state.remaining.numpy()[0])
+
+    def outcome(self) -> Outcome:
+        """Copies of the counts and statuses."""
+        state = self.state
+        return Outcome(*(np.array(getattr(state, name).numpy()) for name in ("status", "iterations", "integrations")))
+
+
+def natural_branch(problem: BoundaryProblem, newton: Newton, options: Shooting) -> Outcome:
+    """Raise all loads in proportion, from the unloaded equilibrium to the full load.
+
+    A step of the load is kept if Newton's steps from the last equilibrium contract by ``_CONTRACTION`` or better, as
+    they do inside the ball around a solution in which it is the only one (Newton-Kantorovich), and if ``Gamma`` at its
+    end, times the inverse of that at its start, is near the identity: no mode has vanished or changed sign on the way,
+    not even two at once. The step is otherwise halved; the branch ends where that takes it below ``_MIN_LOAD_STEP``.
+    """
+    count = problem.instance_count
+    accepted = problem.guess()
+    total = Outcome.zeros(count)
+    ones = np.ones(count)
+    load = np.zeros(count)  # load factor reached
+    scale = problem.load_scale()
+    trial_step = np.minimum(1.0, _SAFE_LOAD / np.maximum(scale, 1e-300))
+    status = np.full(count, int(Status.NOT_RUN), dtype=np.int32)
+
+    # Gamma of the unloaded assembly
+    problem.load_factor.zero_()
+    problem.active.fill_(1)
+    problem.unknowns.assign(accepted)
+    problem.integrate()
+    total.integrations += 1
+    gamma = problem.read("gamma").reshape(count, problem.unknown_count, -1)
+    broken = problem.fault.numpy() != 0
+    status[broken] = int(Status.NONFINITE)
+
+    newton.configure(tolerance=options.tolerance, line_search=False, max_contraction=_CONTRACTION)
+    for _ in range(options.max_continuation_steps):
+        running = status == Status.NOT_RUN
+        if not running.any():
+            break
+        goal = np.minimum(1.0, load + trial_step)
+        problem.load_factor.assign(np.where(running, goal, ones))
+        problem.unknowns.assign(accepted)
+        newton.run(running)
+        found = newton.state.status.numpy()
+        trial = problem.read("gamma").reshape(gamma.shape)
+        kept = running & (found == Status.CONVERGED)
+        kept[kept] = _same_branch(gamma[kept], trial[kept])
+        total.iterations += np.where(running, newton.state.iterations.numpy(), 0)
+
+        accepted[kept] = problem.read("unknowns")[kept]
+        gamma[kept] = trial[kept]
+        contraction = newton.state.contraction.numpy()
+        reached = goal - load
+        load[kept] = goal[kept]
+        growth = np.clip(_CONTRACTION / np.maximum(contraction, 1e-3), 0.5, 3.0)
+        limit = np.maximum(_SAFE_LOAD, 0.5 * load * scale) / np.maximum(scale, 1e-300)
+        trial_step = np.where(kept, np.minimum(reached * growth, limit), 0.5 * reached)
+        status[kept & (load >= 1.0)] = int(Status.CONVERGED)
+        lost = running & ~kept & (trial_step < _MIN_LOAD_STEP)
+        ended = np.isin(found, (Status.SINGULAR_JACOBIAN, Status.STALLED, Status.CONVERGED, Status.MAX_ITERATIONS))
+        status[lost] = np.where(ended, int(Status.BRANCH_END), found)[lost]
+    status[status == Status.NOT_RUN] = int(Status.MAX_ITERATIONS)
+    problem.load_factor.assign(ones)
+    problem.unknowns.assign(accepted)
+    total.integrations += np.array(newton.state.integrations.numpy())
+    total.status = status
+    newton.configure(tolerance=options.tolerance, line_search=options.line_search)
+    return total
+
+
+def _same_branch(before: FloatArray, after: FloatArray) -> Any:
+    """Whether no mode of Gamma came near zero or changed sign between two equilibria; bool, one an instance."""
+    if not len(before):
+        return np.zeros(0, dtype=bool)
+    with np.errstate(all="ignore"):
+        ratio = np.linalg.solve(np.swapaxes(before, 1, 2), np.swapaxes(after, 1, 2))
+        values = np.linalg.eigvals(np.where(np.isfinite(ratio), ratio, 0.0))
+    return (values.real > _GAMMA_CHANGE).all(axis=1) & (np.abs(values) < 1 / _GAMMA_CHANGE).all(axis=1)
+
+
+class NewtonTrack(Track):
+    """Newton along a motion: the last samples' unknowns, extrapolated, start the next."""
+
+    def __init__(self, options: Shooting, problem: BoundaryProblem) -> None:
+        self.options = options
+        self.problem = problem
+        self.newton = Newton(problem, options)
+        self.order = PREDICTORS.index(options.predictor)
+        self.history: list[FloatArray] = []
+        self.guessed = False
+
+    def start(self, unknowns: FloatArray) -> None:
+        self.history = [np.array(unknowns)]
+        self.guessed = True
+
+    def step(self) -> Outcome:
+        if not self.history:
+            return self._keep(self.options._solve(self.problem, None))
+        past = self.history
+        if len(past) > 2:
+            guess = 3 * (past[0] - past[1]) + past[2]
+        elif len(past) == 2:
+            guess = 2 * past[0] - past[1]
+        else:
+            guess = past[0]
+        newton = self.newton
+        newton.state.integrations.fill_(0)
+        self.problem.unknowns.assign(guess)
+        self.problem.active.fill_(1)
+        newton.restart()
+        while newton.iterate():
+            pass
+        return self._keep(newton.outcome())
+
+    def _keep(self, outcome: Outcome) -> Outcome:
+        found = self.problem.read("unknowns")
+        good = outcome.status == Status.CONVERGED
+        if good.all():
+            self.history = [found, *self.history][: self.order + 1]
+        elif self.history:
+            # what failed starts again from its last equilibrium, without a slope
+            self.history = [np.where(good[:, None], found, past) for past in [self.history[0], *self.history][: self.order + 1]]
+        return outcome
