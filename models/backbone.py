@@ -68,8 +68,7 @@ class BackboneProblem(BoundaryProblem):
             device=device,
         )
         self._table = self._make_table(inputs)
-        self._call = self._make_call(self.features, 0)
-        self._launches: dict[Features, Any] = {}
+        self._call = self._make_call(0)
         self.set_inputs(inputs)
         self._launch = self._record(self.features, self._call)
 
@@ -114,7 +113,7 @@ class BackboneProblem(BoundaryProblem):
         table.profile = self._array(coefficients)
         return table
 
-    def _make_call(self, features: Features, node_count: int) -> Any:
+    def _make_call(self, node_count: int) -> Any:
         call = kernels.Call()
         for name in ("active", "unknowns", "inputs", "load_factor", "directions", "fault", "step_count", "residual", "gamma"):
             setattr(call, name, getattr(self, name))
@@ -131,8 +130,7 @@ class BackboneProblem(BoundaryProblem):
             call.node_arclength = wp.zeros(shape, dtype=wp.float64, device=self.device)
             for name in ("position", "curvature", "moment", "force"):
                 setattr(call, f"node_{name}", wp.zeros(shape, dtype=wp.vec3d, device=self.device))
-            for name in ("rotation", "turn"):
-                setattr(call, f"node_{name}", wp.zeros(shape, dtype=wp.mat33d, device=self.device))
+            call.node_rotation = wp.zeros(shape, dtype=wp.mat33d, device=self.device)
             call.energy = wp.zeros(self.instance_count, dtype=wp.float64, device=self.device)
         return call
 
@@ -206,12 +204,14 @@ class BackboneProblem(BoundaryProblem):
             total += (size[:3].max() * length**3 + size[3:].max() * length**2) / stiffness
         return total
 
-    def directions_problem(self, count: int) -> "BackboneProblem":
-        """The same instances at the same unknowns, with pose columns and ``count`` directions."""
-        raise NotImplementedError
-
     def shapes(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:  # noqa: D102
-        call = self._nodes(node_count, sensitivities=False)
+        features = replace(self.features, nodes=True, pose=True, sensitivities=False, pose_sensitivities=False, directions=0)
+        call = self._make_call(node_count)
+        # outputs of its own: the residual and Gamma of the solve stay as they are
+        for name in ("residual", "position", "rotation"):
+            buffer = getattr(self, name)
+            setattr(call, name, wp.zeros(buffer.shape, dtype=buffer.dtype, device=self.device))
+        self._record(features, call).launch()
         shape = Shape(
             arclength=call.node_arclength.numpy(),
             position=call.node_position.numpy(),
@@ -221,20 +221,6 @@ class BackboneProblem(BoundaryProblem):
             force=call.node_force.numpy(),
         )
         return (shape,), call.energy.numpy()
-
-    def _nodes(self, node_count: int, *, sensitivities: bool) -> Any:
-        features = replace(
-            self.features, nodes=True, pose=True, sensitivities=sensitivities, pose_sensitivities=sensitivities, directions=0
-        )
-        call = self._make_call(features, node_count)
-        # outputs of its own: the residual and Gamma of the solve stay as they are
-        call.residual = wp.zeros(self.residual.shape, dtype=wp.float64, device=self.device)
-        call.gamma = wp.zeros(self.gamma.shape, dtype=wp.float64, device=self.device)
-        call.pose_columns = wp.zeros((self.instance_count, 6, self.unknown_count), dtype=wp.float64, device=self.device)
-        call.position = wp.zeros(self.instance_count, dtype=wp.vec3d, device=self.device)
-        call.rotation = wp.zeros(self.instance_count, dtype=wp.mat33d, device=self.device)
-        self._record(features, call).launch()
-        return call
 
 
 def _merge_profiles(inputs: Inputs) -> tuple[FloatArray, FloatArray]:

@@ -75,7 +75,6 @@ class Call:
     node_curvature: wp.array2d[wp.vec3d]
     node_moment: wp.array2d[wp.vec3d]
     node_force: wp.array2d[wp.vec3d]
-    node_turn: wp.array2d[wp.mat33d]  # columns: body rotation of the node by each moment unknown
     energy: wp.array[wp.float64]
 
 
@@ -635,10 +634,6 @@ def make_kernel(features: Features, tableau: Tableau):
         return wp.vec3d(f64(1.0) / kx, f64(1.0) / ky, f64(1.0) / wp.min(z.material[0, 2], wp.max(kx, ky)))
 
     @wp.func
-    def local_precurvature(z: Stretch, i: int, x: f64) -> wp.vec3d:
-        return precurvature(z, i, x)
-
-    @wp.func
     def input_vector(call: Call, t: int, first: int) -> wp.vec3d:
         return call.load_factor[t] * wp.vec3d(call.inputs[t, first], call.inputs[t, first + 1], call.inputs[t, first + 2])
 
@@ -950,7 +945,6 @@ def make_kernel(features: Features, tableau: Tableau):
                         call.node_force[t, 0] = N
                     else:
                         call.node_force[t, 0] = wp.vec3d(zero, zero, zero)
-                    call.node_turn[t, 0] = wp.mat33d()
                     # curvature from the rate of the frame: u = 2 vec(conj(q) q'), equation (2a)
                     call.node_curvature[t, 0] = body_rotation(q, wp.vec4d(d[oQ], d[oQ + 1], d[oQ + 2], d[oQ + 3]))
 
@@ -1044,14 +1038,6 @@ def make_kernel(features: Features, tableau: Tableau):
                     elif wp.static(FORCE):
                         N = rotate_inverse(q, z.force)
                     call.node_force[t, node] = N
-                    if wp.static(COLUMN_FRAME and NX >= 3):
-                        turns = wp.mat33d()
-                        for k in range(3):
-                            o = wp.static(BASE + STATICS) + k * wp.static(COL)
-                            a = body_rotation(q, wp.vec4d(y[o], y[o + 1], y[o + 2], y[o + 3]))
-                            for j in range(3):
-                                turns[j, k] = a[j]
-                        call.node_turn[t, node] = turns
             s = end
             ds = dend
             for i in range(wp.static(n)):

@@ -146,10 +146,6 @@ class BoundaryProblem(ABC):
         """
         return np.zeros(self.instance_count)
 
-    def unstable(self) -> FloatArray | None:
-        """Number of unstable modes at ``unknowns``, shape (instance_count,), or None where that is not known."""
-        return None
-
     def shapes(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:
         """Shape of each rod at ``unknowns``, and the elastic energy [J], shape (instance_count,)."""
         raise NotImplementedError(f"{type(self).__name__} offers no shapes")

@@ -1,7 +1,5 @@
 """Results: an equilibrium of each instance, or a time series of them."""
 
-from collections.abc import Sequence
-from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -288,11 +286,3 @@ class History(Solution):
         from multirod.recording import save
 
         save(path, self, **options)
-
-
-def concatenate(parts: Sequence[FloatArray]) -> FloatArray:
-    """Records of successive samples as one array, samples first."""
-    return np.concatenate([part[None] for part in parts])
-
-
-__all__ = ["History", "Solution", "SolveError", "replace"]

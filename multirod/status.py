@@ -17,10 +17,9 @@ class Status(IntEnum):
     STEP_LIMIT = 5
     STALLED = 6
     BRANCH_END = 7
-    UNSTABLE = 8
-    TRACKING = 9
-    EULER_LIMIT = 10
-    NEAR_FOLD = 11
+    TRACKING = 8
+    EULER_LIMIT = 9
+    NEAR_FOLD = 10
 
     @property
     def failed(self) -> bool:
@@ -46,7 +45,6 @@ _MESSAGES = {
     "minimum; loosen the tolerance, tighten the integrator, or start nearer",
     Status.BRANCH_END: "the equilibrium reached by raising the loads in proportion ends before the full load (a fold or a "
     "bifurcation: the rod snaps or buckles); give a guess to follow another branch",
-    Status.UNSTABLE: "the equilibrium is unstable (it buckled before the full load); give a guess to follow another branch",
     Status.TRACKING: "an estimate of the observer; residual says how far it is",
     Status.EULER_LIMIT: "the observer's explicit Euler update left its stability limit: use update='exact', a shorter time "
     "step, or lower gains",

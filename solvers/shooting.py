@@ -141,64 +141,105 @@ class Newton:
 def natural_branch(problem: BoundaryProblem, newton: Newton, options: Shooting) -> Outcome:
     """Raise all loads in proportion, from the unloaded equilibrium to the full load.
 
-    A step of the load is kept if Newton's steps from the last equilibrium contract by ``_CONTRACTION`` or better, as
-    they do inside the ball around a solution in which it is the only one (Newton-Kantorovich), and if ``Gamma`` at its
-    end, times the inverse of that at its start, is near the identity: no mode has vanished or changed sign on the way,
-    not even two at once. The step is otherwise halved; the branch ends where that takes it below ``_MIN_LOAD_STEP``.
+    Each step starts from the extrapolation of the last three equilibria. It is kept if Newton's steps contract by
+    ``_CONTRACTION`` or better, as they do inside the ball around a solution in which it is the only one
+    (Newton-Kantorovich), and if ``Gamma`` at its end, times the inverse of that at its start, is near the identity: no
+    mode has vanished or changed sign on the way, not even two at once. The step is otherwise halved; the branch ends
+    where that takes it below ``_MIN_LOAD_STEP``.
     """
-    count = problem.instance_count
-    accepted = problem.guess()
+    count, n = problem.instance_count, problem.unknown_count
     total = Outcome.zeros(count)
-    ones = np.ones(count)
-    load = np.zeros(count)  # load factor reached
-    scale = problem.load_scale()
-    trial_step = np.minimum(1.0, _SAFE_LOAD / np.maximum(scale, 1e-300))
-    status = np.full(count, int(Status.NOT_RUN), dtype=np.int32)
+    scale = np.maximum(problem.load_scale(), 1e-300)
+    step = np.minimum(1.0, _SAFE_LOAD / scale)
+    path = _Path(problem.guess())
+    status = total.status
 
     # Gamma of the unloaded assembly
     problem.load_factor.zero_()
     problem.active.fill_(1)
-    problem.unknowns.assign(accepted)
+    problem.unknowns.assign(path.unknowns)
     problem.integrate()
     total.integrations += 1
-    gamma = problem.read("gamma").reshape(count, problem.unknown_count, -1)
-    broken = problem.fault.numpy() != 0
-    status[broken] = int(Status.NONFINITE)
+    gamma = problem.read("gamma").reshape(count, n, n)
+    status[problem.fault.numpy() != 0] = Status.NONFINITE
 
     newton.configure(tolerance=options.tolerance, line_search=False, max_contraction=_CONTRACTION)
     for _ in range(options.max_continuation_steps):
         running = status == Status.NOT_RUN
         if not running.any():
             break
-        goal = np.minimum(1.0, load + trial_step)
-        problem.load_factor.assign(np.where(running, goal, ones))
-        problem.unknowns.assign(accepted)
+        goal = np.minimum(1.0, path.load + step)
+        problem.load_factor.assign(np.where(running, goal, 1.0))
+        problem.unknowns.assign(path.extrapolate(goal))
         newton.run(running)
+        total.iterations += np.where(running, newton.state.iterations.numpy(), 0)
         found = newton.state.status.numpy()
-        trial = problem.read("gamma").reshape(gamma.shape)
+        trial = problem.read("gamma").reshape(count, n, n)
         kept = running & (found == Status.CONVERGED)
         kept[kept] = _same_branch(gamma[kept], trial[kept])
-        total.iterations += np.where(running, newton.state.iterations.numpy(), 0)
-
-        accepted[kept] = problem.read("unknowns")[kept]
+        reached = goal - path.load
         gamma[kept] = trial[kept]
-        contraction = newton.state.contraction.numpy()
-        reached = goal - load
-        load[kept] = goal[kept]
-        growth = np.clip(_CONTRACTION / np.maximum(contraction, 1e-3), 0.5, 3.0)
-        limit = np.maximum(_SAFE_LOAD, 0.5 * load * scale) / np.maximum(scale, 1e-300)
-        trial_step = np.where(kept, np.minimum(reached * growth, limit), 0.5 * reached)
-        status[kept & (load >= 1.0)] = int(Status.CONVERGED)
-        lost = running & ~kept & (trial_step < _MIN_LOAD_STEP)
-        ended = np.isin(found, (Status.SINGULAR_JACOBIAN, Status.STALLED, Status.CONVERGED, Status.MAX_ITERATIONS))
-        status[lost] = np.where(ended, int(Status.BRANCH_END), found)[lost]
-    status[status == Status.NOT_RUN] = int(Status.MAX_ITERATIONS)
-    problem.load_factor.assign(ones)
-    problem.unknowns.assign(accepted)
-    total.integrations += np.array(newton.state.integrations.numpy())
-    total.status = status
+        path.keep(kept, goal, problem.read("unknowns"))
+
+        contraction = np.maximum(newton.state.contraction.numpy(), 1e-6)
+        growth = np.clip((0.5 * _CONTRACTION / contraction) ** (1 / path.order), 0.5, 3.0)
+        limit = np.maximum(_SAFE_LOAD, 0.5 * path.load * scale) / scale
+        step = np.where(kept, np.minimum(reached * growth, limit), 0.5 * reached)
+        status[kept & (path.load >= 1.0)] = Status.CONVERGED
+        lost = running & ~kept & (step < _MIN_LOAD_STEP)
+        if lost.any():
+            overflow = np.isin(found, (Status.NONFINITE, Status.STEP_LIMIT))
+            floor = 2e-15 * np.linalg.norm(gamma, axis=(1, 2)) * np.abs(path.unknowns).max(axis=1)
+            rounding = floor > options.tolerance
+            why = np.where(overflow, found, np.where(rounding, int(Status.STALLED), int(Status.BRANCH_END)))
+            status[lost] = why[lost]
+    status[status == Status.NOT_RUN] = Status.MAX_ITERATIONS
+    problem.load_factor.fill_(1.0)
+    problem.unknowns.assign(path.unknowns)
+    total.integrations += newton.state.integrations.numpy()
     newton.configure(tolerance=options.tolerance, line_search=options.line_search)
     return total
+
+
+class _Path:
+    """The last three equilibria of every instance on its way from load 0 to 1."""
+
+    def __init__(self, unknowns: FloatArray) -> None:
+        count = len(unknowns)
+        self.points = [np.array(unknowns) for _ in range(3)]
+        self.loads = [np.zeros(count) for _ in range(3)]
+        self.length = np.ones(count, dtype=int)
+
+    @property
+    def load(self) -> FloatArray:
+        return self.loads[0]
+
+    @property
+    def unknowns(self) -> FloatArray:
+        return self.points[0]
+
+    @property
+    def order(self) -> Any:
+        """Order of the extrapolation's error in the load step, shape (instance_count,)."""
+        return np.minimum(self.length, 3)
+
+    def extrapolate(self, goal: FloatArray) -> FloatArray:
+        """Unknowns at load ``goal`` from the polynomial through the known points (Newton's divided differences)."""
+        a, b, c = self.loads
+        with np.errstate(all="ignore"):
+            first = (self.points[0] - self.points[1]) / (a - b)[:, None]
+            second = (first - (self.points[1] - self.points[2]) / (b - c)[:, None]) / (a - c)[:, None]
+        first = np.where((self.length > 1)[:, None], first, 0.0)
+        second = np.where((self.length > 2)[:, None], second, 0.0)
+        return np.asarray(self.points[0] + (goal - a)[:, None] * (first + (goal - b)[:, None] * second))
+
+    def keep(self, kept: Any, load: FloatArray, unknowns: FloatArray) -> None:
+        for k in (2, 1):
+            self.points[k][kept] = self.points[k - 1][kept]
+            self.loads[k][kept] = self.loads[k - 1][kept]
+        self.points[0][kept] = unknowns[kept]
+        self.loads[0][kept] = load[kept]
+        self.length[kept] = np.minimum(self.length[kept] + 1, 3)
 
 
 def _same_branch(before: FloatArray, after: FloatArray) -> Any:
