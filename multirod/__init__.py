@@ -29,6 +29,7 @@ from multirod.rod import Rod, Section
 from multirod.simulation import Tracker, simulate, solve
 from multirod.solution import History, Solution, SolveError
 from multirod.solver import Outcome, Solver, Track, registered_solvers
+from multirod.solvers.observer import Observer
 from multirod.solvers.shooting import Shooting
 from multirod.status import Status
 
@@ -47,6 +48,7 @@ __all__ = [
     "InputSpec",
     "Inputs",
     "Integrator",
+    "Observer",
     "Outcome",
     "Rod",
     "Section",
