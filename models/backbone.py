@@ -49,18 +49,17 @@ class BackboneProblem(BoundaryProblem):
         enabled: Sequence[str] = (),
     ) -> None:
         rod_batch = np.broadcast_shapes(*(rod.batch_shape for rod in rods))
-        self.batch_shape = np.broadcast_shapes(inputs.batch_shape, rod_batch, base.shape[:-2])
+        batch_shape = np.broadcast_shapes(inputs.batch_shape, rod_batch, base.shape[:-2])
         self.rods = tuple(rods)
         self.base = base
         self.integrator = integrator
         self.enabled = frozenset(enabled)
-        self.arrays = lower(rods, self.batch_shape if rod_batch else ())
+        self.arrays = lower(rods, batch_shape if rod_batch else ())
         self.features = self._features(inputs, pose, pose_sensitivities, direction_count)
-        count = int(np.prod(self.batch_shape))
         n = self.features.unknown_count
         super().__init__(
             unknown_count=n,
-            instance_count=count,
+            batch_shape=batch_shape,
             input_count=kernels.input_size(len(rods)),
             blocks=[Block("rod 1" if len(rods) == 1 else "backbone", slice(0, n), slice(0, n))],
             direction_count=direction_count,
@@ -68,9 +67,8 @@ class BackboneProblem(BoundaryProblem):
             device=device,
         )
         self._table = self._make_table(inputs)
-        self._call = self._make_call(0)
-        self.set_inputs(inputs)
-        self._launch = self._record(self.features, self._call)
+        self.write("inputs", self.pack(inputs))
+        self._launch = self._record(self.features, self._make_call(0))
 
     # ---- what is compiled in ----
 
@@ -140,25 +138,14 @@ class BackboneProblem(BoundaryProblem):
 
     # ---- the interface ----
 
-    def set_inputs(self, inputs: Inputs) -> None:  # noqa: D102
-        missing = sorted(name for name in inputs.given if inputs.is_active(name) and not self.takes(name))
-        if missing:
-            raise ValueError(f"the problem was compiled without {', '.join(missing)}: name them in enabled, or make a new problem")
-        self.inputs.assign(self.pack(inputs))
-
-    def takes(self, name: str) -> bool:
-        """Whether the terms of an input are compiled in."""
+    def takes(self, name: str) -> bool:  # noqa: D102
         needed = [feature for feature, names in _FEATURE_INPUTS.items() if name in names]
         return all(getattr(self.features, feature) for feature in needed)
 
-    def pack(self, inputs: Inputs) -> FloatArray:
-        """Rows of ``inputs``, shape (instance_count, input_count); broadcast over the rods' batch."""
-        packed = np.zeros((*self.batch_shape, self.input_count))
-        for name in inputs.given:
-            if name not in inputs.profiles:
-                packed[..., self.input_slice(name)] = getattr(inputs, name)
-        packed[..., -1] = 1.0
-        return packed.reshape(self.instance_count, self.input_count)
+    def pack(self, inputs: Inputs) -> FloatArray:  # noqa: D102
+        packed = super().pack(inputs)
+        packed[:, -1] = 1.0  # scale of the load profiles
+        return packed
 
     def input_slice(self, name: str) -> slice:  # noqa: D102
         n = len(self.rods)
@@ -174,7 +161,7 @@ class BackboneProblem(BoundaryProblem):
     def guess(self) -> FloatArray:  # noqa: D102
         result = np.zeros((self.instance_count, self.unknown_count))
         if len(self.rods) == 1:
-            shift = self.inputs.numpy()[:, self.input_slice("translation")]
+            shift = self.read("inputs")[:, self.input_slice("translation")]
             section = np.sum(self.arrays.end[:, 0, :-1] + shift <= 0, axis=-1)
             rows = np.arange(len(self.arrays.end)) if len(self.arrays.end) > 1 else np.zeros(len(section), int)
             coefficients = self.arrays.precurvature[rows, 0, section].reshape(len(section), -1, 3)
@@ -187,7 +174,7 @@ class BackboneProblem(BoundaryProblem):
         return result
 
     def load_scale(self) -> FloatArray:  # noqa: D102
-        inputs = self.inputs.numpy()
+        inputs = self.read("inputs")
         table = self.arrays
         stiffness = table.material[:, 0, :, :3].min(axis=(1, 2))
         length = table.end[:, 0, -1] + inputs[:, self.input_slice("translation")][:, 0]

@@ -1,6 +1,7 @@
 """One rod, clamped at its base, free at its tip: the robot of the paper."""
 
 from collections.abc import Sequence
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -65,6 +66,9 @@ class SingleRod(Assembly):
         if np.any(length <= 0):
             shortest = float(np.min(inputs.translation))
             refuse("translation", shortest, f"must be > -length = {-float(np.min(self.rods[0].length)):g} m: no rod is left in use")
+
+    def bounds(self, name: str) -> tuple[float, float]:  # noqa: D102
+        return (-float(np.min(self.rods[0].length)), inf) if name == "translation" else (-inf, inf)
 
     def problem(  # noqa: D102
         self,

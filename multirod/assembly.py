@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from math import inf
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -87,6 +88,10 @@ class Assembly(ABC):
 
     def check(self, inputs: Inputs) -> None:
         """Refuse inputs that this assembly cannot take, by a ``ValueError``."""
+
+    def bounds(self, name: str) -> tuple[float, float]:
+        """Open interval in which every number of an input is sure to be allowed."""
+        return -inf, inf
 
     def _reach(self, inputs: Inputs) -> float:
         """Largest arclength in use [m], for functions of arclength."""

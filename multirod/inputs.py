@@ -55,7 +55,7 @@ class Inputs:
             if value is None and spec.optional:
                 continue
             if spec.function and callable(value):
-                self._profiles[name] = fit(name, value, length)
+                self._profiles[name] = value if isinstance(value, Profile) and value.ends[-1] >= length else fit(name, value, length)
             elif spec.per_rod:
                 self._arrays[name] = per_rod(name, value, rod_count)
             else:
@@ -92,15 +92,20 @@ class Inputs:
             return name in self._arrays
         return name in self._profiles or bool(np.any(self._arrays.get(name, 0.0)))
 
+    def with_arrays(self, arrays: Mapping[str, FloatArray]) -> "Inputs":
+        """Inputs of the same assembly with other values, already checked; functions of arclength are kept."""
+        result = object.__new__(Inputs)
+        result._specs, result._rod_count, result._profiles = self._specs, self._rod_count, self._profiles
+        result._arrays = dict(arrays)
+        result.given = tuple(name for name in self._specs if name in arrays or name in self._profiles)
+        result.batch_shape = np.broadcast_shapes(*(a.shape[:-1] for a in arrays.values()))
+        return result
+
     def __getitem__(self, index: Any) -> "Inputs":
         """The inputs of some instances: ``inputs[k]`` takes the k-th along the first batch axis."""
-        result = object.__new__(Inputs)
-        result._specs, result._rod_count, result._profiles, result.given = self._specs, self._rod_count, self._profiles, self.given
-        result._arrays = {
-            name: np.broadcast_to(a, (*self.batch_shape, a.shape[-1]))[index] for name, a in self._arrays.items()
-        }
-        probe = np.broadcast_to(0.0, self.batch_shape)[index]
-        result.batch_shape = np.shape(probe)
+        arrays = {name: np.broadcast_to(a, (*self.batch_shape, a.shape[-1]))[index] for name, a in self._arrays.items()}
+        result = self.with_arrays(arrays)
+        result.batch_shape = np.shape(np.broadcast_to(0.0, self.batch_shape)[index])
         return result
 
     def __repr__(self) -> str:

@@ -1,5 +1,6 @@
 """The boundary problem: all that a solver sees of an assembly."""
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -50,6 +51,7 @@ class BoundaryProblem(ABC):
 
     Attributes:
         unknown_count: Unknowns ``n`` of an instance, and residuals.
+        batch_shape: Leading axes of the instances.
         instance_count: Instances.
         device: Where the arrays live.
         blocks: The unknowns and residuals of each rod.
@@ -71,7 +73,7 @@ class BoundaryProblem(ABC):
         self,
         *,
         unknown_count: int,
-        instance_count: int,
+        batch_shape: tuple[int, ...],
         input_count: int,
         blocks: Sequence[Block],
         direction_count: int = 0,
@@ -79,14 +81,15 @@ class BoundaryProblem(ABC):
         device: str = "cpu",
     ) -> None:
         self.unknown_count = n = unknown_count
-        self.instance_count = count = instance_count
+        self.batch_shape = batch_shape
+        self.instance_count = count = math.prod(batch_shape)
         self.input_count = input_count
         self.direction_count = direction_count
         self.pose_sensitivities = pose_sensitivities
         self.device = device
         self.blocks = tuple(blocks)
         # One record an instance holds all that a sample of a time series keeps, so that keeping it is one copy.
-        sizes = {"unknowns": n, "residual": n, "gamma": n * n, "position": 3, "rotation": 9}
+        sizes = {"unknowns": n, "residual": n, "gamma": n * n, "position": 3, "rotation": 9, "inputs": input_count}
         self.record_fields: dict[str, slice] = {}
         offset = 0
         for name, size in sizes.items():
@@ -102,7 +105,9 @@ class BoundaryProblem(ABC):
         self.fault: Any = wp.zeros(count, dtype=wp.int32, device=device)
         self.step_count: Any = wp.zeros(count, dtype=wp.int32, device=device)
         self.load_factor: Any = wp.ones(count, dtype=wp.float64, device=device)
-        self.inputs: Any = wp.zeros((count, input_count), dtype=wp.float64, device=device)
+        self.inputs = self._field("inputs", (input_count,))
+        # On the CPU, NumPy and the kernels share memory.
+        self._host: FloatArray | None = self.records.numpy() if wp.get_device(device).is_cpu else None
         self.directions: Any = wp.zeros((count, max(direction_count, 1), input_count), dtype=wp.float64, device=device)
         self.residual_directions: Any = wp.zeros((count, n, max(direction_count, 1)), dtype=wp.float64, device=device)
         columns = n + direction_count if pose_sensitivities else 1
@@ -127,13 +132,24 @@ class BoundaryProblem(ABC):
     def integrate(self) -> None:
         """Evaluate residual, ``Gamma`` and the end effector's pose of the active instances: one integration per rod."""
 
-    @abstractmethod
-    def set_inputs(self, inputs: Inputs) -> None:
-        """Take new inputs of the same batch shape.
+    def takes(self, name: str) -> bool:
+        """Whether the terms of an input are compiled into this problem."""
+        return True
+
+    def pack(self, inputs: Inputs) -> FloatArray:
+        """Rows of ``inputs``, shape (instance_count, input_count), for ``write("inputs", ...)``.
 
         Raises:
-            ValueError: If the inputs need terms that were not compiled into this problem.
+            ValueError: If an input that is not zero has no terms in this problem.
         """
+        missing = sorted(name for name in inputs.given if inputs.is_active(name) and not self.takes(name))
+        if missing:
+            raise ValueError(f"the problem was made without {', '.join(missing)}: name them in enabled, or make a new problem")
+        packed = np.zeros((*self.batch_shape, self.input_count))
+        for name in inputs.given:
+            if name not in inputs.profiles:
+                packed[..., self.input_slice(name)] = getattr(inputs, name)
+        return packed.reshape(self.instance_count, self.input_count)
 
     @abstractmethod
     def input_slice(self, name: str) -> slice:
@@ -152,7 +168,7 @@ class BoundaryProblem(ABC):
 
     def evaluate(self, unknowns: FloatArray) -> tuple[FloatArray, FloatArray]:
         """``(eps, Gamma)`` at ``unknowns`` (instance_count, n), as new NumPy arrays; NaN where the integration failed."""
-        self.unknowns.assign(np.ascontiguousarray(unknowns, dtype=np.float64))
+        self.write("unknowns", unknowns)
         self.integrate()
         residual, gamma = self.read("residual"), self.read("gamma").reshape(self.instance_count, self.unknown_count, -1)
         failed = self.fault.numpy() != 0
@@ -161,5 +177,23 @@ class BoundaryProblem(ABC):
         return residual, gamma
 
     def read(self, name: str) -> FloatArray:
-        """A copy of one field of the records: ``unknowns``, ``residual``, ``gamma``, ``position`` or ``rotation``."""
-        return np.array(self.records.numpy()[:, self.record_fields[name]])
+        """A copy of one field of the records, shape (instance_count, size): ``unknowns``, ``residual``, ``gamma``,
+        ``position``, ``rotation`` or ``inputs``.
+        """
+        return np.array((self.records.numpy() if self._host is None else self._host)[:, self.record_fields[name]])
+
+    def write(self, name: str, values: FloatArray) -> None:
+        """Set one field of the records from an array that broadcasts to (instance_count, size)."""
+        if self._host is not None:
+            self._host[:, self.record_fields[name]] = values
+        else:
+            target = getattr(self, name)
+            target.assign(np.ascontiguousarray(np.broadcast_to(values, target.shape), dtype=np.float64))
+
+    def snapshot(self) -> FloatArray:
+        """A copy of the records, shape (instance_count, record size)."""
+        return self._host.copy() if self._host is not None else np.array(self.records.numpy())
+
+    def input_view(self) -> FloatArray | None:
+        """The inputs as NumPy sees them in place, where the device allows it: what is written there needs no upload."""
+        return None if self._host is None else self._host[:, self.record_fields["inputs"]]

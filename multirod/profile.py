@@ -25,10 +25,12 @@ class Profile:
         ends: Arclength at which each piece ends [m], shape (piece_count,).
         coefficients: Monomial coefficients of each piece, lowest first, in its own coordinate from -1 to 1,
             shape (piece_count, DEGREE + 1, width).
+        function: The function itself.
     """
 
     ends: FloatArray
     coefficients: FloatArray
+    function: Callable[[float], Any]
 
     def __call__(self, s: float) -> FloatArray:
         """Value at arclength ``s``; past either end, the nearest polynomial."""
@@ -45,8 +47,10 @@ def fit(field: str, function: Callable[[float], Any], length: float, width: int 
         ValueError: If a value is not finite or not of that width; the message names ``field`` and the arclength.
     """
 
+    source = function.function if isinstance(function, Profile) else function
+
     def sample(s: float) -> FloatArray:
-        value = np.asarray(function(float(s)), dtype=np.float64)
+        value = np.asarray(source(float(s)), dtype=np.float64)
         if value.shape != (width,) or not np.isfinite(value).all():
             refuse(f"{field}({s:g})", value.tolist(), f"must be {width} finite numbers")
         return value
@@ -71,4 +75,4 @@ def fit(field: str, function: Callable[[float], Any], length: float, width: int 
     padded = np.zeros((len(ends), DEGREE + 1, width))
     for piece, values in enumerate(coefficients):
         padded[piece, : len(values)] = values
-    return Profile(np.array(ends), padded)
+    return Profile(np.array(ends), padded, source)

@@ -1,5 +1,6 @@
 """Solving one set of inputs, a motion, or one sample at a time."""
 
+from math import inf
 from time import perf_counter
 from typing import Any
 
@@ -8,7 +9,7 @@ import numpy as np
 from multirod.assembly import Assembly
 from multirod.inputs import Inputs
 from multirod.problem import BoundaryProblem
-from multirod.solution import History, Solution
+from multirod.solution import History, Scene, Solution
 from multirod.solver import Outcome, Solver
 from multirod.solvers.shooting import Shooting
 from multirod.validation import FloatArray, array, positive_float, refuse, unknown_names
@@ -67,31 +68,16 @@ def solve(robot: Assembly, inputs: Inputs | None = None, *, solver: Solver | Non
     problem = robot.problem(inputs, device=device, **_needs(method))
     outcome = method.solve(problem, _guess(guess, problem))
     batch_shape = np.broadcast_shapes(inputs.batch_shape, robot.batch_shape)
-    return _solution(robot, inputs, batch_shape, problem, outcome, method, device)
+    return Solution(_scene(robot, method, problem, inputs, batch_shape), problem.snapshot(), outcome, inputs)
 
 
-def _solution(
-    robot: Assembly,
-    inputs: Inputs,
-    batch_shape: tuple[int, ...],
-    problem: BoundaryProblem,
-    outcome: Outcome,
-    solver: Solver,
-    device: str,
-) -> Solution:
-    return Solution(
-        robot,
-        inputs,
-        batch_shape,
-        integrator=solver.integrator,
-        device=device,
-        records=np.array(problem.records.numpy()),
-        fields=problem.record_fields,
-        status=outcome.status,
-        iterations=outcome.iterations,
-        integrations=outcome.integrations,
-        residual=outcome.residual,
-    )
+def _scene(robot: Assembly, solver: Solver, problem: BoundaryProblem, inputs: Inputs, batch_shape: tuple[int, ...]) -> Scene:
+    names = [name for name in inputs.given if name not in inputs.profiles]
+
+    def unpack(rows: FloatArray) -> Inputs:
+        return inputs.with_arrays({name: rows[:, problem.input_slice(name)].reshape(*batch_shape, -1) for name in names})
+
+    return Scene(robot, batch_shape, solver.integrator, problem.device, problem.record_fields, unpack)
 
 
 def simulate(
@@ -136,39 +122,41 @@ def simulate(
     active = [name for name in inputs.given if inputs.is_active(name)]
     dt = float(steps.mean()) if len(steps) else 1.0
     runner = _Runner(robot, method, first, dt, device, active, guess)
-    records = np.empty((count, *runner.problem.records.shape))
-    counts = np.empty((4, count, runner.problem.instance_count))
+    problem = runner.problem
+    records = np.empty((count, *problem.records.shape))
+    outcomes = []
     step_time = np.empty(count)
-    moving = inputs.batch_shape and inputs.batch_shape[0] == count and count > 1
-    packed = np.stack([runner.problem.pack(inputs[k]) for k in range(count)]) if moving else None
+    moving = bool(inputs.batch_shape) and inputs.batch_shape[0] == count and count > 1
+    packed = np.stack([problem.pack(inputs[k]) for k in range(count)]) if moving else None
     for k in range(count):
         start = perf_counter()
         if packed is not None:
-            runner.problem.inputs.assign(packed[k])
-        outcome = runner.track.step()
+            problem.write("inputs", packed[k])
+        outcomes.append(runner.track.step())
         step_time[k] = perf_counter() - start
-        records[k] = runner.problem.records.numpy()
-        counts[:3, k] = outcome.status, outcome.iterations, outcome.integrations
-        counts[3, k] = np.nan if outcome.residual is None else outcome.residual
+        records[k] = problem.snapshot()
         if progress is not None:
             progress(k + 1)
-    total = (count, *batch_shape)
-    residual = counts[3].reshape(-1)
+    inputs = _with_time(inputs, count)
     return History(
-        robot,
-        _with_time(inputs, count),
-        total,
-        integrator=method.integrator,
-        device=device,
-        records=records.reshape(-1, records.shape[-1]),
-        fields=runner.problem.record_fields,
-        status=counts[0].astype(np.int32).reshape(-1),
-        iterations=counts[1].astype(np.int32).reshape(-1),
-        integrations=counts[2].astype(np.int32).reshape(-1),
-        residual=None if np.isnan(residual).all() else residual,
+        _scene(robot, method, problem, inputs, (count, *batch_shape)),
+        records.reshape(-1, records.shape[-1]),
+        _joined(outcomes),
+        inputs,
         time=time,
         step_time=step_time,
         description=repr(method),
+    )
+
+
+def _joined(outcomes: list[Outcome]) -> Outcome:
+    """Outcomes of successive samples as one, samples first."""
+    residuals = [outcome.residual for outcome in outcomes if outcome.residual is not None]
+    return Outcome(
+        np.concatenate([outcome.status for outcome in outcomes]),
+        np.concatenate([outcome.iterations for outcome in outcomes]),
+        np.concatenate([outcome.integrations for outcome in outcomes]),
+        np.concatenate(residuals) if len(residuals) == len(outcomes) else None,
     )
 
 
@@ -179,13 +167,16 @@ def _with_time(inputs: Inputs, count: int) -> Inputs:
     return inputs[np.zeros(count, dtype=int)] if inputs.batch_shape else inputs[np.newaxis][np.zeros(count, dtype=int)]
 
 
+_PLAIN_NUMBERS = (float, int, np.float64)
+
+
 class _Runner:
     """A problem and the solver's track on it."""
 
     def __init__(
         self, robot: Assembly, solver: Solver, inputs: Inputs, dt: float, device: str, enabled: Any, guess: Any
     ) -> None:
-        self.problem = robot.problem(inputs, device=device, enabled=tuple(enabled), **_needs(solver))
+        self.problem: Any = robot.problem(inputs, device=device, enabled=tuple(enabled), **_needs(solver))
         reasons = solver.unsupported(self.problem)
         if reasons:
             raise ValueError(f"{type(solver).__name__} cannot take this problem: " + "; ".join(reasons))
@@ -227,19 +218,38 @@ class Tracker:
         self._device = device
         self._inputs = robot.inputs() if inputs is None else inputs
         self._enabled: set[str] = set()
+        self._started = guess is not None
         self._prepare(guess)
 
     def _prepare(self, guess: Any) -> None:
-        self._enabled |= {name for name in self._inputs.given if self._inputs.is_active(name)}
-        runner = _Runner(self._robot, self._solver, self._inputs, self._dt, self._device, self._enabled, guess)
-        self._problem: Any = runner.problem
-        self._track = runner.track
-        self._batch_shape = np.broadcast_shapes(self._inputs.batch_shape, self._robot.batch_shape)
+        inputs = self._inputs
+        self._enabled |= {name for name in inputs.given if inputs.is_active(name)}
+        runner = _Runner(self._robot, self._solver, inputs, self._dt, self._device, self._enabled, guess)
+        self._problem, self._track = runner.problem, runner.track
+        self._batch_shape = np.broadcast_shapes(inputs.batch_shape, self._robot.batch_shape)
+        self._rebind()
+
+    def _rebind(self) -> None:
+        """Make the checked inputs those that changes by name start from."""
+        problem, inputs = self._problem, self._inputs
+        self._scene = _scene(self._robot, self._solver, problem, inputs, self._batch_shape)
+        self._vectors: dict[str, Any] = {}
+        self._numbers: dict[str, Any] = {}
+        view = problem.input_view()
+        if view is None or self._batch_shape:
+            return
+        for spec in self._robot.input_specs:
+            if spec.name in inputs.given and spec.name not in inputs.profiles and problem.takes(spec.name):
+                row = view[0, problem.input_slice(spec.name)]
+                if not spec.per_rod:
+                    self._vectors[spec.name] = row
+                elif len(row) == 1 and not inputs.profiles:
+                    self._numbers[spec.name] = (row, *self._robot.bounds(spec.name))
 
     @property
     def inputs(self) -> Inputs:
         """The present inputs."""
-        return self._inputs
+        return self._scene.unpack(self._problem.read("inputs"))
 
     def step(self, inputs: Inputs | None = None, **changes: Any) -> Solution:
         """Solve the next sample.
@@ -255,22 +265,56 @@ class Tracker:
             TypeError: If a name is not an input of the robot, or both forms are used.
             ValueError: If a value is out of range, not finite, or changes the batch shape.
         """
+        if inputs is not None or not self._write(changes):
+            self._apply(inputs, changes)
+        outcome = self._track.step()
+        self._started = True
+        return Solution(self._scene, self._problem.snapshot(), outcome)
+
+    def _write(self, changes: dict[str, Any]) -> bool:
+        """Write finite numbers straight into the kernel's inputs; False where a change needs to be checked or compiled in."""
+        staged = []
+        for name, value in changes.items():
+            row = self._vectors.get(name)
+            if row is not None:
+                if not isinstance(value, (tuple, list, np.ndarray)) or len(value) != 3:
+                    return False
+                x, y, z = value
+                total = x + y + z
+                low, high = -inf, inf
+            else:
+                row, low, high = self._numbers.get(name, (None, 0.0, 0.0))
+                total = value
+            # not a plain number, NaN, infinite or out of range: the checked path says so
+            if type(total) not in _PLAIN_NUMBERS or not low < total < high:
+                return False
+            staged.append((row, value))
+        for row, value in staged:
+            row[:] = value
+        return True
+
+    def _apply(self, inputs: Inputs | None, changes: dict[str, Any]) -> None:
+        """Check new inputs, and compile in what they need."""
         if inputs is not None:
             if changes:
                 raise TypeError("Tracker.step takes inputs or named changes, not both")
             new = inputs
         else:
             unknown_names("Tracker.step()", changes, (spec.name for spec in self._robot.input_specs))
-            held = {name: getattr(self._inputs, name) for name in self._inputs.given}
+            present = self.inputs
+            held: dict[str, Any] = {name: getattr(present, name) for name in present.given if name not in present.profiles}
+            held |= dict(present.profiles)
             new = self._robot.inputs(**{**held, **changes})
-        named = set(changes) | {name for name in new.given if new.is_active(name)}
         if np.broadcast_shapes(new.batch_shape, self._robot.batch_shape) != self._batch_shape:
             refuse("inputs", f"leading axes {new.batch_shape}", f"must be those at the start, {self._batch_shape}")
+        named = set(changes) | {name for name in new.given if new.is_active(name)}
+        known = self._inputs.profiles
+        same_profiles = new.profiles.keys() == known.keys() and all(new.profiles[name] is known[name] for name in known)
         self._inputs = new
-        if not all(self._problem.takes(name) for name in named):
-            self._enabled |= named
-            before = self._problem.read("unknowns")
-            self._prepare(before if before.any() else None)
-        self._problem.inputs.assign(self._problem.pack(new))
-        outcome = self._track.step()
-        return _solution(self._robot, new, self._batch_shape, self._problem, outcome, self._solver, self._device)
+        if same_profiles and all(self._problem.takes(name) for name in named):
+            self._problem.write("inputs", self._problem.pack(new))
+            self._rebind()
+            return
+        self._enabled |= named
+        self._prepare(self._problem.read("unknowns") if self._started else None)
+

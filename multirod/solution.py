@@ -1,5 +1,7 @@
 """Results: an equilibrium of each instance, or a time series of them."""
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +12,7 @@ from multirod.assembly import Assembly
 from multirod.inputs import Inputs
 from multirod.models.integrators import Integrator
 from multirod.problem import BoundaryProblem, Shape
+from multirod.solver import Outcome
 from multirod.status import Status
 from multirod.validation import FloatArray, positive_int, refuse
 
@@ -23,51 +26,62 @@ class SolveError(RuntimeError):
     """Raised by ``Solution.raise_if_failed`` where an instance has no result."""
 
 
+@dataclass(frozen=True)
+class Scene:
+    """What the samples of one problem have in common.
+
+    Attributes:
+        assembly: The robot.
+        batch_shape: Leading axes of the results.
+        integrator: Of the spatial equations.
+        device: Warp device.
+        fields: Where the fields of a record stand.
+        unpack: Inputs from the rows of the records.
+    """
+
+    assembly: Assembly
+    batch_shape: tuple[int, ...]
+    integrator: Integrator
+    device: str
+    fields: dict[str, slice]
+    unpack: Callable[[FloatArray], Inputs]
+
+
 class Solution:
     """Equilibria of all instances; every array has the batch's leading axes ``...``.
 
     An instance that failed has NaN in every array but ``status``, ``residual``, ``iterations`` and ``integrations``,
     which say how it ended. Shapes, energy and Jacobians are computed when they are first asked for.
-
-    Attributes:
-        assembly: The robot.
-        inputs: What was applied.
-        batch_shape: The leading axes.
     """
 
-    def __init__(
-        self,
-        assembly: Assembly,
-        inputs: Inputs,
-        batch_shape: tuple[int, ...],
-        *,
-        integrator: Integrator,
-        device: str,
-        records: FloatArray,
-        fields: dict[str, slice],
-        status: NDArray[np.int32],
-        iterations: NDArray[np.int32],
-        integrations: NDArray[np.int32],
-        residual: FloatArray | None = None,
-    ) -> None:
-        self.assembly = assembly
-        self.inputs = inputs
-        self.batch_shape = batch_shape
-        self._integrator = integrator
-        self._device = device
+    def __init__(self, scene: "Scene", records: FloatArray, outcome: Outcome, inputs: Inputs | None = None) -> None:
+        self._scene = scene
         self._records = records
-        self._fields = fields
-        self._status = status
-        self._iterations = iterations
-        self._integrations = integrations
-        self._residual = residual
-        self._shapes: dict[int, tuple[tuple[Shape, ...], FloatArray]] = {}
+        self._outcome = outcome
+        self._inputs = inputs
+
+    @property
+    def assembly(self) -> Assembly:
+        """The robot."""
+        return self._scene.assembly
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:
+        """The leading axes."""
+        return self._scene.batch_shape
+
+    @cached_property
+    def inputs(self) -> Inputs:
+        """What was applied."""
+        if self._inputs is not None:
+            return self._inputs
+        return self._scene.unpack(self._records[:, self._scene.fields["inputs"]])
 
     def _shaped(self, values: Any, tail: tuple[int, ...] = ()) -> Any:
         return np.reshape(values, (*self.batch_shape, *tail))
 
     def _failed(self) -> NDArray[np.bool_]:
-        return np.array([Status(value).failed for value in self._status.reshape(-1)])
+        return np.array([Status(value).failed for value in self._outcome.status.reshape(-1)])
 
     def _masked(self, values: FloatArray, tail: tuple[int, ...]) -> FloatArray:
         failed = self._failed()
@@ -77,31 +91,31 @@ class Solution:
         return np.reshape(values, (*self.batch_shape, *tail))
 
     def _record(self, name: str, tail: tuple[int, ...]) -> FloatArray:
-        return self._masked(self._records[:, self._fields[name]], tail)
+        return self._masked(self._records[:, self._scene.fields[name]], tail)
 
     @cached_property
     def status(self) -> Any:
         """``Status`` of each instance; a ``Status`` where there are no leading axes."""
         if not self.batch_shape:
-            return Status(int(self._status.reshape(-1)[0]))
-        return self._shaped(self._status)
+            return Status(int(self._outcome.status.reshape(-1)[0]))
+        return self._shaped(self._outcome.status)
 
     @cached_property
     def iterations(self) -> Any:
         """Iterations, shape (...)."""
-        return self._shaped(self._iterations)
+        return self._shaped(self._outcome.iterations)
 
     @cached_property
     def integrations(self) -> Any:
         """Initial value problems integrated, per rod, shape (...)."""
-        return self._shaped(self._integrations)
+        return self._shaped(self._outcome.integrations)
 
     @cached_property
     def residual(self) -> FloatArray:
         """What the solver drove to zero, max norm [1/m], shape (...)."""
-        if self._residual is not None:
-            return np.asarray(self._shaped(self._residual))
-        return np.asarray(self._shaped(np.abs(self._records[:, self._fields["residual"]]).max(axis=1)))
+        if self._outcome.residual is not None:
+            return np.asarray(self._shaped(self._outcome.residual))
+        return np.asarray(self._shaped(np.abs(self._records[:, self._scene.fields["residual"]]).max(axis=1)))
 
     @cached_property
     def boundary_residual(self) -> FloatArray:
@@ -111,7 +125,7 @@ class Solution:
     @property
     def unknown_count(self) -> int:
         """Unknowns of an instance."""
-        field = self._fields["unknowns"]
+        field = self._scene.fields["unknowns"]
         return field.stop - field.start
 
     @cached_property
@@ -168,7 +182,7 @@ class Solution:
 
     @property
     def _default_node_count(self) -> int:
-        steps = self._integrator.steps
+        steps = self._scene.integrator.steps
         return DEFAULT_NODE_COUNT if steps is None else steps + 1
 
     def rod(self, rod: int | str = 0, *, nodes: int | None = None) -> Shape:
@@ -235,33 +249,38 @@ class Solution:
         failed = self._failed()
         if failed.any():
             first = int(np.argmax(failed))
-            status = Status(int(self._status.reshape(-1)[first]))
+            status = Status(int(self._outcome.status.reshape(-1)[first]))
             where = "" if failed.size == 1 else f"{failed.sum()} of {failed.size} instances failed; the first is {first}: "
             raise SolveError(
-                f"{where}{status.name} after {self._iterations.reshape(-1)[first]} iterations, "
+                f"{where}{status.name} after {self._outcome.iterations.reshape(-1)[first]} iterations, "
                 f"residual {self.residual.reshape(-1)[first]:.3g} 1/m: {status.message}"
             )
         return self
 
     def _problem(self, **options: Any) -> BoundaryProblem:
         """A problem at these inputs and unknowns, at zero where an instance failed."""
-        problem = self.assembly.problem(self.inputs, integrator=self._integrator, device=self._device, **options)
+        problem = self.assembly.problem(
+            self.inputs, integrator=self._scene.integrator, device=self._scene.device, **options
+        )
         n = problem.unknown_count
-        unknowns = self._records[:, self._fields["unknowns"]]
+        unknowns = self._records[:, self._scene.fields["unknowns"]]
         if unknowns.shape[1] != n:  # a follower force asked about where none acts adds the base force to the unknowns
             raise ValueError("this derivative needs unknowns that the solution does not have: solve with that input enabled")
-        problem.unknowns.assign(np.ascontiguousarray(np.where(self._failed()[:, None], problem.guess(), unknowns)))
+        problem.write("unknowns", np.where(self._failed()[:, None], problem.guess(), unknowns))
         return problem
 
     def _shape_pass(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:
-        if node_count not in self._shapes:
-            self._shapes = {node_count: self._problem().shapes(node_count)}
-        return self._shapes[node_count]
+        kept: dict[int, Any] = self.__dict__.setdefault("_shapes", {})
+        if node_count not in kept:
+            kept.clear()
+            kept[node_count] = self._problem().shapes(node_count)
+        result: tuple[tuple[Shape, ...], FloatArray] = kept[node_count]
+        return result
 
     def __repr__(self) -> str:
         if not self.batch_shape:
             return f"{type(self).__name__}({self.status.name}, residual {float(self.residual):.2g} 1/m)"
-        names, counts = np.unique(self._status, return_counts=True)
+        names, counts = np.unique(self._outcome.status, return_counts=True)
         summary = ", ".join(f"{count} {Status(int(value)).name}" for value, count in zip(names, counts, strict=True))
         return f"{type(self).__name__}(batch {self.batch_shape}: {summary})"
 
@@ -275,8 +294,18 @@ class History(Solution):
         description: What was run, for tables and recordings.
     """
 
-    def __init__(self, *args: Any, time: FloatArray, step_time: FloatArray, description: str = "", **options: Any) -> None:
-        super().__init__(*args, **options)
+    def __init__(
+        self,
+        scene: "Scene",
+        records: FloatArray,
+        outcome: Outcome,
+        inputs: Inputs,
+        *,
+        time: FloatArray,
+        step_time: FloatArray,
+        description: str = "",
+    ) -> None:
+        super().__init__(scene, records, outcome, inputs)
         self.time = time
         self.step_time = step_time
         self.description = description

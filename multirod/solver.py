@@ -49,7 +49,7 @@ class Track(ABC):
 
     def start(self, unknowns: FloatArray) -> None:
         """Take ``unknowns`` (instance_count, n) as the first guess."""
-        self.problem.unknowns.assign(np.ascontiguousarray(unknowns, dtype=np.float64))
+        self.problem.write("unknowns", unknowns)
 
 
 class Solver(ABC):

@@ -163,6 +163,11 @@ class ObserverTrack(Track):
         self._previous: FloatArray | None = None
         self._change: FloatArray | None = None
         self._ones = np.ones(count, dtype=np.int32)
+        self._host: tuple[Any, Any, Any] | None = None
+        self._directions: FloatArray | None = None
+        if wp.get_device(device).is_cpu:
+            self._host = (state.following.numpy(), state.status.numpy(), state.size.numpy())
+            self._directions = problem.directions.numpy()
         self.start(problem.guess())
 
     def start(self, unknowns: FloatArray) -> None:
@@ -171,24 +176,30 @@ class ObserverTrack(Track):
 
     def step(self) -> Outcome:
         """One sample: integrate at the unknowns that the last sample led to, then update them for the next."""
-        problem = self.problem
-        wp.copy(problem.unknowns, self.state.following)
+        problem, state = self.problem, self.state
+        if self._host is not None:
+            problem.write("unknowns", self._host[0])
+        else:
+            wp.copy(problem.unknowns, state.following)
         if self.options.feed_forward:
             self._aim()
         problem.integrate()
         self._launch.launch()
-        return Outcome(np.array(self.state.status.numpy()), self._ones, self._ones, np.array(self.state.size.numpy()))
+        status, size = self._host[1:] if self._host is not None else (state.status.numpy(), state.size.numpy())
+        return Outcome(status.copy(), self._ones, self._ones, size.copy())
 
     def _aim(self) -> None:
         """Point the problem's direction along the change of the inputs expected by the next sample: the last two, extrapolated."""
-        inputs = np.array(self.problem.inputs.numpy())
-        expected = np.zeros_like(inputs)
+        inputs = self.problem.read("inputs")
         if self._previous is not None:
             change = inputs - self._previous
             expected = change if self._change is None else 2 * change - self._change
             self._change = change
+            if self._directions is not None:
+                self._directions[:, 0] = expected
+            else:
+                self.problem.directions.assign(expected[:, None])
         self._previous = inputs
-        self.problem.directions.assign(expected[:, None])
 
 
 def _matrix(value: Any, n: int) -> FloatArray:

@@ -10,7 +10,7 @@ import warp as wp
 from multirod.models.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome, Solver, Track
-from multirod.solvers.shooting_kernels import NewtonState, make_newton
+from multirod.solvers.shooting_kernels import NewtonState, make_newton, restart
 from multirod.status import Status
 from multirod.validation import FloatArray, boolean, choice, positive_float, positive_int
 
@@ -33,7 +33,7 @@ class Shooting(Solver):
         tolerance: Largest residual, max norm [1/m].
         integrator: Of the spatial equations.
         max_iterations: Newton iterations allowed, in each continuation step and in all of a warm start.
-        predictor: How a motion's next sample is guessed: from the last one (``"none"``), or by ``"linear"`` or
+        predictor: How a motion's next sample is guessed: from the last one (``"none"``), or by ``"linear"`` (default) or
             ``"quadratic"`` extrapolation in time.
         line_search: Whether steps that do not reduce the residual are halved.
         max_continuation_steps: Load steps allowed.
@@ -45,7 +45,7 @@ class Shooting(Solver):
     tolerance: float = 1e-9
     integrator: Integrator = field(default_factory=RK45)
     max_iterations: int = 30
-    predictor: str = "none"
+    predictor: str = "linear"
     line_search: bool = True
     max_continuation_steps: int = 1000
 
@@ -60,8 +60,8 @@ class Shooting(Solver):
     def _solve(self, problem: BoundaryProblem, guess: FloatArray | None) -> Outcome:
         newton = Newton(problem, self)
         if guess is not None:
-            problem.unknowns.assign(np.ascontiguousarray(guess, dtype=np.float64))
-            newton.run(np.ones(problem.instance_count, dtype=bool))
+            problem.write("unknowns", guess)
+            newton.run()
             return newton.outcome()
         return natural_branch(problem, newton, self)
 
@@ -90,37 +90,31 @@ class Newton:
         state.max_iterations = options.max_iterations
         state.line_search = int(options.line_search)
         state.max_contraction = np.inf
-        self._kernel = make_newton(n)
-        self._launch = self._record()
+        self._record()
         on_cpu = wp.get_device(device).is_cpu
         self._remaining = state.remaining.numpy() if on_cpu else None
+        self._counts = [state.status.numpy(), state.iterations.numpy(), state.integrations.numpy()] if on_cpu else None
 
-    def _record(self) -> Any:
-        problem = self.problem
-        return wp.launch(
-            self._kernel, dim=problem.instance_count, inputs=[self.state], device=problem.device, record_cmd=True
-        )
+    def _record(self) -> None:
+        count, device = self.problem.instance_count, self.problem.device
+        kernel = make_newton(self.problem.unknown_count)
+        self._launch = wp.launch(kernel, dim=count, inputs=[self.state], device=device, record_cmd=True)
+        self._reset = wp.launch(restart, dim=count, inputs=[self.state], device=device, record_cmd=True)
 
     def configure(self, *, tolerance: float, line_search: bool, max_contraction: float = np.inf) -> None:
         """Change options for the runs that follow."""
         self.state.tolerance = tolerance
         self.state.line_search = int(line_search)
         self.state.max_contraction = max_contraction
-        self._launch = self._record()
+        self._record()
 
-    def run(self, chosen: Any) -> None:
-        """Iterate the chosen instances (bool, (instance_count,)) from ``problem.unknowns`` to their ends."""
-        state = self.state
-        state.active.assign(np.asarray(chosen, dtype=np.int32))
-        self.restart()
+    def run(self, chosen: Any = None) -> None:
+        """Iterate the chosen instances (bool, (instance_count,); all by default) from ``problem.unknowns`` to their ends."""
+        self._reset.launch()
+        if chosen is not None:
+            self.state.active.assign(np.asarray(chosen, dtype=np.int32))
         while self.iterate():
             pass
-
-    def restart(self) -> None:
-        """Forget the iteration of all instances; counts of integrations go on."""
-        self.state.merit.fill_(-1.0)
-        self.state.contraction.fill_(0.0)
-        self.state.iterations.fill_(0)
 
     def iterate(self) -> int:
         """One integration of all active instances, and what follows from it; the number still active."""
@@ -135,7 +129,8 @@ class Newton:
     def outcome(self) -> Outcome:
         """Copies of the counts and statuses."""
         state = self.state
-        return Outcome(*(np.array(getattr(state, name).numpy()) for name in ("status", "iterations", "integrations")))
+        counts = self._counts or [state.status.numpy(), state.iterations.numpy(), state.integrations.numpy()]
+        return Outcome(*(count.copy() for count in counts))
 
 
 def natural_branch(problem: BoundaryProblem, newton: Newton, options: Shooting) -> Outcome:
@@ -157,7 +152,7 @@ def natural_branch(problem: BoundaryProblem, newton: Newton, options: Shooting) 
     # Gamma of the unloaded assembly
     problem.load_factor.zero_()
     problem.active.fill_(1)
-    problem.unknowns.assign(path.unknowns)
+    problem.write("unknowns", path.unknowns)
     problem.integrate()
     total.integrations += 1
     gamma = problem.read("gamma").reshape(count, n, n)
@@ -170,10 +165,11 @@ def natural_branch(problem: BoundaryProblem, newton: Newton, options: Shooting) 
             break
         goal = np.minimum(1.0, path.load + step)
         problem.load_factor.assign(np.where(running, goal, 1.0))
-        problem.unknowns.assign(path.extrapolate(goal))
+        problem.write("unknowns", path.extrapolate(goal))
         newton.run(running)
-        total.iterations += np.where(running, newton.state.iterations.numpy(), 0)
-        found = newton.state.status.numpy()
+        found, iterations, integrations = newton.state.status.numpy(), newton.state.iterations.numpy(), newton.state.integrations.numpy()
+        total.iterations += np.where(running, iterations, 0)
+        total.integrations += np.where(running, integrations, 0)
         trial = problem.read("gamma").reshape(count, n, n)
         kept = running & (found == Status.CONVERGED)
         kept[kept] = _same_branch(gamma[kept], trial[kept])
@@ -195,8 +191,7 @@ def natural_branch(problem: BoundaryProblem, newton: Newton, options: Shooting) 
             status[lost] = why[lost]
     status[status == Status.NOT_RUN] = Status.MAX_ITERATIONS
     problem.load_factor.fill_(1.0)
-    problem.unknowns.assign(path.unknowns)
-    total.integrations += newton.state.integrations.numpy()
+    problem.write("unknowns", path.unknowns)
     newton.configure(tolerance=options.tolerance, line_search=options.line_search)
     return total
 
@@ -277,14 +272,9 @@ class NewtonTrack(Track):
             guess = 2 * past[0] - past[1]
         else:
             guess = past[0]
-        newton = self.newton
-        newton.state.integrations.fill_(0)
-        self.problem.unknowns.assign(guess)
-        self.problem.active.fill_(1)
-        newton.restart()
-        while newton.iterate():
-            pass
-        return self._keep(newton.outcome())
+        self.problem.write("unknowns", guess)
+        self.newton.run()
+        return self._keep(self.newton.outcome())
 
     def _keep(self, outcome: Outcome) -> Outcome:
         found = self.problem.read("unknowns")

@@ -37,6 +37,18 @@ class NewtonState:
     max_contraction: wp.float64  # an instance that contracts more slowly stops: it may be leaving its branch
 
 
+@wp.kernel(module="unique", enable_backward=False)
+def restart(state: NewtonState):
+    """Make every instance active, its iteration not begun."""
+    t = wp.tid()
+    state.active[t] = 1
+    state.status[t] = 0
+    state.iterations[t] = 0
+    state.integrations[t] = 0
+    state.merit[t] = wp.float64(-1.0)
+    state.contraction[t] = wp.float64(0.0)
+
+
 @lru_cache(maxsize=None)
 def make_newton(n: int):
     """Kernel that takes each active instance from an integration to its next trial, or to its end."""
