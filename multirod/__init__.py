@@ -30,6 +30,7 @@ from multirod.simulation import Tracker, simulate, solve
 from multirod.solution import History, Solution, SolveError
 from multirod.solver import Outcome, Solver, Track, registered_solvers
 from multirod.solvers.observer import Observer
+from multirod.solvers.scipy_shooting import ScipyShooting
 from multirod.solvers.shooting import Shooting
 from multirod.status import Status
 
@@ -51,6 +52,7 @@ __all__ = [
     "Observer",
     "Outcome",
     "Rod",
+    "ScipyShooting",
     "Section",
     "Shape",
     "Shooting",

@@ -1,0 +1,74 @@
+"""Fixtures that several test files share."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import multirod as mr
+
+DATA = Path(__file__).parent / "data"
+CASE_FIXTURES = {"single_rod_case": "single_rod", "tube_case": "concentric_tubes"}
+
+
+def load_cases(model: str) -> list[dict]:
+    """Stored reference cases of one model, in order of their names."""
+    cases = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(DATA.glob("*.json"))]
+    return [case for case in cases if case["model"] == model]
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """A test that takes one of ``CASE_FIXTURES`` runs once for each reference case of that model."""
+    for fixture, model in CASE_FIXTURES.items():
+        if fixture in metafunc.fixturenames:
+            cases = load_cases(model)
+            metafunc.parametrize(fixture, cases, ids=[case["id"] for case in cases])
+
+
+@pytest.fixture
+def reference_cases() -> Callable[[str], list[dict]]:
+    return load_cases
+
+
+@pytest.fixture
+def wire() -> mr.Rod:
+    """The wire of the paper's single-rod example."""
+    return mr.Rod(length=0.4, bending_stiffness=0.223349, torsional_stiffness=0.063814, precurvature=(14, 5, 0))
+
+
+def rodrigues(vector: np.ndarray) -> np.ndarray:
+    """Rotation matrix of a rotation vector."""
+    angle = np.linalg.norm(vector)
+    if angle == 0:
+        return np.eye(3)
+    x, y, z = np.asarray(vector) / angle
+    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
+
+
+@pytest.fixture
+def make_pose() -> Callable[..., np.ndarray]:
+    """Pose (4, 4) from a rotation vector (or a rotation matrix) and a position."""
+
+    def make(rotation: object = (0, 0, 0), position: object = (0, 0, 0)) -> np.ndarray:
+        result = np.eye(4)
+        rotation = np.asarray(rotation, dtype=float)
+        result[:3, :3] = rotation if rotation.shape == (3, 3) else rodrigues(rotation)
+        result[:3, 3] = position
+        return result
+
+    return make
+
+
+@pytest.fixture
+def difference() -> Callable[..., np.ndarray]:
+    """Derivative of ``f(t)`` at 0 by central differences at h, h/2, h/4, extrapolated twice: error O(h^6)."""
+
+    def derivative(f: Callable[[float], np.ndarray], h: float) -> np.ndarray:
+        a, b, c = ((np.asarray(f(t)) - np.asarray(f(-t))) / (2 * t) for t in (h, h / 2, h / 4))
+        ab, bc = (4 * b - a) / 3, (4 * c - b) / 3
+        return (16 * bc - ab) / 15
+
+    return derivative
