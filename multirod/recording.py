@@ -646,38 +646,28 @@ class _Writer:
 
     def _describe(self, title: str, solver: str, total: int, has_reference: bool) -> str:
         scale = float(self._force_scale or 1.0)
-        lines = [f"### {title}", "", f"**Robot** `{self._assembly!r}`", ""]
-        if solver:
-            lines += [f"**Solver** `{solver}`", ""]
-        if total > self._count:
-            lines += [f"**Batch** the first {self._count} of {total} instances", ""]
+        lines = [f"### {title}", "", f"**Robot** `{self._assembly!r}`  "]
+        lines += [f"**Solver** `{solver}`  "] if solver else []
+        lines += [f"**Batch** the first {self._count} of {total} instances  "] if total > self._count else []
         lines += [
+            f"**Shape** grid {1e3 * self._grid:g} mm; frames x red, y green, z blue at base and tip; white: path of the tip up to "
+            "the cursor" + ("; grey: the reference" if has_reference else "") + "  ",
+            f"**Arrows** 1 N is {1e3 * scale:g} mm; yellow `tip_force`, orange `follower_force`",
+            "",
             "| rod | length [m] | bending stiffness [N m^2] | torsional stiffness [N m^2] | drawn diameter [mm] |",
             "|---|---|---|---|---|",
         ]
         for index, rod in enumerate(self._assembly.rods[:24]):
             bending = _span([section.bending_stiffness for section in rod.sections])
             torsion = _span([section.torsional_stiffness for section in rod.sections])
-            note = "" if rod.outer_diameter is not None else " (not given)"
-            lines.append(
-                f"| {self._rod_names[index]} | {_span([rod.length])} | {bending} | {torsion} | {2e3 * self._radii[index]:.3g}{note} |"
-            )
+            drawn = f"{2e3 * self._radii[index]:.3g}" + ("" if rod.outer_diameter is not None else " (not given)")
+            lines.append(f"| {self._rod_names[index]} | {_span([rod.length])} | {bending} | {torsion} | {drawn} |")
         lines += [
             "",
-            f"**Shape** SI units; grid {1e3 * self._grid:g} mm. Axes red x, green y, blue z, at the base and at the tip. "
-            "White: path of the tip up to the cursor." + (" Grey: the reference." if has_reference else ""),
-            "",
-            f"**Arrows** 1 N is {1e3 * scale:g} mm; yellow `tip_force`, orange `follower_force`.",
-            "",
-            "**Plots** boundary error: what the solver drives to zero [1/m]. "
+            "**Plots** Vectors: x red, y green, z blue. Boundary error: what the solver drives to zero [1/m]. "
             + ("Tip error: distance from the reference's tip [mm]. " if has_reference else "")
-            + "Conditioning: of the scaled Jacobian Gamma; its smallest singular value vanishes at a fold. "
-            "Curvature: along the arclength s at the cursor, "
-            + (
-                "red, green, blue for u_x, u_y, u_z in the body frame."
-                if self._by_component
-                else "magnitude of bending, coloured as the rods."
-            ),
+            + "Gamma: the scaled Jacobian; its smallest singular value vanishes at a fold. Curvature: at the cursor, "
+            + ("in the body frame." if self._by_component else "magnitude of bending, coloured as the rods."),
             "",
             "**Status** of each sample; a failed one has no shape and gaps in the plots.",
         ]
@@ -697,7 +687,7 @@ class _Writer:
         paths = [self._world(f"{kind}tip_path", k) for kind in ("", "reference/") for k in range(self._count)]
         center = 0.5 * (self._low + self._high)
         direction = np.array([0.75, -1.0, 0.6])
-        eye = center + 0.85 * self._size * direction / np.linalg.norm(direction)
+        eye = center + 0.7 * self._size * direction / np.linalg.norm(direction)
         scene = rrb.Spatial3DView(
             origin="/world",
             name="Shape",
@@ -719,14 +709,14 @@ class _Writer:
             return rrb.Tabs(*views, active_tab=0) if len(views) > 1 else views[0]
 
         w, h = _PLOT_WIDTH, 0.5 * _PLOT_HEIGHT
-        bounds = rrb.VisualBounds2D(x_range=(-0.1 * w, 1.12 * w), y_range=(-1.15 * h, 1.15 * h))
+        bounds = rrb.VisualBounds2D(x_range=(-0.1 * w, 1.12 * w), y_range=(-1.35 * h, 1.35 * h))
         components = "u_x red, u_y green, u_z blue" if self._by_component else "bending, magnitude"
         curvature = rrb.Spatial2DView(
             origin="/curvature", name=f"Curvature along the arclength [1/m]: {components}", visual_bounds=bounds
         )
         boundary = tabs(plot("Boundary error, log10 [1/m]", "error/boundary_log10"), plot("linear", "error/boundary"))
         conditioning = plot(
-            "Condition number log10 (violet), smallest singular value (teal)",
+            "Gamma: log10 cond violet, \u03c3_min teal",
             "conditioning/condition_log10",
             "conditioning/smallest_singular_value",
         )
@@ -736,7 +726,10 @@ class _Writer:
         given = [spec for spec in self._assembly.input_specs if spec.name in block.inputs.given]
         given = [spec for spec in given if block.inputs.profile(spec.name) is None]
         given.sort(key=lambda spec: spec.name not in _LOADS)
-        actuation = [plot(f"{spec.name} [{spec.unit}]", f"inputs/{spec.name}", legend=True) for spec in given]
+        actuation = [
+            plot(f"{spec.name} [{spec.unit}]", f"inputs/{spec.name}", legend=spec.per_rod and len(self._radii) > 1)
+            for spec in given
+        ]
         text = rrb.TextDocumentView(origin="/description", name="Description")
         if has_reference:
             tip = tabs(plot("Tip error, log10 [mm]", "error/tip_mm_log10"), plot("linear", "error/tip_mm"))
@@ -744,7 +737,7 @@ class _Writer:
         else:
             fourth = [tabs(*actuation)] if actuation else []
             rows = [text, rrb.Horizontal(boundary, conditioning), rrb.Horizontal(effort, *fourth), curvature]
-        right = rrb.Vertical(*rows, row_shares=[4, 3, 3, 2.7])
+        right = rrb.Vertical(*rows, row_shares=[4.6, 3, 3, 2.7])
         lane = rrb.StateTimelineView(origin="/status", name="Status of each sample")
         return rrb.Blueprint(
             rrb.Vertical(rrb.Horizontal(scene, right, column_shares=[1, 1]), lane, row_shares=[6, 0.75 + 0.25 * self._count]),
