@@ -21,6 +21,7 @@ from multirod.recording import save
 from multirod.solution import History
 from multirod.status import Status
 
+_FULL_WIDTH = 96
 _PAPER_TABLE_II = "paper, Table II: observer 0.0241 / 0.0537, interior point 0.0055 / 0.0053, quasi-Newton 0.0087 / 0.0065, Nelder-Mead 0.0101 / 0.1034"
 
 
@@ -65,6 +66,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     wp.config.log_level = wp.LOG_ERROR
     console = Console(highlight=False)
+    if not console.is_terminal:
+        console.width = _FULL_WIDTH
     try:
         return demo(options, console)
     except BrokenPipeError:
@@ -92,7 +95,7 @@ def demo(options: argparse.Namespace, console: Console) -> int:
             part = study.first(min(len(study.time), options.slow_samples)) if name in SLOW else study
             histories[name] = _run(progress, name, part, solvers[name])
     rows = {name: [compare(history, reference)] for name, history in histories.items()}
-    console.print(_table(rows, "The paper's experiment"))
+    console.print(_table(rows, "The paper's experiment", console.width))
     settled = min(experiment.SETTLING_TIME, options.time / 2)
     console.print(
         f"Errors from {settled:g} s on; tip error against the converged solution (Newton, 1e-9, integrated to 1e-11). The paper's "
@@ -146,11 +149,12 @@ def _further(console: Console, options: argparse.Namespace, chosen: Sequence[str
                 run = part if name in SLOW else study
                 rows[name].append(compare(experiment.simulate(run.robot, run.inputs, time=run.time, solver=solvers[name]), reference))
             progress.advance(task)
-    console.print(_table(rows, f"{len(motions)} further simulations (other rods and rates, seed 2021)"))
+    console.print(_table(rows, f"{len(motions)} further simulations (other rods and rates, seed 2021)", console.width))
     console.print(_PAPER_TABLE_II + " (mean / sd of the boundary error, 1/m; its rods and rates are not given).", style="dim")
 
 
-def _table(rows: dict[str, list[Comparison]], title: str) -> Table:
+def _table(rows: dict[str, list[Comparison]], title: str, width: int) -> Table:
+    join = " " if width >= _FULL_WIDTH else "\n"
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
     table.add_column("solver", no_wrap=True)
     for header in ("samples", "boundary error\n[1/m]\nmean ± sd", "tip error\n[mm]\nmean, max", "time [µs]\nmedian\n± quartile"):
@@ -167,9 +171,9 @@ def _table(rows: dict[str, list[Comparison]], title: str) -> Table:
         table.add_row(
             name,
             f"{samples}" + (f" ({failed} failed)" if failed else ""),
-            f"{_digits(boundary[0])} ± {_digits(boundary[1])}",
-            f"{_digits(tip[0])}, {_digits(tip[1])}",
-            f"{median:.0f} ± {_digits((high - low) / 2)}",
+            f"{_digits(boundary[0])}{join}± {_digits(boundary[1])}",
+            f"{_digits(tip[0])},{join}{_digits(tip[1])}",
+            f"{median:.0f}{join}± {_digits((high - low) / 2)}",
             f"{np.mean([row.integrations for row in several]):.1f}",
             _digits(median * 1e-6 / base_time),
         )

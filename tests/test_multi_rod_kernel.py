@@ -4,7 +4,6 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-import pytest
 from scipy.integrate import solve_ivp
 
 import multirod as mr
@@ -220,7 +219,9 @@ def test_columns_are_derivatives(difference):
 
     def check(columns, residual, pose, f, h, name):
         slope, motion = rates(difference, f, h)
-        assert np.abs(residual - slope).max() < 1e-8 * max(np.abs(slope).max(), 1e-3), f"residual by {name}: {residual}, not {slope}"
+        assert np.abs(residual - slope).max() < 1e-8 * max(np.abs(slope).max(), 1e-3), (
+            f"residual by {name}: {residual}, not {slope}"
+        )
         assert np.abs(pose - motion).max() < 1e-8 * max(np.abs(motion).max(), 1e-3), f"pose by {name}: {pose}, not {motion}"
 
     _, gamma = problem.evaluate(X[None])

@@ -42,6 +42,7 @@ TIP = {"tip_force": (0.4, -0.3, 0.5)}
 TURNED = {"rotation": 0.4}
 FUNCTIONS = {"distributed_force": push, "distributed_moment": twist}
 PULLED = TURNED | TIP
+MOMENTS = {"tip_moment": (0.2, -0.1, 0.3), "follower_moment": (0.1, 0.2, -0.15), "distributed_moment": (0.3, -0.2, 0.4)}
 WEIGHT = TURNED | {"gravity": (2, -4, 1), "distributed_force": (0.6, -0.4, 0.9)}
 FOLLOWED = TURNED | TIP | {"follower_force": (0.5, 0.3, -0.4), "gravity": (2, -4, 1)}
 EVERY = FOLLOWED | FUNCTIONS | {"tip_moment": (0.05, 0.08, -0.04), "follower_moment": (-0.03, 0.04, 0.05)}
@@ -49,15 +50,12 @@ STEEP = jumps(first=bent, **SHEAR)
 
 # name: rod, inputs. Translations put no section end on the base: there the fixed grid, not the model, has a kink.
 SCENES = {
-    "none": (uniform(), TURNED | {"translation": 0.03}),
     "tip force": (jumps(), PULLED | {"translation": 0.03}),
     "tip force, first section withdrawn": (jumps(), PULLED | {"translation": -0.21}),
-    "tip moments": (jumps(), TURNED | {"tip_moment": (0.2, -0.1, 0.3), "follower_moment": (0.1, 0.2, -0.15)}),
-    "weight": (jumps(), WEIGHT | {"translation": 0.02}),
-    "weight, first section withdrawn": (jumps(), WEIGHT | {"translation": -0.21}),
-    "distributed moment": (jumps(), TURNED | {"distributed_moment": (0.3, -0.2, 0.4)}),
+    "moments": (jumps(), TURNED | MOMENTS),
+    "weight and shear": (jumps(**SHEAR), WEIGHT | {"translation": 0.02}),
+    "weight and shear, first section withdrawn": (jumps(**SHEAR), WEIGHT | {"translation": -0.21}),
     "follower force": (jumps(), FOLLOWED | {"translation": 0.02}),
-    "shear": (jumps(**SHEAR), PULLED | {"translation": 0.02}),
     "precurvature function": (uniform(precurvature=bent), PULLED | {"translation": 0.03}),
     "precurvature function, shortened": (uniform(precurvature=bent), PULLED | {"translation": -0.06}),
     "precurvature function, second section": (jumps(second=bent), PULLED | {"translation": -0.21}),
