@@ -931,10 +931,10 @@ def make_kernel(features: Features, tableau: Tableau):
                                 y[o + i] = slope[i] / c[i]
                     dn = wp.vec3d(dn0[k, 0], dn0[k, 1], dn0[k, 2])
                     if wp.static(FOLLOWER):
-                        e = wp.vec3d(zero, zero, zero)
+                        unit_force = wp.vec3d(zero, zero, zero)
                         if wp.static(k < NX and k >= UNKNOWNS - 3):
-                            e[wp.static(k) - wp.static(UNKNOWNS - 3)] = force_unit
-                        dn = rotate(q, e + turn * wp.cross(wp.vec3d(zero, zero, one), N))
+                            unit_force[wp.static(k) - wp.static(UNKNOWNS - 3)] = force_unit
+                        dn = rotate(q, unit_force + turn * wp.cross(wp.vec3d(zero, zero, one), N))
                     for j in range(3):
                         z.force_columns[k, j] = dn[j]
                     if wp.static(FORCE_STATE):
