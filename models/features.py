@@ -14,12 +14,12 @@ class Features:
         rod_count: Concentric rods that carry the backbone, n >= 1.
         precurvature_degree: Degree of the polynomials in arclength that hold the precurvature; 0 is constant by section.
         force: An internal force acts.
-        tip_moment: A dead tip moment acts, equation (13).
+        tip_moment: A dead tip moment acts, equation (11).
         distributed_force: A distributed force or gravity acts, equation (3).
         distributed_moment: A distributed moment acts, equation (4).
         profile_degree: Degree of the polynomials that hold loads given as functions of arclength; -1 if there are none.
-        follower_force: The tip force has a part that follows the tip frame, so the base force is unknown.
-        follower_moment: The tip moment has a part that follows the tip frame.
+        follower_force: The tip force has a part that follows the tip frame, so the base force is unknown, equation (13).
+        follower_moment: The tip moment has a part that follows the tip frame, equation (11).
         measured: A measured tip curvature takes the place of the boundary condition, equation (12).
         shear: Shear and extension, equation (5); without it ``v = e3``.
         anisotropic: Bending stiffness differs between the two axes; a distinct term for ``rod_count > 1`` only.
