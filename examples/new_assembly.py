@@ -24,9 +24,13 @@ class SprungRod(mr.Assembly):
     def input_specs(self) -> tuple[mr.InputSpec, ...]:
         return self.clamped.input_specs
 
-    def problem(self, inputs: mr.Inputs, *, direction_count: int = 0, enabled: Sequence[str] = (), **options: Any) -> "SprungProblem":
+    def problem(
+        self, inputs: mr.Inputs, *, direction_count: int = 0, enabled: Sequence[str] = (), **options: Any
+    ) -> "SprungProblem":
         if direction_count or options.get("pose_sensitivities"):
-            raise ValueError("SprungRod offers no derivatives by its inputs: use a solver without feed-forward or corrected output")
+            raise ValueError(
+                "SprungRod offers no derivatives by its inputs: use a solver without feed-forward or corrected output"
+            )
         inner = self.clamped.problem(inputs, direction_count=1, enabled=enabled, **options)
         return SprungProblem(inner, inputs, self.spring)
 

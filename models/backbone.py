@@ -94,7 +94,7 @@ class BackboneProblem(BoundaryProblem):
         return wp.array(np.ascontiguousarray(value, dtype=np.float64), dtype=dtype, device=self.device)
 
     def _make_table(self, inputs: Inputs) -> Any:
-        table = kernels.RodTable()
+        table: Any = kernels.RodTable()
         arrays: RodArrays = self.arrays
         table.stride = 1 if arrays.batch_shape else 0
         table.end = self._array(arrays.end)
@@ -112,7 +112,7 @@ class BackboneProblem(BoundaryProblem):
         return table
 
     def _make_call(self, node_count: int) -> Any:
-        call = kernels.Call()
+        call: Any = kernels.Call()
         for name in ("active", "unknowns", "inputs", "load_factor", "directions", "fault", "step_count", "residual", "gamma"):
             setattr(call, name, getattr(self, name))
         for name in ("residual_directions", "position", "rotation", "pose_columns"):

@@ -9,7 +9,7 @@ moment and force of all rods together in that frame. With one rod this is the Co
 one kernel thread integrates one instance with its own grid, steps and status.
 """
 
-from functools import lru_cache
+from functools import cache
 
 import warp as wp
 
@@ -21,7 +21,16 @@ FAULT_NONFINITE = 1
 FAULT_STEPS = 2
 
 MATERIAL_SIZE = 10  # EI_x, EI_y, GJ, their inverses, 1/GA_x, 1/GA_y, 1/EA, mass per length
-INPUT_VECTORS = ("tip_force", "tip_moment", "follower_force", "follower_moment", "distributed_force", "distributed_moment", "gravity", "tip_curvature")
+INPUT_VECTORS = (
+    "tip_force",
+    "tip_moment",
+    "follower_force",
+    "follower_moment",
+    "distributed_force",
+    "distributed_moment",
+    "gravity",
+    "tip_curvature",
+)
 
 
 def input_size(rod_count: int) -> int:
@@ -159,7 +168,7 @@ def moment_rate_variation(M: wp.vec3d, dM: wp.vec3d, u: wp.vec3d, du: wp.vec3d, 
     return wp.vec3d(a[0] + dN[1], a[1] - dN[0], a[2])
 
 
-@lru_cache(maxsize=None)
+@cache
 def make_kernel(features: Features, tableau: Tableau):
     """Kernel for one set of features and one integrator; arguments ``(RodTable, Call)``, one thread an instance."""
     f64 = wp.float64
@@ -181,7 +190,6 @@ def make_kernel(features: Features, tableau: Tableau):
     LD = max(features.profile_degree, 0) + 1
     SPREAD_FORCE = features.distributed_force or PROFILE
     SPREAD_MOMENT = features.distributed_moment or PROFILE
-    LOADS_NEED_FRAME = features.loads_need_frame
     POSE = features.pose or features.nodes or features.pose_sensitivities
     POSE_COLUMNS = features.pose_sensitivities
     NODES = features.nodes
@@ -194,7 +202,6 @@ def make_kernel(features: Features, tableau: Tableau):
     ADAPTIVE = len(tableau.error) > 0
     STAGES = len(tableau.b)
     A, B, CN, E = tableau.a, tableau.b, tableau.c, tableau.error
-    SIZE_IN = input_size(n)
     ROT, TRA, FT, MT, FF, FM, DF, DM, G, UT, PS = 0, n, *range(2 * n, 2 * n + 25, 3)
 
     # State: M, [N], theta_i, tau_i (i >= 2), columns, [q], [p], [energy]; a column: M, [N], theta_i, tau_i, [q], [p].
@@ -607,8 +614,7 @@ def make_kernel(features: Features, tableau: Tableau):
     @wp.func
     def block_error(e: State, y: State, first: int, count: int, unit: f64, rtol: f64, atol: f64) -> f64:
         """Error of a block of the state over what is allowed; NaN counts as too large."""
-        error = block(e, first, count) / (atol * unit + rtol * block(y, first, count))
-        return error
+        return block(e, first, count) / (atol * unit + rtol * block(y, first, count))
 
     @wp.func
     def step_error(k: Stages, y: State, h: f64, z: Stretch, scale: f64, rtol: f64, atol: f64) -> f64:
@@ -790,8 +796,7 @@ def make_kernel(features: Features, tableau: Tableau):
             if wp.static(NODES):
                 if node + 1 < call.node_count - 1:
                     e = length * f64(node + 1) / f64(call.node_count - 1)
-                    if e < end:
-                        end = e
+                    end = min(end, e)
 
             # the stretch
             z.start = s

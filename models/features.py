@@ -63,10 +63,12 @@ class Features:
 
     @property
     def column_count(self) -> int:
+        """Columns of sensitivities."""
         return (self.unknown_count if self.sensitivities else 0) + self.directions
 
     @property
     def column_has_frame(self) -> bool:
+        """Whether a column carries the variation of the frame."""
         return self.column_count > 0 and (self.loads_need_frame or self.pose_sensitivities)
 
     @property
@@ -76,8 +78,10 @@ class Features:
 
     @property
     def frame(self) -> bool:
+        """Whether the frame is integrated."""
         return self.pose or self.nodes or self.loads_need_frame or self.column_has_frame
 
     @property
     def unknown_count(self) -> int:
+        """Unknowns of an instance."""
         return self.rod_count + 2 + (3 if self.follower_force else 0)

@@ -58,6 +58,7 @@ class Integrator:
 
     @property
     def adaptive(self) -> bool:
+        """Whether steps are chosen by the error estimate."""
         return self.steps is None
 
     def __str__(self) -> str:
@@ -73,9 +74,9 @@ class FixedStepIntegrator(Integrator):
         ValueError: If ``steps`` is not an integer >= 1.
     """
 
-    rtol: ClassVar[float] = 0.0
-    atol: ClassVar[float] = 0.0
     steps: int = 50
+    rtol: float = field(default=0.0, init=False, repr=False)
+    atol: float = field(default=0.0, init=False, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "steps", positive_int(f"{type(self).__name__}.steps", self.steps))

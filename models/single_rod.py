@@ -65,7 +65,9 @@ class SingleRod(Assembly):
         length = self.rods[0].length + inputs.translation[..., 0]
         if np.any(length <= 0):
             shortest = float(np.min(inputs.translation))
-            refuse("translation", shortest, f"must be > -length = {-float(np.min(self.rods[0].length)):g} m: no rod is left in use")
+            refuse(
+                "translation", shortest, f"must be > -length = {-float(np.min(self.rods[0].length)):g} m: no rod is left in use"
+            )
 
     def bounds(self, name: str) -> tuple[float, float]:  # noqa: D102
         return (-float(np.min(self.rods[0].length)), inf) if name == "translation" else (-inf, inf)

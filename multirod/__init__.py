@@ -25,6 +25,7 @@ from multirod.inputs import Inputs, InputSpec
 from multirod.models.integrators import RK4, RK23, RK45, AdaptiveIntegrator, FixedStepIntegrator, Integrator, Tableau
 from multirod.models.single_rod import SingleRod
 from multirod.problem import Block, BoundaryProblem, Shape
+from multirod.recording import Recorder
 from multirod.rod import Rod, Section
 from multirod.simulation import Tracker, simulate, solve
 from multirod.solution import History, Solution, SolveError
@@ -51,6 +52,7 @@ __all__ = [
     "Integrator",
     "Observer",
     "Outcome",
+    "Recorder",
     "Rod",
     "ScipyShooting",
     "Section",

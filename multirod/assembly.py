@@ -86,7 +86,7 @@ class Assembly(ABC):
         self.check(result)
         return result
 
-    def check(self, inputs: Inputs) -> None:
+    def check(self, inputs: Inputs) -> None:  # noqa: B027  (most assemblies have nothing to add)
         """Refuse inputs that this assembly cannot take, by a ``ValueError``."""
 
     def bounds(self, name: str) -> tuple[float, float]:

@@ -18,7 +18,9 @@ from multirod import experiment
 from multirod.experiment import SLOW, Comparison, Motion, compare
 from multirod.models.integrators import RK4
 from multirod.recording import save
+from multirod.simulation import simulate
 from multirod.solution import History
+from multirod.solver import Solver
 from multirod.status import Status
 
 _FULL_WIDTH = 96
@@ -53,7 +55,9 @@ def _parser() -> argparse.ArgumentParser:
     demo.add_argument("--time", type=_positive, default=10.0, metavar="S", help="duration of the motion [s]")
     demo.add_argument("--rate", type=_positive, default=200.0, metavar="HZ", help="samples a second")
     demo.add_argument("--length", type=_positive, default=experiment.LENGTH, metavar="M", help="length in use at the start [m]")
-    demo.add_argument("--solver", action="append", choices=names, metavar="NAME", help=f"repeatable, all by default: {', '.join(names)}")
+    demo.add_argument(
+        "--solver", action="append", choices=names, metavar="NAME", help=f"repeatable, all by default: {', '.join(names)}"
+    )
     demo.add_argument("--steps", type=_count, default=50, help="Runge-Kutta steps along the rod")
     demo.add_argument("--slow-samples", type=_count, default=1000, metavar="N", help="samples for the paper's three root finders")
     demo.add_argument("--table2", action="store_true", help="also 20 further simulations with other rods and rates")
@@ -111,7 +115,9 @@ def demo(options: argparse.Namespace, console: Console) -> int:
     recorded = next((name for name in chosen if name.startswith("observer")), chosen[0])
     history = histories[recorded]
     save(options.out, history, reference=reference if len(history.time) == len(reference.time) else None, name=recorded)
-    console.print(f"Recording of {recorded}: {options.out} ({options.out.stat().st_size / 1e6:.1f} MB). Open it with: rerun {options.out}")
+    console.print(
+        f"Recording of {recorded}: {options.out} ({options.out.stat().st_size / 1e6:.1f} MB). Open it with: rerun {options.out}"
+    )
     if options.view:
         subprocess.Popen([sys.executable, "-m", "rerun", str(options.out)])
     return 0
@@ -122,18 +128,20 @@ def _progress(console: Console) -> Progress:
     return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
 
 
-def _run(progress: Progress, name: str, study: Motion, solver: experiment.Solver) -> History:
+def _run(progress: Progress, name: str, study: Motion, solver: Solver) -> History:
     task = progress.add_task(name, total=len(study.time))
     # the first launch compiles or loads the kernels: not part of a sample's time
-    experiment.simulate(study.robot, study.inputs[:2], time=study.time[:2], solver=solver)
-    return experiment.simulate(
+    simulate(study.robot, study.inputs[:2], time=study.time[:2], solver=solver)
+    return simulate(
         study.robot, study.inputs, time=study.time, solver=solver, progress=lambda done: progress.update(task, completed=done)
     )
 
 
 def _failures(history: History) -> str:
     values, counts = np.unique(history.status, return_counts=True)
-    return ", ".join(f"{count} {Status(int(value)).name}" for value, count in zip(values, counts, strict=True) if Status(int(value)).failed)
+    return ", ".join(
+        f"{count} {Status(int(value)).name}" for value, count in zip(values, counts, strict=True) if Status(int(value)).failed
+    )
 
 
 def _further(console: Console, options: argparse.Namespace, chosen: Sequence[str]) -> None:
@@ -147,7 +155,7 @@ def _further(console: Console, options: argparse.Namespace, chosen: Sequence[str
             reference = experiment.reference(study)
             for name in chosen:
                 run = part if name in SLOW else study
-                rows[name].append(compare(experiment.simulate(run.robot, run.inputs, time=run.time, solver=solvers[name]), reference))
+                rows[name].append(compare(simulate(run.robot, run.inputs, time=run.time, solver=solvers[name]), reference))
             progress.advance(task)
     console.print(_table(rows, f"{len(motions)} further simulations (other rods and rates, seed 2021)", console.width))
     console.print(_PAPER_TABLE_II + " (mean / sd of the boundary error, 1/m; its rods and rates are not given).", style="dim")

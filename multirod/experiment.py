@@ -26,7 +26,7 @@ Progress = Callable[[int], None]
 def wire(length: float = LENGTH, **changes: float) -> Rod:
     """The rod of Table I, a precurved Nitinol wire; its printed moduli mean a Poisson ratio of 2.5, kept as printed."""
     E, G = changes.get("young_modulus", 70e9), changes.get("shear_modulus", 10e9)
-    I, J = changes.get("I", 3.1907e-12), changes.get("J", 6.3814e-12)  # noqa: E741
+    I, J = changes.get("I", 3.1907e-12), changes.get("J", 6.3814e-12)
     return Rod(
         length=length,
         bending_stiffness=E * I,
@@ -58,7 +58,12 @@ class Motion:
 
 
 def motion(
-    *, duration: float = 10.0, rate: float = 200.0, length: float = LENGTH, rod: Rod | None = None, angular_rate: float = 2 * pi / 10
+    *,
+    duration: float = 10.0,
+    rate: float = 200.0,
+    length: float = LENGTH,
+    rod: Rod | None = None,
+    angular_rate: float = 2 * pi / 10,
 ) -> Motion:
     """The paper's motion: turned at ``angular_rate`` [rad/s], pushed at 10 mm/s, a tip force of 1 N in x, y and z that turns too.
 
@@ -152,7 +157,7 @@ def further_motions(count: int = 20, seed: int = 2021, duration: float = 2.0, ra
         length, outer = generator.uniform(0.2, 0.4), generator.uniform(2.5e-3, 4e-3)
         frequency = generator.uniform(pi / 50, pi / 5)
         inner = outer * 2 / 3
-        I = pi / 64 * (outer**4 - inner**4)  # noqa: E741
+        I = pi / 64 * (outer**4 - inner**4)
         rod = wire(length, I=I, J=2 * I, outer_diameter=outer, inner_diameter=inner)
         study = motion(duration=duration, rate=rate, length=length, rod=rod, angular_rate=2 * pi * frequency)
         scale = (I / 3.1907e-12) * (LENGTH / length) ** 2

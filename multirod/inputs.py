@@ -55,7 +55,9 @@ class Inputs:
             if value is None and spec.optional:
                 continue
             if spec.function and callable(value):
-                self._profiles[name] = value if isinstance(value, Profile) and value.ends[-1] >= length else fit(name, value, length)
+                self._profiles[name] = (
+                    value if isinstance(value, Profile) and value.ends[-1] >= length else fit(name, value, length)
+                )
             elif spec.per_rod:
                 self._arrays[name] = per_rod(name, value, rod_count)
             else:

@@ -111,7 +111,7 @@ def save(
     total = math.prod(history.batch_shape[1:])
     stream = rr.RecordingStream("multirod", recording_id=uuid.uuid4())
     stream.set_log_time_enabled(False)
-    writer = _Writer(stream, node_count=node_count, instances=count, force_scale=scale, live=False)
+    writer = _Writer([stream], node_count=node_count, instances=count, force_scale=scale, live=False)
     blueprint = writer.prepare(block, other, title, history.description, total)
     stream.save(file, default_blueprint=blueprint)
     with stream:
@@ -189,14 +189,21 @@ class Recorder:
         self._assembly: Assembly | None = None
         self._batch_shape: tuple[int, ...] = ()
         self._closed = False
-        self._streams_to_viewer = address is not None
-        self._stream: Any = rr.RecordingStream("multirod", recording_id=uuid.uuid4())
-        self._stream.set_log_time_enabled(False)
-        sinks: list[Any] = [] if file is None else [rr.FileSink(file)]
+        # Not one stream with two sinks: flushing the file would then wait for a viewer that may not be there.
+        identity = uuid.uuid4()
+        self._file_stream: Any = None
+        self._streams: list[Any] = []
+        if file is not None:
+            self._file_stream = rr.RecordingStream("multirod", recording_id=identity)
+            self._file_stream.save(file)
+            self._streams.append(self._file_stream)
         if address is not None:
-            sinks.append(rr.GrpcSink(address))
-        self._stream.set_sinks(*sinks)
-        self._writer = _Writer(self._stream, node_count=node_count, instances=self._instances, force_scale=scale, live=True)
+            viewer_stream = rr.RecordingStream("multirod", recording_id=identity)
+            viewer_stream.connect_grpc(address)
+            self._streams.append(viewer_stream)
+        for stream in self._streams:
+            stream.set_log_time_enabled(False)
+        self._writer = _Writer(self._streams, node_count=node_count, instances=self._instances, force_scale=scale, live=True)
 
     def log(self, time: float, solution: Solution, *, step_time: float | None = None, reference: Solution | None = None) -> None:
         """Record one sample.
@@ -250,13 +257,14 @@ class Recorder:
             if self._count == 0:
                 total = math.prod(self._batch_shape)
                 blueprint = self._writer.prepare(block, other, self._name, self._description, total)
-                self._stream.send_recording_name(self._name)
-                self._stream.send_blueprint(blueprint)
+                for stream in self._streams:
+                    stream.send_recording_name(self._name)
+                    stream.send_blueprint(blueprint)
                 self._writer.write_static()
             self._writer.write(block, other, np.arange(self._count, self._count + len(times)))
             self._count += len(times)
-        if not self._streams_to_viewer:
-            self._stream.flush()
+        if self._file_stream is not None:
+            self._file_stream.flush()
 
     def close(self) -> None:
         """Write what is pending and finish the file."""
@@ -266,7 +274,8 @@ class Recorder:
         try:
             self.flush()
         finally:
-            self._stream.disconnect()
+            for stream in self._streams:
+                stream.disconnect()
 
     def __enter__(self) -> Self:
         return self
@@ -307,8 +316,12 @@ def _stack(solutions: Sequence[Solution], times: FloatArray, durations: FloatArr
         np.concatenate([np.reshape(solution.residual, -1) for solution in solutions]),
     )
     records = np.concatenate([solution._records for solution in solutions])
-    scene = replace(first._scene, batch_shape=(len(solutions), *first.batch_shape))
-    return History(scene, records, outcome, first.inputs.with_arrays(arrays), time=times, step_time=durations)
+    batch_shape = (len(solutions), *first.batch_shape)
+    inputs = first.inputs.with_arrays(arrays)
+    if not arrays:
+        inputs = inputs[np.newaxis][np.zeros(batch_shape, dtype=int)]
+    scene = replace(first._scene, batch_shape=batch_shape)
+    return History(scene, records, outcome, inputs, time=times, step_time=durations)
 
 
 def _stackable(pending: tuple[float, Solution, float, Solution | None], solution: Solution, reference: Solution | None) -> bool:
@@ -358,8 +371,8 @@ def _first_instances(history: History, count: int) -> History:
 class _Writer:
     """Turns blocks of samples into columns. ``prepare`` comes first: it fixes the scales and makes the layout."""
 
-    def __init__(self, stream: Any, *, node_count: int, instances: int, force_scale: float | None, live: bool) -> None:
-        self._stream = stream
+    def __init__(self, streams: Sequence[Any], *, node_count: int, instances: int, force_scale: float | None, live: bool) -> None:
+        self._streams = streams
         self._instances = instances
         self._node_count = node_count
         self._force_scale = force_scale
@@ -383,7 +396,7 @@ class _Writer:
         self._bases = np.reshape(getattr(assembly, "base", np.eye(4)), (-1, 4, 4))[:16]
         points = [self._bases[:, :3, 3]]
         if self._live:
-            reach = 0.5 * max(self._lengths)
+            reach = 0.35 * max(self._lengths)
             points += [points[0] - reach, points[0] + reach]
         for index in range(len(assembly.rods)):
             points.append(block.rod(index, nodes=self._node_count).position.reshape(-1, 3))
@@ -410,7 +423,8 @@ class _Writer:
         import rerun as rr
 
         def put(path: str, *archetypes: Any) -> None:
-            self._stream.log(path, *archetypes, static=True)
+            for stream in self._streams:
+                stream.log(path, *archetypes, static=True)
 
         put("/description", rr.TextDocument(self._description, media_type=rr.MediaType.MARKDOWN))
         put("/world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
@@ -426,7 +440,7 @@ class _Writer:
             for index, radius in enumerate(self._radii):
                 color = _rgba(_PALETTE[(k if len(self._radii) == 1 else index) % len(_PALETTE)])
                 path = self._rod("rods", k, index)
-                put(path, rr.Capsules3D.from_fields(radii=radius, colors=color, fill_mode=rr.components.FillMode.Solid))
+                put(path, rr.Capsules3D.from_fields(colors=color, fill_mode=rr.components.FillMode.Solid))
                 path = self._rod("reference/rods", k, index)
                 put(path, rr.LineStrips3D.from_fields(radii=0.4 * radius, colors=_rgba(_REFERENCE_COLOR, 0xC0)))
             stroke = 0.0015 * self._size
@@ -505,7 +519,7 @@ class _Writer:
             index = _index(steps[rows], block.time[rows])
             for k in range(self._count):
                 for i, shape in enumerate(shapes[""]):
-                    self._send(self._rod("rods", k, i), index, _capsules(shape["position"][rows, k]))
+                    self._send(self._rod("rods", k, i), index, _capsules(shape["position"][rows, k], self._radii[i]))
                     self._write_curvature(k, i, index, shape["arclength"][rows, k], shape["curvature"][rows, k])
                 for i, shape in enumerate(shapes.get("reference/", [])):
                     self._send(self._rod("reference/rods", k, i), index, _strips(shape["position"][rows, k]))
@@ -621,7 +635,8 @@ class _Writer:
         self._send(self._curvature(k, rod), index, _strips(np.moveaxis(strips, 2, 1)))
 
     def _send(self, path: str, index: Any, columns: Any) -> None:
-        self._stream.send_columns(path, index, columns)
+        for stream in self._streams:
+            stream.send_columns(path, index, columns)
 
     def _send_scalars(self, path: str, index: Any, values: FloatArray) -> None:
         import rerun as rr
@@ -664,7 +679,9 @@ class _Writer:
             lines.append(f"| {self._rod_names[index]} | {_span([rod.length])} | {bending} | {torsion} | {drawn} |")
         lines += [
             "",
-            "**Plots** Vectors: x red, y green, z blue. Boundary error: what the solver drives to zero [1/m]. "
+            "**Plots** "
+            + ("Instances are coloured as their rods. " if self._batched else "")
+            + "Vectors: x red, y green, z blue. Boundary error: what the solver drives to zero [1/m]. "
             + ("Tip error: distance from the reference's tip [mm]. " if has_reference else "")
             + "Gamma: the scaled Jacobian; its smallest singular value vanishes at a fold. Curvature: at the cursor, "
             + ("in the body frame." if self._by_component else "magnitude of bending, coloured as the rods."),
@@ -702,7 +719,7 @@ class _Writer:
                 origin="/",
                 name=name,
                 contents=[f"/{path}/**" for path in contents],
-                plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=legend or self._batched),
+                plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=legend),
             )
 
         def tabs(*views: Any) -> Any:
@@ -716,7 +733,7 @@ class _Writer:
         )
         boundary = tabs(plot("Boundary error, log10 [1/m]", "error/boundary_log10"), plot("linear", "error/boundary"))
         conditioning = plot(
-            "Gamma: log10 cond violet, \u03c3_min teal",
+            "Gamma: log10 cond, \u03c3_min" if self._batched else "Gamma: log10 cond violet, \u03c3_min teal",
             "conditioning/condition_log10",
             "conditioning/smallest_singular_value",
         )
@@ -761,7 +778,7 @@ def _index(steps: NDArray[np.int64], times: FloatArray) -> list[Any]:
     return [rr.TimeColumn("step", sequence=steps), rr.TimeColumn("time", duration=times)]
 
 
-def _capsules(nodes: FloatArray) -> Any:
+def _capsules(nodes: FloatArray, radius: float) -> list[Any]:
     """A capsule between two nodes, shape of ``nodes`` (row, node, 3); none where a node is not finite."""
     import rerun as rr
 
@@ -776,8 +793,13 @@ def _capsules(nodes: FloatArray) -> Any:
     quaternion = np.stack([-y, x, np.zeros_like(x), 1 + z], axis=-1)
     quaternion[z < -1 + 1e-12] = (1.0, 0.0, 0.0, 0.0)
     quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
-    columns = rr.Capsules3D.columns(lengths=length[sound], translations=start[sound], quaternions=quaternion)
-    return columns.partition(sound.sum(axis=1))
+    counts = sound.sum(axis=1)
+    some = (counts > 0).astype(int)
+    # A radius alone is drawn, as a capsule of length 1: a row without capsules must have none.
+    return [
+        *rr.Capsules3D.columns(lengths=length[sound], translations=start[sound], quaternions=quaternion).partition(counts),
+        *rr.Capsules3D.columns(radii=np.full(some.sum(), radius)).partition(some),
+    ]
 
 
 def _strips(strips: FloatArray) -> Any:

@@ -27,7 +27,10 @@ def _is_by_section(value: object) -> bool:
     return (
         isinstance(value, (list, tuple))
         and len(value) > 0
-        and all(isinstance(item, (list, tuple)) and len(item) == 2 and (_is_function(item[1]) or np.ndim(item[1]) >= 1) for item in value)
+        and all(
+            isinstance(item, (list, tuple)) and len(item) == 2 and (_is_function(item[1]) or np.ndim(item[1]) >= 1)
+            for item in value
+        )
     )
 
 
@@ -192,13 +195,14 @@ class Rod:
             ValueError: If a value is out of range, or the inner diameter is not smaller than the outer.
         """
         outer, inner = _diameters(outer_diameter, inner_diameter)
-        assert outer is not None and inner is not None
+        if outer is None or inner is None:
+            raise TypeError("Rod.tube needs outer_diameter, and inner_diameter must be a number")
         E = positive_array("Rod.young_modulus", young_modulus)
         G = positive_array("Rod.shear_modulus", shear_modulus)
         rho = number("Rod.density", density)
         if not (math.isfinite(rho) and rho >= 0):
             refuse("Rod.density", density, "must be finite and >= 0")
-        I = math.pi / 64 * (outer**4 - inner**4)  # noqa: E741  (the symbol of the field)
+        I = math.pi / 64 * (outer**4 - inner**4)
         return cls(
             length=length,
             bending_stiffness=(E * I)[..., None],
@@ -289,13 +293,15 @@ def lower(rods: Sequence[Rod], batch_shape: tuple[int, ...]) -> RodArrays:
 
     columns: list[list[tuple[FloatArray, FloatArray, FloatArray]]] = []
     for rod in rods:
-        column = []
+        column: list[tuple[FloatArray, FloatArray, FloatArray]] = []
         end = np.zeros(math.prod(batch_shape))
         for section in rod.sections:
             bending, shear = section.bending_stiffness, section.shear_stiffness
             parts = [bending[..., 0], bending[..., 1], section.torsional_stiffness]
             inverses = [*parts, shear[..., 0], shear[..., 1], section.axial_stiffness]
-            material = np.stack([batch(p) for p in parts] + [batch(1 / np.asarray(p)) for p in inverses] + [batch(section.linear_density)], -1)
+            material = np.stack(
+                [batch(p) for p in parts] + [batch(1 / np.asarray(p)) for p in inverses] + [batch(section.linear_density)], -1
+            )
             if isinstance(section.precurvature, profile.Profile):
                 pieces = section.precurvature
                 if not column:  # what is pushed out of the base continues the first section with its precurvature there

@@ -46,7 +46,9 @@ def _needs(solver: Solver) -> dict[str, Any]:
     }
 
 
-def solve(robot: Assembly, inputs: Inputs | None = None, *, solver: Solver | None = None, guess: Any = None, device: str = "cpu") -> Solution:
+def solve(
+    robot: Assembly, inputs: Inputs | None = None, *, solver: Solver | None = None, guess: Any = None, device: str = "cpu"
+) -> Solution:
     """Static equilibrium of every instance of ``inputs``.
 
     Args:
@@ -173,9 +175,7 @@ _PLAIN_NUMBERS = (float, int, np.float64)
 class _Runner:
     """A problem and the solver's track on it."""
 
-    def __init__(
-        self, robot: Assembly, solver: Solver, inputs: Inputs, dt: float, device: str, enabled: Any, guess: Any
-    ) -> None:
+    def __init__(self, robot: Assembly, solver: Solver, inputs: Inputs, dt: float, device: str, enabled: Any, guess: Any) -> None:
         self.problem: Any = robot.problem(inputs, device=device, enabled=tuple(enabled), **_needs(solver))
         reasons = solver.unsupported(self.problem)
         if reasons:
@@ -317,4 +317,3 @@ class Tracker:
             return
         self._enabled |= named
         self._prepare(self._problem.read("unknowns") if self._started else None)
-

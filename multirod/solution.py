@@ -81,7 +81,7 @@ class Solution:
         return np.reshape(values, (*self.batch_shape, *tail))
 
     def _failed(self) -> NDArray[np.bool_]:
-        return np.array([Status(value).failed for value in self._outcome.status.reshape(-1)])
+        return np.array([Status(int(value)).failed for value in self._outcome.status.reshape(-1)])
 
     def _masked(self, values: FloatArray, tail: tuple[int, ...]) -> FloatArray:
         failed = self._failed()
@@ -126,7 +126,7 @@ class Solution:
     def unknown_count(self) -> int:
         """Unknowns of an instance."""
         field = self._scene.fields["unknowns"]
-        return field.stop - field.start
+        return int(field.stop - field.start)
 
     @cached_property
     def unknowns(self) -> FloatArray:
@@ -259,9 +259,7 @@ class Solution:
 
     def _problem(self, **options: Any) -> BoundaryProblem:
         """A problem at these inputs and unknowns, at zero where an instance failed."""
-        problem = self.assembly.problem(
-            self.inputs, integrator=self._scene.integrator, device=self._scene.device, **options
-        )
+        problem = self.assembly.problem(self.inputs, integrator=self._scene.integrator, device=self._scene.device, **options)
         n = problem.unknown_count
         unknowns = self._records[:, self._scene.fields["unknowns"]]
         if unknowns.shape[1] != n:  # a follower force asked about where none acts adds the base force to the unknowns

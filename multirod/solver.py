@@ -35,7 +35,8 @@ class Outcome:
     @classmethod
     def zeros(cls, count: int) -> "Outcome":
         """An outcome of ``count`` instances that were not run."""
-        return cls(*(np.zeros(count, dtype=np.int32) for _ in range(3)))
+        status, iterations, integrations = np.zeros((3, count), dtype=np.int32)
+        return cls(status, iterations, integrations)
 
 
 class Track(ABC):

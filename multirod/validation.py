@@ -1,7 +1,7 @@
 """Checks of user input. Every error names the field, the value and what is allowed."""
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import Any, NoReturn
 
 import numpy as np
@@ -16,6 +16,7 @@ def refuse(field: str, value: object, allowed: str) -> NoReturn:
 
 
 def number(field: str, value: object) -> float:
+    """``value`` as a float."""
     if isinstance(value, (bool, str, bytes)) or value is None:
         refuse(field, value, "must be a number")
     try:
@@ -25,6 +26,7 @@ def number(field: str, value: object) -> float:
 
 
 def finite_float(field: str, value: object) -> float:
+    """A finite number."""
     result = number(field, value)
     if not math.isfinite(result):
         refuse(field, value, "must be finite")
@@ -32,6 +34,7 @@ def finite_float(field: str, value: object) -> float:
 
 
 def positive_float(field: str, value: object) -> float:
+    """A finite number > 0."""
     result = number(field, value)
     if not (math.isfinite(result) and result > 0):
         refuse(field, value, "must be finite and > 0")
@@ -39,18 +42,21 @@ def positive_float(field: str, value: object) -> float:
 
 
 def positive_int(field: str, value: object, minimum: int = 1) -> int:
+    """An integer, at least ``minimum``."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < minimum:
         refuse(field, value, f"must be an integer >= {minimum}")
     return int(value)
 
 
 def boolean(field: str, value: object) -> bool:
+    """True or False, not something that counts as such."""
     if not isinstance(value, (bool, np.bool_)):
         refuse(field, value, "must be True or False")
     return bool(value)
 
 
 def choice(field: str, value: object, allowed: Iterable[str]) -> str:
+    """One of the names in ``allowed``."""
     options = tuple(allowed)
     if not isinstance(value, str) or value not in options:
         refuse(field, value, "must be one of " + ", ".join(repr(option) for option in options))
@@ -81,10 +87,9 @@ def positive_array(field: str, value: Any, tail: tuple[int, ...] = (), *, infini
 
 
 def unknown_names(owner: str, given: Iterable[str], allowed: Iterable[str]) -> None:
+    """Refuse, by a ``TypeError``, names that are not in ``allowed``."""
     options = tuple(allowed)
     for name in given:
         if name not in options:
             raise TypeError(f"{owner} takes no {name!r}: it takes " + ", ".join(options))
 
-
-Function = Callable[[float], Any]

@@ -1,13 +1,13 @@
 # mypy: ignore-errors
 """Dense linear algebra of small systems inside a kernel, one system a thread."""
 
-from functools import lru_cache
+from functools import cache
 from types import SimpleNamespace
 
 import warp as wp
 
 
-@lru_cache(maxsize=None)
+@cache
 def make_linear_algebra(n: int):
     """Functions on n x n matrices: ``solve`` (LU), ``cholesky``, ``eigen`` (Jacobi), and the types they take."""
     f64 = wp.float64

@@ -142,7 +142,8 @@ class ObserverTrack(Track):
         self.options = options
         self.problem = problem
         n, count, device = problem.unknown_count, problem.instance_count, problem.device
-        self.state = state = ObserverState()
+        state: Any = ObserverState()
+        self.state = state
         for name in ("active", "fault", "unknowns", "residual", "gamma", "residual_directions", "position", "rotation"):
             setattr(state, name, getattr(problem, name))
         state.pose_columns = problem.pose_columns
@@ -204,7 +205,7 @@ class ObserverTrack(Track):
 
 def _matrix(value: Any, n: int) -> FloatArray:
     value = np.asarray(value, dtype=np.float64)
-    return value * np.eye(n) if value.ndim == 0 else value
+    return np.asarray(value * np.eye(n) if value.ndim == 0 else value)
 
 
 def _definite(name: str, value: Any) -> None:

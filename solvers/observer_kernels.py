@@ -1,7 +1,7 @@
 # mypy: ignore-errors
 """One sample of the nonlinear observer, between two integrations. Numbers are those of ``docs/observer.md``."""
 
-from functools import lru_cache
+from functools import cache
 
 import warp as wp
 
@@ -41,7 +41,7 @@ class ObserverState:
     fold_threshold: wp.float64
 
 
-@lru_cache(maxsize=None)
+@cache
 def make_observer(n: int, riccati: str, exact: bool, feed_forward: bool, correct_output: bool):
     """Kernel of one sample for n unknowns and one reading of Theorem 1."""
     f64 = wp.float64
@@ -216,7 +216,9 @@ def make_observer(n: int, riccati: str, exact: bool, feed_forward: bool, correct
                 if angle > f64(0.0):
                     axis = turn / angle
                     K = wp.skew(axis)
-                    state.rotation[t] = state.rotation[t] + (wp.sin(angle) * K + (f64(1.0) - wp.cos(angle)) * (K * K)) * state.rotation[t]
+                    state.rotation[t] = (
+                        state.rotation[t] + (wp.sin(angle) * K + (f64(1.0) - wp.cos(angle)) * (K * K)) * state.rotation[t]
+                    )
         state.status[t] = status
 
     return observe

@@ -80,22 +80,23 @@ class ScipyShooting(Solver):
         return outcome
 
     def _minimise(self, sample: "_Sample", start: FloatArray) -> int:
+        minimize: Any = optimize.minimize
         gradient: dict[str, Any] = {"jac": sample.gradient} if self.exact_gradient else {}
-        limit = {"maxiter": self.max_iterations}
+        limit: dict[str, Any] = {"maxiter": self.max_iterations}
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             if self.method == "interior-point":
                 options = {**limit, "gtol": self.tolerance, "xtol": self.tolerance**2}
-                result = optimize.minimize(sample, start, method="trust-constr", options=options, **(gradient or {"jac": "2-point"}))
+                result = minimize(sample, start, method="trust-constr", options=options, **(gradient or {"jac": "2-point"}))
             elif self.method == "quasi-newton":
                 options = {**limit, "gtol": self.tolerance}
-                result = optimize.minimize(sample, start, method="BFGS", options=options, **gradient)
+                result = minimize(sample, start, method="BFGS", options=options, **gradient)
             else:
                 # SciPy's own first simplex is 0.00025 wide where an unknown is zero, and collapses there
                 edge = _SIMPLEX * max(1.0, float(np.abs(start).max()))
                 simplex = start + edge * np.vstack([np.zeros(len(start)), np.eye(len(start))])
                 options = {**limit, "xatol": self.tolerance, "fatol": self.tolerance, "initial_simplex": simplex}
-                result = optimize.minimize(sample, start, method="Nelder-Mead", options=options)
+                result = minimize(sample, start, method="Nelder-Mead", options=options)
         return int(result.nit)
 
 

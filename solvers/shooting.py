@@ -1,7 +1,6 @@
 """Shooting: Newton's method with the exact Gamma, and continuation along the natural branch."""
 
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -76,7 +75,8 @@ class Newton:
     def __init__(self, problem: BoundaryProblem, options: Shooting) -> None:
         self.problem = problem
         n, count, device = problem.unknown_count, problem.instance_count, problem.device
-        self.state = state = NewtonState()
+        state: Any = NewtonState()
+        self.state = state
         for name in ("active", "fault", "unknowns", "residual", "gamma"):
             setattr(state, name, getattr(problem, name))
         for name in ("status", "iterations", "integrations"):
@@ -167,7 +167,11 @@ def natural_branch(problem: BoundaryProblem, newton: Newton, options: Shooting) 
         problem.load_factor.assign(np.where(running, goal, 1.0))
         problem.write("unknowns", path.extrapolate(goal))
         newton.run(running)
-        found, iterations, integrations = newton.state.status.numpy(), newton.state.iterations.numpy(), newton.state.integrations.numpy()
+        found, iterations, integrations = (
+            newton.state.status.numpy(),
+            newton.state.iterations.numpy(),
+            newton.state.integrations.numpy(),
+        )
         total.iterations += np.where(running, iterations, 0)
         total.integrations += np.where(running, integrations, 0)
         trial = problem.read("gamma").reshape(count, n, n)
@@ -256,13 +260,13 @@ class NewtonTrack(Track):
         self.newton = Newton(problem, options)
         self.order = PREDICTORS.index(options.predictor)
         self.history: list[FloatArray] = []
-        self.guessed = False
 
     def start(self, unknowns: FloatArray) -> None:
+        """Take ``unknowns`` as the sample before the first."""
         self.history = [np.array(unknowns)]
-        self.guessed = True
 
     def step(self) -> Outcome:
+        """Extrapolate, and iterate to the tolerance."""
         if not self.history:
             return self._keep(self.options._solve(self.problem, None))
         past = self.history

@@ -1,7 +1,7 @@
 # mypy: ignore-errors
 """Newton's method on many boundary problems at once: what happens between two integrations."""
 
-from functools import lru_cache
+from functools import cache
 
 import warp as wp
 
@@ -49,7 +49,7 @@ def restart(state: NewtonState):
     state.contraction[t] = wp.float64(0.0)
 
 
-@lru_cache(maxsize=None)
+@cache
 def make_newton(n: int):
     """Kernel that takes each active instance from an integration to its next trial, or to its end."""
     f64 = wp.float64

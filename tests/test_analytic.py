@@ -1,0 +1,240 @@
+"""Closed forms. Solves are at a residual of 1e-11 1/m and 1e-12 a step, so bounds of 1e-9 are a hundred times their errors."""
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.special import ellipk, ellipkinc
+
+import multirod as mr
+
+L, EI, GJ = 0.4, 0.05, 0.03
+TIGHT = mr.Shooting(tolerance=1e-11, integrator=mr.RK45(rtol=1e-12, atol=1e-14))
+
+
+def straight(**more):
+    return mr.Rod(**({"length": L, "bending_stiffness": EI, "torsional_stiffness": GJ} | more))
+
+
+def nothing(s):
+    """A zero load function: with it, all function tests share one kernel."""
+    return (0, 0, 0)
+
+
+def solve(rod, base=None, **inputs):
+    robot = mr.SingleRod(rod, base=base)
+    return mr.solve(robot, robot.inputs(**inputs), solver=TIGHT).raise_if_failed()
+
+
+def assert_pose(solution, position, rotation=None, atol=1e-9):
+    np.testing.assert_allclose(solution.tip_position, position, rtol=0, atol=atol)
+    if rotation is not None:
+        np.testing.assert_allclose(solution.tip_rotation, rotation, rtol=0, atol=atol)
+
+
+def helix(u, length, rotation):
+    """Frame and centreline of constant curvature u: the exponential of its twist."""
+    k = np.linalg.norm(u)
+    axis = np.asarray(u) / k
+    e3 = np.array([0, 0, 1.0])
+    along = axis * (axis @ e3)
+    angle = k * length
+    position = along * length + (e3 - along) * np.sin(angle) / k + np.cross(axis, e3) * (1 - np.cos(angle)) / k
+    return position, rotation(axis * angle)
+
+
+# ---- precurvature alone ----
+
+
+def test_arc():
+    k = 7.0
+    assert_pose(solve(straight(precurvature=(k, 0, 0))), (0, (np.cos(k * L) - 1) / k, np.sin(k * L) / k))
+
+
+def test_helix(wire, make_pose):
+    position, rotation = helix((14, 5, 0), 0.4, lambda a: make_pose(a)[:3, :3])
+    assert_pose(solve(wire), position, rotation)
+    position, rotation = helix((14, -6, 9), L, lambda a: make_pose(a)[:3, :3])
+    assert_pose(solve(straight(precurvature=(14, -6, 9))), position, rotation)
+
+
+def test_euler_spiral_by_function_and_by_sections():
+    """u* = 60 s about x: the angle is 30 s^2. Sections of constant curvature meet it with error 1/count^2."""
+
+    def angle(s):
+        return 30 * s**2
+
+    position = (
+        0,
+        -quad(lambda s: np.sin(angle(s)), 0, L, epsabs=1e-13)[0],
+        quad(lambda s: np.cos(angle(s)), 0, L, epsabs=1e-13)[0],
+    )
+    assert_pose(solve(straight(precurvature=lambda s: (60 * s, 0, 0))), position)
+
+    def by_sections(count):
+        return solve(straight(precurvature=[(L / count, (60 * L * (k + 0.5) / count, 0, 0)) for k in range(count)])).tip_position
+
+    errors = [np.linalg.norm(by_sections(count) - position) for count in (20, 40)]
+    assert errors[1] < 1e-4
+    assert errors[0] / errors[1] == pytest.approx(4, rel=0.02)
+
+
+def test_translation_is_a_longer_first_section(make_pose):
+    """Sections shift outward and the first grows; pulled in by more than the first, the rest starts at the base."""
+    laws = [(0.15, (3, 5, 1)), (0.25, (-6, 2, 4))]
+    out = solve(straight(precurvature=laws), translation=0.07)
+    assert_pose(out, solve(straight(length=0.47, precurvature=[(0.22, (3, 5, 1)), (0.25, (-6, 2, 4))])).tip_position)
+    back = solve(straight(precurvature=laws), translation=-0.2)
+    position, rotation = helix((-6, 2, 4), 0.2, lambda a: make_pose(a)[:3, :3])
+    assert_pose(back, position, rotation)
+    bent = solve(straight(precurvature=lambda s: (60 * s, 0, 0)), translation=0.1)
+    spiral = solve(straight(precurvature=lambda s: (60 * s, 0, 0)))
+    assert_pose(bent, spiral.tip_position + [0, 0, 0.1], spiral.tip_rotation)  # what is added has the curvature at 0, none
+
+
+# ---- moments ----
+
+
+def test_torsion():
+    """A moment T along the axis twists by T L/GJ and nothing else."""
+    T = 0.1
+    twist = T * L / GJ
+    c, s = np.cos(twist), np.sin(twist)
+    assert_pose(solve(straight(), tip_moment=(0, 0, T)), (0, 0, L), [[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    assert_pose(solve(straight(torsional_stiffness=np.inf), tip_moment=(0, 0, T)), (0, 0, L), np.eye(3))
+
+
+@pytest.mark.parametrize("name", ["tip_moment", "follower_moment"])
+def test_circle(name):
+    """A moment 2 pi EI/L about x, in the plane the same dead or following, closes the circle."""
+    assert_pose(solve(straight(), **{name: (2 * np.pi * EI / L, 0, 0)}), (0, 0, 0), np.eye(3))
+    half = solve(straight(), **{name: (np.pi * EI / L, 0, 0)})
+    assert_pose(half, (0, -2 * L / np.pi, 0), np.diag([1, -1, -1]))
+
+
+def test_follower_moment_in_space(make_pose):
+    """A moment fixed in the tip frame of an isotropic straight rod with GJ = EI gives constant curvature m/EI."""
+    m = np.array([0.3, -0.2, 0.4])
+    position, rotation = helix(m / EI, L, lambda a: make_pose(a)[:3, :3])
+    assert_pose(solve(straight(torsional_stiffness=EI), follower_moment=m), position, rotation)
+
+
+# ---- forces ----
+
+
+def test_elastica():
+    """Dead force P across the tip: sqrt(P L^2/EI) = K(k) - F(k, phi0), 2 k^2 sin^2(phi0) = 1, tip slope by 2 k^2 - 1."""
+    P = 3 * EI / L**2
+    low, high = 0.5, 1 - 1e-12  # bisect on k^2
+    for _ in range(200):
+        m = 0.5 * (low + high)
+        gap = ellipk(m) - ellipkinc(np.arcsin(np.sqrt(0.5 / m)), m) - np.sqrt(P * L**2 / EI)
+        low, high = (m, high) if gap < 0 else (low, m)
+    slope = np.arcsin(2 * m - 1)
+    solution = solve(straight(), tip_force=(0, P, 0))
+    c, s = np.cos(slope), np.sin(slope)
+    np.testing.assert_allclose(solution.tip_rotation, [[1, 0, 0], [0, c, s], [0, -s, c]], rtol=0, atol=1e-9)
+    along = np.sqrt(2 * EI / P * np.sin(slope))  # from the first integral EI/2 theta'^2 = P (sin(slope) - sin(theta))
+    assert solution.tip_position[2] == pytest.approx(along, abs=1e-9)
+
+
+def test_timoshenko():
+    """F L^3/3EI + F L/GA and F L/EA; loads of 1e-4 EI/L^2 keep quadratic terms below 1e-7 of them."""
+    GA, EA = 0.9 * EI / L**2, 1.7 * EI / L**2  # so soft that shear matters as much as bending
+    F = 1e-4 * EI / L**2
+    rod = straight(bending_stiffness=(EI, 2 * EI), shear_stiffness=(GA, 2 * GA), axial_stiffness=EA)
+    across = F * L**3 / 3
+    solution = solve(rod, tip_force=(F, F, 0))
+    expected = (across / (2 * EI) + F * L / GA, across / EI + F * L / (2 * GA))
+    np.testing.assert_allclose(solution.tip_position[:2], expected, rtol=1e-3)
+    opposite = solve(rod, tip_force=(-F, -F, 0))
+    half = (solution.tip_position - opposite.tip_position) / 2  # odd part: quadratic terms cancel
+    np.testing.assert_allclose(half[:2], expected, rtol=1e-7)
+
+
+def test_extension():
+    """Along the axis the rod stays straight: L (1 + F/EA), exactly."""
+    F, EA = 0.7, 5.0
+    assert_pose(solve(straight(axial_stiffness=EA), tip_force=(0, 0, F)), (0, 0, L * (1 + F / EA)), np.eye(3))
+
+
+@pytest.mark.parametrize("way", ["gravity", "constant", "function"])
+def test_weight_of_a_beam(way):
+    """w L^4/8EI and slope w L^3/6EI, in three ways to give the load w; odd part, so the error is of third order: 1e-8."""
+    w = 1e-4 * EI / L**3
+    rho = 0.02
+
+    def deflection(sign):
+        if way == "gravity":
+            return solve(straight(linear_density=rho), gravity=(0, sign * w / rho, 0)).tip_position[1]
+        load = (0, sign * w, 0)
+        if way == "constant":
+            return solve(straight(), distributed_force=load).tip_position[1]
+        return solve(straight(), distributed_force=lambda s: load, distributed_moment=nothing).tip_position[1]
+
+    assert (deflection(1) - deflection(-1)) / 2 == pytest.approx(w * L**4 / (8 * EI), rel=1e-7)
+
+
+def test_load_functions_equal_constants_and_beam_formulas():
+    """A triangular load w s/L bends by 11 w L^4/120EI; a large constant load by function is that by constant."""
+    w = 1e-4 * EI / L**3
+
+    def deflection(sign):
+        return solve(straight(), distributed_force=lambda s: (sign * w * s / L, 0, 0), distributed_moment=nothing).tip_position[0]
+
+    assert (deflection(1) - deflection(-1)) / 2 == pytest.approx(11 * w * L**4 / (120 * EI), rel=1e-7)
+    f, l = (0.6, -0.4, 0.9), (0.16, 0.15, -0.18)
+    constant = solve(straight(), distributed_force=f)
+    function = solve(straight(), distributed_force=lambda s: f, distributed_moment=nothing)
+    assert_pose(function, constant.tip_position, constant.tip_rotation)
+    constant = solve(straight(), distributed_moment=l)
+    function = solve(straight(), distributed_force=nothing, distributed_moment=lambda s: l)
+    assert_pose(function, constant.tip_position, constant.tip_rotation)
+
+
+def test_distributed_moment_twists_and_bends():
+    """About the axis: l L^2/2GJ. About x, in the plane, M(s) = l (L - s), so the angle is l (L s - s^2/2)/EI."""
+    l = 0.4
+    twist = l * L**2 / (2 * GJ)
+    c, s = np.cos(twist), np.sin(twist)
+    assert_pose(solve(straight(), distributed_moment=(0, 0, l)), (0, 0, L), [[c, -s, 0], [s, c, 0], [0, 0, 1]])
+
+    def angle(s):
+        return l * (L * s - s**2 / 2) / EI
+
+    y, z = (quad(lambda s, g=g: g(angle(s)), 0, L, epsabs=1e-13)[0] for g in (np.sin, np.cos))
+    assert_pose(solve(straight(), distributed_moment=(l, 0, 0)), (0, -y, z))
+
+
+# ---- limits and symmetries ----
+
+
+def test_rigid_torsion_is_the_limit(wire):
+    """The distance to ``inf`` falls like 1/GJ: by 100 from 1e2 to 1e4 EI."""
+    force = (0.8, -0.5, 0.6)
+
+    def tip(stiffness):
+        rod = mr.Rod(length=0.4, bending_stiffness=EI, torsional_stiffness=stiffness, precurvature=(5, 3, 0))
+        return solve(rod, tip_force=force).tip_position
+
+    rigid = tip(np.inf)
+    near, nearer = (np.linalg.norm(tip(factor * EI) - rigid) for factor in (1e2, 1e4))
+    assert nearer < 1e-5
+    assert near / nearer == pytest.approx(100, rel=0.02)
+
+
+def test_base_pose_moves_everything(wire, make_pose):
+    base = make_pose((0.4, -0.7, 1.1), (0.1, -0.2, 0.3))
+    R, p = base[:3, :3], base[:3, 3]
+    force = np.array([0.8, -0.5, 0.6])
+    here, there = solve(wire, tip_force=force), solve(wire, base=base, tip_force=R @ force)
+    assert_pose(there, p + R @ here.tip_position, R @ here.tip_rotation)
+    np.testing.assert_allclose(there.rod(0).position, p + here.rod(0).position @ R.T, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(there.rod(0).moment, here.rod(0).moment, rtol=0, atol=1e-9)
+
+
+def test_rotation_turns_the_base(wire, make_pose):
+    force = (0.8, -0.5, 0.6)
+    turned = solve(wire, base=make_pose((0, 0, 0.7)), tip_force=force)
+    assert_pose(solve(wire, rotation=0.7, tip_force=force), turned.tip_position, turned.tip_rotation)
+    half = solve(wire, base=make_pose((0, 0, 0.4)), rotation=0.3, tip_force=force)
+    assert_pose(half, turned.tip_position, turned.tip_rotation)

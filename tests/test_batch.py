@@ -1,0 +1,72 @@
+"""A batch is its instances: bitwise, whatever the axes, and whatever becomes of the others."""
+
+import numpy as np
+import pytest
+
+import multirod as mr
+
+ARRAYS = ("tip_position", "tip_rotation", "unknowns", "gamma", "residual", "iterations", "integrations", "condition")
+
+
+def assert_same(batch, index, alone):
+    assert batch.status[index] == alone.status
+    for name in ARRAYS:
+        np.testing.assert_array_equal(getattr(batch, name)[index], getattr(alone, name), err_msg=name)
+    one, many = alone.rod(0), batch.rod(0)
+    for name in vars(one):
+        np.testing.assert_array_equal(getattr(many, name)[index], getattr(one, name), err_msg=name)
+
+
+def test_leading_axes_broadcast_and_equal_instances_alone(wire):
+    robot = mr.SingleRod(wire)
+    forces = np.random.default_rng(1).uniform(-1, 1, (2, 1, 3))
+    angles = np.linspace(-1, 1, 3)
+    batch = mr.solve(robot, robot.inputs(tip_force=forces, rotation=angles[:, None])).raise_if_failed()
+    assert batch.tip_position.shape == (2, 3, 3)
+    assert batch.tip_rotation.shape == (2, 3, 3, 3)
+    assert batch.rod(0).position.shape == (2, 3, 51, 3)
+    assert batch.energy.shape == batch.status.shape == (2, 3)
+    for i, j in np.ndindex(2, 3):
+        alone = mr.solve(robot, robot.inputs(tip_force=forces[i, 0], rotation=angles[j]))
+        assert_same(batch, (i, j), alone)
+        np.testing.assert_array_equal(batch.energy[i, j], alone.energy)
+
+
+def test_rods_and_bases_with_leading_axes(make_pose):
+    lengths, stiffness = np.array([0.3, 0.4, 0.5]), np.array([[0.2, 0.2], [0.1, 0.3]])
+    curvature = np.array([(14, 5, 0), (3, -2, 1)])
+    base = np.stack([make_pose((0.1 * k, 0.2, -0.3), (k, 0, 0)) for k in range(3)])
+    force = (0.5, -0.2, 0.3)
+    rod = mr.Rod(
+        length=lengths,
+        bending_stiffness=stiffness[:, None],
+        torsional_stiffness=0.06,
+        precurvature=curvature[:, None],
+    )
+    robot = mr.SingleRod(rod, base=base)
+    batch = mr.solve(robot, robot.inputs(tip_force=force)).raise_if_failed()
+    assert batch.tip_position.shape == (2, 3, 3)
+    for i, j in np.ndindex(2, 3):
+        one = mr.Rod(length=lengths[j], bending_stiffness=stiffness[i], torsional_stiffness=0.06, precurvature=curvature[i])
+        robot = mr.SingleRod(one, base=base[j])
+        assert_same(batch, (i, j), mr.solve(robot, robot.inputs(tip_force=force)))
+
+
+def test_an_impossible_instance_leaves_the_others_as_they_are():
+    column = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.2, torsional_stiffness=0.06))
+    solver = mr.Shooting(integrator=mr.RK4(40))
+    forces = np.array([(0.3, 0.0, 0.5), (0.0, 0.0, -1e3), (0.0, 0.4, -0.2)])
+    moments = np.array([(0.1, 0.2, 0.0), (0.0, 0.0, 0.0), (0.1, 0.0, 0.3)])
+    batch = mr.solve(column, column.inputs(tip_force=forces, tip_moment=moments), solver=solver)
+    assert mr.Status(int(batch.status[1])) == mr.Status.BRANCH_END
+    for name in ("tip_position", "tip_rotation", "unknowns", "gamma", "condition", "determinant", "energy"):
+        assert np.isnan(getattr(batch, name)[1]).all(), name
+    for name, value in vars(batch.rod(0)).items():
+        assert np.isnan(value[1]).all(), name
+    assert np.isnan(batch.jacobian("tip_force")[1]).all()
+    for k in (0, 2):
+        alone = mr.solve(column, column.inputs(tip_force=forces[k], tip_moment=moments[k]), solver=solver).raise_if_failed()
+        assert_same(batch, k, alone)
+        np.testing.assert_array_equal(batch.jacobian("tip_force")[k], alone.jacobian("tip_force"))
+    with pytest.raises(mr.SolveError, match="1 of 3 instances failed; the first is 1: BRANCH_END"):
+        batch.raise_if_failed()

@@ -1,0 +1,88 @@
+"""The README's quickstart and every example run, and their closing numbers are right."""
+
+import importlib.util
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import multirod as mr
+
+ROOT = Path(__file__).parent.parent
+
+
+@pytest.fixture
+def example(monkeypatch):
+    def load(path):
+        spec = importlib.util.spec_from_file_location(Path(path).stem, ROOT / "examples" / path)
+        module = importlib.util.module_from_spec(spec)
+        monkeypatch.setitem(sys.modules, spec.name, module)
+        spec.loader.exec_module(module)
+        return module
+
+    return load
+
+
+def quickstart():
+    return re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL).group(1)
+
+
+def test_quickstart_is_short_and_runs(tmp_path, monkeypatch, capsys):
+    code = quickstart()
+    assert len(code.strip().splitlines()) <= 15
+    monkeypatch.chdir(tmp_path)
+    scope = {}
+    exec(code, scope)
+    assert scope["solution"].status == mr.Status.CONVERGED
+    # after the start the observer with feed-forward lags by less than a thousandth of a curvature unit
+    assert np.abs(scope["history"].residual[100:]).max() < 1e-3
+    assert (tmp_path / "run.rrd").stat().st_size > 10_000
+    assert "(6, 3)" in capsys.readouterr().out
+
+
+def test_new_integrator_has_its_order(example):
+    assert 3.9 < example("new_integrator.py").main() < 4.1
+
+
+def test_new_assembly_agrees_with_the_clamped_rod(example):
+    module = example("new_assembly.py")
+    assert module.main() < 1e-9  # both solved to 1e-9 1/m on 0.4 m
+    rod = mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638, precurvature=(14, 5, 0))
+    robot = module.SprungRod(rod, spring=0.05)
+    inputs = robot.inputs(tip_force=[(0.3, 0.2, 0), (0.1, 0, 0.1)])
+    newton = mr.solve(robot, inputs)
+    observer = mr.solve(robot, inputs, solver=mr.Observer())
+    np.testing.assert_allclose(observer.tip_position, newton.tip_position, atol=1e-9)
+
+
+def test_work_precision_falls_with_the_work(example):
+    errors = example("work_precision.py").main()
+    assert errors["RK45(rtol=1e-08, atol=1e-10)"] < 1e-8
+    assert errors["RK4(200)"] < errors["RK4(50)"] / 100 < errors["RK4(12)"] / 1000
+
+
+def test_control_loop(example, tmp_path, capsys):
+    residual = example("control_loop.py").main(["--time", "1", "--out", str(tmp_path / "loop.rrd")])
+    assert residual < 1e-3
+    assert (tmp_path / "loop.rrd").stat().st_size > 10_000
+
+
+def test_solver_of_another_package_is_found_by_entry_point(tmp_path, monkeypatch, wire):
+    package = ROOT / "examples" / "solver_package"
+    info = tmp_path / "multirod_broyden-0.1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: multirod-broyden\nVersion: 0.1.0\n")
+    entry = re.search(r'\[project\.entry-points\."(.*?)"\]\n(.*?) = "(.*?)"', (package / "pyproject.toml").read_text())
+    (info / "entry_points.txt").write_text(f"[{entry[1]}]\n{entry[2]} = {entry[3]}\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.syspath_prepend(str(package))
+    broyden = mr.registered_solvers()["broyden"]
+    robot = mr.SingleRod(wire)
+    inputs = robot.inputs(tip_force=[(1, 0, 0.5), (0, 0.5, 0)])
+    found = mr.solve(robot, inputs, solver=broyden()).raise_if_failed()
+    np.testing.assert_allclose(found.tip_position, mr.solve(robot, inputs).tip_position, atol=1e-9)
+    angle = np.linspace(0, 0.2, 20)
+    history = mr.simulate(robot, robot.inputs(rotation=angle, tip_force=(1, 0, 0)), time=angle, solver=broyden())
+    assert (history.status == mr.Status.CONVERGED).all()

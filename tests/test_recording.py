@@ -1,0 +1,393 @@
+"""Recordings read back: what is in them, that numbers are exact, and that a killed run leaves a readable one."""
+
+import os
+import signal
+import subprocess
+import sys
+from collections import defaultdict
+
+import numpy as np
+import pytest
+import rerun as rr
+from rerun.chunk import RrdReader
+
+import multirod as mr
+from multirod.recording import Recorder, save
+
+SOLVER = mr.Shooting(integrator=mr.RK4(20))
+SCALARS = (
+    "/error/boundary",
+    "/error/boundary_log10",
+    "/conditioning/condition",
+    "/conditioning/condition_log10",
+    "/conditioning/smallest_singular_value",
+    "/solver/step_time_ms",
+    "/solver/iterations",
+    "/solver/integrations",
+)
+
+
+@pytest.fixture(autouse=True)
+def strict():
+    rr.set_strict_mode(True)
+    yield
+    rr.set_strict_mode(False)
+
+
+def make_robot(**options):
+    return mr.SingleRod(
+        mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638, precurvature=(3, 1, 0), **options)
+    )
+
+
+def make_history(count=40, solver=SOLVER, robot=None, force=0.2):
+    robot = make_robot() if robot is None else robot
+    time = 0.02 * np.arange(count)
+    tip_force = force * np.stack([np.sin(time), np.cos(time), 0 * time], axis=-1)
+    inputs = robot.inputs(rotation=0.3 * time[:, None], translation=0.01 * time[:, None], tip_force=tip_force)
+    return mr.simulate(robot, inputs, time=time, solver=solver)
+
+
+@pytest.fixture(scope="module")
+def history():
+    return make_history()
+
+
+@pytest.fixture(scope="module")
+def broken():
+    """Samples 10 to 14 fail: the force jumps, and one iteration does not follow it."""
+    robot = make_robot()
+    tip_force = np.zeros((20, 3))
+    tip_force[10:15, 1] = 60.0
+    solver = mr.Shooting(integrator=mr.RK4(20), max_iterations=3, max_continuation_steps=2)
+    result = mr.simulate(robot, robot.inputs(tip_force=tip_force), time=0.02 * np.arange(20), solver=solver)
+    failed = np.array([mr.Status(int(value)).failed for value in result.status])
+    assert failed[10:15].all()
+    assert not failed[:10].any()
+    return result
+
+
+class Recording:
+    """Rows of a recording by entity and component."""
+
+    def __init__(self, path):
+        self.chunks = defaultdict(list)
+        self.paths = set()
+        for chunk in RrdReader(str(path)).stream().collect().stream():
+            self.paths.add(str(chunk.entity_path))
+            self.chunks[str(chunk.entity_path), chunk.is_static].append(chunk)
+
+    def column(self, path, name, static=False):
+        rows = []
+        for chunk in self.chunks[path, static]:
+            batch = chunk.to_record_batch()
+            if name in batch.schema.names:
+                values = batch.column(name).to_pylist()
+                steps = [-1] * len(values) if static else batch.column("step").to_numpy().tolist()
+                rows += list(zip(steps, values, strict=True))
+        return [value for _, value in sorted(rows, key=lambda row: row[0])]
+
+    def index(self, path, timeline):
+        parts = [chunk.to_record_batch().column(timeline) for chunk in self.chunks[path, False]]
+        return np.sort(np.concatenate([part.cast("int64").to_numpy() for part in parts]))
+
+    def scalars(self, path):
+        return np.array(self.column(path, "Scalars:scalars"))
+
+
+def views_of(path):
+    """Kinds of the views in the layout that a recording holds."""
+    reader = RrdReader(str(path))
+    (layout,) = reader.blueprints()
+    found = set()
+    for chunk in reader.stream(store=layout).collect().stream():
+        batch = chunk.to_record_batch()
+        for name in batch.schema.names:
+            if name.endswith("class_identifier"):
+                found |= {value for row in batch.column(name).to_pylist() for value in row}
+    return found
+
+
+def test_scalars_equal_the_history(history, tmp_path):
+    history.save(tmp_path / "run.rrd")
+    recording = Recording(tmp_path / "run.rrd")
+    expected = {
+        "/error/boundary": history.residual,
+        "/conditioning/condition": history.condition,
+        "/conditioning/condition_log10": np.log10(history.condition),
+        "/conditioning/smallest_singular_value": history.smallest_singular_value,
+        "/solver/step_time_ms": 1e3 * history.step_time,
+        "/solver/iterations": history.iterations,
+        "/solver/integrations": history.integrations,
+        "/inputs/rotation": history.inputs.rotation[:, 0],
+        "/inputs/translation": history.inputs.translation[:, 0],
+    }
+    for path, values in expected.items():
+        np.testing.assert_array_equal(recording.scalars(path)[:, 0], values, err_msg=path)
+    np.testing.assert_array_equal(recording.scalars("/inputs/tip_force"), history.inputs.tip_force)
+    positive = history.residual > 0
+    np.testing.assert_array_equal(recording.scalars("/error/boundary_log10")[positive, 0], np.log10(history.residual[positive]))
+
+
+def test_entities_timelines_and_rows(history, tmp_path):
+    save(tmp_path / "run.rrd", history)
+    recording = Recording(tmp_path / "run.rrd")
+    temporal = {"/world/rods/rod_0", "/world/tip", "/world/tip_path", "/world/loads/tip_force", "/curvature/rod_0", *SCALARS}
+    assert temporal <= recording.paths
+    assert {"/description", "/world/base", "/status", "/curvature/axes"} <= recording.paths
+    for path in temporal:
+        np.testing.assert_array_equal(recording.index(path, "step"), np.arange(40), err_msg=path)
+        np.testing.assert_allclose(recording.index(path, "time"), 1e9 * history.time, atol=1, err_msg=path)
+    timelines = {
+        name for (_, static), chunks in recording.chunks.items() if not static for c in chunks for name in c.timeline_names
+    }
+    assert timelines == {"step", "time"}
+
+
+def test_geometry_follows_the_rod(history, tmp_path):
+    save(tmp_path / "run.rrd", history, nodes=21)
+    recording = Recording(tmp_path / "run.rrd")
+    shape = history.rod(0, nodes=21)
+    starts = np.array(recording.column("/world/rods/rod_0", "Capsules3D:translations"))
+    lengths = np.array(recording.column("/world/rods/rod_0", "Capsules3D:lengths"))
+    turns = np.array(recording.column("/world/rods/rod_0", "Capsules3D:quaternions"))
+    np.testing.assert_allclose(starts, shape.position[:, :-1], atol=1e-7)
+    x, y, z, w = np.moveaxis(turns, -1, 0)
+    e3 = np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=-1)
+    np.testing.assert_allclose(starts + lengths[..., None] * e3, shape.position[:, 1:], atol=1e-6)
+    # 0.4 % of the length where no diameter is given
+    np.testing.assert_allclose(recording.column("/world/rods/rod_0", "Capsules3D:radii"), 0.004 * 0.4)
+    tips = np.array(recording.column("/world/tip", "Transform3D:translation"))[:, 0]
+    np.testing.assert_allclose(tips, history.tip_position, atol=1e-7)
+    x, y, z, w = np.array(recording.column("/world/tip", "Transform3D:quaternion"))[:, 0].T
+    axis = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)], axis=-1)
+    np.testing.assert_allclose(axis, history.tip_rotation[:, :, 0], atol=1e-6)
+    strokes = np.array(recording.column("/world/tip_path", "LineStrips3D:strips"))[:, 0]
+    np.testing.assert_allclose(strokes[1:, 0], history.tip_position[:-1], atol=1e-7)
+    np.testing.assert_allclose(strokes[:, 1], history.tip_position, atol=1e-7)
+
+
+def test_radius_and_name_come_from_the_rod(tmp_path):
+    save(tmp_path / "run.rrd", make_history(3, robot=make_robot(outer_diameter=3e-3, name="inner wire")))
+    recording = Recording(tmp_path / "run.rrd")
+    (path,) = [path for path in recording.paths if path.startswith("/world/rods/")]
+    assert "inner" in path
+    np.testing.assert_allclose(recording.column(path, "Capsules3D:radii"), 1.5e-3)
+
+
+def test_force_arrows_have_the_stated_scale(history, tmp_path):
+    save(tmp_path / "run.rrd", history, force_scale=0.125)
+    recording = Recording(tmp_path / "run.rrd")
+    arrows = np.array(recording.column("/world/loads/tip_force", "Arrows3D:vectors"))[:, 0]
+    np.testing.assert_allclose(arrows, 0.125 * history.inputs.tip_force, atol=1e-8)
+    (text,) = recording.column("/description", "TextDocument:text", static=True)
+    assert "1 N is 125 mm" in text[0]
+    assert "SingleRod" in text[0]
+    assert "Shooting(" in text[0]
+
+
+def test_tip_error_against_a_reference(history, tmp_path):
+    coarse = make_history(solver=mr.Shooting(integrator=mr.RK4(4)))
+    save(tmp_path / "run.rrd", coarse, reference=history)
+    recording = Recording(tmp_path / "run.rrd")
+    error = 1e3 * np.linalg.norm(coarse.tip_position - history.tip_position, axis=-1)
+    assert error.max() > 0
+    np.testing.assert_array_equal(recording.scalars("/error/tip_mm")[:, 0], error)
+    np.testing.assert_array_equal(recording.scalars("/error/tip_mm_log10")[error > 0, 0], np.log10(error[error > 0]))
+    assert {"/world/reference/rods/rod_0", "/world/reference/tip_path"} <= recording.paths
+
+
+def test_failed_samples_have_no_geometry(broken, tmp_path):
+    broken.save(tmp_path / "run.rrd")
+    recording = Recording(tmp_path / "run.rrd")
+    failed = np.isnan(broken.tip_position).any(axis=1)
+    for path, name in (
+        ("/world/rods/rod_0", "Capsules3D:lengths"),
+        ("/world/rods/rod_0", "Capsules3D:radii"),  # a radius alone would be drawn
+        ("/world/tip", "Transform3D:translation"),
+        ("/curvature/rod_0", "LineStrips2D:strips"),
+    ):
+        np.testing.assert_array_equal([not row for row in recording.column(path, name)], failed, err_msg=name)
+    lengths = np.array(recording.column("/world/tip", "TransformAxes3D:axis_length"))[:, 0]
+    np.testing.assert_array_equal(lengths == 0, failed)
+    np.testing.assert_array_equal(np.isnan(recording.scalars("/conditioning/condition")[:, 0]), failed)
+    np.testing.assert_array_equal(recording.scalars("/error/boundary")[:, 0], broken.residual)
+
+
+def test_status_lane_holds_the_changes(broken, tmp_path):
+    broken.save(tmp_path / "run.rrd")
+    recording = Recording(tmp_path / "run.rrd")
+    names = [mr.Status(int(value)).name for value in broken.status]
+    steps = [k for k in range(20) if k == 0 or names[k] != names[k - 1]]
+    assert len(steps) == 3
+    np.testing.assert_array_equal(recording.index("/status", "step"), steps)
+    assert [row[0] for row in recording.column("/status", "StateChange:state")] == [names[k] for k in steps]
+
+
+def test_batch_records_the_first_instances(tmp_path):
+    robot = make_robot()
+    inputs = robot.inputs(rotation=np.linspace(0, 0.3, 30).reshape(5, 3, 2)[..., None], tip_force=(0, 0.1, 0))
+    history = mr.simulate(robot, inputs, time=0.02 * np.arange(5), solver=SOLVER)
+    save(tmp_path / "run.rrd", history, instances=2)
+    recording = Recording(tmp_path / "run.rrd")
+    assert {f"/world/instance_{k}/rods/rod_0" for k in range(2)} <= recording.paths
+    assert not [path for path in recording.paths if "instance_2" in path]
+    for k in range(2):
+        values = recording.scalars(f"/conditioning/condition/instance_{k}")[:, 0]
+        np.testing.assert_array_equal(values, history.condition.reshape(5, 6)[:, k])
+        tips = np.array(recording.column(f"/world/instance_{k}/tip", "Transform3D:translation"))[:, 0]
+        np.testing.assert_allclose(tips, history.tip_position.reshape(5, 6, 3)[:, k], atol=1e-7)
+    (text,) = recording.column("/description", "TextDocument:text", static=True)
+    assert "first 2 of 6" in text[0]
+
+
+def test_layout_is_embedded(history, tmp_path):
+    save(tmp_path / "saved.rrd", history)
+    with Recorder(tmp_path / "live.rrd") as recorder:
+        recorder.log(0.0, mr.solve(make_robot(), solver=SOLVER))
+    for name in ("saved.rrd", "live.rrd"):
+        assert {"3D", "2D", "StateTimeline", "TextDocument", "TimeSeries"} <= views_of(tmp_path / name), name
+
+
+def test_recorder_equals_the_tracked_solutions(tmp_path):
+    robot = make_robot()
+    tracker = mr.Tracker(robot, solver=SOLVER, dt=0.02, inputs=robot.inputs(rotation=0.0, tip_force=(0, 0.1, 0)))
+    solutions = []
+    with Recorder(tmp_path / "run.rrd", flush_every=7, nodes=21, name="bench") as recorder:
+        for k in range(25):
+            solutions.append(tracker.step(rotation=0.02 * k, tip_force=(0.001 * k, 0.1, 0.0)))
+            recorder.log(0.02 * k, solutions[-1], step_time=1e-4 * (k + 1), reference=solutions[-1])
+    recording = Recording(tmp_path / "run.rrd")
+    for path in SCALARS:
+        np.testing.assert_array_equal(recording.index(path, "step"), np.arange(25), err_msg=path)
+    np.testing.assert_array_equal(recording.scalars("/conditioning/condition")[:, 0], [s.condition for s in solutions])
+    np.testing.assert_array_equal(recording.scalars("/error/boundary")[:, 0], [s.residual for s in solutions])
+    np.testing.assert_array_equal(recording.scalars("/solver/step_time_ms")[:, 0], [1e3 * (1e-4 * (k + 1)) for k in range(25)])
+    np.testing.assert_array_equal(recording.scalars("/error/tip_mm"), np.zeros((25, 1)))
+    np.testing.assert_array_equal(recording.scalars("/inputs/rotation")[:, 0], 0.02 * np.arange(25))
+    starts = np.array(recording.column("/world/rods/rod_0", "Capsules3D:translations"))
+    np.testing.assert_allclose(starts, [s.rod(0, nodes=21).position[:-1] for s in solutions], atol=1e-7)
+    strokes = np.array(recording.column("/world/tip_path", "LineStrips3D:strips"))[:, 0]
+    np.testing.assert_array_equal(strokes[1:, 0], strokes[:-1, 1])
+
+
+def test_recorder_takes_inputs_that_come_later(tmp_path):
+    robot = make_robot()
+    tracker = mr.Tracker(robot, solver=SOLVER, dt=0.02)
+    with Recorder(tmp_path / "run.rrd", flush_every=100) as recorder:
+        for k in range(6):
+            recorder.log(0.02 * k, tracker.step(rotation=0.1) if k < 3 else tracker.step(tip_force=(0, 0.1, 0)))
+    recording = Recording(tmp_path / "run.rrd")
+    np.testing.assert_array_equal(recording.index("/inputs/rotation", "step"), np.arange(6))
+    np.testing.assert_array_equal(recording.index("/inputs/tip_force", "step"), np.arange(3, 6))
+
+
+def test_exception_in_the_loop_keeps_what_was_logged(tmp_path):
+    solution = mr.solve(make_robot(), solver=SOLVER)
+
+    def loop():
+        with Recorder(tmp_path / "run.rrd", flush_every=50) as recorder:
+            for k in range(9):
+                recorder.log(0.1 * k, solution)
+            raise KeyError
+
+    with pytest.raises(KeyError):
+        loop()
+    np.testing.assert_array_equal(Recording(tmp_path / "run.rrd").index("/error/boundary", "step"), np.arange(9))
+
+
+LOOP = """
+import os, signal, sys
+import multirod as mr
+from multirod.recording import Recorder
+if sys.argv[2] == "SIGTERM":
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+robot = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638, precurvature=(3, 1, 0)))
+tracker = mr.Tracker(robot, solver=mr.Shooting(integrator=mr.RK4(20)), dt=0.02, inputs=robot.inputs(rotation=0.0))
+with Recorder(sys.argv[1], flush_every=10) as recorder:
+    for k in range(1000):
+        recorder.log(0.02 * k, tracker.step(rotation=0.001 * k))
+        if k == 105:
+            os.kill(os.getpid(), getattr(signal, sys.argv[2]))
+"""
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no SIGKILL on this system")
+@pytest.mark.parametrize(("name", "kept", "code"), [("SIGKILL", 101, -9), ("SIGTERM", 106, 143)])
+@pytest.mark.filterwarnings("ignore::rerun.error_utils.RerunWarning")  # the reader says that the file has no footer
+def test_killed_run_leaves_a_readable_recording(name, kept, code, tmp_path):
+    path = tmp_path / "run.rrd"
+    environment = {**os.environ, "RUST_LOG": "error"}
+    command = [sys.executable, "-c", LOOP, str(path), name]
+    ended = subprocess.run(command, env=environment, capture_output=True, timeout=120, check=False)
+    assert ended.returncode == code, ended.stderr.decode()[-2000:]
+    rr.set_strict_mode(False)
+    recording = Recording(path)
+    assert len(recording.index("/error/boundary", "step")) >= kept
+    np.testing.assert_array_equal(recording.index("/world/rods/rod_0", "step")[:kept], np.arange(kept))
+    np.testing.assert_array_equal(recording.scalars("/inputs/rotation")[:kept, 0], 0.001 * np.arange(kept))
+    assert "StateTimeline" in views_of(path)
+
+
+def test_save_refuses_bad_arguments(history, tmp_path):
+    file = tmp_path / "run.rrd"
+    with pytest.raises(TypeError, match="save takes a History, not Solution"):
+        save(file, mr.solve(make_robot(), solver=SOLVER))
+    with pytest.raises(TypeError, match=r"save\.reference takes a History, not str"):
+        save(file, history, reference="truth")
+    with pytest.raises(ValueError, match=r"save\.reference = .* samples of the history"):
+        save(file, history, reference=make_history(7))
+    for options in ({"nodes": 1}, {"instances": 0}, {"force_scale": -1.0}, {"force_scale": np.nan}, {"name": ""}, {"name": 3}):
+        (field,) = options
+        with pytest.raises(ValueError, match=rf"save\.{field} = .* is not allowed: must be"):
+            save(file, history, **options)
+    for path in (tmp_path / "absent" / "run.rrd", tmp_path, 3, ""):
+        with pytest.raises(ValueError, match=r"save\.path = .* is not allowed"):
+            save(path, history)
+    assert not file.exists()
+
+
+def test_recorder_refuses_bad_arguments(history, tmp_path):
+    file = tmp_path / "run.rrd"
+    with pytest.raises(TypeError, match="a path, an address, or both"):
+        Recorder()
+    for options in (
+        {"address": "127.0.0.1:9876"},
+        {"address": 9876},
+        {"flush_every": 0},
+        {"flush_every": 2.0},
+        {"nodes": 1},
+        {"instances": 0},
+        {"force_scale": 0.0},
+        {"description": 1},
+        {"name": ""},
+    ):
+        (field,) = options
+        with pytest.raises(ValueError, match=rf"Recorder\.{field} = .* is not allowed"):
+            Recorder(file, **options)
+    with pytest.raises(ValueError, match=r"Recorder\.path"):
+        Recorder(tmp_path / "absent" / "run.rrd")
+    solution = mr.solve(make_robot(), solver=SOLVER)
+    with Recorder(file) as recorder:
+        with pytest.raises(TypeError, match="Solution of one sample, not History"):
+            recorder.log(0.0, history)
+        with pytest.raises(TypeError, match="not NoneType"):
+            recorder.log(0.0, None)
+        with pytest.raises(ValueError, match="must be finite"):
+            recorder.log(np.nan, solution)
+        recorder.log(1.0, solution)
+        with pytest.raises(ValueError, match=r"Recorder\.log\.time = 1\.0 is not allowed: must be later"):
+            recorder.log(1.0, solution)
+        with pytest.raises(ValueError, match="step_time = -1"):
+            recorder.log(2.0, solution, step_time=-1)
+        with pytest.raises(ValueError, match="robot of the first sample"):
+            recorder.log(2.0, mr.solve(make_robot(), solver=SOLVER))
+    with pytest.raises(RuntimeError, match="closed"):
+        recorder.log(3.0, solution)
+    recorder.close()
+    assert len(Recording(file).index("/error/boundary", "step")) == 1
+
+
+def test_importing_the_library_does_not_import_rerun():
+    code = "import sys, multirod, multirod.recording; sys.exit('rerun' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
