@@ -161,16 +161,7 @@ class BackboneProblem(BoundaryProblem):
     def guess(self) -> FloatArray:  # noqa: D102
         result = np.zeros((self.instance_count, self.unknown_count))
         if len(self.rods) == 1:
-            shift = self.read("inputs")[:, self.input_slice("translation")]
-            section = np.sum(self.arrays.end[:, 0, :-1] + shift <= 0, axis=-1)
-            rows = np.arange(len(self.arrays.end)) if len(self.arrays.end) > 1 else np.zeros(len(section), int)
-            coefficients = self.arrays.precurvature[rows, 0, section].reshape(len(section), -1, 3)
-            start = np.where(section > 0, self.arrays.end[rows, 0, np.maximum(section - 1, 0)], 0.0)
-            end = self.arrays.end[rows, 0, section]
-            with np.errstate(invalid="ignore", divide="ignore"):
-                t = np.where(end > start, (-2 * shift[:, 0] - start - end) / (end - start), 0.0)
-            powers = t[:, None] ** np.arange(coefficients.shape[1])
-            result[:, :3] = np.einsum("bk,bkj->bj", powers, coefficients)
+            result[:, :3] = self.arrays.precurvature[:, 0, 0, :3]
         return result
 
     def load_scale(self) -> FloatArray:  # noqa: D102

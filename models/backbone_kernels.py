@@ -226,6 +226,7 @@ def make_kernel(features: Features, tableau: Tableau):
     Coordinates = wp.types.matrix(shape=(n, 3), dtype=f64)  # centre, 1/half length of the section, 1 if present
     Profile = wp.types.matrix(shape=(6, LD), dtype=f64)
     Tube = wp.types.matrix(shape=(n, 8), dtype=f64)
+    Bent = wp.types.vector(length=6, dtype=f64)
     ColumnVectors = wp.types.matrix(shape=(max(C, 1), 3), dtype=f64)
     DirectionVectors = wp.types.matrix(shape=(max(ND, 1), 3), dtype=f64)
     DirectionRods = wp.types.matrix(shape=(max(ND, 1), n), dtype=f64)
@@ -338,13 +339,13 @@ def make_kernel(features: Features, tableau: Tableau):
         return moment
 
     @wp.func
-    def bent_tube(z: Stretch, i: int, theta: f64, us: wp.vec3d) -> wp.types.vector(length=6, dtype=f64):
+    def bent_tube(z: Stretch, i: int, theta: f64, us: wp.vec3d) -> Bent:
         """(7) K_i(theta) as xx, xy, yy; u*_i,xy turned by theta; sin and cos are inside."""
         s = wp.sin(theta)
         c = wp.cos(theta)
         kx = z.material[i, 0]
         ky = z.material[i, 1]
-        out = wp.types.vector(length=6, dtype=f64)()
+        out = Bent()
         out[0] = kx
         out[2] = kx
         if wp.static(ANISOTROPIC):
@@ -651,6 +652,19 @@ def make_kernel(features: Features, tableau: Tableau):
         return wp.vec3d(f64(1.0) / kx, f64(1.0) / ky, f64(1.0) / wp.min(z.material[0, 2], wp.max(kx, ky)))
 
     @wp.func
+    def unknown_scale(rods: RodTable, r: int, i: int) -> wp.vec3d:
+        """(10) The same for the unknowns, by the first sections: it does not jump when a section is pulled into the base."""
+        kx = rods.material[r, i, 0, 0]
+        ky = rods.material[r, i, 0, 1]
+        GJ = wp.min(rods.material[r, i, 0, 2], wp.max(kx, ky))
+        if wp.static(TUBES):
+            EI = f64(0.0)
+            for j in range(wp.static(n)):
+                EI += wp.max(rods.material[r, j, 0, 0], rods.material[r, j, 0, 1])
+            return wp.vec3d(f64(1.0) / EI, f64(1.0) / EI, f64(1.0) / GJ)
+        return wp.vec3d(f64(1.0) / kx, f64(1.0) / ky, f64(1.0) / GJ)
+
+    @wp.func
     def input_vector(call: Call, t: int, first: int) -> wp.vec3d:
         return call.load_factor[t] * wp.vec3d(call.inputs[t, first], call.inputs[t, first + 1], call.inputs[t, first + 2])
 
@@ -851,14 +865,13 @@ def make_kernel(features: Features, tableau: Tableau):
             if started == 0:
                 # (9), (10): the state at the base
                 started = int(1)
-                c = moment_scale(z, 0)
-                us = precurvature(z, 0, zero)
+                c = unknown_scale(rods, r, 0)
                 base_angle = call.inputs[t, ROT]
                 M = wp.vec3d(zero, zero, zero)
                 if wp.static(TUBES):
                     M = wp.vec3d(call.unknowns[t, 0] / c[0], call.unknowns[t, 1] / c[1], zero)
                     for i in range(wp.static(n)):
-                        ci = moment_scale(z, i)
+                        ci = unknown_scale(rods, r, i)
                         tau = z.coordinates[i, 2] * call.unknowns[t, 2 + i] / ci[2]
                         M[2] += tau
                         angle = call.inputs[t, ROT + i]
@@ -871,9 +884,9 @@ def make_kernel(features: Features, tableau: Tableau):
                             base_angle = angle
                 else:
                     M = wp.vec3d(
-                        (call.unknowns[t, 0] - us[0]) / c[0],
-                        (call.unknowns[t, 1] - us[1]) / c[1],
-                        (call.unknowns[t, 2] - us[2]) / c[2],
+                        (call.unknowns[t, 0] - rods.precurvature[r, 0, 0, 0]) / c[0],
+                        (call.unknowns[t, 1] - rods.precurvature[r, 0, 0, 1]) / c[1],
+                        (call.unknowns[t, 2] - rods.precurvature[r, 0, 0, 2]) / c[2],
                     )
                 for j in range(3):
                     y[j] = M[j]
@@ -881,7 +894,7 @@ def make_kernel(features: Features, tableau: Tableau):
                 cs = wp.cos(f64(0.5) * base_angle)
                 q = wp.vec4d(zero, zero, sn, cs)
                 N = wp.vec3d(zero, zero, zero)
-                force_unit = wp.max(z.material[0, 0], z.material[0, 1]) / scale
+                force_unit = wp.max(rods.material[r, 0, 0, 0], rods.material[r, 0, 0, 1]) / scale
                 if wp.static(FOLLOWER):
                     j = wp.static(UNKNOWNS - 3)
                     N = force_unit * wp.vec3d(call.unknowns[t, j], call.unknowns[t, j + 1], call.unknowns[t, j + 2])
@@ -905,7 +918,7 @@ def make_kernel(features: Features, tableau: Tableau):
                     if wp.static(k < NX and TUBES and k < 2):
                         y[o + k] = one / c[wp.min(k, 1)]
                     if wp.static(k < NX and TUBES and k >= 2 and k < 2 + n):
-                        ck = moment_scale(z, k - 2)
+                        ck = unknown_scale(rods, r, k - 2)
                         y[o + 2] = z.coordinates[k - 2, 2] / ck[2]
                         give = zero
                         if wp.static(TRANSMISSION):
@@ -925,15 +938,11 @@ def make_kernel(features: Features, tableau: Tableau):
                                 if shift[0] < zero:
                                     turn -= z.shift_directions[k - NX, 0] * inner_torque(y, z) * z.material[0, 5]
                             for i in range(1, wp.static(n)):
-                                a = call.directions[j, k - NX, ROT + i]
+                                lead = call.directions[j, k - NX, ROT + i]
                                 if wp.static(TRANSMISSION):
                                     if shift[i] < zero:
-                                        a -= z.shift_directions[k - NX, i] * y[wp.static(oTau) + i - 1] * z.material[i, 5]
-                                y[o + wp.static(oT) + i - 1] = a - turn
-                        elif wp.static(VARIED_CURVATURE):
-                            slope = z.shift_directions[k - NX, 0] * precurvature_slope(z, 0, zero)
-                            for i in range(3):
-                                y[o + i] = slope[i] / c[i]
+                                        lead -= z.shift_directions[k - NX, i] * y[wp.static(oTau) + i - 1] * z.material[i, 5]
+                                y[o + wp.static(oT) + i - 1] = lead - turn
                     dn = wp.vec3d(dn0[k, 0], dn0[k, 1], dn0[k, 2])
                     if wp.static(FOLLOWER):
                         unit_force = wp.vec3d(zero, zero, zero)
@@ -952,7 +961,6 @@ def make_kernel(features: Features, tableau: Tableau):
                             y[o + STATICS + j] = dq[j]
                 if wp.static(NODES):
                     d = rates(y, z, zero)
-                    us = precurvature(z, 0, zero)
                     call.node_arclength[t, 0] = zero
                     call.node_position[t, 0] = pb
                     call.node_rotation[t, 0] = Rb * rotation_matrix(q)

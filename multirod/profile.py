@@ -5,12 +5,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.polynomial import chebyshev
 
 from multirod.validation import FloatArray, refuse
 
 DEGREE = 7
-_RELATIVE_ERROR = 1e-13
+_RELATIVE_ERROR = 1e-12
 _LEVELS = 14
 
 
@@ -55,7 +54,8 @@ def fit(field: str, function: Callable[[float], Any], length: float, width: int 
             refuse(f"{field}({s:g})", value.tolist(), f"must be {width} finite numbers")
         return value
 
-    nodes = np.cos(np.pi * (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1))
+    powers = np.arange(DEGREE + 1)
+    nodes = np.cos(np.pi * (powers + 0.5) / (DEGREE + 1))
     probes = np.array([-0.97, -0.53, 0.11, 0.46, 0.91])
     ends: list[float] = []
     coefficients: list[FloatArray] = []
@@ -65,14 +65,11 @@ def fit(field: str, function: Callable[[float], Any], length: float, width: int 
         start, end, level = pieces.pop()
         centre, half = 0.5 * (start + end), 0.5 * (end - start)
         values = np.array([sample(centre + half * t) for t in nodes])
-        series = chebyshev.chebfit(nodes, values, DEGREE)
-        error = np.abs(chebyshev.chebval(probes, series).T - [sample(centre + half * t) for t in probes]).max()
+        found = np.linalg.solve(nodes[:, None] ** powers, values)
+        error = np.abs(probes[:, None] ** powers @ found - [sample(centre + half * t) for t in probes]).max()
         if error > _RELATIVE_ERROR * scale and level < _LEVELS:
             pieces += [(centre, end, level + 1), (start, centre, level + 1)]
-            continue
-        ends.append(end)
-        coefficients.append(np.array([chebyshev.cheb2poly(series[:, k]) if DEGREE else series[:, k] for k in range(width)]).T)
-    padded = np.zeros((len(ends), DEGREE + 1, width))
-    for piece, values in enumerate(coefficients):
-        padded[piece, : len(values)] = values
-    return Profile(np.array(ends), padded, source)
+        else:
+            ends.append(end)
+            coefficients.append(found)
+    return Profile(np.array(ends), np.array(coefficients), source)

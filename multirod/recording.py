@@ -403,7 +403,7 @@ class _Writer:
         everything = np.concatenate(points)
         everything = everything[np.isfinite(everything).all(axis=1)]
         self._low, self._high = everything.min(axis=0), everything.max(axis=0)
-        self._size = max(float(np.linalg.norm(self._high - self._low)), 1e-6)
+        self._size = max(float(np.linalg.norm(self._high - self._low)), 0.2 * max(self._lengths))
         if self._force_scale is None:
             self._force_scale = self._default_force_scale(block)
         self._grid = _round_down(0.2 * self._size)

@@ -139,7 +139,7 @@ def simulate(
         records[k] = problem.snapshot()
         if progress is not None:
             progress(k + 1)
-    inputs = _with_time(inputs, count)
+    inputs = _with_time(inputs, count, batch_shape)
     return History(
         _scene(robot, method, problem, inputs, (count, *batch_shape)),
         records.reshape(-1, records.shape[-1]),
@@ -162,11 +162,16 @@ def _joined(outcomes: list[Outcome]) -> Outcome:
     )
 
 
-def _with_time(inputs: Inputs, count: int) -> Inputs:
-    """The inputs with time as their first axis, broadcast if they do not vary."""
-    if inputs.batch_shape and inputs.batch_shape[0] == count:
-        return inputs
-    return inputs[np.zeros(count, dtype=int)] if inputs.batch_shape else inputs[np.newaxis][np.zeros(count, dtype=int)]
+def _with_time(inputs: Inputs, count: int, batch_shape: tuple[int, ...]) -> Inputs:
+    """The inputs with all axes, time first: what does not vary is repeated."""
+    own = inputs.batch_shape or (1,)
+    shape = (own[0], *(1,) * (len(batch_shape) - len(own) + 1), *own[1:])
+    names = [name for name in inputs.given if name not in inputs.profiles]
+    arrays = {}
+    for name in names:
+        value = getattr(inputs, name)
+        arrays[name] = np.broadcast_to(value.reshape(*shape, value.shape[-1]), (count, *batch_shape, value.shape[-1]))
+    return inputs.with_arrays(arrays)
 
 
 _PLAIN_NUMBERS = (float, int, np.float64)

@@ -92,4 +92,3 @@ def unknown_names(owner: str, given: Iterable[str], allowed: Iterable[str]) -> N
     for name in given:
         if name not in options:
             raise TypeError(f"{owner} takes no {name!r}: it takes " + ", ".join(options))
-

@@ -56,8 +56,7 @@ def test_an_impossible_instance_leaves_the_others_as_they_are():
     column = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.2, torsional_stiffness=0.06))
     solver = mr.Shooting(integrator=mr.RK4(40))
     forces = np.array([(0.3, 0.0, 0.5), (0.0, 0.0, -1e3), (0.0, 0.4, -0.2)])
-    moments = np.array([(0.1, 0.2, 0.0), (0.0, 0.0, 0.0), (0.1, 0.0, 0.3)])
-    batch = mr.solve(column, column.inputs(tip_force=forces, tip_moment=moments), solver=solver)
+    batch = mr.solve(column, column.inputs(tip_force=forces), solver=solver)
     assert mr.Status(int(batch.status[1])) == mr.Status.BRANCH_END
     for name in ("tip_position", "tip_rotation", "unknowns", "gamma", "condition", "determinant", "energy"):
         assert np.isnan(getattr(batch, name)[1]).all(), name
@@ -65,7 +64,7 @@ def test_an_impossible_instance_leaves_the_others_as_they_are():
         assert np.isnan(value[1]).all(), name
     assert np.isnan(batch.jacobian("tip_force")[1]).all()
     for k in (0, 2):
-        alone = mr.solve(column, column.inputs(tip_force=forces[k], tip_moment=moments[k]), solver=solver).raise_if_failed()
+        alone = mr.solve(column, column.inputs(tip_force=forces[k]), solver=solver).raise_if_failed()
         assert_same(batch, k, alone)
         np.testing.assert_array_equal(batch.jacobian("tip_force")[k], alone.jacobian("tip_force"))
     with pytest.raises(mr.SolveError, match="1 of 3 instances failed; the first is 1: BRANCH_END"):

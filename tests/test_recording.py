@@ -214,6 +214,15 @@ def test_failed_samples_have_no_geometry(broken, tmp_path):
     np.testing.assert_array_equal(recording.scalars("/error/boundary")[:, 0], broken.residual)
 
 
+def test_history_that_failed_throughout_is_recorded(tmp_path):
+    robot = make_robot()
+    solver = mr.Shooting(integrator=mr.RK4(20), max_iterations=1, max_continuation_steps=1)
+    history = mr.simulate(robot, robot.inputs(tip_force=(0, 60.0, 0)), time=[0.0, 0.1], solver=solver)
+    assert np.isnan(history.tip_position).all()
+    save(tmp_path / "run.rrd", history)
+    assert Recording(tmp_path / "run.rrd").column("/world/rods/rod_0", "Capsules3D:lengths") == [[], []]
+
+
 def test_status_lane_holds_the_changes(broken, tmp_path):
     broken.save(tmp_path / "run.rrd")
     recording = Recording(tmp_path / "run.rrd")

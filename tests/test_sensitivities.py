@@ -164,11 +164,11 @@ def test_directions_without_a_frame(difference):
         check(found, expected, f"residual by {name}")
 
 
-@pytest.mark.parametrize("name", ["rotation", "tip_force", "tip_moment"])
+@pytest.mark.parametrize("name", ["rotation", "tip_force"])
 def test_jacobian_is_the_derivative_of_solutions(name, difference):
     """Whole solves at a residual of 1e-11 1/m, differenced at 1e-3 of an input: 1e-8 is left, and 1e-7 is asked."""
     robot = mr.SingleRod(jumps())
-    values = PULLED | {"tip_moment": (0.05, 0.08, -0.04), "translation": 0.03}
+    values = PULLED | {"translation": 0.03}
     solver = mr.Shooting(tolerance=1e-11, integrator=GRID)
     solution = mr.solve(robot, robot.inputs(**values), solver=solver).raise_if_failed()
     jacobian = solution.jacobian(name)

@@ -29,6 +29,8 @@ class NewtonState:
     merit: wp.array[wp.float64]  # |eps| there; negative before the first evaluation
     damping: wp.array[wp.float64]
     contraction: wp.array[wp.float64]  # largest ratio of successive Newton steps
+    reference: wp.array3d[wp.float64]  # Gamma of the last kept sample, or zero
+    change: wp.array[wp.float64]  # Frobenius norm of Gamma reference^-1 - I at the end; 0 without a reference
     remaining: wp.array[int]  # (1,): instances still active
     # options
     tolerance: wp.float64
@@ -47,6 +49,7 @@ def restart(state: NewtonState):
     state.integrations[t] = 0
     state.merit[t] = wp.float64(-1.0)
     state.contraction[t] = wp.float64(0.0)
+    state.change[t] = wp.float64(0.0)
 
 
 @cache
@@ -81,6 +84,20 @@ def make_newton(n: int):
         if good:
             if size <= state.tolerance:
                 status = int(wp.static(int(Status.CONVERGED)))
+                if state.reference[t, 0, 0] != f64(0.0) or state.reference[t, n - 1, n - 1] != f64(0.0):
+                    T = Matrix()
+                    for i in range(n):
+                        for j in range(n):
+                            T[i, j] = state.reference[t, j, i]
+                    change = f64(0.0)
+                    for i in range(n):
+                        row = Vector()
+                        for j in range(n):
+                            row[j] = state.gamma[t, i, j]
+                        row = solve(T, row)
+                        row[i] = row[i] - f64(1.0)
+                        change += wp.dot(row, row)
+                    state.change[t] = wp.sqrt(change)
             else:
                 A = Matrix()
                 b = Vector()

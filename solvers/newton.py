@@ -1,0 +1,114 @@
+"""Newton's iteration on the buffers of one problem, many instances in each launch."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from multirod.problem import BoundaryProblem
+from multirod.solver import Outcome
+from multirod.solvers.newton_kernels import NewtonState, make_newton, restart
+from multirod.validation import FloatArray
+
+LARGE_CHANGE = 0.5
+
+
+class Newton:
+    """Newton's iteration on the buffers of one problem; launches are recorded once."""
+
+    def __init__(self, problem: BoundaryProblem, *, tolerance: float, max_iterations: int, line_search: bool) -> None:
+        self.problem = problem
+        n, count, device = problem.unknown_count, problem.instance_count, problem.device
+        state: Any = NewtonState()
+        self.state = state
+        for name in ("active", "fault", "unknowns", "residual", "gamma"):
+            setattr(state, name, getattr(problem, name))
+        for name in ("status", "iterations", "integrations"):
+            setattr(state, name, wp.zeros(count, dtype=wp.int32, device=device))
+        for name in ("merit", "damping", "contraction", "change"):
+            setattr(state, name, wp.zeros(count, dtype=wp.float64, device=device))
+        state.accepted = wp.zeros((count, n), dtype=wp.float64, device=device)
+        state.step = wp.zeros((count, n), dtype=wp.float64, device=device)
+        state.reference = wp.zeros((count, n, n), dtype=wp.float64, device=device)
+        state.remaining = wp.zeros(1, dtype=wp.int32, device=device)
+        state.tolerance = tolerance
+        state.max_iterations = max_iterations
+        state.line_search = int(line_search)
+        state.max_contraction = np.inf
+        self._record()
+        on_cpu = wp.get_device(device).is_cpu
+        self._remaining = state.remaining.numpy() if on_cpu else None
+        self._counts = [state.status.numpy(), state.iterations.numpy(), state.integrations.numpy()] if on_cpu else None
+        self._doubts = (state.change.numpy(), state.contraction.numpy()) if on_cpu else None
+        self._reference = state.reference.numpy().reshape(count, n * n) if on_cpu else None
+
+    def _record(self) -> None:
+        count, device = self.problem.instance_count, self.problem.device
+        kernel = make_newton(self.problem.unknown_count)
+        self._launch = wp.launch(kernel, dim=count, inputs=[self.state], device=device, record_cmd=True)
+        self._reset = wp.launch(restart, dim=count, inputs=[self.state], device=device, record_cmd=True)
+
+    @contextmanager
+    def strict(self, contraction: float) -> Iterator[None]:
+        """Within it, steps are not damped, and an instance stops that contracts more slowly than ``contraction``."""
+        before = self.state.line_search
+        self.state.line_search, self.state.max_contraction = 0, contraction
+        self._record()
+        try:
+            yield
+        finally:
+            self.state.line_search, self.state.max_contraction = before, np.inf
+            self._record()
+
+    @property
+    def tolerance(self) -> float:
+        """Largest residual [1/m]."""
+        return float(self.state.tolerance)
+
+    def strayed(self) -> Any:
+        """Whether a converged instance may be on another branch than its reference; bool, shape (instance_count,)."""
+        change, contraction = self._doubts or (self.state.change.numpy(), self.state.contraction.numpy())
+        return (change > LARGE_CHANGE) | (contraction > LARGE_CHANGE)
+
+    def reference(self) -> FloatArray:
+        """``Gamma`` of the last sample that was kept, shape (instance_count, n, n)."""
+        return np.array(self.state.reference.numpy())
+
+    def set_reference(self, kept: Any = None) -> None:
+        """Keep the present ``Gamma`` of the instances ``kept``, all by default, to compare the next with."""
+        gamma = self.problem.read("gamma")
+        if self._reference is not None:
+            if kept is None:
+                self._reference[:] = gamma
+            else:
+                self._reference[kept] = gamma[kept]
+            return
+        before = self.reference().reshape(gamma.shape)
+        chosen = gamma if kept is None else np.where(np.asarray(kept)[:, None], gamma, before)
+        self.state.reference.assign(chosen.reshape(self.state.reference.shape))
+
+    def run(self, chosen: Any = None) -> None:
+        """Iterate the chosen instances (bool, (instance_count,); all by default) from ``problem.unknowns`` to their ends."""
+        self._reset.launch()
+        if chosen is not None:
+            self.state.active.assign(np.asarray(chosen, dtype=np.int32))
+        while self.iterate():
+            pass
+
+    def iterate(self) -> int:
+        """One integration of all active instances, and what follows from it; the number still active."""
+        if self._remaining is not None:
+            self._remaining[0] = 0
+        else:
+            self.state.remaining.zero_()
+        self.problem.integrate()
+        self._launch.launch()
+        return int(self._remaining[0] if self._remaining is not None else self.state.remaining.numpy()[0])
+
+    def outcome(self) -> Outcome:
+        """Copies of the counts and statuses."""
+        state = self.state
+        counts = self._counts or [state.status.numpy(), state.iterations.numpy(), state.integrations.numpy()]
+        return Outcome(*(count.copy() for count in counts))

@@ -1,0 +1,200 @@
+"""Every registered solver, on every assembly, finds what Newton finds or says that it failed; a solver needs only ``_solve``."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pytest
+
+import multirod as mr
+from multirod.models.integrators import Integrator
+
+SOLVERS = mr.registered_solvers()
+
+
+@dataclass(frozen=True)
+class Scene:
+    """An assembly and several sets of inputs, each with a batch axis; to cover another assembly, append to ``SCENES``."""
+
+    robot: Callable[[], mr.Assembly]
+    inputs: dict[str, dict[str, Any]]
+
+
+def single_rod() -> mr.SingleRod:
+    wire = mr.Rod(
+        length=0.4, bending_stiffness=(0.22, 0.25), torsional_stiffness=0.064, precurvature=(14, 5, 0), linear_density=0.03
+    )
+    pose = np.array([[0, 0, 1, 0.1], [0, 1, 0, 0], [-1, 0, 0, 0.2], [0, 0, 0, 1.0]])
+    return mr.SingleRod(wire, base=pose)
+
+
+SCENES = {
+    "SingleRod": Scene(
+        single_rod,
+        {
+            "unloaded": {"rotation": (0.0, 0.7)},
+            "tip force": {"tip_force": [(0, 0.5, 0), (0.5, 0, 0.3)], "rotation": 0.4, "translation": (0.0, -0.15)},
+            "all dead loads": {
+                "tip_force": (0.3, 0, -0.2),
+                "tip_moment": [(0.02, 0, 0.01), (0, 0.02, 0)],
+                "distributed_force": (0, 0.3, 0),
+                "distributed_moment": (0.02, 0, 0),
+                "gravity": (0, 0, -9.81),
+            },
+            "follower loads": {"follower_force": [(0.3, 0, 0), (0, 0.3, -0.1)], "follower_moment": (0.01, 0.02, 0)},
+        },
+    ),
+}
+CASES = [pytest.param(scene, inputs, id=f"{scene}-{inputs}") for scene, given in SCENES.items() for inputs in given.inputs]
+
+
+def reach(solver: mr.Solver) -> float:
+    """Largest residual that a result of this solver may have, as its options say [1/m]."""
+    return getattr(solver, "max_residual", solver.tolerance)
+
+
+def residual(robot: mr.Assembly, inputs: mr.Inputs, solution: mr.Solution, integrator: Integrator) -> np.ndarray:
+    """Residual at the solution's unknowns, evaluated anew."""
+    return robot.problem(inputs, integrator=integrator).evaluate(solution.unknowns.reshape(-1, solution.unknown_count))[0]
+
+
+def test_own_solvers_are_registered() -> None:
+    assert {"shooting": mr.Shooting, "scipy_shooting": mr.ScipyShooting, "observer": mr.Observer}.items() <= SOLVERS.items()
+    assert all(issubclass(solver, mr.Solver) for solver in SOLVERS.values())
+
+
+@pytest.mark.parametrize(("scene", "given"), CASES)
+@pytest.mark.parametrize("name", SOLVERS)
+def test_solver_finds_the_equilibrium_or_says_that_it_failed(name: str, scene: str, given: str) -> None:
+    robot = SCENES[scene].robot()
+    inputs = robot.inputs(**SCENES[scene].inputs[given])
+    truth = mr.solve(robot, inputs, solver=mr.Shooting()).raise_if_failed()
+    solver = SOLVERS[name]()
+    solution = mr.solve(robot, inputs, solver=solver)
+    assert solution.status.shape == inputs.batch_shape
+    assert (solution.integrations >= 1).all()
+    for k, status in enumerate(solution.status):
+        if mr.Status(status).failed:
+            assert np.isnan(solution.unknowns[k]).all()
+            assert np.isnan(solution.tip_position[k]).all()
+            continue
+        assert status == mr.Status.CONVERGED
+        eps = residual(robot, inputs, solution, solver.integrator)[k]
+        assert np.abs(eps).max() <= reach(solver) * (1 + 1e-6)
+        np.testing.assert_allclose(np.abs(eps).max(), solution.residual[k], rtol=1e-6, atol=1e-11)
+        # to first order x - x_truth = Gamma^-1 (eps - eps_truth); twice that allows for the second order
+        distance = np.linalg.norm(solution.unknowns[k] - truth.unknowns[k])
+        norm = np.linalg.norm(eps) + np.linalg.norm(truth.boundary_residual[k])
+        assert distance <= 2 * norm / truth.smallest_singular_value[k] + 1e-12
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+def test_no_own_solver_fails_on_an_easy_load(name: str) -> None:
+    robot = single_rod()
+    mr.solve(robot, robot.inputs(**SCENES["SingleRod"].inputs["tip force"]), solver=SOLVERS[name]()).raise_if_failed()
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+def test_buffers_hold_what_the_outcome_reports(name: str) -> None:
+    robot = single_rod()
+    inputs = robot.inputs(**SCENES["SingleRod"].inputs["tip force"])
+    solver = SOLVERS[name]()
+    problem = robot.problem(inputs, integrator=solver.integrator)
+    outcome = solver.solve(problem)
+    # pose, residual and Gamma are those of the unknowns of the same record, not of a trial before or after
+    held = {field: problem.read(field) for field in ("unknowns", "residual", "gamma", "position", "rotation")}
+    assert (problem.active.numpy() >= 0).all()
+    np.testing.assert_array_equal(problem.load_factor.numpy(), 1.0)
+    for buffer in (problem.residual, problem.gamma, problem.position, problem.rotation):
+        buffer.fill_(np.nan)
+    problem.active.fill_(1)
+    problem.write("unknowns", held["unknowns"])
+    problem.integrate()
+    for name_, values in held.items():
+        np.testing.assert_array_equal(problem.read(name_), values)
+    assert len(outcome.status) == problem.instance_count
+
+
+@dataclass(frozen=True, kw_only=True)
+class Broyden(mr.Solver):
+    """A third party's solver: nothing but ``_solve``, in NumPy, through ``evaluate``."""
+
+    integrator: Integrator = field(default_factory=mr.RK45)
+    tolerance: float = 1e-9
+
+    def _solve(self, problem: mr.BoundaryProblem, guess: np.ndarray | None) -> mr.Outcome:
+        outcome = mr.Outcome.zeros(problem.instance_count)
+        x = problem.guess() if guess is None else np.array(guess)
+        for _ in range(50):
+            eps, gamma = problem.evaluate(x)
+            outcome.integrations += 1
+            done = np.abs(eps).max(axis=1) <= self.tolerance
+            outcome.status[done] = mr.Status.CONVERGED
+            if done.all():
+                break
+            outcome.iterations += ~done
+            x = np.where(done[:, None], x, x - np.linalg.solve(gamma, eps[..., None])[..., 0])
+        outcome.status[outcome.status == mr.Status.NOT_RUN] = mr.Status.MAX_ITERATIONS
+        return outcome
+
+
+def test_a_solver_needs_only_solve() -> None:
+    robot = single_rod()
+    solver = Broyden()
+    angle = np.linspace(0, 0.2, 6)
+    force = np.stack([0.3 * np.ones(6), np.sin(angle), 0 * angle], axis=-1)
+    inputs = robot.inputs(rotation=angle, tip_force=force)
+    truth = mr.solve(robot, inputs, solver=mr.Shooting()).raise_if_failed()
+
+    solution = mr.solve(robot, inputs, solver=solver).raise_if_failed()
+    np.testing.assert_allclose(solution.unknowns, truth.unknowns, rtol=0, atol=1e-8)
+    assert (mr.solve(robot, inputs, solver=solver, guess=solution).integrations == 1).all()
+
+    history = mr.simulate(robot, inputs, time=0.01 * np.arange(6), solver=solver).raise_if_failed()
+    np.testing.assert_allclose(history.unknowns, truth.unknowns, rtol=0, atol=1e-8)
+    still = mr.simulate(robot, inputs[0], time=0.01 * np.arange(3), solver=solver)
+    assert still.integrations.tolist()[1:] == [1, 1]  # each sample starts from the last
+    guessed = mr.simulate(robot, inputs, time=0.01 * np.arange(6), solver=solver, guess=truth.unknowns[0])
+    assert guessed.integrations[0] == 1
+
+    tracker = mr.Tracker(robot, solver=solver, dt=0.01)
+    for k in range(6):
+        step = tracker.step(rotation=angle[k], tip_force=force[k])
+        np.testing.assert_allclose(step.unknowns, truth.unknowns[k], rtol=0, atol=1e-8)
+
+
+def test_a_solver_that_fails_in_one_instance_keeps_its_last_good_start() -> None:
+    robot = single_rod()
+    force = np.tile((0.3, 0.2, 0.0), (4, 2, 1))
+    force[2, 1] = (0, 3e9, 0)
+
+    class Careful(Broyden):
+        def _solve(self, problem: mr.BoundaryProblem, guess: np.ndarray | None) -> mr.Outcome:
+            starts.append(None if guess is None else guess.copy())
+            return super()._solve(problem, guess)
+
+    starts: list[Any] = []
+    with np.errstate(all="ignore"):
+        history = mr.simulate(robot, robot.inputs(tip_force=force), time=0.01 * np.arange(4), solver=Careful())
+    assert history.status.tolist() == [[1, 1], [1, 1], [1, 2], [1, 1]]
+    assert np.isnan(history.tip_position[2, 1]).all()
+    assert np.isfinite(history.tip_position[2, 0]).all()
+    assert starts[0] is None
+    assert np.array_equal(starts[3][1], history.unknowns[1, 1])
+    assert np.array_equal(starts[3][0], history.unknowns[2, 0])
+
+
+def test_unsupported_problems_are_refused_with_every_reason() -> None:
+    class Choosy(Broyden):
+        def unsupported(self, problem: mr.BoundaryProblem) -> tuple[str, ...]:
+            return ("it is too long", f"it has {problem.unknown_count} unknowns")
+
+    robot = single_rod()
+    for call in (
+        lambda: mr.solve(robot, solver=Choosy()),
+        lambda: mr.simulate(robot, robot.inputs(), time=[0.0, 0.1], solver=Choosy()),
+        lambda: mr.Tracker(robot, solver=Choosy(), dt=0.1),
+    ):
+        with pytest.raises(ValueError, match="Choosy cannot take this problem: it is too long; it has 3 unknowns"):
+            call()

@@ -1,0 +1,258 @@
+"""One sample at a time: the same numbers as ``simulate``, inputs kept, bad input refused without harm, next to no allocation."""
+
+import gc
+import tracemalloc
+from typing import Any
+
+import numpy as np
+import pytest
+
+import multirod as mr
+from multirod import experiment
+
+INTEGRATOR = mr.RK4(50)
+NEWTON = mr.Shooting(integrator=INTEGRATOR)
+OBSERVER = mr.Observer(integrator=INTEGRATOR)
+SOLVERS = {
+    "Newton": NEWTON,
+    "observer": OBSERVER,
+    "feed-forward": mr.Observer(integrator=INTEGRATOR, feed_forward=True),
+    "SciPy": mr.ScipyShooting(integrator=INTEGRATOR, exact_gradient=True),
+}
+FORCE = (0.5, 1.0, 0.3)
+
+
+@pytest.fixture
+def robot(wire: mr.Rod) -> mr.SingleRod:
+    return mr.SingleRod(wire)
+
+
+@pytest.fixture
+def tracker(robot: mr.SingleRod) -> mr.Tracker:
+    """Newton at a tip force of ``FORCE``, a rotation of 0.2 and a translation of 0.01."""
+    return mr.Tracker(robot, solver=NEWTON, dt=0.005, inputs=robot.inputs(rotation=0.2, translation=0.01, tip_force=FORCE))
+
+
+def same(one: mr.Solution, other: mr.Solution) -> bool:
+    return all(
+        np.array_equal(getattr(one, name), getattr(other, name)) for name in ("unknowns", "gamma", "tip_position", "tip_rotation")
+    )
+
+
+@pytest.mark.parametrize("named", [True, False], ids=["by name", "inputs"])
+@pytest.mark.parametrize("name", SOLVERS)
+def test_step_equals_simulate_bitwise(name: str, named: bool) -> None:
+    study = experiment.motion(duration=0.2)
+    history = mr.simulate(study.robot, study.inputs, time=study.time, solver=SOLVERS[name])
+    tracker = mr.Tracker(study.robot, solver=SOLVERS[name], dt=0.005, inputs=study.inputs[0])
+    for k in range(len(study.time)):
+        given = study.inputs[k]
+        if named:
+            solution = tracker.step(rotation=given.rotation[0], translation=given.translation[0], tip_force=given.tip_force)
+        else:
+            solution = tracker.step(given)
+        assert solution.status == history.status[k]
+        assert solution.integrations == history.integrations[k]
+        assert np.array_equal(solution.residual, history.residual[k])
+        for field in ("unknowns", "gamma", "tip_position", "tip_rotation", "boundary_residual"):
+            assert np.array_equal(getattr(solution, field), getattr(history, field)[k]), (k, field)
+
+
+def test_guess_is_where_the_first_step_starts(robot: mr.SingleRod) -> None:
+    inputs = robot.inputs(tip_force=FORCE)
+    truth = mr.solve(robot, inputs, solver=NEWTON)
+    assert mr.Tracker(robot, solver=NEWTON, dt=0.005, inputs=inputs, guess=truth).step().integrations == 1
+    step = mr.Tracker(robot, solver=OBSERVER, dt=0.005, inputs=inputs, guess=(13, 6, 1)).step()
+    assert np.array_equal(step.unknowns, (13, 6, 1))
+
+
+def test_inputs_not_named_keep_their_value(robot: mr.SingleRod, tracker: mr.Tracker) -> None:
+    for changes in ({"rotation": 0.5}, {}, {"tip_force": (1, 0, 0)}, {"translation": -0.1}, {}):
+        solution = tracker.step(**changes)
+    np.testing.assert_array_equal(solution.inputs.rotation, [0.5])
+    np.testing.assert_array_equal(solution.inputs.translation, [-0.1])
+    np.testing.assert_array_equal(solution.inputs.tip_force, (1, 0, 0))
+    np.testing.assert_array_equal(tracker.inputs.tip_force, (1, 0, 0))
+    truth = mr.solve(robot, robot.inputs(rotation=0.5, translation=-0.1, tip_force=(1, 0, 0)), solver=NEWTON)
+    np.testing.assert_allclose(solution.unknowns, truth.unknowns, rtol=0, atol=1e-8)
+    # all inputs anew: what is not given is zero
+    solution = tracker.step(robot.inputs(tip_force=FORCE))
+    np.testing.assert_array_equal(solution.inputs.rotation, [0])
+    np.testing.assert_array_equal(tracker.inputs.translation, [0])
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"rotation": 1, "translation": 0, "tip_force": (1, 0, 0)},
+        {"rotation": 1.0, "translation": 0.0, "tip_force": [1.0, 0.0, 0.0]},
+        {"rotation": np.float64(1), "translation": np.int64(0), "tip_force": np.array([1, 0, 0])},
+        {"rotation": np.array(1.0), "translation": np.float32(0), "tip_force": np.array([1.0, 0, 0], dtype=np.float32)},
+        {"rotation": [1.0], "translation": np.zeros(1), "tip_force": (np.float64(1), 0, np.float32(0))},
+    ],
+    ids=["ints", "floats", "arrays", "array scalars", "per rod"],
+)
+def test_kinds_of_numbers(tracker: mr.Tracker, robot: mr.SingleRod, changes: dict[str, Any]) -> None:
+    expected = mr.Tracker(robot, solver=NEWTON, dt=0.005, inputs=robot.inputs(rotation=1.0, tip_force=(1.0, 0, 0))).step()
+    solution = tracker.step(**changes)
+    assert solution.batch_shape == ()
+    assert isinstance(solution.status, mr.Status)
+    assert same(solution, expected)
+
+
+@pytest.mark.parametrize("solver", [NEWTON, OBSERVER], ids=["Newton", "observer"])
+def test_a_load_named_later_is_compiled_in_and_the_state_carried_over(robot: mr.SingleRod, solver: mr.Solver) -> None:
+    tracker = mr.Tracker(robot, solver=solver, dt=0.005, inputs=robot.inputs(tip_force=FORCE))
+    for _ in range(50):
+        before = tracker.step()
+    after = tracker.step(tip_moment=(0, 1e-6, 0))
+    # an observer that started again would stand at u*, 0.9 1/m away; the new term moves RK4(50)'s error by 1e-6
+    np.testing.assert_allclose(after.unknowns, before.unknowns, rtol=0, atol=1e-4)
+    for _ in range(200):
+        after = tracker.step(tip_moment=(0, 0.05, 0))
+    truth = mr.solve(robot, robot.inputs(tip_force=FORCE, tip_moment=(0, 0.05, 0)), solver=NEWTON)
+    np.testing.assert_allclose(after.unknowns, truth.unknowns, rtol=0, atol=1e-6)
+    np.testing.assert_array_equal(after.inputs.tip_moment, (0, 0.05, 0))
+    np.testing.assert_array_equal(after.inputs.tip_force, FORCE)
+
+
+def test_a_load_present_at_the_start_may_be_zero_for_a_while(robot: mr.SingleRod, monkeypatch: pytest.MonkeyPatch) -> None:
+    tracker = mr.Tracker(robot, solver=NEWTON, dt=0.005, inputs=robot.inputs(tip_force=FORCE))
+    first = tracker.step()
+    monkeypatch.setattr(robot, "problem", None)  # nothing is compiled again
+    tracker.step(tip_force=(0, 0, 0))
+    tracker.step()
+    again = tracker.step(tip_force=FORCE)
+    np.testing.assert_allclose(again.unknowns, first.unknowns, rtol=0, atol=1e-8)
+
+
+BAD = [
+    ("rotation", "0.1", "number"),
+    ("rotation", None, "finite|number"),
+    ("rotation", True, "number"),
+    ("rotation", np.nan, "finite"),
+    ("rotation", np.inf, "finite"),
+    ("translation", -np.inf, "finite"),
+    ("translation", -0.4, "> -length"),
+    ("translation", -7, "> -length"),
+    ("tip_force", 1.0, "shape"),
+    ("tip_force", 0, "shape"),
+    ("tip_force", np.float64(2), "shape"),
+    ("tip_force", (1, 0), "shape"),
+    ("tip_force", (1, 0, 0, 0), "shape"),
+    ("tip_force", (np.nan, 0, 0), "finite"),
+    ("tip_force", (np.inf, -np.inf, 0), "finite"),
+    ("tip_force", np.array([0, np.inf, 0]), "finite"),
+    ("tip_force", ("1", "0", "0"), "shape|numeric"),
+    ("tip_force", "100", "shape|numeric"),
+    ("tip_force", None, "shape"),
+    ("tip_moment", (0, 0), "shape"),
+    ("tip_moment", (0, np.nan, 0), "finite"),
+]
+
+
+@pytest.mark.parametrize(("name", "value", "allowed"), BAD, ids=lambda value: repr(value))
+@pytest.mark.parametrize("beside", [{}, {"rotation": 0.9}], ids=["alone", "beside a good one"])
+def test_bad_values_are_refused_and_nothing_is_changed(
+    tracker: mr.Tracker, name: str, value: Any, allowed: str, beside: dict
+) -> None:
+    before = tracker.step()
+    with pytest.raises(ValueError, match=rf"^{name} = .* is not allowed: .*(?:{allowed})"):
+        tracker.step(**{**beside, name: value})
+    np.testing.assert_array_equal(tracker.inputs.rotation, [0.2])
+    np.testing.assert_array_equal(tracker.inputs.translation, [0.01])
+    np.testing.assert_array_equal(tracker.inputs.tip_force, FORCE)
+    after = tracker.step()
+    assert after.status is mr.Status.CONVERGED
+    assert same(after, before)
+
+
+def test_unknown_names_and_both_forms_are_refused(robot: mr.SingleRod, tracker: mr.Tracker) -> None:
+    before = tracker.step()
+    with pytest.raises(TypeError, match=r"Tracker\.step\(\) takes no 'tip_fource': it takes .*tip_force"):
+        tracker.step(rotation=1.0, tip_fource=(1, 0, 0))
+    with pytest.raises(TypeError, match="inputs or named changes, not both"):
+        tracker.step(robot.inputs(), rotation=1.0)
+    assert same(tracker.step(), before)
+
+
+def test_batch_axes_are_those_at_the_start(robot: mr.SingleRod, tracker: mr.Tracker) -> None:
+    before = tracker.step()
+    with pytest.raises(ValueError, match=r"^inputs = .*\(2,\).* is not allowed: must be those at the start, \(\)"):
+        tracker.step(tip_force=[FORCE, FORCE])
+    assert same(tracker.step(), before)
+    batch = mr.Tracker(robot, solver=NEWTON, dt=0.005, inputs=robot.inputs(tip_force=[FORCE, FORCE]))
+    with pytest.raises(ValueError, match=r"must be those at the start, \(2,\)"):
+        batch.step(tip_force=[FORCE] * 3)
+
+
+@pytest.mark.parametrize("name", ["Newton", "observer", "feed-forward"])
+def test_batch_equals_its_instances_alone(robot: mr.SingleRod, name: str) -> None:
+    force = np.array([FORCE, (0, 0.2, 0), (1, 0, 0)])
+    batch = mr.Tracker(robot, solver=SOLVERS[name], dt=0.005, inputs=robot.inputs(tip_force=force))
+    alone = [mr.Tracker(robot, solver=SOLVERS[name], dt=0.005, inputs=robot.inputs(tip_force=f)) for f in force]
+    for k in range(5):
+        solution = batch.step(rotation=[0.01 * k, 0.02 * k, 0.0], tip_force=(1 - 0.1 * k) * force)
+        assert solution.batch_shape == (3,)
+        for i, tracker in enumerate(alone):
+            one = tracker.step(rotation=0.01 * k * (1, 2, 0)[i], tip_force=(1 - 0.1 * k) * force[i])
+            assert np.array_equal(solution.unknowns[i], one.unknowns)
+            assert np.array_equal(solution.tip_position[i], one.tip_position)
+            assert solution.status[i] == one.status
+
+
+def test_one_value_for_the_whole_batch(robot: mr.SingleRod) -> None:
+    batch = mr.Tracker(robot, solver=NEWTON, dt=0.005, inputs=robot.inputs(tip_force=[FORCE, (0, 0.2, 0)]))
+    solution = batch.step(rotation=0.3, tip_force=FORCE)
+    assert solution.batch_shape == (2,)
+    assert np.array_equal(solution.inputs.rotation, [[0.3], [0.3]])
+    assert np.array_equal(solution.tip_position[0], solution.tip_position[1])
+
+
+@pytest.mark.parametrize("solver", [NEWTON, OBSERVER], ids=["Newton", "observer"])
+def test_earlier_solutions_do_not_change(robot: mr.SingleRod, solver: mr.Solver) -> None:
+    tracker = mr.Tracker(robot, solver=solver, dt=0.005, inputs=robot.inputs(tip_force=FORCE))
+    first = tracker.step(rotation=0.1)
+    eager = {name: np.array(getattr(first, name)) for name in ("unknowns", "tip_position", "tip_rotation", "gamma", "residual")}
+    second = tracker.step(rotation=0.2)  # nothing of it is read until the tracker has gone on
+    for k in range(5):
+        tracker.step(rotation=1.0 + k, translation=0.02 * k, tip_force=(0, k, 0))
+    for name, value in eager.items():
+        np.testing.assert_array_equal(getattr(first, name), value)
+    assert second.inputs.rotation == 0.2
+    np.testing.assert_array_equal(second.inputs.tip_force, FORCE)
+    np.testing.assert_allclose(second.rod().position[-1], second.tip_position, rtol=0, atol=1e-6)
+    assert second.status in (mr.Status.CONVERGED, mr.Status.TRACKING)
+    assert second.integrations <= 5
+
+
+def test_a_failed_step_is_a_status_and_the_next_one_works(tracker: mr.Tracker) -> None:
+    before = tracker.step()
+    failed = tracker.step(tip_force=(0, 1e9, 0))
+    assert failed.status.failed
+    assert np.isnan(failed.tip_position).all()
+    after = tracker.step(tip_force=FORCE)
+    assert after.status is mr.Status.CONVERGED
+    np.testing.assert_allclose(after.unknowns, before.unknowns, rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("solver", [NEWTON, OBSERVER], ids=["Newton", "observer"])
+def test_a_step_keeps_next_to_nothing(robot: mr.SingleRod, solver: mr.Solver) -> None:
+    tracker = mr.Tracker(robot, solver=solver, dt=0.005, inputs=robot.inputs(rotation=0.1, tip_force=FORCE))
+    for _ in range(50):
+        tracker.step(rotation=0.1, tip_force=FORCE)
+    gc.collect()
+    tracemalloc.start()
+    try:
+        start, _ = tracemalloc.get_traced_memory()
+        tracemalloc.reset_peak()
+        for k in range(2000):
+            tracker.step(rotation=1e-4 * k, tip_force=FORCE)
+        _, peak = tracemalloc.get_traced_memory()
+        gc.collect()  # empties Python's free lists: 2000 tuples of 56 bytes and their like
+        end, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    # a Solution that nobody keeps is freed at once: 2000 of them would be 2 MB
+    assert end - start < 10_000
+    assert peak - start < 500_000
