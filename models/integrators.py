@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import ClassVar
 
-from multirod.validation import positive_float, positive_int
+from multirod.validation import finite_float, positive_float, positive_int
 
 
 @dataclass(frozen=True)
@@ -29,6 +29,10 @@ class Tableau:
     error: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
+        positive_int("Tableau.order", self.order)
+        for name, values in {"a": [v for row in self.a for v in row], "b": self.b, "c": self.c, "error": self.error}.items():
+            for value in values:
+                finite_float(f"Tableau.{name}", value)
         count = len(self.b)
         if len(self.a) != count or len(self.c) != count or any(len(row) != i for i, row in enumerate(self.a)):
             raise ValueError(f"Tableau: {count} weights need {count} nodes and rows of lengths 0 to {count - 1}")

@@ -48,6 +48,11 @@ class SingleRod(Assembly):
             raise TypeError(f"SingleRod takes a Rod, not {type(rod).__name__}")
         self.rods = (rod,)
         self.base = pose("SingleRod.base", base)
+        try:
+            _ = self.batch_shape
+        except ValueError:
+            batch = f"leading axes {self.base.shape[:-2]}"
+            refuse("SingleRod.base", batch, f"must broadcast with the rod's {rod.batch_shape}")
 
     @property
     def batch_shape(self) -> tuple[int, ...]:

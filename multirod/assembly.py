@@ -10,7 +10,7 @@ import numpy as np
 from multirod.inputs import Inputs, InputSpec
 from multirod.problem import BoundaryProblem
 from multirod.rod import Rod
-from multirod.validation import FloatArray, array, refuse
+from multirod.validation import FloatArray, array, refuse, unknown_names
 
 if TYPE_CHECKING:
     from multirod.models.integrators import Integrator
@@ -85,6 +85,21 @@ class Assembly(ABC):
             ) from None
         self.check(result)
         return result
+
+    def accept(self, inputs: Inputs | None) -> Inputs:
+        """``inputs`` if they fit this assembly; None is all zero.
+
+        Raises:
+            TypeError: If they are not made by ``inputs(...)``, or name inputs that this assembly does not take.
+            ValueError: If a value is out of range here.
+        """
+        if inputs is None:
+            return self.inputs()
+        if not isinstance(inputs, Inputs):
+            raise TypeError(f"inputs must be made by robot.inputs(...), not {type(inputs).__name__}")
+        unknown_names("the robot", inputs.given, (spec.name for spec in self.input_specs))
+        self.check(inputs)
+        return inputs
 
     def check(self, inputs: Inputs) -> None:  # noqa: B027  (most assemblies have nothing to add)
         """Refuse inputs that this assembly cannot take, by a ``ValueError``."""

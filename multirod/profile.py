@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from multirod.validation import FloatArray, refuse
+from multirod.validation import FloatArray, array, refuse
 
 DEGREE = 7
 _RELATIVE_ERROR = 1e-12
@@ -49,10 +49,15 @@ def fit(field: str, function: Callable[[float], Any], length: float, width: int 
     source = function.function if isinstance(function, Profile) else function
 
     def sample(s: float) -> FloatArray:
-        value = np.asarray(source(float(s)), dtype=np.float64)
-        if value.shape != (width,) or not np.isfinite(value).all():
-            refuse(f"{field}({s:g})", value.tolist(), f"must be {width} finite numbers")
-        return value
+        value = source(float(s))
+        try:
+            result = array(f"{field}({s:g})", value)
+        except ValueError:
+            result = np.empty(0)
+        if result.shape != (width,):
+            shown = value.tolist() if isinstance(value, np.ndarray) else value
+            refuse(f"{field}({s:g})", shown, f"must be {width} finite numbers")
+        return result
 
     powers = np.arange(DEGREE + 1)
     nodes = np.cos(np.pi * (powers + 0.5) / (DEGREE + 1))

@@ -82,18 +82,22 @@ class Section:
             put("precurvature", profile.fit(f"{owner}.precurvature", self.precurvature, float(self.length)))
         else:
             put("precurvature", array(f"{owner}.precurvature", self.precurvature, (3,)))
+        _ = self.batch_shape  # refuses axes that do not broadcast
 
     @property
     def batch_shape(self) -> tuple[int, ...]:
         """Leading axes of the parameters together."""
-        shapes = [np.shape(self.length), self.bending_stiffness.shape[:-1], np.shape(self.torsional_stiffness)]
-        shapes += [self.shear_stiffness.shape[:-1], np.shape(self.axial_stiffness), np.shape(self.linear_density)]
+        shapes = {
+            name: np.shape(getattr(self, name)) for name in ("length", "torsional_stiffness", "axial_stiffness", "linear_density")
+        }
+        shapes |= {name: getattr(self, name).shape[:-1] for name in ("bending_stiffness", "shear_stiffness")}
         if isinstance(self.precurvature, np.ndarray):
-            shapes.append(self.precurvature.shape[:-1])
+            shapes["precurvature"] = self.precurvature.shape[:-1]
         try:
-            return np.broadcast_shapes(*shapes)
+            return np.broadcast_shapes(*shapes.values())
         except ValueError:
-            raise ValueError(f"the batch axes of a section's parameters do not broadcast: {shapes}") from None
+            named = ", ".join(f"{name} {shape}" for name, shape in shapes.items() if shape)
+            raise ValueError(f"the batch axes of a section's parameters do not broadcast: {named}") from None
 
 
 class Rod:
@@ -196,7 +200,7 @@ class Rod:
         """
         outer, inner = _diameters(outer_diameter, inner_diameter)
         if outer is None or inner is None:
-            raise TypeError("Rod.tube needs outer_diameter, and inner_diameter must be a number")
+            refuse("Rod.outer_diameter" if outer is None else "Rod.inner_diameter", None, "must be a number")
         E = positive_array("Rod.young_modulus", young_modulus)
         G = positive_array("Rod.shear_modulus", shear_modulus)
         rho = number("Rod.density", density)

@@ -66,7 +66,7 @@ def solve(
         TypeError, ValueError: If an argument is not what it must be.
     """
     method = _check(robot, solver)
-    inputs = robot.inputs() if inputs is None else inputs
+    inputs = robot.accept(inputs)
     problem = robot.problem(inputs, device=device, **_needs(method))
     outcome = method.solve(problem, _guess(guess, problem))
     batch_shape = np.broadcast_shapes(inputs.batch_shape, robot.batch_shape)
@@ -110,6 +110,7 @@ def simulate(
         ValueError: If ``time`` is not evenly spaced and increasing, or the inputs' first axis is not time.
     """
     method = _check(robot, solver)
+    inputs = robot.accept(inputs)
     time = array("time", time)
     if time.ndim != 1 or len(time) < 1:
         refuse("time", f"array of shape {time.shape}", "must have shape (sample_count,)")
@@ -221,7 +222,7 @@ class Tracker:
         self._robot = robot
         self._dt = positive_float("Tracker.dt", dt)
         self._device = device
-        self._inputs = robot.inputs() if inputs is None else inputs
+        self._inputs = robot.accept(inputs)
         self._enabled: set[str] = set()
         self._started = guess is not None
         self._prepare(guess)
@@ -303,7 +304,7 @@ class Tracker:
         if inputs is not None:
             if changes:
                 raise TypeError("Tracker.step takes inputs or named changes, not both")
-            new = inputs
+            new = self._robot.accept(inputs)
         else:
             unknown_names("Tracker.step()", changes, (spec.name for spec in self._robot.input_specs))
             present = self.inputs

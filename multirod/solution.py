@@ -163,7 +163,8 @@ class Solution:
     @cached_property
     def determinant(self) -> FloatArray:
         """Determinant of ``gamma``, shape (...)."""
-        return np.asarray(np.linalg.det(self.gamma))
+        with np.errstate(invalid="ignore"):
+            return np.asarray(np.linalg.det(self.gamma))
 
     @cached_property
     def tip_position(self) -> FloatArray:
@@ -235,7 +236,7 @@ class Solution:
         gamma = problem.read("gamma").reshape(-1, n, n)
         slopes = np.array(problem.residual_directions.numpy())
         result = np.full((problem.instance_count, 6, count), np.nan)
-        sound = ~self._failed()
+        sound = ~self._failed() & (np.linalg.det(np.nan_to_num(gamma)) != 0)
         shift = np.linalg.solve(gamma[sound], slopes[sound])
         result[sound] = columns[sound][:, :, n:] - columns[sound][:, :, :n] @ shift
         return np.asarray(self._shaped(result, (6, count)))

@@ -37,7 +37,8 @@ _WITH_RESULT = frozenset({Status.CONVERGED, Status.TRACKING, Status.EULER_LIMIT,
 _MESSAGES = {
     Status.NOT_RUN: "not run",
     Status.CONVERGED: "the residual is within the tolerance",
-    Status.MAX_ITERATIONS: "the iteration limit was reached: raise max_iterations, start nearer, or loosen the tolerance",
+    Status.MAX_ITERATIONS: "the iteration limit was reached: raise max_iterations (or, without a guess, max_continuation_steps), "
+    "start nearer, or loosen the tolerance",
     Status.SINGULAR_JACOBIAN: "the Jacobian is singular here (a fold or a bifurcation): start elsewhere or change the load",
     Status.NONFINITE: "the integration overflowed: start nearer, or apply the load in smaller steps",
     Status.STEP_LIMIT: "the integrator reached its step limit: loosen rtol, or the rod is far longer than its curvature allows",

@@ -67,10 +67,13 @@ def array(field: str, value: Any, tail: tuple[int, ...] = (), *, finite: bool = 
     """``value`` as a float array whose last axes have the shape ``tail``; leading axes are batch axes."""
     wanted = "a number" if not tail else f"shape (..., {', '.join(str(size) for size in tail)})"
     try:
-        result = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
+        given = np.asarray(value)
+    except (TypeError, ValueError):  # ragged
         refuse(field, value, f"must be numeric, {wanted}")
-    if isinstance(value, (bool, str)) or (tail and result.shape[-len(tail) :] != tail):
+    if given.dtype.kind not in "fiu":
+        refuse(field, value, f"must be numeric, {wanted}")
+    result = given.astype(np.float64)
+    if tail and result.shape[-len(tail) :] != tail:
         refuse(field, value if result.size < 20 else f"array of shape {result.shape}", f"must have {wanted}")
     if finite and not np.isfinite(result).all():
         refuse(field, value if result.size < 20 else f"array of shape {result.shape}", "must be finite")

@@ -17,16 +17,21 @@ SAFE_LOAD = 5.0  # in F L^2/EI: no equilibrium loses and regains stability withi
 MIN_STEP = 1e-7
 
 
-def natural_branch(problem: BoundaryProblem, newton: Newton, max_steps: int) -> Outcome:
-    """Raise all loads in proportion, from the unloaded equilibrium to the full load; see ``follow``."""
+def natural_branch(problem: BoundaryProblem, newton: Newton, max_steps: int, chosen: Any = None) -> Outcome:
+    """Raise all loads in proportion, from the unloaded equilibrium to the full load; see ``follow``.
+
+    ``chosen`` (bool, (instance_count,)) leaves the other instances as they are; their status is ``CONVERGED``.
+    """
     count, n = problem.instance_count, problem.unknown_count
-    problem.load_factor.zero_()
-    problem.active.fill_(1)
-    problem.write("unknowns", problem.guess())
+    chosen = np.ones(count, dtype=bool) if chosen is None else chosen
+    problem.load_factor.assign(np.where(chosen, 0.0, 1.0))
+    problem.active.assign(chosen.astype(np.int32))
+    problem.write("unknowns", np.where(chosen[:, None], problem.guess(), problem.read("unknowns")))
     problem.integrate()
     outcome = Outcome.zeros(count)
-    outcome.integrations += 1
-    outcome.status[problem.fault.numpy() != 0] = Status.NONFINITE
+    outcome.integrations += chosen
+    outcome.status[~chosen] = Status.CONVERGED
+    outcome.status[chosen & (problem.fault.numpy() != 0)] = Status.NONFINITE
     path = Path(problem.read("unknowns"), problem.read("gamma").reshape(count, n, n))
     scale = np.maximum(problem.load_scale(), 1e-300)
 
@@ -167,6 +172,9 @@ def same_branch(before: FloatArray, after: FloatArray) -> Any:
     if not len(before):
         return np.zeros(0, dtype=bool)
     with np.errstate(all="ignore"):
-        ratio = np.linalg.solve(np.swapaxes(before, 1, 2), np.swapaxes(after, 1, 2))
-        values = np.linalg.eigvals(np.where(np.isfinite(ratio), ratio, 0.0))
-    return (values.real > GAMMA_CHANGE).all(axis=1) & (np.abs(values) < 1 / GAMMA_CHANGE).all(axis=1)
+        regular = (np.linalg.det(before) != 0) & np.isfinite(after).all(axis=(1, 2))
+        base = np.where(regular[:, None, None], before, np.eye(before.shape[1]))
+        ratio = np.linalg.solve(np.swapaxes(base, 1, 2), np.swapaxes(after, 1, 2))
+        regular &= np.isfinite(ratio).all(axis=(1, 2))
+        values = np.linalg.eigvals(np.where(regular[:, None, None], ratio, 0.0))
+    return regular & (values.real > GAMMA_CHANGE).all(axis=1) & (np.abs(values) < 1 / GAMMA_CHANGE).all(axis=1)

@@ -12,7 +12,7 @@ from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome, Solver, Track
 from multirod.solvers.observer_kernels import ObserverState, make_observer
 from multirod.status import Status
-from multirod.validation import FloatArray, boolean, choice, positive_float, positive_int, refuse
+from multirod.validation import FloatArray, array, boolean, choice, positive_float, positive_int, refuse
 
 RICCATI = ("steady", "forward", "horizon")
 UPDATES = ("exact", "euler")
@@ -209,14 +209,11 @@ def _matrix(value: Any, n: int) -> FloatArray:
 
 
 def _definite(name: str, value: Any) -> None:
-    try:
-        matrix = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        refuse(name, value, "must be a number > 0 or a symmetric positive definite matrix")
+    matrix = array(name, value, finite=False)
     if matrix.ndim == 0 and not isinstance(value, bool):
         positive_float(name, value)
         return
-    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not np.isfinite(matrix).all():
+    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not matrix.size or not np.isfinite(matrix).all():
         refuse(name, value, "must be a number > 0 or a symmetric positive definite matrix")
     if np.abs(matrix - matrix.T).max() > 1e-12 * np.abs(matrix).max() or np.linalg.eigvalsh(matrix).min() <= 0:
         refuse(name, value, "must be symmetric positive definite")

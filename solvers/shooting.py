@@ -83,16 +83,23 @@ class NewtonTrack(Track):
         self.order = PREDICTORS.index(options.predictor)
         self.history: list[FloatArray] = []
         self.inputs: FloatArray | None = None  # those of the last good sample
+        self.known = np.zeros(problem.instance_count, dtype=bool)  # instances that have had a good sample, or a guess
 
     def start(self, unknowns: FloatArray) -> None:
         """Take ``unknowns`` as the sample before the first."""
         self.history = [np.array(unknowns)]
+        self.known[:] = True
 
     def step(self) -> Outcome:
         """Extrapolate, iterate to the tolerance, and make sure of the branch."""
         problem = self.problem
         if not self.history:
-            return self._keep(natural_branch(problem, self.newton, self.options.max_continuation_steps))
+            self.history = [problem.guess()]
+        lost = ~self.known
+        if lost.any():
+            first = natural_branch(problem, self.newton, self.options.max_continuation_steps, lost)
+            if lost.all():
+                return self._keep(first)
         past = self.history
         if len(past) > 2:
             guess = 3 * (past[0] - past[1]) + past[2]
@@ -100,11 +107,15 @@ class NewtonTrack(Track):
             guess = 2 * past[0] - past[1]
         else:
             guess = past[0]
-        problem.write("unknowns", guess)
-        self.newton.run()
+        problem.write("unknowns", np.where(lost[:, None], problem.read("unknowns"), guess) if lost.any() else guess)
+        self.newton.run(self.known if lost.any() else None)
         outcome = self.newton.outcome()
+        if lost.any():
+            for mine, theirs in zip(vars(outcome).values(), vars(first).values(), strict=True):
+                if mine is not None:
+                    mine[lost] = theirs[lost]
         if self.inputs is not None:
-            doubtful = (outcome.status != Status.CONVERGED) | self.newton.strayed()
+            doubtful = ((outcome.status != Status.CONVERGED) | self.newton.strayed()) & self.known
             if doubtful.any():
                 self._continue(doubtful, outcome, self.inputs)
         return self._keep(outcome)
@@ -133,17 +144,19 @@ class NewtonTrack(Track):
         set_level(one)
 
     def _keep(self, outcome: Outcome) -> Outcome:
-        found = self.problem.read("unknowns")
+        found, inputs = self.problem.read("unknowns"), self.problem.read("inputs")
         good = outcome.status == Status.CONVERGED
-        inputs = self.problem.read("inputs")
-        if good.all():
+        if good.all() and self.known.all():
             self.history = [found, *self.history][: self.order + 1]
             self.inputs = inputs
             self.newton.set_reference()
-        elif self.history and self.inputs is not None:
-            # what failed starts again from its last equilibrium, without a slope
-            kept = good[:, None]
-            self.history = [np.where(kept, found, past) for past in [self.history[0], *self.history][: self.order + 1]]
-            self.inputs = np.where(kept, inputs, self.inputs)
-            self.newton.set_reference(good)
+            return outcome
+        # what failed starts again from its last equilibrium, what is new from its first, both without a slope
+        kept, new = good[:, None], (good & ~self.known)[:, None]
+        last = self.history[0]
+        past = [found, *self.history][: self.order + 1]
+        self.history = [np.where(new, found, np.where(kept, point, last)) for point in past]
+        self.inputs = inputs if self.inputs is None else np.where(kept, inputs, self.inputs)
+        self.newton.set_reference(good)
+        self.known |= good
         return outcome

@@ -69,9 +69,9 @@ def test_precurvature_must_be_three_finite_numbers(owner: Callable[..., Any], va
 @pytest.mark.parametrize(
     ("function", "value"),
     [
-        (lambda s: (1, 2), "[1.0, 2.0]"),
-        (lambda s: (1, 2, NAN), "[1.0, 2.0, nan]"),
-        (lambda s: None, "nan"),
+        (lambda s: (1, 2), "(1, 2)"),
+        (lambda s: (1, 2, NAN), "(1, 2, nan)"),
+        (lambda s: None, "None"),
         (lambda s: "abc", "'abc'"),
     ],
     ids=["two numbers", "NaN", "None", "string"],

@@ -93,7 +93,7 @@ def test_a_sample_that_fails_does_not_stop_the_motion(robot: mr.SingleRod) -> No
     ordinary = mr.simulate(robot, robot.inputs(tip_force=force), time=np.arange(6) * 0.005, solver=NEWTON)
     force[3, 0] = (0, 1e9, 0)
     disturbed = mr.simulate(robot, robot.inputs(tip_force=force), time=np.arange(6) * 0.005, solver=NEWTON)
-    assert disturbed.status[3, 0] == mr.Status.NONFINITE
+    assert mr.Status(int(disturbed.status[3, 0])).failed
     assert np.isnan(disturbed.unknowns[3, 0]).all()
     assert np.isnan(disturbed.tip_position[3, 0]).all()
     ok = np.ones((6, 2), dtype=bool)
