@@ -43,6 +43,7 @@ class BackboneProblem(BoundaryProblem):
         *,
         integrator: Integrator,
         device: str = "cpu",
+        transmission: bool = False,
         pose: bool = True,
         pose_sensitivities: bool = False,
         direction_count: int = 0,
@@ -54,6 +55,7 @@ class BackboneProblem(BoundaryProblem):
         self.base = base
         self.integrator = integrator
         self.enabled = frozenset(enabled)
+        self.transmission = transmission
         self.arrays = lower(rods, batch_shape if rod_batch else ())
         self.features = self._features(inputs, pose, pose_sensitivities, direction_count)
         n = self.features.unknown_count
@@ -81,6 +83,7 @@ class BackboneProblem(BoundaryProblem):
             precurvature_degree=self.arrays.degree,
             profile_degree=DEGREE if inputs.profiles else -1,
             shear=self.arrays.shear,
+            transmission=self.transmission,
             anisotropic=self.arrays.anisotropic and len(self.rods) > 1,
             pose=pose,
             pose_sensitivities=pose_sensitivities,

@@ -18,7 +18,7 @@ BACKBONE_INPUTS = (
     InputSpec(name="translation", unit="m", per_rod=True, load=False, description="how far each rod is pushed out of the base"),
     InputSpec(name="tip_force", unit="N", description="dead force on the tip, world frame"),
     InputSpec(name="tip_moment", unit="N m", description="dead moment on the tip, world frame"),
-    InputSpec(name="follower_force", unit="N", description="force on the tip, fixed in the tip frame"),
+    InputSpec(name="follower_force", unit="N", dead_twin="tip_force", description="force on the tip, fixed in the tip frame"),
     InputSpec(name="follower_moment", unit="N m", description="moment on the tip, fixed in the tip frame"),
     InputSpec(name="distributed_force", unit="N/m", function=True, description="dead force per length, world frame"),
     InputSpec(name="distributed_moment", unit="N", function=True, description="dead moment per length, world frame"),

@@ -21,6 +21,7 @@ class InputSpec:
         function: Whether it may be a function of arclength.
         load: Whether it is a load, which load continuation raises in proportion.
         optional: Whether leaving it out differs from zero.
+        dead_twin: For a load that follows the tip frame, the dead load that it equals to first order where it is zero.
         description: What it is, frame included.
     """
 
@@ -31,6 +32,7 @@ class InputSpec:
     function: bool = False
     load: bool = True
     optional: bool = False
+    dead_twin: str = ""
 
 
 class Inputs:

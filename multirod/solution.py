@@ -223,6 +223,10 @@ class Solution:
         specs = {spec.name: spec for spec in self.assembly.input_specs}
         if name not in specs:
             raise TypeError(f"jacobian() takes no {name!r}: it takes " + ", ".join(specs))
+        twin = specs[name].dead_twin
+        if twin and not self.inputs.is_active(name):
+            # a follower force is an unknown's worth of equations more, but to first order only its direction counts
+            return np.asarray(self.jacobian(twin) @ self.tip_rotation)
         count = len(self.assembly.rods) if specs[name].per_rod else 3
         problem = self._problem(pose_sensitivities=True, direction_count=count, enabled=(name,))
         place = problem.input_slice(name)
@@ -261,10 +265,7 @@ class Solution:
     def _problem(self, **options: Any) -> BoundaryProblem:
         """A problem at these inputs and unknowns, at zero where an instance failed."""
         problem = self.assembly.problem(self.inputs, integrator=self._scene.integrator, device=self._scene.device, **options)
-        n = problem.unknown_count
         unknowns = self._records[:, self._scene.fields["unknowns"]]
-        if unknowns.shape[1] != n:  # a follower force asked about where none acts adds the base force to the unknowns
-            raise ValueError("this derivative needs unknowns that the solution does not have: solve with that input enabled")
         problem.write("unknowns", np.where(self._failed()[:, None], problem.guess(), unknowns))
         return problem
 

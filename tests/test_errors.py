@@ -392,7 +392,7 @@ def test_gain_matrices_must_have_the_size_of_the_unknowns(robot: mr.SingleRod, n
     with pytest.raises(ValueError, match=message):
         mr.simulate(robot, inputs, time=[0.0, 0.1], solver=solver)
     with pytest.raises(ValueError, match=message):
-        mr.Tracker(robot, solver=solver, dt=0.1)
+        mr.Tracker(robot, solver=solver, dt=0.1, inputs=inputs)
 
 
 EULER: dict[str, Any] = {"order": 1, "a": ((),), "b": (1.0,), "c": (0.0,)}
@@ -459,7 +459,7 @@ def test_solver_must_be_a_solver(robot: mr.SingleRod, solver: Any) -> None:
 
 @pytest.mark.parametrize("inputs", [{"tip_force": (1, 0, 0)}, (1, 0, 0), "tip_force"], ids=["dict", "tuple", "string"])
 def test_inputs_must_be_made_by_the_robot(robot: mr.SingleRod, inputs: Any) -> None:
-    tracker = mr.Tracker(robot, solver=mr.Shooting(integrator=INTEGRATOR), dt=0.1)
+    tracker = mr.Tracker(robot, inputs=robot.inputs(tip_force=(1, 0, 0)), solver=mr.Shooting(integrator=INTEGRATOR), dt=0.1)
     for call in [*calls(robot, inputs, solver=mr.Shooting(integrator=INTEGRATOR)), lambda: tracker.step(inputs)]:
         with pytest.raises(TypeError, match=rf"inputs must be .*robot\.inputs\(.*not {type(inputs).__name__}"):
             call()

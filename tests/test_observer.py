@@ -117,13 +117,13 @@ def test_default_observer_is_the_paper_run(short_rod: experiment.Motion, short_r
     assert np.array_equal(default.unknowns, short_runs["steady"].unknowns)
 
 
-@pytest.mark.parametrize("length", ["short_rod", "long_rod"])
-def test_feed_forward_removes_the_lag(request: pytest.FixtureRequest, length: str) -> None:
+@pytest.mark.parametrize(("length", "factor"), [("short_rod", 300), ("long_rod", 160)])
+def test_feed_forward_removes_the_lag(request: pytest.FixtureRequest, length: str, factor: float) -> None:
     study = request.getfixturevalue(length)
     plain, aided = run(study, observer()), run(study, observer(feed_forward=True))
     late = study.time >= 0.3
-    # what is left is the second-order error of the extrapolation: 180 and 380 times smaller here
-    assert error(plain)[late].mean() > 50 * error(aided)[late].mean()
+    # what is left is the error of extrapolating the inputs' change: 386 and 184 times smaller; by the last change alone 238, 142
+    assert error(plain)[late].mean() > factor * error(aided)[late].mean()
     assert (aided.integrations == 1).all()
     assert (aided.status == mr.Status.TRACKING).all()
 
@@ -313,18 +313,19 @@ def test_explicit_riccati_that_leaves_its_limit_is_noticed(robot: mr.SingleRod, 
 
 
 def test_near_fold_is_announced(long_rod: experiment.Motion) -> None:
-    # 1.75 times the force: there is a fold on the way, where any tracker is wrong by hundreds of millimetres for a while
+    # 1.75 times the force: there is a fold on the way, where the equilibrium ceases to exist and Newton stops
     study = scaled(long_rod, 1.75)
-    truth = run(study, NEWTON)
+    newton = run(study, NEWTON)
     history = run(study, observer())
     assert np.isin(history.status, (mr.Status.TRACKING, mr.Status.NEAR_FOLD)).all()
-    tip = np.linalg.norm(history.tip_position - truth.tip_position, axis=-1)
-    late = study.time >= 0.3
-    wrong = late & (tip > 0.05)
-    assert wrong.any()
+    failed = np.isnan(newton.tip_position[:, 0])
     near = history.status == mr.Status.NEAR_FOLD
+    assert failed.any()
     assert near.any()
-    assert np.argmax(near) <= np.argmax(wrong)
+    # the estimate lags behind: measured 8 samples, a time constant of the mode that vanishes
+    assert np.argmax(failed) - 20 <= np.argmax(near) <= np.argmax(failed) + 10
+    # on its way to the next equilibrium the estimate is far from any, and says so
+    assert error(history)[np.argmax(failed) :].max() > 1
     assert np.array_equal(near, history.smallest_singular_value < 0.05)
 
 
