@@ -155,11 +155,13 @@ def simulate(
 def _joined(outcomes: list[Outcome]) -> Outcome:
     """Outcomes of successive samples as one, samples first."""
     residuals = [outcome.residual for outcome in outcomes if outcome.residual is not None]
+    rates = [outcome.rates for outcome in outcomes if outcome.rates is not None]
     return Outcome(
         np.concatenate([outcome.status for outcome in outcomes]),
         np.concatenate([outcome.iterations for outcome in outcomes]),
         np.concatenate([outcome.integrations for outcome in outcomes]),
         np.concatenate(residuals) if len(residuals) == len(outcomes) else None,
+        np.concatenate(rates) if len(rates) == len(outcomes) else None,
     )
 
 
@@ -173,6 +175,13 @@ def _with_time(inputs: Inputs, count: int, batch_shape: tuple[int, ...]) -> Inpu
         value = getattr(inputs, name)
         arrays[name] = np.broadcast_to(value.reshape(*shape, value.shape[-1]), (count, *batch_shape, value.shape[-1]))
     return inputs.with_arrays(arrays)
+
+
+def _broadcasts(shape: tuple[int, ...], target: tuple[int, ...]) -> bool:
+    try:
+        return np.broadcast_shapes(shape, target) == target
+    except ValueError:
+        return False
 
 
 _PLAIN_NUMBERS = (float, int, np.float64)
@@ -311,8 +320,8 @@ class Tracker:
             held: dict[str, Any] = {name: getattr(present, name) for name in present.given if name not in present.profiles}
             held |= dict(present.profiles)
             new = self._robot.inputs(**{**held, **changes})
-        if np.broadcast_shapes(new.batch_shape, self._robot.batch_shape) != self._batch_shape:
-            refuse("inputs", f"leading axes {new.batch_shape}", f"must be those at the start, {self._batch_shape}")
+        if not _broadcasts(new.batch_shape, self._batch_shape):
+            refuse("inputs", f"leading axes {new.batch_shape}", f"must broadcast to those at the start, {self._batch_shape}")
         named = set(changes) | {name for name in new.given if new.is_active(name)}
         known = self._inputs.profiles
         same_profiles = new.profiles.keys() == known.keys() and all(new.profiles[name] is known[name] for name in known)

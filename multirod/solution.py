@@ -118,6 +118,17 @@ class Solution:
         return np.asarray(self._shaped(np.abs(self._records[:, self._scene.fields["residual"]]).max(axis=1)))
 
     @cached_property
+    def rates(self) -> FloatArray:
+        """Closed-loop rates of an observer [1/s], shape (..., n).
+
+        Raises:
+            AttributeError: If another solver was used.
+        """
+        if self._outcome.rates is None:
+            raise AttributeError("only an observer that tracks has closed-loop rates")
+        return self._masked(self._outcome.rates, (self.unknown_count,))
+
+    @cached_property
     def boundary_residual(self) -> FloatArray:
         """Residual of the boundary conditions [1/m], shape (..., n)."""
         return self._record("residual", (self.unknown_count,))

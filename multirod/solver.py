@@ -25,12 +25,14 @@ class Outcome:
         iterations: Iterations, shape (instance_count,).
         integrations: Initial value problems integrated, per rod, shape (instance_count,).
         residual: What the solver drove to zero, max norm [1/m], shape (instance_count,); that of the problem if None.
+        rates: Closed-loop rates of an observer [1/s], shape (instance_count, n).
     """
 
     status: IntArray
     iterations: IntArray
     integrations: IntArray
     residual: FloatArray | None = None
+    rates: FloatArray | None = None
 
     @classmethod
     def zeros(cls, count: int) -> "Outcome":

@@ -20,6 +20,7 @@ class Status(IntEnum):
     TRACKING = 8
     EULER_LIMIT = 9
     NEAR_FOLD = 10
+    EULER_DIVERGED = 11
 
     @property
     def failed(self) -> bool:
@@ -49,6 +50,8 @@ _MESSAGES = {
     Status.TRACKING: "an estimate of the observer; residual says how far it is",
     Status.EULER_LIMIT: "the observer's explicit Euler update left its stability limit: use update='exact', a shorter time "
     "step, or lower gains",
+    Status.EULER_DIVERGED: "the observer's explicit Euler update left its stability limit before the residual was within the "
+    "tolerance: use update='exact', a shorter dt, or lower gains",
     Status.NEAR_FOLD: "an estimate near a fold: the smallest singular value of Gamma is small, so the shape may be far off "
     "although the residual is not",
 }

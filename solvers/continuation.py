@@ -13,6 +13,7 @@ from multirod.validation import FloatArray
 
 CONTRACTION = 0.3  # largest ratio of successive Newton steps
 GAMMA_CHANGE = 0.25  # smallest real part of an eigenvalue of Gamma_new Gamma_old^-1
+SURPRISE = 0.5  # largest distance of an equilibrium from its extrapolation, relative to its distance from the last
 SAFE_LOAD = 5.0  # in F L^2/EI: no equilibrium loses and regains stability within such a step (Euler: 2.5 and 22)
 MIN_STEP = 1e-7
 
@@ -68,9 +69,10 @@ def follow(
 
     Each step starts from the extrapolation of the last three equilibria. It is kept if Newton's undamped steps contract by
     ``CONTRACTION`` or better, as they do inside the ball around a solution in which it is the only one
-    (Newton-Kantorovich), and if ``Gamma`` at its end, times the inverse of that at its start, is near the identity: no
-    mode has vanished or changed sign on the way, not even two at once. The step is otherwise halved; the branch ends
-    where that takes it below ``MIN_STEP``.
+    (Newton-Kantorovich), if ``Gamma`` at its end, times the inverse of that at its start, is near the identity: no mode has
+    vanished or changed sign on the way, not even two at once, and if the equilibrium lies where the extrapolation led: near a
+    bifurcation that is imperfect by a little, the other branch passes the first two tests. The step is otherwise halved; the
+    branch ends where that takes it below ``MIN_STEP``.
 
     Args:
         problem: Its buffers hold the last equilibrium of each instance afterwards.
@@ -91,7 +93,8 @@ def follow(
                 break
             goal = np.where(running, np.minimum(1.0, path.level + step), 1.0)
             set_level(goal)
-            problem.write("unknowns", np.where(running[:, None], path.extrapolate(goal), problem.read("unknowns")))
+            expected = path.extrapolate(goal)
+            problem.write("unknowns", np.where(running[:, None], expected, problem.read("unknowns")))
             newton.run(running)
             found = newton.outcome()
             outcome.iterations += np.where(running, found.iterations, 0)
@@ -99,8 +102,12 @@ def follow(
             gamma = problem.read("gamma").reshape(count, n, n)
             kept = running & (found.status == Status.CONVERGED)
             kept[kept] = same_branch(path.gamma[kept], gamma[kept])
+            unknowns = problem.read("unknowns")
+            missed = np.linalg.norm(unknowns - expected, axis=1)
+            moved = np.linalg.norm(unknowns - path.unknowns, axis=1)
+            kept &= (path.order == 1) | (missed <= SURPRISE * moved + 1e-6 * (1 + np.linalg.norm(unknowns, axis=1)))
             reached = goal - path.level
-            path.keep(kept, goal, problem.read("unknowns"), gamma)
+            path.keep(kept, goal, unknowns, gamma)
 
             contraction = np.maximum(newton.state.contraction.numpy(), 1e-6)
             growth = np.clip((0.5 * CONTRACTION / contraction) ** (1 / path.order), 0.5, 3.0)

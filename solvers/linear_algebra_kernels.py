@@ -121,6 +121,7 @@ def make_linear_algebra(n: int):
                 for q in range(n):
                     if q > p:
                         a = A[p, q]
+                        off = wp.max(off, wp.abs(a))
                         if wp.abs(a) > f64(1.0e-18) * size:
                             h = (A[q, q] - A[p, p]) / (f64(2.0) * a)
                             t = f64(1.0) / (wp.abs(h) + wp.sqrt(h * h + f64(1.0)))
@@ -143,7 +144,6 @@ def make_linear_algebra(n: int):
                                 y = V[k, q]
                                 V[k, p] = c * x - s * y
                                 V[k, q] = s * x + c * y
-                        off = wp.max(off, wp.abs(A[p, q]))
         result = Eigen()
         for i in range(n):
             for j in range(n):

@@ -117,12 +117,13 @@ class Observer(Solver):
             status = track.state.status.numpy()
             done = active & (track.state.size.numpy() <= self.tolerance) & (load == 1.0)
             outcome.status[done] = Status.CONVERGED
-            bad = active & np.isin(status, (Status.NONFINITE, Status.EULER_LIMIT))
-            outcome.status[bad] = Status.NONFINITE
+            outcome.status[active & (status == Status.NONFINITE)] = Status.NONFINITE
+            outcome.status[active & (status == Status.EULER_LIMIT)] = Status.EULER_DIVERGED
             if guess is None:
-                fold = active & (status == Status.NEAR_FOLD)
-                outcome.status[fold] = Status.BRANCH_END
+                outcome.status[active & (status == Status.NEAR_FOLD)] = Status.BRANCH_END
             active = outcome.status == Status.NOT_RUN
+            # what has ended stays where its residual was taken
+            track.hold(~active)
             if not active.any():
                 break
         outcome.status[active] = Status.MAX_ITERATIONS
@@ -132,11 +133,7 @@ class Observer(Solver):
 
 
 class ObserverTrack(Track):
-    """The observer on the buffers of one problem.
-
-    Attributes:
-        state: Its arrays, ``rates`` (closed-loop rates [1/s], shape (instance_count, n)) among them.
-    """
+    """The observer on the buffers of one problem; ``state`` holds its arrays."""
 
     def __init__(self, options: Observer, problem: BoundaryProblem, dt: float) -> None:
         self.options = options
@@ -164,10 +161,10 @@ class ObserverTrack(Track):
         self._previous: FloatArray | None = None
         self._change: FloatArray | None = None
         self._ones = np.ones(count, dtype=np.int32)
-        self._host: tuple[Any, Any, Any] | None = None
+        self._host: tuple[Any, ...] | None = None
         self._directions: FloatArray | None = None
         if wp.get_device(device).is_cpu:
-            self._host = (state.following.numpy(), state.status.numpy(), state.size.numpy())
+            self._host = (state.following.numpy(), state.status.numpy(), state.size.numpy(), state.rates.numpy())
             self._directions = problem.directions.numpy()
         self.start(problem.guess())
 
@@ -186,8 +183,14 @@ class ObserverTrack(Track):
             self._aim()
         problem.integrate()
         self._launch.launch()
-        status, size = self._host[1:] if self._host is not None else (state.status.numpy(), state.size.numpy())
-        return Outcome(status.copy(), self._ones, self._ones, size.copy())
+        status, size, rates = self._host[1:] if self._host else (state.status.numpy(), state.size.numpy(), state.rates.numpy())
+        return Outcome(status.copy(), self._ones, self._ones, size.copy(), rates.copy())
+
+    def hold(self, instances: Any) -> None:
+        """Keep the unknowns of some instances (bool, (instance_count,)) as they are in the next sample."""
+        following = np.array(self.state.following.numpy())
+        following[instances] = self.problem.read("unknowns")[instances]
+        self.state.following.assign(following)
 
     def _aim(self) -> None:
         """Point the problem's direction along the change of the inputs expected by the next sample: the last two, extrapolated."""
