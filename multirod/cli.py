@@ -92,12 +92,16 @@ def demo(options: argparse.Namespace, console: Console) -> int:
         f"loaded by a turning tip force: {len(study.time)} samples at {options.rate:g} Hz, RK4 with {options.steps} steps.",
     )
     histories: dict[str, History] = {}
+    recorded = next((name for name in chosen if name.startswith("observer")), chosen[0])
     with _progress(console) as progress:
         task = progress.add_task("converged solution", total=len(study.time))
         reference = experiment.reference(study, lambda done: progress.update(task, completed=done))
         for name in chosen:
             part = study.first(min(len(study.time), options.slow_samples)) if name in SLOW else study
-            histories[name] = _run(progress, name, part, solvers[name])
+            history = histories[name] = _run(progress, name, part, solvers[name])
+            if name == recorded:  # at once, so that nothing that runs longer can lose it
+                whole = len(history.time) == len(reference.time)
+                save(options.out, history, reference=reference if whole else None, name=name)
     rows = {name: [compare(history, reference)] for name, history in histories.items()}
     console.print(_table(rows, "The paper's experiment", console.width))
     settled = min(experiment.SETTLING_TIME, options.time / 2)
@@ -112,9 +116,6 @@ def demo(options: argparse.Namespace, console: Console) -> int:
             console.print(f"[yellow]{name}: {failed} samples failed: {_failures(history)}[/yellow]")
     if options.table2:
         _further(console, options, chosen)
-    recorded = next((name for name in chosen if name.startswith("observer")), chosen[0])
-    history = histories[recorded]
-    save(options.out, history, reference=reference if len(history.time) == len(reference.time) else None, name=recorded)
     console.print(
         f"Recording of {recorded}: {options.out} ({options.out.stat().st_size / 1e6:.1f} MB). Open it with: rerun {options.out}"
     )
