@@ -10,9 +10,11 @@ import warp as wp
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.newton_kernels import NewtonState, make_newton, restart
+from multirod.status import Status
 from multirod.validation import FloatArray
 
 LARGE_CHANGE = 0.5
+_CONVERGED = int(Status.CONVERGED)
 
 
 class Newton:
@@ -66,6 +68,13 @@ class Newton:
     def tolerance(self) -> float:
         """Largest residual [1/m]."""
         return float(self.state.tolerance)
+
+    def doubtful(self) -> bool:
+        """Whether any instance of the last run failed or may have strayed."""
+        if self._counts is None or self._doubts is None:
+            return True
+        change, contraction = self._doubts
+        return bool((self._counts[0] != _CONVERGED).any() or change.max() > LARGE_CHANGE or contraction.max() > LARGE_CHANGE)
 
     def strayed(self) -> Any:
         """Whether a converged instance may be on another branch than its reference; bool, shape (instance_count,)."""

@@ -14,6 +14,7 @@ from multirod.status import Status
 from multirod.validation import FloatArray, boolean, choice, positive_float, positive_int
 
 PREDICTORS = ("none", "linear", "quadratic")
+_CONVERGED = int(Status.CONVERGED)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,21 +85,23 @@ class NewtonTrack(Track):
         self.history: list[FloatArray] = []
         self.inputs: FloatArray | None = None  # those of the last good sample
         self.known = np.zeros(problem.instance_count, dtype=bool)  # instances that have had a good sample, or a guess
+        self.all_known = False
 
     def start(self, unknowns: FloatArray) -> None:
         """Take ``unknowns`` as the sample before the first."""
         self.history = [np.array(unknowns)]
         self.known[:] = True
+        self.all_known = True
 
     def step(self) -> Outcome:
         """Extrapolate, iterate to the tolerance, and make sure of the branch."""
-        problem = self.problem
-        if not self.history:
-            self.history = [problem.guess()]
-        lost = ~self.known
-        if lost.any():
-            first = natural_branch(problem, self.newton, self.options.max_continuation_steps, lost)
-            if lost.all():
+        problem, newton = self.problem, self.newton
+        first = None
+        if not self.all_known:
+            if not self.history:
+                self.history = [problem.guess()]
+            first = natural_branch(problem, newton, self.options.max_continuation_steps, ~self.known)
+            if not self.known.any():
                 return self._keep(first)
         past = self.history
         if len(past) > 2:
@@ -107,15 +110,20 @@ class NewtonTrack(Track):
             guess = 2 * past[0] - past[1]
         else:
             guess = past[0]
-        problem.write("unknowns", np.where(lost[:, None], problem.read("unknowns"), guess) if lost.any() else guess)
-        self.newton.run(self.known if lost.any() else None)
-        outcome = self.newton.outcome()
-        if lost.any():
-            for mine, theirs in zip(vars(outcome).values(), vars(first).values(), strict=True):
-                if mine is not None:
-                    mine[lost] = theirs[lost]
-        if self.inputs is not None:
-            doubtful = ((outcome.status != Status.CONVERGED) | self.newton.strayed()) & self.known
+        if first is not None:
+            guess = np.where(self.known[:, None], guess, problem.read("unknowns"))
+        problem.write("unknowns", guess)
+        newton.run(None if first is None else self.known)
+        outcome = newton.outcome()
+        if first is not None:
+            for mine, theirs in (
+                (outcome.status, first.status),
+                (outcome.iterations, first.iterations),
+                (outcome.integrations, first.integrations),
+            ):
+                mine[~self.known] = theirs[~self.known]
+        if self.inputs is not None and (newton.doubtful() or first is not None):
+            doubtful = ((outcome.status != _CONVERGED) | newton.strayed()) & self.known
             if doubtful.any():
                 self._continue(doubtful, outcome, self.inputs)
         return self._keep(outcome)
@@ -145,18 +153,19 @@ class NewtonTrack(Track):
 
     def _keep(self, outcome: Outcome) -> Outcome:
         found, inputs = self.problem.read("unknowns"), self.problem.read("inputs")
-        good = outcome.status == Status.CONVERGED
-        if good.all() and self.known.all():
-            self.history = [found, *self.history][: self.order + 1]
+        good = outcome.status == _CONVERGED
+        if self.all_known and good.all():
+            self.history = [found, *self.history[: self.order]]
             self.inputs = inputs
             self.newton.set_reference()
             return outcome
         # what failed starts again from its last equilibrium, what is new from its first, both without a slope
         kept, new = good[:, None], (good & ~self.known)[:, None]
         last = self.history[0]
-        past = [found, *self.history][: self.order + 1]
+        past = [found, *self.history[: self.order]]
         self.history = [np.where(new, found, np.where(kept, point, last)) for point in past]
         self.inputs = inputs if self.inputs is None else np.where(kept, inputs, self.inputs)
         self.newton.set_reference(good)
         self.known |= good
+        self.all_known = bool(self.known.all())
         return outcome
