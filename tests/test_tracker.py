@@ -182,7 +182,7 @@ def test_batch_axes_are_those_at_the_start(robot: mr.SingleRod, tracker: mr.Trac
         tracker.step(tip_force=[FORCE, FORCE])
     assert same(tracker.step(), before)
     batch = mr.Tracker(robot, solver=NEWTON, dt=0.005, inputs=robot.inputs(tip_force=[FORCE, FORCE]))
-    with pytest.raises(ValueError, match=r"must be those at the start, \(2,\)"):
+    with pytest.raises(ValueError, match=r"must broadcast to those at the start, \(2,\)"):
         batch.step(tip_force=[FORCE] * 3)
 
 
