@@ -179,6 +179,9 @@ class BackboneProblem(BoundaryProblem):
         for name, exponent in power.items():
             size = np.linalg.norm(inputs[:, self.input_slice(name)], axis=1) * length**exponent / stiffness
             total += size * weight if name == "gravity" else size
+        if self.features.measured:
+            gap = inputs[:, self.input_slice("tip_curvature")] - table.precurvature[:, 0, -1, :3]
+            total += np.linalg.norm(gap, axis=1) * length
         profile = self._table.profile.numpy()
         if profile.size:
             size = np.abs(profile.reshape(len(profile), 6, -1)).sum(-1).max(0)

@@ -1,0 +1,425 @@
+# mypy: ignore-errors
+"""Both ends of one backbone: the state at the base (9), (10), and the residual at the tip (11) to (13), with their columns.
+
+Numbers in parentheses are those of ``docs/model.md``.
+"""
+
+from types import SimpleNamespace
+
+import warp as wp
+
+from multirod.models.backbone_equation_kernels import rotate, rotate_inverse, rotation_matrix, turn_base
+from multirod.models.backbone_layout_kernels import Call, InputOffsets, Layout, RodTable
+from multirod.models.features import Features
+
+f64 = wp.float64
+
+
+def make_base_functions(layout: Layout, features: Features, grid: SimpleNamespace) -> SimpleNamespace:
+    """Functions that turn unknowns and inputs into the state at the base."""
+    n, C, NX = layout.n, layout.C, layout.NX
+    State, Column, Instance, Node = layout.State, layout.Column, layout.Instance, layout.Node
+    ColumnVectors = layout.ColumnVectors
+    N_AT, THETA_AT, TAU_AT, STATICS = layout.N_AT, layout.THETA_AT, layout.TAU_AT, layout.STATICS
+    COLUMN_Q_AT, COLUMN_SIZE, Q_AT = layout.COLUMN_Q_AT, layout.COLUMN_SIZE, layout.Q_AT
+    FORCE_STATE, FRAME, COLUMN_FRAME = layout.FORCE_STATE, layout.FRAME, layout.COLUMN_FRAME
+    FOLLOWER, TRANSMISSION, TUBES = features.follower_force, features.transmission, n > 1
+    # columns: bending moments (with one rod, torque too), torques of several rods, base force of a follower, directions
+    MOMENTS = min(2 if TUBES else 3, NX)
+    TORQUES = min(n + 2, NX)
+    FIRST_FORCE = layout.UNKNOWNS - 3
+    ROTATION = InputOffsets(n).ROTATION
+    total_load = grid.total_load
+
+    @wp.func
+    def unknown_unit(rods: RodTable, case: Instance, i: int) -> wp.vec3d:
+        """(10) Curvature per moment, by the first sections: it does not jump when a section is pulled into the base."""
+        EI_x = rods.material[case.rods, i, 0, 0]
+        EI_y = rods.material[case.rods, i, 0, 1]
+        GJ = wp.min(rods.material[case.rods, i, 0, 2], wp.max(EI_x, EI_y))
+        if wp.static(TUBES):
+            EI = f64(0.0)
+            for j in range(wp.static(n)):
+                EI += wp.max(rods.material[case.rods, j, 0, 0], rods.material[case.rods, j, 0, 1])
+            return wp.vec3d(f64(1.0) / EI, f64(1.0) / EI, f64(1.0) / GJ)
+        return wp.vec3d(f64(1.0) / EI_x, f64(1.0) / EI_y, f64(1.0) / GJ)
+
+    @wp.func
+    def force_unit(rods: RodTable, case: Instance) -> f64:
+        """(13) Force per unknown of the base force."""
+        return wp.max(rods.material[case.rods, 0, 0, 0], rods.material[case.rods, 0, 0, 1]) / case.scale
+
+    @wp.func
+    def base_torque(rods: RodTable, call: Call, case: Instance, i: int) -> f64:
+        """(10) tau_i(0) of several rods."""
+        unit = unknown_unit(rods, case, i)
+        return call.unknowns[case.index, 2 + i] / unit[2]
+
+    @wp.func
+    def torsional_compliance(rods: RodTable, case: Instance, node: Node, i: int) -> f64:
+        """1/GJ_i at the base."""
+        return rods.material[case.rods, i, node.section[i], 5]
+
+    @wp.func
+    def angle_by_torque(rods: RodTable, case: Instance, node: Node, i: int) -> f64:
+        """(9) What rod i twists behind the base plate for each torque."""
+        if wp.static(TRANSMISSION):
+            return -wp.min(case.shift[i], f64(0.0)) * torsional_compliance(rods, case, node, i)
+        return f64(0.0)
+
+    @wp.func
+    def base_angle(rods: RodTable, call: Call, case: Instance, node: Node, i: int) -> f64:
+        """(9) Angle of rod i at s = 0."""
+        angle = call.inputs[case.index, wp.static(ROTATION) + i]
+        if wp.static(TUBES and TRANSMISSION):
+            angle += angle_by_torque(rods, case, node, i) * base_torque(rods, call, case, i)
+        return angle
+
+    @wp.func
+    def base_angle_rate(rods: RodTable, call: Call, case: Instance, node: Node, i: int, k: int) -> f64:
+        """(9) Its variation for direction k."""
+        rate = call.directions[case.direction, k, wp.static(ROTATION) + i]
+        if wp.static(TUBES and TRANSMISSION):
+            if case.shift[i] < f64(0.0):
+                torque = base_torque(rods, call, case, i)
+                rate -= case.shift_rate[k, i] * torque * torsional_compliance(rods, case, node, i)
+        return rate
+
+    @wp.func
+    def base_moment(rods: RodTable, call: Call, case: Instance) -> wp.vec3d:
+        """(10) M(0)."""
+        unit = unknown_unit(rods, case, 0)
+        x = wp.vec3d(call.unknowns[case.index, 0], call.unknowns[case.index, 1], call.unknowns[case.index, 2])
+        if wp.static(TUBES):
+            torque = f64(0.0)
+            for i in range(wp.static(n)):
+                torque += base_torque(rods, call, case, i)
+            return wp.vec3d(x[0] / unit[0], x[1] / unit[1], torque)
+        r = case.rods
+        u_star = wp.vec3d(rods.precurvature[r, 0, 0, 0], rods.precurvature[r, 0, 0, 1], rods.precurvature[r, 0, 0, 2])
+        return wp.cw_div(x - u_star, unit)
+
+    @wp.func
+    def base_frame(rods: RodTable, call: Call, case: Instance, node: Node) -> wp.vec4d:
+        """(9) q(0)."""
+        half = f64(0.5) * base_angle(rods, call, case, node, 0)
+        return wp.vec4d(f64(0.0), f64(0.0), wp.sin(half), wp.cos(half))
+
+    @wp.func
+    def base_force(rods: RodTable, call: Call, case: Instance, q: wp.vec4d):
+        """n(0) and its columns: unknown under a follower force (13), else all that acts further on (3a)."""
+        if wp.static(not FOLLOWER):
+            return total_load(rods, call, case)
+        t = case.index
+        j = wp.static(FIRST_FORCE)
+        x = wp.vec3d(call.unknowns[t, j], call.unknowns[t, j + 1], call.unknowns[t, j + 2])
+        return rotate(q, force_unit(rods, case) * x), ColumnVectors()
+
+    @wp.func
+    def torque_column(rods: RodTable, case: Instance, node: Node, i: int):
+        """(9), (10): column of the unknown torque of rod i, and how far it turns rod 1."""
+        column = Column()
+        turn = f64(0.0)
+        unit = unknown_unit(rods, case, i)
+        torque = f64(1.0) / unit[2]
+        angle = angle_by_torque(rods, case, node, i) * torque
+        column[2] = torque
+        if i > 0:
+            column[wp.static(TAU_AT - 1) + i] = torque
+            column[wp.static(THETA_AT - 1) + i] = angle
+        else:
+            turn = angle
+            for j in range(1, wp.static(n)):
+                column[wp.static(THETA_AT) + j - 1] = -angle
+        return column, turn
+
+    @wp.func
+    def direction_column(rods: RodTable, call: Call, case: Instance, node: Node, k: int):
+        """(9) Column of direction k, and how far it turns rod 1."""
+        column = Column()
+        turn = base_angle_rate(rods, call, case, node, 0, k)
+        for i in range(1, wp.static(n)):
+            column[wp.static(THETA_AT) + i - 1] = base_angle_rate(rods, call, case, node, i, k) - turn
+        return column, turn
+
+    @wp.func
+    def turned_column(column: Column, turn: f64, q: wp.vec4d, N: wp.vec3d, dn: wp.vec3d) -> Column:
+        """(15), (16): a column with its force and frame, where rod 1 turns and n varies by dn."""
+        out = column
+        if wp.static(FORCE_STATE):
+            dN = rotate_inverse(q, dn) + turn * wp.vec3d(N[1], -N[0], f64(0.0))
+            for j in range(3):
+                out[N_AT + j] = dN[j]
+        if wp.static(COLUMN_FRAME):
+            dq = turn_base(q, turn)
+            for j in range(4):
+                out[COLUMN_Q_AT + j] = dq[j]
+        return out
+
+    @wp.func
+    def base_columns(
+        rods: RodTable, call: Call, case: Instance, node: Node, state: State, q: wp.vec4d, n0: wp.vec3d, dn0: ColumnVectors
+    ):
+        """(9), (10): the state with its columns at the base, and the columns of n."""
+        y = state
+        force_columns = dn0
+        N = rotate_inverse(q, n0)
+        unit = unknown_unit(rods, case, 0)
+        for k in range(wp.static(C)):
+            column = Column()
+            turn = f64(0.0)
+            if wp.static(k < MOMENTS):
+                column[k] = f64(1.0) / unit[k]
+            if wp.static(MOMENTS <= k < TORQUES):
+                column, turn = torque_column(rods, case, node, k - 2)
+            if wp.static(k >= NX):
+                column, turn = direction_column(rods, call, case, node, k - NX)
+            dn = wp.vec3d(force_columns[k, 0], force_columns[k, 1], force_columns[k, 2])
+            if wp.static(FOLLOWER):
+                dN = turn * wp.vec3d(-N[1], N[0], f64(0.0))  # N is given in the frame: n turns with it
+                if wp.static(FIRST_FORCE <= k < NX):
+                    dN[wp.static(k - FIRST_FORCE)] += force_unit(rods, case)
+                dn = rotate(q, dN)
+                for j in range(3):
+                    force_columns[k, j] = dn[j]
+            column = turned_column(column, turn, q, N, dn)
+            for j in range(wp.static(COLUMN_SIZE)):
+                y[wp.static(STATICS + k * COLUMN_SIZE) + j] = column[j]
+        return y, force_columns
+
+    @wp.func
+    def at_base(rods: RodTable, call: Call, case: Instance, node: Node):
+        """(9), (10): the state at the base, n there, and the columns of n."""
+        y = State()
+        q = base_frame(rods, call, case, node)
+        n0, dn0 = base_force(rods, call, case, q)
+        M = base_moment(rods, call, case)
+        for j in range(3):
+            y[j] = M[j]
+        if wp.static(FORCE_STATE):
+            N = rotate_inverse(q, n0)
+            for j in range(3):
+                y[N_AT + j] = N[j]
+        for i in range(1, wp.static(n)):
+            angle = base_angle(rods, call, case, node, i) - base_angle(rods, call, case, node, 0)
+            y[wp.static(THETA_AT) + i - 1] = angle
+            y[wp.static(TAU_AT) + i - 1] = base_torque(rods, call, case, i)
+        if wp.static(FRAME):
+            for j in range(4):
+                y[Q_AT + j] = q[j]
+        y, dn0 = base_columns(rods, call, case, node, y, q, n0, dn0)
+        return y, n0, dn0
+
+    return SimpleNamespace(at_base=at_base)
+
+
+def make_tip_functions(
+    layout: Layout, features: Features, stretch: SimpleNamespace, rate: SimpleNamespace, grid: SimpleNamespace
+) -> SimpleNamespace:
+    """Functions that write the residual, its columns, the pose of the tip, and output nodes."""
+    n, C, NX = layout.n, layout.C, layout.NX
+    State, Stretch, Instance = layout.State, layout.Stretch, layout.Instance
+    TAU_AT, P_AT, ENERGY_AT, COLUMN_P_AT = layout.TAU_AT, layout.P_AT, layout.ENERGY_AT, layout.COLUMN_P_AT
+    COLUMN_FRAME, STATICS, COLUMN_SIZE = layout.COLUMN_FRAME, layout.STATICS, layout.COLUMN_SIZE
+    ColumnVectors = layout.ColumnVectors
+    POSE, POSE_COLUMNS, NODES = layout.POSE, layout.POSE_COLUMNS, features.nodes
+    TUBES, MEASURED = n > 1, features.measured
+    TIP_MOMENT, FOLLOWER, FOLLOWER_MOMENT = features.tip_moment, features.follower_force, features.follower_moment
+    FIRST_FORCE = layout.UNKNOWNS - 3
+    at = InputOffsets(n)
+    TIP_FORCE_INPUT, TIP_MOMENT_INPUT, TIP_CURVATURE_INPUT = at.TIP_FORCE, at.TIP_MOMENT, at.TIP_CURVATURE
+    FOLLOWER_FORCE_INPUT, FOLLOWER_MOMENT_INPUT = at.FOLLOWER_FORCE, at.FOLLOWER_MOMENT
+    precurvature, compliance = stretch.precurvature, stretch.compliance
+    frame, point_at, column_of, column_rotation = rate.frame, rate.point_at, rate.column_of, rate.column_rotation
+    load_vector, direction_vector, section_end = grid.load_vector, grid.direction_vector, grid.section_end
+
+    @wp.func
+    def moment_unit(z: Stretch, i: int) -> wp.vec3d:
+        """(11) C: curvature per moment; where torsion is stiffer than bending, the bending stiffness scales it."""
+        GJ = wp.min(z.material[i, 2], wp.max(z.material[i, 0], z.material[i, 1]))
+        if wp.static(TUBES):
+            EI = f64(0.0)
+            for j in range(wp.static(n)):
+                EI += z.present[j] * wp.max(z.material[j, 0], z.material[j, 1])
+            return wp.vec3d(f64(1.0) / EI, f64(1.0) / EI, f64(1.0) / GJ)
+        return wp.vec3d(f64(1.0) / z.material[i, 0], f64(1.0) / z.material[i, 1], f64(1.0) / GJ)
+
+    @wp.func
+    def torque_unit(z: Stretch, i: int) -> f64:
+        """The same for the torque of one of several rods."""
+        unit = moment_unit(z, i)
+        return unit[2]
+
+    @wp.func
+    def force_unit(z: Stretch, case: Instance) -> f64:
+        """(13) L/EI at the tip."""
+        return case.scale / wp.max(z.material[0, 0], z.material[0, 1])
+
+    @wp.func
+    def outer_torque(rods: RodTable, case: Instance, y: State, first: int) -> f64:
+        """Sum of the torques of rods 2 to n that reach the tip; ``first`` is where they stand in y."""
+        torque = f64(0.0)
+        for i in range(1, wp.static(n)):
+            if section_end(rods, case, i, rods.end.shape[2] - 1) >= case.length:
+                torque += y[first + i - 1]
+        return torque
+
+    @wp.func
+    def tip_gap(rods: RodTable, call: Call, case: Instance, y: State, z: Stretch) -> wp.vec3d:
+        """(11), (12): what the boundary condition at the tip lacks."""
+        M = wp.vec3d(y[0], y[1], y[2])
+        if wp.static(MEASURED):
+            t = case.index
+            j = wp.static(TIP_CURVATURE_INPUT)
+            measured = wp.vec3d(call.inputs[t, j], call.inputs[t, j + 1], call.inputs[t, j + 2])
+            # raised with the loads, so that the unloaded rod is where load continuation begins
+            return wp.cw_mul(compliance(z), M) - call.load_factor[t] * (measured - precurvature(z, 0, z.length))
+        if wp.static(TIP_MOMENT):
+            M -= rotate_inverse(frame(y), case.tip_moment)
+        if wp.static(FOLLOWER_MOMENT):
+            M -= load_vector(call, case.index, FOLLOWER_MOMENT_INPUT)
+        if wp.static(TUBES):
+            M -= wp.vec3d(f64(0.0), f64(0.0), outer_torque(rods, case, y, TAU_AT))
+        return wp.cw_mul(moment_unit(z, 0), M)
+
+    @wp.func
+    def gap_column(rods: RodTable, case: Instance, y: State, z: Stretch, k: int) -> wp.vec3d:
+        """(11), (12): variation of the gap with column k."""
+        column = column_of(y, k)
+        dM = wp.vec3d(column[0], column[1], column[2])
+        if wp.static(MEASURED):
+            return wp.cw_mul(compliance(z), dM)
+        if wp.static(TIP_MOMENT):
+            q = frame(y)
+            dM -= wp.cross(rotate_inverse(q, case.tip_moment), column_rotation(q, column))
+        if wp.static(TUBES):
+            first = wp.static(STATICS + TAU_AT) + k * wp.static(COLUMN_SIZE)
+            dM -= wp.vec3d(f64(0.0), f64(0.0), outer_torque(rods, case, y, first))
+        return wp.cw_mul(moment_unit(z, 0), dM)
+
+    @wp.func
+    def gap_by_direction(call: Call, case: Instance, y: State, z: Stretch, k: int) -> wp.vec3d:
+        """(11), (12): variation of the gap with the inputs that stand in it; u* at the end of rod 1 stays with the rod."""
+        if wp.static(MEASURED):
+            return -direction_vector(call, case, k, TIP_CURVATURE_INPUT)
+        dm = direction_vector(call, case, k, FOLLOWER_MOMENT_INPUT)
+        if wp.static(COLUMN_FRAME):
+            dm += rotate_inverse(frame(y), case.to_base * direction_vector(call, case, k, TIP_MOMENT_INPUT))
+        return -wp.cw_mul(moment_unit(z, 0), dm)
+
+    @wp.func
+    def force_gap(call: Call, case: Instance, y: State, z: Stretch, n_tip: wp.vec3d) -> wp.vec3d:
+        """(13) What the internal force at the tip lacks."""
+        N = rotate_inverse(frame(y), n_tip - case.tip_force)
+        return force_unit(z, case) * (N - load_vector(call, case.index, FOLLOWER_FORCE_INPUT))
+
+    @wp.func
+    def force_gap_column(case: Instance, y: State, z: Stretch, n_tip: wp.vec3d, dn: wp.vec3d, k: int) -> wp.vec3d:
+        """(13), (16): its variation with column k, where n - F varies by dn."""
+        q = frame(y)
+        dphi = column_rotation(q, column_of(y, k))
+        return force_unit(z, case) * (rotate_inverse(q, dn) + wp.cross(rotate_inverse(q, n_tip - case.tip_force), dphi))
+
+    @wp.func
+    def total_magnitude(a: wp.vec3d) -> f64:
+        """Not finite if a component is not."""
+        return wp.abs(a[0]) + wp.abs(a[1]) + wp.abs(a[2])
+
+    @wp.func
+    def write_column(call: Call, case: Instance, row: int, k: int, value: f64):
+        """One number of Gamma, or of the residual's derivative by a direction."""
+        if k < wp.static(NX):
+            call.gamma[case.index, row, k] = value
+        else:
+            call.residual_directions[case.index, row, k - wp.static(NX)] = value
+
+    @wp.func
+    def write_residual(rods: RodTable, call: Call, case: Instance, y: State, z: Stretch, n_tip: wp.vec3d) -> f64:
+        """(11) to (13): the residual. Returns a number that is not finite if a component is not."""
+        t = case.index
+        gap = tip_gap(rods, call, case, y, z)
+        total = total_magnitude(gap)
+        for j in range(3):
+            call.residual[t, j] = gap[j]
+        for i in range(1, wp.static(n)):
+            # the torque of a rod that has ended is constant from there on
+            torque = torque_unit(z, i) * y[wp.static(TAU_AT) + i - 1]
+            call.residual[t, 2 + i] = torque
+            total += wp.abs(torque)
+        if wp.static(FOLLOWER):
+            lack = force_gap(call, case, y, z, n_tip)
+            total += total_magnitude(lack)
+            for j in range(3):
+                call.residual[t, wp.static(FIRST_FORCE) + j] = lack[j]
+        return total
+
+    @wp.func
+    def write_residual_columns(
+        rods: RodTable, call: Call, case: Instance, y: State, z: Stretch, n_tip: wp.vec3d, dn_tip: ColumnVectors
+    ) -> f64:
+        """Gamma, and the residual's derivatives by directions. Returns a number that is not finite if one of them is not."""
+        total = f64(0.0)
+        for k in range(wp.static(C)):
+            gap = gap_column(rods, case, y, z, k)
+            if wp.static(k >= NX):
+                gap += gap_by_direction(call, case, y, z, k - NX)
+            total += total_magnitude(gap)
+            for j in range(3):
+                write_column(call, case, j, k, gap[j])
+            for i in range(1, wp.static(n)):
+                torque = y[wp.static(STATICS + k * COLUMN_SIZE + TAU_AT) + i - 1]
+                write_column(call, case, 2 + i, k, torque_unit(z, i) * torque)
+            if wp.static(FOLLOWER):
+                dn = wp.vec3d(dn_tip[k, 0], dn_tip[k, 1], dn_tip[k, 2])
+                if wp.static(k >= NX):
+                    dn -= case.to_base * direction_vector(call, case, k - NX, TIP_FORCE_INPUT)
+                lack = force_gap_column(case, y, z, n_tip, dn, k)
+                if wp.static(k >= NX):
+                    lack -= force_unit(z, case) * direction_vector(call, case, k - NX, FOLLOWER_FORCE_INPUT)
+                for j in range(3):
+                    write_column(call, case, wp.static(FIRST_FORCE) + j, k, lack[j])
+        return total
+
+    @wp.func
+    def world_position(case: Instance, y: State) -> wp.vec3d:
+        """p, in the world."""
+        return case.base_position + case.base_rotation * wp.vec3d(y[P_AT], y[P_AT + 1], y[P_AT + 2])
+
+    @wp.func
+    def write_tip(call: Call, case: Instance, y: State):
+        """Pose of the tip and its columns in the world, and the energy."""
+        t = case.index
+        q = frame(y)
+        if wp.static(POSE):
+            call.position[t] = world_position(case, y)
+            call.rotation[t] = case.base_rotation * rotation_matrix(q)
+        if wp.static(NODES):
+            call.energy[t] = y[ENERGY_AT]
+        if wp.static(POSE_COLUMNS):
+            for k in range(wp.static(C)):
+                column = column_of(y, k)
+                o = wp.static(COLUMN_P_AT)
+                dp = case.base_rotation * wp.vec3d(column[o], column[o + 1], column[o + 2])
+                turn = case.base_rotation * rotate(q, column_rotation(q, column))
+                for j in range(3):
+                    call.pose_columns[t, j, k] = dp[j]
+                    call.pose_columns[t, 3 + j, k] = turn[j]
+
+    @wp.func
+    def write_node(call: Call, case: Instance, output: int, y: State, z: Stretch, x: f64, s: f64):
+        """The state at an output node, x from the start of the stretch and s from the base."""
+        t = case.index
+        a = point_at(y, z, x)
+        call.node_arclength[t, output] = s
+        call.node_position[t, output] = world_position(case, y)
+        call.node_rotation[t, output] = case.base_rotation * rotation_matrix(a.q)
+        call.node_curvature[t, output] = a.u
+        call.node_moment[t, output] = a.M
+        call.node_force[t, output] = a.N
+
+    return SimpleNamespace(
+        write_residual=write_residual,
+        write_residual_columns=write_residual_columns,
+        write_tip=write_tip,
+        write_node=write_node,
+    )

@@ -1,0 +1,222 @@
+# mypy: ignore-errors
+"""What the kernels of a backbone share: the arrays of a launch, how they are packed, and the types of one scene.
+
+Numbers in parentheses are those of ``docs/model.md``.
+"""
+
+import warp as wp
+
+from multirod.models.features import Features
+
+FAULT_NONE = 0
+FAULT_NONFINITE = 1
+FAULT_STEPS = 2
+
+MATERIAL_SIZE = 10  # EI_x, EI_y, GJ, their inverses, 1/GA_x, 1/GA_y, 1/EA, mass per length
+INPUT_VECTORS = (
+    "tip_force",
+    "tip_moment",
+    "follower_force",
+    "follower_moment",
+    "distributed_force",
+    "distributed_moment",
+    "gravity",
+    "tip_curvature",
+)
+
+
+def input_size(rod_count: int) -> int:
+    """Length of the packed inputs: rotations, translations, the vectors of ``INPUT_VECTORS``, scale of the load profiles."""
+    return 2 * rod_count + 3 * len(INPUT_VECTORS) + 1
+
+
+@wp.struct
+class RodTable:
+    """Rods of a backbone; the first axis is the batch or has length 1."""
+
+    stride: int  # 1 if each instance has its own rods, else 0
+    end: wp.array3d[wp.float64]  # arclength of section ends from the rod's base [m], (batch, rod, section)
+    material: wp.array4d[wp.float64]  # (batch, rod, section, MATERIAL_SIZE)
+    precurvature: wp.array4d[wp.float64]  # (batch, rod, section, 3 (degree + 1)), in the section's coordinate -1 to 1
+    length_scale: wp.array[wp.float64]  # (batch,) [m]
+    base_stride: int
+    base_position: wp.array[wp.vec3d]  # (batch,)
+    base_rotation: wp.array[wp.mat33d]  # (batch,)
+    profile_end: wp.array[wp.float64]  # arclength of the ends of the pieces of load profiles [m], (piece,)
+    profile: wp.array2d[wp.float64]  # force and moment coefficients, (piece, 6 (degree + 1))
+
+
+@wp.struct
+class Call:
+    """What one launch reads and writes; the first axis is the batch."""
+
+    active: wp.array[int]  # instances with 0 are left untouched
+    unknowns: wp.array2d[wp.float64]
+    inputs: wp.array2d[wp.float64]
+    load_factor: wp.array[wp.float64]  # multiplies every load
+    directions: wp.array3d[wp.float64]  # (batch or 1, direction, input)
+    direction_stride: int
+    steps: wp.float64
+    rtol: wp.float64
+    atol: wp.float64
+    step_limit: int
+    node_count: int
+    # outputs
+    fault: wp.array[int]
+    step_count: wp.array[int]
+    residual: wp.array2d[wp.float64]  # (batch, unknown) [1/m]
+    gamma: wp.array3d[wp.float64]  # (batch, unknown, unknown)
+    residual_directions: wp.array3d[wp.float64]  # (batch, unknown, direction)
+    position: wp.array[wp.vec3d]
+    rotation: wp.array[wp.mat33d]
+    pose_columns: wp.array3d[wp.float64]  # (batch, 6, unknown + direction), world frame
+    node_arclength: wp.array2d[wp.float64]  # (batch, node)
+    node_position: wp.array2d[wp.vec3d]
+    node_rotation: wp.array2d[wp.mat33d]
+    node_curvature: wp.array2d[wp.vec3d]
+    node_moment: wp.array2d[wp.vec3d]
+    node_force: wp.array2d[wp.vec3d]
+    energy: wp.array[wp.float64]
+
+
+class Layout:
+    """How the state of a backbone with certain features is packed, and the types that follow.
+
+    The state is ``M, [N], theta_i, tau_i (i >= 2), columns, [q], [p], [energy]``; a column, the derivative of the state by
+    one unknown or direction, is ``dM, [dN], dtheta_i, dtau_i, [dq], [dp]``. What is in brackets is there when a feature
+    needs it. Names that end in ``_AT`` are offsets. The unknowns' columns come first, then those of the directions.
+    """
+
+    def __init__(self, features: Features) -> None:
+        f64 = wp.float64
+        self.n = n = features.rod_count
+        self.UNKNOWNS = features.unknown_count
+        self.NX = features.unknown_count if features.sensitivities else 0  # columns by unknowns
+        self.ND = features.directions  # columns by directions
+        self.C = columns = self.NX + self.ND
+
+        self.FRAME = features.frame
+        self.COLUMN_FRAME = features.column_has_frame
+        self.FORCE = features.force
+        self.FORCE_STATE = features.force_is_state
+        self.SPREAD_FORCE = features.distributed_force or features.profile_degree >= 0
+        self.SPREAD_MOMENT = features.distributed_moment or features.profile_degree >= 0
+        self.PROFILE = features.profile_degree >= 0
+        self.PROFILE_TERMS = max(features.profile_degree, 0) + 1
+        self.CURVATURE_TERMS = features.precurvature_degree + 1
+        self.POSE = features.pose or features.nodes or features.pose_sensitivities
+        self.POSE_COLUMNS = features.pose_sensitivities
+
+        self.N_AT = 3
+        self.THETA_AT = 3 + (3 if self.FORCE_STATE else 0)  # of rod 2
+        self.TAU_AT = self.THETA_AT + n - 1  # of rod 2
+        self.STATICS = self.TAU_AT + n - 1  # size of what (4), (3b) and (8) govern; there the columns begin
+        self.COLUMN_Q_AT = self.STATICS
+        self.COLUMN_P_AT = self.COLUMN_Q_AT + (4 if self.COLUMN_FRAME else 0)
+        self.COLUMN_SIZE = self.COLUMN_P_AT + (3 if self.POSE_COLUMNS else 0)
+        self.Q_AT = self.STATICS + self.COLUMN_SIZE * columns
+        self.P_AT = self.Q_AT + (4 if self.FRAME else 0)
+        self.ENERGY_AT = self.P_AT + (3 if self.POSE else 0)
+        size = self.ENERGY_AT + (1 if features.nodes else 0)
+        size += -size % 8  # whole vector registers: measured 15 % faster
+
+        self.State = wp.types.vector(length=size, dtype=f64)
+        self.Column = wp.types.vector(length=self.COLUMN_SIZE, dtype=f64)
+        self.PerRod = wp.types.vector(length=n, dtype=f64)
+        self.PerDirection = wp.types.vector(length=max(self.ND, 1), dtype=f64)
+        self.RodVectors = wp.types.matrix(shape=(n, 3), dtype=f64)
+        self.ColumnVectors = wp.types.matrix(shape=(max(columns, 1), 3), dtype=f64)
+        self.DirectionVectors = wp.types.matrix(shape=(max(self.ND, 1), 3), dtype=f64)
+        self.DirectionRods = wp.types.matrix(shape=(max(self.ND, 1), n), dtype=f64)
+        self.Stretch = self._make_stretch()
+        self.Instance = self._make_instance()
+        self.Node = self._make_node()
+
+    def _make_stretch(self):
+        Material = wp.types.matrix(shape=(self.n, MATERIAL_SIZE), dtype=wp.float64)
+        Precurvature = wp.types.matrix(shape=(self.n, 3 * self.CURVATURE_TERMS), dtype=wp.float64)
+        Profile = wp.types.matrix(shape=(6, self.PROFILE_TERMS), dtype=wp.float64)
+        PerRod, PerDirection, DirectionRods = self.PerRod, self.PerDirection, self.DirectionRods
+        ColumnVectors, DirectionVectors = self.ColumnVectors, self.DirectionVectors
+
+        @wp.struct
+        class Stretch:
+            """One stretch of backbone between two nodes: what is constant on it."""
+
+            start: wp.float64
+            length: wp.float64
+            present: PerRod  # 1 if the rod reaches this far, else 0
+            material: Material
+            precurvature: Precurvature
+            section_centre: PerRod
+            section_slope: PerRod  # of the section's coordinate -1 to 1: 1 / half length
+            force: wp.vec3d  # n at the start of the stretch
+            distributed_force: wp.vec3d  # uniform part, weight included
+            distributed_moment: wp.vec3d  # uniform part
+            profile: Profile
+            profile_centre: wp.float64
+            profile_slope: wp.float64
+            # variations
+            force_columns: ColumnVectors  # of n at the start
+            distributed_force_rate: DirectionVectors
+            distributed_moment_rate: DirectionVectors
+            profile_rate: PerDirection  # relative
+            start_rate: PerDirection  # of the arclength of the start
+            end_rate: PerDirection
+            shift_rate: DirectionRods  # of the rods, along themselves
+
+        return Stretch
+
+    def _make_instance(self):
+        PerRod, PerDirection, DirectionRods = self.PerRod, self.PerDirection, self.DirectionRods
+
+        @wp.struct
+        class Instance:
+            """One instance: its geometry, and its loads in the base frame."""
+
+            index: int  # in the batch
+            rods: int  # row of ``RodTable``
+            direction: int  # row of ``Call.directions``
+            base_position: wp.vec3d
+            base_rotation: wp.mat33d
+            to_base: wp.mat33d  # its transpose
+            length: wp.float64
+            length_rate: PerDirection
+            scale: wp.float64  # what counts as one in positions
+            shift: PerRod  # the inputs ``translation``
+            shift_rate: DirectionRods
+            tip_force: wp.vec3d
+            tip_moment: wp.vec3d
+            distributed_force: wp.vec3d
+            distributed_moment: wp.vec3d
+            gravity: wp.vec3d
+            profile_factor: wp.float64
+
+        return Instance
+
+    def _make_node(self):
+        Sections = wp.types.vector(length=self.n, dtype=wp.int32)
+        PerDirection = self.PerDirection
+
+        @wp.struct
+        class Node:
+            """A node of the grid: where the walk along the backbone stands."""
+
+            s: wp.float64
+            rate: PerDirection  # of s
+            section: Sections  # of each rod, that begins here or goes on; their number where the rod has ended
+            piece: int  # of the load profiles
+            output: int  # output nodes passed
+
+        return Node
+
+
+class InputOffsets:
+    """Where each input begins in a row of ``Call.inputs`` and ``Call.directions``; see ``input_size``."""
+
+    def __init__(self, rod_count: int) -> None:
+        self.ROTATION = 0
+        self.TRANSLATION = rod_count
+        for k, name in enumerate(INPUT_VECTORS):
+            setattr(self, name.upper(), 2 * rod_count + 3 * k)
+        self.PROFILE_FACTOR = 2 * rod_count + 3 * len(INPUT_VECTORS)
