@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from multirod.models.backbone_equation_kernels import rotate, rotate_inverse, rotation_matrix, turn_base
+from multirod.models.backbone_equation_kernels import rotate, rotate_inverse, rotation_matrix, turn_base, turned_about_z
 from multirod.models.backbone_layout_kernels import Call, InputOffsets, Layout, RodTable
 from multirod.models.features import Features
 
@@ -219,7 +219,8 @@ def make_tip_functions(
     """Functions that write the residual, its columns, the pose of the tip, and output nodes."""
     n, C, NX = layout.n, layout.C, layout.NX
     State, Stretch, Instance = layout.State, layout.Stretch, layout.Instance
-    TAU_AT, P_AT, ENERGY_AT, COLUMN_P_AT = layout.TAU_AT, layout.P_AT, layout.ENERGY_AT, layout.COLUMN_P_AT
+    THETA_AT, TAU_AT, P_AT = layout.THETA_AT, layout.TAU_AT, layout.P_AT
+    ENERGY_AT, COLUMN_P_AT = layout.ENERGY_AT, layout.COLUMN_P_AT
     COLUMN_FRAME, STATICS, COLUMN_SIZE = layout.COLUMN_FRAME, layout.STATICS, layout.COLUMN_SIZE
     ColumnVectors = layout.ColumnVectors
     POSE, POSE_COLUMNS, NODES = layout.POSE, layout.POSE_COLUMNS, features.nodes
@@ -257,12 +258,38 @@ def make_tip_functions(
 
     @wp.func
     def outer_torque(rods: RodTable, case: Instance, y: State, first: int) -> f64:
-        """Sum of the torques of rods 2 to n that reach the tip; ``first`` is where they stand in y."""
+        """Sum of the torques of the rods that reach as far as rod 1; ``first`` is where those of rods 2 to n stand in y.
+
+        The torque of a rod that has ended is constant from there on, and so is what the others leave of M_z.
+        """
         torque = f64(0.0)
+        last = rods.end.shape[2] - 1
         for i in range(1, wp.static(n)):
-            if section_end(rods, case, i, rods.end.shape[2] - 1) >= case.length:
+            if section_end(rods, case, i, last) >= section_end(rods, case, 0, last):
                 torque += y[first + i - 1]
         return torque
+
+    @wp.func
+    def applied_moment(call: Call, case: Instance, y: State) -> wp.vec3d:
+        """(11) Moment on the tip, in the frame there."""
+        moment = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
+        if wp.static(TIP_MOMENT):
+            moment += rotate_inverse(frame(y), case.tip_moment)
+        if wp.static(FOLLOWER_MOMENT):
+            moment += load_vector(call, case.index, FOLLOWER_MOMENT_INPUT)
+        return moment
+
+    @wp.func
+    def torque_on(case: Instance, i: int, moment: wp.vec3d) -> f64:
+        """(11) What of a moment on the tip twists rod i: all of it the rod that ends there."""
+        if i == case.longest:
+            return moment[2]
+        return f64(0.0)
+
+    @wp.func
+    def on_rod_1(case: Instance, moment: wp.vec3d) -> wp.vec3d:
+        """(11) A moment on the tip as the residual of bending and of the torque of rod 1 sees it."""
+        return wp.vec3d(moment[0], moment[1], torque_on(case, 0, moment))
 
     @wp.func
     def tip_gap(rods: RodTable, call: Call, case: Instance, y: State, z: Stretch) -> wp.vec3d:
@@ -274,13 +301,18 @@ def make_tip_functions(
             measured = wp.vec3d(call.inputs[t, j], call.inputs[t, j + 1], call.inputs[t, j + 2])
             # raised with the loads, so that the unloaded rod is where load continuation begins
             return wp.cw_mul(compliance(z), M) - call.load_factor[t] * (measured - precurvature(z, 0, z.length))
-        if wp.static(TIP_MOMENT):
-            M -= rotate_inverse(frame(y), case.tip_moment)
-        if wp.static(FOLLOWER_MOMENT):
-            M -= load_vector(call, case.index, FOLLOWER_MOMENT_INPUT)
+        M -= on_rod_1(case, applied_moment(call, case, y))
         if wp.static(TUBES):
             M -= wp.vec3d(f64(0.0), f64(0.0), outer_torque(rods, case, y, TAU_AT))
         return wp.cw_mul(moment_unit(z, 0), M)
+
+    @wp.func
+    def applied_moment_column(case: Instance, y: State, k: int) -> wp.vec3d:
+        """(11) Variation of the moment on the tip with column k, as the frame turns."""
+        if wp.static(TIP_MOMENT):
+            q = frame(y)
+            return wp.cross(rotate_inverse(q, case.tip_moment), column_rotation(q, column_of(y, k)))
+        return wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
 
     @wp.func
     def gap_column(rods: RodTable, case: Instance, y: State, z: Stretch, k: int) -> wp.vec3d:
@@ -290,22 +322,26 @@ def make_tip_functions(
         if wp.static(MEASURED):
             return wp.cw_mul(compliance(z), dM)
         if wp.static(TIP_MOMENT):
-            q = frame(y)
-            dM -= wp.cross(rotate_inverse(q, case.tip_moment), column_rotation(q, column))
+            dM -= on_rod_1(case, applied_moment_column(case, y, k))
         if wp.static(TUBES):
             first = wp.static(STATICS + TAU_AT) + k * wp.static(COLUMN_SIZE)
             dM -= wp.vec3d(f64(0.0), f64(0.0), outer_torque(rods, case, y, first))
         return wp.cw_mul(moment_unit(z, 0), dM)
 
     @wp.func
+    def applied_moment_by_direction(call: Call, case: Instance, y: State, k: int) -> wp.vec3d:
+        """(11) Variation of the moment on the tip with direction k."""
+        dm = direction_vector(call, case, k, FOLLOWER_MOMENT_INPUT)
+        if wp.static(COLUMN_FRAME):
+            dm += rotate_inverse(frame(y), case.to_base * direction_vector(call, case, k, TIP_MOMENT_INPUT))
+        return dm
+
+    @wp.func
     def gap_by_direction(call: Call, case: Instance, y: State, z: Stretch, k: int) -> wp.vec3d:
         """(11), (12): variation of the gap with the inputs that stand in it; u* at the end of rod 1 stays with the rod."""
         if wp.static(MEASURED):
             return -direction_vector(call, case, k, TIP_CURVATURE_INPUT)
-        dm = direction_vector(call, case, k, FOLLOWER_MOMENT_INPUT)
-        if wp.static(COLUMN_FRAME):
-            dm += rotate_inverse(frame(y), case.to_base * direction_vector(call, case, k, TIP_MOMENT_INPUT))
-        return -wp.cw_mul(moment_unit(z, 0), dm)
+        return -wp.cw_mul(moment_unit(z, 0), on_rod_1(case, applied_moment_by_direction(call, case, y, k)))
 
     @wp.func
     def force_gap(call: Call, case: Instance, y: State, z: Stretch, n_tip: wp.vec3d) -> wp.vec3d:
@@ -342,8 +378,8 @@ def make_tip_functions(
         for j in range(3):
             call.residual[t, j] = gap[j]
         for i in range(1, wp.static(n)):
-            # the torque of a rod that has ended is constant from there on
-            torque = torque_unit(z, i) * y[wp.static(TAU_AT) + i - 1]
+            lack_of_torque = y[wp.static(TAU_AT) + i - 1] - torque_on(case, i, applied_moment(call, case, y))
+            torque = torque_unit(z, i) * lack_of_torque
             call.residual[t, 2 + i] = torque
             total += wp.abs(torque)
         if wp.static(FOLLOWER):
@@ -368,6 +404,9 @@ def make_tip_functions(
                 write_column(call, case, j, k, gap[j])
             for i in range(1, wp.static(n)):
                 torque = y[wp.static(STATICS + k * COLUMN_SIZE + TAU_AT) + i - 1]
+                torque -= torque_on(case, i, applied_moment_column(case, y, k))
+                if wp.static(k >= NX):
+                    torque -= torque_on(case, i, applied_moment_by_direction(call, case, y, k - NX))
                 write_column(call, case, 2 + i, k, torque_unit(z, i) * torque)
             if wp.static(FOLLOWER):
                 dn = wp.vec3d(dn_tip[k, 0], dn_tip[k, 1], dn_tip[k, 2])
@@ -386,13 +425,22 @@ def make_tip_functions(
         return case.base_position + case.base_rotation * wp.vec3d(y[P_AT], y[P_AT + 1], y[P_AT + 2])
 
     @wp.func
+    def tip_angle(case: Instance, y: State, first: int) -> f64:
+        """Angle, or its variation, of the rod that ends at the tip, from rod 1; ``first`` is where those of rods 2 to n stand."""
+        angle = f64(0.0)
+        for i in range(1, wp.static(n)):
+            if i == case.longest:
+                angle = y[first + i - 1]
+        return angle
+
+    @wp.func
     def write_tip(call: Call, case: Instance, y: State):
         """Pose of the tip and its columns in the world, and the energy."""
         t = case.index
         q = frame(y)
         if wp.static(POSE):
             call.position[t] = world_position(case, y)
-            call.rotation[t] = case.base_rotation * rotation_matrix(q)
+            call.rotation[t] = case.base_rotation * rotation_matrix(q) * turned_about_z(tip_angle(case, y, THETA_AT))
         if wp.static(NODES):
             call.energy[t] = y[ENERGY_AT]
         if wp.static(POSE_COLUMNS):
@@ -400,7 +448,8 @@ def make_tip_functions(
                 column = column_of(y, k)
                 o = wp.static(COLUMN_P_AT)
                 dp = case.base_rotation * wp.vec3d(column[o], column[o + 1], column[o + 2])
-                turn = case.base_rotation * rotate(q, column_rotation(q, column))
+                dtheta = tip_angle(case, y, wp.static(STATICS + THETA_AT) + k * wp.static(COLUMN_SIZE))
+                turn = case.base_rotation * rotate(q, column_rotation(q, column) + wp.vec3d(f64(0.0), f64(0.0), dtheta))
                 for j in range(3):
                     call.pose_columns[t, j, k] = dp[j]
                     call.pose_columns[t, 3 + j, k] = turn[j]

@@ -81,3 +81,12 @@ def moment_rate_variation(M: wp.vec3d, dM: wp.vec3d, u: wp.vec3d, du: wp.vec3d, 
     """(18) Variation of (4)."""
     a = wp.cross(dM, u) + wp.cross(M, du)
     return wp.vec3d(a[0] + dN[1], a[1] - dN[0], a[2])
+
+
+@wp.func
+def turned_about_z(angle: wp.float64) -> wp.mat33d:
+    """Rz(angle)."""
+    c = wp.cos(angle)
+    s = wp.sin(angle)
+    zero = wp.float64(0.0)
+    return wp.mat33d(c, -s, zero, s, c, zero, zero, zero, wp.float64(1.0))

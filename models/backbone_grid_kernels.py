@@ -63,8 +63,12 @@ def make_grid_functions(layout: Layout, features: Features, stretch: SimpleNames
             for k in range(wp.static(ND)):
                 case.shift_rate[k, i] = call.directions[case.direction, k, wp.static(TRANSLATION) + i]
         case.length = section_end(rods, case, 0, rods.end.shape[2] - 1)
+        for i in range(1, wp.static(n)):
+            if section_end(rods, case, i, rods.end.shape[2] - 1) > case.length:
+                case.length = section_end(rods, case, i, rods.end.shape[2] - 1)
+                case.longest = i
         for k in range(wp.static(ND)):
-            case.length_rate[k] = case.shift_rate[k, 0]
+            case.length_rate[k] = case.shift_rate[k, case.longest]
         case.tip_force = case.to_base * load_vector(call, t, TIP_FORCE)
         case.tip_moment = case.to_base * load_vector(call, t, TIP_MOMENT)
         case.distributed_force = case.to_base * load_vector(call, t, DISTRIBUTED_FORCE)
@@ -256,6 +260,9 @@ def make_grid_functions(layout: Layout, features: Features, stretch: SimpleNames
     ) -> Stretch:
         """The stretch from a node to ``end``, with the force ``n0`` and its columns at its start."""
         z = load_sections(rods, case, node)
+        if wp.static(n > 1):
+            # the natural branch of several rods begins where all are straight: their precurvature is raised with the loads
+            z.precurvature *= call.load_factor[case.index]
         z.start = node.s
         z.length = end - node.s
         z.force = n0

@@ -182,6 +182,7 @@ class Layout:
             to_base: wp.mat33d  # its transpose
             length: wp.float64
             length_rate: PerDirection
+            longest: int  # the rod that ends at the tip
             scale: wp.float64  # what counts as one in positions
             shift: PerRod  # the inputs ``translation``
             shift_rate: DirectionRods

@@ -121,7 +121,7 @@ def make_tube_functions(layout: Layout, features: Features, types: SimpleNamespa
         return wp.vec3d(
             a.flexibility[0] * bx + a.flexibility[1] * by,
             a.flexibility[1] * bx + a.flexibility[2] * by,
-            a.u_star[2] + z.material[0, 5] * inner_torque(y, z),
+            z.present[0] * (a.u_star[2] + z.material[0, 5] * inner_torque(y, z)),
         )
 
     @wp.func
@@ -146,7 +146,7 @@ def make_tube_functions(layout: Layout, features: Features, types: SimpleNamespa
     def tube_energy(y: State, z: Stretch, a: Point) -> f64:
         """(14) Twice the energy per length of all rods, shear and extension aside."""
         tau = inner_torque(y, z)
-        energy = z.material[0, 5] * tau * tau
+        energy = z.present[0] * z.material[0, 5] * tau * tau
         for i in range(wp.static(n)):
             energy += a.tubes[i, 7] * (a.u[0] - a.tubes[i, 3]) + a.tubes[i, 8] * (a.u[1] - a.tubes[i, 4])
             if wp.static(i > 0):
@@ -190,7 +190,7 @@ def make_tube_functions(layout: Layout, features: Features, types: SimpleNamespa
         return wp.vec3d(
             a.flexibility[0] * gx + a.flexibility[1] * gy,
             a.flexibility[1] * gx + a.flexibility[2] * gy,
-            du_z + z.material[0, 5] * dtau_1,
+            z.present[0] * (du_z + z.material[0, 5] * dtau_1),
         )
 
     @wp.func

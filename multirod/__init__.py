@@ -22,6 +22,7 @@ if find_spec("multirod.models") is None:
 
 from multirod.assembly import Assembly
 from multirod.inputs import Inputs, InputSpec
+from multirod.models.concentric_tubes import ConcentricTubes
 from multirod.models.integrators import RK4, RK23, RK45, AdaptiveIntegrator, FixedStepIntegrator, Integrator, Tableau
 from multirod.models.single_rod import SingleRod
 from multirod.problem import Block, BoundaryProblem, Shape
@@ -45,6 +46,7 @@ __all__ = [
     "Assembly",
     "Block",
     "BoundaryProblem",
+    "ConcentricTubes",
     "FixedStepIntegrator",
     "History",
     "InputSpec",
