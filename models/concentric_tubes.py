@@ -10,7 +10,7 @@ from multirod.assembly import Assembly, pose
 from multirod.inputs import Inputs, InputSpec
 from multirod.models.backbone import BackboneProblem
 from multirod.models.integrators import Integrator
-from multirod.models.single_rod import BACKBONE_INPUTS
+from multirod.models.single_rod import BACKBONE_INPUTS, check_weight
 from multirod.rod import Rod
 from multirod.validation import refuse
 
@@ -78,6 +78,8 @@ class ConcentricTubes(Assembly):
                     float(beta[..., k].max()),
                     f"must be <= translation[{k + 1}]: inner tubes start further back",
                 )
+
+        check_weight(self.rods, inputs)
 
     def problem(  # noqa: D102
         self,

@@ -11,7 +11,7 @@ from multirod.inputs import Inputs, InputSpec
 from multirod.models.backbone import BackboneProblem
 from multirod.models.integrators import Integrator
 from multirod.rod import Rod
-from multirod.validation import refuse
+from multirod.validation import Described, refuse
 
 BACKBONE_INPUTS = (
     InputSpec(name="rotation", unit="rad", per_rod=True, load=False, description="angle of each rod's base about its axis"),
@@ -24,6 +24,12 @@ BACKBONE_INPUTS = (
     InputSpec(name="distributed_moment", unit="N", function=True, description="dead moment per length, world frame"),
     InputSpec(name="gravity", unit="m/s^2", description="acceleration, world frame; acts on linear_density"),
 )
+
+
+def check_weight(rods: Sequence[Rod], inputs: Inputs) -> None:
+    """Refuse gravity on rods that weigh nothing."""
+    if inputs.is_active("gravity") and not any(np.any(section.linear_density) for rod in rods for section in rod.sections):
+        refuse("gravity", inputs.gravity.tolist(), "must be zero: no rod has a linear_density (or, for Rod.tube, a density)")
 
 
 class SingleRod(Assembly):
@@ -51,7 +57,7 @@ class SingleRod(Assembly):
         try:
             _ = self.batch_shape
         except ValueError:
-            batch = f"leading axes {self.base.shape[:-2]}"
+            batch = Described(f"leading axes {self.base.shape[:-2]}")
             refuse("SingleRod.base", batch, f"must broadcast with the rod's {rod.batch_shape}")
 
     @property
@@ -73,6 +79,15 @@ class SingleRod(Assembly):
             refuse(
                 "translation", shortest, f"must be > -length = {-float(np.min(self.rods[0].length)):g} m: no rod is left in use"
             )
+
+        for name in ("tip_moment", "follower_moment"):
+            if "tip_curvature" in inputs.given and inputs.is_active(name):
+                refuse(
+                    name,
+                    getattr(inputs, name).tolist(),
+                    "must be zero beside tip_curvature, which takes the place of this condition",
+                )
+        check_weight(self.rods, inputs)
 
     def bounds(self, name: str) -> tuple[float, float]:  # noqa: D102
         return (-float(np.min(self.rods[0].length)), inf) if name == "translation" else (-inf, inf)

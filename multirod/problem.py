@@ -42,6 +42,9 @@ class Shape:
     moment: FloatArray
     force: FloatArray
 
+    def __repr__(self) -> str:
+        return f"Shape({', '.join(f'{name} {value.shape}' for name, value in vars(self).items())})"
+
 
 class BoundaryProblem(ABC):
     """An assembly at some inputs, discretised: unknowns ``x`` to residual ``eps`` and ``Gamma = d(eps)/d(x)``.

@@ -12,7 +12,7 @@ from multirod.problem import BoundaryProblem
 from multirod.solution import History, Scene, Solution
 from multirod.solver import Outcome, Solver
 from multirod.solvers.shooting import Shooting
-from multirod.validation import FloatArray, array, positive_float, refuse, unknown_names
+from multirod.validation import Described, FloatArray, array, positive_float, refuse, unknown_names
 
 
 def _check(robot: object, solver: object) -> Solver:
@@ -31,10 +31,10 @@ def _guess(guess: Any, problem: BoundaryProblem) -> FloatArray | None:
         return None
     values = guess.unknowns if isinstance(guess, Solution) else array("guess", guess, (problem.unknown_count,))
     if values.shape[-1] != problem.unknown_count:
-        refuse("guess", f"array of shape {values.shape}", f"must have shape (..., {problem.unknown_count})")
+        refuse("guess", Described(f"array of shape {values.shape}"), f"must have shape (..., {problem.unknown_count})")
     flat = values.reshape(-1, problem.unknown_count)
     if len(flat) not in (1, problem.instance_count):
-        refuse("guess", f"array of shape {values.shape}", f"must broadcast to {problem.instance_count} instances")
+        refuse("guess", Described(f"array of shape {values.shape}"), f"must broadcast to {problem.instance_count} instances")
     return np.array(np.broadcast_to(flat, (problem.instance_count, problem.unknown_count)))
 
 
@@ -113,13 +113,13 @@ def simulate(
     inputs = robot.accept(inputs)
     time = array("time", time)
     if time.ndim != 1 or len(time) < 1:
-        refuse("time", f"array of shape {time.shape}", "must have shape (sample_count,)")
+        refuse("time", Described(f"array of shape {time.shape}"), "must have shape (sample_count,)")
     steps = np.diff(time)
     if len(steps) and not (steps.min() > 0 and np.allclose(steps, steps.mean(), rtol=1e-6, atol=0)):
-        refuse("time", time if time.size < 20 else f"{time.size} samples", "must be evenly spaced and increasing")
+        refuse("time", time if time.size < 20 else Described(f"{time.size} samples"), "must be evenly spaced and increasing")
     count = len(time)
     if inputs.batch_shape and inputs.batch_shape[0] not in (1, count):
-        refuse("inputs", f"leading axes {inputs.batch_shape}", f"the first must be time, {count} samples")
+        refuse("inputs", Described(f"leading axes {inputs.batch_shape}"), f"the first must be time, {count} samples")
     batch_shape = np.broadcast_shapes(inputs.batch_shape[1:], robot.batch_shape)
     first = inputs[0] if inputs.batch_shape else inputs
     active = [name for name in inputs.given if inputs.is_active(name)]
@@ -321,7 +321,11 @@ class Tracker:
             held |= dict(present.profiles)
             new = self._robot.inputs(**{**held, **changes})
         if not _broadcasts(new.batch_shape, self._batch_shape):
-            refuse("inputs", f"leading axes {new.batch_shape}", f"must broadcast to those at the start, {self._batch_shape}")
+            refuse(
+                "inputs",
+                Described(f"leading axes {new.batch_shape}"),
+                f"must broadcast to those at the start, {self._batch_shape}",
+            )
         named = set(changes) | {name for name in new.given if new.is_active(name)}
         known = self._inputs.profiles
         same_profiles = new.profiles.keys() == known.keys() and all(new.profiles[name] is known[name] for name in known)

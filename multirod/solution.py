@@ -266,10 +266,14 @@ class Solution:
         if failed.any():
             first = int(np.argmax(failed))
             status = Status(int(self._outcome.status.reshape(-1)[first]))
-            where = "" if failed.size == 1 else f"{failed.sum()} of {failed.size} instances failed; the first is {first}: "
+            where = ""
+            if failed.size > 1:
+                where = f"{failed.sum()} of {failed.size} instances failed ({self._counts(failed)}); the first is {first}: "
+            reached = self._outcome.reached
+            part = "" if reached is None else f", {reached.reshape(-1)[first]:.1%} of the load reached"
             raise SolveError(
                 f"{where}{status.name} after {self._outcome.iterations.reshape(-1)[first]} iterations, "
-                f"residual {self.residual.reshape(-1)[first]:.3g} 1/m: {status.message}"
+                f"residual {self.residual.reshape(-1)[first]:.3g} 1/m{part}: {status.message}"
             )
         return self
 
@@ -291,9 +295,11 @@ class Solution:
     def __repr__(self) -> str:
         if not self.batch_shape:
             return f"{type(self).__name__}({self.status.name}, residual {float(self.residual):.2g} 1/m)"
-        names, counts = np.unique(self._outcome.status, return_counts=True)
-        summary = ", ".join(f"{count} {Status(int(value)).name}" for value, count in zip(names, counts, strict=True))
-        return f"{type(self).__name__}(batch {self.batch_shape}: {summary})"
+        return f"{type(self).__name__}(batch {self.batch_shape}: {self._counts(slice(None))})"
+
+    def _counts(self, chosen: Any) -> str:
+        values, counts = np.unique(self._outcome.status.reshape(-1)[chosen], return_counts=True)
+        return ", ".join(f"{count} {Status(int(value))}" for value, count in zip(values, counts, strict=True))
 
 
 class History(Solution):

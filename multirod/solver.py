@@ -25,6 +25,7 @@ class Outcome:
         iterations: Iterations, shape (instance_count,).
         integrations: Initial value problems integrated, per rod, shape (instance_count,).
         residual: What the solver drove to zero, max norm [1/m], shape (instance_count,); that of the problem if None.
+        reached: Part of the load, or of the way from the last sample, that continuation reached, shape (instance_count,).
         rates: Closed-loop rates of an observer [1/s], shape (instance_count, n).
     """
 
@@ -33,6 +34,7 @@ class Outcome:
     integrations: IntArray
     residual: FloatArray | None = None
     rates: FloatArray | None = None
+    reached: FloatArray | None = None
 
     @classmethod
     def zeros(cls, count: int) -> "Outcome":

@@ -22,6 +22,9 @@ class Status(IntEnum):
     NEAR_FOLD = 10
     EULER_DIVERGED = 11
 
+    def __str__(self) -> str:
+        return self.name
+
     @property
     def failed(self) -> bool:
         """Whether there is no result: the instance's arrays hold NaN."""

@@ -10,6 +10,13 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 
+class Described(str):
+    """A description in place of a value too large to print; shown without quotes."""
+
+    def __repr__(self) -> str:
+        return str(self)
+
+
 def refuse(field: str, value: object, allowed: str) -> NoReturn:
     """Raise the ``ValueError`` that every refused input ends in."""
     raise ValueError(f"{field} = {value!r} is not allowed: {allowed}")
@@ -74,9 +81,9 @@ def array(field: str, value: Any, tail: tuple[int, ...] = (), *, finite: bool = 
         refuse(field, value, f"must be numeric, {wanted}")
     result = given.astype(np.float64)
     if tail and result.shape[-len(tail) :] != tail:
-        refuse(field, value if result.size < 20 else f"array of shape {result.shape}", f"must have {wanted}")
+        refuse(field, value if result.size < 20 else Described(f"array of shape {result.shape}"), f"must have {wanted}")
     if finite and not np.isfinite(result).all():
-        refuse(field, value if result.size < 20 else f"array of shape {result.shape}", "must be finite")
+        refuse(field, value if result.size < 20 else Described(f"array of shape {result.shape}"), "must be finite")
     return result
 
 
@@ -85,7 +92,7 @@ def positive_array(field: str, value: Any, tail: tuple[int, ...] = (), *, infini
     result = array(field, value, tail, finite=False)
     if np.isnan(result).any() or (result <= 0).any() or (not infinite and np.isinf(result).any()):
         allowed = "must be > 0 (inf is rigid)" if infinite else "must be finite and > 0"
-        refuse(field, value if result.size < 20 else f"array with minimum {result.min()}", allowed)
+        refuse(field, value if result.size < 20 else Described(f"array with minimum {result.min()}"), allowed)
     return result
 
 

@@ -117,6 +117,7 @@ def follow(
             if lost.any():
                 status[lost] = _why(found.status, path, newton.tolerance)[lost]
     status[status == Status.NOT_RUN] = Status.MAX_ITERATIONS
+    outcome.reached = path.level
     ended = status != Status.CONVERGED
     problem.write("unknowns", np.where(ended[:, None], path.unknowns, problem.read("unknowns")))
 
