@@ -67,5 +67,5 @@ def test_an_impossible_instance_leaves_the_others_as_they_are():
         alone = mr.solve(column, column.inputs(tip_force=forces[k]), solver=solver).raise_if_failed()
         assert_same(batch, k, alone)
         np.testing.assert_array_equal(batch.jacobian("tip_force")[k], alone.jacobian("tip_force"))
-    with pytest.raises(mr.SolveError, match="1 of 3 instances failed \(1 BRANCH_END\); the first is 1: BRANCH_END"):
+    with pytest.raises(mr.SolveError, match=r"1 of 3 instances failed \(1 BRANCH_END\); the first is 1: BRANCH_END"):
         batch.raise_if_failed()
