@@ -235,7 +235,8 @@ def test_raise_if_failed_counts_and_explains(column: mr.SingleRod) -> None:
     assert good.raise_if_failed() is good
     bad = mr.solve(column, compression(column, [[0.1, 0.5], [2.0, 3.0]]), solver=NEWTON)
     with pytest.raises(
-        mr.SolveError, match=r"^2 of 4 instances failed \(2 BRANCH_END\); the first is 2: BRANCH_END after \d+ iterations, .*give a guess"
+        mr.SolveError,
+        match=r"^2 of 4 instances failed \(2 BRANCH_END\); the first is 2: BRANCH_END after \d+ iterations, .*give a guess",
     ):
         bad.raise_if_failed()
 
