@@ -1,20 +1,21 @@
-"""The boundary problem of one backbone: buffers and launches of its kernels."""
+"""One backbone: its inputs, and its boundary problem, the buffers and launches of its kernels."""
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import warp as wp
 
-from multirod.inputs import Inputs
+from multirod.assembly import Assembly, pose
+from multirod.inputs import Inputs, InputSpec
 from multirod.models import backbone_kernels as kernels
 from multirod.models.features import Features
 from multirod.models.integrators import Integrator
 from multirod.problem import Block, BoundaryProblem, Shape
 from multirod.profile import DEGREE
 from multirod.rod import Rod, RodArrays, lower
-from multirod.validation import FloatArray
+from multirod.validation import Described, FloatArray, refuse
 
 STEP_LIMIT = 100_000
 _FEATURE_INPUTS = {
@@ -205,6 +206,59 @@ class BackboneProblem(BoundaryProblem):
             force=call.node_force.numpy(),
         )
         return (shape,), call.energy.numpy()
+
+
+BACKBONE_INPUTS = (
+    InputSpec(name="rotation", unit="rad", per_rod=True, load=False, description="angle of each rod's base about its axis"),
+    InputSpec(name="translation", unit="m", per_rod=True, load=False, description="how far each rod is pushed out of the base"),
+    InputSpec(name="tip_force", unit="N", description="dead force on the tip, world frame"),
+    InputSpec(name="tip_moment", unit="N m", description="dead moment on the tip, world frame"),
+    InputSpec(name="follower_force", unit="N", dead_twin="tip_force", description="force on the tip, fixed in the tip frame"),
+    InputSpec(name="follower_moment", unit="N m", description="moment on the tip, fixed in the tip frame"),
+    InputSpec(name="distributed_force", unit="N/m", function=True, description="dead force per length, world frame"),
+    InputSpec(name="distributed_moment", unit="N", function=True, description="dead moment per length, world frame"),
+    InputSpec(name="gravity", unit="m/s^2", description="acceleration, world frame; acts on linear_density"),
+)
+
+
+class BackboneAssembly(Assembly):
+    """An assembly that is one backbone, clamped at its base and free at its tip.
+
+    Args:
+        rods: Innermost first.
+        base: Pose of the base in the world, shape (..., 4, 4); None is the identity.
+
+    Raises:
+        ValueError: If ``base`` is not a pose, or its leading axes do not broadcast with the rods'.
+    """
+
+    transmission: ClassVar[bool] = False  # whether the rods twist behind the base plate
+
+    def __init__(self, rods: tuple[Rod, ...], base: Any) -> None:
+        field = f"{type(self).__name__}.base"
+        self.rods = rods
+        self.base = pose(field, base)
+        own = super().batch_shape
+        try:
+            np.broadcast_shapes(own, self.base.shape[:-2])
+        except ValueError:
+            refuse(field, Described(f"leading axes {self.base.shape[:-2]}"), f"must broadcast with the rods' {own}")
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:
+        """Leading axes of the rods' parameters and of the base."""
+        return np.broadcast_shapes(super().batch_shape, self.base.shape[:-2])
+
+    @property
+    def input_specs(self) -> tuple[InputSpec, ...]:  # noqa: D102
+        return BACKBONE_INPUTS
+
+    def check(self, inputs: Inputs) -> None:  # noqa: D102
+        if inputs.is_active("gravity") and not any(np.any(s.linear_density) for rod in self.rods for s in rod.sections):
+            refuse("gravity", inputs.gravity.tolist(), "must be zero: no rod has a linear_density (or, for Rod.tube, a density)")
+
+    def problem(self, inputs: Inputs, **options: Any) -> BackboneProblem:  # noqa: D102
+        return BackboneProblem(self.rods, self.base, inputs, transmission=self.transmission, **options)
 
 
 def _merge_profiles(inputs: Inputs) -> tuple[FloatArray, FloatArray]:

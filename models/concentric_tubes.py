@@ -2,20 +2,18 @@
 
 from collections.abc import Sequence
 from itertools import pairwise
+from math import inf
 from typing import Any
 
 import numpy as np
 
-from multirod.assembly import Assembly, pose
-from multirod.inputs import Inputs, InputSpec
-from multirod.models.backbone import BackboneProblem
-from multirod.models.integrators import Integrator
-from multirod.models.single_rod import BACKBONE_INPUTS, check_weight
+from multirod.inputs import Inputs
+from multirod.models.backbone import BackboneAssembly
 from multirod.rod import Rod
 from multirod.validation import refuse
 
 
-class ConcentricTubes(Assembly):
+class ConcentricTubes(BackboneAssembly):
     """Tubes inside each other, each turned and pushed at its own base behind a plate, at the assembly's base.
 
     Tube ``i`` starts at ``translation[i] <= 0`` behind the plate, where it is straight and free to twist, and ends at
@@ -29,6 +27,8 @@ class ConcentricTubes(Assembly):
         ValueError: If tubes do not nest (where diameters are given), or shear, or ``base`` is not a pose.
         TypeError: If ``tubes`` are not ``Rod`` objects.
     """
+
+    transmission = True
 
     def __init__(self, tubes: Sequence[Rod], *, base: Any = None) -> None:
         if not isinstance(tubes, (list, tuple)) or not all(isinstance(tube, Rod) for tube in tubes):
@@ -46,19 +46,10 @@ class ConcentricTubes(Assembly):
         for k, tube in enumerate(tubes):
             if any(np.isfinite(s.shear_stiffness).any() or np.isfinite(s.axial_stiffness).any() for s in tube.sections):
                 refuse(f"ConcentricTubes.tubes[{k}]", tube, "shear_stiffness and axial_stiffness must be inf")
-        self.rods = tuple(tubes)
-        self.base = pose("ConcentricTubes.base", base)
-
-    @property
-    def batch_shape(self) -> tuple[int, ...]:
-        """Leading axes of the tubes' parameters and of the base."""
-        return np.broadcast_shapes(*(tube.batch_shape for tube in self.rods), self.base.shape[:-2])
-
-    @property
-    def input_specs(self) -> tuple[InputSpec, ...]:  # noqa: D102
-        return BACKBONE_INPUTS
+        super().__init__(tuple(tubes), base)
 
     def check(self, inputs: Inputs) -> None:  # noqa: D102
+        super().check(inputs)
         beta = inputs.translation
         tip = np.stack(np.broadcast_arrays(*(tube.length + beta[..., k] for k, tube in enumerate(self.rods))), axis=-1)
         for k in range(self.rod_count):
@@ -79,29 +70,9 @@ class ConcentricTubes(Assembly):
                     f"must be <= translation[{k + 1}]: inner tubes start further back",
                 )
 
-        check_weight(self.rods, inputs)
-
-    def problem(  # noqa: D102
-        self,
-        inputs: Inputs,
-        *,
-        integrator: Integrator,
-        device: str = "cpu",
-        pose_sensitivities: bool = False,
-        direction_count: int = 0,
-        enabled: Sequence[str] = (),
-    ) -> BackboneProblem:
-        return BackboneProblem(
-            self.rods,
-            self.base,
-            inputs,
-            integrator=integrator,
-            device=device,
-            transmission=True,
-            pose_sensitivities=pose_sensitivities,
-            direction_count=direction_count,
-            enabled=enabled,
-        )
+    def bounds(self, name: str) -> tuple[float, float]:  # noqa: D102
+        shortest = min(float(np.min(tube.length)) for tube in self.rods)
+        return (-shortest, 0.0) if name == "translation" else (-inf, inf)
 
     def __repr__(self) -> str:
         return f"ConcentricTubes({list(self.rods)!r})"

@@ -59,31 +59,6 @@ def make_linear_algebra(n: int):
         return x
 
     @wp.func
-    def determinant_sign(A: Matrix) -> f64:
-        """Sign of det A, by elimination with partial pivoting."""
-        sign = f64(1.0)
-        for k in range(n):
-            p = int(k)
-            for i in range(n):
-                if i > k and wp.abs(A[i, k]) > wp.abs(A[p, k]):
-                    p = i
-            if p != k:
-                sign = -sign
-                for j in range(n):
-                    swap = A[k, j]
-                    A[k, j] = A[p, j]
-                    A[p, j] = swap
-            if A[k, k] < f64(0.0):
-                sign = -sign
-            for i in range(n):
-                if i > k:
-                    m = A[i, k] / A[k, k]
-                    for j in range(n):
-                        if j > k:
-                            A[i, j] = A[i, j] - m * A[k, j]
-        return sign
-
-    @wp.func
     def cholesky(A: Matrix) -> Matrix:
         """Lower factor of a symmetric positive definite matrix; NaN where it is not."""
         L = Matrix()
@@ -151,6 +126,4 @@ def make_linear_algebra(n: int):
             result[n, i] = A[i, i]
         return result
 
-    return SimpleNamespace(
-        Vector=Vector, Matrix=Matrix, Eigen=Eigen, solve=solve, determinant_sign=determinant_sign, cholesky=cholesky, eigen=eigen
-    )
+    return SimpleNamespace(Vector=Vector, Matrix=Matrix, Eigen=Eigen, solve=solve, cholesky=cholesky, eigen=eigen)
