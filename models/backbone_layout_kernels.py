@@ -57,6 +57,7 @@ class Call:
     directions: wp.array3d[wp.float64]  # (batch or 1, direction, input)
     direction_stride: int
     steps: wp.float64
+    step_multiple: wp.float64  # what the steps of a stretch are a multiple of
     rtol: wp.float64
     atol: wp.float64
     step_limit: int

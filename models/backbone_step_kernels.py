@@ -161,8 +161,9 @@ def make_step_functions(layout: Layout, tableau: Tableau, rates) -> SimpleNamesp
     def over_stretch(y: State, z: Stretch, h: f64, used: int, case: Instance, call: Call):
         """State at the end of the stretch, next step, steps used in all, fault."""
         if call.steps > f64(0.0):
-            # its share of the steps of the whole length
-            count = wp.max(int(1), int(wp.rint(call.steps * z.length / case.length)))
+            # its share of the steps of the whole length, rounded up to a multiple (see ``step_multiple``)
+            share = call.steps / call.step_multiple * (z.length / case.length)
+            count = wp.max(int(1), int(wp.ceil(share - f64(1.0e-9)))) * int(call.step_multiple)
             return fixed_steps(y, z, count), h, used + count, wp.static(FAULT_NONE)
         if wp.static(ADAPTIVE):
             return adaptive_steps(y, z, h, used, case, call)

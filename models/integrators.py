@@ -49,7 +49,8 @@ class Integrator:
 
     Attributes:
         tableau: The method's coefficients.
-        steps: Number of equal steps over the whole length; each stretch between nodes gets its share, at least one.
+        steps: Number of equal steps over the whole length; each stretch between nodes gets its share, rounded up so that
+            doubling ``steps`` doubles every share.
             ``None``: steps are chosen by the embedded error estimate.
         rtol: Largest local error of a step relative to the state, when ``steps`` is None.
         atol: The same, absolute, in natural units: 1 for rotations, the rod's length for positions, its inverse for curvatures.

@@ -67,3 +67,20 @@ def test_order(rod, method, order, steps, bound):
     orders = observed_orders(rod(), method, steps)
     assert len(orders) == 3
     assert np.abs(orders - order).max() < bound, orders
+
+
+@pytest.mark.parametrize("fraction", [0.137, 0.61, 0.83])
+def test_a_section_end_anywhere_costs_no_order(fraction):
+    """Shares of the steps are rounded, but doubling the steps doubles them: halving the step halves every step."""
+    stiff = mr.Section(length=0.4 * fraction, bending_stiffness=0.22, torsional_stiffness=0.06, precurvature=(3, 0, 1))
+    soft = mr.Section(length=0.4 * (1 - fraction), bending_stiffness=0.1, torsional_stiffness=0.05, precurvature=(14, 5, 0))
+    robot = mr.SingleRod(mr.Rod(sections=[stiff, soft]))
+    inputs = robot.inputs(tip_force=(0.5, 0.2, 0.3))
+
+    def tip(integrator):
+        return mr.solve(robot, inputs, solver=mr.Shooting(tolerance=1e-11, integrator=integrator)).tip_position
+
+    exact = tip(mr.RK45(1e-13, 1e-15))
+    errors = [np.linalg.norm(tip(mr.RK4(steps)) - exact) for steps in (25, 50, 100, 200)]
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert ((orders > 3.9) & (orders < 4.1)).all(), orders
