@@ -13,7 +13,7 @@ from multirod.models import backbone_kernels as kernels
 from multirod.models.features import Features
 from multirod.models.integrators import Integrator
 from multirod.problem import Block, BoundaryProblem, Shape
-from multirod.profile import DEGREE
+from multirod.profile import DEGREE, interpolate
 from multirod.rod import Rod, RodArrays, lower
 from multirod.validation import Described, FloatArray, refuse
 
@@ -117,9 +117,8 @@ class BackboneProblem(BoundaryProblem):
 
     def _make_call(self, node_count: int) -> Any:
         call: Any = kernels.Call()
-        for name in ("active", "unknowns", "inputs", "load_factor", "directions", "fault", "step_count", "residual", "gamma"):
-            setattr(call, name, getattr(self, name))
-        for name in ("residual_directions", "position", "rotation", "pose_columns"):
+        shared = ("active", "unknowns", "inputs", "load_factor", "directions", "fault", "step_count", "residual", "gamma")
+        for name in (*shared, "residual_directions", "position", "rotation", "pose_columns"):
             setattr(call, name, getattr(self, name))
         call.direction_stride = 1
         call.steps = float(self.integrator.steps or 0)
@@ -210,8 +209,8 @@ class BackboneProblem(BoundaryProblem):
 
 
 BACKBONE_INPUTS = (
-    InputSpec(name="rotation", unit="rad", per_rod=True, load=False, description="angle of each rod's base about its axis"),
-    InputSpec(name="translation", unit="m", per_rod=True, load=False, description="how far each rod is pushed out of the base"),
+    InputSpec(name="rotation", unit="rad", per_rod=True, description="angle of each rod's base about its axis"),
+    InputSpec(name="translation", unit="m", per_rod=True, description="how far each rod is pushed out of the base"),
     InputSpec(name="tip_force", unit="N", description="dead force on the tip, world frame"),
     InputSpec(name="tip_moment", unit="N m", description="dead moment on the tip, world frame"),
     InputSpec(name="follower_force", unit="N", dead_twin="tip_force", description="force on the tip, fixed in the tip frame"),
@@ -280,8 +279,6 @@ def _merge_profiles(inputs: Inputs) -> tuple[FloatArray, FloatArray]:
     if not inputs.profiles:
         return np.zeros(1), np.zeros((1, 6))
     ends = np.unique(np.concatenate([p.ends for p in inputs.profiles.values()]))
-    t = np.cos(np.pi * (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1))
-    vandermonde = t[:, None] ** np.arange(DEGREE + 1)
     result = np.zeros((len(ends), 6, DEGREE + 1))
     for row, name in ((0, "distributed_force"), (3, "distributed_moment")):
         profile = inputs.profile(name)
@@ -289,7 +286,6 @@ def _merge_profiles(inputs: Inputs) -> tuple[FloatArray, FloatArray]:
             continue
         start = 0.0
         for piece, end in enumerate(ends):
-            samples = np.array([profile(0.5 * (start + end) + 0.5 * (end - start) * node) for node in t])
-            result[piece, row : row + 3] = np.linalg.solve(vandermonde, samples).T
+            result[piece, row : row + 3] = interpolate(profile, start, end).T
             start = end
     return ends, result.reshape(len(ends), -1)

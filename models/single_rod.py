@@ -36,7 +36,7 @@ class SingleRod(BackboneAssembly):
     @property
     def input_specs(self) -> tuple[InputSpec, ...]:  # noqa: D102
         measured = InputSpec(
-            name="tip_curvature", unit="1/m", load=False, optional=True, description="measured curvature at the tip, tip frame"
+            name="tip_curvature", unit="1/m", optional=True, description="measured curvature at the tip, tip frame"
         )
         return (*BACKBONE_INPUTS, measured)
 

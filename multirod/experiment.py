@@ -19,21 +19,20 @@ from multirod.solvers.shooting import Shooting
 from multirod.validation import FloatArray
 
 LENGTH = 0.4
+TABLE_I = 3.1907e-12  # second moment of area [m^4]; J is twice that
 SETTLING_TIME = 0.3
 Progress = Callable[[int], None]
 
 
-def wire(length: float = LENGTH, **changes: float) -> Rod:
+def wire(length: float = LENGTH, *, I: float = TABLE_I, outer_diameter: float = 3e-3) -> Rod:
     """The rod of Table I, a precurved Nitinol wire; its printed moduli mean a Poisson ratio of 2.5, kept as printed."""
-    E, G = changes.get("young_modulus", 70e9), changes.get("shear_modulus", 10e9)
-    I, J = changes.get("I", 3.1907e-12), changes.get("J", 6.3814e-12)
     return Rod(
         length=length,
-        bending_stiffness=E * I,
-        torsional_stiffness=G * J,
+        bending_stiffness=70e9 * I,
+        torsional_stiffness=10e9 * 2 * I,
         precurvature=(14, 5, 0),
-        outer_diameter=changes.get("outer_diameter", 3e-3),
-        inner_diameter=changes.get("inner_diameter", 2e-3),
+        outer_diameter=outer_diameter,
+        inner_diameter=outer_diameter * 2 / 3,
         name="wire",
     )
 
@@ -156,11 +155,10 @@ def further_motions(count: int = 20, seed: int = 2021, duration: float = 2.0, ra
     for _ in range(count):
         length, outer = generator.uniform(0.2, 0.4), generator.uniform(2.5e-3, 4e-3)
         frequency = generator.uniform(pi / 50, pi / 5)
-        inner = outer * 2 / 3
-        I = pi / 64 * (outer**4 - inner**4)
-        rod = wire(length, I=I, J=2 * I, outer_diameter=outer, inner_diameter=inner)
+        I = pi / 64 * (outer**4 - (outer * 2 / 3) ** 4)
+        rod = wire(length, I=I, outer_diameter=outer)
         study = motion(duration=duration, rate=rate, length=length, rod=rod, angular_rate=2 * pi * frequency)
-        scale = (I / 3.1907e-12) * (LENGTH / length) ** 2
+        scale = (I / TABLE_I) * (LENGTH / length) ** 2
         inputs = study.inputs.with_arrays(
             {
                 "rotation": study.inputs.rotation,

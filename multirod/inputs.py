@@ -19,7 +19,6 @@ class InputSpec:
         per_rod: One number per rod, shape (..., rod_count); otherwise a vector, shape (..., 3).
         unit: SI unit.
         function: Whether it may be a function of arclength.
-        load: Whether it is a load, which load continuation raises in proportion.
         optional: Whether leaving it out differs from zero.
         dead_twin: For a load that follows the tip frame, the dead load that it equals to first order where it is zero.
         description: What it is, frame included.
@@ -30,7 +29,6 @@ class InputSpec:
     description: str
     per_rod: bool = False
     function: bool = False
-    load: bool = True
     optional: bool = False
     dead_twin: str = ""
 

@@ -9,6 +9,8 @@ import numpy as np
 from multirod.validation import FloatArray, array, refuse
 
 DEGREE = 7
+_POWERS = np.arange(DEGREE + 1)
+_NODES = np.cos(np.pi * (_POWERS + 0.5) / (DEGREE + 1))
 _RELATIVE_ERROR = 1e-12
 _LEVELS = 14
 
@@ -39,6 +41,12 @@ class Profile:
         return np.asarray(np.polynomial.polynomial.polyval(t, self.coefficients[piece]), dtype=np.float64)
 
 
+def interpolate(function: Callable[[float], Any], start: float, end: float) -> FloatArray:
+    """Coefficients of the polynomial through ``function`` at the Chebyshev nodes of a piece, shape (DEGREE + 1, width)."""
+    centre, half = 0.5 * (start + end), 0.5 * (end - start)
+    return np.asarray(np.linalg.solve(_NODES[:, None] ** _POWERS, [function(centre + half * t) for t in _NODES]))
+
+
 def fit(field: str, function: Callable[[float], Any], length: float, width: int = 3) -> Profile:
     """Resolve ``function(s)``, returning ``width`` numbers, on ``0 <= s <= length``.
 
@@ -59,8 +67,6 @@ def fit(field: str, function: Callable[[float], Any], length: float, width: int 
             refuse(f"{field}({s:g})", shown, f"must be {width} finite numbers")
         return result
 
-    powers = np.arange(DEGREE + 1)
-    nodes = np.cos(np.pi * (powers + 0.5) / (DEGREE + 1))
     probes = np.array([-0.97, -0.53, 0.11, 0.46, 0.91])
     ends: list[float] = []
     coefficients: list[FloatArray] = []
@@ -69,9 +75,8 @@ def fit(field: str, function: Callable[[float], Any], length: float, width: int 
     while pieces:
         start, end, level = pieces.pop()
         centre, half = 0.5 * (start + end), 0.5 * (end - start)
-        values = np.array([sample(centre + half * t) for t in nodes])
-        found = np.linalg.solve(nodes[:, None] ** powers, values)
-        error = np.abs(probes[:, None] ** powers @ found - [sample(centre + half * t) for t in probes]).max()
+        found = interpolate(sample, start, end)
+        error = np.abs(probes[:, None] ** _POWERS @ found - [sample(centre + half * t) for t in probes]).max()
         if error > _RELATIVE_ERROR * scale and level < _LEVELS:
             pieces += [(centre, end, level + 1), (start, centre, level + 1)]
         else:

@@ -309,12 +309,7 @@ def _stack(solutions: Sequence[Solution], times: FloatArray, durations: FloatArr
         if name not in first.inputs.profiles:
             rows = [getattr(solution.inputs, name) for solution in solutions]
             arrays[name] = np.stack([np.broadcast_to(row, (*first.batch_shape, row.shape[-1])) for row in rows])
-    outcome = Outcome(
-        np.concatenate([solution._outcome.status for solution in solutions]),
-        np.concatenate([solution._outcome.iterations for solution in solutions]),
-        np.concatenate([solution._outcome.integrations for solution in solutions]),
-        np.concatenate([np.reshape(solution.residual, -1) for solution in solutions]),
-    )
+    outcome = Outcome.joined([solution._outcome for solution in solutions])
     records = np.concatenate([solution._records for solution in solutions])
     batch_shape = (len(solutions), *first.batch_shape)
     inputs = first.inputs.with_arrays(arrays)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from multirod import profile
-from multirod.validation import FloatArray, array, number, positive_array, refuse
+from multirod.validation import FloatArray, array, number, positive_array, positive_float, refuse
 
 
 def _pair(name: str, value: Any, *, infinite: bool) -> FloatArray:
@@ -231,10 +231,7 @@ class Rod:
 
 def _diameters(outer: float | None, inner: float | None) -> tuple[float | None, float | None]:
     if outer is not None:
-        value = number("Rod.outer_diameter", outer)
-        if not (math.isfinite(value) and value > 0):
-            refuse("Rod.outer_diameter", outer, "must be finite and > 0")
-        outer = value
+        outer = positive_float("Rod.outer_diameter", outer)
     if inner is not None:
         value = number("Rod.inner_diameter", inner)
         limit = math.inf if outer is None else outer

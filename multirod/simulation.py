@@ -144,24 +144,11 @@ def simulate(
     return History(
         _scene(robot, method, problem, inputs, (count, *batch_shape)),
         records.reshape(-1, records.shape[-1]),
-        _joined(outcomes),
+        Outcome.joined(outcomes),
         inputs,
         time=time,
         step_time=step_time,
         description=repr(method),
-    )
-
-
-def _joined(outcomes: list[Outcome]) -> Outcome:
-    """Outcomes of successive samples as one, samples first."""
-    residuals = [outcome.residual for outcome in outcomes if outcome.residual is not None]
-    rates = [outcome.rates for outcome in outcomes if outcome.rates is not None]
-    return Outcome(
-        np.concatenate([outcome.status for outcome in outcomes]),
-        np.concatenate([outcome.iterations for outcome in outcomes]),
-        np.concatenate([outcome.integrations for outcome in outcomes]),
-        np.concatenate(residuals) if len(residuals) == len(outcomes) else None,
-        np.concatenate(rates) if len(rates) == len(outcomes) else None,
     )
 
 

@@ -13,7 +13,7 @@ from multirod.inputs import Inputs
 from multirod.models.integrators import Integrator
 from multirod.problem import BoundaryProblem, Shape
 from multirod.solver import Outcome
-from multirod.status import Status
+from multirod.status import Status, failures
 from multirod.validation import FloatArray, positive_int, refuse
 
 if TYPE_CHECKING:
@@ -80,11 +80,12 @@ class Solution:
     def _shaped(self, values: Any, tail: tuple[int, ...] = ()) -> Any:
         return np.reshape(values, (*self.batch_shape, *tail))
 
+    @cached_property
     def _failed(self) -> NDArray[np.bool_]:
-        return np.array([Status(int(value)).failed for value in self._outcome.status.reshape(-1)])
+        return failures(self._outcome.status.reshape(-1))
 
     def _masked(self, values: FloatArray, tail: tuple[int, ...]) -> FloatArray:
-        failed = self._failed()
+        failed = self._failed
         if failed.any():
             values = np.array(values)
             values[failed] = np.nan
@@ -251,7 +252,7 @@ class Solution:
         gamma = problem.read("gamma").reshape(-1, n, n)
         slopes = np.array(problem.residual_directions.numpy())
         result = np.full((problem.instance_count, 6, count), np.nan)
-        sound = ~self._failed() & (np.linalg.det(np.nan_to_num(gamma)) != 0)
+        sound = ~self._failed & (np.linalg.det(np.nan_to_num(gamma)) != 0)
         shift = np.linalg.solve(gamma[sound], slopes[sound])
         result[sound] = columns[sound][:, :, n:] - columns[sound][:, :, :n] @ shift
         return np.asarray(self._shaped(result, (6, count)))
@@ -262,7 +263,7 @@ class Solution:
         Raises:
             SolveError: Otherwise; the message counts the failures and explains the first.
         """
-        failed = self._failed()
+        failed = self._failed
         if failed.any():
             first = int(np.argmax(failed))
             status = Status(int(self._outcome.status.reshape(-1)[first]))
@@ -278,10 +279,10 @@ class Solution:
         return self
 
     def _problem(self, **options: Any) -> BoundaryProblem:
-        """A problem at these inputs and unknowns, at zero where an instance failed."""
+        """A problem at these inputs and unknowns, at the unloaded ones where an instance failed."""
         problem = self.assembly.problem(self.inputs, integrator=self._scene.integrator, device=self._scene.device, **options)
         unknowns = self._records[:, self._scene.fields["unknowns"]]
-        problem.write("unknowns", np.where(self._failed()[:, None], problem.guess(), unknowns))
+        problem.write("unknowns", np.where(self._failed[:, None], problem.guess(), unknowns))
         return problem
 
     def _shape_pass(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:

@@ -1,6 +1,7 @@
 """What every solver has in common, and where third parties add theirs."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import entry_points
 from typing import Any
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from multirod.models.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
-from multirod.status import Status
+from multirod.status import failures
 from multirod.validation import FloatArray, refuse
 
 IntArray = NDArray[np.int32]
@@ -41,6 +42,19 @@ class Outcome:
         """An outcome of ``count`` instances that were not run."""
         status, iterations, integrations = np.zeros((3, count), dtype=np.int32)
         return cls(status, iterations, integrations)
+
+    @classmethod
+    def joined(cls, outcomes: Sequence["Outcome"]) -> "Outcome":
+        """Outcomes of successive samples as one, samples first; what not all have is left out."""
+        residuals = [outcome.residual for outcome in outcomes if outcome.residual is not None]
+        rates = [outcome.rates for outcome in outcomes if outcome.rates is not None]
+        return cls(
+            np.concatenate([outcome.status for outcome in outcomes]),
+            np.concatenate([outcome.iterations for outcome in outcomes]),
+            np.concatenate([outcome.integrations for outcome in outcomes]),
+            np.concatenate(residuals) if len(residuals) == len(outcomes) else None,
+            np.concatenate(rates) if len(rates) == len(outcomes) else None,
+        )
 
 
 class Track(ABC):
@@ -118,7 +132,7 @@ class _WarmStarted(Track):
         outcome = self.solver.solve(self.problem, self.last)
         found = self.problem.read("unknowns")
         kept = found if self.last is None else self.last
-        good = np.array([not Status(s).failed for s in outcome.status])
+        good = ~failures(outcome.status)
         if good.all() or self.last is not None:
             self.last = np.where(good[:, None], found, kept)
         return outcome

@@ -1,6 +1,13 @@
 """Why each instance of a solve ended."""
 
 from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+IntArray = NDArray[np.integer[Any]]
+BoolArray = NDArray[np.bool_]
 
 
 class Status(IntEnum):
@@ -37,6 +44,12 @@ class Status(IntEnum):
 
 
 _WITH_RESULT = frozenset({Status.CONVERGED, Status.TRACKING, Status.EULER_LIMIT, Status.NEAR_FOLD})
+
+
+def failures(values: IntArray) -> BoolArray:
+    """``Status.failed`` of an array of statuses."""
+    return np.isin(values, [int(status) for status in Status if status.failed])
+
 
 _MESSAGES = {
     Status.NOT_RUN: "not run",

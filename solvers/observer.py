@@ -122,10 +122,11 @@ class Observer(Solver):
             if guess is None:
                 outcome.status[active & (status == Status.NEAR_FOLD)] = Status.BRANCH_END
             active = outcome.status == Status.NOT_RUN
-            # what has ended stays where its residual was taken
-            track.hold(~active)
             if not active.any():
                 break
+            if not active.all():
+                # what has ended stays where its residual was taken
+                track.hold(~active)
         outcome.status[active] = Status.MAX_ITERATIONS
         outcome.iterations[:] = outcome.integrations
         problem.load_factor.fill_(1.0)

@@ -23,7 +23,7 @@ class Shooting(Solver):
 
     Without a guess it finds the equilibrium on the natural branch, the one reached from the unloaded assembly by raising
     all loads in proportion: in one step where Newton's method contracts as it must on one branch and ``Gamma`` changes
-    little, else by load continuation whose steps pass the same two tests (``docs/solvers.md``).
+    little, else by load continuation in steps that pass these tests and one more (``docs/solvers.md``).
 
     Attributes:
         tolerance: Largest residual, max norm [1/m].
