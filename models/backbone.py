@@ -191,21 +191,18 @@ class BackboneProblem(BoundaryProblem):
 
     def shapes(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:  # noqa: D102
         features = replace(self.features, nodes=True, pose=True, sensitivities=False, pose_sensitivities=False, directions=0)
-        call = self._make_call(node_count)
-        # outputs of its own: the residual and Gamma of the solve stay as they are
-        for name in ("residual", "position", "rotation"):
-            buffer = getattr(self, name)
-            setattr(call, name, wp.zeros(buffer.shape, dtype=buffer.dtype, device=self.device))
-        self._record(features, call).launch()
-        shape = Shape(
-            arclength=call.node_arclength.numpy(),
-            position=call.node_position.numpy(),
-            rotation=call.node_rotation.numpy(),
-            curvature=call.node_curvature.numpy(),
-            moment=call.node_moment.numpy(),
-            force=call.node_force.numpy(),
-        )
-        return (shape,), call.energy.numpy()
+        shapes = []
+        for rod in range(len(self.rods)):
+            call = self._make_call(node_count)
+            call.node_rod = rod
+            # outputs of its own: the residual and Gamma of the solve stay as they are
+            for name in ("residual", "position", "rotation"):
+                buffer = getattr(self, name)
+                setattr(call, name, wp.zeros(buffer.shape, dtype=buffer.dtype, device=self.device))
+            self._record(features, call).launch()
+            fields = ("arclength", "position", "rotation", "curvature", "moment", "force")
+            shapes.append(Shape(**{name: getattr(call, f"node_{name}").numpy() for name in fields}))
+        return tuple(shapes), call.energy.numpy()
 
 
 BACKBONE_INPUTS = (

@@ -232,6 +232,7 @@ def make_tip_functions(
     FOLLOWER_FORCE_INPUT, FOLLOWER_MOMENT_INPUT = at.FOLLOWER_FORCE, at.FOLLOWER_MOMENT
     precurvature, compliance = stretch.precurvature, stretch.compliance
     frame, point_at, column_of, column_rotation = rate.frame, rate.point_at, rate.column_of, rate.column_rotation
+    inner_torque = rate.inner_torque
     load_vector, direction_vector, section_end = grid.load_vector, grid.direction_vector, grid.section_end
 
     @wp.func
@@ -456,15 +457,28 @@ def make_tip_functions(
 
     @wp.func
     def write_node(call: Call, case: Instance, output: int, y: State, z: Stretch, x: f64, s: f64):
-        """The state at an output node, x from the start of the stretch and s from the base."""
+        """One rod at an output node, x from the start of the stretch and s from the base."""
         t = case.index
         a = point_at(y, z, x)
+        u = a.u
+        M = a.M
+        to_rod = wp.identity(3, dtype=f64)
+        if wp.static(TUBES):
+            for i in range(wp.static(n)):
+                if i == call.node_rod:
+                    torque = inner_torque(y, z)
+                    if wp.static(i > 0):
+                        torque = y[wp.static(TAU_AT) + i - 1]
+                        to_rod = turned_about_z(-y[wp.static(THETA_AT) + i - 1])
+                    M = wp.vec3d(a.tubes[i, 7], a.tubes[i, 8], torque)
+                    u_star = precurvature(z, i, x)
+                    u[2] = u_star[2] + z.material[i, 5] * torque
         call.node_arclength[t, output] = s
         call.node_position[t, output] = world_position(case, y)
-        call.node_rotation[t, output] = case.base_rotation * rotation_matrix(a.q)
-        call.node_curvature[t, output] = a.u
-        call.node_moment[t, output] = a.M
-        call.node_force[t, output] = a.N
+        call.node_rotation[t, output] = case.base_rotation * rotation_matrix(a.q) * wp.transpose(to_rod)
+        call.node_curvature[t, output] = to_rod * u
+        call.node_moment[t, output] = to_rod * M
+        call.node_force[t, output] = to_rod * a.N
 
     return SimpleNamespace(
         write_residual=write_residual,

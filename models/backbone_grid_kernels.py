@@ -185,11 +185,13 @@ def make_grid_functions(layout: Layout, features: Features, stretch: SimpleNames
         return node
 
     @wp.func
-    def output_arclength(call: Call, case: Instance, node: Node) -> f64:
-        """Where the next output node is: they are spaced evenly."""
-        s = case.length
+    def output_arclength(rods: RodTable, call: Call, case: Instance, node: Node) -> f64:
+        """Where the next output node is: they are spaced evenly along one rod; past its end there are none."""
+        s = section_end(rods, case, call.node_rod, rods.end.shape[2] - 1)
         if node.output + 1 < call.node_count - 1:
-            s = case.length * f64(node.output + 1) / f64(call.node_count - 1)
+            s *= f64(node.output + 1) / f64(call.node_count - 1)
+        if node.output + 1 > call.node_count - 1:
+            s = f64(2.0) * case.length
         return s
 
     @wp.func
@@ -210,7 +212,7 @@ def make_grid_functions(layout: Layout, features: Features, stretch: SimpleNames
                     s = rods.profile_end[node.piece]
                     rate = PerDirection()
         if wp.static(NODES):
-            s = wp.min(s, output_arclength(call, case, node))
+            s = wp.min(s, output_arclength(rods, call, case, node))
         return s, rate
 
     @wp.func

@@ -100,7 +100,7 @@ def make_kernel(features: Features, tableau: Tableau):
             y, h, step_count, fault = over_stretch(y, z, h, step_count, case, call)
 
             if wp.static(NODES):
-                if end >= output_arclength(call, case, node):
+                if end >= output_arclength(rods, call, case, node):
                     node.output += 1
                     write_node(call, case, node.output, y, z, z.length, end)
             n, dn = force_at_end(z)

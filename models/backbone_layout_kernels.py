@@ -62,6 +62,7 @@ class Call:
     atol: wp.float64
     step_limit: int
     node_count: int
+    node_rod: int  # the rod along which the nodes are spaced, and whose frame they are given in
     # outputs
     fault: wp.array[int]
     step_count: wp.array[int]

@@ -29,10 +29,10 @@ class Shape:
     Attributes:
         arclength: From the base [m], shape (batch, node_count).
         position: Centreline in the world [m], shape (batch, node_count, 3).
-        rotation: Material frames, body to world, shape (batch, node_count, 3, 3).
-        curvature: ``u`` in the body frame [1/m], shape (batch, node_count, 3); at a section end, that of the section before.
-        moment: Internal moment in the body frame [N m], shape (batch, node_count, 3).
-        force: Internal force in the body frame [N], shape (batch, node_count, 3).
+        rotation: Material frames of this rod, body to world, shape (batch, node_count, 3, 3).
+        curvature: ``u`` in that frame [1/m], shape (batch, node_count, 3); at a section end, that of the section before.
+        moment: Internal moment of this rod, in that frame [N m], shape (batch, node_count, 3).
+        force: Internal force in that frame [N], of all concentric rods together, shape (batch, node_count, 3).
     """
 
     arclength: FloatArray
