@@ -33,7 +33,9 @@ class BackboneProblem(BoundaryProblem):
     """One backbone of n >= 1 concentric rods, clamped at its base, loaded along its length and at its free tip.
 
     Unknowns are the curvature at the base of a single rod (``docs/model.md``, equation 10), then, where a follower force
-    acts, the base force in curvature units.
+    acts, the base force in curvature units. With ``held`` the tip is not free: the base force is unknown too, the pose and
+    wrench of the tip are written out with their columns, and of the residual only the torques of the rods that end before it.
+    ``arrays`` are those of ``rods``, or of several backbones of the same build along the last batch axis.
     """
 
     def __init__(
@@ -49,15 +51,18 @@ class BackboneProblem(BoundaryProblem):
         pose_sensitivities: bool = False,
         direction_count: int = 0,
         enabled: Sequence[str] = (),
+        held: bool = False,
+        arrays: RodArrays | None = None,
     ) -> None:
-        rod_batch = np.broadcast_shapes(*(rod.batch_shape for rod in rods))
+        rod_batch = np.broadcast_shapes(*(rod.batch_shape for rod in rods)) if arrays is None else arrays.batch_shape
         batch_shape = np.broadcast_shapes(inputs.batch_shape, rod_batch, base.shape[:-2])
         self.rods = tuple(rods)
         self.base = base
         self.integrator = integrator
         self.enabled = frozenset(enabled)
         self.transmission = transmission
-        self.arrays = lower(rods, batch_shape if rod_batch else ())
+        self.held = held
+        self.arrays = lower(rods, batch_shape if rod_batch else ()) if arrays is None else arrays
         self.features = self._features(inputs, pose, pose_sensitivities, direction_count)
         n = self.features.unknown_count
         super().__init__(
@@ -69,16 +74,20 @@ class BackboneProblem(BoundaryProblem):
             pose_sensitivities=pose_sensitivities,
             device=device,
         )
+        if held:
+            columns = n + direction_count
+            self.tip_wrench: Any = wp.zeros((self.instance_count, 6), dtype=wp.float64, device=device)
+            self.wrench_columns: Any = wp.zeros((self.instance_count, 6, columns), dtype=wp.float64, device=device)
         self._table = self._make_table(inputs)
         self.write("inputs", self.pack(inputs))
-        self._launch = self._record(self.features, self._make_call(0))
+        self.launch = self._record(self.features, self._make_call(0))
 
     # ---- what is compiled in ----
 
     def _features(self, inputs: Inputs, pose: bool, pose_sensitivities: bool, direction_count: int) -> Features:
         active = {name for name in inputs.given if inputs.is_active(name)} | self.enabled
         needs = {feature: any(name in active for name in names) for feature, names in _FEATURE_INPUTS.items()}
-        needs["force"] |= "distributed_force" in inputs.profiles
+        needs["force"] |= self.held or "distributed_force" in inputs.profiles
         return Features(
             rod_count=len(self.rods),
             precurvature_degree=self.arrays.degree,
@@ -89,6 +98,7 @@ class BackboneProblem(BoundaryProblem):
             pose=pose,
             pose_sensitivities=pose_sensitivities,
             directions=direction_count,
+            held=self.held,
             **needs,
         )
 
@@ -120,6 +130,8 @@ class BackboneProblem(BoundaryProblem):
         shared = ("active", "unknowns", "inputs", "load_factor", "directions", "fault", "step_count", "residual", "gamma")
         for name in (*shared, "residual_directions", "position", "rotation", "pose_columns"):
             setattr(call, name, getattr(self, name))
+        if self.held:
+            call.tip_wrench, call.wrench_columns = self.tip_wrench, self.wrench_columns
         call.direction_stride = 1
         call.steps = float(self.integrator.steps or 0)
         call.step_multiple = 1.0 if node_count else float(step_multiple(self.integrator.steps or 1))
@@ -160,7 +172,7 @@ class BackboneProblem(BoundaryProblem):
         return slice(start, start + 3)
 
     def integrate(self) -> None:  # noqa: D102
-        self._launch.launch()
+        self.launch.launch()
 
     def guess(self) -> FloatArray:  # noqa: D102
         result = np.zeros((self.instance_count, self.unknown_count))

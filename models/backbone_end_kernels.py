@@ -23,8 +23,8 @@ def make_base_functions(layout: Layout, features: Features, grid: SimpleNamespac
     N_AT, THETA_AT, TAU_AT, STATICS = layout.N_AT, layout.THETA_AT, layout.TAU_AT, layout.STATICS
     COLUMN_Q_AT, COLUMN_SIZE, Q_AT = layout.COLUMN_Q_AT, layout.COLUMN_SIZE, layout.Q_AT
     FORCE_STATE, FRAME, COLUMN_FRAME = layout.FORCE_STATE, layout.FRAME, layout.COLUMN_FRAME
-    FOLLOWER, TRANSMISSION, TUBES = features.follower_force, features.transmission, n > 1
-    # columns: bending moments (with one rod, torque too), torques of several rods, base force of a follower, directions
+    FORCE_UNKNOWN, TRANSMISSION, TUBES = features.base_force_unknown, features.transmission, n > 1
+    # columns: bending moments (with one rod, torque too), torques of several rods, base force, directions
     MOMENTS = min(2 if TUBES else 3, NX)
     TORQUES = min(n + 2, NX)
     FIRST_FORCE = layout.UNKNOWNS - 3
@@ -107,8 +107,8 @@ def make_base_functions(layout: Layout, features: Features, grid: SimpleNamespac
 
     @wp.func
     def base_force(rods: RodTable, call: Call, case: Instance, q: wp.vec4d):
-        """n(0) and its columns: unknown under a follower force (13), else all that acts further on (3a)."""
-        if wp.static(not FOLLOWER):
+        """n(0) and its columns: unknown under a follower force (13) or with a held tip, else all that acts further on (3a)."""
+        if wp.static(not FORCE_UNKNOWN):
             return total_load(rods, call, case)
         t = case.index
         j = wp.static(FIRST_FORCE)
@@ -175,7 +175,7 @@ def make_base_functions(layout: Layout, features: Features, grid: SimpleNamespac
             if wp.static(k >= NX):
                 column, turn = direction_column(rods, call, case, node, k - NX)
             dn = wp.vec3d(force_columns[k, 0], force_columns[k, 1], force_columns[k, 2])
-            if wp.static(FOLLOWER):
+            if wp.static(FORCE_UNKNOWN):
                 dN = turn * wp.vec3d(-N[1], N[0], f64(0.0))  # N is given in the frame: n turns with it
                 if wp.static(FIRST_FORCE <= k < NX):
                     dN[wp.static(k - FIRST_FORCE)] += force_unit(rods, case)
@@ -480,9 +480,18 @@ def make_tip_functions(
         call.node_moment[t, output] = to_rod * M
         call.node_force[t, output] = to_rod * a.N
 
+    @wp.func
+    def write_end(
+        rods: RodTable, call: Call, case: Instance, y: State, z: Stretch, n_tip: wp.vec3d, dn_tip: ColumnVectors
+    ) -> f64:
+        """(11) to (13): residual and Gamma. Returns a number that is not finite if one of theirs is not."""
+        return write_residual(rods, call, case, y, z, n_tip) + write_residual_columns(rods, call, case, y, z, n_tip, dn_tip)
+
     return SimpleNamespace(
-        write_residual=write_residual,
-        write_residual_columns=write_residual_columns,
+        outer_torque=outer_torque,
+        torque_unit=torque_unit,
+        write_column=write_column,
+        write_end=write_end,
         write_tip=write_tip,
         write_node=write_node,
     )

@@ -16,7 +16,8 @@ one kernel thread integrates one instance with its own grid, steps and status. I
 - ``backbone_rates_kernels``: the rates of the state and its columns, (1) to (5) and (14) to (20);
 - ``backbone_step_kernels``: Runge-Kutta steps;
 - ``backbone_grid_kernels``: loads, nodes, and the stretches between them, (3a);
-- ``backbone_end_kernels``: the base (9), (10), the residual at the tip (11) to (13), outputs.
+- ``backbone_end_kernels``: the base (9), (10), the residual at the tip (11) to (13), outputs;
+- ``backbone_held_kernels``: the tip's wrench (22), where something else holds the tip.
 
 Each part is a factory: what a scene does not need is pruned by ``wp.static`` when the code is generated.
 """
@@ -27,6 +28,7 @@ import warp as wp
 
 from multirod.models.backbone_end_kernels import make_base_functions, make_tip_functions
 from multirod.models.backbone_grid_kernels import make_grid_functions
+from multirod.models.backbone_held_kernels import make_held_functions
 from multirod.models.backbone_layout_kernels import (
     FAULT_NONE,
     FAULT_NONFINITE,
@@ -73,7 +75,7 @@ def make_kernel(features: Features, tableau: Tableau):
     load_stretch, force_at_end, output_arclength = grid.load_stretch, grid.force_at_end, grid.output_arclength
     at_base = make_base_functions(layout, features, grid).at_base
     over_stretch = make_step_functions(layout, tableau, rate.rates).over_stretch
-    write_residual, write_residual_columns = tip.write_residual, tip.write_residual_columns
+    write_end = make_held_functions(layout, features, rate, tip).write_end if features.held else tip.write_end
     write_tip, write_node = tip.write_tip, tip.write_node
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -106,8 +108,7 @@ def make_kernel(features: Features, tableau: Tableau):
             n, dn = force_at_end(z)
             node = walk_to(rods, case, node, end, end_rate)
 
-        total = write_residual(rods, call, case, y, z, n)
-        total += write_residual_columns(rods, call, case, y, z, n, dn)
+        total = write_end(rods, call, case, y, z, n, dn)
         write_tip(call, case, y)
         if not wp.isfinite(total):
             fault = int(wp.static(FAULT_NONFINITE))

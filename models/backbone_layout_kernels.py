@@ -79,6 +79,9 @@ class Call:
     node_moment: wp.array2d[wp.vec3d]
     node_force: wp.array2d[wp.vec3d]
     energy: wp.array[wp.float64]
+    # of a held tip
+    tip_wrench: wp.array2d[wp.float64]  # (batch, 6): internal force, then moment, world frame
+    wrench_columns: wp.array3d[wp.float64]  # (batch, 6, unknown + direction)
 
 
 class Layout:

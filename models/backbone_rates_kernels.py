@@ -39,8 +39,8 @@ def make_rate_functions(layout: Layout, features: Features, stretch: SimpleNames
     FORCE, FORCE_STATE, FRAME, COLUMN_FRAME = layout.FORCE, layout.FORCE_STATE, layout.FRAME, layout.COLUMN_FRAME
     SPREAD_MOMENT, SHEAR, NODES = layout.SPREAD_MOMENT, features.shear, features.nodes
     POSE, POSE_COLUMNS = layout.POSE, layout.POSE_COLUMNS
-    # terms of a column that an input imposes; a follower force makes n depend on unknowns too
-    GIVEN_FORCE = FORCE and not FORCE_STATE and (ND > 0 or (features.follower_force and NX > 0))
+    # terms of a column that an input imposes; an unknown base force makes n depend on unknowns too
+    GIVEN_FORCE = FORCE and not FORCE_STATE and (ND > 0 or (features.base_force_unknown and NX > 0))
     GIVEN_MOMENT = ND > 0 and COLUMN_FRAME
     GIVEN_CURVATURE = ND > 0 and layout.CURVATURE_TERMS > 1
 

@@ -20,6 +20,7 @@ class Features:
         profile_degree: Degree of the polynomials that hold loads given as functions of arclength; -1 if there are none.
         follower_force: The tip force has a part that follows the tip frame, so the base force is unknown, equation (13).
         follower_moment: The tip moment has a part that follows the tip frame, equation (11).
+        held: Something else holds the tip: the base force is unknown, and the tip's wrench is written out, equation (22).
         measured: A measured tip curvature takes the place of the boundary condition, equation (12).
         shear: Shear and extension, equation (5); without it ``v = e3``.
         anisotropic: Bending stiffness differs between the two axes; a distinct term for ``rod_count > 1`` only.
@@ -40,6 +41,7 @@ class Features:
     profile_degree: int = -1
     follower_force: bool = False
     follower_moment: bool = False
+    held: bool = False
     measured: bool = False
     shear: bool = False
     anisotropic: bool = False
@@ -51,13 +53,18 @@ class Features:
     nodes: bool = False
 
     @property
+    def base_force_unknown(self) -> bool:
+        """Whether what acts on the tip is not known beforehand in the world frame."""
+        return self.follower_force or self.held
+
+    @property
     def loads_need_frame(self) -> bool:
         """Whether a load other than a dead tip force acts, so that the frame enters the moment equations."""
         return (
             self.tip_moment
             or self.distributed_force
             or self.distributed_moment
-            or self.follower_force
+            or self.base_force_unknown
             or self.profile_degree >= 0
         )
 
@@ -84,4 +91,4 @@ class Features:
     @property
     def unknown_count(self) -> int:
         """Unknowns of an instance."""
-        return self.rod_count + 2 + (3 if self.follower_force else 0)
+        return self.rod_count + 2 + (3 if self.base_force_unknown else 0)

@@ -24,6 +24,7 @@ from multirod.assembly import Assembly
 from multirod.inputs import Inputs, InputSpec
 from multirod.models.concentric_tubes import ConcentricTubes
 from multirod.models.integrators import RK4, RK23, RK45, AdaptiveIntegrator, FixedStepIntegrator, Integrator, Tableau
+from multirod.models.parallel_rods import InverseParallelRods, ParallelRods
 from multirod.models.single_rod import SingleRod
 from multirod.problem import Block, BoundaryProblem, Shape
 from multirod.recording import Recorder
@@ -52,8 +53,10 @@ __all__ = [
     "InputSpec",
     "Inputs",
     "Integrator",
+    "InverseParallelRods",
     "Observer",
     "Outcome",
+    "ParallelRods",
     "Recorder",
     "Rod",
     "ScipyShooting",

@@ -57,7 +57,8 @@ class BoundaryProblem(ABC):
         batch_shape: Leading axes of the instances.
         instance_count: Instances.
         device: Where the arrays live.
-        blocks: The unknowns and residuals of each rod.
+        blocks: The unknowns and residuals of each rod, then, where something couples the rods, of that.
+        coupling: The last block, where the others meet only through it, so that ``Gamma`` is an arrow; else None.
         unknowns: Where to evaluate [1/m], shape (instance_count, n).
         active: Instances that are evaluated (1) or left as they are (0), shape (instance_count,).
         load_factor: What multiplies all loads of an instance, shape (instance_count,).
@@ -91,6 +92,7 @@ class BoundaryProblem(ABC):
         self.pose_sensitivities = pose_sensitivities
         self.device = device
         self.blocks = tuple(blocks)
+        self.coupling: Block | None = None
         # One record an instance holds all that a sample of a time series keeps, so that keeping it is one copy.
         sizes = {"unknowns": n, "residual": n, "gamma": n * n, "position": 3, "rotation": 9, "inputs": input_count}
         self.record_fields: dict[str, slice] = {}
@@ -196,6 +198,13 @@ class BoundaryProblem(ABC):
     def snapshot(self) -> FloatArray:
         """A copy of the records, shape (instance_count, record size)."""
         return self._host.copy() if self._host is not None else np.array(self.records.numpy())
+
+    def restore(self, records: FloatArray) -> None:
+        """Set the records to a snapshot of them."""
+        if self._host is not None:
+            self._host[:] = records
+        else:
+            self.records.assign(records)
 
     def input_view(self) -> FloatArray | None:
         """The inputs as NumPy sees them in place, where the device allows it: what is written there needs no upload."""

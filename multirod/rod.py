@@ -285,6 +285,36 @@ class RodArrays:
     batch_shape: tuple[int, ...] = field(default=())
 
 
+def stack(backbones: Sequence[RodArrays], batch_shape: tuple[int, ...]) -> RodArrays:
+    """Several backbones of as many rods each, side by side along a last batch axis; each is lowered to ``batch_shape``."""
+    sections = max(arrays.end.shape[2] for arrays in backbones)
+    terms = max(arrays.precurvature.shape[3] for arrays in backbones)
+
+    def padded(value: FloatArray) -> FloatArray:
+        """Rods end with sections of no length, as ``lower`` pads them."""
+        last = np.repeat(value[:, :, -1:], sections - value.shape[2], axis=2)
+        return np.concatenate([value, last], axis=2)
+
+    def joined(values: list[FloatArray]) -> FloatArray:
+        together = np.stack([padded(value) for value in values], axis=1)
+        return together.reshape(-1, *together.shape[2:])
+
+    return RodArrays(
+        end=joined([arrays.end for arrays in backbones]),
+        material=joined([arrays.material for arrays in backbones]),
+        precurvature=joined(
+            [
+                np.pad(arrays.precurvature, ((0, 0), (0, 0), (0, 0), (0, terms - arrays.precurvature.shape[3])))
+                for arrays in backbones
+            ]
+        ),
+        degree=max(arrays.degree for arrays in backbones),
+        shear=any(arrays.shear for arrays in backbones),
+        anisotropic=any(arrays.anisotropic for arrays in backbones),
+        batch_shape=(*batch_shape, len(backbones)),
+    )
+
+
 def lower(rods: Sequence[Rod], batch_shape: tuple[int, ...]) -> RodArrays:
     """Arrays of ``rods`` broadcast to ``batch_shape`` (``()`` gives a batch axis of 1)."""
     degree = profile.DEGREE if any(isinstance(s.precurvature, profile.Profile) for rod in rods for s in rod.sections) else 0

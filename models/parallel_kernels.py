@@ -1,0 +1,500 @@
+# mypy: ignore-errors
+"""What couples rods that hold one platform: joints, and the equilibrium of the platform.
+
+Numbers in parentheses are those of ``docs/parallel.md``. The legs are integrated by the backbone kernels, many at a time;
+around each such launch stand ``spread`` (unknowns and inputs of the robots to their legs), ``attach`` (pose and wrench of
+each leg's tip to the residual of its joint) and ``balance`` (the platform).
+"""
+
+import warp as wp
+
+from multirod.models.rotation_kernels import (
+    inverse_right_jacobian,
+    left_jacobian,
+    rotation_from_vector,
+    rotation_vector,
+    swing,
+)
+
+f64 = wp.float64
+
+CLAMPED = 0
+REVOLUTE = 1
+SPHERICAL = 2
+POSE = 6  # unknowns and residuals of the platform, and of a leg's joint
+PLATFORM_VECTORS = ("tip_force", "tip_moment", "follower_force", "follower_moment", "force_point")
+LEG_VECTORS = ("distributed_force", "distributed_moment", "gravity")
+POSE_VECTORS = ("platform_position", "platform_rotation")  # of the inverse problem
+# what a leg hands to the balance of its platform
+FORCE_AT = 0
+MOMENT_AT = 3
+TURN_AT = 6  # change of the moment by the rotation vector of the platform, row by row
+DIRECTIONS_AT = 15  # change of force and moment by each direction
+
+
+@wp.struct
+class Robots:
+    """Whole robots: the first axis is the instance, a leg's index is ``instance * leg_count + leg``."""
+
+    leg_count: int
+    rod_count: int
+    unknown_count: int
+    direction_count: int
+    inverse: int  # whether the pose is given and the legs' translations are unknown
+    # unknowns, inputs, results
+    active: wp.array[int]
+    load_factor: wp.array[wp.float64]
+    unknowns: wp.array2d[wp.float64]
+    inputs: wp.array2d[wp.float64]
+    directions: wp.array3d[wp.float64]
+    fault: wp.array[int]
+    step_count: wp.array[int]
+    residual: wp.array2d[wp.float64]
+    gamma: wp.array3d[wp.float64]
+    residual_directions: wp.array3d[wp.float64]
+    position: wp.array[wp.vec3d]
+    rotation: wp.array[wp.mat33d]
+    pose_columns: wp.array3d[wp.float64]
+    # geometry; strides are 1 where each instance has its own, else 0
+    pose_stride: int
+    reference_position: wp.array[wp.vec3d]  # (1): where the unknown pose is zero
+    reference_rotation: wp.array[wp.mat33d]
+    attachment_position: wp.array2d[wp.vec3d]  # (instance or 1, leg), platform frame
+    attachment_rotation: wp.array2d[wp.mat33d]
+    joint: wp.array[int]  # (leg,)
+    axis: wp.array[wp.vec3d]  # (leg,): of a revolute joint, attachment frame
+    length: wp.array2d[wp.float64]  # (instance or 1, leg + 1): length scale of each leg, and of the platform
+    stiffness: wp.array2d[wp.float64]  # bending stiffness that scales wrenches, likewise
+    scale_stride: int
+    mass: wp.float64
+    mass_centre: wp.vec3d
+    # where inputs begin
+    pose: int  # POSE_VECTORS
+    loads: int  # PLATFORM_VECTORS
+    spread: int  # LEG_VECTORS
+    # of the path from open to closed joints
+    opening: wp.array3d[wp.float64]  # (instance, leg, 6): gap of each joint where all loads are zero
+    softness: wp.float64
+    # what each leg hands to the platform
+    law: wp.array2d[wp.float64]  # (leg of all instances, DIRECTIONS_AT + 6 directions)
+    leg_fault: wp.array[int]
+    leg_step_count: wp.array[int]
+
+
+@wp.struct
+class Legs:
+    """Legs of one build, a launch of one backbone kernel: the index is ``instance * count + place``."""
+
+    count: int
+    rods: int  # concentric rods of each
+    unknown_count: int
+    vectors: int  # where LEG_VECTORS begin in the legs' inputs
+    leg: wp.array[int]  # (place,): which leg of its robot
+    first_rod: wp.array[int]  # (place,): among the robot's rods
+    first_unknown: wp.array[int]  # (place,): of the robot
+    active: wp.array[int]
+    load_factor: wp.array[wp.float64]
+    unknowns: wp.array2d[wp.float64]
+    inputs: wp.array2d[wp.float64]
+    directions: wp.array3d[wp.float64]
+    fault: wp.array[int]
+    step_count: wp.array[int]
+    residual: wp.array2d[wp.float64]
+    gamma: wp.array3d[wp.float64]
+    residual_directions: wp.array3d[wp.float64]
+    position: wp.array[wp.vec3d]
+    rotation: wp.array[wp.mat33d]
+    pose_columns: wp.array3d[wp.float64]
+    wrench: wp.array2d[wp.float64]
+    wrench_columns: wp.array3d[wp.float64]
+
+
+@wp.func
+def vector(values: wp.array2d[wp.float64], t: int, first: int) -> wp.vec3d:
+    """Three numbers of a row."""
+    return wp.vec3d(values[t, first], values[t, first + 1], values[t, first + 2])
+
+
+@wp.func
+def column(values: wp.array3d[wp.float64], t: int, first: int, k: int) -> wp.vec3d:
+    """Three numbers of a column."""
+    return wp.vec3d(values[t, first, k], values[t, first + 1, k], values[t, first + 2, k])
+
+
+@wp.func
+def direction(robots: Robots, b: int, k: int, first: int) -> wp.vec3d:
+    """Part of a direction in input space."""
+    return wp.vec3d(robots.directions[b, k, first], robots.directions[b, k, first + 1], robots.directions[b, k, first + 2])
+
+
+@wp.func
+def length_of(robots: Robots, b: int, leg: int) -> f64:
+    """Length scale of a leg, or of the platform."""
+    return robots.length[b * robots.scale_stride, leg]
+
+
+@wp.func
+def stiffness_of(robots: Robots, b: int, leg: int) -> f64:
+    """Stiffness scale of a leg, or of the platform."""
+    return robots.stiffness[b * robots.scale_stride, leg]
+
+
+@wp.kernel(module="unique", enable_backward=False)
+def spread(robots: Robots, legs: Legs):
+    """Unknowns, inputs and directions of the robots to their legs."""
+    t = wp.tid()
+    b = t // legs.count
+    place = t % legs.count
+    legs.active[t] = robots.active[b]
+    if robots.active[b] == 0:
+        return
+    leg = legs.leg[place]
+    legs.load_factor[t] = robots.load_factor[b]
+    for i in range(legs.unknown_count):
+        legs.unknowns[t, i] = robots.unknowns[b, legs.first_unknown[place] + i]
+    for i in range(legs.rods):
+        rod = legs.first_rod[place] + i
+        legs.inputs[t, i] = robots.inputs[b, rod]
+        legs.inputs[t, legs.rods + i] = robots.inputs[b, robots.rod_count + rod]
+        for k in range(robots.direction_count):
+            legs.directions[t, k, i] = robots.directions[b, k, rod]
+            legs.directions[t, k, legs.rods + i] = robots.directions[b, k, robots.rod_count + rod]
+    for i in range(9):
+        legs.inputs[t, legs.vectors + i] = robots.inputs[b, robots.spread + i]
+        for k in range(robots.direction_count):
+            legs.directions[t, k, legs.vectors + i] = robots.directions[b, k, robots.spread + i]
+    if robots.inverse != 0:
+        # (10) the unknown translation, and its own column
+        L = length_of(robots, b, leg)
+        x = robots.unknowns[b, robots.unknown_count - wp.static(POSE) + leg]
+        legs.inputs[t, legs.rods] = legs.inputs[t, legs.rods] + L * L * x
+        legs.directions[t, robots.direction_count, legs.rods] = L * L
+
+
+@wp.struct
+class Platform:
+    """Pose of a platform in the world."""
+
+    position: wp.vec3d
+    rotation: wp.mat33d
+    turn: wp.mat33d  # rotation vector, in the world, by the three numbers that give the rotation
+    length: f64
+
+
+@wp.func
+def platform_pose(robots: Robots, b: int) -> Platform:
+    """(1), (2) The pose that the unknowns give, or, in the inverse problem, the inputs."""
+    pose = Platform()
+    pose.length = length_of(robots, b, robots.leg_count)
+    if robots.inverse != 0:
+        pose.position = vector(robots.inputs, b, robots.pose)
+        a = vector(robots.inputs, b, robots.pose + 3)
+        pose.rotation = rotation_from_vector(a)
+        pose.turn = left_jacobian(a)
+        return pose
+    first = robots.unknown_count - wp.static(POSE)
+    pose.position = robots.reference_position[0] + pose.length * pose.length * vector(robots.unknowns, b, first)
+    a = pose.length * vector(robots.unknowns, b, first + 3)
+    pose.rotation = rotation_from_vector(a) * robots.reference_rotation[0]
+    pose.turn = left_jacobian(a)
+    return pose
+
+
+@wp.func
+def pose_direction(robots: Robots, b: int, k: int, pose: Platform):
+    """Change of the pose with direction k at fixed unknowns: what the inverse problem is given."""
+    move = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
+    turn = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
+    if robots.inverse != 0:
+        move = direction(robots, b, k, robots.pose)
+        turn = pose.turn * direction(robots, b, k, robots.pose + 3)
+    return move, turn
+
+
+@wp.struct
+class Joint:
+    """A joint between a leg's tip and the platform."""
+
+    kind: int
+    arm: wp.vec3d  # from the platform's origin, world frame
+    frame: wp.mat33d  # of the attachment, world frame
+    tip: wp.mat33d  # of the leg's tip, world frame
+    moment: wp.vec3d  # on the tip, in its frame
+    axis: wp.vec3d  # of a revolute joint, attachment frame
+    across: wp.vec3d  # two directions across it
+    along: wp.vec3d
+    log: wp.vec3d  # (3) rotation vector of the mismatch
+    by_turn: wp.mat33d  # (4)
+    tilted: wp.vec3d  # (6) the axis as the tip carries it, attachment frame
+    swing: wp.vec2d
+    length: f64
+    curvature: f64  # per moment
+
+
+@wp.func
+def load_joint(robots: Robots, legs: Legs, t: int, b: int, leg: int, pose: Platform) -> Joint:
+    """A joint as it stands."""
+    joint = Joint()
+    joint.kind = robots.joint[leg]
+    g = b * robots.pose_stride
+    joint.arm = pose.rotation * robots.attachment_position[g, leg]
+    joint.frame = pose.rotation * robots.attachment_rotation[g, leg]
+    joint.tip = legs.rotation[t]
+    joint.length = length_of(robots, b, leg)
+    joint.curvature = f64(1.0) / stiffness_of(robots, b, leg)
+    joint.moment = wp.transpose(joint.tip) * vector(legs.wrench, t, 3)
+    mismatch = wp.transpose(joint.frame) * joint.tip
+    if joint.kind == wp.static(CLAMPED):
+        joint.log = rotation_vector(mismatch)
+        joint.by_turn = inverse_right_jacobian(joint.log)
+    if joint.kind == wp.static(REVOLUTE):
+        joint.axis = robots.axis[leg]
+        least = int(0)
+        if wp.abs(joint.axis[1]) < wp.abs(joint.axis[0]):
+            least = int(1)
+        if wp.abs(joint.axis[2]) < wp.abs(joint.axis[least]):
+            least = int(2)
+        other = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
+        other[least] = f64(1.0)
+        joint.across = wp.normalize(wp.cross(joint.axis, other))
+        joint.along = wp.cross(joint.axis, joint.across)
+        joint.tilted = mismatch * joint.axis
+        joint.swing = swing(wp.dot(joint.axis, joint.tilted))
+    return joint
+
+
+@wp.func
+def joint_rows(joint: Joint) -> wp.vec3d:
+    """(5) to (7): the three residuals of a joint beside its position [1/m]."""
+    if joint.kind == wp.static(SPHERICAL):
+        return joint.curvature * joint.moment
+    if joint.kind == wp.static(REVOLUTE):
+        s = joint.swing[0] * wp.cross(joint.axis, joint.tilted)
+        return wp.vec3d(
+            wp.dot(joint.across, s) / joint.length,
+            wp.dot(joint.along, s) / joint.length,
+            joint.curvature * wp.dot(joint.axis, joint.moment),
+        )
+    return joint.log / joint.length
+
+
+@wp.func
+def joint_rows_variation(joint: Joint, tip_turn: wp.vec3d, turn: wp.vec3d, dm: wp.vec3d, m: wp.vec3d) -> wp.vec3d:
+    """(5) to (7): their change where tip and platform turn (world), and the moment m on the tip changes by dm (world)."""
+    dM = wp.transpose(joint.tip) * (dm - wp.cross(tip_turn, m))
+    if joint.kind == wp.static(SPHERICAL):
+        return joint.curvature * dM
+    if joint.kind == wp.static(REVOLUTE):
+        tilt = wp.cross(wp.transpose(joint.frame) * (tip_turn - turn), joint.tilted)
+        s = joint.swing[0] * wp.cross(joint.axis, tilt)
+        s += (joint.swing[1] * wp.dot(joint.axis, tilt)) * wp.cross(joint.axis, joint.tilted)
+        return wp.vec3d(
+            wp.dot(joint.across, s) / joint.length,
+            wp.dot(joint.along, s) / joint.length,
+            joint.curvature * wp.dot(joint.axis, dM),
+        )
+    return joint.by_turn * (wp.transpose(joint.tip) * (tip_turn - turn)) / joint.length
+
+
+@wp.func
+def softened(joint: Joint, force: wp.vec3d, moment: wp.vec3d, softness: f64):
+    """(9) What a soft joint adds to its rows, by the force (world) and moment (tip frame) that it transmits."""
+    give = (softness * joint.curvature * joint.length) * force
+    bend = (softness * joint.curvature) * moment
+    if joint.kind == wp.static(SPHERICAL):
+        bend = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
+    if joint.kind == wp.static(REVOLUTE):
+        bend = wp.vec3d(wp.dot(joint.across, bend), wp.dot(joint.along, bend), f64(0.0))
+    return give, bend
+
+
+@wp.func
+def write_rows(values: wp.array3d[wp.float64], b: int, row: int, k: int, a: wp.vec3d, c: wp.vec3d):
+    """Six numbers of a column."""
+    for j in range(3):
+        values[b, row + j, k] = a[j]
+        values[b, row + 3 + j, k] = c[j]
+
+
+@wp.kernel(module="unique", enable_backward=False)
+def attach(robots: Robots, legs: Legs):
+    """(4) to (7): residual of each leg's joint, its columns, and what the leg does to the platform."""
+    t = wp.tid()
+    b = t // legs.count
+    if robots.active[b] == 0:
+        return
+    place = t % legs.count
+    leg = legs.leg[place]
+    first = legs.first_unknown[place]
+    m = legs.unknown_count
+    platform = robots.unknown_count - wp.static(POSE)
+    zero = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
+    pose = platform_pose(robots, b)
+    joint = load_joint(robots, legs, t, b, leg, pose)
+    softness = (f64(1.0) - robots.load_factor[b]) * robots.softness
+    area = joint.length * joint.length
+    force = vector(legs.wrench, t, 0)
+    moment = vector(legs.wrench, t, 3)
+
+    gap = (legs.position[t] - pose.position - joint.arm) / area
+    rows = joint_rows(joint)
+    give, bend = softened(joint, force, joint.moment, softness)
+    open = f64(1.0) - robots.load_factor[b]
+    for j in range(3):
+        robots.residual[b, first + j] = gap[j] + give[j] - open * robots.opening[b, leg, j]
+        robots.residual[b, first + 3 + j] = rows[j] + bend[j] - open * robots.opening[b, leg, 3 + j]
+    for i in range(wp.static(POSE), m):
+        robots.residual[b, first + i] = legs.residual[t, i]
+
+    bent = f64(1.0) / stiffness_of(robots, b, robots.leg_count)
+    pull = pose.length * bent
+    extra = robots.direction_count
+    if robots.inverse != 0:
+        extra += 1
+    for k in range(m + extra):
+        dp = column(legs.pose_columns, t, 0, k)
+        tip_turn = column(legs.pose_columns, t, 3, k)
+        dn = column(legs.wrench_columns, t, 0, k)
+        dm = column(legs.wrench_columns, t, 3, k)
+        move = zero
+        turn = zero
+        if k >= m and k - m < robots.direction_count:
+            move, turn = pose_direction(robots, b, k - m, pose)
+        gap = (dp - move - wp.cross(turn, joint.arm)) / area
+        rows = joint_rows_variation(joint, tip_turn, turn, dm, moment)
+        dM = wp.transpose(joint.tip) * (dm - wp.cross(tip_turn, moment))
+        give, bend = softened(joint, dn, dM, softness)
+        # (8) on the platform
+        push = pull * dn
+        twist = bent * (dm + wp.cross(joint.arm, dn) + wp.cross(wp.cross(turn, joint.arm), force))
+        if k < m:
+            write_rows(robots.gamma, b, first, first + k, gap + give, rows + bend)
+            write_rows(robots.gamma, b, platform, first + k, push, twist)
+            for i in range(wp.static(POSE), m):
+                robots.gamma[b, first + i, first + k] = legs.gamma[t, i, k]
+        elif k - m < robots.direction_count:
+            write_rows(robots.residual_directions, b, first, k - m, gap + give, rows + bend)
+            for i in range(wp.static(POSE), m):
+                robots.residual_directions[b, first + i, k - m] = legs.residual_directions[t, i, k - m]
+        else:
+            write_rows(robots.gamma, b, first, platform + leg, gap + give, rows + bend)
+            write_rows(robots.gamma, b, platform, platform + leg, push, twist)
+            for i in range(wp.static(POSE), m):
+                robots.gamma[b, first + i, platform + leg] = legs.residual_directions[t, i, k - m]
+    if robots.inverse == 0:
+        for k in range(3):
+            move = zero
+            move[k] = pose.length * pose.length
+            turn = pose.length * wp.vec3d(pose.turn[0, k], pose.turn[1, k], pose.turn[2, k])
+            write_rows(robots.gamma, b, first, platform + k, -move / area, zero)
+            rows = joint_rows_variation(joint, zero, turn, zero, moment)
+            write_rows(robots.gamma, b, first, platform + 3 + k, -wp.cross(turn, joint.arm) / area, rows)
+
+    q = b * robots.leg_count + leg
+    total = moment + wp.cross(joint.arm, force)
+    turned = wp.skew(force) * wp.skew(joint.arm)  # (turn x arm) x force = turned turn
+    for j in range(3):
+        robots.law[q, wp.static(FORCE_AT) + j] = force[j]
+        robots.law[q, wp.static(MOMENT_AT) + j] = total[j]
+        for k in range(3):
+            robots.law[q, wp.static(TURN_AT) + 3 * j + k] = turned[j, k]
+    for k in range(robots.direction_count):
+        dn = column(legs.wrench_columns, t, 0, m + k)
+        dm = column(legs.wrench_columns, t, 3, m + k)
+        dm += wp.cross(joint.arm, dn)
+        for j in range(3):
+            robots.law[q, wp.static(DIRECTIONS_AT) + 6 * k + j] = dn[j]
+            robots.law[q, wp.static(DIRECTIONS_AT) + 6 * k + 3 + j] = dm[j]
+    robots.leg_fault[q] = legs.fault[t]
+    robots.leg_step_count[q] = legs.step_count[t]
+
+
+@wp.kernel(module="unique", enable_backward=False)
+def balance(robots: Robots):
+    """(8): equilibrium of each platform, with its columns; and its pose."""
+    b = wp.tid()
+    if robots.active[b] == 0:
+        return
+    zero = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
+    pose = platform_pose(robots, b)
+    platform = robots.unknown_count - wp.static(POSE)
+    legs = robots.leg_count
+    bent = f64(1.0) / stiffness_of(robots, b, legs)
+    pull = pose.length * bent
+
+    force = zero
+    moment = zero
+    turned = wp.mat33d()
+    fault = int(0)
+    steps = int(0)
+    total = f64(0.0)
+    for leg in range(legs):
+        q = b * legs + leg
+        force += vector(robots.law, q, wp.static(FORCE_AT))
+        moment += vector(robots.law, q, wp.static(MOMENT_AT))
+        for j in range(3):
+            for k in range(3):
+                turned[j, k] = turned[j, k] + robots.law[q, wp.static(TURN_AT) + 3 * j + k]
+        fault = wp.max(fault, robots.leg_fault[q])
+        steps += robots.leg_step_count[q]
+
+    load = robots.load_factor[b]
+    first = robots.loads
+    tip_force = load * vector(robots.inputs, b, first)
+    tip_moment = load * vector(robots.inputs, b, first + 3)
+    follower_force = load * (pose.rotation * vector(robots.inputs, b, first + 6))
+    follower_moment = load * (pose.rotation * vector(robots.inputs, b, first + 9))
+    point = pose.rotation * vector(robots.inputs, b, first + 12)
+    gravity = robots.spread + 6
+    weight = (load * robots.mass) * vector(robots.inputs, b, gravity)
+    centre = pose.rotation * robots.mass_centre
+    pushed = tip_force + follower_force
+    force -= pushed + weight
+    moment -= tip_moment + follower_moment + wp.cross(point, pushed) + wp.cross(centre, weight)
+    for j in range(3):
+        robots.residual[b, platform + j] = pull * force[j]
+        robots.residual[b, platform + 3 + j] = bent * moment[j]
+        total += wp.abs(force[j]) + wp.abs(moment[j])
+    if not wp.isfinite(total) and fault == 0:
+        fault = int(1)
+    robots.fault[b] = fault
+    robots.step_count[b] = steps
+    robots.position[b] = pose.position
+    robots.rotation[b] = pose.rotation
+
+    # change of loads that act at points of the platform, or turn with it, by its rotation vector
+    turned -= wp.skew(pushed) * wp.skew(point) + wp.skew(weight) * wp.skew(centre)
+    turned += wp.skew(follower_moment) + wp.skew(point) * wp.skew(follower_force)
+    for k in range(3):
+        if robots.inverse == 0:
+            turn = pose.length * wp.vec3d(pose.turn[0, k], pose.turn[1, k], pose.turn[2, k])
+            write_rows(robots.gamma, b, platform, platform + k, zero, zero)
+            write_rows(
+                robots.gamma, b, platform, platform + 3 + k, -pull * wp.cross(turn, follower_force), bent * (turned * turn)
+            )
+    for k in range(robots.direction_count):
+        dn = zero
+        dm = zero
+        for leg in range(legs):
+            q = b * legs + leg
+            dn += vector(robots.law, q, wp.static(DIRECTIONS_AT) + 6 * k)
+            dm += vector(robots.law, q, wp.static(DIRECTIONS_AT) + 6 * k + 3)
+        move, turn = pose_direction(robots, b, k, pose)
+        dm += turned * turn
+        dn -= wp.cross(turn, follower_force)
+        push = direction(robots, b, k, first) + pose.rotation * direction(robots, b, k, first + 6)
+        heave = robots.mass * direction(robots, b, k, gravity)
+        dn -= push + heave
+        dm -= direction(robots, b, k, first + 3) + pose.rotation * direction(robots, b, k, first + 9)
+        dm -= wp.cross(point, push) + wp.cross(centre, heave)
+        dm -= wp.cross(pose.rotation * direction(robots, b, k, first + 12), pushed)
+        write_rows(robots.residual_directions, b, platform, k, pull * dn, bent * dm)
+        if robots.pose_columns.shape[2] > 1:
+            write_rows(robots.pose_columns, b, 0, robots.unknown_count + k, move, turn)
+    if robots.pose_columns.shape[2] > 1 and robots.inverse == 0:
+        for k in range(3):
+            move = zero
+            move[k] = pose.length * pose.length
+            turn = pose.length * wp.vec3d(pose.turn[0, k], pose.turn[1, k], pose.turn[2, k])
+            write_rows(robots.pose_columns, b, 0, platform + k, move, zero)
+            write_rows(robots.pose_columns, b, 0, platform + 3 + k, zero, turn)

@@ -1,0 +1,376 @@
+"""Several backbones that hold one platform: the boundary problem, its buffers and launches."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from multirod.inputs import Inputs, InputSpec
+from multirod.models import parallel_kernels as kernels
+from multirod.models.backbone import BACKBONE_INPUTS, BackboneAssembly, BackboneProblem
+from multirod.models.integrators import Integrator
+from multirod.problem import Block, BoundaryProblem, Shape
+from multirod.rod import lower, stack
+from multirod.validation import FloatArray
+
+POSE = kernels.POSE
+LEG_INPUTS = tuple(
+    spec for spec in BACKBONE_INPUTS if spec.per_rod or spec.name in kernels.LEG_VECTORS
+)  # what acts on a leg itself
+SOFTNESS = 1.0
+
+
+class Geometry:
+    """Legs, joints and platform of a robot, in numbers.
+
+    Attributes:
+        legs: Each leg as a robot of its own.
+        base: Pose of each leg's base in the world, shape (..., leg_count, 4, 4).
+        platform: Pose of each leg's attachment in the platform's frame, shape (..., leg_count, 4, 4).
+        joints: Kind of each joint, shape (leg_count,).
+        axes: Axis of each joint in the attachment's frame, unit length, shape (leg_count, 3).
+        mass: Of the platform [kg].
+        mass_centre: In the platform's frame [m], shape (3,).
+        batch_shape: Leading axes of all of it.
+    """
+
+    def __init__(
+        self,
+        legs: Sequence[BackboneAssembly],
+        base: FloatArray,
+        platform: FloatArray,
+        joints: Sequence[int],
+        axes: FloatArray,
+        mass: float,
+        mass_centre: FloatArray,
+    ) -> None:
+        self.legs = tuple(legs)
+        self.base = base
+        self.platform = platform
+        self.joints = np.array(joints, dtype=np.int32)
+        self.axes = axes
+        self.mass = mass
+        self.mass_centre = mass_centre
+        shapes = [leg.batch_shape for leg in self.legs]
+        self.batch_shape = np.broadcast_shapes(*shapes, base.shape[:-3], platform.shape[:-3])
+        self.rods = tuple(rod for leg in self.legs for rod in leg.rods)
+        self.first_rod = np.cumsum([0] + [leg.rod_count for leg in self.legs])
+        self.unknown_counts = [leg.rod_count + 5 for leg in self.legs]
+        self.first_unknown = np.cumsum([0, *self.unknown_counts])
+        # where the unknown pose is zero: a constant, so that unknowns mean the same whatever the inputs are
+        positions = base.reshape(-1, len(self.legs), 4, 4)[0]
+        attachments = platform.reshape(-1, len(self.legs), 4, 4)[0]
+        self.reference_position = positions[:, :3, 3].mean(axis=0)
+        turned = np.einsum("lij,lkj->ik", positions[:, :3, :3], attachments[:, :3, :3])
+        self.reference_rotation = nearest_rotation(turned[None])[0]
+
+    def scales(self) -> tuple[FloatArray, FloatArray]:
+        """Length and bending stiffness of each leg, then of the platform, shapes (batch or 1, leg_count + 1)."""
+        arrays = [lower(leg.rods, self.batch_shape) for leg in self.legs]
+        length = np.stack([a.end[:, :, -1].max(axis=1) for a in arrays], axis=1)
+        stiffness = np.stack([a.material[:, :, 0, :2].max(axis=2).sum(axis=1) for a in arrays], axis=1)
+        length = np.concatenate([length, length.mean(axis=1, keepdims=True)], axis=1)
+        return length, np.concatenate([stiffness, stiffness.sum(axis=1, keepdims=True)], axis=1)
+
+
+class LegGroup:
+    """Legs of one build, integrated in one launch."""
+
+    def __init__(self, problem: "ParallelProblem", members: Sequence[int], inputs: Inputs, options: dict[str, Any]) -> None:
+        geometry = problem.geometry
+        self.members = tuple(members)
+        legs = [geometry.legs[k] for k in members]
+        shape = problem.batch_shape
+        arrays = stack([lower(leg.rods, shape) for leg in legs], shape)
+        base = np.broadcast_to(geometry.base[..., list(members), :, :], (*shape, len(legs), 4, 4))
+        count = len(members)
+        given: dict[str, Any] = {name: inputs.profiles[name] for name in kernels.LEG_VECTORS if name in inputs.profiles}
+        for name in kernels.LEG_VECTORS:
+            if name in inputs.given and name not in given:
+                given[name] = np.broadcast_to(getattr(inputs, name)[..., None, :], (*inputs.batch_shape, count, 3))
+        reach = max((p.ends[-1] for p in inputs.profiles.values()), default=0.0)
+        self.backbones = BackboneProblem(
+            legs[0].rods,
+            base,
+            Inputs(LEG_INPUTS, legs[0].rod_count, given, reach),
+            transmission=legs[0].transmission,
+            pose_sensitivities=True,
+            held=True,
+            arrays=arrays,
+            **options,
+        )
+        self.backbones_per_robot = count
+        self._write_constants(problem)
+
+    def _write_constants(self, problem: "ParallelProblem") -> None:
+        device, geometry, own = problem.device, problem.geometry, self.backbones
+        legs: Any = kernels.Legs()
+        legs.count = len(self.members)
+        legs.rods = len(own.rods)
+        legs.unknown_count = own.unknown_count
+        legs.vectors = own.input_slice(kernels.LEG_VECTORS[0]).start
+        for name, values in (
+            ("leg", self.members),
+            ("first_rod", geometry.first_rod[list(self.members)]),
+            ("first_unknown", geometry.first_unknown[list(self.members)]),
+        ):
+            setattr(legs, name, wp.array(np.asarray(values, dtype=np.int32), dtype=wp.int32, device=device))
+        for name in ("active", "load_factor", "unknowns", "inputs", "directions", "fault", "step_count", "residual", "gamma"):
+            setattr(legs, name, getattr(own, name))
+        for name in ("residual_directions", "position", "rotation", "pose_columns", "wrench_columns"):
+            setattr(legs, name, getattr(own, name))
+        legs.wrench = own.tip_wrench
+        self.table = legs
+
+
+class ParallelProblem(BoundaryProblem):
+    """Legs whose tips are joined to one platform.
+
+    Unknowns are those of each leg (``docs/model.md``, equation 10, then its base force), then the pose of the platform
+    (``docs/parallel.md``, equations 1 and 2); residuals those of each leg's joint and torques, then the platform's
+    equilibrium. ``Gamma`` is an arrow: legs meet only at the platform. In the inverse problem the pose is an input, and the
+    translation of each leg is unknown in its place.
+    """
+
+    def __init__(
+        self,
+        geometry: Geometry,
+        inputs: Inputs,
+        *,
+        integrator: Integrator,
+        device: str = "cpu",
+        inverse: bool = False,
+        pose_sensitivities: bool = False,
+        direction_count: int = 0,
+        enabled: Sequence[str] = (),
+    ) -> None:
+        self.geometry = geometry
+        self.inverse = inverse
+        self._places = input_places(len(geometry.rods), inverse)
+        counts, first = geometry.unknown_counts, geometry.first_unknown
+        blocks = [Block(f"leg {k + 1}", slice(a, a + n), slice(a, a + n)) for k, (a, n) in enumerate(zip(first, counts))]
+        last = slice(first[-1], first[-1] + POSE)
+        super().__init__(
+            unknown_count=int(first[-1]) + POSE,
+            batch_shape=np.broadcast_shapes(inputs.batch_shape, geometry.batch_shape),
+            input_count=max(place.stop for place in self._places.values()) + 1,
+            blocks=[*blocks, Block("platform", last, last)],
+            direction_count=direction_count,
+            pose_sensitivities=pose_sensitivities,
+            device=device,
+        )
+        self.coupling = self.blocks[-1]
+        options = {
+            "integrator": integrator,
+            "device": device,
+            "direction_count": direction_count + int(inverse),
+            "enabled": [name for name in enabled if name in kernels.LEG_VECTORS],
+        }
+        builds: dict[tuple[int, bool], list[int]] = {}
+        for k, leg in enumerate(geometry.legs):
+            builds.setdefault((leg.rod_count, leg.transmission), []).append(k)
+        self.groups = [LegGroup(self, members, inputs, options) for members in builds.values()]
+        self._robots = self._make_robots()
+        self._launches = self._record()
+        self.write("inputs", self.pack(inputs))
+
+    def _make_robots(self) -> Any:
+        geometry, device, count = self.geometry, self.device, self.instance_count
+        legs = len(geometry.legs)
+        robots: Any = kernels.Robots()
+        robots.leg_count = legs
+        robots.rod_count = len(geometry.rods)
+        robots.unknown_count = self.unknown_count
+        robots.direction_count = self.direction_count
+        robots.inverse = int(self.inverse)
+        for name in ("active", "load_factor", "unknowns", "inputs", "directions", "fault", "step_count", "residual", "gamma"):
+            setattr(robots, name, getattr(self, name))
+        for name in ("residual_directions", "position", "rotation", "pose_columns"):
+            setattr(robots, name, getattr(self, name))
+
+        def batched(values: FloatArray, tail: tuple[int, ...]) -> FloatArray:
+            """Rows for all instances, or one where none varies."""
+            shape = self.batch_shape if geometry.batch_shape else ()
+            return np.broadcast_to(values, (*shape, *tail)).reshape(-1, *tail)
+
+        def array(values: Any, dtype: Any = wp.float64) -> Any:
+            kind = np.int32 if dtype is wp.int32 else np.float64
+            return wp.array(np.ascontiguousarray(values, dtype=kind), dtype=dtype, device=device)
+
+        platform = batched(geometry.platform, (legs, 4, 4))
+        robots.pose_stride = robots.scale_stride = int(bool(geometry.batch_shape))
+        robots.reference_position = array(geometry.reference_position[None], wp.vec3d)
+        robots.reference_rotation = array(geometry.reference_rotation[None], wp.mat33d)
+        robots.attachment_position = array(platform[:, :, :3, 3], wp.vec3d)
+        robots.attachment_rotation = array(platform[:, :, :3, :3], wp.mat33d)
+        robots.joint = array(geometry.joints, wp.int32)
+        robots.axis = array(geometry.axes, wp.vec3d)
+        length, stiffness = geometry.scales()
+        self._length = batched(length.reshape(*geometry.batch_shape, legs + 1), (legs + 1,))
+        self._stiffness = batched(stiffness.reshape(*geometry.batch_shape, legs + 1), (legs + 1,))
+        robots.length, robots.stiffness = array(self._length), array(self._stiffness)
+        robots.mass = geometry.mass
+        robots.mass_centre = wp.vec3d(*geometry.mass_centre)
+        robots.pose = self._places["platform_position"].start if self.inverse else 0
+        robots.loads = self._places[kernels.PLATFORM_VECTORS[0]].start
+        robots.spread = self._places[kernels.LEG_VECTORS[0]].start
+        robots.opening = wp.zeros((count, legs, POSE), dtype=wp.float64, device=device)
+        robots.softness = SOFTNESS
+        size = kernels.DIRECTIONS_AT + 6 * self.direction_count
+        robots.law = wp.zeros((count * legs, size), dtype=wp.float64, device=device)
+        robots.leg_fault = wp.zeros(count * legs, dtype=wp.int32, device=device)
+        robots.leg_step_count = wp.zeros(count * legs, dtype=wp.int32, device=device)
+        return robots
+
+    def _record(self) -> list[Any]:
+        """Launches of one evaluation, in order."""
+
+        def recorded(kernel: Any, dim: int, *arguments: Any) -> Any:
+            return wp.launch(kernel, dim=dim, inputs=list(arguments), device=self.device, record_cmd=True)
+
+        launches = []
+        for group in self.groups:
+            dim = group.backbones.instance_count
+            launches.append(recorded(kernels.spread, dim, self._robots, group.table))
+            launches.append(group.backbones.launch)
+            launches.append(recorded(kernels.attach, dim, self._robots, group.table))
+        launches.append(recorded(kernels.balance, self.instance_count, self._robots))
+        return launches
+
+    # ---- the interface ----
+
+    def integrate(self) -> None:  # noqa: D102
+        for launch in self._launches:
+            launch.launch()
+
+    def takes(self, name: str) -> bool:  # noqa: D102
+        if name in kernels.LEG_VECTORS:
+            return all(group.backbones.takes(name) for group in self.groups)
+        return True
+
+    def pack(self, inputs: Inputs) -> FloatArray:  # noqa: D102
+        packed = super().pack(inputs)
+        packed[:, -1] = 1.0  # scale of the load profiles
+        return packed
+
+    def input_slice(self, name: str) -> slice:  # noqa: D102
+        return self._places[name]
+
+    def guess(self) -> FloatArray:
+        """Legs without load, the platform where it fits their tips best.
+
+        The gaps that the joints have there are remembered: they close as ``load_factor`` goes from 0 to 1.
+        """
+        legs = len(self.geometry.legs)
+        x = np.zeros((self.instance_count, self.unknown_count))
+        for group in self.groups:
+            unloaded = group.backbones.guess().reshape(self.instance_count, len(group.members), -1)
+            for place, leg in enumerate(group.members):
+                x[:, self.blocks[leg].unknowns] = unloaded[:, place]
+        held = [np.array(array.numpy()) for array in (self.active, self.load_factor)]
+        records = self.snapshot()
+        opening = self._robots.opening
+        opening.zero_()
+        self.active.fill_(1)
+        self.load_factor.zero_()
+        self.write("unknowns", x)
+        self.integrate()
+        if not self.inverse:
+            x[:, self.coupling.unknowns] = self._fit()
+            self.write("unknowns", x)
+            self.integrate()
+        residual = self.read("residual")
+        gaps = np.stack([residual[:, block.residuals][:, :POSE] for block in self.blocks[:legs]], axis=1)
+        self.restore(records)
+        opening.assign(gaps)
+        self.active.assign(held[0])
+        self.load_factor.assign(held[1])
+        return x
+
+    def _fit(self) -> FloatArray:
+        """Unknown pose of the platform that fits the legs' tips best, shape (instance_count, 6)."""
+        legs, count = len(self.geometry.legs), self.instance_count
+        position = np.zeros((count, legs, 3))
+        rotation = np.zeros((count, legs, 3, 3))
+        for group in self.groups:
+            for name, target in (("position", position), ("rotation", rotation)):
+                found = group.backbones.read(name).reshape(count, len(group.members), *target.shape[2:])
+                target[:, list(group.members)] = found
+        arm = self._robots.attachment_position.numpy().reshape(-1, legs, 3)
+        frame = self._robots.attachment_rotation.numpy().reshape(-1, legs, 3, 3)
+        centre, middle = position.mean(axis=1), arm.mean(axis=1)
+        spread = arm - middle[:, None]
+        size = np.maximum((spread**2).sum(axis=(1, 2)), 1e-300)
+        fit = np.einsum("bli,blj->bij", position - centre[:, None], np.broadcast_to(spread, position.shape)) / size[:, None, None]
+        turning = (self.geometry.joints != kernels.SPHERICAL).astype(float)
+        fit += np.einsum("l,blij,blkj->bik", turning / legs, rotation, np.broadcast_to(frame, rotation.shape))
+        R = nearest_rotation(fit)
+        p = centre - np.einsum("bij,bj->bi", R, np.broadcast_to(middle, centre.shape))
+        length = np.broadcast_to(self._length[:, -1:], (count, 1))
+        return np.concatenate(
+            [
+                (p - self.geometry.reference_position) / length**2,
+                rotation_vectors(R @ self.geometry.reference_rotation.T) / length,
+            ],
+            axis=1,
+        )
+
+    def load_scale(self) -> FloatArray:  # noqa: D102
+        inputs = self.read("inputs")
+        length = np.broadcast_to(self._length[:, -1], self.instance_count)
+        stiffness = np.broadcast_to(self._stiffness[:, -1], self.instance_count)
+        force = sum(np.linalg.norm(inputs[:, self._places[name]], axis=1) for name in ("tip_force", "follower_force"))
+        moment = sum(np.linalg.norm(inputs[:, self._places[name]], axis=1) for name in ("tip_moment", "follower_moment"))
+        weight = self.geometry.mass * np.linalg.norm(inputs[:, self._places["gravity"]], axis=1)
+        total = (np.asarray(force) + weight) * length**2 / stiffness + np.asarray(moment) * length / stiffness
+        for group in self.groups:
+            own = group.backbones.load_scale().reshape(self.instance_count, -1)
+            total += own.max(axis=1)
+        return np.asarray(total)
+
+    def shapes(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:  # noqa: D102
+        self.integrate()
+        count = self.instance_count
+        found: list[Shape | None] = [None] * len(self.geometry.rods)
+        energy = np.zeros(count)
+        for group in self.groups:
+            shapes, own = group.backbones.shapes(node_count)
+            energy += own.reshape(count, -1).sum(axis=1)
+            for i, shape in enumerate(shapes):
+                for place, leg in enumerate(group.members):
+                    values = {name: v.reshape(count, -1, *v.shape[1:])[:, place] for name, v in vars(shape).items()}
+                    found[self.geometry.first_rod[leg] + i] = Shape(**values)
+        return tuple(shape for shape in found if shape is not None), energy
+
+
+def input_places(rod_count: int, inverse: bool) -> dict[str, slice]:
+    """Where each input stands in a row; one number more, the scale of load profiles, comes last."""
+    places = {"rotation": slice(0, rod_count), "translation": slice(rod_count, 2 * rod_count)}
+    vectors = (*(kernels.POSE_VECTORS if inverse else ()), *kernels.PLATFORM_VECTORS, *kernels.LEG_VECTORS)
+    for k, name in enumerate(vectors):
+        places[name] = slice(2 * rod_count + 3 * k, 2 * rod_count + 3 * k + 3)
+    return places
+
+
+PLATFORM_INPUTS = (
+    InputSpec(name="tip_force", unit="N", description="dead force on the platform at force_point, world frame"),
+    InputSpec(name="tip_moment", unit="N m", description="dead moment on the platform, world frame"),
+    InputSpec(name="follower_force", unit="N", description="force on the platform at force_point, fixed in its frame"),
+    InputSpec(name="follower_moment", unit="N m", description="moment on the platform, fixed in its frame"),
+    InputSpec(name="force_point", unit="m", description="where forces act on the platform, platform frame"),
+)
+
+
+def nearest_rotation(matrices: FloatArray) -> FloatArray:
+    """Rotations (..., 3, 3) nearest to matrices, by their singular vectors."""
+    U, _, V = np.linalg.svd(matrices)
+    U[..., :, 2] *= np.sign(np.linalg.det(U @ V))[..., None]
+    return np.asarray(U @ V)
+
+
+def rotation_vectors(rotations: FloatArray) -> FloatArray:
+    """Rotation vectors (..., 3) of rotations (..., 3, 3)."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_matrix(rotations.reshape(-1, 3, 3)).as_rotvec().reshape(*rotations.shape[:-2], 3))

@@ -1,0 +1,190 @@
+"""Parallel rods: several rods, or concentric tubes, that hold one platform."""
+
+from collections.abc import Sequence
+from math import inf
+from typing import Any
+
+import numpy as np
+
+from multirod.assembly import Assembly, pose
+from multirod.inputs import Inputs, InputSpec
+from multirod.models import parallel_kernels as kernels
+from multirod.models.backbone import BackboneAssembly
+from multirod.models.concentric_tubes import ConcentricTubes
+from multirod.models.parallel_problem import LEG_INPUTS, PLATFORM_INPUTS, Geometry, ParallelProblem
+from multirod.models.single_rod import SingleRod
+from multirod.rod import Rod
+from multirod.validation import Described, FloatArray, array, number, refuse
+
+JOINTS = {"clamped": kernels.CLAMPED, "revolute": kernels.REVOLUTE, "spherical": kernels.SPHERICAL}
+
+
+class ParallelRods(Assembly):
+    """Legs clamped at their bases that hold one platform, the end effector.
+
+    ``tip_position`` and ``tip_rotation`` of a solution are the platform's frame in the world. Inputs per rod count the rods
+    of all legs, leg by leg: ``rotation``, and ``translation``, for a ``Rod`` how far it is pushed out of its base (the length in
+    use is ``length + translation``), for a tube of ``ConcentricTubes`` where it starts behind the plate.
+
+    Args:
+        legs: 2 to 12, each a ``Rod`` or a ``ConcentricTubes`` (whose own base is not used).
+        base: Pose of each leg's base in the world, shape (..., leg_count, 4, 4).
+        platform: Pose of each leg's attachment in the platform's frame, shape (..., leg_count, 4, 4): a clamped tip takes it.
+        joints: At the platform: ``"clamped"``, ``"spherical"`` (no moment), or ``"revolute"`` (free to turn about its axis),
+            for all legs or one for each.
+        joint_axes: Axes of revolute joints in the frame of the attachment, shape (3,) or (leg_count, 3); the leg's own by default.
+        platform_mass: [kg]; gravity acts on it at ``platform_centre``.
+        platform_centre: Centre of mass in the platform's frame [m], shape (3,).
+
+    Raises:
+        ValueError: If a number is out of range, a pose is none, or shapes do not fit.
+        TypeError: If a leg is neither a ``Rod`` nor a ``ConcentricTubes``.
+    """
+
+    def __init__(
+        self,
+        *,
+        legs: Sequence[Rod | ConcentricTubes],
+        base: Any,
+        platform: Any,
+        joints: str | Sequence[str] = "clamped",
+        joint_axes: Any = (0.0, 0.0, 1.0),
+        platform_mass: float = 0.0,
+        platform_centre: Any = (0.0, 0.0, 0.0),
+    ) -> None:
+        if not isinstance(legs, (list, tuple)) or not all(isinstance(leg, (Rod, ConcentricTubes)) for leg in legs):
+            raise TypeError("ParallelRods.legs must be a list of Rod or ConcentricTubes")
+        count = len(legs)
+        if not 2 <= count <= 12:
+            refuse("ParallelRods.legs", Described(f"{count} legs"), "must be 2 to 12")
+        mass = number("ParallelRods.platform_mass", platform_mass)
+        if not (np.isfinite(mass) and mass >= 0):
+            refuse("ParallelRods.platform_mass", platform_mass, "must be finite and >= 0")
+        robots: list[BackboneAssembly] = [SingleRod(leg) if isinstance(leg, Rod) else leg for leg in legs]
+        self.legs = tuple(legs)
+        self.geometry = Geometry(
+            robots,
+            _poses("ParallelRods.base", base, count),
+            _poses("ParallelRods.platform", platform, count),
+            _joints(joints, count),
+            _axes(joint_axes, count),
+            mass,
+            array("ParallelRods.platform_centre", platform_centre, (3,)),
+        )
+        self.rods = self.geometry.rods
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:
+        """Leading axes of the rods' parameters and of the poses."""
+        return self.geometry.batch_shape
+
+    @property
+    def input_specs(self) -> tuple[InputSpec, ...]:  # noqa: D102
+        return (*LEG_INPUTS[:2], *PLATFORM_INPUTS, *LEG_INPUTS[2:])
+
+    def check(self, inputs: Inputs) -> None:  # noqa: D102
+        _check_legs(self.geometry, inputs)
+
+    def bounds(self, name: str) -> tuple[float, float]:  # noqa: D102
+        limits = [leg.bounds(name) for leg in self.geometry.legs]
+        return max(low for low, _ in limits), min(high for _, high in limits)
+
+    def problem(self, inputs: Inputs, **options: Any) -> ParallelProblem:  # noqa: D102
+        return ParallelProblem(self.geometry, inputs, **options)
+
+    def inverse(self) -> "InverseParallelRods":
+        """The same robot with the platform's pose given, and the legs' translations to be found.
+
+        Raises:
+            ValueError: If there are not six legs, each a single rod: then the pose does not determine the translations.
+        """
+        return InverseParallelRods(self)
+
+    def __repr__(self) -> str:
+        return f"ParallelRods(legs={list(self.legs)!r})"
+
+
+class InverseParallelRods(Assembly):
+    """Six legs and a given pose of their platform: the translations that lead there; see ``ParallelRods.inverse``.
+
+    The pose is given by the inputs ``platform_position`` [m] and ``platform_rotation`` (rotation vector in the world [rad]); the
+    loads are those of ``ParallelRods``. An input ``translation`` is where the search begins. ``translations`` reads the result.
+    """
+
+    def __init__(self, robot: ParallelRods) -> None:
+        legs = robot.legs
+        if len(legs) != 6 or not all(isinstance(leg, Rod) for leg in legs):
+            refuse("ParallelRods.legs", list(legs), "the inverse problem needs 6 legs, each a Rod: a pose has 6 numbers")
+        self.robot = robot
+        self.geometry = robot.geometry
+        self.rods = robot.rods
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:
+        """Leading axes of the rods' parameters and of the poses."""
+        return self.robot.batch_shape
+
+    @property
+    def input_specs(self) -> tuple[InputSpec, ...]:  # noqa: D102
+        pose_inputs = (
+            InputSpec(name="platform_position", unit="m", description="of the platform's origin, world frame"),
+            InputSpec(name="platform_rotation", unit="rad", description="rotation vector of the platform, world frame"),
+        )
+        return (*pose_inputs, *self.robot.input_specs)
+
+    def check(self, inputs: Inputs) -> None:  # noqa: D102
+        _check_legs(self.geometry, inputs)
+
+    def bounds(self, name: str) -> tuple[float, float]:  # noqa: D102
+        return (-inf, inf) if name in kernels.POSE_VECTORS else self.robot.bounds(name)
+
+    def problem(self, inputs: Inputs, **options: Any) -> ParallelProblem:  # noqa: D102
+        return ParallelProblem(self.geometry, inputs, inverse=True, **options)
+
+    def translations(self, solution: Any) -> FloatArray:
+        """Translation of each leg [m], shape (..., 6); NaN where the solution failed."""
+        length = self.geometry.scales()[0].reshape(*self.geometry.batch_shape, -1)[..., :-1]
+        return np.asarray(solution.inputs.translation + length**2 * solution.unknowns[..., -6:])
+
+    def __repr__(self) -> str:
+        return f"{self.robot!r}.inverse()"
+
+
+def _poses(field: str, value: Any, count: int) -> FloatArray:
+    poses = pose(field, value)
+    if poses.ndim < 3 or poses.shape[-3] != count:
+        refuse(field, Described(f"array of shape {poses.shape}"), f"must have shape (..., {count}, 4, 4): one pose a leg")
+    return poses
+
+
+def _joints(value: str | Sequence[str], count: int) -> list[int]:
+    names = [value] * count if isinstance(value, str) else list(value)
+    if len(names) != count:
+        refuse("ParallelRods.joints", value, f"must be one joint, or one for each of {count} legs")
+    for name in names:
+        if name not in JOINTS:
+            refuse("ParallelRods.joints", name, "must be one of " + ", ".join(JOINTS))
+    return [JOINTS[name] for name in names]
+
+
+def _axes(value: Any, count: int) -> FloatArray:
+    axes = np.broadcast_to(array("ParallelRods.joint_axes", value, (3,)), (count, 3))
+    size = np.linalg.norm(axes, axis=1)
+    if (size == 0).any():
+        refuse("ParallelRods.joint_axes", value, "must not be zero")
+    return np.asarray(axes / size[:, None])
+
+
+def _check_legs(geometry: Geometry, inputs: Inputs) -> None:
+    """Refuse what a leg cannot take, naming the leg."""
+    first = geometry.first_rod
+    for k, leg in enumerate(geometry.legs):
+        own = slice(first[k], first[k + 1])
+        values = {name: getattr(inputs, name)[..., own] for name in ("rotation", "translation")}
+        try:
+            leg.check(Inputs(leg.input_specs, leg.rod_count, values))
+        except ValueError as error:
+            raise ValueError(f"legs[{k}]: {error}") from None
+    heavy = geometry.mass > 0 or any(np.any(s.linear_density) for rod in geometry.rods for s in rod.sections)
+    if inputs.is_active("gravity") and not heavy:
+        refuse("gravity", inputs.gravity.tolist(), "must be zero: no rod has a linear_density, and the platform no mass")
