@@ -73,8 +73,7 @@ class Robots:
     loads: int  # PLATFORM_VECTORS
     spread: int  # LEG_VECTORS
     # of the path from open to closed joints
-    opening: wp.array3d[wp.float64]  # (instance, leg, 6): gap of each joint where all loads are zero
-    softness: wp.float64
+    opening: wp.array2d[wp.float64]  # (instance, unknown): residual of the unloaded robot where the path begins
     # what each leg hands to the platform
     law: wp.array2d[wp.float64]  # (leg of all instances, DIRECTIONS_AT + 6 directions)
     leg_fault: wp.array[int]
@@ -297,18 +296,6 @@ def joint_rows_variation(joint: Joint, tip_turn: wp.vec3d, turn: wp.vec3d, dm: w
 
 
 @wp.func
-def softened(joint: Joint, force: wp.vec3d, moment: wp.vec3d, softness: f64):
-    """(9) What a soft joint adds to its rows, by the force (world) and moment (tip frame) that it transmits."""
-    give = (softness * joint.curvature * joint.length) * force
-    bend = (softness * joint.curvature) * moment
-    if joint.kind == wp.static(SPHERICAL):
-        bend = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
-    if joint.kind == wp.static(REVOLUTE):
-        bend = wp.vec3d(wp.dot(joint.across, bend), wp.dot(joint.along, bend), f64(0.0))
-    return give, bend
-
-
-@wp.func
 def write_rows(values: wp.array3d[wp.float64], b: int, row: int, k: int, a: wp.vec3d, c: wp.vec3d):
     """Six numbers of a column."""
     for j in range(3):
@@ -331,20 +318,18 @@ def attach(robots: Robots, legs: Legs):
     zero = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
     pose = platform_pose(robots, b)
     joint = load_joint(robots, legs, t, b, leg, pose)
-    softness = (f64(1.0) - robots.load_factor[b]) * robots.softness
     area = joint.length * joint.length
     force = vector(legs.wrench, t, 0)
     moment = vector(legs.wrench, t, 3)
 
     gap = (legs.position[t] - pose.position - joint.arm) / area
     rows = joint_rows(joint)
-    give, bend = softened(joint, force, joint.moment, softness)
     open = f64(1.0) - robots.load_factor[b]
     for j in range(3):
-        robots.residual[b, first + j] = gap[j] + give[j] - open * robots.opening[b, leg, j]
-        robots.residual[b, first + 3 + j] = rows[j] + bend[j] - open * robots.opening[b, leg, 3 + j]
+        robots.residual[b, first + j] = gap[j] - open * robots.opening[b, first + j]
+        robots.residual[b, first + 3 + j] = rows[j] - open * robots.opening[b, first + 3 + j]
     for i in range(wp.static(POSE), m):
-        robots.residual[b, first + i] = legs.residual[t, i]
+        robots.residual[b, first + i] = legs.residual[t, i] - open * robots.opening[b, first + i]
 
     bent = f64(1.0) / stiffness_of(robots, b, robots.leg_count)
     pull = pose.length * bent
@@ -362,22 +347,20 @@ def attach(robots: Robots, legs: Legs):
             move, turn = pose_direction(robots, b, k - m, pose)
         gap = (dp - move - wp.cross(turn, joint.arm)) / area
         rows = joint_rows_variation(joint, tip_turn, turn, dm, moment)
-        dM = wp.transpose(joint.tip) * (dm - wp.cross(tip_turn, moment))
-        give, bend = softened(joint, dn, dM, softness)
         # (8) on the platform
         push = pull * dn
         twist = bent * (dm + wp.cross(joint.arm, dn) + wp.cross(wp.cross(turn, joint.arm), force))
         if k < m:
-            write_rows(robots.gamma, b, first, first + k, gap + give, rows + bend)
+            write_rows(robots.gamma, b, first, first + k, gap, rows)
             write_rows(robots.gamma, b, platform, first + k, push, twist)
             for i in range(wp.static(POSE), m):
                 robots.gamma[b, first + i, first + k] = legs.gamma[t, i, k]
         elif k - m < robots.direction_count:
-            write_rows(robots.residual_directions, b, first, k - m, gap + give, rows + bend)
+            write_rows(robots.residual_directions, b, first, k - m, gap, rows)
             for i in range(wp.static(POSE), m):
                 robots.residual_directions[b, first + i, k - m] = legs.residual_directions[t, i, k - m]
         else:
-            write_rows(robots.gamma, b, first, platform + leg, gap + give, rows + bend)
+            write_rows(robots.gamma, b, first, platform + leg, gap, rows)
             write_rows(robots.gamma, b, platform, platform + leg, push, twist)
             for i in range(wp.static(POSE), m):
                 robots.gamma[b, first + i, platform + leg] = legs.residual_directions[t, i, k - m]
@@ -452,8 +435,9 @@ def balance(robots: Robots):
     force -= pushed + weight
     moment -= tip_moment + follower_moment + wp.cross(point, pushed) + wp.cross(centre, weight)
     for j in range(3):
-        robots.residual[b, platform + j] = pull * force[j]
-        robots.residual[b, platform + 3 + j] = bent * moment[j]
+        open = f64(1.0) - load
+        robots.residual[b, platform + j] = pull * force[j] - open * robots.opening[b, platform + j]
+        robots.residual[b, platform + 3 + j] = bent * moment[j] - open * robots.opening[b, platform + 3 + j]
         total += wp.abs(force[j]) + wp.abs(moment[j])
     if not wp.isfinite(total) and fault == 0:
         fault = int(1)

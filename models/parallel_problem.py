@@ -5,11 +5,21 @@ from typing import Any
 
 import numpy as np
 import warp as wp
+from scipy.spatial.transform import Rotation
 
 from multirod.inputs import Inputs, InputSpec
 from multirod.models import parallel_kernels as kernels
 from multirod.models.backbone import BACKBONE_INPUTS, BackboneAssembly, BackboneProblem
 from multirod.models.integrators import Integrator
+from multirod.models.parallel_guess import (
+    Attachments,
+    Legs,
+    beam_equilibrium,
+    beam_reach,
+    fitted_platform,
+    nearest_rotation,
+    rotation_vectors,
+)
 from multirod.problem import Block, BoundaryProblem, Shape
 from multirod.rod import lower, stack
 from multirod.validation import FloatArray
@@ -18,7 +28,6 @@ POSE = kernels.POSE
 LEG_INPUTS = tuple(
     spec for spec in BACKBONE_INPUTS if spec.per_rod or spec.name in kernels.LEG_VECTORS
 )  # what acts on a leg itself
-SOFTNESS = 1.0
 
 
 class Geometry:
@@ -100,7 +109,6 @@ class LegGroup:
             arrays=arrays,
             **options,
         )
-        self.backbones_per_robot = count
         self._write_constants(problem)
 
     def _write_constants(self, problem: "ParallelProblem") -> None:
@@ -133,6 +141,8 @@ class ParallelProblem(BoundaryProblem):
     translation of each leg is unknown in its place.
     """
 
+    guess_integrations = 2
+
     def __init__(
         self,
         geometry: Geometry,
@@ -149,7 +159,7 @@ class ParallelProblem(BoundaryProblem):
         self.inverse = inverse
         self._places = input_places(len(geometry.rods), inverse)
         counts, first = geometry.unknown_counts, geometry.first_unknown
-        blocks = [Block(f"leg {k + 1}", slice(a, a + n), slice(a, a + n)) for k, (a, n) in enumerate(zip(first, counts))]
+        blocks = [Block(f"leg {k + 1}", slice(a, a + n), slice(a, a + n)) for k, (a, n) in enumerate(zip(first, counts, strict=False))]
         last = slice(first[-1], first[-1] + POSE)
         super().__init__(
             unknown_count=int(first[-1]) + POSE,
@@ -215,8 +225,7 @@ class ParallelProblem(BoundaryProblem):
         robots.pose = self._places["platform_position"].start if self.inverse else 0
         robots.loads = self._places[kernels.PLATFORM_VECTORS[0]].start
         robots.spread = self._places[kernels.LEG_VECTORS[0]].start
-        robots.opening = wp.zeros((count, legs, POSE), dtype=wp.float64, device=device)
-        robots.softness = SOFTNESS
+        robots.opening = wp.zeros((count, self.unknown_count), dtype=wp.float64, device=device)
         size = kernels.DIRECTIONS_AT + 6 * self.direction_count
         robots.law = wp.zeros((count * legs, size), dtype=wp.float64, device=device)
         robots.leg_fault = wp.zeros(count * legs, dtype=wp.int32, device=device)
@@ -258,63 +267,72 @@ class ParallelProblem(BoundaryProblem):
         return self._places[name]
 
     def guess(self) -> FloatArray:
-        """Legs without load, the platform where it fits their tips best.
+        """The unloaded robot, its legs taken for beams that bend little (``docs/parallel.md``, equation 11).
 
-        The gaps that the joints have there are remembered: they close as ``load_factor`` goes from 0 to 1.
+        What its residual is there is remembered and closes as ``load_factor`` goes from 0 to 1, (9).
         """
-        legs = len(self.geometry.legs)
+        records, switches = self.snapshot(), [np.array(array.numpy()) for array in (self.active, self.load_factor)]
+        opening = self._robots.opening
+        opening.zero_()
+        self.active.fill_(1)
+        self.load_factor.zero_()
         x = np.zeros((self.instance_count, self.unknown_count))
         for group in self.groups:
             unloaded = group.backbones.guess().reshape(self.instance_count, len(group.members), -1)
             for place, leg in enumerate(group.members):
                 x[:, self.blocks[leg].unknowns] = unloaded[:, place]
-        held = [np.array(array.numpy()) for array in (self.active, self.load_factor)]
-        records = self.snapshot()
-        opening = self._robots.opening
-        opening.zero_()
-        self.active.fill_(1)
-        self.load_factor.zero_()
         self.write("unknowns", x)
         self.integrate()
-        if not self.inverse:
-            x[:, self.coupling.unknowns] = self._fit()
-            self.write("unknowns", x)
-            self.integrate()
-        residual = self.read("residual")
-        gaps = np.stack([residual[:, block.residuals][:, :POSE] for block in self.blocks[:legs]], axis=1)
+        self._bend(x)
+        self.write("unknowns", x)
+        self.integrate()
+        opening.assign(self.read("residual"))
         self.restore(records)
-        opening.assign(gaps)
-        self.active.assign(held[0])
-        self.load_factor.assign(held[1])
+        self.active.assign(switches[0])
+        self.load_factor.assign(switches[1])
         return x
 
-    def _fit(self) -> FloatArray:
-        """Unknown pose of the platform that fits the legs' tips best, shape (instance_count, 6)."""
-        legs, count = len(self.geometry.legs), self.instance_count
-        position = np.zeros((count, legs, 3))
-        rotation = np.zeros((count, legs, 3, 3))
+    def _bend(self, x: FloatArray) -> None:
+        """Add to the unknowns of unloaded legs, just integrated, what closes their joints if they are beams."""
+        legs, at = self._legs(), self._attachments()
+        if self.inverse:
+            pose = self.read("inputs")[:, self._places["platform_position"].start :][:, :POSE]
+            reach, added = beam_reach(legs, at, pose[:, :3], Rotation.from_rotvec(pose[:, 3:]).as_matrix())
+            x[:, self.coupling.unknowns] = reach / legs.length**2
+        else:
+            geometry, length = self.geometry, np.broadcast_to(self._length[:, -1:], (self.instance_count, 1))
+            position, rotation, added = beam_equilibrium(legs, at, *fitted_platform(legs, at))
+            turn = rotation_vectors(rotation @ geometry.reference_rotation.T)
+            move = position - geometry.reference_position
+            x[:, self.coupling.unknowns] = np.concatenate([move / length**2, turn / length], axis=1)
+        for block, values in zip(self.blocks, added, strict=False):
+            x[:, block.unknowns] += values
+
+    def _legs(self) -> Legs:
+        """What the last integration says of the legs."""
+        count, legs = self.instance_count, len(self.geometry.legs)
+        position, rotation = np.zeros((count, legs, 3)), np.zeros((count, legs, 3, 3))
+        flexibility = np.zeros((count, legs, 6, 6))
+        by_wrench: list[FloatArray] = [np.zeros(0)] * legs
         for group in self.groups:
-            for name, target in (("position", position), ("rotation", rotation)):
-                found = group.backbones.read(name).reshape(count, len(group.members), *target.shape[2:])
-                target[:, list(group.members)] = found
-        arm = self._robots.attachment_position.numpy().reshape(-1, legs, 3)
-        frame = self._robots.attachment_rotation.numpy().reshape(-1, legs, 3, 3)
-        centre, middle = position.mean(axis=1), arm.mean(axis=1)
-        spread = arm - middle[:, None]
-        size = np.maximum((spread**2).sum(axis=(1, 2)), 1e-300)
-        fit = np.einsum("bli,blj->bij", position - centre[:, None], np.broadcast_to(spread, position.shape)) / size[:, None, None]
-        turning = (self.geometry.joints != kernels.SPHERICAL).astype(float)
-        fit += np.einsum("l,blij,blkj->bik", turning / legs, rotation, np.broadcast_to(frame, rotation.shape))
-        R = nearest_rotation(fit)
-        p = centre - np.einsum("bij,bj->bi", R, np.broadcast_to(middle, centre.shape))
-        length = np.broadcast_to(self._length[:, -1:], (count, 1))
-        return np.concatenate(
-            [
-                (p - self.geometry.reference_position) / length**2,
-                rotation_vectors(R @ self.geometry.reference_rotation.T) / length,
-            ],
-            axis=1,
-        )
+            own, members = group.backbones, list(group.members)
+            m, shape = own.unknown_count, (count, len(members))
+            torques = own.read("gamma").reshape(*shape, m, m)[:, :, POSE:]
+            loads = np.concatenate([own.wrench_columns.numpy().reshape(*shape, POSE, -1)[..., :m], torques], axis=2)
+            unknowns = np.linalg.solve(loads, np.broadcast_to(np.eye(m, POSE), (*shape, m, POSE)))
+            flexibility[:, members] = own.pose_columns.numpy().reshape(*shape, POSE, -1)[..., :m] @ unknowns
+            position[:, members] = own.read("position").reshape(*shape, 3)
+            rotation[:, members] = own.read("rotation").reshape(*shape, 3, 3)
+            for place, leg in enumerate(members):
+                by_wrench[leg] = unknowns[:, place]
+        length, stiffness = (np.broadcast_to(scale[:, :legs], (count, legs)) for scale in (self._length, self._stiffness))
+        return Legs(position, rotation, flexibility, by_wrench, length, stiffness)
+
+    def _attachments(self) -> Attachments:
+        count, legs = self.instance_count, len(self.geometry.legs)
+        arm = np.broadcast_to(self._robots.attachment_position.numpy(), (count, legs, 3))
+        frame = np.broadcast_to(self._robots.attachment_rotation.numpy(), (count, legs, 3, 3))
+        return Attachments(arm, frame, self.geometry.joints, self.geometry.axes)
 
     def load_scale(self) -> FloatArray:  # noqa: D102
         inputs = self.read("inputs")
@@ -360,17 +378,3 @@ PLATFORM_INPUTS = (
     InputSpec(name="follower_moment", unit="N m", description="moment on the platform, fixed in its frame"),
     InputSpec(name="force_point", unit="m", description="where forces act on the platform, platform frame"),
 )
-
-
-def nearest_rotation(matrices: FloatArray) -> FloatArray:
-    """Rotations (..., 3, 3) nearest to matrices, by their singular vectors."""
-    U, _, V = np.linalg.svd(matrices)
-    U[..., :, 2] *= np.sign(np.linalg.det(U @ V))[..., None]
-    return np.asarray(U @ V)
-
-
-def rotation_vectors(rotations: FloatArray) -> FloatArray:
-    """Rotation vectors (..., 3) of rotations (..., 3, 3)."""
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_matrix(rotations.reshape(-1, 3, 3)).as_rotvec().reshape(*rotations.shape[:-2], 3))

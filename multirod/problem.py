@@ -61,7 +61,9 @@ class BoundaryProblem(ABC):
         coupling: The last block, where the others meet only through it, so that ``Gamma`` is an arrow; else None.
         unknowns: Where to evaluate [1/m], shape (instance_count, n).
         active: Instances that are evaluated (1) or left as they are (0), shape (instance_count,).
-        load_factor: What multiplies all loads of an instance, shape (instance_count,).
+        load_factor: What multiplies all loads of an instance, and the part of the way from ``guess`` to the robot as it is,
+            shape (instance_count,).
+        guess_integrations: Integrations per rod that ``guess`` takes.
         fault: 0, or why an evaluation failed (1: not finite, 2: step limit), shape (instance_count,).
         residual: ``eps`` [1/m], shape (instance_count, n).
         gamma: ``Gamma``, shape (instance_count, n, n).
@@ -72,6 +74,8 @@ class BoundaryProblem(ABC):
             world, shape (instance_count, 6, n + direction_count).
         directions: Directions in input space, shape (instance_count, direction_count, input_count).
     """
+
+    guess_integrations: int = 0
 
     def __init__(
         self,
@@ -131,7 +135,10 @@ class BoundaryProblem(ABC):
 
     @abstractmethod
     def guess(self) -> FloatArray:
-        """Unknowns of the unloaded equilibrium [1/m], shape (instance_count, n)."""
+        """Unknowns [1/m] of the equilibrium where ``load_factor`` is 0, shape (instance_count, n).
+
+        It takes ``guess_integrations`` integrations.
+        """
 
     @abstractmethod
     def integrate(self) -> None:

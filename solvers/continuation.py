@@ -30,7 +30,7 @@ def natural_branch(problem: BoundaryProblem, newton: Newton, max_steps: int, cho
     problem.write("unknowns", np.where(chosen[:, None], problem.guess(), problem.read("unknowns")))
     problem.integrate()
     outcome = Outcome.zeros(count)
-    outcome.integrations += chosen
+    outcome.integrations += chosen * (1 + problem.guess_integrations)
     outcome.status[~chosen] = Status.CONVERGED
     outcome.status[chosen & (problem.fault.numpy() != 0)] = Status.NONFINITE
     path = Path(problem.read("unknowns"), problem.read("gamma").reshape(count, n, n))
