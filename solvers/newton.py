@@ -9,11 +9,11 @@ import warp as wp
 
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
-from multirod.solvers.newton_kernels import NewtonState, make_newton, restart
+from multirod.solvers.bordered_kernels import front_width
+from multirod.solvers.newton_kernels import LARGE_CHANGE, PROBES, NewtonState, make_newton, restart
 from multirod.status import Status
 from multirod.validation import FloatArray
 
-LARGE_CHANGE = 0.5
 _CONVERGED = int(Status.CONVERGED)
 
 
@@ -27,13 +27,15 @@ class Newton:
         self.state = state
         for name in ("active", "fault", "unknowns", "residual", "gamma"):
             setattr(state, name, getattr(problem, name))
-        for name in ("status", "iterations", "integrations"):
+        for name in ("status", "iterations", "integrations", "has_reference"):
             setattr(state, name, wp.zeros(count, dtype=wp.int32, device=device))
         for name in ("merit", "damping", "contraction", "change"):
             setattr(state, name, wp.zeros(count, dtype=wp.float64, device=device))
         state.accepted = wp.zeros((count, n), dtype=wp.float64, device=device)
         state.step = wp.zeros((count, n), dtype=wp.float64, device=device)
+        state.direction = wp.zeros((count, n, 1), dtype=wp.float64, device=device)
         state.reference = wp.zeros((count, n, n), dtype=wp.float64, device=device)
+        self._kernel = self._choose_kernel()
         state.remaining = wp.zeros(1, dtype=wp.int32, device=device)
         state.tolerance = tolerance
         state.max_iterations = max_iterations
@@ -45,11 +47,30 @@ class Newton:
         self._counts = [state.status.numpy(), state.iterations.numpy(), state.integrations.numpy()] if on_cpu else None
         self._doubts = (state.change.numpy(), state.contraction.numpy()) if on_cpu else None
         self._reference = state.reference.numpy().reshape(count, n * n) if on_cpu else None
+        self._has_reference = state.has_reference.numpy() if on_cpu else None
+
+    def _choose_kernel(self) -> Any:
+        """The kernel for a dense ``Gamma``, or for an arrow, with its room to work."""
+        problem, arrow = self.problem, self.state.arrow
+        if problem.coupling is None:
+            return make_newton(problem.unknown_count)
+        legs = problem.blocks[:-1]
+        first = problem.coupling.unknowns
+        starts = [*(block.unknowns.start for block in legs), first.start, first.stop]
+        block, border = max(np.diff(starts[:-1])), first.stop - first.start
+        room = (problem.instance_count, len(legs), block, front_width(block, border, PROBES))
+        arrow.count = len(legs)
+        arrow.start = wp.array(np.array(starts, dtype=np.int32), dtype=wp.int32, device=problem.device)
+        arrow.pivots = wp.zeros(room, dtype=wp.float64, device=problem.device)
+        self.state.arrow = arrow
+        probes = (problem.instance_count, problem.unknown_count, PROBES)
+        self.state.probes = wp.zeros(probes, dtype=wp.float64, device=problem.device)
+        self.state.probed = wp.zeros(probes, dtype=wp.float64, device=problem.device)
+        return make_newton(problem.unknown_count, int(block), int(border))
 
     def _record(self) -> None:
         count, device = self.problem.instance_count, self.problem.device
-        kernel = make_newton(self.problem.unknown_count)
-        self._launch = wp.launch(kernel, dim=count, inputs=[self.state], device=device, record_cmd=True)
+        self._launch = wp.launch(self._kernel, dim=count, inputs=[self.state], device=device, record_cmd=True)
         self._reset = wp.launch(restart, dim=count, inputs=[self.state], device=device, record_cmd=True)
 
     @contextmanager
@@ -88,15 +109,17 @@ class Newton:
     def set_reference(self, kept: Any = None) -> None:
         """Keep the present ``Gamma`` of the instances ``kept``, all by default, to compare the next with."""
         gamma = self.problem.read("gamma")
-        if self._reference is not None:
-            if kept is None:
-                self._reference[:] = gamma
-            else:
-                self._reference[kept] = gamma[kept]
+        if self._reference is not None and self._has_reference is not None:
+            chosen = slice(None) if kept is None else kept
+            self._reference[chosen] = gamma[chosen]
+            self._has_reference[chosen] = 1
             return
         before = self.reference().reshape(gamma.shape)
         chosen = gamma if kept is None else np.where(np.asarray(kept)[:, None], gamma, before)
         self.state.reference.assign(chosen.reshape(self.state.reference.shape))
+        known = np.array(self.state.has_reference.numpy())
+        known[slice(None) if kept is None else kept] = 1
+        self.state.has_reference.assign(known)
 
     def run(self, chosen: Any = None) -> None:
         """Iterate the chosen instances (bool, (instance_count,); all by default) from ``problem.unknowns`` to their ends."""

@@ -2,10 +2,12 @@
 """Newton's method on many boundary problems at once: what happens between two integrations."""
 
 from functools import cache
+from types import SimpleNamespace
 
 import warp as wp
 
 from multirod.models.backbone_kernels import FAULT_STEPS
+from multirod.solvers.bordered_kernels import Arrow, make_bordered
 from multirod.solvers.linear_algebra_kernels import make_linear_algebra
 from multirod.status import Status
 
@@ -26,11 +28,16 @@ class NewtonState:
     integrations: wp.array[int]
     accepted: wp.array2d[wp.float64]  # the last accepted unknowns
     step: wp.array2d[wp.float64]  # the Newton step from there
+    direction: wp.array3d[wp.float64]  # (instance, n, 1): the Newton step from here
     merit: wp.array[wp.float64]  # |eps| there; negative before the first evaluation
     damping: wp.array[wp.float64]
     contraction: wp.array[wp.float64]  # largest ratio of successive Newton steps
-    reference: wp.array3d[wp.float64]  # Gamma of the last kept sample, or zero
-    change: wp.array[wp.float64]  # Frobenius norm of Gamma reference^-1 - I at the end; 0 without a reference
+    reference: wp.array3d[wp.float64]  # Gamma of the last kept sample
+    has_reference: wp.array[int]  # whether there is one
+    change: wp.array[wp.float64]  # bound on the eigenvalues of Gamma reference^-1 - I at the end; 0 without a reference
+    probes: wp.array3d[wp.float64]  # (instance, n, PROBES): to estimate it, where Gamma is an arrow
+    probed: wp.array3d[wp.float64]
+    arrow: Arrow
     remaining: wp.array[int]  # (1,): instances still active
     # options
     tolerance: wp.float64
@@ -52,14 +59,116 @@ def restart(state: NewtonState):
     state.change[t] = wp.float64(0.0)
 
 
+PROBES = 4
+LARGE_CHANGE = 0.5  # of Gamma: no mode has vanished or changed sign where the change is less than 1
+f64 = wp.float64
+
+
 @cache
-def make_newton(n: int):
-    """Kernel that takes each active instance from an integration to its next trial, or to its end."""
-    f64 = wp.float64
+def make_dense(n: int) -> SimpleNamespace:
+    """What Newton's method asks of Gamma, by elimination of all of it."""
     algebra = make_linear_algebra(n)
-    solve = algebra.solve
-    Vector = algebra.Vector
-    Matrix = algebra.Matrix
+    solve, Vector, Matrix = algebra.solve, algebra.Vector, algebra.Matrix
+
+    @wp.func
+    def aim(state: NewtonState, t: int) -> f64:
+        """Length of the Newton step, left in ``state.direction``; not finite if Gamma is singular."""
+        A = Matrix()
+        b = Vector()
+        for i in range(n):
+            b[i] = -state.residual[t, i]
+            for j in range(n):
+                A[i, j] = state.gamma[t, i, j]
+        b = solve(A, b)
+        for i in range(n):
+            state.direction[t, i, 0] = b[i]
+        return wp.sqrt(wp.dot(b, b))
+
+    @wp.func
+    def change(state: NewtonState, t: int) -> f64:
+        """Bound on the eigenvalues of E = Gamma reference^-1 - I, by the Frobenius norm of E, E^2 or E^4."""
+        A = Matrix()
+        E = Matrix()
+        for i in range(n):
+            for j in range(n):
+                A[i, j] = state.reference[t, j, i]
+        for i in range(n):
+            row = Vector()
+            for j in range(n):
+                row[j] = state.gamma[t, i, j]
+            row = solve(A, row)
+            for j in range(n):
+                E[i, j] = row[j]
+            E[i, i] = E[i, i] - f64(1.0)
+        bound = wp.sqrt(wp.ddot(E, E))
+        power = f64(1.0)
+        while bound > f64(wp.static(LARGE_CHANGE)) and power < f64(4.0):
+            E = E * E
+            power *= f64(2.0)
+            bound = wp.min(bound, wp.pow(wp.ddot(E, E), f64(0.5) / power))
+        return bound
+
+    return SimpleNamespace(aim=aim, change=change)
+
+
+@cache
+def make_arrow(n: int, block: int, border: int) -> SimpleNamespace:
+    """The same where Gamma is an arrow, in a time that grows linearly with its blocks."""
+    one = make_bordered(block, border, 1)
+    several = make_bordered(block, border, PROBES)
+    solve_one, solve_several, multiply = one.solve, several.solve, several.multiply
+
+    @wp.func
+    def sign(i: int, k: int) -> f64:
+        """Plus or minus one, without a pattern."""
+        state = wp.rand_init(i, k)
+        return wp.where(wp.randf(state) < wp.float32(0.5), f64(-1.0), f64(1.0))
+
+    @wp.func
+    def aim(state: NewtonState, t: int) -> f64:
+        """Length of the Newton step, left in ``state.direction``; not finite if Gamma is singular."""
+        for i in range(n):
+            state.direction[t, i, 0] = -state.residual[t, i]
+        solve_one(state.gamma, state.direction, t, state.arrow)
+        total = f64(0.0)
+        for i in range(n):
+            total += state.direction[t, i, 0] * state.direction[t, i, 0]
+        return wp.sqrt(total)
+
+    @wp.func
+    def change(state: NewtonState, t: int) -> f64:
+        """The same, with estimates of the norms: the mean of |E z|^2 over vectors z of random signs is the norm's square."""
+        for i in range(n):
+            for k in range(wp.static(PROBES)):
+                state.probed[t, i, k] = sign(i, k)
+        bound = f64(1.0e30)
+        power = f64(0.0)
+        while bound > f64(wp.static(LARGE_CHANGE)) and power < f64(4.0):
+            for i in range(n):
+                for k in range(wp.static(PROBES)):
+                    state.probes[t, i, k] = state.probed[t, i, k]
+            solve_several(state.reference, state.probes, t, state.arrow)
+            total = f64(0.0)
+            for i in range(n):
+                for k in range(wp.static(PROBES)):
+                    lack = multiply(state.gamma, state.probes, t, i, k, state.arrow) - state.probed[t, i, k]
+                    state.probed[t, i, k] = lack
+                    total += lack * lack
+            power += f64(1.0)
+            bound = wp.min(bound, wp.pow(total / f64(wp.static(PROBES)), f64(0.5) / power))
+        return bound
+
+    return SimpleNamespace(aim=aim, change=change)
+
+
+@cache
+def make_newton(n: int, block: int = 0, border: int = 0):
+    """Kernel that takes each active instance from an integration to its next trial, or to its end.
+
+    Gamma is dense, or, with a ``border``, an arrow of blocks of at most ``block`` rows.
+    """
+    linear = make_arrow(n, block, border) if border else make_dense(n)
+    aim, gamma_change = linear.aim, linear.change
 
     @wp.kernel(module="unique", enable_backward=False)
     def newton(state: NewtonState):
@@ -84,29 +193,10 @@ def make_newton(n: int):
         if good:
             if size <= state.tolerance:
                 status = int(wp.static(int(Status.CONVERGED)))
-                if state.reference[t, 0, 0] != f64(0.0) or state.reference[t, n - 1, n - 1] != f64(0.0):
-                    T = Matrix()
-                    for i in range(n):
-                        for j in range(n):
-                            T[i, j] = state.reference[t, j, i]
-                    change = f64(0.0)
-                    for i in range(n):
-                        row = Vector()
-                        for j in range(n):
-                            row[j] = state.gamma[t, i, j]
-                        row = solve(T, row)
-                        row[i] = row[i] - f64(1.0)
-                        change += wp.dot(row, row)
-                    state.change[t] = wp.sqrt(change)
+                if state.has_reference[t] != 0:
+                    state.change[t] = gamma_change(state, t)
             else:
-                A = Matrix()
-                b = Vector()
-                for i in range(n):
-                    b[i] = -state.residual[t, i]
-                    for j in range(n):
-                        A[i, j] = state.gamma[t, i, j]
-                d = solve(A, b)
-                length = wp.sqrt(wp.dot(d, d))
+                length = aim(state, t)
                 before = f64(0.0)
                 base = f64(0.0)
                 for i in range(n):
@@ -128,8 +218,8 @@ def make_newton(n: int):
                     else:
                         for i in range(n):
                             state.accepted[t, i] = state.unknowns[t, i]
-                            state.step[t, i] = d[i]
-                            state.unknowns[t, i] = state.unknowns[t, i] + d[i]
+                            state.step[t, i] = state.direction[t, i, 0]
+                            state.unknowns[t, i] = state.unknowns[t, i] + state.direction[t, i, 0]
                         state.merit[t] = merit
                         state.damping[t] = f64(1.0)
                         state.iterations[t] = state.iterations[t] + 1
