@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 from multirod.models.parallel_kernels import REVOLUTE, SPHERICAL
 from multirod.validation import FloatArray
 
-COMPLIANCE = 1e-4  # added to each tip in L^3/EI, so that straight inextensible legs are no exception
 ITERATIONS = 8  # 4 are enough for the tip to move by less than 1 % of what the beams are off
 
 
@@ -127,8 +126,7 @@ class _Beams:
 
 def _joint_stiffness(legs: Legs, at: Attachments) -> FloatArray:
     """Wrench on a tip by its displacement and rotation, none where its joint is free, shape (instance, leg, 6, 6)."""
-    extra = COMPLIANCE * legs.length**3 / legs.stiffness
-    flexibility = legs.flexibility + extra[..., None, None] * np.diag([1.0, 1, 1, 0, 0, 0])
+    flexibility = legs.flexibility
     result = np.zeros_like(flexibility)
     for k, joint in enumerate(at.joints):
         held = np.broadcast_to(np.eye(6), flexibility[:, k].shape)

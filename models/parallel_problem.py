@@ -30,6 +30,11 @@ LEG_INPUTS = tuple(
 )  # what acts on a leg itself
 
 
+# In L^3/EI, added to the tips of beams in all directions: one that is straight and inextensible gives way along itself by
+# bending, once it has bent, and how much depends on how far it has to.
+COMPLIANCES = (1e-4, 1e-3, 1e-2, 1e-1)
+
+
 class Geometry:
     """Legs, joints and platform of a robot, in numbers.
 
@@ -141,7 +146,7 @@ class ParallelProblem(BoundaryProblem):
     translation of each leg is unknown in its place.
     """
 
-    guess_integrations = 2
+    guess_integrations = 1 + len(COMPLIANCES)
 
     def __init__(
         self,
@@ -283,18 +288,30 @@ class ParallelProblem(BoundaryProblem):
                 x[:, self.blocks[leg].unknowns] = unloaded[:, place]
         self.write("unknowns", x)
         self.integrate()
-        self._bend(x)
-        self.write("unknowns", x)
-        self.integrate()
-        opening.assign(self.read("residual"))
+        x, residual = self._best([self._bent(x, compliance) for compliance in COMPLIANCES])
+        opening.assign(residual)
         self.restore(records)
         self.active.assign(switches[0])
         self.load_factor.assign(switches[1])
         return x
 
-    def _bend(self, x: FloatArray) -> None:
-        """Add to the unknowns of unloaded legs, just integrated, what closes their joints if they are beams."""
-        legs, at = self._legs(), self._attachments()
+    def _best(self, candidates: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
+        """Of several unknowns, for each instance those from which Newton's first step is shortest, and the residual there."""
+        n, shortest = self.unknown_count, np.full(self.instance_count, np.inf)
+        x, residual = np.array(candidates[0]), np.zeros((self.instance_count, n))
+        for candidate in candidates:
+            found, gamma = self.evaluate(candidate)
+            regular = np.isfinite(found).all(axis=1) & (np.linalg.slogdet(np.nan_to_num(gamma))[0] != 0)
+            length = np.full(self.instance_count, 1e300)  # a singular start is better than none
+            length[regular] = np.linalg.norm(np.linalg.solve(gamma[regular], found[regular][..., None])[..., 0], axis=1)
+            better = length < shortest
+            x[better], residual[better], shortest[better] = candidate[better], found[better], length[better]
+        return x, residual
+
+    def _bent(self, unloaded: FloatArray, compliance: float) -> FloatArray:
+        """Unknowns of the unloaded legs, and what closes their joints if they are beams."""
+        x = np.array(unloaded)
+        legs, at = self._legs(compliance), self._attachments()
         if self.inverse:
             pose = self.read("inputs")[:, self._places["platform_position"].start :][:, :POSE]
             reach, added = beam_reach(legs, at, pose[:, :3], Rotation.from_rotvec(pose[:, 3:]).as_matrix())
@@ -307,8 +324,9 @@ class ParallelProblem(BoundaryProblem):
             x[:, self.coupling.unknowns] = np.concatenate([move / length**2, turn / length], axis=1)
         for block, values in zip(self.blocks, added, strict=False):
             x[:, block.unknowns] += values
+        return x
 
-    def _legs(self) -> Legs:
+    def _legs(self, compliance: float) -> Legs:
         """What the last integration says of the legs."""
         count, legs = self.instance_count, len(self.geometry.legs)
         position, rotation = np.zeros((count, legs, 3)), np.zeros((count, legs, 3, 3))
@@ -326,6 +344,7 @@ class ParallelProblem(BoundaryProblem):
             for place, leg in enumerate(members):
                 by_wrench[leg] = unknowns[:, place]
         length, stiffness = (np.broadcast_to(scale[:, :legs], (count, legs)) for scale in (self._length, self._stiffness))
+        flexibility += (compliance * length**3 / stiffness)[..., None, None] * np.diag([1.0, 1, 1, 0, 0, 0])
         return Legs(position, rotation, flexibility, by_wrench, length, stiffness)
 
     def _attachments(self) -> Attachments:
