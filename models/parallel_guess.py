@@ -6,6 +6,7 @@ Equation numbers are those of ``docs/parallel.md``.
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from multirod.models.parallel_kernels import REVOLUTE, SPHERICAL
@@ -48,7 +49,7 @@ class Attachments:
 
     arm: FloatArray
     frame: FloatArray
-    joints: FloatArray
+    joints: NDArray[np.int32]
     axes: FloatArray
 
 
@@ -80,15 +81,15 @@ def beam_equilibrium(
         gradient = np.einsum("blji,blj->bi", slope, wrench)
         hessian = np.einsum("blji,bljk,blkm->bim", slope, stiffness, slope)
         step = -np.linalg.solve(hessian, gradient[..., None])[..., 0]
-        step /= np.maximum(1.0, np.abs(step / np.concatenate([0.1 * size] * 3 + [0.3 * np.ones_like(size)] * 3, 1)).max(1))[:, None]
+        step /= np.maximum(1.0, np.abs(step / np.concatenate([0.1 * size] * 3 + [0.3 * np.ones_like(size)] * 3, 1)).max(1))[
+            :, None
+        ]
         position = position + step[:, :3]
         rotation = Rotation.from_rotvec(step[:, 3:]).as_matrix() @ rotation
     return position, rotation, _unknowns(legs, _Beams(legs, at, position, rotation), stiffness)
 
 
-def beam_reach(
-    legs: Legs, at: Attachments, position: FloatArray, rotation: FloatArray
-) -> tuple[FloatArray, list[FloatArray]]:
+def beam_reach(legs: Legs, at: Attachments, position: FloatArray, rotation: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
     """(11) The inverse problem: the platform is where it is, and no leg is pushed along itself.
 
     Returns:

@@ -164,7 +164,9 @@ class ParallelProblem(BoundaryProblem):
         self.inverse = inverse
         self._places = input_places(len(geometry.rods), inverse)
         counts, first = geometry.unknown_counts, geometry.first_unknown
-        blocks = [Block(f"leg {k + 1}", slice(a, a + n), slice(a, a + n)) for k, (a, n) in enumerate(zip(first, counts, strict=False))]
+        blocks = [
+            Block(f"leg {k + 1}", slice(a, a + n), slice(a, a + n)) for k, (a, n) in enumerate(zip(first, counts, strict=False))
+        ]
         last = slice(first[-1], first[-1] + POSE)
         super().__init__(
             unknown_count=int(first[-1]) + POSE,
@@ -175,6 +177,7 @@ class ParallelProblem(BoundaryProblem):
             pose_sensitivities=pose_sensitivities,
             device=device,
         )
+        self._platform = last
         self.coupling = self.blocks[-1]
         options = {
             "integrator": integrator,
@@ -315,13 +318,13 @@ class ParallelProblem(BoundaryProblem):
         if self.inverse:
             pose = self.read("inputs")[:, self._places["platform_position"].start :][:, :POSE]
             reach, added = beam_reach(legs, at, pose[:, :3], Rotation.from_rotvec(pose[:, 3:]).as_matrix())
-            x[:, self.coupling.unknowns] = reach / legs.length**2
+            x[:, self._platform] = reach / legs.length**2
         else:
             geometry, length = self.geometry, np.broadcast_to(self._length[:, -1:], (self.instance_count, 1))
             position, rotation, added = beam_equilibrium(legs, at, *fitted_platform(legs, at))
             turn = rotation_vectors(rotation @ geometry.reference_rotation.T)
             move = position - geometry.reference_position
-            x[:, self.coupling.unknowns] = np.concatenate([move / length**2, turn / length], axis=1)
+            x[:, self._platform] = np.concatenate([move / length**2, turn / length], axis=1)
         for block, values in zip(self.blocks, added, strict=False):
             x[:, block.unknowns] += values
         return x

@@ -94,12 +94,10 @@ def swing(cosine: wp.float64) -> wp.vec2d:
     u = one - cosine
     if u < wp.float64(1.0e-3):
         f = one + u * (
-            one / wp.float64(3.0)
-            + u * (wp.float64(2.0 / 15.0) + u * (wp.float64(2.0 / 35.0) + u * wp.float64(8.0 / 315.0)))
+            one / wp.float64(3.0) + u * (wp.float64(2.0 / 15.0) + u * (wp.float64(2.0 / 35.0) + u * wp.float64(8.0 / 315.0)))
         )
         slope = -(
-            one / wp.float64(3.0)
-            + u * (wp.float64(4.0 / 15.0) + u * (wp.float64(6.0 / 35.0) + u * wp.float64(32.0 / 315.0)))
+            one / wp.float64(3.0) + u * (wp.float64(4.0 / 15.0) + u * (wp.float64(6.0 / 35.0) + u * wp.float64(32.0 / 315.0)))
         )
         return wp.vec2d(f, slope)
     s2 = wp.max(one - cosine * cosine, wp.float64(1.0e-300))

@@ -143,7 +143,9 @@ def make_bordered(block: int, border: int, sides: int):
                     rest[k, j] = rest[k, j] + total
 
     @wp.func
-    def multiply(matrix: wp.array3d[wp.float64], values: wp.array3d[wp.float64], t: int, row: int, side: int, arrow: Arrow) -> f64:
+    def multiply(
+        matrix: wp.array3d[wp.float64], values: wp.array3d[wp.float64], t: int, row: int, side: int, arrow: Arrow
+    ) -> f64:
         """One number of the product of the matrix with solutions."""
         last = arrow.start[arrow.count]
         total = f64(0.0)

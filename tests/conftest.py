@@ -10,7 +10,7 @@ import pytest
 import multirod as mr
 
 DATA = Path(__file__).parent / "data"
-CASE_FIXTURES = {"single_rod_case": "single_rod", "tube_case": "concentric_tubes"}
+CASE_FIXTURES = {"single_rod_case": "single_rod", "tube_case": "concentric_tubes", "parallel_case": "parallel_continuum_robot"}
 
 
 def load_cases(model: str) -> list[dict]:

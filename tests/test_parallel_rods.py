@@ -6,7 +6,9 @@ from scipy.spatial.transform import Rotation
 
 import multirod as mr
 
-ROD = mr.Rod(length=0.3, bending_stiffness=(0.02, 0.03), torsional_stiffness=0.015, precurvature=(1.0, 0.4, 0), linear_density=0.05)
+ROD = mr.Rod(
+    length=0.3, bending_stiffness=(0.02, 0.03), torsional_stiffness=0.015, precurvature=(1.0, 0.4, 0), linear_density=0.05
+)
 SOFT = mr.Rod(
     length=0.32, bending_stiffness=0.02, torsional_stiffness=0.015, shear_stiffness=8.0, axial_stiffness=20.0, linear_density=0.05
 )
@@ -110,3 +112,292 @@ def test_gamma_and_directions_are_derivatives(scene, difference):
     expected = np.concatenate([by_input, columns[:, n:]])
     found = np.stack([difference(lambda h, s=s: all_of(at(x, **{s: values[s] + h * steps[s]})), 1e-2) for s in names], axis=1)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8 * max(1, np.abs(expected).max()))
+
+
+EXACT = mr.Shooting(tolerance=1e-11, integrator=mr.RK45(rtol=1e-11, atol=1e-13))
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_jacobian_is_the_derivative_of_the_pose(scene, difference):
+    parallel = SCENES[scene]()
+    values = LOADS | actuation(parallel, np.random.default_rng(2))
+    solution = mr.solve(parallel, parallel.inputs(**values), solver=EXACT).raise_if_failed()
+    R = solution.tip_rotation
+    for name in values:
+        direction = np.random.default_rng(5).standard_normal(np.shape(values[name]))
+
+        def pose(h, name=name, direction=direction):
+            changed = values | {name: np.asarray(values[name]) + h * direction}
+            moved = mr.solve(parallel, parallel.inputs(**changed), guess=solution, solver=EXACT).raise_if_failed()
+            turn = Rotation.from_matrix(moved.tip_rotation @ R.T).as_rotvec()
+            return np.concatenate([moved.tip_position, turn])
+
+        found = difference(pose, 1e-3 if name in ("translation", "force_point") else 1e-2)
+        expected = solution.jacobian(name) @ direction
+        # the pose at equilibrium is right to 1e-11 / sigma_min / h
+        np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_the_whole_robot_is_in_equilibrium(scene):
+    """Base wrenches, weights and loads add up to nothing, about any point."""
+    parallel = SCENES[scene]()
+    values = LOADS | actuation(parallel, np.random.default_rng(2))
+    solution = mr.solve(parallel, parallel.inputs(**values), solver=EXACT).raise_if_failed()
+    p, R = solution.tip_position, solution.tip_rotation
+    mass, centre = parallel.geometry.mass, p + R @ parallel.geometry.mass_centre
+    point = p + R @ values["force_point"]
+    push = values["tip_force"] + R @ values["follower_force"]
+    weight = mass * np.array(values["gravity"])
+    force = push + weight
+    moment = values["tip_moment"] + R @ values["follower_moment"] + np.cross(point, push) + np.cross(centre, weight)
+    index = 0
+    for leg in parallel.geometry.legs:
+        shapes = [solution.rod(index + i, nodes=2001) for i in range(leg.rod_count)]
+        index += leg.rod_count
+        longest = max(shapes, key=lambda shape: shape.arclength[-1])
+        s, h = longest.arclength, longest.arclength[1]
+        simpson = h / 3 * np.array([1, *([4, 2] * 1000)[:-1], 1])
+        density = sum(rod.sections[0].linear_density for rod in leg.rods)  # tubes here have none
+        spread = np.array(values["distributed_force"]) + density * np.array(values["gravity"])
+        force += s[-1] * spread
+        moment += np.cross(simpson @ longest.position, spread) + s[-1] * np.array(values["distributed_moment"])
+        force -= longest.rotation[0] @ longest.force[0]
+        # the moments of concentric tubes act about one centreline and add up
+        moment -= sum(shape.rotation[0] @ shape.moment[0] for shape in shapes)
+        moment -= np.cross(longest.position[0], longest.rotation[0] @ longest.force[0])
+    scale = np.abs(push).sum()
+    # what rounding and the tolerance of 1e-11 / m leave of forces of up to 20 N; Simpson's rule is right to 1e-13
+    np.testing.assert_allclose(force, 0, atol=1e-9 * scale)
+    np.testing.assert_allclose(moment, 0, atol=1e-9 * scale)
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_joints_hold_what_they_must(scene):
+    parallel = SCENES[scene]()
+    values = LOADS | actuation(parallel, np.random.default_rng(2))
+    solution = mr.solve(parallel, parallel.inputs(**values), solver=EXACT).raise_if_failed()
+    geometry, index = parallel.geometry, 0
+    for k, leg in enumerate(geometry.legs):
+        shapes = [solution.rod(index + i, nodes=3) for i in range(leg.rod_count)]
+        index += leg.rod_count
+        tip = max(shapes, key=lambda shape: shape.arclength[-1])
+        at = np.eye(4)
+        at[:3, :3], at[:3, 3] = solution.tip_rotation, solution.tip_position
+        at = at @ geometry.platform[k]
+        np.testing.assert_allclose(tip.position[-1], at[:3, 3], atol=1e-10)
+        moment, axis = tip.moment[-1], geometry.axes[k]
+        kind = ["clamped", "revolute", "spherical"][geometry.joints[k]]
+        if kind == "clamped":
+            np.testing.assert_allclose(tip.rotation[-1], at[:3, :3], atol=1e-9)
+        if kind == "revolute":
+            np.testing.assert_allclose(tip.rotation[-1] @ axis, at[:3, :3] @ axis, atol=1e-9)
+            assert abs(moment @ axis) < 1e-11
+            assert np.linalg.norm(moment) > 1e-4
+        if kind == "spherical":
+            np.testing.assert_allclose(moment, 0, atol=1e-11)
+
+
+def hexapod(**options) -> mr.ParallelRods:
+    """Six straight legs that cross in pairs, as in a Stewart platform."""
+    leg = mr.Rod(length=0.4, bending_stiffness=0.157, torsional_stiffness=0.126, linear_density=0.01)
+    base, platform = np.tile(np.eye(4), (6, 1, 1)), np.tile(np.eye(4), (6, 1, 1))
+    at = np.radians([-10, 10, 110, 130, 230, 250])
+    to = np.radians([-50, 50, 70, 170, 190, 290])
+    base[:, :2, 3] = 0.087 * np.stack([np.cos(at), np.sin(at)], 1)
+    platform[:, :2, 3] = 0.087 * np.stack([np.cos(to), np.sin(to)], 1)
+    return mr.ParallelRods(legs=[leg] * 6, base=base, platform=platform, **options)
+
+
+def test_the_inverse_problem_undoes_the_forward_one():
+    robot = hexapod(platform_mass=0.1)
+    translation = np.array([0.01, -0.005, 0.02, 0.0, 0.015, -0.01])
+    loads = {"tip_force": (0.5, -0.3, -1.0), "gravity": (0, 0, -9.81), "force_point": (0.01, 0, 0)}
+    forward = mr.solve(robot, robot.inputs(translation=translation, **loads), solver=EXACT).raise_if_failed()
+    inverse = robot.inverse()
+    turn = Rotation.from_matrix(forward.tip_rotation).as_rotvec()
+    inputs = inverse.inputs(platform_position=forward.tip_position, platform_rotation=turn, **loads)
+    found = mr.solve(inverse, inputs, solver=EXACT).raise_if_failed()
+    np.testing.assert_allclose(inverse.translations(found), translation, atol=1e-9)
+    np.testing.assert_allclose(found.tip_position, forward.tip_position, atol=1e-15)
+    np.testing.assert_allclose(found.tip_rotation, forward.tip_rotation, atol=1e-14)
+    for k in range(6):
+        np.testing.assert_allclose(found.rod(k).position, forward.rod(k).position, atol=1e-8)
+
+
+def test_gamma_of_the_inverse_problem(difference):
+    inverse = hexapod().inverse()
+    values = {"platform_position": (0.01, 0, 0.36), "platform_rotation": (0.05, -0.1, 0.2), "tip_force": (0.2, 0.1, -0.5)}
+    inputs = inverse.inputs(**values)
+    names = ("platform_position", "platform_rotation", "rotation")
+    problem = inverse.problem(inputs, integrator=mr.RK4(10), direction_count=len(names))
+    steps = {name: np.random.default_rng(3).standard_normal(3 if name in values else 6) for name in names}
+    directions = np.zeros(problem.directions.shape)
+    for k, name in enumerate(names):
+        directions[0, k, problem.input_slice(name)] = steps[name]
+    problem.directions.assign(directions)
+    x = problem.guess() + 0.2 * np.random.default_rng(4).standard_normal((1, problem.unknown_count))
+    gamma = problem.evaluate(x)[1][0]
+    by_input = problem.residual_directions.numpy()[0].copy()
+    n = problem.unknown_count
+    found = np.stack([difference(lambda h, k=k: problem.evaluate(x + h * np.eye(n)[k])[0][0], 1e-2) for k in range(n)], axis=1)
+    np.testing.assert_allclose(found, gamma, rtol=0, atol=1e-8 * np.abs(gamma).max())
+
+    def at(name, h):
+        changed = values | {name: np.asarray(values.get(name, np.zeros(6))) + h * steps[name]}
+        problem.write("inputs", problem.pack(inverse.inputs(**changed)))
+        return problem.evaluate(x)[0][0]
+
+    found = np.stack([difference(lambda h, name=name: at(name, h), 1e-2) for name in names], axis=1)
+    np.testing.assert_allclose(found, by_input, rtol=0, atol=1e-8 * np.abs(by_input).max())
+
+
+def stored_robot(case, make_pose):
+    """Robot and inputs of a reference case; its force acts at a point of the platform."""
+    stored, platform = case["inputs"]["rods"], case["inputs"]["platform"]
+    legs = []
+    for rod in stored:
+        K, S = rod["K"], rod["S"]
+        more = {"shear_stiffness": tuple(S[:2]), "axial_stiffness": S[2]} if S else {}
+        legs.append(
+            mr.Rod(
+                length=rod["length"],
+                bending_stiffness=tuple(K[:2]),
+                torsional_stiffness=K[2],
+                precurvature=tuple(rod["u_star"]),
+                **more,
+            )
+        )
+    parallel = mr.ParallelRods(
+        legs=legs,
+        base=np.stack([make_pose(rod["R0"], rod["p0"]) for rod in stored]),
+        platform=np.stack([make_pose(rod["attach_R"], rod["attach_r"]) for rod in stored]),
+        joints=["revolute" if rod["twist_free"] else "clamped" for rod in stored],
+    )
+    return parallel, parallel.inputs(
+        tip_force=platform["force_world"],
+        tip_moment=platform["moment_world"],
+        force_point=platform["force_point_platform"],
+        distributed_force=stored[0]["distributed_force_world"],
+    )
+
+
+@pytest.mark.parametrize(("solver", "tolerance"), [(None, 1e-6), (EXACT, 1e-9)], ids=["default", "tight"])
+def test_reference_case(parallel_case, make_pose, solver, tolerance):
+    parallel, inputs = stored_robot(parallel_case, make_pose)
+    solution = mr.solve(parallel, inputs, solver=solver).raise_if_failed()
+    expected, length = parallel_case["expected"], parallel_case["inputs"]["rods"][0]["length"]
+    np.testing.assert_allclose(solution.tip_position, expected["platform_position"]["value"], rtol=0, atol=tolerance * length)
+    np.testing.assert_allclose(solution.tip_rotation, expected["platform_rotation"]["value"], rtol=0, atol=tolerance)
+    for k in range(len(parallel.rods)):
+        shape = solution.rod(k, nodes=2)
+        force, moment = (shape.rotation[0] @ value[0] for value in (shape.force, shape.moment))
+        forces, moments = np.array(expected["base_forces"]["value"]), np.array(expected["base_moments"]["value"])
+        # stiff directions turn an error of the pose into a force: 1e3 EI/L^3, the condition number
+        np.testing.assert_allclose(force, forces[k], rtol=0, atol=1e3 * tolerance * np.abs(forces).max())
+        np.testing.assert_allclose(moment, moments[k], rtol=0, atol=1e3 * tolerance * np.abs(moments).max())
+
+
+def test_cold_start_takes_few_integrations(reference_cases, make_pose):
+    """A known code takes 4938 integrations of a leg from the unloaded guess of a robot like these."""
+    for case in reference_cases("parallel_continuum_robot"):
+        parallel, inputs = stored_robot(case, make_pose)
+        solution = mr.solve(parallel, inputs).raise_if_failed()
+        assert solution.integrations * len(parallel.rods) <= 100
+
+
+def test_warm_start_takes_three_integrations(make_pose, reference_cases):
+    case = next(c for c in reference_cases("parallel_continuum_robot") if c["id"] == "10d_cpr_stewart_fk_1")
+    parallel, _ = stored_robot(case, make_pose)
+    t = np.arange(0, 0.5, 0.005)
+    phase = 2 * np.pi * t[:, None] + np.arange(6)
+    translation = 0.02 * (np.sin(phase) - np.sin(phase[0]))
+    force = np.stack([np.sin(t), np.cos(t), -np.ones_like(t)], axis=1)
+    inputs = parallel.inputs(translation=translation, tip_force=force)
+    history = mr.simulate(parallel, inputs, time=t, solver=mr.Shooting(integrator=mr.RK4(50))).raise_if_failed()
+    assert history.integrations[2:].max() <= 3  # the second sample has no slope to start from, and takes 4
+    alone = mr.solve(parallel, inputs[60], solver=mr.Shooting(integrator=mr.RK4(50)))
+    np.testing.assert_allclose(history.tip_position[60], alone.tip_position, atol=1e-10)
+
+
+def test_a_batch_is_bitwise_its_instances():
+    parallel = SCENES["rod and tubes"]()
+    force = np.random.default_rng(0).uniform(-0.2, 0.2, (3, 3))
+    inputs = parallel.inputs(tip_force=force)
+    batch = mr.solve(parallel, inputs)
+    for k in range(3):
+        alone = mr.solve(parallel, parallel.inputs(tip_force=force[k]))
+        assert np.array_equal(batch.unknowns[k], alone.unknowns)
+        assert np.array_equal(batch.tip_position[k], alone.tip_position)
+        assert np.array_equal(batch.rod(1).position[k], alone.rod(1).position)
+
+
+def test_parameters_of_legs_may_vary_by_instance():
+    lengths = np.array([0.3, 0.31, 0.29])
+    base, platform = ring(3, 0.05), ring(3, 0.03)
+    high = np.stack([platform, platform, platform])
+    high[:, :, 2, 3] = np.array([0.0, 0.01, -0.01])[:, None]
+
+    def make(length, at):
+        leg = mr.Rod(length=length, bending_stiffness=0.02, torsional_stiffness=0.015, precurvature=(1, 0, 0))
+        return mr.ParallelRods(legs=[leg, ROD, SOFT], base=base, platform=at)
+
+    many = make(lengths, high)
+    assert many.batch_shape == (3,)
+    batch = mr.solve(many, many.inputs(tip_force=(0.1, 0, 0))).raise_if_failed()
+    for k in range(3):
+        one = make(lengths[k], high[k])
+        alone = mr.solve(one, one.inputs(tip_force=(0.1, 0, 0))).raise_if_failed()
+        assert np.array_equal(batch.tip_position[k], alone.tip_position)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"legs": [ROD]}, r"ParallelRods.legs = 1 legs is not allowed: must be 2 to 12"),
+        ({"legs": [ROD] * 13}, "must be 2 to 12"),
+        ({"base": np.eye(4)}, r"ParallelRods.base = array of shape \(4, 4\)"),
+        ({"platform": ring(3, 0.03)}, r"must have shape \(..., 2, 4, 4\)"),
+        ({"base": 2 * ring(2, 0.03)}, "must be a rotation"),
+        ({"joints": "welded"}, "must be one of clamped, revolute, spherical"),
+        ({"joints": ["clamped"] * 3}, "one for each of 2 legs"),
+        ({"joint_axes": (0, 0, 0)}, "ParallelRods.joint_axes = .* must not be zero"),
+        ({"platform_mass": -1.0}, "ParallelRods.platform_mass = -1.0"),
+        ({"platform_centre": (0, 0)}, "ParallelRods.platform_centre"),
+    ],
+)
+def test_refused(change, message):
+    good = {"legs": [ROD, SOFT], "base": ring(2, 0.06), "platform": ring(2, 0.03)}
+    mr.ParallelRods(**good)
+    with pytest.raises(ValueError, match=message):
+        mr.ParallelRods(**good | change)
+
+
+def test_refused_inputs():
+    with pytest.raises(TypeError, match=r"ParallelRods.legs must be a list of Rod or ConcentricTubes"):
+        mr.ParallelRods(legs=[mr.SingleRod(ROD)] * 2, base=ring(2, 0.06), platform=ring(2, 0.03))
+    parallel = robot([ROD, tubes()])
+    with pytest.raises(ValueError, match=r"legs\[0\]: translation = -0.3 .*no rod is left in use"):
+        parallel.inputs(translation=(-0.3, 0, 0))
+    with pytest.raises(ValueError, match=r"legs\[1\]: translation\[0\] = 0.1 .*must be <= 0"):
+        parallel.inputs(translation=(0, 0.1, 0.1))
+    with pytest.raises(TypeError, match=r"tip_curvature"):
+        parallel.inputs(tip_curvature=(0, 0, 0))
+    with pytest.raises(ValueError, match="gravity .* no rod has a linear_density, and the platform no mass"):
+        robot([INNER, OUTER]).inputs(gravity=(0, 0, -9.81))
+    with pytest.raises(ValueError, match="the inverse problem needs 6 legs"):
+        parallel.inverse()
+
+
+def test_legs_stand_anywhere():
+    """The whole robot moved and turned, with its loads, is the same robot."""
+    values = {"tip_force": np.array((0.3, -0.2, -0.4)), "tip_moment": np.array((0.01, 0.02, -0.01))}
+    move = np.eye(4)
+    move[:3, :3], move[:3, 3] = Rotation.from_rotvec([1.0, -2.0, 0.5]).as_matrix(), (3.0, -1.0, 2.0)
+    here = robot([ROD, SOFT, ROD])
+    there = mr.ParallelRods(legs=[ROD, SOFT, ROD], base=move @ ring(3, 0.06, tilt=0.1), platform=ring(3, 0.03, 0.15, 0.05))
+    a = mr.solve(here, here.inputs(**values), solver=EXACT).raise_if_failed()
+    turned = {name: move[:3, :3] @ value for name, value in values.items()}
+    b = mr.solve(there, there.inputs(**turned), solver=EXACT).raise_if_failed()
+    np.testing.assert_allclose(b.tip_position, move[:3, :3] @ a.tip_position + move[:3, 3], atol=1e-9)
+    np.testing.assert_allclose(b.tip_rotation, move[:3, :3] @ a.tip_rotation, atol=1e-9)
