@@ -86,7 +86,7 @@ def make_dense(n: int) -> SimpleNamespace:
 
     @wp.func
     def change(state: NewtonState, t: int) -> f64:
-        """Bound on the eigenvalues of E = Gamma reference^-1 - I, by the Frobenius norm of E, E^2 or E^4."""
+        """Bound on the eigenvalues of E = Gamma reference^-1 - I, by the Frobenius norm of E and its powers."""
         A = Matrix()
         E = Matrix()
         for i in range(n):
@@ -102,7 +102,7 @@ def make_dense(n: int) -> SimpleNamespace:
             E[i, i] = E[i, i] - f64(1.0)
         bound = wp.sqrt(wp.ddot(E, E))
         power = f64(1.0)
-        while bound > f64(wp.static(LARGE_CHANGE)) and power < f64(4.0):
+        while bound > f64(wp.static(LARGE_CHANGE)) and power < f64(8.0):
             E = E * E
             power *= f64(2.0)
             bound = wp.min(bound, wp.pow(wp.ddot(E, E), f64(0.5) / power))
@@ -143,7 +143,7 @@ def make_arrow(n: int, block: int, border: int) -> SimpleNamespace:
                 state.probed[t, i, k] = sign(i, k)
         bound = f64(1.0e30)
         power = f64(0.0)
-        while bound > f64(wp.static(LARGE_CHANGE)) and power < f64(4.0):
+        while bound > f64(wp.static(LARGE_CHANGE)) and power < f64(8.0):
             for i in range(n):
                 for k in range(wp.static(PROBES)):
                     state.probes[t, i, k] = state.probed[t, i, k]
