@@ -401,3 +401,28 @@ def test_legs_stand_anywhere():
     b = mr.solve(there, there.inputs(**turned), solver=EXACT).raise_if_failed()
     np.testing.assert_allclose(b.tip_position, move[:3, :3] @ a.tip_position + move[:3, 3], atol=1e-9)
     np.testing.assert_allclose(b.tip_rotation, move[:3, :3] @ a.tip_rotation, atol=1e-9)
+
+
+def test_a_leg_that_fails_fails_its_robot_alone():
+    parallel = robot([ROD, tubes()])
+    problem = parallel.problem(parallel.inputs(tip_force=np.zeros((2, 3))), integrator=mr.RK4(10))
+    x = problem.guess()
+    x[1, 0] = 1e200
+    residual, gamma = problem.evaluate(x)
+    assert np.isfinite(residual[0]).all()
+    assert np.isfinite(gamma[0]).all()
+    assert np.isnan(residual[1]).all()
+    assert np.isnan(gamma[1]).all()
+    assert problem.fault.numpy().tolist()[0] == 0
+
+
+def test_impossible_instances_leave_the_others_alone():
+    parallel = robot([ROD, SOFT, ROD])
+    force = np.array([(0.1, 0, 0), (1e7, 0, 0), (0, 0.1, 0)])
+    solution = mr.solve(parallel, parallel.inputs(tip_force=force))
+    assert solution.status[0] == solution.status[2] == mr.Status.CONVERGED
+    assert mr.Status(solution.status[1]).failed
+    assert np.isnan(solution.tip_position[1]).all()
+    assert np.isnan(solution.jacobian("tip_force")[1]).all()
+    alone = mr.solve(parallel, parallel.inputs(tip_force=force[2]))
+    assert np.array_equal(solution.tip_position[2], alone.tip_position)
