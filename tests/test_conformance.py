@@ -29,6 +29,33 @@ def single_rod() -> mr.SingleRod:
     return mr.SingleRod(wire, base=pose)
 
 
+def concentric_tubes() -> mr.ConcentricTubes:
+    inner = mr.Rod(
+        length=0.3, bending_stiffness=0.01, torsional_stiffness=0.008, precurvature=[(0.2, (0, 0, 0)), (0.1, (9, 0, 1))]
+    )
+    middle = mr.Rod(length=0.24, bending_stiffness=0.02, torsional_stiffness=0.015, precurvature=(4, 2, 0), linear_density=0.02)
+    outer = mr.Rod(length=0.12, bending_stiffness=0.05, torsional_stiffness=0.04, precurvature=(2, 0, 0))
+    return mr.ConcentricTubes([inner, middle, outer])
+
+
+def parallel_rods() -> mr.ParallelRods:
+    rod = mr.Rod(length=0.3, bending_stiffness=0.02, torsional_stiffness=0.015, precurvature=(1, 0.4, 0), linear_density=0.05)
+    soft = mr.Rod(length=0.31, bending_stiffness=0.02, torsional_stiffness=0.015, shear_stiffness=8.0, axial_stiffness=20.0)
+    inner = mr.Rod(length=0.31, bending_stiffness=0.01, torsional_stiffness=0.008, precurvature=(0.5, 0, 0))
+    outer = mr.Rod(length=0.2, bending_stiffness=0.02, torsional_stiffness=0.015, precurvature=(1, 1, 0))
+    base, platform = np.tile(np.eye(4), (3, 1, 1)), np.tile(np.eye(4), (3, 1, 1))
+    angle = 2 * np.pi * np.arange(3) / 3
+    base[:, :2, 3] = 0.06 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    platform[:, :2, 3] = 0.03 * np.stack([np.cos(angle + 0.3), np.sin(angle + 0.3)], axis=1)
+    return mr.ParallelRods(
+        legs=[rod, soft, mr.ConcentricTubes([inner, outer])],
+        base=base,
+        platform=platform,
+        joints=["clamped", "spherical", "clamped"],
+        platform_mass=0.02,
+    )
+
+
 SCENES = {
     "SingleRod": Scene(
         single_rod,
@@ -43,6 +70,32 @@ SCENES = {
                 "gravity": (0, 0, -9.81),
             },
             "follower loads": {"follower_force": [(0.3, 0, 0), (0, 0.3, -0.1)], "follower_moment": (0.01, 0.02, 0)},
+        },
+    ),
+    "ConcentricTubes": Scene(
+        concentric_tubes,
+        {
+            "unloaded": {"rotation": [(0, 0.7, 0.2), (0, 1.5, -1.0)], "translation": (-0.06, -0.04, -0.02)},
+            "dead loads": {
+                "rotation": (0, 0.7, 0.2),
+                "translation": [(-0.06, -0.04, -0.02), (-0.02, -0.02, 0)],
+                "tip_force": (0.1, 0.05, 0),
+                "tip_moment": (0.004, 0, 0.002),
+                "gravity": (0, 0, -9.81),
+            },
+            "follower loads": {"follower_force": [(0.1, 0, 0), (0, 0.1, -0.05)], "follower_moment": (0.002, 0.003, 0)},
+        },
+    ),
+    "ParallelRods": Scene(
+        parallel_rods,
+        {
+            "unloaded": {"rotation": [(0, 0, 0, 0), (0.2, 0, 0.1, -0.3)]},
+            "loads": {
+                "tip_force": [(0.1, 0, 0), (0, 0.1, -0.2)],
+                "follower_moment": (0.003, 0, 0),
+                "gravity": (0, 0, -9.81),
+                "translation": (0.005, -0.005, -0.02, -0.01),
+            },
         },
     ),
 }

@@ -62,7 +62,9 @@ def test_jacobians(angle, directions):
     negative = run(-vectors, np.ones(len(vectors)))[2]
     products = right @ negative
     # near a whole turn J is nearly singular
-    np.testing.assert_allclose(products, np.broadcast_to(np.eye(3), products.shape), rtol=0, atol=1e-13 / min(1, abs(6.3 - angle)))
+    np.testing.assert_allclose(
+        products, np.broadcast_to(np.eye(3), products.shape), rtol=0, atol=1e-13 / min(1, abs(6.3 - angle))
+    )
     h = 1e-4
     for j in range(3):
         step = h * np.eye(3)[j]
