@@ -6,18 +6,23 @@ from typing import Any, ClassVar
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from multirod.assembly import Assembly, pose
 from multirod.inputs import Inputs, InputSpec
 from multirod.models import backbone_kernels as kernels
 from multirod.models.features import Features
 from multirod.models.integrators import Integrator
+from multirod.models.second_variation import Modes, NodeColumns, modes_with_free_tip, segments_needed
 from multirod.problem import Block, BoundaryProblem, Shape
 from multirod.profile import DEGREE, interpolate
 from multirod.rod import Rod, RodArrays, lower
 from multirod.validation import Described, FloatArray, refuse
 
 STEP_LIMIT = 100_000
+FEWEST_NODES = 33
+MOST_NODES = 16385
+NEUTRAL = 1e-6  # of stiffness over length: a mode no stiffer than this is neutral
 _FEATURE_INPUTS = {
     "force": ("tip_force", "follower_force", "distributed_force", "gravity"),
     "tip_moment": ("tip_moment",),
@@ -134,6 +139,7 @@ class BackboneProblem(BoundaryProblem):
                 setattr(call, f"node_{name}", wp.zeros(shape, dtype=wp.vec3d, device=self.device))
             call.node_rotation = wp.zeros(shape, dtype=wp.mat33d, device=self.device)
             call.energy = wp.zeros(self.instance_count, dtype=wp.float64, device=self.device)
+            call.work = wp.zeros(self.instance_count, dtype=wp.float64, device=self.device)
         return call
 
     def _record(self, features: Features, call: Any) -> Any:
@@ -190,13 +196,7 @@ class BackboneProblem(BoundaryProblem):
         return total
 
     def shapes(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:  # noqa: D102
-        features = replace(self.features, nodes=True, pose=True, sensitivities=False, pose_sensitivities=False, directions=0)
-        call = self._make_call(node_count)
-        # outputs of its own: the residual and Gamma of the solve stay as they are
-        for name in ("residual", "position", "rotation"):
-            buffer = getattr(self, name)
-            setattr(call, name, wp.zeros(buffer.shape, dtype=buffer.dtype, device=self.device))
-        self._record(features, call).launch()
+        call = self._node_pass(node_count)
         shape = Shape(
             arclength=call.node_arclength.numpy(),
             position=call.node_position.numpy(),
@@ -206,6 +206,86 @@ class BackboneProblem(BoundaryProblem):
             force=call.node_force.numpy(),
         )
         return (shape,), call.energy.numpy()
+
+
+    # ---- stability and multiplicity ----
+
+    @property
+    def has_potential(self) -> bool:
+        """Whether the loads derive from one: a moment does not, dead or not, nor what follows the tip."""
+        f = self.features
+        return not (f.tip_moment or f.distributed_moment or f.follower_force or f.follower_moment or f.measured)
+
+    def potential(self) -> FloatArray:  # noqa: D102
+        if not self.has_potential:
+            return super().potential()
+        call = self._node_pass(2)
+        return np.asarray(call.energy.numpy() - call.work.numpy())
+
+    def unstable_modes(self) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:  # noqa: D102
+        index, neutral = super().unstable_modes()
+        stiffness = self._each(self.arrays.material[..., :3].min(axis=(1, 2, 3)))
+        open_ = self.has_potential & np.isfinite(self.arrays.material[..., :3]).all() & np.ones(self.instance_count, dtype=bool)
+        node_count = FEWEST_NODES
+        while open_.any() and node_count <= MOST_NODES:
+            call = self._node_pass(node_count, open_, columns=True)
+            modes, length, needed = self._modes(call, stiffness)
+            done = open_ & (needed < node_count)
+            # where the softest mode is neutral, the sign by which it was counted means nothing
+            soft = np.abs(modes.tip_stiffness) <= NEUTRAL * stiffness / length + modes.uncertainty
+            counted = (modes.tip_stiffness < 0) & soft & (modes.index > 0)
+            index[done] = (modes.index - counted)[done]
+            neutral[done] = soft[done] & (modes.index[done] >= 0)
+            open_ &= ~done
+            node_count = 2 * node_count - 1
+        return index, neutral
+
+    def _modes(self, call: Any, stiffness: FloatArray) -> tuple[Modes, FloatArray, FloatArray]:
+        """Modes by the columns of a pass, the length, and how many segments it takes to be sure of them."""
+        inputs = self.read("inputs")
+        translation = inputs[:, self.input_slice("translation")]
+        ends = self.arrays.end[:, :, -1] + translation
+        moment, force, curvature = (
+            np.linalg.norm(getattr(call, f"node_{name}").numpy(), axis=2).max(axis=1) for name in ("moment", "force", "curvature")
+        )
+        coupling, potential = moment, force
+        if len(self.rods) > 1:
+            bend, kappa = self._bending()
+            coupling = moment + bend.sum(axis=1)
+            potential = force + (bend * (kappa + curvature[:, None])).sum(axis=1)
+        columns = NodeColumns(call.column_arclength.numpy(), call.node_columns.numpy(), call.tip_columns.numpy(), ends)
+        length = ends.max(axis=1)
+        return modes_with_free_tip(columns), length, segments_needed(length, stiffness, coupling, potential)
+
+    def _bending(self) -> tuple[FloatArray, FloatArray]:
+        """Bounds of ``EI |u*_xy|`` [N m] and ``|u*_xy|`` [1/m] of each rod, shape (instance_count, rod_count)."""
+        coefficients = self.arrays.precurvature.reshape(*self.arrays.precurvature.shape[:3], -1, 3)
+        kappa = np.linalg.norm(coefficients[..., :2], axis=-1).sum(axis=-1)
+        bend = (kappa * self.arrays.material[..., :2].max(axis=-1)).max(axis=-1)
+        return self._each(bend), self._each(kappa.max(axis=-1))
+
+    def _each(self, values: FloatArray) -> FloatArray:
+        """Values of the rods' batch, one an instance."""
+        return np.broadcast_to(values, (self.instance_count, *values.shape[1:]))
+
+    def _node_pass(self, node_count: int, chosen: NDArray[np.bool_] | None = None, *, columns: bool = False) -> Any:
+        """The arrays of a pass over nodes, by outputs of its own: the residual and Gamma of the solve stay as they are."""
+        features = replace(self.features, nodes=True, pose=True, sensitivities=columns, pose_sensitivities=columns, directions=0)
+        call = self._make_call(node_count)
+        for name in ("residual", "gamma", "position", "rotation", "pose_columns"):
+            buffer = getattr(self, name)
+            setattr(call, name, wp.zeros(buffer.shape, dtype=buffer.dtype, device=self.device))
+        if chosen is not None:
+            call.active = wp.array(chosen.astype(np.int32), device=self.device)
+        if columns:
+            m, count = features.unknown_count, self.instance_count
+            nodes = node_count - 1 + self.arrays.end[0].size + self._table.profile_end.size
+            call.column_arclength = wp.full((count, nodes), np.nan, dtype=wp.float64, device=self.device)
+            call.node_columns = wp.zeros((count, nodes, m, m), dtype=wp.float64, device=self.device)
+            call.tip_columns = wp.zeros((count, m, m), dtype=wp.float64, device=self.device)
+            call.pose_columns = wp.zeros((count, 6, m), dtype=wp.float64, device=self.device)
+        self._record(features, call).launch()
+        return call
 
 
 BACKBONE_INPUTS = (

@@ -220,7 +220,7 @@ def make_tip_functions(
     n, C, NX = layout.n, layout.C, layout.NX
     State, Stretch, Instance = layout.State, layout.Stretch, layout.Instance
     THETA_AT, TAU_AT, P_AT = layout.THETA_AT, layout.TAU_AT, layout.P_AT
-    ENERGY_AT, COLUMN_P_AT = layout.ENERGY_AT, layout.COLUMN_P_AT
+    ENERGY_AT, WORK_AT, COLUMN_P_AT = layout.ENERGY_AT, layout.WORK_AT, layout.COLUMN_P_AT
     COLUMN_FRAME, STATICS, COLUMN_SIZE = layout.COLUMN_FRAME, layout.STATICS, layout.COLUMN_SIZE
     ColumnVectors = layout.ColumnVectors
     POSE, POSE_COLUMNS, NODES = layout.POSE, layout.POSE_COLUMNS, features.nodes
@@ -443,6 +443,7 @@ def make_tip_functions(
             call.rotation[t] = case.base_rotation * rotation_matrix(q) * turned_about_z(tip_angle(case, y, THETA_AT))
         if wp.static(NODES):
             call.energy[t] = y[ENERGY_AT]
+            call.work[t] = y[WORK_AT]
         if wp.static(POSE_COLUMNS):
             for k in range(wp.static(C)):
                 column = column_of(y, k)
@@ -466,9 +467,61 @@ def make_tip_functions(
         call.node_moment[t, output] = a.M
         call.node_force[t, output] = a.N
 
+    @wp.func
+    def write_node_columns(call: Call, case: Instance, output: int, y: State, s: f64):
+        """How the configuration at s varies with each unknown: rotation vector of the longest rod in the world, then the angle
+        of each other rod from it.
+        """
+        t = case.index
+        if output >= call.column_arclength.shape[1]:
+            return
+        call.column_arclength[t, output] = s
+        q = frame(y)
+        for k in range(wp.static(NX)):
+            angles = wp.static(STATICS + THETA_AT) + k * wp.static(COLUMN_SIZE)
+            dtheta = tip_angle(case, y, angles)
+            turn = column_rotation(q, column_of(y, k)) + wp.vec3d(f64(0.0), f64(0.0), dtheta)
+            turn = case.base_rotation * rotate(q, turn)
+            for j in range(3):
+                call.node_columns[t, output, j, k] = turn[j]
+            row = int(3)
+            for i in range(wp.static(n)):
+                if i != case.longest:
+                    angle = -dtheta
+                    if i > 0:
+                        angle += y[angles + i - 1]
+                    call.node_columns[t, output, row, k] = angle
+                    row += int(1)
+
+    @wp.func
+    def write_tip_columns(call: Call, case: Instance, y: State):
+        """Momenta of that configuration at the tip: the moment of all rods in the world, then the torque that each other rod has
+        at its own end. The moment itself is taken to be zero, so the frame's turning adds nothing.
+        """
+        t = case.index
+        q = frame(y)
+        for k in range(wp.static(NX)):
+            column = column_of(y, k)
+            moment = case.base_rotation * rotate(q, wp.vec3d(column[0], column[1], column[2]))
+            for j in range(3):
+                call.tip_columns[t, j, k] = moment[j]
+            inner = column[2]
+            for i in range(1, wp.static(n)):
+                inner -= column[wp.static(TAU_AT) + i - 1]
+            row = int(3)
+            for i in range(wp.static(n)):
+                if i != case.longest:
+                    torque = inner
+                    if i > 0:
+                        torque = column[wp.static(TAU_AT) + i - 1]
+                    call.tip_columns[t, row, k] = torque
+                    row += int(1)
+
     return SimpleNamespace(
         write_residual=write_residual,
         write_residual_columns=write_residual_columns,
         write_tip=write_tip,
         write_node=write_node,
+        write_node_columns=write_node_columns,
+        write_tip_columns=write_tip_columns,
     )

@@ -34,6 +34,7 @@ from multirod.solver import Outcome, Solver, Track, registered_solvers
 from multirod.solvers.observer import Observer
 from multirod.solvers.scipy_shooting import ScipyShooting
 from multirod.solvers.shooting import Shooting
+from multirod.stability import Stability
 from multirod.status import Status
 
 __version__ = "0.1.0"
@@ -64,6 +65,7 @@ __all__ = [
     "Solution",
     "SolveError",
     "Solver",
+    "Stability",
     "Status",
     "Tableau",
     "Track",
