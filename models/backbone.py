@@ -211,6 +211,10 @@ class BackboneProblem(BoundaryProblem):
     # ---- stability and multiplicity ----
 
     @property
+    def multistable(self) -> bool:  # noqa: D102
+        return len(self.rods) > 1
+
+    @property
     def has_potential(self) -> bool:
         """Whether the loads derive from one: a moment does not, dead or not, nor what follows the tip."""
         f = self.features
@@ -221,6 +225,36 @@ class BackboneProblem(BoundaryProblem):
             return super().potential()
         call = self._node_pass(2)
         return np.asarray(call.energy.numpy() - call.work.numpy())
+
+    def starts(self, count: int, first: int = 0) -> FloatArray:  # noqa: D102
+        n = len(self.rods)
+        moment, torque, unit = self._start_sizes()
+        points = spread(np.arange(first, first + count), n + 2)[:, None]
+        result = np.zeros((count, self.instance_count, self.unknown_count))
+        result[..., :2] = points[..., :2] * moment[:, None] * unit[:, :2]
+        if n == 1:
+            result[..., 2] = points[..., 2] * moment * unit[:, 2]
+            return result + self.guess()
+        tau = points[..., 2:] * torque
+        # all torques together balance the load
+        tau[..., -1] = points[..., -1] * moment - tau[..., :-1].sum(axis=-1)
+        result[..., 2 : 2 + n] = tau * unit[:, 2:]
+        return result
+
+    def _start_sizes(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """What bounds the equilibria: moment of the loads at the base [N m], (instance_count,), torques there that the tubes'
+        precurvatures give each other [N m], (instance_count, n), and the unknowns of a unit moment or torque.
+        """
+        table, inputs = self.arrays, self.read("inputs")
+        length = (table.end[:, :, -1] + inputs[:, self.input_slice("translation")]).max(axis=1)
+        first = self._each(table.material[:, :, 0, :3])
+        bending = first[..., :2].max(axis=2)
+        total = bending.sum(axis=1)
+        moment = self.load_scale() * self._each(table.material[:, 0, :, :3].min(axis=(1, 2))) / length
+        bend, _ = self._bending()
+        torque = length[:, None] * bend * (bend.sum(axis=1, keepdims=True) - bend) / total[:, None]
+        shared = np.broadcast_to(total[:, None], (self.instance_count, 2))
+        return moment, torque, 1 / np.concatenate([shared, np.minimum(first[..., 2], bending)], axis=1)
 
     def unstable_modes(self) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:  # noqa: D102
         index, neutral = super().unstable_modes()
@@ -339,6 +373,18 @@ class BackboneAssembly(Assembly):
 
     def problem(self, inputs: Inputs, **options: Any) -> BackboneProblem:  # noqa: D102
         return BackboneProblem(self.rods, self.base, inputs, transmission=self.transmission, **options)
+
+
+def spread(numbers: NDArray[np.int_], dimensions: int) -> FloatArray:
+    """Points of a sequence that fills the cube from -1 to 1 evenly, number 0 in its centre, shape (len(numbers), dimensions).
+
+    Roberts' additive recurrence: steps by powers of the generalised golden ratio.
+    """
+    ratio = 2.0
+    for _ in range(40):
+        ratio = (1 + ratio) ** (1 / (dimensions + 1))
+    steps = ratio ** -np.arange(1.0, dimensions + 1)
+    return np.asarray(2 * ((0.5 + np.outer(numbers, steps)) % 1) - 1)
 
 
 def step_multiple(steps: int) -> int:

@@ -22,6 +22,7 @@ def make_base_functions(layout: Layout, features: Features, grid: SimpleNamespac
     ColumnVectors = layout.ColumnVectors
     N_AT, THETA_AT, TAU_AT, STATICS = layout.N_AT, layout.THETA_AT, layout.TAU_AT, layout.STATICS
     COLUMN_Q_AT, COLUMN_SIZE, Q_AT = layout.COLUMN_Q_AT, layout.COLUMN_SIZE, layout.Q_AT
+    ENERGY_AT, NODES = layout.ENERGY_AT, features.nodes
     FORCE_STATE, FRAME, COLUMN_FRAME = layout.FORCE_STATE, layout.FRAME, layout.COLUMN_FRAME
     FOLLOWER, TRANSMISSION, TUBES = features.follower_force, features.transmission, n > 1
     # columns: bending moments (with one rod, torque too), torques of several rods, base force of a follower, directions
@@ -207,6 +208,10 @@ def make_base_functions(layout: Layout, features: Features, grid: SimpleNamespac
         if wp.static(FRAME):
             for j in range(4):
                 y[Q_AT + j] = q[j]
+        if wp.static(NODES and TUBES):  # what is stored behind the base plate
+            for i in range(wp.static(n)):
+                torque = base_torque(rods, call, case, i)
+                y[ENERGY_AT] += f64(0.5) * angle_by_torque(rods, case, node, i) * torque * torque
         y, dn0 = base_columns(rods, call, case, node, y, q, n0, dn0)
         return y, n0, dn0
 

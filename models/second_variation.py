@@ -89,10 +89,8 @@ def _of_pattern(columns: NodeColumns, chosen: NDArray[np.intp], longest: int, en
     known = np.ones(len(chosen), dtype=bool)
     first = np.zeros(len(chosen), dtype=int)
     for rod in [*ended, -1]:
-        if rod < 0:
-            last = np.isfinite(s).sum(axis=1) - 1
-        else:
-            last = np.argmax(s >= columns.ends[chosen, rod][:, None], axis=1)
+        end = columns.ends[chosen].max(axis=1) if rod < 0 else columns.ends[chosen, rod]
+        last = np.argmax(s >= end[:, None], axis=1)
         inverse, sound = _inverse(Y)
         k = np.arange(s.shape[1] - 1)
         inside = (k >= first[:, None]) & (k < last[:, None])

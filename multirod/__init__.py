@@ -21,6 +21,7 @@ if find_spec("multirod.models") is None:
     )
 
 from multirod.assembly import Assembly
+from multirod.equilibria import equilibria
 from multirod.inputs import Inputs, InputSpec
 from multirod.models.concentric_tubes import ConcentricTubes
 from multirod.models.integrators import RK4, RK23, RK45, AdaptiveIntegrator, FixedStepIntegrator, Integrator, Tableau
@@ -70,6 +71,7 @@ __all__ = [
     "Tableau",
     "Track",
     "Tracker",
+    "equilibria",
     "registered_solvers",
     "simulate",
     "solve",

@@ -170,8 +170,16 @@ class BoundaryProblem(ABC):
         """Shape of each rod at ``unknowns``, and the elastic energy [J], shape (instance_count,)."""
         raise NotImplementedError(f"{type(self).__name__} offers no shapes")
 
-    def starts(self) -> FloatArray:
-        """Guesses spread over where equilibria may lie [1/m], shape (start_count, instance_count, n); none by default."""
+    @property
+    def multistable(self) -> bool:
+        """Whether there are several equilibria even unloaded, so that where the natural branch ends, another stable one is meant."""
+        return False
+
+    def starts(self, count: int, first: int = 0) -> FloatArray:
+        """Guesses that cover where equilibria may lie [1/m], shape (count, instance_count, n); none by default.
+
+        They are those from number ``first`` on of an endless sequence that lies the closer the longer it is.
+        """
         return np.zeros((0, self.instance_count, self.unknown_count))
 
     def unstable_modes(self) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
