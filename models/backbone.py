@@ -22,6 +22,8 @@ from multirod.validation import Described, FloatArray, refuse
 STEP_LIMIT = 100_000
 FEWEST_NODES = 33
 MOST_NODES = 16385
+_PARTS = 64  # of the length, over which starts are bounded
+_CROWDING = 1.5  # most equilibria are far inside the bounds
 NEUTRAL = 1e-6  # of stiffness over length: a mode no stiffer than this is neutral
 _FEATURE_INPUTS = {
     "force": ("tip_force", "follower_force", "distributed_force", "gravity"),
@@ -230,6 +232,7 @@ class BackboneProblem(BoundaryProblem):
         n = len(self.rods)
         moment, torque, unit = self._start_sizes()
         points = spread(np.arange(first, first + count), n + 2)[:, None]
+        points = np.sign(points) * np.abs(points) ** _CROWDING
         result = np.zeros((count, self.instance_count, self.unknown_count))
         result[..., :2] = points[..., :2] * moment[:, None] * unit[:, :2]
         if n == 1:
@@ -245,16 +248,35 @@ class BackboneProblem(BoundaryProblem):
         """What bounds the equilibria: moment of the loads at the base [N m], (instance_count,), torques there that the tubes'
         precurvatures give each other [N m], (instance_count, n), and the unknowns of a unit moment or torque.
         """
-        table, inputs = self.arrays, self.read("inputs")
-        length = (table.end[:, :, -1] + inputs[:, self.input_slice("translation")]).max(axis=1)
+        table = self.arrays
+        start = self.read("inputs")[:, self.input_slice("translation")]
+        length = (table.end[:, :, -1] + start).max(axis=1)
         first = self._each(table.material[:, :, 0, :3])
         bending = first[..., :2].max(axis=2)
-        total = bending.sum(axis=1)
         moment = self.load_scale() * self._each(table.material[:, 0, :, :3].min(axis=(1, 2))) / length
-        bend, _ = self._bending()
-        torque = length[:, None] * bend * (bend.sum(axis=1, keepdims=True) - bend) / total[:, None]
-        shared = np.broadcast_to(total[:, None], (self.instance_count, 2))
+        torque = np.zeros((self.instance_count, len(self.rods)))
+        for part in (np.arange(_PARTS) + 0.5) / _PARTS:
+            stiffness, bend = self._bending_at((part * length)[:, None] - start)
+            others = bend.sum(axis=1, keepdims=True) - bend
+            torque += bend * others / stiffness.sum(axis=1, keepdims=True) * (length / _PARTS)[:, None]
+        shared = np.broadcast_to(bending.sum(axis=1)[:, None], (self.instance_count, 2))
         return moment, torque, 1 / np.concatenate([shared, np.minimum(first[..., 2], bending)], axis=1)
+
+    def _bending_at(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """``EI`` [N m^2] and a bound of ``EI |u*_xy|`` [N m] of each rod at arclengths of its own, shape (instance_count, n)."""
+        end = self._each(self.arrays.end)
+        section = (s[..., None] >= end).sum(axis=2)[..., None]
+        present = section[..., 0] < end.shape[2]
+        section = np.minimum(section, end.shape[2] - 1)
+        EI, kappa = self._by_section()
+        values = (np.take_along_axis(value, section, axis=2)[..., 0] * present for value in (EI, EI * kappa))
+        return next(values), next(values)
+
+    def _by_section(self) -> tuple[FloatArray, FloatArray]:
+        """Larger ``EI`` [N m^2] and a bound of ``|u*_xy|`` [1/m] of each section, shape (instance_count, n, section)."""
+        coefficients = self.arrays.precurvature.reshape(*self.arrays.precurvature.shape[:3], -1, 3)
+        kappa = np.linalg.norm(coefficients[..., :2], axis=-1).sum(axis=-1)
+        return self._each(self.arrays.material[..., :2].max(axis=-1)), self._each(kappa)
 
     def unstable_modes(self) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:  # noqa: D102
         index, neutral = super().unstable_modes()
@@ -284,19 +306,13 @@ class BackboneProblem(BoundaryProblem):
         )
         coupling, potential = moment, force
         if len(self.rods) > 1:
-            bend, kappa = self._bending()
-            coupling = moment + bend.sum(axis=1)
-            potential = force + (bend * (kappa + curvature[:, None])).sum(axis=1)
+            EI, kappa = self._by_section()
+            bend = EI * kappa
+            coupling = moment + bend.max(axis=2).sum(axis=1)
+            potential = force + (bend * (kappa + curvature[:, None, None])).max(axis=2).sum(axis=1)
         columns = NodeColumns(call.column_arclength.numpy(), call.node_columns.numpy(), call.tip_columns.numpy(), ends)
         length = ends.max(axis=1)
         return modes_with_free_tip(columns), length, segments_needed(length, stiffness, coupling, potential)
-
-    def _bending(self) -> tuple[FloatArray, FloatArray]:
-        """Bounds of ``EI |u*_xy|`` [N m] and ``|u*_xy|`` [1/m] of each rod, shape (instance_count, rod_count)."""
-        coefficients = self.arrays.precurvature.reshape(*self.arrays.precurvature.shape[:3], -1, 3)
-        kappa = np.linalg.norm(coefficients[..., :2], axis=-1).sum(axis=-1)
-        bend = (kappa * self.arrays.material[..., :2].max(axis=-1)).max(axis=-1)
-        return self._each(bend), self._each(kappa.max(axis=-1))
 
     def _each(self, values: FloatArray) -> FloatArray:
         """Values of the rods' batch, one an instance."""

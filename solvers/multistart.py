@@ -12,10 +12,12 @@ from multirod.solvers.newton import Newton
 from multirod.status import Status
 from multirod.validation import FloatArray
 
-STARTS = 1024
+STARTS = 2048
 ROUND = 128  # starts after which it is asked whether more are needed
+SILENT_ROUNDS = 2  # that have to bring nothing new
 SAME = 1e-5  # largest distance of two results that are one equilibrium, relative; near a fold Newton's error is the residual's root
-WANDERING = 4.0  # times the largest start: an instance beyond goes no further
+WANDERING = 2.0  # times the largest start: an instance beyond goes no further
+PATIENCE = 25  # integrations from a start: what converges takes 5 to 15
 
 
 class Catalogue:
@@ -30,8 +32,13 @@ class Catalogue:
         self.degree = degree
         self.unknowns: list[FloatArray] = []
         self.signs: list[float] = []
-        self.settled = False
         self._before = 0
+        self._silent = 0
+
+    @property
+    def settled(self) -> bool:
+        """Whether whole rounds of starts brought nothing new, and no equilibrium is known to be missing."""
+        return self._silent >= SILENT_ROUNDS and sum(self.signs) == self.degree
 
     def add(self, unknowns: FloatArray, gamma: FloatArray) -> None:
         """Take in an equilibrium unless it is there already."""
@@ -43,9 +50,9 @@ class Catalogue:
         self.signs.append(sign)
 
     def end_round(self) -> None:
-        """Settle where a whole round of starts brought nothing new, and no equilibrium is known to be missing."""
+        """Note whether a round of starts brought something new."""
         found = len(self.unknowns)
-        self.settled = found > 0 and found == self._before and sum(self.signs) == self.degree
+        self._silent = self._silent + 1 if found == self._before else 0
         self._before = found
 
 
@@ -59,10 +66,12 @@ def degrees(problem: BoundaryProblem) -> FloatArray:
 
 
 def converge(problem: BoundaryProblem, newton: Newton, guesses: FloatArray, chosen: NDArray[np.bool_], limit: Any) -> Any:
-    """Newton's method from ``guesses`` (instance_count, n), given up beyond ``limit`` (instance_count, 1); who converged."""
+    """Newton's method from ``guesses`` (instance_count, n), given up beyond ``limit`` (instance_count, n); who converged."""
     problem.write("unknowns", np.where(chosen[:, None], guesses, problem.read("unknowns")))
     newton.start(chosen)
-    while newton.iterate():
+    for _ in range(PATIENCE):
+        if not newton.iterate():
+            break
         wandering = (np.abs(problem.read("unknowns")) > limit).any(axis=1)
         if wandering.any():
             problem.active.assign(problem.active.numpy() * ~wandering)
@@ -70,9 +79,10 @@ def converge(problem: BoundaryProblem, newton: Newton, guesses: FloatArray, chos
 
 
 def limits(starts: FloatArray) -> FloatArray:
-    """Where Newton's method is given up, shape (instance_count, 1); nowhere where all starts are zero."""
-    size = np.abs(starts).max(axis=(0, 2))[:, None]
-    return np.where(size > 0, WANDERING * size, np.inf)
+    """Where Newton's method is given up, shape (instance_count, n); nowhere where all starts are zero."""
+    size = np.abs(starts).max(axis=0)
+    largest = size.max(axis=1, keepdims=True)
+    return np.where(largest > 0, WANDERING * size + largest, np.inf)
 
 
 def lowest_stable(problem: BoundaryProblem, newton: Newton, outcome: Outcome, lost: NDArray[np.bool_]) -> None:
@@ -124,6 +134,7 @@ def _lowest(problem: BoundaryProblem, catalogues: Sequence[Catalogue], unknowns:
         problem.write("unknowns", trial)
         index, neutral = problem.unstable_modes()
         potential = problem.potential()
-        better = having & (index == 0) & ~neutral & (potential < least)
+        # of mirror images, whose energies differ by rounding, the first
+        better = having & (index == 0) & ~neutral & (potential < least - 1e-9 * np.abs(potential))
         best[better], least[better] = trial[better], potential[better]
     return best, np.isfinite(least)
