@@ -209,7 +209,6 @@ class BackboneProblem(BoundaryProblem):
         )
         return (shape,), call.energy.numpy()
 
-
     # ---- stability and multiplicity ----
 
     @property

@@ -65,7 +65,7 @@ def segments_needed(
 
 def modes_with_free_tip(columns: NodeColumns) -> Modes:
     """(4) to (6): the unstable modes of a backbone clamped at its base and free at its tip."""
-    count, n = columns.ends.shape
+    count = len(columns.ends)
     result = Modes(np.full(count, -1, dtype=np.int32), np.full(count, np.nan), np.full(count, np.nan))
     longest = np.argmax(columns.ends, axis=1)
     order = np.argsort(columns.ends, axis=1, kind="stable")
@@ -124,7 +124,7 @@ def _of_pattern(columns: NodeColumns, chosen: NDArray[np.intp], longest: int, en
 def _inverse(Y: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Inverses, and whether rounding leaves them their signs."""
     with np.errstate(all="ignore"):
-        sound = np.isfinite(Y).all(axis=(-2, -1))
+        sound: NDArray[np.bool_] = np.asarray(np.isfinite(Y).all(axis=(-2, -1)))
         sound &= np.linalg.det(np.where(sound[..., None, None], Y, 0.0)) != 0
         inverse = np.linalg.inv(np.where(sound[..., None, None], Y, np.eye(Y.shape[-1])))
         sound &= np.linalg.norm(Y, axis=(-2, -1)) * np.linalg.norm(inverse, axis=(-2, -1)) < WORST_CONDITION

@@ -42,7 +42,9 @@ def equilibria(
     inputs = robot.accept(inputs)
     batch = np.broadcast_shapes(inputs.batch_shape, robot.batch_shape)
     if batch:
-        refuse("inputs", Described(f"leading axes {batch}"), "there must be none: ask for the equilibria of one instance at a time")
+        refuse(
+            "inputs", Described(f"leading axes {batch}"), "there must be none: ask for the equilibria of one instance at a time"
+        )
     count = min(ROUND, positive_int("starts", starts))
     problem = robot.problem(_repeated(inputs, count), integrator=method.integrator, device=device)
     limit = limits(problem.starts(ROUND)[:, :1])

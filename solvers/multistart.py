@@ -15,7 +15,9 @@ from multirod.validation import FloatArray
 STARTS = 2048
 ROUND = 128  # starts after which it is asked whether more are needed
 SILENT_ROUNDS = 2  # that have to bring nothing new
-SAME = 1e-5  # largest distance of two results that are one equilibrium, relative; near a fold Newton's error is the residual's root
+SAME = (
+    1e-5  # largest distance of two results that are one equilibrium, relative; near a fold Newton's error is the residual's root
+)
 WANDERING = 2.0  # times the largest start: an instance beyond goes no further
 PATIENCE = 25  # integrations from a start: what converges takes 5 to 15
 
@@ -130,7 +132,7 @@ def _lowest(problem: BoundaryProblem, catalogues: Sequence[Catalogue], unknowns:
         having = np.array([k < len(catalogue.unknowns) for catalogue in catalogues])
         trial = np.array(unknowns)
         for i in np.flatnonzero(having):
-            trial[i] = catalogues[i].unknowns[k]
+            trial[i] = catalogues[int(i)].unknowns[k]
         problem.write("unknowns", trial)
         index, neutral = problem.unstable_modes()
         potential = problem.potential()

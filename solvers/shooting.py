@@ -9,8 +9,8 @@ from multirod.models.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome, Solver, Track
 from multirod.solvers.continuation import Path, follow, natural_branch
-from multirod.solvers.newton import Newton
 from multirod.solvers.multistart import lowest_stable
+from multirod.solvers.newton import Newton
 from multirod.status import Status, failures
 from multirod.validation import FloatArray, boolean, choice, positive_float, positive_int
 

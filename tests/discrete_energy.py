@@ -4,6 +4,7 @@ Unknown are the strains of every segment and how far each tube turns behind the 
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -30,7 +31,7 @@ class DiscreteEnergy:
         breaks = {0.0, *(t.length - t.behind for t in tubes), *(t.straight - t.behind for t in tubes)}
         nodes = sorted(s for s in breaks if s >= 0)
         edges = [np.array([0.0])]
-        for a, b in zip(nodes[:-1], nodes[1:], strict=True):
+        for a, b in pairwise(nodes):
             edges.append(np.linspace(a, b, max(2, round(segment_count * (b - a) / nodes[-1])) + 1)[1:])
         self.edges = np.concatenate(edges)
         self.h = np.diff(self.edges)

@@ -63,8 +63,8 @@ def relative_tip_angles(solution, case):
     _, c = pendulum(case)
     alpha = np.array(case["inputs"]["base_angle_alpha"])
     rate = solution.unknowns[..., 3] - solution.unknowns[..., 2]
-    bend = np.arccos(np.clip(np.cos(alpha[1] - alpha[0]) + rate**2 / (2 * c), -1, 1))
-    return bend  # from 0 to pi: a mirror image has the same
+    # from 0 to pi: a mirror image has the same
+    return np.arccos(np.clip(np.cos(alpha[1] - alpha[0]) + rate**2 / (2 * c), -1, 1))
 
 
 @pytest.mark.parametrize("name", SEVERAL)
@@ -72,7 +72,9 @@ def test_two_tubes_by_elliptic_functions(name, reference_cases, make_pose):
     """All equilibria of two overlapping tubes, from another theory: their number and tip angles."""
     case, robot, inputs = tubes_case(name, reference_cases, make_pose)
     angles, _ = pendulum(case)
-    stored = case["expected"].get("all_relative_tip_angles", {"value": [case["expected"]["relative_tip_angle"]["value"]]})["value"]
+    stored = case["expected"].get("all_relative_tip_angles", {"value": [case["expected"]["relative_tip_angle"]["value"]]})[
+        "value"
+    ]
     # near the fold the angle's error is the root of the base angle's
     assert all(np.abs(angles - angle).min() < 1e-9 for angle in stored)
     found = mr.equilibria(robot, inputs)
