@@ -41,7 +41,13 @@ def test_euler_column():
 
 
 def test_modes_that_cross_together_are_both_counted():
-    assert straight(column(), tip_force=along((0, 0, -1), np.pi**2 / 4 * NEAR)).index.tolist() == [0, 2]
+    loads = np.pi**2 / 4 * np.concatenate([NEAR, 9 * NEAR, 25 * NEAR])
+    assert straight(column(), tip_force=along((0, 0, -1), loads)).index.tolist() == [0, 2, 2, 4, 4, 6]
+
+
+def test_nodes_are_as_close_as_the_load_asks_for():
+    """45 modes about each axis have (k - 1/2)^2 pi^2 < 2e4: more than there are nodes at first."""
+    assert straight(column(), tip_force=(0, 0, -2e4)).index == 90
 
 
 def test_heavy_column():
