@@ -7,6 +7,7 @@ from test_concentric_tubes import NAMES, assembly
 
 import multirod as mr
 from multirod.models.backbone import BackboneProblem, spread
+from multirod.solvers.multistart import Catalogue
 
 SEVERAL = [name for name in NAMES if name.startswith(("09b", "14i"))]
 
@@ -215,6 +216,27 @@ def test_refusals(wire):
         mr.equilibria(robot, starts=0)
     with pytest.raises(TypeError, match="robot must be an assembly"):
         mr.equilibria(wire)
+
+
+def test_a_search_goes_on_while_some_are_missing_or_new():
+    catalogue = Catalogue(1.0)
+    catalogue.end_round()
+    catalogue.end_round()
+    assert not catalogue.settled  # nothing found
+    saddle, minimum = np.diag([1.0, -1.0]), np.eye(2)
+    catalogue.add(np.array([3.0, 1.0]), saddle)
+    for _ in range(3):
+        catalogue.end_round()
+        assert not catalogue.settled  # the signs do not add up
+    for unknowns in ([0.0, 0.0], [9.0, 0.0], [9.0, 1e-9]):
+        catalogue.add(np.array(unknowns), minimum)
+    assert len(catalogue.unknowns) == 3
+    for settled in (False, False, True):
+        catalogue.end_round()
+        assert catalogue.settled is settled
+    catalogue.add(np.array([3.0, 1.0 + 1e-7]), minimum)  # beside the saddle, across a fold
+    assert len(catalogue.unknowns) == 4
+    assert not catalogue.settled
 
 
 def test_starts_fill_their_cube():

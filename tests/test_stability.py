@@ -108,6 +108,13 @@ def test_opposite_tubes_lose_stability_at_a_quarter_turn(longer, mode):
     assert found == [(mode - 1) // 2, (mode + 1) // 2]
 
 
+@pytest.mark.parametrize("longer", [(0.06, 0.0), (0.0, 0.06)], ids=["outer ends", "inner ends"])
+def test_every_mode_of_opposite_tubes_is_counted(longer):
+    """As many as there are (k - 1/2) pi below L sqrt(c), whichever pivot shows them."""
+    for turns in np.linspace(0.4, 9.4, 31):
+        assert untwisted(turns, np.pi, longer=longer).index == int(turns / np.pi + 0.5), turns
+
+
 def test_compliance_behind_the_plate_destabilises():
     """theta(0) = pi + b theta'(0) behind the plate: tan(L sqrt(c)) = 1/(b sqrt(c)) on the opposite branch."""
     behind, turns = 0.06, 1.0
