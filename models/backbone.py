@@ -6,18 +6,25 @@ from typing import Any, ClassVar
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from multirod.assembly import Assembly, pose
 from multirod.inputs import Inputs, InputSpec
 from multirod.models import backbone_kernels as kernels
 from multirod.models.features import Features
 from multirod.models.integrators import Integrator
+from multirod.models.second_variation import Modes, NodeColumns, modes_with_free_tip, segments_needed
 from multirod.problem import Block, BoundaryProblem, Shape
 from multirod.profile import DEGREE, interpolate
 from multirod.rod import Rod, RodArrays, lower
 from multirod.validation import Described, FloatArray, refuse
 
 STEP_LIMIT = 100_000
+FEWEST_NODES = 33
+MOST_NODES = 16385
+_PARTS = 64  # of the length, over which starts are bounded
+_CROWDING = 1.5  # most equilibria are far inside the bounds
+NEUTRAL = 1e-6  # of stiffness over length: a mode no stiffer than this is neutral
 _FEATURE_INPUTS = {
     "force": ("tip_force", "follower_force", "distributed_force", "gravity"),
     "tip_moment": ("tip_moment",),
@@ -146,6 +153,7 @@ class BackboneProblem(BoundaryProblem):
                 setattr(call, f"node_{name}", wp.zeros(shape, dtype=wp.vec3d, device=self.device))
             call.node_rotation = wp.zeros(shape, dtype=wp.mat33d, device=self.device)
             call.energy = wp.zeros(self.instance_count, dtype=wp.float64, device=self.device)
+            call.work = wp.zeros(self.instance_count, dtype=wp.float64, device=self.device)
         return call
 
     def _record(self, features: Features, call: Any) -> Any:
@@ -202,19 +210,140 @@ class BackboneProblem(BoundaryProblem):
         return total
 
     def shapes(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:  # noqa: D102
-        features = replace(self.features, nodes=True, pose=True, sensitivities=False, pose_sensitivities=False, directions=0)
-        shapes = []
-        for rod in range(len(self.rods)):
-            call = self._make_call(node_count)
-            call.node_rod = rod
-            # outputs of its own: the residual and Gamma of the solve stay as they are
-            for name in ("residual", "position", "rotation"):
-                buffer = getattr(self, name)
-                setattr(call, name, wp.zeros(buffer.shape, dtype=buffer.dtype, device=self.device))
-            self._record(features, call).launch()
-            fields = ("arclength", "position", "rotation", "curvature", "moment", "force")
-            shapes.append(Shape(**{name: getattr(call, f"node_{name}").numpy() for name in fields}))
-        return tuple(shapes), call.energy.numpy()
+        fields = ("arclength", "position", "rotation", "curvature", "moment", "force")
+        calls = [self._node_pass(node_count, rod=rod) for rod in range(len(self.rods))]
+        shapes = [Shape(**{name: getattr(call, f"node_{name}").numpy() for name in fields}) for call in calls]
+        return tuple(shapes), calls[0].energy.numpy()
+
+    # ---- stability and multiplicity ----
+
+    @property
+    def multistable(self) -> bool:  # noqa: D102
+        return len(self.rods) > 1
+
+    @property
+    def has_potential(self) -> bool:
+        """Whether the loads derive from one: a moment does not, dead or not, nor what follows the tip."""
+        f = self.features
+        return not (f.tip_moment or f.distributed_moment or f.follower_force or f.follower_moment or f.measured)
+
+    def potential(self) -> FloatArray:  # noqa: D102
+        if not self.has_potential:
+            return super().potential()
+        call = self._node_pass(2)
+        return np.asarray(call.energy.numpy() - call.work.numpy())
+
+    def starts(self, count: int, first: int = 0) -> FloatArray:  # noqa: D102
+        n = len(self.rods)
+        moment, torque, unit = self._start_sizes()
+        points = spread(np.arange(first, first + count), n + 2)[:, None]
+        points = np.sign(points) * np.abs(points) ** _CROWDING
+        result = np.zeros((count, self.instance_count, self.unknown_count))
+        result[..., :2] = points[..., :2] * moment[:, None] * unit[:, :2]
+        if n == 1:
+            result[..., 2] = points[..., 2] * moment * unit[:, 2]
+            return result + self.guess()
+        tau = points[..., 2:] * torque
+        # all torques together balance the load
+        tau[..., -1] = points[..., -1] * moment - tau[..., :-1].sum(axis=-1)
+        result[..., 2 : 2 + n] = tau * unit[:, 2:]
+        return result
+
+    def _start_sizes(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """What bounds the equilibria: moment of the loads at the base [N m], (instance_count,), torques there that the tubes'
+        precurvatures give each other [N m], (instance_count, n), and the unknowns of a unit moment or torque.
+        """
+        table = self.arrays
+        start = self.read("inputs")[:, self.input_slice("translation")]
+        length = (table.end[:, :, -1] + start).max(axis=1)
+        first = self._each(table.material[:, :, 0, :3])
+        bending = first[..., :2].max(axis=2)
+        moment = self.load_scale() * self._each(table.material[:, 0, :, :3].min(axis=(1, 2))) / length
+        torque = np.zeros((self.instance_count, len(self.rods)))
+        for part in (np.arange(_PARTS) + 0.5) / _PARTS:
+            stiffness, bend = self._bending_at((part * length)[:, None] - start)
+            others = bend.sum(axis=1, keepdims=True) - bend
+            torque += bend * others / stiffness.sum(axis=1, keepdims=True) * (length / _PARTS)[:, None]
+        shared = np.broadcast_to(bending.sum(axis=1)[:, None], (self.instance_count, 2))
+        return moment, torque, 1 / np.concatenate([shared, np.minimum(first[..., 2], bending)], axis=1)
+
+    def _bending_at(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """``EI`` [N m^2] and a bound of ``EI |u*_xy|`` [N m] of each rod at arclengths of its own, shape (instance_count, n)."""
+        end = self._each(self.arrays.end)
+        section = (s[..., None] >= end).sum(axis=2)[..., None]
+        present = section[..., 0] < end.shape[2]
+        section = np.minimum(section, end.shape[2] - 1)
+        EI, kappa = self._by_section()
+        values = (np.take_along_axis(value, section, axis=2)[..., 0] * present for value in (EI, EI * kappa))
+        return next(values), next(values)
+
+    def _by_section(self) -> tuple[FloatArray, FloatArray]:
+        """Larger ``EI`` [N m^2] and a bound of ``|u*_xy|`` [1/m] of each section, shape (instance_count, n, section)."""
+        coefficients = self.arrays.precurvature.reshape(*self.arrays.precurvature.shape[:3], -1, 3)
+        kappa = np.linalg.norm(coefficients[..., :2], axis=-1).sum(axis=-1)
+        return self._each(self.arrays.material[..., :2].max(axis=-1)), self._each(kappa)
+
+    def unstable_modes(self) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:  # noqa: D102
+        index, neutral = super().unstable_modes()
+        stiffness = self._each(self.arrays.material[..., :3].min(axis=(1, 2, 3)))
+        open_ = self.has_potential & np.isfinite(self.arrays.material[..., :3]).all() & np.ones(self.instance_count, dtype=bool)
+        node_count = FEWEST_NODES
+        while open_.any() and node_count <= MOST_NODES:
+            call = self._node_pass(node_count, open_, columns=True)
+            modes, length, needed = self._modes(call, stiffness)
+            done = open_ & (needed < node_count)
+            # where the softest mode is neutral, the sign by which it was counted means nothing
+            soft = np.abs(modes.tip_stiffness) <= NEUTRAL * stiffness / length + modes.uncertainty
+            counted = (modes.tip_stiffness < 0) & soft & (modes.index > 0)
+            index[done] = (modes.index - counted)[done]
+            neutral[done] = soft[done] & (modes.index[done] >= 0)
+            open_ &= ~done
+            node_count = 2 * node_count - 1
+        return index, neutral
+
+    def _modes(self, call: Any, stiffness: FloatArray) -> tuple[Modes, FloatArray, FloatArray]:
+        """Modes by the columns of a pass, the length, and how many segments it takes to be sure of them."""
+        inputs = self.read("inputs")
+        translation = inputs[:, self.input_slice("translation")]
+        ends = self.arrays.end[:, :, -1] + translation
+        moment, force, curvature = (
+            np.linalg.norm(getattr(call, f"node_{name}").numpy(), axis=2).max(axis=1) for name in ("moment", "force", "curvature")
+        )
+        coupling, potential = moment, force
+        if len(self.rods) > 1:
+            EI, kappa = self._by_section()
+            bend = EI * kappa
+            coupling = moment + bend.max(axis=2).sum(axis=1)
+            potential = force + (bend * (kappa + curvature[:, None, None])).max(axis=2).sum(axis=1)
+        columns = NodeColumns(call.column_arclength.numpy(), call.node_columns.numpy(), call.tip_columns.numpy(), ends)
+        length = ends.max(axis=1)
+        return modes_with_free_tip(columns), length, segments_needed(length, stiffness, coupling, potential)
+
+    def _each(self, values: FloatArray) -> FloatArray:
+        """Values of the rods' batch, one an instance."""
+        return np.broadcast_to(values, (self.instance_count, *values.shape[1:]))
+
+    def _node_pass(
+        self, node_count: int, chosen: NDArray[np.bool_] | None = None, *, columns: bool = False, rod: int | None = None
+    ) -> Any:
+        """The arrays of a pass over nodes of one rod, or of all together, by outputs of its own: those of the solve stay."""
+        features = replace(self.features, nodes=True, pose=True, sensitivities=columns, pose_sensitivities=columns, directions=0)
+        call = self._make_call(node_count)
+        call.node_rod = len(self.rods) if rod is None else rod
+        for name in ("residual", "gamma", "position", "rotation", "pose_columns"):
+            buffer = getattr(self, name)
+            setattr(call, name, wp.zeros(buffer.shape, dtype=buffer.dtype, device=self.device))
+        if chosen is not None:
+            call.active = wp.array(chosen.astype(np.int32), device=self.device)
+        if columns:
+            m, count = features.unknown_count, self.instance_count
+            nodes = node_count - 1 + self.arrays.end[0].size + self._table.profile_end.size
+            call.column_arclength = wp.full((count, nodes), np.nan, dtype=wp.float64, device=self.device)
+            call.node_columns = wp.zeros((count, nodes, m, m), dtype=wp.float64, device=self.device)
+            call.tip_columns = wp.zeros((count, m, m), dtype=wp.float64, device=self.device)
+            call.pose_columns = wp.zeros((count, 6, m), dtype=wp.float64, device=self.device)
+        self._record(features, call).launch()
+        return call
 
 
 BACKBONE_INPUTS = (
@@ -268,6 +397,18 @@ class BackboneAssembly(Assembly):
 
     def problem(self, inputs: Inputs, **options: Any) -> BackboneProblem:  # noqa: D102
         return BackboneProblem(self.rods, self.base, inputs, transmission=self.transmission, **options)
+
+
+def spread(numbers: NDArray[np.int_], dimensions: int) -> FloatArray:
+    """Points of a sequence that fills the cube from -1 to 1 evenly, number 0 in its centre, shape (len(numbers), dimensions).
+
+    Roberts' additive recurrence: steps by powers of the generalised golden ratio.
+    """
+    ratio = 2.0
+    for _ in range(40):
+        ratio = (1 + ratio) ** (1 / (dimensions + 1))
+    steps = ratio ** -np.arange(1.0, dimensions + 1)
+    return np.asarray(2 * ((0.5 + np.outer(numbers, steps)) % 1) - 1)
 
 
 def step_multiple(steps: int) -> int:

@@ -22,6 +22,7 @@ def make_base_functions(layout: Layout, features: Features, grid: SimpleNamespac
     ColumnVectors = layout.ColumnVectors
     N_AT, THETA_AT, TAU_AT, STATICS = layout.N_AT, layout.THETA_AT, layout.TAU_AT, layout.STATICS
     COLUMN_Q_AT, COLUMN_SIZE, Q_AT = layout.COLUMN_Q_AT, layout.COLUMN_SIZE, layout.Q_AT
+    ENERGY_AT, NODES = layout.ENERGY_AT, features.nodes
     FORCE_STATE, FRAME, COLUMN_FRAME = layout.FORCE_STATE, layout.FRAME, layout.COLUMN_FRAME
     FORCE_UNKNOWN, TRANSMISSION, TUBES = features.base_force_unknown, features.transmission, n > 1
     # columns: bending moments (with one rod, torque too), torques of several rods, base force, directions
@@ -207,6 +208,10 @@ def make_base_functions(layout: Layout, features: Features, grid: SimpleNamespac
         if wp.static(FRAME):
             for j in range(4):
                 y[Q_AT + j] = q[j]
+        if wp.static(NODES and TUBES):  # what is stored behind the base plate
+            for i in range(wp.static(n)):
+                torque = base_torque(rods, call, case, i)
+                y[ENERGY_AT] += f64(0.5) * angle_by_torque(rods, case, node, i) * torque * torque
         y, dn0 = base_columns(rods, call, case, node, y, q, n0, dn0)
         return y, n0, dn0
 
@@ -220,7 +225,7 @@ def make_tip_functions(
     n, C, NX = layout.n, layout.C, layout.NX
     State, Stretch, Instance = layout.State, layout.Stretch, layout.Instance
     THETA_AT, TAU_AT, P_AT = layout.THETA_AT, layout.TAU_AT, layout.P_AT
-    ENERGY_AT, COLUMN_P_AT = layout.ENERGY_AT, layout.COLUMN_P_AT
+    ENERGY_AT, WORK_AT, COLUMN_P_AT = layout.ENERGY_AT, layout.WORK_AT, layout.COLUMN_P_AT
     COLUMN_FRAME, STATICS, COLUMN_SIZE = layout.COLUMN_FRAME, layout.STATICS, layout.COLUMN_SIZE
     ColumnVectors = layout.ColumnVectors
     POSE, POSE_COLUMNS, NODES = layout.POSE, layout.POSE_COLUMNS, features.nodes
@@ -444,6 +449,7 @@ def make_tip_functions(
             call.rotation[t] = case.base_rotation * rotation_matrix(q) * turned_about_z(tip_angle(case, y, THETA_AT))
         if wp.static(NODES):
             call.energy[t] = y[ENERGY_AT]
+            call.work[t] = y[WORK_AT]
         if wp.static(POSE_COLUMNS):
             for k in range(wp.static(C)):
                 column = column_of(y, k)
@@ -487,6 +493,56 @@ def make_tip_functions(
         """(11) to (13): residual and Gamma. Returns a number that is not finite if one of theirs is not."""
         return write_residual(rods, call, case, y, z, n_tip) + write_residual_columns(rods, call, case, y, z, n_tip, dn_tip)
 
+    @wp.func
+    def write_node_columns(call: Call, case: Instance, output: int, y: State, s: f64):
+        """How the configuration at s varies with each unknown: rotation vector of the longest rod in the world, then the angle
+        of each other rod from it.
+        """
+        t = case.index
+        if output >= call.column_arclength.shape[1]:
+            return
+        call.column_arclength[t, output] = s
+        q = frame(y)
+        for k in range(wp.static(NX)):
+            angles = wp.static(STATICS + THETA_AT) + k * wp.static(COLUMN_SIZE)
+            dtheta = tip_angle(case, y, angles)
+            turn = column_rotation(q, column_of(y, k)) + wp.vec3d(f64(0.0), f64(0.0), dtheta)
+            turn = case.base_rotation * rotate(q, turn)
+            for j in range(3):
+                call.node_columns[t, output, j, k] = turn[j]
+            row = int(3)
+            for i in range(wp.static(n)):
+                if i != case.longest:
+                    angle = -dtheta
+                    if i > 0:
+                        angle += y[angles + i - 1]
+                    call.node_columns[t, output, row, k] = angle
+                    row += int(1)
+
+    @wp.func
+    def write_tip_columns(call: Call, case: Instance, y: State):
+        """Momenta of that configuration at the tip: the moment of all rods in the world, then the torque that each other rod has
+        at its own end. The moment itself is taken to be zero, so the frame's turning adds nothing.
+        """
+        t = case.index
+        q = frame(y)
+        for k in range(wp.static(NX)):
+            column = column_of(y, k)
+            moment = case.base_rotation * rotate(q, wp.vec3d(column[0], column[1], column[2]))
+            for j in range(3):
+                call.tip_columns[t, j, k] = moment[j]
+            inner = column[2]
+            for i in range(1, wp.static(n)):
+                inner -= column[wp.static(TAU_AT) + i - 1]
+            row = int(3)
+            for i in range(wp.static(n)):
+                if i != case.longest:
+                    torque = inner
+                    if i > 0:
+                        torque = column[wp.static(TAU_AT) + i - 1]
+                    call.tip_columns[t, row, k] = torque
+                    row += int(1)
+
     return SimpleNamespace(
         outer_torque=outer_torque,
         torque_unit=torque_unit,
@@ -494,4 +550,6 @@ def make_tip_functions(
         write_end=write_end,
         write_tip=write_tip,
         write_node=write_node,
+        write_node_columns=write_node_columns,
+        write_tip_columns=write_tip_columns,
     )

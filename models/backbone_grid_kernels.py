@@ -186,8 +186,10 @@ def make_grid_functions(layout: Layout, features: Features, stretch: SimpleNames
 
     @wp.func
     def output_arclength(rods: RodTable, call: Call, case: Instance, node: Node) -> f64:
-        """Where the next output node is: they are spaced evenly along one rod; past its end there are none."""
-        s = section_end(rods, case, call.node_rod, rods.end.shape[2] - 1)
+        """Where the next output node is: they are spaced evenly along one rod or all; past its end there are none."""
+        s = case.length
+        if call.node_rod < wp.static(n):
+            s = section_end(rods, case, call.node_rod, rods.end.shape[2] - 1)
         if node.output + 1 < call.node_count - 1:
             s *= f64(node.output + 1) / f64(call.node_count - 1)
         if node.output + 1 > call.node_count - 1:

@@ -77,6 +77,8 @@ def make_kernel(features: Features, tableau: Tableau):
     over_stretch = make_step_functions(layout, tableau, rate.rates).over_stretch
     write_end = make_held_functions(layout, features, rate, tip).write_end if features.held else tip.write_end
     write_tip, write_node = tip.write_tip, tip.write_node
+    write_node_columns, write_tip_columns = tip.write_node_columns, tip.write_tip_columns
+    NODE_COLUMNS = features.nodes and features.sensitivities
 
     @wp.kernel(module="unique", enable_backward=False)
     def integrate(rods: RodTable, call: Call):
@@ -91,6 +93,7 @@ def make_kernel(features: Features, tableau: Tableau):
         h = f64(0.0)
         step_count = int(0)
         fault = int(wp.static(FAULT_NONE))
+        passed = int(0)  # nodes
 
         while node.s < case.length and fault == wp.static(FAULT_NONE):
             end, end_rate = next_node(rods, call, case, node)
@@ -105,11 +108,16 @@ def make_kernel(features: Features, tableau: Tableau):
                 if end >= output_arclength(rods, call, case, node):
                     node.output += 1
                     write_node(call, case, node.output, y, z, z.length, end)
+            if wp.static(NODE_COLUMNS):
+                write_node_columns(call, case, passed, y, end)
+                passed += 1
             n, dn = force_at_end(z)
             node = walk_to(rods, case, node, end, end_rate)
 
         total = write_end(rods, call, case, y, z, n, dn)
         write_tip(call, case, y)
+        if wp.static(NODE_COLUMNS):
+            write_tip_columns(call, case, y)
         if not wp.isfinite(total):
             fault = int(wp.static(FAULT_NONFINITE))
         call.fault[t] = fault

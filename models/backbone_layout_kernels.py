@@ -62,7 +62,7 @@ class Call:
     atol: wp.float64
     step_limit: int
     node_count: int
-    node_rod: int  # the rod along which the nodes are spaced, and whose frame they are given in
+    node_rod: int  # the rod that the nodes describe and along which they are spaced; the number of rods for all together
     # outputs
     fault: wp.array[int]
     step_count: wp.array[int]
@@ -79,15 +79,20 @@ class Call:
     node_moment: wp.array2d[wp.vec3d]
     node_force: wp.array2d[wp.vec3d]
     energy: wp.array[wp.float64]
+    work: wp.array[wp.float64]  # of the dead forces, from all of the rod at its base
     # of a held tip
     tip_wrench: wp.array2d[wp.float64]  # (batch, 6): internal force, then moment, world frame
     wrench_columns: wp.array3d[wp.float64]  # (batch, 6, unknown + direction)
+    # at every node of the grid but the base, in its order; rows past the last are left as they are
+    column_arclength: wp.array2d[wp.float64]  # (batch, grid node)
+    node_columns: wp.array4d[wp.float64]  # (batch, grid node, n + 2, unknown)
+    tip_columns: wp.array3d[wp.float64]  # (batch, n + 2, unknown)
 
 
 class Layout:
     """How the state of a backbone with certain features is packed, and the types that follow.
 
-    The state is ``M, [N], theta_i, tau_i (i >= 2), columns, [q], [p], [energy]``; a column, the derivative of the state by
+    The state is ``M, [N], theta_i, tau_i (i >= 2), columns, [q], [p], [energy, work]``; a column, the derivative of the state by
     one unknown or direction, is ``dM, [dN], dtheta_i, dtau_i, [dq], [dp]``. What is in brackets is there when a feature
     needs it. Names that end in ``_AT`` are offsets. The unknowns' columns come first, then those of the directions.
     """
@@ -122,7 +127,8 @@ class Layout:
         self.Q_AT = self.STATICS + self.COLUMN_SIZE * columns
         self.P_AT = self.Q_AT + (4 if self.FRAME else 0)
         self.ENERGY_AT = self.P_AT + (3 if self.POSE else 0)
-        size = self.ENERGY_AT + (1 if features.nodes else 0)
+        self.WORK_AT = self.ENERGY_AT + 1
+        size = self.ENERGY_AT + (2 if features.nodes else 0)
         size += -size % 8  # whole vector registers: measured 15 % faster
 
         self.State = wp.types.vector(length=size, dtype=f64)

@@ -34,7 +34,7 @@ def make_rate_functions(layout: Layout, features: Features, stretch: SimpleNames
     Point, Given = types.Point, types.Given
     N_AT, THETA_AT, TAU_AT, STATICS = layout.N_AT, layout.THETA_AT, layout.TAU_AT, layout.STATICS
     COLUMN_Q_AT, COLUMN_P_AT, COLUMN_SIZE = layout.COLUMN_Q_AT, layout.COLUMN_P_AT, layout.COLUMN_SIZE
-    Q_AT, P_AT, ENERGY_AT = layout.Q_AT, layout.P_AT, layout.ENERGY_AT
+    Q_AT, P_AT, ENERGY_AT, WORK_AT = layout.Q_AT, layout.P_AT, layout.ENERGY_AT, layout.WORK_AT
     TUBES = n > 1
     FORCE, FORCE_STATE, FRAME, COLUMN_FRAME = layout.FORCE, layout.FORCE_STATE, layout.FRAME, layout.COLUMN_FRAME
     SPREAD_MOMENT, SHEAR, NODES = layout.SPREAD_MOMENT, features.shear, features.nodes
@@ -262,6 +262,7 @@ def make_rate_functions(layout: Layout, features: Features, stretch: SimpleNames
                 d[P_AT + j] = p_s[j]
         if wp.static(NODES):
             d[ENERGY_AT] = energy_rate(y, z, a)
+            d[WORK_AT] = a.N[2] + wp.dot(a.N, a.extension)
         for c in range(wp.static(C)):
             given = Given()
             if wp.static(c >= NX):

@@ -21,6 +21,7 @@ if find_spec("multirod.models") is None:
     )
 
 from multirod.assembly import Assembly
+from multirod.equilibria import equilibria
 from multirod.inputs import Inputs, InputSpec
 from multirod.models.concentric_tubes import ConcentricTubes
 from multirod.models.integrators import RK4, RK23, RK45, AdaptiveIntegrator, FixedStepIntegrator, Integrator, Tableau
@@ -35,6 +36,7 @@ from multirod.solver import Outcome, Solver, Track, registered_solvers
 from multirod.solvers.observer import Observer
 from multirod.solvers.scipy_shooting import ScipyShooting
 from multirod.solvers.shooting import Shooting
+from multirod.stability import Stability
 from multirod.status import Status
 
 __version__ = "0.1.0"
@@ -67,10 +69,12 @@ __all__ = [
     "Solution",
     "SolveError",
     "Solver",
+    "Stability",
     "Status",
     "Tableau",
     "Track",
     "Tracker",
+    "equilibria",
     "registered_solvers",
     "simulate",
     "solve",

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from multirod.inputs import Inputs
 from multirod.validation import FloatArray
@@ -177,6 +178,32 @@ class BoundaryProblem(ABC):
     def shapes(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:
         """Shape of each rod at ``unknowns``, and the elastic energy [J], shape (instance_count,)."""
         raise NotImplementedError(f"{type(self).__name__} offers no shapes")
+
+    @property
+    def multistable(self) -> bool:
+        """Whether there are several equilibria even unloaded, so that where the natural branch ends, another stable one is meant."""
+        return False
+
+    def starts(self, count: int, first: int = 0) -> FloatArray:
+        """Guesses that cover where equilibria may lie [1/m], shape (count, instance_count, n); none by default.
+
+        They are those from number ``first`` on of an endless sequence that lies the closer the longer it is.
+        """
+        return np.zeros((0, self.instance_count, self.unknown_count))
+
+    def unstable_modes(self) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
+        """How many modes of the equilibria at ``unknowns`` are unstable, and whether a further one is neutral: a fold.
+
+        Both of shape (instance_count,). The number is -1 where it cannot be said, as everywhere by default.
+        """
+        return np.full(self.instance_count, -1, dtype=np.int32), np.zeros(self.instance_count, dtype=bool)
+
+    def potential(self) -> FloatArray:
+        """Total potential energy at ``unknowns`` [J], shape (instance_count,): elastic energy less the work of dead forces.
+
+        NaN where the loads have no potential, as everywhere by default.
+        """
+        return np.full(self.instance_count, np.nan)
 
     def evaluate(self, unknowns: FloatArray) -> tuple[FloatArray, FloatArray]:
         """``(eps, Gamma)`` at ``unknowns`` (instance_count, n), as new NumPy arrays; NaN where the integration failed."""

@@ -13,6 +13,7 @@ from multirod.inputs import Inputs
 from multirod.models.integrators import Integrator
 from multirod.problem import BoundaryProblem, Shape
 from multirod.solver import Outcome
+from multirod.stability import Stability, classify
 from multirod.status import Status, failures
 from multirod.validation import FloatArray, positive_int, refuse
 
@@ -192,6 +193,30 @@ class Solution:
     def energy(self) -> FloatArray:
         """Elastic energy of all rods [J], shape (...)."""
         return self._masked(self._shape_pass(self._default_node_count)[1], ())
+
+    @cached_property
+    def potential(self) -> FloatArray:
+        """Total potential energy [J], shape (...): elastic energy less the work that dead forces and weight did from the base.
+
+        NaN where the loads have no potential: moments, and what follows the tip.
+        """
+        return self._masked(self._problem().potential(), ())
+
+    @cached_property
+    def _modes(self) -> tuple[Any, Any]:
+        index, neutral = self._problem().unstable_modes()
+        return np.where(self._failed, -1, index), neutral
+
+    @cached_property
+    def index(self) -> Any:
+        """Unstable modes of each equilibrium (its Morse index), shape (...); -1 where it cannot be said."""
+        return self._shaped(self._modes[0]) if self.batch_shape else int(self._modes[0][0])
+
+    @cached_property
+    def stability(self) -> Any:
+        """``Stability`` of each equilibrium, shape (...); a ``Stability`` where there are no leading axes."""
+        values = classify(*self._modes)
+        return self._shaped(values) if self.batch_shape else Stability(int(values[0]))
 
     @property
     def _default_node_count(self) -> int:

@@ -28,6 +28,7 @@ class Status(IntEnum):
     EULER_LIMIT = 9
     NEAR_FOLD = 10
     EULER_DIVERGED = 11
+    LOWEST_ENERGY = 12
 
     def __str__(self) -> str:
         return self.name
@@ -43,7 +44,7 @@ class Status(IntEnum):
         return _MESSAGES[self]
 
 
-_WITH_RESULT = frozenset({Status.CONVERGED, Status.TRACKING, Status.EULER_LIMIT, Status.NEAR_FOLD})
+_WITH_RESULT = frozenset({Status.CONVERGED, Status.TRACKING, Status.EULER_LIMIT, Status.NEAR_FOLD, Status.LOWEST_ENERGY})
 
 
 def failures(values: IntArray) -> BoolArray:
@@ -63,6 +64,8 @@ _MESSAGES = {
     "minimum; loosen the tolerance, tighten the integrator, or start nearer",
     Status.BRANCH_END: "the equilibrium reached by raising the loads in proportion ends before the full load (a fold or a "
     "bifurcation: the rod snaps or buckles); give a guess to follow another branch",
+    Status.LOWEST_ENERGY: "the residual is within the tolerance; raising precurvature and loads in proportion ends before the full "
+    "load, so this is the stable equilibrium of lowest potential energy that was found from many starts: equilibria() lists all",
     Status.TRACKING: "an estimate of the observer; residual says how far it is",
     Status.EULER_LIMIT: "the observer's explicit Euler update left its stability limit: use update='exact', a shorter time "
     "step, or lower gains",

@@ -123,11 +123,15 @@ class Newton:
 
     def run(self, chosen: Any = None) -> None:
         """Iterate the chosen instances (bool, (instance_count,); all by default) from ``problem.unknowns`` to their ends."""
+        self.start(chosen)
+        while self.iterate():
+            pass
+
+    def start(self, chosen: Any = None) -> None:
+        """Begin with the chosen instances (bool, (instance_count,); all by default) at ``problem.unknowns``."""
         self._reset.launch()
         if chosen is not None:
             self.state.active.assign(np.asarray(chosen, dtype=np.int32))
-        while self.iterate():
-            pass
 
     def iterate(self) -> int:
         """One integration of all active instances, and what follows from it; the number still active."""

@@ -9,8 +9,9 @@ from multirod.models.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome, Solver, Track
 from multirod.solvers.continuation import Path, follow, natural_branch
+from multirod.solvers.multistart import lowest_stable
 from multirod.solvers.newton import Newton
-from multirod.status import Status
+from multirod.status import Status, failures
 from multirod.validation import FloatArray, boolean, choice, positive_float, positive_int
 
 PREDICTORS = ("none", "linear", "quadratic")
@@ -53,16 +54,23 @@ class Shooting(Solver):
         boolean("Shooting.line_search", self.line_search)
         positive_int("Shooting.max_continuation_steps", self.max_continuation_steps)
 
-    def _newton(self, problem: BoundaryProblem) -> Newton:
+    def newton(self, problem: BoundaryProblem) -> Newton:
+        """Newton's iteration on a problem, with these options."""
         return Newton(problem, tolerance=self.tolerance, max_iterations=self.max_iterations, line_search=self.line_search)
 
     def _solve(self, problem: BoundaryProblem, guess: FloatArray | None) -> Outcome:
-        newton = self._newton(problem)
+        newton = self.newton(problem)
         if guess is None:
-            return natural_branch(problem, newton, self.max_continuation_steps)
+            return self._first(problem, newton)
         problem.write("unknowns", guess)
         newton.run()
         return newton.outcome()
+
+    def _first(self, problem: BoundaryProblem, newton: Newton, chosen: Any = None) -> Outcome:
+        """Without a guess: the end of the natural branch, or where it ends early and others are meant, the lowest stable one."""
+        outcome = natural_branch(problem, newton, self.max_continuation_steps, chosen)
+        lowest_stable(problem, newton, outcome, failures(outcome.status))
+        return outcome
 
     def track(self, problem: BoundaryProblem, dt: float) -> Track:
         """Follow a motion, each sample from the last or from its extrapolation."""
@@ -80,7 +88,7 @@ class NewtonTrack(Track):
     def __init__(self, options: Shooting, problem: BoundaryProblem) -> None:
         self.options = options
         self.problem = problem
-        self.newton = options._newton(problem)
+        self.newton = options.newton(problem)
         self.order = PREDICTORS.index(options.predictor)
         self.history: list[FloatArray] = []
         self.inputs: FloatArray | None = None  # those of the last good sample
@@ -100,7 +108,7 @@ class NewtonTrack(Track):
         if not self.all_known:
             if not self.history:
                 self.history = [problem.guess()]
-            first = natural_branch(problem, newton, self.options.max_continuation_steps, ~self.known)
+            first = self.options._first(problem, newton, ~self.known)
             if not self.known.any():
                 return self._keep(first)
         past = self.history
@@ -153,7 +161,7 @@ class NewtonTrack(Track):
 
     def _keep(self, outcome: Outcome) -> Outcome:
         found, inputs = self.problem.read("unknowns"), self.problem.read("inputs")
-        good = outcome.status == _CONVERGED
+        good = ~failures(outcome.status)
         if self.all_known and good.all():
             self.history = [found, *self.history[: self.order]]
             self.inputs = inputs

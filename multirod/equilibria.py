@@ -1,0 +1,74 @@
+"""All equilibria of one robot at one set of inputs."""
+
+import numpy as np
+
+from multirod.assembly import Assembly
+from multirod.inputs import Inputs
+from multirod.simulation import solve
+from multirod.solution import Solution, SolveError
+from multirod.solvers.multistart import ROUND, STARTS, Catalogue, converge, degrees, limits
+from multirod.solvers.shooting import Shooting
+from multirod.validation import Described, positive_int, refuse
+
+
+def equilibria(
+    robot: Assembly, inputs: Inputs | None = None, *, starts: int = STARTS, solver: Shooting | None = None, device: str = "cpu"
+) -> Solution:
+    """All equilibria that Newton's method finds from many starts, the one of lowest potential energy first.
+
+    Starts cover all base moments and torques that an equilibrium can have, in rounds, until a round brings nothing new and
+    the signs of ``determinant`` add up as they must (``docs/stability.md``). That is no proof that none is missing.
+
+    Args:
+        robot: The assembly.
+        inputs: Made by ``robot.inputs(...)``, without leading axes; none are all zero.
+        starts: Starts at most.
+        solver: ``Shooting()`` by default, of which the tolerance, the iteration limit and the integrator are used.
+        device: Warp device.
+
+    Returns:
+        The equilibria, shape (k,): each with ``stability``, ``index``, ``potential``, ``condition`` and all that a solution
+        has. Where loads have no potential (moments, follower loads), they are in the order of their elastic energy.
+
+    Raises:
+        SolveError: If none is found.
+        TypeError, ValueError: If an argument is not what it must be, or the robot or its inputs have leading axes.
+    """
+    if not isinstance(robot, Assembly):
+        raise TypeError(f"robot must be an assembly such as SingleRod(rod), not {type(robot).__name__}")
+    method = Shooting() if solver is None else solver
+    if not isinstance(method, Shooting):
+        raise TypeError(f"equilibria() needs Shooting(), not {type(method).__name__}")
+    inputs = robot.accept(inputs)
+    batch = np.broadcast_shapes(inputs.batch_shape, robot.batch_shape)
+    if batch:
+        refuse(
+            "inputs", Described(f"leading axes {batch}"), "there must be none: ask for the equilibria of one instance at a time"
+        )
+    count = min(ROUND, positive_int("starts", starts))
+    problem = robot.problem(_repeated(inputs, count), integrator=method.integrator, device=device)
+    limit = limits(problem.starts(ROUND)[:, :1])
+    newton = method.newton(problem)
+    catalogue = Catalogue(float(degrees(problem)[0]))
+    everyone = np.ones(count, dtype=bool)
+    for first in range(0, starts, count):
+        reached = converge(problem, newton, problem.starts(count, first)[:, 0], everyone, limit)
+        unknowns, gamma = problem.read("unknowns"), problem.read("gamma").reshape(count, problem.unknown_count, -1)
+        for k in np.flatnonzero(reached):
+            catalogue.add(unknowns[k], gamma[k])
+        catalogue.end_round()
+        if catalogue.settled:
+            break
+    if not catalogue.unknowns:
+        raise SolveError(f"no equilibrium was found from {starts} starts: raise starts, or loosen the solver's tolerance")
+    inputs = _repeated(inputs, len(catalogue.unknowns))
+    found = solve(robot, inputs, solver=method, guess=np.array(catalogue.unknowns), device=device)
+    energy = found.potential if np.isfinite(found.potential).all() else found.energy
+    return solve(robot, inputs, solver=method, guess=found.unknowns[np.argsort(energy, kind="stable")], device=device)
+
+
+def _repeated(inputs: Inputs, count: int) -> Inputs:
+    """The same inputs for ``count`` instances."""
+    names = {"rotation", *(name for name in inputs.given if name not in inputs.profiles)}
+    values = {name: np.asarray(getattr(inputs, name)) for name in names}
+    return inputs.with_arrays({name: np.broadcast_to(value, (count, value.shape[-1])) for name, value in values.items()})

@@ -1,0 +1,142 @@
+"""Equilibria from many starts: Newton's method from each, what they reach told apart, and the stable ones of it."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod.problem import BoundaryProblem
+from multirod.solver import Outcome
+from multirod.solvers.newton import Newton
+from multirod.status import Status
+from multirod.validation import FloatArray
+
+STARTS = 2048
+ROUND = 128  # starts after which it is asked whether more are needed
+SILENT_ROUNDS = 2  # that have to bring nothing new
+SAME = (
+    1e-5  # largest distance of two results that are one equilibrium, relative; near a fold Newton's error is the residual's root
+)
+WANDERING = 2.0  # times the largest start: an instance beyond goes no further
+PATIENCE = 25  # integrations from a start: what converges takes 5 to 15
+
+
+class Catalogue:
+    """The equilibria found of one instance.
+
+    The signs of ``det Gamma`` over all equilibria add up to that of the unloaded one (``degree``), whatever the loads: none can
+    appear or vanish but in pairs of opposite sign. So a sum that differs says that some are missing; one that agrees does not
+    say that none are.
+    """
+
+    def __init__(self, degree: float) -> None:
+        self.degree = degree
+        self.unknowns: list[FloatArray] = []
+        self.signs: list[float] = []
+        self._before = 0
+        self._silent = 0
+
+    @property
+    def settled(self) -> bool:
+        """Whether whole rounds of starts brought nothing new, and no equilibrium is known to be missing."""
+        return self._silent >= SILENT_ROUNDS and sum(self.signs) == self.degree
+
+    def add(self, unknowns: FloatArray, gamma: FloatArray) -> None:
+        """Take in an equilibrium unless it is there already."""
+        sign = float(np.sign(np.linalg.det(gamma)))
+        for other, other_sign in zip(self.unknowns, self.signs, strict=True):
+            if sign == other_sign and np.abs(unknowns - other).max() <= SAME * max(1.0, float(np.abs(unknowns).max())):
+                return
+        self.unknowns.append(np.array(unknowns))
+        self.signs.append(sign)
+
+    def end_round(self) -> None:
+        """Note whether a round of starts brought something new."""
+        found = len(self.unknowns)
+        self._silent = self._silent + 1 if found == self._before else 0
+        self._before = found
+
+
+def degrees(problem: BoundaryProblem) -> FloatArray:
+    """Sign of ``det Gamma`` at the unloaded equilibrium of each instance, shape (instance_count,)."""
+    problem.load_factor.fill_(0.0)
+    problem.active.fill_(1)
+    _, gamma = problem.evaluate(problem.guess())
+    problem.load_factor.fill_(1.0)
+    return np.asarray(np.sign(np.linalg.det(gamma)))
+
+
+def converge(problem: BoundaryProblem, newton: Newton, guesses: FloatArray, chosen: NDArray[np.bool_], limit: Any) -> Any:
+    """Newton's method from ``guesses`` (instance_count, n), given up beyond ``limit`` (instance_count, n); who converged."""
+    problem.write("unknowns", np.where(chosen[:, None], guesses, problem.read("unknowns")))
+    newton.start(chosen)
+    for _ in range(PATIENCE):
+        if not newton.iterate():
+            break
+        wandering = (np.abs(problem.read("unknowns")) > limit).any(axis=1)
+        if wandering.any():
+            problem.active.assign(problem.active.numpy() * ~wandering)
+    return chosen & (newton.outcome().status == Status.CONVERGED)
+
+
+def limits(starts: FloatArray) -> FloatArray:
+    """Where Newton's method is given up, shape (instance_count, n); nowhere where all starts are zero."""
+    size = np.abs(starts).max(axis=0)
+    largest = size.max(axis=1, keepdims=True)
+    return np.where(largest > 0, WANDERING * size + largest, np.inf)
+
+
+def lowest_stable(problem: BoundaryProblem, newton: Newton, outcome: Outcome, lost: NDArray[np.bool_]) -> None:
+    """Put the instances ``lost`` on their stable equilibrium of lowest potential energy, if one is found.
+
+    Their status is then ``LOWEST_ENERGY``; what is unstable, neutral or cannot be said is never taken.
+    """
+    if not problem.multistable or not lost.any():
+        return
+    count, n = problem.instance_count, problem.unknown_count
+    before = problem.read("unknowns")
+    catalogues = [Catalogue(degree) for degree in degrees(problem)]
+    limit = limits(problem.starts(ROUND))
+    open_ = lost.copy()
+    for k in range(STARTS):
+        if k % ROUND == 0:
+            starts = problem.starts(ROUND, k)
+        reached = converge(problem, newton, starts[k % ROUND], open_, limit)
+        found = newton.outcome()
+        outcome.iterations += np.where(open_, found.iterations, 0)
+        outcome.integrations += np.where(open_, found.integrations, 0)
+        unknowns, gamma = problem.read("unknowns"), problem.read("gamma").reshape(count, n, n)
+        for i in np.flatnonzero(reached):
+            catalogues[i].add(unknowns[i], gamma[i])
+        if (k + 1) % ROUND == 0:
+            for i in np.flatnonzero(open_):
+                catalogues[i].end_round()
+                open_[i] = not catalogues[i].settled
+            if not open_.any():
+                break
+    best, chosen = _lowest(problem, catalogues, before)
+    problem.write("unknowns", best)
+    newton.run(chosen)
+    outcome.status[chosen & (newton.outcome().status == Status.CONVERGED)] = Status.LOWEST_ENERGY
+    problem.active.fill_(1)
+    problem.integrate()  # the buffers hold every instance again
+
+
+def _lowest(problem: BoundaryProblem, catalogues: Sequence[Catalogue], unknowns: FloatArray) -> tuple[FloatArray, Any]:
+    """The stable equilibria of lowest potential energy in place of ``unknowns``, and of which instances there is one."""
+    problem.active.fill_(1)
+    best = np.array(unknowns)
+    least = np.full(len(catalogues), np.inf)
+    for k in range(max(len(catalogue.unknowns) for catalogue in catalogues)):
+        having = np.array([k < len(catalogue.unknowns) for catalogue in catalogues])
+        trial = np.array(unknowns)
+        for i in np.flatnonzero(having):
+            trial[i] = catalogues[int(i)].unknowns[k]
+        problem.write("unknowns", trial)
+        index, neutral = problem.unstable_modes()
+        potential = problem.potential()
+        # of mirror images, whose energies differ by rounding, the first
+        better = having & (index == 0) & ~neutral & (potential < least - 1e-9 * np.abs(potential))
+        best[better], least[better] = trial[better], potential[better]
+    return best, np.isfinite(least)

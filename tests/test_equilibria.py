@@ -1,0 +1,250 @@
+"""All equilibria from many starts, and the one that a solve without a guess means."""
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+from test_concentric_tubes import NAMES, assembly
+
+import multirod as mr
+from multirod.models.backbone import BackboneProblem, spread
+from multirod.solvers.multistart import Catalogue
+
+SEVERAL = [name for name in NAMES if name.startswith(("09b", "14i"))]
+
+
+def tubes_case(name, reference_cases, make_pose):
+    case = next(c for c in reference_cases("concentric_tubes") if c["id"] == name)
+    return (case, *assembly(case["inputs"], make_pose))
+
+
+def degree(found):
+    """Modes can appear or vanish but in pairs: the signs add up to that of the one straight equilibrium."""
+    return int(((-1.0) ** found.index).sum())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_stored_equilibrium_is_found(name, reference_cases, make_pose):
+    case, robot, inputs = tubes_case(name, reference_cases, make_pose)
+    found = mr.equilibria(robot, inputs).raise_if_failed()
+    length = max(tube["length"] for tube in case["inputs"]["tubes"])
+    assert degree(found) == 1
+    assert (np.diff(found.potential) > -1e-9).all()
+    np.testing.assert_array_equal(np.sign(found.determinant), (-1.0) ** found.index)
+    for stored in case["expected"].get("all_solutions", {"value": []})["value"]:
+        distance = np.linalg.norm(found.tip_position - stored["tip_position"], axis=1)
+        k = int(distance.argmin())
+        assert distance[k] < 1e-6 * length
+        assert found.index[k] == stored["negative_hessian_eigenvalues"]
+        assert (found.stability[k] == mr.Stability.STABLE) == stored["stable"]
+        # the integrator's 1e-8, and what the stored states leave of their residual
+        np.testing.assert_allclose(found.potential[k], stored["potential_energy"], rtol=1e-7)
+
+
+def pendulum(case):
+    """Relative tip angles of two tubes, theta'' = c sin(theta) from the base angle to theta' = 0, by elliptic functions."""
+    from scipy.special import ellipj
+
+    (a, b), L = case["inputs"]["tubes"], case["inputs"]["tubes"][0]["length"]
+    c = a["EI"] * b["EI"] / (a["EI"] + b["EI"]) * a["u_star"][0] * b["u_star"][0] * (1 / a["GJ"] + 1 / b["GJ"])
+    start = case["inputs"]["base_angle_alpha"][1] - case["inputs"]["base_angle_alpha"][0]
+
+    def base(tip):
+        # theta = pi + 2 asin(k sn(K - x)), with k = sin((tip - pi)/2): the pendulum that hangs at pi
+        k = np.sin((tip - np.pi) / 2)
+        _, cn, dn, _ = ellipj(L * np.sqrt(c), k**2)
+        return np.pi + 2 * np.arcsin(np.clip(k * cn / dn, -1, 1)) - start
+
+    grid = np.linspace(5e-4, 2 * np.pi - 1e-3, 4000)  # pi, where opposite tubes are, is between two
+    values = np.array([base(tip) for tip in grid])
+    crossing = np.flatnonzero(values[:-1] * values[1:] < 0)
+    return np.array([brentq(base, grid[k], grid[k + 1], xtol=1e-14) for k in crossing]), c
+
+
+def relative_tip_angles(solution, case):
+    """Angle of tube 2 from tube 1 at the tip, from the base torque by the pendulum's first integral and its direction."""
+    _, c = pendulum(case)
+    alpha = np.array(case["inputs"]["base_angle_alpha"])
+    rate = solution.unknowns[..., 3] - solution.unknowns[..., 2]
+    # from 0 to pi: a mirror image has the same
+    return np.arccos(np.clip(np.cos(alpha[1] - alpha[0]) + rate**2 / (2 * c), -1, 1))
+
+
+@pytest.mark.parametrize("name", SEVERAL)
+def test_two_tubes_by_elliptic_functions(name, reference_cases, make_pose):
+    """All equilibria of two overlapping tubes, from another theory: their number and tip angles."""
+    case, robot, inputs = tubes_case(name, reference_cases, make_pose)
+    angles, _ = pendulum(case)
+    stored = case["expected"].get("all_relative_tip_angles", {"value": [case["expected"]["relative_tip_angle"]["value"]]})[
+        "value"
+    ]
+    # near the fold the angle's error is the root of the base angle's
+    assert all(np.abs(angles - angle).min() < 1e-9 for angle in stored)
+    found = mr.equilibria(robot, inputs)
+    folded = np.sort(np.arccos(np.cos(angles)))
+    np.testing.assert_allclose(np.sort(relative_tip_angles(found, case)), folded, rtol=0, atol=1e-5)
+    chosen = mr.solve(robot, inputs).raise_if_failed()
+    assert chosen.stability is mr.Stability.STABLE
+    assert np.linalg.norm(found.unknowns - chosen.unknowns, axis=1).min() < 1e-4
+
+
+def test_where_the_natural_branch_ends_the_lowest_stable_one_is_meant(reference_cases, make_pose):
+    _, robot, inputs = tubes_case("09b_ctr_two_tube_3", reference_cases, make_pose)
+    solution = mr.solve(robot, inputs)
+    assert solution.status is mr.Status.LOWEST_ENERGY
+    assert not solution.status.failed
+    assert "lowest potential energy" in solution.status.message
+    found = mr.equilibria(robot, inputs)
+    np.testing.assert_allclose(solution.potential, found.potential[0], rtol=1e-9)
+    assert solution.residual < 1e-9
+    assert np.linalg.norm(found.unknowns[:2] - solution.unknowns, axis=1).min() < 1e-6
+    # the same alone, in a batch, and as the first sample of a motion
+    rotation = np.array([[0.2, 1.0], inputs.rotation, [0.2, 0.7]])
+    batch = mr.solve(robot, robot.inputs(rotation=rotation, translation=inputs.translation))
+    assert batch.status.tolist() == [mr.Status.CONVERGED, mr.Status.LOWEST_ENERGY, mr.Status.CONVERGED]
+    np.testing.assert_array_equal(batch.unknowns[1], solution.unknowns)
+    motion = robot.inputs(rotation=inputs.rotation + np.linspace(0, 0.02, 4)[:, None] * (0, 1), translation=inputs.translation)
+    history = mr.simulate(robot, motion, time=0.01 * np.arange(4))
+    assert history.status.tolist() == [mr.Status.LOWEST_ENERGY, *[mr.Status.CONVERGED] * 3]
+    np.testing.assert_array_equal(history.unknowns[0], solution.unknowns)
+
+
+def test_of_several_stable_ones_the_lowest_is_meant(reference_cases, make_pose):
+    """Without steps to follow the natural branch in: three are stable."""
+    _, robot, inputs = tubes_case("09c_ctr_three_tube_5", reference_cases, make_pose)
+    solution = mr.solve(robot, inputs, solver=mr.Shooting(max_continuation_steps=1))
+    assert solution.status is mr.Status.LOWEST_ENERGY
+    np.testing.assert_allclose(solution.potential, mr.equilibria(robot, inputs).potential[0], rtol=1e-7)
+
+
+def test_what_is_not_known_to_be_stable_is_never_returned(reference_cases, make_pose, monkeypatch):
+    _, robot, inputs = tubes_case("09b_ctr_two_tube_3", reference_cases, make_pose)
+    for index, neutral in ((-1, False), (1, False), (0, True)):
+        answer = np.array([index], dtype=np.int32), np.array([neutral])
+        monkeypatch.setattr(BackboneProblem, "unstable_modes", lambda self, answer=answer: answer)
+        solution = mr.solve(robot, inputs)
+        assert solution.status is mr.Status.BRANCH_END
+        assert np.isnan(solution.unknowns).all()
+
+
+def three_tubes(rng):
+    """A random robot of three strongly curved tubes, its base angles, and a tip force half of the time."""
+    EI = 0.005 * np.cumprod([1.0, *rng.uniform(2, 4, 2)])
+    length = np.sort(0.12 + np.array([0.2, 0.12, 0.06]) * rng.uniform(0.6, 1.4, 3))[::-1]
+    tubes = []
+    for k in range(3):
+        curved = rng.uniform(0.3, 1.0) * length[k]
+        curvature = (rng.uniform(5, (30, 25, 12)[k]), rng.uniform(-5, 5), 0.0)
+        pieces = [(length[k] - curved, (0, 0, 0)), (curved, curvature)]
+        tubes.append(mr.Rod(length=length[k], bending_stiffness=EI[k], torsional_stiffness=EI[k] / 1.3, precurvature=pieces))
+    robot = mr.ConcentricTubes(tubes)
+    values = {"rotation": rng.uniform(-np.pi, np.pi, 3), "translation": -np.sort(rng.uniform(0, 0.08, 3))[::-1]}
+    if rng.random() < 0.5:
+        values["tip_force"] = rng.normal(size=3) * 0.5
+    return robot, robot.inputs(**values)
+
+
+def test_random_tubes_are_stable_or_said_to_have_failed():
+    rng = np.random.default_rng(20)
+    solved = 0
+    for _ in range(25):
+        solution = mr.solve(*three_tubes(rng))
+        if not solution.status.failed:
+            assert solution.stability is mr.Stability.STABLE
+            solved += 1
+    assert solved >= 24
+
+
+def test_random_tubes_miss_none_that_is_known_of():
+    """None that the signs would tell of, nor the one on the natural branch."""
+    rng = np.random.default_rng(21)
+    for _ in range(4):
+        robot, inputs = three_tubes(rng)
+        found = mr.equilibria(robot, inputs)
+        assert degree(found) == 1
+        chosen = mr.solve(robot, inputs).raise_if_failed()
+        assert np.linalg.norm(found.unknowns - chosen.unknowns, axis=1).min() < 1e-4
+
+
+def test_a_buckled_rod_has_three():
+    """Between the critical loads of its two axes: straight, and bent to either side."""
+    robot = mr.SingleRod(mr.Rod(length=1.0, bending_stiffness=(1.0, 1.5), torsional_stiffness=0.8))
+    load = 1.2 * np.pi**2 / 4
+    found = mr.equilibria(robot, robot.inputs(tip_force=(0, 0, -load)))
+    assert found.index.tolist() == [0, 0, 1]
+    np.testing.assert_allclose(found.tip_position[0] * (1, -1, 1), found.tip_position[1], rtol=0, atol=1e-8)
+    np.testing.assert_allclose(found.potential[2], load, rtol=1e-9)
+    # a single rod's buckling is said, not hidden
+    assert mr.solve(robot, robot.inputs(tip_force=(0, 0, -load))).status is mr.Status.BRANCH_END
+
+
+def test_potential_of_weight_and_profiles_is_their_work(difference):
+    """Its slope by a load is the work that a unit of it has done, at equilibrium."""
+    soft = {"shear_stiffness": 4.0, "axial_stiffness": 6.0}
+    robot = mr.SingleRod(mr.Rod(length=0.5, bending_stiffness=0.02, torsional_stiffness=0.015, linear_density=0.1, **soft))
+
+    def potential(size, name):
+        loads = {"gravity": (1.0, 0.0, -3.0), "distributed_force": lambda s: (0.05 * s, -0.04, 0.02)}
+        if name == "gravity":
+            loads["gravity"] = (1.0 + size, 0.0, -3.0)
+        else:
+            loads["tip_force"] = (0.0, size, 0.05)
+        return mr.solve(robot, robot.inputs(**loads))
+
+    for name, density, axis in (("gravity", 0.1, 0), ("tip_force", None, 1)):
+        slope = difference(lambda size, name=name: potential(size, name).potential, 0.05)
+        shape = potential(0.0, name).rod(0, nodes=401)
+        p = shape.position[:, axis]
+        work = p[-1] if density is None else density * np.trapezoid(p, shape.arclength)
+        # the integrator's 1e-8 of the energy over the step, and 400 trapezoids
+        np.testing.assert_allclose(slope, -work, rtol=1e-5)
+
+
+def test_one_equilibrium_is_found_once(wire):
+    robot = mr.SingleRod(wire)
+    found = mr.equilibria(robot)
+    assert found.batch_shape == (1,)
+    np.testing.assert_array_equal(found.unknowns, [(14, 5, 0)])
+
+
+def test_refusals(wire):
+    robot = mr.SingleRod(wire)
+    with pytest.raises(ValueError, match=r"leading axes \(2,\) is not allowed: there must be none"):
+        mr.equilibria(robot, robot.inputs(rotation=[0.0, 1.0]))
+    with pytest.raises(TypeError, match="needs Shooting"):
+        mr.equilibria(robot, solver=mr.ScipyShooting())
+    with pytest.raises(ValueError, match="starts = 0 is not allowed"):
+        mr.equilibria(robot, starts=0)
+    with pytest.raises(TypeError, match="robot must be an assembly"):
+        mr.equilibria(wire)
+
+
+def test_a_search_goes_on_while_some_are_missing_or_new():
+    catalogue = Catalogue(1.0)
+    catalogue.end_round()
+    catalogue.end_round()
+    assert not catalogue.settled  # nothing found
+    saddle, minimum = np.diag([1.0, -1.0]), np.eye(2)
+    catalogue.add(np.array([3.0, 1.0]), saddle)
+    for _ in range(3):
+        catalogue.end_round()
+        assert not catalogue.settled  # the signs do not add up
+    for unknowns in ([0.0, 0.0], [9.0, 0.0], [9.0, 1e-9]):
+        catalogue.add(np.array(unknowns), minimum)
+    assert len(catalogue.unknowns) == 3
+    for settled in (False, False, True):
+        catalogue.end_round()
+        assert catalogue.settled is settled
+    catalogue.add(np.array([3.0, 1.0 + 1e-7]), minimum)  # beside the saddle, across a fold
+    assert len(catalogue.unknowns) == 4
+    assert not catalogue.settled
+
+
+def test_starts_fill_their_cube():
+    points = spread(np.arange(4096), 3)
+    assert (np.abs(points) <= 1).all()
+    np.testing.assert_array_equal(points[0], 0)
+    np.testing.assert_array_equal(points[100:110], spread(np.arange(100, 110), 3))
+    counts, _ = np.histogramdd(points, bins=4)
+    # 64 on average; random points would spread by 8
+    assert counts.min() > 52
+    assert counts.max() < 76
