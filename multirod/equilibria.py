@@ -47,6 +47,8 @@ def equilibria(
         )
     count = min(ROUND, positive_int("starts", starts))
     problem = robot.problem(_repeated(inputs, count), integrator=method.integrator, device=device)
+    if not len(problem.starts(1)):
+        raise TypeError(f"{type(robot).__name__} offers no starts: its problem has no starts()")
     limit = limits(problem.starts(ROUND)[:, :1])
     newton = method.newton(problem)
     catalogue = Catalogue(float(degrees(problem)[0]))

@@ -92,7 +92,7 @@ def lowest_stable(problem: BoundaryProblem, newton: Newton, outcome: Outcome, lo
 
     Their status is then ``LOWEST_ENERGY``; what is unstable, neutral or cannot be said is never taken.
     """
-    if not problem.multistable or not lost.any():
+    if not problem.multistable or not lost.any() or not len(problem.starts(1)):
         return
     count, n = problem.instance_count, problem.unknown_count
     before = problem.read("unknowns")

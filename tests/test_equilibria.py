@@ -7,6 +7,7 @@ from test_concentric_tubes import NAMES, assembly
 
 import multirod as mr
 from multirod.models.backbone import BackboneProblem, spread
+from multirod.problem import BoundaryProblem
 from multirod.solvers.multistart import Catalogue
 
 SEVERAL = [name for name in NAMES if name.startswith(("09b", "14i"))]
@@ -206,7 +207,7 @@ def test_one_equilibrium_is_found_once(wire):
     np.testing.assert_array_equal(found.unknowns, [(14, 5, 0)])
 
 
-def test_refusals(wire):
+def test_refusals(wire, monkeypatch):
     robot = mr.SingleRod(wire)
     with pytest.raises(ValueError, match=r"leading axes \(2,\) is not allowed: there must be none"):
         mr.equilibria(robot, robot.inputs(rotation=[0.0, 1.0]))
@@ -216,6 +217,9 @@ def test_refusals(wire):
         mr.equilibria(robot, starts=0)
     with pytest.raises(TypeError, match="robot must be an assembly"):
         mr.equilibria(wire)
+    monkeypatch.setattr(BackboneProblem, "starts", BoundaryProblem.starts)
+    with pytest.raises(TypeError, match="SingleRod offers no starts"):
+        mr.equilibria(robot)
 
 
 def test_a_search_goes_on_while_some_are_missing_or_new():
