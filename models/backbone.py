@@ -86,6 +86,7 @@ class BackboneProblem(BoundaryProblem):
             shear=self.arrays.shear,
             transmission=self.transmission,
             anisotropic=self.arrays.anisotropic and len(self.rods) > 1,
+            torsion=len(self.rods) > 1 and bool(np.isfinite(self.arrays.material[..., 2]).any()),
             pose=pose,
             pose_sensitivities=pose_sensitivities,
             directions=direction_count,

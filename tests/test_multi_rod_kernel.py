@@ -4,7 +4,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.integrate import solve_ivp
+from scipy.integrate import quad_vec, solve_ivp
 
 import multirod as mr
 from multirod.inputs import Inputs
@@ -137,7 +137,8 @@ def integrate_bishop(unknowns):
     ends = np.array([sum(pair) for pair in LENGTHS]) + BETA
     inner = np.array([pair[0] for pair in LENGTHS]) + BETA
     tau = unknowns[2:] * np.minimum(GJ, EI.max(axis=1))
-    theta = ALPHA - BETA * tau / GJ
+    behind = [quad_vec(lambda s, i=i: precurvature(i, s, BETA[i])[2], BETA[i], 0.0, epsabs=1e-14)[0] for i in range(3)]
+    theta = ALPHA - BETA * tau / GJ + behind
     M = turn(theta[0])[:2, :2] @ (unknowns[:2] * EI.max(axis=1).sum())
     R0, p0 = BASE[:3, :3], BASE[:3, 3]
     force, moment, g, l = (np.array(LOADS[name]) for name in ("tip_force", "tip_moment", "gravity", "distributed_moment"))
