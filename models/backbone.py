@@ -32,8 +32,8 @@ _FEATURE_INPUTS = {
 class BackboneProblem(BoundaryProblem):
     """One backbone of n >= 1 concentric rods, clamped at its base, loaded along its length and at its free tip.
 
-    Unknowns are the curvature at the base of a single rod (``docs/model.md``, equation 10), then, where a follower force
-    acts, the base force in curvature units.
+    Unknowns are, in curvature units (``docs/model.md``, equation 10): for a single rod the curvature at its base; for several
+    the bending moment there, if any load acts, and their torques; then, where a follower force acts, the base force.
     """
 
     def __init__(
@@ -169,6 +169,31 @@ class BackboneProblem(BoundaryProblem):
             result[:, :3] = self.arrays.precurvature[:, 0, 0, :3]
         return result
 
+    def adopt(self, unknowns: FloatArray) -> FloatArray:  # noqa: D102
+        torques = self.features.torque_count
+        given, own = unknowns.shape[1] - torques, self.unknown_count - torques
+        if given == own or given not in ((0, 3, 6) if torques else (3, 6)):
+            return super().adopt(unknowns)
+        if given == 0:  # equation (8b): no moment, and the torque of rod 1 is what the others leave
+            first = self.arrays.material[:, :, 0]
+            unit = np.minimum(first[..., 2], first[..., :2].max(axis=-1))
+            inner = -(unknowns * unit[:, 1:]).sum(axis=1, keepdims=True) / unit[:, :1]
+            unknowns = np.concatenate([np.zeros((len(unknowns), 2)), inner, unknowns], axis=1)
+        if own == 0:
+            return unknowns[:, 3 : 3 + torques]
+        if own == 3:
+            return unknowns[:, : 3 + torques]
+        return unknowns if given == 6 else np.concatenate([unknowns, self._dead_base_force(unknowns)], axis=1)
+
+    def _dead_base_force(self, unknowns: FloatArray) -> FloatArray:
+        """The base force in curvature units, equation (13), without the follower force, at ``unknowns`` without it."""
+        call = self._make_call(2)
+        call.unknowns = self._array(unknowns)
+        self._own_outputs(call)
+        self._record(self._node_features(follower_force=False), call).launch()
+        scale = self._table.length_scale.numpy() / self.arrays.material[:, 0, 0, :2].max(axis=-1)
+        return np.asarray(call.node_force.numpy()[:, 0] * scale[:, None])
+
     def load_scale(self) -> FloatArray:  # noqa: D102
         inputs = self.read("inputs")
         table = self.arrays
@@ -191,13 +216,9 @@ class BackboneProblem(BoundaryProblem):
         return total
 
     def shapes(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:  # noqa: D102
-        features = replace(self.features, nodes=True, pose=True, sensitivities=False, pose_sensitivities=False, directions=0)
         call = self._make_call(node_count)
-        # outputs of its own: the residual and Gamma of the solve stay as they are
-        for name in ("residual", "position", "rotation"):
-            buffer = getattr(self, name)
-            setattr(call, name, wp.zeros(buffer.shape, dtype=buffer.dtype, device=self.device))
-        self._record(features, call).launch()
+        self._own_outputs(call)
+        self._record(self._node_features(), call).launch()
         shape = Shape(
             arclength=call.node_arclength.numpy(),
             position=call.node_position.numpy(),
@@ -207,6 +228,17 @@ class BackboneProblem(BoundaryProblem):
             force=call.node_force.numpy(),
         )
         return (shape,), call.energy.numpy()
+
+    def _node_features(self, **changes: Any) -> Features:
+        """For a pass along the nodes: no columns."""
+        changes = {"sensitivities": False, "pose_sensitivities": False, "directions": 0, **changes}
+        return replace(self.features, nodes=True, pose=True, **changes)
+
+    def _own_outputs(self, call: Any) -> None:
+        """Outputs for a pass along the nodes alone: the residual and pose of the solve stay as they are."""
+        for name in ("residual", "position", "rotation"):
+            buffer = getattr(self, name)
+            setattr(call, name, wp.zeros(buffer.shape, dtype=buffer.dtype, device=self.device))
 
 
 BACKBONE_INPUTS = (

@@ -179,6 +179,6 @@ def test_tubes_that_do_not_nest_are_refused():
 
 
 def test_problem_is_that_of_one_backbone(pair):
-    problem = pair.problem(pair.inputs(), integrator=mr.RK4(20))
+    problem = pair.problem(pair.inputs(tip_force=(0, 0, 1)), integrator=mr.RK4(20))
     assert isinstance(problem, BackboneProblem)
     assert problem.unknown_count == 4
