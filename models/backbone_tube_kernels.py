@@ -122,9 +122,7 @@ def make_tube_functions(layout: Layout, features: Features, types: SimpleNamespa
     def bent_by(a: Point, gx: f64, gy: f64, u_z: f64) -> wp.vec3d:
         """(7) u or its variation: (sum K_i)^-1 (gx, gy), and u_z."""
         if wp.static(ANISOTROPIC):
-            return wp.vec3d(
-                a.flexibility[0] * gx + a.flexibility[1] * gy, a.flexibility[1] * gx + a.flexibility[2] * gy, u_z
-            )
+            return wp.vec3d(a.flexibility[0] * gx + a.flexibility[1] * gy, a.flexibility[1] * gx + a.flexibility[2] * gy, u_z)
         return wp.vec3d(a.flexibility[0] * gx, a.flexibility[0] * gy, u_z)
 
     @wp.func

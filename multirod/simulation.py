@@ -238,9 +238,9 @@ class Tracker:
         if view is None or self._batch_shape:
             return
         for spec in self._robot.input_specs:
-            if spec.name in inputs.given and spec.name not in inputs.profiles and problem.takes(spec.name):
-                if not (spec.per_rod and inputs.profiles):
-                    self._rows[spec.name] = view[0, problem.input_slice(spec.name)]
+            writable = spec.name in inputs.given and spec.name not in inputs.profiles and problem.takes(spec.name)
+            if writable and not (spec.per_rod and inputs.profiles):
+                self._rows[spec.name] = view[0, problem.input_slice(spec.name)]
 
     @property
     def inputs(self) -> Inputs:

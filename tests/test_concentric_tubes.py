@@ -7,6 +7,7 @@ import pytest
 
 import multirod as mr
 from multirod.models.backbone import BackboneProblem
+from multirod.solvers.continuation import same_branch
 
 # The branch that raising precurvature and loads reaches is another than the stored one; a guess selects the stored one.
 OTHER_BRANCH = {"09b_ctr_two_tube_5", "14i_ctr_near_fold_0.0001", "14i_ctr_near_fold_1e-06"}
@@ -300,15 +301,19 @@ def test_tubes_rigid_in_torsion(ratio, loads, translation):
     np.testing.assert_allclose(found.tip_rotation, full.tip_rotation, rtol=0, atol=1e-8)
     np.testing.assert_allclose(found.energy, full.energy, rtol=1e-7)
     for name in ("rotation", "translation", *loads):
-        np.testing.assert_allclose(found.jacobian(name), full.jacobian(name), rtol=0, atol=1e-6 * np.abs(full.jacobian(name)).max())
+        np.testing.assert_allclose(
+            found.jacobian(name), full.jacobian(name), rtol=0, atol=1e-6 * np.abs(full.jacobian(name)).max()
+        )
 
 
 def test_one_tube_rigid_in_torsion_among_others_is_the_limit():
     def pair_of(GJ):
-        return mr.ConcentricTubes([
-            mr.Rod(length=0.2, bending_stiffness=0.006, torsional_stiffness=0.005, precurvature=(9, 0, 2)),
-            mr.Rod(length=0.15, bending_stiffness=0.02, torsional_stiffness=GJ, precurvature=(4, 2, 0)),
-        ])
+        return mr.ConcentricTubes(
+            [
+                mr.Rod(length=0.2, bending_stiffness=0.006, torsional_stiffness=0.005, precurvature=(9, 0, 2)),
+                mr.Rod(length=0.15, bending_stiffness=0.02, torsional_stiffness=GJ, precurvature=(4, 2, 0)),
+            ]
+        )
 
     values = {"rotation": (0.3, 1.2), "translation": (-0.05, -0.02), "tip_force": (0.1, 0.05, 0.02)}
     one, other = (mr.solve(robot, robot.inputs(**values)).raise_if_failed() for robot in (pair_of(np.inf), pair_of(1e9)))
@@ -379,7 +384,9 @@ def test_a_tracker_takes_up_loads_one_after_the_other():
 @pytest.mark.parametrize("robot", [three(), three(torsion=np.inf), mr.SingleRod(INNER)], ids=["tubes", "rigid", "rod"])
 def test_a_follower_force_of_zero_changes_no_equilibrium(robot):
     place = PLACE if robot.rod_count > 1 else {"rotation": 0.3}
-    dead = robot.inputs(**place, tip_force=(0.1, 0.05, -0.02), distributed_force=(0.1, 0.3, 0), distributed_moment=lambda s: (s, 0, 1e-3))
+    dead = robot.inputs(
+        **place, tip_force=(0.1, 0.05, -0.02), distributed_force=(0.1, 0.3, 0), distributed_moment=lambda s: (s, 0, 1e-3)
+    )
     integrator = mr.RK4(80)
     solution = mr.solve(robot, dead, solver=mr.Shooting(integrator=integrator)).raise_if_failed()
     with_force = robot.problem(dead, integrator=integrator, enabled=("follower_force",))
@@ -403,12 +410,10 @@ def test_unknowns_that_fit_no_problem_are_refused(pair):
 @pytest.mark.parametrize("translation", [(-0.071, -0.052, -0.023), (-0.13, -0.021, -0.0017), (-0.0391, -0.0391, 0)])
 def test_order_with_ends_anywhere(ratio, translation):
     robot = three(ratio)
-    problem_of = lambda steps: robot.problem(  # noqa: E731
-        robot.inputs(rotation=PLACE["rotation"], translation=translation, tip_force=(0.3, -0.2, 0.1)), integrator=mr.RK4(steps)
-    )
+    inputs = robot.inputs(rotation=PLACE["rotation"], translation=translation, tip_force=(0.3, -0.2, 0.1))
     values = []
     for steps in (48, 96, 192, 384):
-        problem = problem_of(steps)
+        problem = robot.problem(inputs, integrator=mr.RK4(steps))
         residual, gamma = problem.evaluate(np.array([[2.0, -3.0, 1.5, -1.0, 2.0]]))
         values.append(np.concatenate([residual[0], 10 * problem.read("position")[0], gamma.ravel() / 10]))
     errors = [np.linalg.norm(a - b) for a, b in pairwise(values)]
@@ -463,3 +468,18 @@ def test_a_loaded_batch_of_three_is_bitwise_what_each_is_alone():
         assert alone.status == together.status[k]
         np.testing.assert_array_equal(together.unknowns[k], alone.unknowns)
         np.testing.assert_array_equal(together.tip_position[k], alone.tip_position)
+
+
+def test_same_branch_is_told_by_the_eigenvalues():
+    """Where the cheap bound decides and where it does not: the same answer."""
+    random = np.random.default_rng(0)
+    before = random.standard_normal((3000, 4, 4))
+    after = (np.eye(4) + random.uniform(0, 0.8, (3000, 1, 1)) * random.standard_normal((3000, 4, 4))) @ before
+    after[:10] = before[:10] * np.array([4.1, 3.9, 0.24, 0.26, -1, 1, 1.7, 1.8, 2, 0.5])[:, None, None]
+    before[10], after[11] = 0, np.nan
+    found = same_branch(before, after)
+    sound = np.arange(3000) > 11
+    values = np.linalg.eigvals(after[sound] @ np.linalg.inv(before[sound]))
+    np.testing.assert_array_equal(found[sound], ((values.real > 0.25) & (np.abs(values) < 4)).all(axis=1))
+    np.testing.assert_array_equal(found[:12], [0, 1, 0, 1, 0, 1, 1, 1, 1, 1, 0, 0])
+    assert 0.2 < found.mean() < 0.95

@@ -16,7 +16,6 @@ import warp as wp
 from single_rod import c_loop
 
 import multirod as mr
-from multirod.models.backbone import BackboneProblem
 
 STEPS = 50
 INTEGRATOR = mr.RK4(STEPS)
@@ -60,21 +59,23 @@ def tracker_step(robot: mr.ConcentricTubes, solver: mr.Solver, **loads: Any) -> 
     return measure
 
 
-def scattered(robot: mr.ConcentricTubes, batch: int, **loads: Any) -> mr.Inputs:
+def scattered(robot: mr.ConcentricTubes | mr.SingleRod, batch: int, **loads: Any) -> mr.Inputs:
     """Inputs of a batch of robots, the base angles and insertions of each its own."""
     random = np.random.default_rng(0)
     count = robot.rod_count
     values = motion(0.0, count)
     rotation = np.array(values["rotation"]) + random.uniform(-0.5, 0.5, (batch, count))
     translation = np.array(values["translation"]) + random.uniform(-0.02, 0.02, (batch, count))
-    return robot.inputs(rotation=rotation, translation=translation, **loads)
+    return robot.inputs(**{"rotation": rotation, "translation": translation, **loads})
 
 
-def integration(robot: mr.ConcentricTubes, batch: int, **loads: Any) -> Callable[[], float]:
+def integration(
+    robot: mr.ConcentricTubes | mr.SingleRod, batch: int, *, enabled: tuple[str, ...] = (), **loads: Any
+) -> Callable[[], float]:
     """Microseconds of one integration with residual, Gamma and the tip's pose, in a batch on one thread."""
-    inputs = scattered(robot, batch, **loads)
-    problem = robot.problem(inputs, integrator=INTEGRATOR)
+    problem = robot.problem(scattered(robot, batch, **loads), integrator=INTEGRATOR, enabled=enabled)
     problem.write("unknowns", problem.guess())
+    problem.integrate()
 
     def measure() -> float:
         times = []
@@ -99,3 +100,56 @@ def cold_start(robot: mr.ConcentricTubes, batch: int, **loads: Any) -> Callable[
         return result
 
     return measure
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rounds", type=int, default=7)
+    parser.add_argument("--batch", type=int, default=10_000)
+    options = parser.parse_args()
+    wp.config.log_level = wp.LOG_ERROR
+    newton, observer = mr.Shooting(integrator=INTEGRATOR), mr.Observer(R=120, Q=30, integrator=INTEGRATOR)
+    force = {"tip_force": (0.0, 0.2, 0.1)}
+    robot, rigid, one = tubes(), tubes(torsion=inf), tubes(1)
+    rod = mr.SingleRod(one.rods[0])
+    every = ("tip_force", "tip_moment", "gravity")
+    runs: dict[str, Callable[[], float]] = {
+        "three loaded tubes, Tracker.step, Newton to 1e-9": tracker_step(robot, newton, **force),
+        "three loaded tubes, Tracker.step, observer": tracker_step(robot, observer, **force),
+        "three unloaded tubes, Tracker.step, Newton to 1e-9": tracker_step(robot, newton),
+        f"batch of {options.batch}, three loaded tubes, cold start": cold_start(robot, options.batch, **force),
+        f"batch of {options.batch}, three unloaded tubes, cold start": cold_start(robot, options.batch),
+        "one integration, three tubes, tip force": integration(robot, 1000, **force),
+        "one integration, three tubes, every load compiled in": integration(robot, 1000, enabled=every, **force),
+        "one integration, three tubes, no load": integration(robot, 1000),
+        "one integration, three tubes, no load but a tip force compiled in": integration(robot, 1000, enabled=("tip_force",)),
+        "one integration, three tubes rigid in torsion, tip force": integration(rigid, 1000, **force),
+        "one integration, one tube, tip force": integration(one, 1000, **force),
+        "one integration, the same as a SingleRod": integration(rod, 1000, **force),
+    }
+    times: dict[str, list[float]] = {name: [] for name in runs}
+    floors: list[float] = []
+    with tempfile.TemporaryDirectory() as folder:
+        floor = c_loop(Path(folder))
+        for run in runs.values():
+            run()
+        for _ in range(options.rounds):
+            for name, run in runs.items():
+                times[name].append(run())
+                if floor is not None:
+                    floors.append(floor())
+    if floors:
+        print(f"bare C loop, one integration of one rod, RK4({STEPS}): {np.median(floors):.2f} µs, least {min(floors):.2f}")
+    else:
+        print("no C compiler found: times without ratios")
+    print("\n| what | µs | least | bare C loops | least over least |\n|---|---|---|---|---|")
+    for k, (name, values) in enumerate(times.items()):
+        ratios = " | "
+        if floors:
+            ratios = f"{np.median(np.array(values) / floors[k :: len(runs)]):.1f} | {min(values) / min(floors):.1f}"
+        print(f"| {name} | {np.median(values):.1f} | {min(values):.1f} | {ratios} |")
+
+
+if __name__ == "__main__":
+    main()
