@@ -8,7 +8,7 @@ import tempfile
 from collections.abc import Callable
 from math import inf
 from pathlib import Path
-from time import perf_counter
+from time import perf_counter, process_time
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ DT = 0.005
 
 
 def tubes(count: int = 3, *, torsion: float = 1.0) -> mr.ConcentricTubes:
-    """The innermost tubes of a three-tube robot with published stiffness, less strongly curved; ``torsion`` scales GJ."""
+    """The innermost tubes of three with the stiffness of stored case 09c, less strongly curved; ``torsion`` scales GJ."""
     data = [(0.00387, 0.00301, 0.431, 0.103, 9.0), (0.01717, 0.01402, 0.332, 0.113, 6.0), (0.03977, 0.05022, 0.174, 0.134, 3.5)]
     rods = []
     for EI, GJ, length, curved, curvature in data[:count]:
@@ -69,33 +69,31 @@ def scattered(robot: mr.ConcentricTubes | mr.SingleRod, batch: int, **loads: Any
     return robot.inputs(**{"rotation": rotation, "translation": translation, **loads})
 
 
-def integration(
-    robot: mr.ConcentricTubes | mr.SingleRod, batch: int, *, enabled: tuple[str, ...] = (), **loads: Any
-) -> Callable[[], float]:
-    """Microseconds of one integration with residual, Gamma and the tip's pose, in a batch on one thread."""
+def integration(robot: mr.ConcentricTubes | mr.SingleRod, *, enabled: tuple[str, ...] = (), **loads: Any) -> Callable[[], float]:
+    """Microseconds of one integration with residual, Gamma and the tip's pose; of launches short enough to find a quiet time."""
+    batch = 20
     problem = robot.problem(scattered(robot, batch, **loads), integrator=INTEGRATOR, enabled=enabled)
     problem.write("unknowns", problem.guess())
-    problem.integrate()
 
     def measure() -> float:
         times = []
-        for _ in range(3):
+        for _ in range(200):
             begin = perf_counter()
             problem.integrate()
             times.append(perf_counter() - begin)
-        return 1e6 * min(times) / batch
+        return 1e6 * float(np.median(times)) / batch
 
     return measure
 
 
 def cold_start(robot: mr.ConcentricTubes, batch: int, **loads: Any) -> Callable[[], float]:
-    """Microseconds a robot of ``mr.solve`` without a guess."""
+    """Microseconds of processor time a robot of ``mr.solve`` without a guess."""
     inputs = scattered(robot, batch, **loads)
 
     def measure() -> float:
-        begin = perf_counter()
+        begin = process_time()
         solution = mr.solve(robot, inputs, solver=mr.Shooting(integrator=INTEGRATOR))
-        result = 1e6 * (perf_counter() - begin) / batch
+        result = 1e6 * (process_time() - begin) / batch
         solution.raise_if_failed()
         return result
 
@@ -120,18 +118,18 @@ def main() -> None:
         "three unloaded tubes, Tracker.step, Newton to 1e-9": tracker_step(robot, newton),
         f"batch of {options.batch}, three loaded tubes, cold start": cold_start(robot, options.batch, **force),
         f"batch of {options.batch}, three unloaded tubes, cold start": cold_start(robot, options.batch),
-        "one integration, three tubes, tip force": integration(robot, 1000, **force),
-        "one integration, three tubes, every load compiled in": integration(robot, 1000, enabled=every, **force),
-        "one integration, three tubes, no load": integration(robot, 1000),
-        "one integration, three tubes, no load but a tip force compiled in": integration(robot, 1000, enabled=("tip_force",)),
-        "one integration, three tubes rigid in torsion, tip force": integration(rigid, 1000, **force),
-        "one integration, one tube, tip force": integration(one, 1000, **force),
-        "one integration, the same as a SingleRod": integration(rod, 1000, **force),
+        "one integration, three tubes, tip force": integration(robot, **force),
+        "one integration, three tubes, every load compiled in": integration(robot, enabled=every, **force),
+        "one integration, three tubes, no load": integration(robot),
+        "one integration, three tubes, no load but a tip force compiled in": integration(robot, enabled=("tip_force",)),
+        "one integration, three tubes rigid in torsion, tip force": integration(rigid, **force),
+        "one integration, one tube, tip force": integration(one, **force),
+        "one integration, the same as a SingleRod": integration(rod, **force),
     }
     times: dict[str, list[float]] = {name: [] for name in runs}
     floors: list[float] = []
     with tempfile.TemporaryDirectory() as folder:
-        floor = c_loop(Path(folder))
+        floor = c_loop(Path(folder), repeats=200)  # short runs, of which one finds a quiet time
         for run in runs.values():
             run()
         for _ in range(options.rounds):
