@@ -53,7 +53,7 @@ def solve(
         robot: The assembly.
         inputs: Made by ``robot.inputs(...)``; none are all zero.
         solver: ``Shooting()`` by default.
-        guess: Where to start: a ``Solution``, or unknowns (..., n). Without it, the equilibrium on the natural branch is
+        guess: Where to start: a ``Solution``, also one under other loads, or unknowns (..., n). Without it, the equilibrium on the natural branch is
             meant: the one reached from the unloaded assembly by raising all loads in proportion.
         device: Warp device.
 
