@@ -39,10 +39,11 @@ _FEATURE_INPUTS = {
 class BackboneProblem(BoundaryProblem):
     """One backbone of n >= 1 concentric rods, clamped at its base, loaded along its length and at its free tip.
 
-    Unknowns are the curvature at the base of a single rod (``docs/model.md``, equation 10), then, where a follower force
-    acts, the base force in curvature units. With ``held`` the tip is not free: the base force is unknown too, the pose and
-    wrench of the tip are written out with their columns, and of the residual only the torques of the rods that end before it.
-    ``arrays`` are those of ``rods``, or of several backbones of the same build along the last batch axis.
+    Unknowns are, in curvature units (``docs/model.md``, equation 10): for a single rod the curvature at its base; for several
+    the bending moment there, if any load acts, and their torques; then, where a follower force acts, the base force.
+    With ``held`` the tip is not free: the base force is unknown too, the pose and wrench of the tip are written out with their
+    columns, and of the residual only the torques of the rods that end before it. ``arrays`` are those of ``rods``, or of several
+    backbones of the same build along the last batch axis.
     """
 
     def __init__(
@@ -102,6 +103,7 @@ class BackboneProblem(BoundaryProblem):
             shear=self.arrays.shear,
             transmission=self.transmission,
             anisotropic=self.arrays.anisotropic and len(self.rods) > 1,
+            torsion=len(self.rods) > 1 and (self.held or bool(np.isfinite(self.arrays.material[..., 2]).any())),
             pose=pose,
             pose_sensitivities=pose_sensitivities,
             directions=direction_count,
@@ -188,6 +190,32 @@ class BackboneProblem(BoundaryProblem):
             result[:, :3] = self.arrays.precurvature[:, 0, 0, :3]
         return result
 
+    def adopt(self, unknowns: FloatArray) -> FloatArray:  # noqa: D102
+        torques = self.features.torque_count
+        given, own = unknowns.shape[1] - torques, self.unknown_count - torques
+        if given == own or given not in ((0, 3, 6) if torques else (3, 6)):
+            return super().adopt(unknowns)
+        if given == 0:
+            unknowns = self._with_moment(unknowns)
+        if own == 0:
+            return unknowns[:, 3 : 3 + torques]
+        if own == 3:
+            return unknowns[:, : 3 + torques]
+        return unknowns if given == 6 else np.concatenate([unknowns, self._dead_base_force(unknowns)], axis=1)
+
+    def _with_moment(self, torques: FloatArray) -> FloatArray:
+        """Unknowns of rods that carry a moment, from those of unloaded ones: none, and rod 1 has what the others leave, (8b)."""
+        first = self.arrays.material[:, :, 0]
+        unit = np.minimum(first[..., 2], first[..., :2].max(axis=-1))
+        inner = -(torques * unit[:, 1:]).sum(axis=1, keepdims=True) / unit[:, :1]
+        return np.concatenate([np.zeros((len(torques), 2)), inner, torques], axis=1)
+
+    def _dead_base_force(self, unknowns: FloatArray) -> FloatArray:
+        """The base force in curvature units, equation (13), without the follower force, at ``unknowns`` without it."""
+        call = self._node_pass(2, unknowns=unknowns, follower_force=False)
+        scale = self._table.length_scale.numpy() / self.arrays.material[:, 0, 0, :2].max(axis=-1)
+        return np.asarray(call.node_force.numpy()[:, 0] * scale[:, None])
+
     def load_scale(self) -> FloatArray:  # noqa: D102
         inputs = self.read("inputs")
         table = self.arrays
@@ -238,16 +266,17 @@ class BackboneProblem(BoundaryProblem):
         moment, torque, unit = self._start_sizes()
         points = spread(np.arange(first, first + count), n + 2)[:, None]
         points = np.sign(points) * np.abs(points) ** _CROWDING
-        result = np.zeros((count, self.instance_count, self.unknown_count))
+        torques = self.features.torque_count
+        result = np.zeros((count, self.instance_count, 3 + torques + (3 if self.features.base_force_unknown else 0)))
         result[..., :2] = points[..., :2] * moment[:, None] * unit[:, :2]
-        if n == 1:
+        if not torques:
             result[..., 2] = points[..., 2] * moment * unit[:, 2]
             return result + self.guess()
         tau = points[..., 2:] * torque
         # all torques together balance the load
         tau[..., -1] = points[..., -1] * moment - tau[..., :-1].sum(axis=-1)
         result[..., 2 : 2 + n] = tau * unit[:, 2:]
-        return result
+        return result if self.features.moment else result[..., 3:]
 
     def _start_sizes(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """What bounds the equilibria: moment of the loads at the base [N m], (instance_count,), torques there that the tubes'
@@ -324,23 +353,39 @@ class BackboneProblem(BoundaryProblem):
         return np.broadcast_to(values, (self.instance_count, *values.shape[1:]))
 
     def _node_pass(
-        self, node_count: int, chosen: NDArray[np.bool_] | None = None, *, columns: bool = False, rod: int | None = None
+        self,
+        node_count: int,
+        chosen: NDArray[np.bool_] | None = None,
+        *,
+        columns: bool = False,
+        rod: int | None = None,
+        unknowns: FloatArray | None = None,
+        **changes: Any,
     ) -> Any:
-        """The arrays of a pass over nodes of one rod, or of all together, by outputs of its own: those of the solve stay."""
-        features = replace(self.features, nodes=True, pose=True, sensitivities=columns, pose_sensitivities=columns, directions=0)
+        """The arrays of a pass over nodes of one rod, or of all together, by outputs of its own: those of the solve stay.
+
+        Columns are those of the model with all its unknowns. ``unknowns`` are those of the solve by default.
+        """
+        options = {"nodes": True, "pose": True, "sensitivities": columns, "pose_sensitivities": columns, "directions": 0}
+        features = replace(self.features, **options | changes)
         call = self._make_call(node_count)
+        if columns and not self.features.moment:
+            unknowns = self._with_moment(self.read("unknowns"))
+        if unknowns is not None:
+            call.unknowns = self._array(unknowns)
         call.node_rod = len(self.rods) if rod is None else rod
-        for name in ("residual", "gamma", "position", "rotation", "pose_columns"):
-            buffer = getattr(self, name)
-            setattr(call, name, wp.zeros(buffer.shape, dtype=buffer.dtype, device=self.device))
+        count, m = self.instance_count, features.unknown_count
+        call.residual = wp.zeros((count, m), dtype=wp.float64, device=self.device)
+        call.position = wp.zeros(count, dtype=wp.vec3d, device=self.device)
+        call.rotation = wp.zeros(count, dtype=wp.mat33d, device=self.device)
         if chosen is not None:
             call.active = wp.array(chosen.astype(np.int32), device=self.device)
         if columns:
-            m, count = features.unknown_count, self.instance_count
             nodes = node_count - 1 + self.arrays.end[0].size + self._table.profile_end.size
             call.column_arclength = wp.full((count, nodes), np.nan, dtype=wp.float64, device=self.device)
             call.node_columns = wp.zeros((count, nodes, m, m), dtype=wp.float64, device=self.device)
             call.tip_columns = wp.zeros((count, m, m), dtype=wp.float64, device=self.device)
+            call.gamma = wp.zeros((count, m, m), dtype=wp.float64, device=self.device)
             call.pose_columns = wp.zeros((count, 6, m), dtype=wp.float64, device=self.device)
         self._record(features, call).launch()
         return call

@@ -19,18 +19,78 @@ def make_base_functions(layout: Layout, features: Features, grid: SimpleNamespac
     """Functions that turn unknowns and inputs into the state at the base."""
     n, C, NX = layout.n, layout.C, layout.NX
     State, Column, Instance, Node = layout.State, layout.Column, layout.Instance, layout.Node
-    ColumnVectors = layout.ColumnVectors
+    PerRod, ColumnVectors, CURVATURE_TERMS = layout.PerRod, layout.ColumnVectors, layout.CURVATURE_TERMS
     N_AT, THETA_AT, TAU_AT, STATICS = layout.N_AT, layout.THETA_AT, layout.TAU_AT, layout.STATICS
     COLUMN_Q_AT, COLUMN_SIZE, Q_AT = layout.COLUMN_Q_AT, layout.COLUMN_SIZE, layout.Q_AT
     ENERGY_AT, NODES = layout.ENERGY_AT, features.nodes
     FORCE_STATE, FRAME, COLUMN_FRAME = layout.FORCE_STATE, layout.FRAME, layout.COLUMN_FRAME
     FORCE_UNKNOWN, TRANSMISSION, TUBES = features.base_force_unknown, features.transmission, n > 1
-    # columns: bending moments (with one rod, torque too), torques of several rods, base force, directions
-    MOMENTS = min(2 if TUBES else 3, NX)
-    TORQUES = min(n + 2, NX)
+    MOMENT, TORQUES = layout.MOMENT, layout.TORQUES
+    # unknowns, and so columns: bending moments, torques, base force, directions. Where several rods are rigid
+    # in torsion, the torque of all is the third of the moments; several unloaded rods have torques only, that of rod 1 the
+    # negative sum of the others
+    RIGID = TUBES and TORQUES == 0
+    FIRST_TORQUE = 2 if MOMENT else -1  # less the index of its rod
+    MOMENTS = min((3 if RIGID else 2) if MOMENT else 0, NX)
+    LAST_TORQUE = MOMENTS if RIGID else min(FIRST_TORQUE + n, NX)
     FIRST_FORCE = layout.UNKNOWNS - 3
     ROTATION = InputOffsets(n).ROTATION
     total_load = grid.total_load
+
+    @wp.struct
+    class Transmission:
+        """(9) The rods behind the base plate, from their bases to s = 0."""
+
+        twist: PerRod  # integral of u*_z
+        compliance: PerRod  # integral of 1/GJ
+        twist_rate: PerRod  # u*_z at s = 0
+        compliance_rate: PerRod  # 1/GJ at s = 0
+
+    @wp.func
+    def torsional_precurvature(rods: RodTable, case: Instance, i: int, m: int, t: f64) -> f64:
+        """(6) u*_z of section m of rod i, at t from -1 to 1."""
+        u = f64(0.0)
+        for k in range(wp.static(CURVATURE_TERMS)):
+            u = t * u + rods.precurvature[case.rods, i, m, 3 * (wp.static(CURVATURE_TERMS - 1) - k) + 2]
+        return u
+
+    @wp.func
+    def torsional_precurvature_integral(rods: RodTable, case: Instance, i: int, m: int, t: f64) -> f64:
+        """Integral of u*_z of section m of rod i over -1 to t."""
+        upper = f64(0.0)
+        lower = f64(0.0)
+        for k in range(wp.static(CURVATURE_TERMS)):
+            j = wp.static(CURVATURE_TERMS - 1) - k
+            c = rods.precurvature[case.rods, i, m, 3 * j + 2] / f64(j + 1)
+            upper = t * upper + c
+            lower = c - lower
+        return t * upper + lower
+
+    @wp.func
+    def transmission_of(rods: RodTable, call: Call, case: Instance, node: Node) -> Transmission:
+        """(9) What the rods twist behind the plate; what stands at s = 0 is of the sections that go on from there."""
+        out = Transmission()
+        if wp.static(TRANSMISSION):
+            factor = f64(1.0)
+            if wp.static(TUBES and not features.held):
+                factor = call.load_factor[case.index]  # raised with the loads, as along the rod
+            for i in range(wp.static(n)):
+                depth = -case.shift[i]
+                if depth > f64(0.0):
+                    begin = f64(0.0)
+                    for m in range(node.section[i] + 1):
+                        end = rods.end[case.rods, i, m]
+                        size = wp.min(end, depth) - begin
+                        if size > f64(0.0):
+                            half = f64(0.5) * (end - begin)
+                            t = size / half - f64(1.0)
+                            GJ_inverse = rods.material[case.rods, i, m, 5]
+                            out.compliance[i] = out.compliance[i] + size * GJ_inverse
+                            out.compliance_rate[i] = GJ_inverse
+                            out.twist[i] = out.twist[i] + factor * half * torsional_precurvature_integral(rods, case, i, m, t)
+                            out.twist_rate[i] = factor * torsional_precurvature(rods, case, i, m, t)
+                        begin = end
+        return out
 
     @wp.func
     def unknown_unit(rods: RodTable, case: Instance, i: int) -> wp.vec3d:
@@ -51,59 +111,71 @@ def make_base_functions(layout: Layout, features: Features, grid: SimpleNamespac
         return wp.max(rods.material[case.rods, 0, 0, 0], rods.material[case.rods, 0, 0, 1]) / case.scale
 
     @wp.func
-    def base_torque(rods: RodTable, call: Call, case: Instance, i: int) -> f64:
+    def base_torques(rods: RodTable, call: Call, case: Instance) -> PerRod:
         """(10) tau_i(0) of several rods."""
-        unit = unknown_unit(rods, case, i)
-        return call.unknowns[case.index, 2 + i] / unit[2]
-
-    @wp.func
-    def torsional_compliance(rods: RodTable, case: Instance, node: Node, i: int) -> f64:
-        """1/GJ_i at the base."""
-        return rods.material[case.rods, i, node.section[i], 5]
-
-    @wp.func
-    def angle_by_torque(rods: RodTable, case: Instance, node: Node, i: int) -> f64:
-        """(9) What rod i twists behind the base plate for each torque."""
-        if wp.static(TRANSMISSION):
-            return -wp.min(case.shift[i], f64(0.0)) * torsional_compliance(rods, case, node, i)
-        return f64(0.0)
-
-    @wp.func
-    def base_angle(rods: RodTable, call: Call, case: Instance, node: Node, i: int) -> f64:
-        """(9) Angle of rod i at s = 0."""
-        angle = call.inputs[case.index, wp.static(ROTATION) + i]
-        if wp.static(TUBES and TRANSMISSION):
-            angle += angle_by_torque(rods, case, node, i) * base_torque(rods, call, case, i)
-        return angle
-
-    @wp.func
-    def base_angle_rate(rods: RodTable, call: Call, case: Instance, node: Node, i: int, k: int) -> f64:
-        """(9) Its variation for direction k."""
-        rate = call.directions[case.direction, k, wp.static(ROTATION) + i]
-        if wp.static(TUBES and TRANSMISSION):
-            if case.shift[i] < f64(0.0):
-                torque = base_torque(rods, call, case, i)
-                rate -= case.shift_rate[k, i] * torque * torsional_compliance(rods, case, node, i)
-        return rate
+        torques = PerRod()
+        for i in range(wp.static(0 if MOMENT else 1), wp.static(TORQUES + 1)):
+            unit = unknown_unit(rods, case, i)
+            torques[i] = call.unknowns[case.index, wp.static(FIRST_TORQUE) + i] / unit[2]
+            if wp.static(not MOMENT):
+                torques[0] = torques[0] - torques[i]
+        return torques
 
     @wp.func
     def base_moment(rods: RodTable, call: Call, case: Instance) -> wp.vec3d:
         """(10) M(0)."""
+        if wp.static(not MOMENT):
+            return wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
         unit = unknown_unit(rods, case, 0)
-        x = wp.vec3d(call.unknowns[case.index, 0], call.unknowns[case.index, 1], call.unknowns[case.index, 2])
-        if wp.static(TUBES):
-            torque = f64(0.0)
+        M = wp.vec3d(call.unknowns[case.index, 0], call.unknowns[case.index, 1], call.unknowns[case.index, 2])
+        if wp.static(not TUBES):
+            r = case.rods
+            M -= wp.vec3d(rods.precurvature[r, 0, 0, 0], rods.precurvature[r, 0, 0, 1], rods.precurvature[r, 0, 0, 2])
+        M = wp.cw_div(M, unit)
+        if wp.static(TUBES and TORQUES > 0):
+            torques = base_torques(rods, call, case)
+            M[2] = f64(0.0)
             for i in range(wp.static(n)):
-                torque += base_torque(rods, call, case, i)
-            return wp.vec3d(x[0] / unit[0], x[1] / unit[1], torque)
-        r = case.rods
-        u_star = wp.vec3d(rods.precurvature[r, 0, 0, 0], rods.precurvature[r, 0, 0, 1], rods.precurvature[r, 0, 0, 2])
-        return wp.cw_div(x - u_star, unit)
+                M[2] = M[2] + torques[i]
+        return M
 
     @wp.func
-    def base_frame(rods: RodTable, call: Call, case: Instance, node: Node) -> wp.vec4d:
+    def torques_behind_plate(rods: RodTable, call: Call, case: Instance) -> PerRod:
+        """(9) Torques that twist the rods behind the plate."""
+        if wp.static(TUBES):
+            return base_torques(rods, call, case)
+        torques = PerRod()
+        M = base_moment(rods, call, case)
+        torques[0] = M[2]
+        return torques
+
+    @wp.func
+    def base_angles(rods: RodTable, call: Call, case: Instance, behind: Transmission) -> PerRod:
+        """(9) Angles of the rods at s = 0."""
+        angles = PerRod()
+        for i in range(wp.static(n)):
+            angles[i] = call.inputs[case.index, wp.static(ROTATION) + i]
+        if wp.static(TRANSMISSION):
+            angles += behind.twist + wp.cw_mul(behind.compliance, torques_behind_plate(rods, call, case))
+        return angles
+
+    @wp.func
+    def base_angle_rates(rods: RodTable, call: Call, case: Instance, behind: Transmission, k: int) -> PerRod:
+        """(9) Their variation for direction k: a rod that is pushed out has less of itself behind the plate."""
+        rates = PerRod()
+        for i in range(wp.static(n)):
+            rates[i] = call.directions[case.direction, k, wp.static(ROTATION) + i]
+        if wp.static(TRANSMISSION):
+            torques = torques_behind_plate(rods, call, case)
+            for i in range(wp.static(n)):
+                twist = behind.twist_rate[i] + behind.compliance_rate[i] * torques[i]
+                rates[i] = rates[i] - case.shift_rate[k, i] * twist
+        return rates
+
+    @wp.func
+    def base_frame(angle: f64) -> wp.vec4d:
         """(9) q(0)."""
-        half = f64(0.5) * base_angle(rods, call, case, node, 0)
+        half = f64(0.5) * angle
         return wp.vec4d(f64(0.0), f64(0.0), wp.sin(half), wp.cos(half))
 
     @wp.func
@@ -117,31 +189,34 @@ def make_base_functions(layout: Layout, features: Features, grid: SimpleNamespac
         return rotate(q, force_unit(rods, case) * x), ColumnVectors()
 
     @wp.func
-    def torque_column(rods: RodTable, case: Instance, node: Node, i: int):
-        """(9), (10): column of the unknown torque of rod i, and how far it turns rod 1."""
-        column = Column()
-        turn = f64(0.0)
-        unit = unknown_unit(rods, case, i)
-        torque = f64(1.0) / unit[2]
-        angle = angle_by_torque(rods, case, node, i) * torque
-        column[2] = torque
-        if i > 0:
-            column[wp.static(TAU_AT - 1) + i] = torque
-            column[wp.static(THETA_AT - 1) + i] = angle
-        else:
-            turn = angle
-            for j in range(1, wp.static(n)):
-                column[wp.static(THETA_AT) + j - 1] = -angle
-        return column, turn
+    def turned_angles(column: Column, angles: PerRod) -> Column:
+        """A column with its theta_i, which count from rod 1, where the rods turn by ``angles``."""
+        out = column
+        for i in range(1, wp.static(n)):
+            out[wp.static(THETA_AT) + i - 1] = angles[i] - angles[0]
+        return out
 
     @wp.func
-    def direction_column(rods: RodTable, call: Call, case: Instance, node: Node, k: int):
-        """(9) Column of direction k, and how far it turns rod 1."""
+    def torque_column(rods: RodTable, case: Instance, behind: Transmission, i: int):
+        """(9), (10): column of the unknown torque of rod i, and how far it turns rod 1."""
         column = Column()
-        turn = base_angle_rate(rods, call, case, node, 0, k)
-        for i in range(1, wp.static(n)):
-            column[wp.static(THETA_AT) + i - 1] = base_angle_rate(rods, call, case, node, i, k) - turn
-        return column, turn
+        angles = PerRod()
+        unit = unknown_unit(rods, case, i)
+        torque = f64(1.0) / unit[2]
+        angles[i] = behind.compliance[i] * torque
+        if wp.static(MOMENT):
+            column[2] = torque
+        else:
+            angles[0] = -behind.compliance[0] * torque
+        if i > 0:
+            column[wp.static(TAU_AT - 1) + i] = torque
+        return turned_angles(column, angles), angles[0]
+
+    @wp.func
+    def direction_column(rods: RodTable, call: Call, case: Instance, behind: Transmission, k: int):
+        """(9) Column of direction k, and how far it turns rod 1."""
+        angles = base_angle_rates(rods, call, case, behind, k)
+        return turned_angles(Column(), angles), angles[0]
 
     @wp.func
     def turned_column(column: Column, turn: f64, q: wp.vec4d, N: wp.vec3d, dn: wp.vec3d) -> Column:
@@ -159,7 +234,14 @@ def make_base_functions(layout: Layout, features: Features, grid: SimpleNamespac
 
     @wp.func
     def base_columns(
-        rods: RodTable, call: Call, case: Instance, node: Node, state: State, q: wp.vec4d, n0: wp.vec3d, dn0: ColumnVectors
+        rods: RodTable,
+        call: Call,
+        case: Instance,
+        behind: Transmission,
+        state: State,
+        q: wp.vec4d,
+        n0: wp.vec3d,
+        dn0: ColumnVectors,
     ):
         """(9), (10): the state with its columns at the base, and the columns of n."""
         y = state
@@ -171,10 +253,10 @@ def make_base_functions(layout: Layout, features: Features, grid: SimpleNamespac
             turn = f64(0.0)
             if wp.static(k < MOMENTS):
                 column[k] = f64(1.0) / unit[k]
-            if wp.static(MOMENTS <= k < TORQUES):
-                column, turn = torque_column(rods, case, node, k - 2)
+            if wp.static(MOMENTS <= k < LAST_TORQUE):
+                column, turn = torque_column(rods, case, behind, wp.static(k - FIRST_TORQUE))
             if wp.static(k >= NX):
-                column, turn = direction_column(rods, call, case, node, k - NX)
+                column, turn = direction_column(rods, call, case, behind, k - NX)
             dn = wp.vec3d(force_columns[k, 0], force_columns[k, 1], force_columns[k, 2])
             if wp.static(FORCE_UNKNOWN):
                 dN = turn * wp.vec3d(-N[1], N[0], f64(0.0))  # N is given in the frame: n turns with it
@@ -192,27 +274,31 @@ def make_base_functions(layout: Layout, features: Features, grid: SimpleNamespac
     def at_base(rods: RodTable, call: Call, case: Instance, node: Node):
         """(9), (10): the state at the base, n there, and the columns of n."""
         y = State()
-        q = base_frame(rods, call, case, node)
+        behind = transmission_of(rods, call, case, node)
+        angles = base_angles(rods, call, case, behind)
+        q = base_frame(angles[0])
         n0, dn0 = base_force(rods, call, case, q)
-        M = base_moment(rods, call, case)
-        for j in range(3):
-            y[j] = M[j]
+        if wp.static(MOMENT):
+            M = base_moment(rods, call, case)
+            for j in range(3):
+                y[j] = M[j]
         if wp.static(FORCE_STATE):
             N = rotate_inverse(q, n0)
             for j in range(3):
                 y[N_AT + j] = N[j]
         for i in range(1, wp.static(n)):
-            angle = base_angle(rods, call, case, node, i) - base_angle(rods, call, case, node, 0)
-            y[wp.static(THETA_AT) + i - 1] = angle
-            y[wp.static(TAU_AT) + i - 1] = base_torque(rods, call, case, i)
+            y[wp.static(THETA_AT) + i - 1] = angles[i] - angles[0]
+        if wp.static(TORQUES > 0):
+            torques = base_torques(rods, call, case)
+            for i in range(1, wp.static(n)):
+                y[wp.static(TAU_AT) + i - 1] = torques[i]
         if wp.static(FRAME):
             for j in range(4):
                 y[Q_AT + j] = q[j]
-        if wp.static(NODES and TUBES):  # what is stored behind the base plate
-            for i in range(wp.static(n)):
-                torque = base_torque(rods, call, case, i)
-                y[ENERGY_AT] += f64(0.5) * angle_by_torque(rods, case, node, i) * torque * torque
-        y, dn0 = base_columns(rods, call, case, node, y, q, n0, dn0)
+        if wp.static(NODES and TRANSMISSION):  # what is stored behind the base plate
+            turning = torques_behind_plate(rods, call, case)
+            y[ENERGY_AT] = f64(0.5) * wp.dot(behind.compliance, wp.cw_mul(turning, turning))
+        y, dn0 = base_columns(rods, call, case, behind, y, q, n0, dn0)
         return y, n0, dn0
 
     return SimpleNamespace(at_base=at_base)
@@ -230,6 +316,8 @@ def make_tip_functions(
     ColumnVectors = layout.ColumnVectors
     POSE, POSE_COLUMNS, NODES = layout.POSE, layout.POSE_COLUMNS, features.nodes
     TUBES, MEASURED = n > 1, features.measured
+    MOMENT, TORQUES = layout.MOMENT, layout.TORQUES
+    FIRST_TORQUE = 2 if MOMENT else -1  # row of the residual, less the index of the rod
     TIP_MOMENT, FOLLOWER, FOLLOWER_MOMENT = features.tip_moment, features.follower_force, features.follower_moment
     FIRST_FORCE = layout.UNKNOWNS - 3
     at = InputOffsets(n)
@@ -237,7 +325,7 @@ def make_tip_functions(
     FOLLOWER_FORCE_INPUT, FOLLOWER_MOMENT_INPUT = at.FOLLOWER_FORCE, at.FOLLOWER_MOMENT
     precurvature, compliance = stretch.precurvature, stretch.compliance
     frame, point_at, column_of, column_rotation = rate.frame, rate.point_at, rate.column_of, rate.column_rotation
-    inner_torque = rate.inner_torque
+    inner_torque, turn_into_rod_1 = rate.inner_torque, rate.turn_into_rod_1
     load_vector, direction_vector, section_end = grid.load_vector, grid.direction_vector, grid.section_end
 
     @wp.func
@@ -270,7 +358,7 @@ def make_tip_functions(
         """
         torque = f64(0.0)
         last = rods.end.shape[2] - 1
-        for i in range(1, wp.static(n)):
+        for i in range(1, wp.static(TORQUES + 1)):
             if section_end(rods, case, i, last) >= section_end(rods, case, 0, last):
                 torque += y[first + i - 1]
         return torque
@@ -294,7 +382,9 @@ def make_tip_functions(
 
     @wp.func
     def on_rod_1(case: Instance, moment: wp.vec3d) -> wp.vec3d:
-        """(11) A moment on the tip as the residual of bending and of the torque of rod 1 sees it."""
+        """(11) A moment on the tip as the residual of bending and of the torque of rod 1 sees it, or of all rods."""
+        if wp.static(TORQUES == 0):
+            return moment
         return wp.vec3d(moment[0], moment[1], torque_on(case, 0, moment))
 
     @wp.func
@@ -379,14 +469,16 @@ def make_tip_functions(
     def write_residual(rods: RodTable, call: Call, case: Instance, y: State, z: Stretch, n_tip: wp.vec3d) -> f64:
         """(11) to (13): the residual. Returns a number that is not finite if a component is not."""
         t = case.index
-        gap = tip_gap(rods, call, case, y, z)
-        total = total_magnitude(gap)
-        for j in range(3):
-            call.residual[t, j] = gap[j]
-        for i in range(1, wp.static(n)):
+        total = f64(0.0)
+        if wp.static(MOMENT):
+            gap = tip_gap(rods, call, case, y, z)
+            total += total_magnitude(gap)
+            for j in range(3):
+                call.residual[t, j] = gap[j]
+        for i in range(1, wp.static(TORQUES + 1)):
             lack_of_torque = y[wp.static(TAU_AT) + i - 1] - torque_on(case, i, applied_moment(call, case, y))
             torque = torque_unit(z, i) * lack_of_torque
-            call.residual[t, 2 + i] = torque
+            call.residual[t, wp.static(FIRST_TORQUE) + i] = torque
             total += wp.abs(torque)
         if wp.static(FOLLOWER):
             lack = force_gap(call, case, y, z, n_tip)
@@ -402,18 +494,19 @@ def make_tip_functions(
         """Gamma, and the residual's derivatives by directions. Returns a number that is not finite if one of them is not."""
         total = f64(0.0)
         for k in range(wp.static(C)):
-            gap = gap_column(rods, case, y, z, k)
-            if wp.static(k >= NX):
-                gap += gap_by_direction(call, case, y, z, k - NX)
-            total += total_magnitude(gap)
-            for j in range(3):
-                write_column(call, case, j, k, gap[j])
-            for i in range(1, wp.static(n)):
+            if wp.static(MOMENT):
+                gap = gap_column(rods, case, y, z, k)
+                if wp.static(k >= NX):
+                    gap += gap_by_direction(call, case, y, z, k - NX)
+                total += total_magnitude(gap)
+                for j in range(3):
+                    write_column(call, case, j, k, gap[j])
+            for i in range(1, wp.static(TORQUES + 1)):
                 torque = y[wp.static(STATICS + k * COLUMN_SIZE + TAU_AT) + i - 1]
                 torque -= torque_on(case, i, applied_moment_column(case, y, k))
                 if wp.static(k >= NX):
                     torque -= torque_on(case, i, applied_moment_by_direction(call, case, y, k - NX))
-                write_column(call, case, 2 + i, k, torque_unit(z, i) * torque)
+                write_column(call, case, wp.static(FIRST_TORQUE) + i, k, torque_unit(z, i) * torque)
             if wp.static(FOLLOWER):
                 dn = wp.vec3d(dn_tip[k, 0], dn_tip[k, 1], dn_tip[k, 2])
                 if wp.static(k >= NX):
@@ -472,13 +565,20 @@ def make_tip_functions(
         if wp.static(TUBES):
             for i in range(wp.static(n)):
                 if i == call.node_rod:
-                    torque = inner_torque(y, z)
-                    if wp.static(i > 0):
-                        torque = y[wp.static(TAU_AT) + i - 1]
-                        to_rod = turned_about_z(-y[wp.static(THETA_AT) + i - 1])
-                    M = wp.vec3d(a.tubes[i, 7], a.tubes[i, 8], torque)
                     u_star = precurvature(z, i, x)
-                    u[2] = u_star[2] + z.material[i, 5] * torque
+                    u[2] = u_star[2]
+                    torque = f64(0.0) / f64(0.0)  # of rods that are rigid in torsion only the sum is determined
+                    if wp.static(TORQUES > 0):
+                        torque = inner_torque(y, z, a.M[2])
+                        if wp.static(i > 0):
+                            torque = y[wp.static(TAU_AT) + i - 1]
+                        u[2] = u_star[2] + z.material[i, 5] * torque
+                    if wp.static(i > 0):
+                        to_rod = turned_about_z(-y[wp.static(THETA_AT) + i - 1])
+                    e = a.u - turn_into_rod_1(a, i, u_star)
+                    M = wp.vec3d(
+                        a.tubes[i, 0] * e[0] + a.tubes[i, 1] * e[1], a.tubes[i, 1] * e[0] + a.tubes[i, 2] * e[1], torque
+                    )
         call.node_arclength[t, output] = s
         call.node_position[t, output] = world_position(case, y)
         call.node_rotation[t, output] = case.base_rotation * rotation_matrix(a.q) * wp.transpose(to_rod)

@@ -241,10 +241,14 @@ def make_grid_functions(layout: Layout, features: Features, stretch: SimpleNames
     def load_sections(rods: RodTable, case: Instance, node: Node) -> Stretch:
         """A stretch with stiffness and precurvature of each rod's section; a rod that has ended keeps its last."""
         z = Stretch()
+        EI = f64(0.0)
         for i in range(wp.static(n)):
             m = wp.min(node.section[i], rods.end.shape[2] - 1)
             if node.section[i] < rods.end.shape[2]:
                 z.present[i] = f64(1.0)
+            z.bending[i] = z.present[i] * rods.material[case.rods, i, m, 0]
+            z.torsion[i] = z.present[i] * rods.material[case.rods, i, m, 5]
+            EI += z.bending[i]
             for j in range(wp.static(MATERIAL_SIZE)):
                 z.material[i, j] = rods.material[case.rods, i, m, j]
             for j in range(wp.static(3 * CURVATURE_TERMS)):
@@ -256,6 +260,7 @@ def make_grid_functions(layout: Layout, features: Features, stretch: SimpleNames
             z.section_centre[i] = f64(0.5) * (begin + end) + case.shift[i]
             if end > begin:
                 z.section_slope[i] = f64(2.0) / (end - begin)
+        z.softness = f64(1.0) / EI
         return z
 
     @wp.func

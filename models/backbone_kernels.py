@@ -61,6 +61,17 @@ __all__ = [
 f64 = wp.float64
 
 
+def compiler_flags(features: Features) -> str | None:
+    """Warp's own for one rod; for several, multiplications and additions are fused across functions, in shorter vectors.
+
+    That saves a quarter of the time. One rod is left out, so that an instance without a load stays bitwise the same in the
+    kernel of a batch that has the load's terms; of several, an unloaded one has fewer unknowns alone.
+    """
+    if features.rod_count == 1:
+        return None
+    return f"{wp.config.cpu_compiler_flags or ''} -ffp-contract=fast -mprefer-vector-width=256"
+
+
 @cache
 def make_kernel(features: Features, tableau: Tableau):
     """Kernel for one set of features and one integrator; arguments ``(RodTable, Call)``, one thread an instance."""
@@ -80,7 +91,9 @@ def make_kernel(features: Features, tableau: Tableau):
     write_node_columns, write_tip_columns = tip.write_node_columns, tip.write_tip_columns
     NODE_COLUMNS = features.nodes and features.sensitivities
 
-    @wp.kernel(module="unique", enable_backward=False)
+    options = {"cpu_compiler_flags": compiler_flags(features)}
+
+    @wp.kernel(module="unique", enable_backward=False, module_options=options)
     def integrate(rods: RodTable, call: Call):
         """From the base to the tip, stretch by stretch; then the residual."""
         t = wp.tid()

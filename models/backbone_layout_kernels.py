@@ -92,8 +92,8 @@ class Call:
 class Layout:
     """How the state of a backbone with certain features is packed, and the types that follow.
 
-    The state is ``M, [N], theta_i, tau_i (i >= 2), columns, [q], [p], [energy, work]``; a column, the derivative of the state by
-    one unknown or direction, is ``dM, [dN], dtheta_i, dtau_i, [dq], [dp]``. What is in brackets is there when a feature
+    The state is ``[M], [N], theta_i, [tau_i] (i >= 2), columns, [q], [p], [energy, work]``; a column, the derivative of the
+    state by one unknown or direction, is ``[dM], [dN], dtheta_i, [dtau_i], [dq], [dp]``. What is in brackets is there when a feature
     needs it. Names that end in ``_AT`` are offsets. The unknowns' columns come first, then those of the directions.
     """
 
@@ -105,6 +105,8 @@ class Layout:
         self.ND = features.directions  # columns by directions
         self.C = columns = self.NX + self.ND
 
+        self.MOMENT = features.moment
+        self.TORQUES = features.torque_count
         self.FRAME = features.frame
         self.COLUMN_FRAME = features.column_has_frame
         self.FORCE = features.force
@@ -117,10 +119,10 @@ class Layout:
         self.POSE = features.pose or features.nodes or features.pose_sensitivities
         self.POSE_COLUMNS = features.pose_sensitivities
 
-        self.N_AT = 3
-        self.THETA_AT = 3 + (3 if self.FORCE_STATE else 0)  # of rod 2
+        self.N_AT = 3 if self.MOMENT else 0
+        self.THETA_AT = self.N_AT + (3 if self.FORCE_STATE else 0)  # of rod 2
         self.TAU_AT = self.THETA_AT + n - 1  # of rod 2
-        self.STATICS = self.TAU_AT + n - 1  # size of what (4), (3b) and (8) govern; there the columns begin
+        self.STATICS = self.TAU_AT + self.TORQUES  # size of what (4), (3b) and (8) govern; there the columns begin
         self.COLUMN_Q_AT = self.STATICS
         self.COLUMN_P_AT = self.COLUMN_Q_AT + (4 if self.COLUMN_FRAME else 0)
         self.COLUMN_SIZE = self.COLUMN_P_AT + (3 if self.POSE_COLUMNS else 0)
@@ -157,6 +159,9 @@ class Layout:
             start: wp.float64
             length: wp.float64
             present: PerRod  # 1 if the rod reaches this far, else 0
+            bending: PerRod  # of several rods: EI_x of each, zero where it has ended
+            softness: wp.float64  # 1 / their sum
+            torsion: PerRod  # of several rods: 1/GJ of each, zero where it has ended
             material: Material
             precurvature: Precurvature
             section_centre: PerRod

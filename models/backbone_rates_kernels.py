@@ -35,7 +35,7 @@ def make_rate_functions(layout: Layout, features: Features, stretch: SimpleNames
     N_AT, THETA_AT, TAU_AT, STATICS = layout.N_AT, layout.THETA_AT, layout.TAU_AT, layout.STATICS
     COLUMN_Q_AT, COLUMN_P_AT, COLUMN_SIZE = layout.COLUMN_Q_AT, layout.COLUMN_P_AT, layout.COLUMN_SIZE
     Q_AT, P_AT, ENERGY_AT, WORK_AT = layout.Q_AT, layout.P_AT, layout.ENERGY_AT, layout.WORK_AT
-    TUBES = n > 1
+    TUBES, MOMENT, TORQUES = n > 1, layout.MOMENT, layout.TORQUES
     FORCE, FORCE_STATE, FRAME, COLUMN_FRAME = layout.FORCE, layout.FORCE_STATE, layout.FRAME, layout.COLUMN_FRAME
     SPREAD_MOMENT, SHEAR, NODES = layout.SPREAD_MOMENT, features.shear, features.nodes
     POSE, POSE_COLUMNS = layout.POSE, layout.POSE_COLUMNS
@@ -50,8 +50,9 @@ def make_rate_functions(layout: Layout, features: Features, stretch: SimpleNames
     precurvature_rate = stretch.precurvature_rate
     tube = make_tube_functions(layout, features, types, stretch)
     turned_tubes, flexibility, shared_curvature = tube.turned_tubes, tube.flexibility, tube.shared_curvature
-    with_moments, tube_rate, tube_energy = tube.with_moments, tube.tube_rate, tube.tube_energy
-    turn_into_rod_1, tube_rate_variation = tube.turn_into_rod_1, tube.tube_rate_variation
+    with_turned_stiffness, tube_energy, turn_into_rod_1 = tube.with_turned_stiffness, tube.tube_energy, tube.turn_into_rod_1
+    angle_rate, torque_rate = tube.angle_rate, tube.torque_rate
+    angle_rate_variation, torque_rate_variation = tube.angle_rate_variation, tube.torque_rate_variation
     shared_curvature_variation = tube.shared_curvature_variation
 
     @wp.func
@@ -75,14 +76,15 @@ def make_rate_functions(layout: Layout, features: Features, stretch: SimpleNames
         """Force (3a) and strains (5) to (7) at x from the start of the stretch."""
         a = Point()
         a.q = frame(y)
-        a.M = wp.vec3d(y[0], y[1], y[2])
+        if wp.static(MOMENT):
+            a.M = wp.vec3d(y[0], y[1], y[2])
         a.N = body_force(y, z, x)
         a.u_star = precurvature(z, 0, x)
         if wp.static(TUBES):
             a.tubes = turned_tubes(y, z, x)
-            a.flexibility = flexibility(a.tubes)
+            a.flexibility = flexibility(z, a.tubes)
             a.u = shared_curvature(y, z, a)
-            a.tubes = with_moments(a)
+            a.tubes = with_turned_stiffness(a)
         else:
             a.u = a.u_star + wp.cw_mul(compliance(z), a.M)
         if wp.static(SHEAR):
@@ -110,11 +112,11 @@ def make_rate_functions(layout: Layout, features: Features, stretch: SimpleNames
         return rate
 
     @wp.func
-    def energy_rate(y: State, z: Stretch, a: Point) -> f64:
+    def energy_rate(y: State, z: Stretch, x: f64, a: Point) -> f64:
         """(14) Energy per length."""
         energy = wp.dot(a.N, a.extension)
         if wp.static(TUBES):
-            energy += tube_energy(y, z, a)
+            energy += tube_energy(y, z, x, a)
         else:
             energy += wp.dot(a.M, a.u - a.u_star)
         return f64(0.5) * energy
@@ -193,17 +195,18 @@ def make_rate_functions(layout: Layout, features: Features, stretch: SimpleNames
         dN = column_force(a, column, dphi, given)
         du = column_curvature(z, a, column, given)
         d = Column()
-        dM_s = column_moment_rate(z, a, column, dphi, dN, du, given)
-        for j in range(3):
-            d[j] = dM_s[j]
+        if wp.static(MOMENT):
+            dM_s = column_moment_rate(z, a, column, dphi, dN, du, given)
+            for j in range(3):
+                d[j] = dM_s[j]
         if wp.static(FORCE_STATE):
             dN_s = wp.cross(dN, a.u) + wp.cross(a.N, du)
             for j in range(3):
                 d[N_AT + j] = dN_s[j]
         for i in range(1, wp.static(n)):
-            tube_s = tube_rate_variation(z, a, column, du, given, i)
-            d[wp.static(THETA_AT) + i - 1] = tube_s[0]
-            d[wp.static(TAU_AT) + i - 1] = tube_s[1]
+            d[wp.static(THETA_AT) + i - 1] = angle_rate_variation(z, column, du, given, i)
+        for i in range(1, wp.static(TORQUES + 1)):
+            d[wp.static(TAU_AT) + i - 1] = torque_rate_variation(a, column, du, given, i)
         if wp.static(COLUMN_FRAME):
             k = wp.static(COLUMN_Q_AT)
             dq = wp.vec4d(column[k], column[k + 1], column[k + 2], column[k + 3])
@@ -241,17 +244,18 @@ def make_rate_functions(layout: Layout, features: Features, stretch: SimpleNames
         """(1) to (8), (14), and for each column (15) to (20)."""
         a = point_at(y, z, x)
         d = State()
-        M_s = moment_rate_at(a)
-        for j in range(3):
-            d[j] = M_s[j]
+        if wp.static(MOMENT):
+            M_s = moment_rate_at(a)
+            for j in range(3):
+                d[j] = M_s[j]
         if wp.static(FORCE_STATE):
             N_s = force_rate(a.N, a.u)
             for j in range(3):
                 d[N_AT + j] = N_s[j]
         for i in range(1, wp.static(n)):
-            tube_s = tube_rate(y, z, x, a, i)
-            d[wp.static(THETA_AT) + i - 1] = tube_s[0]
-            d[wp.static(TAU_AT) + i - 1] = tube_s[1]
+            d[wp.static(THETA_AT) + i - 1] = angle_rate(y, z, x, a, i)
+        for i in range(1, wp.static(TORQUES + 1)):
+            d[wp.static(TAU_AT) + i - 1] = torque_rate(a, i)
         if wp.static(FRAME):
             q_s = quaternion_rate(a.q, a.u)
             for j in range(4):
@@ -261,7 +265,7 @@ def make_rate_functions(layout: Layout, features: Features, stretch: SimpleNames
             for j in range(3):
                 d[P_AT + j] = p_s[j]
         if wp.static(NODES):
-            d[ENERGY_AT] = energy_rate(y, z, a)
+            d[ENERGY_AT] = energy_rate(y, z, x, a)
             d[WORK_AT] = a.N[2] + wp.dot(a.N, a.extension)
         for c in range(wp.static(C)):
             given = Given()
@@ -285,5 +289,6 @@ def make_rate_functions(layout: Layout, features: Features, stretch: SimpleNames
         column_of=column_of,
         column_rotation=column_rotation,
         inner_torque=tube.inner_torque,
+        turn_into_rod_1=tube.turn_into_rod_1,
         rates=rates,
     )

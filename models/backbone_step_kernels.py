@@ -16,7 +16,10 @@ def make_step_functions(layout: Layout, tableau: Tableau, rates) -> SimpleNamesp
     n = layout.n
     State, Stretch, Instance = layout.State, layout.Stretch, layout.Instance
     N_AT, THETA_AT, TAU_AT, Q_AT, P_AT = layout.N_AT, layout.THETA_AT, layout.TAU_AT, layout.Q_AT, layout.P_AT
+    MOMENT, TORQUES = layout.MOMENT, layout.TORQUES
     FORCE_STATE, FRAME, POSE = layout.FORCE_STATE, layout.FRAME, layout.POSE
+    # the moment, or what stands for it where several rods carry none together: their torques
+    MOMENT_AT, MOMENT_SIZE = (0, 3) if MOMENT else (TAU_AT, TORQUES)
     A, B, PLACES, ERROR = tableau.a, tableau.b, tableau.c, tableau.error
     STAGES = len(B)
     ADAPTIVE = len(ERROR) > 0
@@ -74,12 +77,13 @@ def make_step_functions(layout: Layout, tableau: Tableau, rates) -> SimpleNamesp
         EI = f64(0.0)
         for i in range(wp.static(n)):
             EI += z.present[i] * wp.max(z.material[i, 0], z.material[i, 1])
-        error = block_error(e, y, 0, 3, EI / scale, call)
+        error = block_error(e, y, MOMENT_AT, MOMENT_SIZE, EI / scale, call)
         if wp.static(FORCE_STATE):
             error = wp.max(error, block_error(e, y, N_AT, 3, EI / (scale * scale), call))
         if wp.static(n > 1):
             error = wp.max(error, block_error(e, y, THETA_AT, wp.static(n - 1), f64(1.0), call))
-            error = wp.max(error, block_error(e, y, TAU_AT, wp.static(n - 1), EI / scale, call))
+        if wp.static(MOMENT and TORQUES > 0):
+            error = wp.max(error, block_error(e, y, TAU_AT, TORQUES, EI / scale, call))
         if wp.static(FRAME):
             error = wp.max(error, block_error(e, y, Q_AT, 4, f64(1.0), call))
         if wp.static(POSE):
@@ -99,7 +103,7 @@ def make_step_functions(layout: Layout, tableau: Tableau, rates) -> SimpleNamesp
     def first_step(y: State, z: Stretch, case: Instance) -> f64:
         """A step over which the moment changes little; 1e-3 N m keeps it finite without a moment."""
         d = rates(y, z, f64(0.0))
-        w = wp.sqrt(block(d, 0, 3) * case.scale / (block(y, 0, 3) + f64(1.0e-3)))
+        w = wp.sqrt(block(d, MOMENT_AT, MOMENT_SIZE) * case.scale / (block(y, MOMENT_AT, MOMENT_SIZE) + f64(1.0e-3)))
         return wp.min(f64(0.1) * case.length, case.length / (f64(1.0) + w))
 
     @wp.func
@@ -153,7 +157,7 @@ def make_step_functions(layout: Layout, tableau: Tableau, rates) -> SimpleNamesp
                 rejected = int(1)
             if count >= call.step_limit:
                 fault = int(wp.static(FAULT_STEPS))
-            if not (wp.isfinite(block(w, 0, 3)) and h > f64(0.0)):
+            if not (wp.isfinite(block(w, MOMENT_AT, MOMENT_SIZE)) and h > f64(0.0)):
                 fault = int(wp.static(FAULT_NONFINITE))
         return w, h, count, fault
 

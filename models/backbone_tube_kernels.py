@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from multirod.models.backbone_equation_kernels import cosine_and_sine
 from multirod.models.backbone_layout_kernels import Layout
 from multirod.models.features import Features
 
@@ -50,7 +51,7 @@ def make_tube_functions(layout: Layout, features: Features, types: SimpleNamespa
     n = layout.n
     State, Column, Stretch = layout.State, layout.Column, layout.Stretch
     Tubes, Point, Given = types.Tubes, types.Point, types.Given
-    THETA_AT, TAU_AT = layout.THETA_AT, layout.TAU_AT
+    THETA_AT, TAU_AT, TORQUES, MOMENT = layout.THETA_AT, layout.TAU_AT, layout.TORQUES, layout.MOMENT
     ANISOTROPIC = features.anisotropic
     VARIED_GIVEN = layout.ND > 0 and layout.CURVATURE_TERMS > 1
     precurvature = stretch.precurvature
@@ -58,41 +59,56 @@ def make_tube_functions(layout: Layout, features: Features, types: SimpleNamespa
 
     @wp.func
     def turned_tube(z: Stretch, i: int, x: f64, theta: f64) -> TubeRow:
-        """(7) K_i(theta) as xx, xy, yy, zero where the rod has ended; Rz(theta) u*_i; cos and sin of theta; two places left."""
-        c = wp.cos(theta)
-        s = wp.sin(theta)
-        EI_x = z.material[i, 0]
-        EI_y = z.material[i, 1]
+        """(7) What rod i brings in where it is turned by theta; nothing where it has ended.
+
+        ``K_i`` as xx, xy, yy; ``b_i = K_i Rz(theta) u*_i``, and its derivative by theta at constant u; cos and sin of theta.
+        Unequal bending stiffness changes places 3 to 6 later, ``with_turned_stiffness``.
+        """
+        c = f64(1.0)
+        s = f64(0.0)
+        if wp.static(n > 1):
+            if i > 0:  # rod 1 is not turned
+                c, s = cosine_and_sine(theta)
         u_star = precurvature(z, i, x)
+        bx = c * u_star[0] - s * u_star[1]
+        by = s * u_star[0] + c * u_star[1]
         row = TubeRow()
-        row[0] = z.present[i] * EI_x
-        row[2] = z.present[i] * EI_x
+        row[0] = z.bending[i]
+        row[2] = z.bending[i]
         if wp.static(ANISOTROPIC):
-            row[0] = z.present[i] * (EI_x * c * c + EI_y * s * s)
-            row[1] = z.present[i] * ((EI_x - EI_y) * s * c)
-            row[2] = z.present[i] * (EI_x * s * s + EI_y * c * c)
-        row[3] = c * u_star[0] - s * u_star[1]
-        row[4] = s * u_star[0] + c * u_star[1]
-        row[5] = c
-        row[6] = s
+            EI_y = z.present[i] * z.material[i, 1]
+            row[0] = z.bending[i] * c * c + EI_y * s * s
+            row[1] = (z.bending[i] - EI_y) * s * c
+            row[2] = z.bending[i] * s * s + EI_y * c * c
+            row[3] = row[0] * bx + row[1] * by
+            row[4] = row[1] * bx + row[2] * by
+        else:
+            row[3] = z.bending[i] * bx
+            row[4] = z.bending[i] * by
+        row[5] = -row[4]
+        row[6] = row[3]
+        row[7] = c
+        row[8] = s
         return row
 
     @wp.func
     def turned_tubes(y: State, z: Stretch, x: f64) -> Tubes:
-        """(7) The rows of all rods; rod 1 is not turned."""
+        """(7) The rows of all rods."""
         tubes = Tubes()
         for i in range(wp.static(n)):
             theta = f64(0.0)
             if wp.static(i > 0):
                 theta = y[wp.static(THETA_AT) + i - 1]
             row = turned_tube(z, i, x, theta)
-            for j in range(7):
+            for j in range(9):
                 tubes[i, j] = row[j]
         return tubes
 
     @wp.func
-    def flexibility(tubes: Tubes) -> wp.vec3d:
+    def flexibility(z: Stretch, tubes: Tubes) -> wp.vec3d:
         """(7) (sum K_i)^-1 as xx, xy, yy."""
+        if wp.static(not ANISOTROPIC):
+            return wp.vec3d(z.softness, f64(0.0), z.softness)
         xx = f64(0.0)
         xy = f64(0.0)
         yy = f64(0.0)
@@ -103,117 +119,144 @@ def make_tube_functions(layout: Layout, features: Features, types: SimpleNamespa
         return wp.vec3d(yy, -xy, xx) / (xx * yy - xy * xy)
 
     @wp.func
-    def inner_torque(y: State, z: Stretch) -> f64:
+    def bent_by(a: Point, gx: f64, gy: f64, u_z: f64) -> wp.vec3d:
+        """(7) u or its variation: (sum K_i)^-1 (gx, gy), and u_z."""
+        if wp.static(ANISOTROPIC):
+            return wp.vec3d(a.flexibility[0] * gx + a.flexibility[1] * gy, a.flexibility[1] * gx + a.flexibility[2] * gy, u_z)
+        return wp.vec3d(a.flexibility[0] * gx, a.flexibility[0] * gy, u_z)
+
+    @wp.func
+    def inner_torque(y: State, z: Stretch, M_z: f64) -> f64:
         """(7) tau_1: what the other rods leave of M_z."""
-        tau = y[2]
-        for i in range(1, wp.static(n)):
+        tau = M_z
+        for i in range(1, wp.static(TORQUES + 1)):
             tau -= z.present[i] * y[wp.static(TAU_AT) + i - 1]
         return tau
 
     @wp.func
     def shared_curvature(y: State, z: Stretch, a: Point) -> wp.vec3d:
         """(7) u of the backbone."""
-        bx = a.M[0]
-        by = a.M[1]
+        gx = a.M[0]
+        gy = a.M[1]
         for i in range(wp.static(n)):
-            bx += a.tubes[i, 0] * a.tubes[i, 3] + a.tubes[i, 1] * a.tubes[i, 4]
-            by += a.tubes[i, 1] * a.tubes[i, 3] + a.tubes[i, 2] * a.tubes[i, 4]
-        return wp.vec3d(
-            a.flexibility[0] * bx + a.flexibility[1] * by,
-            a.flexibility[1] * bx + a.flexibility[2] * by,
-            z.present[0] * (a.u_star[2] + z.material[0, 5] * inner_torque(y, z)),
-        )
+            gx += a.tubes[i, 3]
+            gy += a.tubes[i, 4]
+        return bent_by(a, gx, gy, z.present[0] * a.u_star[2] + z.torsion[0] * inner_torque(y, z, a.M[2]))
 
     @wp.func
-    def with_moments(a: Point) -> Tubes:
-        """(7) The rows with m_i,x and m_i,y in their last two places."""
+    def with_turned_stiffness(a: Point) -> Tubes:
+        """(8) The rows with ``b_i - K_i u`` and its derivative by theta at constant u in places 3 to 6.
+
+        Equal bending stiffness needs neither: ``K_i u`` is then parallel to u, which drops out of (8), and does not turn.
+        """
         tubes = a.tubes
-        for i in range(wp.static(n)):
-            ex = a.u[0] - tubes[i, 3]
-            ey = a.u[1] - tubes[i, 4]
-            tubes[i, 7] = tubes[i, 0] * ex + tubes[i, 1] * ey
-            tubes[i, 8] = tubes[i, 1] * ex + tubes[i, 2] * ey
+        if wp.static(ANISOTROPIC):
+            for i in range(wp.static(n)):
+                cx = tubes[i, 3] - tubes[i, 0] * a.u[0] - tubes[i, 1] * a.u[1]
+                cy = tubes[i, 4] - tubes[i, 1] * a.u[0] - tubes[i, 2] * a.u[1]
+                tubes[i, 3] = cx
+                tubes[i, 4] = cy
+                tubes[i, 5] = -cy - tubes[i, 0] * a.u[1] + tubes[i, 1] * a.u[0]
+                tubes[i, 6] = cx - tubes[i, 1] * a.u[1] + tubes[i, 2] * a.u[0]
         return tubes
 
     @wp.func
-    def tube_rate(y: State, z: Stretch, x: f64, a: Point, i: int) -> wp.vec2d:
-        """(8) theta_i' and tau_i'; zero where the rod has ended."""
+    def angle_rate(y: State, z: Stretch, x: f64, a: Point, i: int) -> f64:
+        """(8) theta_i'; zero where the rod has ended."""
         u_star = precurvature(z, i, x)
-        twist = u_star[2] + z.material[i, 5] * y[wp.static(TAU_AT) + i - 1] - a.u[2]
-        return wp.vec2d(z.present[i] * twist, a.u[1] * a.tubes[i, 7] - a.u[0] * a.tubes[i, 8])
+        rate = z.present[i] * (u_star[2] - a.u[2])
+        if wp.static(TORQUES > 0):
+            rate += z.torsion[i] * y[wp.static(TAU_AT) + i - 1]
+        return rate
 
     @wp.func
-    def tube_energy(y: State, z: Stretch, a: Point) -> f64:
+    def torque_rate(a: Point, i: int) -> f64:
+        """(8) tau_i'; zero where the rod has ended."""
+        return a.u[0] * a.tubes[i, 4] - a.u[1] * a.tubes[i, 3]
+
+    @wp.func
+    def tube_energy(y: State, z: Stretch, x: f64, a: Point) -> f64:
         """(14) Twice the energy per length of all rods, shear and extension aside."""
-        tau = inner_torque(y, z)
-        energy = z.present[0] * z.material[0, 5] * tau * tau
+        tau = inner_torque(y, z, a.M[2])
+        energy = z.torsion[0] * tau * tau
         for i in range(wp.static(n)):
-            energy += a.tubes[i, 7] * (a.u[0] - a.tubes[i, 3]) + a.tubes[i, 8] * (a.u[1] - a.tubes[i, 4])
-            if wp.static(i > 0):
-                tau_i = y[wp.static(TAU_AT) + i - 1]
-                energy += z.present[i] * z.material[i, 5] * tau_i * tau_i
+            u_star = turn_into_rod_1(a, i, precurvature(z, i, x))
+            ex = a.u[0] - u_star[0]
+            ey = a.u[1] - u_star[1]
+            energy += ex * (a.tubes[i, 0] * ex + a.tubes[i, 1] * ey) + ey * (a.tubes[i, 1] * ex + a.tubes[i, 2] * ey)
+        for i in range(1, wp.static(TORQUES + 1)):
+            tau_i = y[wp.static(TAU_AT) + i - 1]
+            energy += z.torsion[i] * tau_i * tau_i
         return energy
 
     @wp.func
     def turn_into_rod_1(a: Point, i: int, b: wp.vec3d) -> wp.vec3d:
         """Rz(theta_i) b."""
-        c = a.tubes[i, 5]
-        s = a.tubes[i, 6]
+        c = a.tubes[i, 7]
+        s = a.tubes[i, 8]
         return wp.vec3d(c * b[0] - s * b[1], s * b[0] + c * b[1], b[2])
-
-    @wp.func
-    def moment_by_angle(a: Point, i: int) -> wp.vec2d:
-        """d(m_i,xy)/d(theta_i) at constant u."""
-        return wp.vec2d(
-            -a.tubes[i, 8] + a.tubes[i, 0] * a.u[1] - a.tubes[i, 1] * a.u[0],
-            a.tubes[i, 7] + a.tubes[i, 1] * a.u[1] - a.tubes[i, 2] * a.u[0],
-        )
 
     @wp.func
     def shared_curvature_variation(z: Stretch, a: Point, column: Column, given: Given) -> wp.vec3d:
         """(17) Variation of (7)."""
-        gx = column[0]
-        gy = column[1]
-        dtau_1 = column[2]
+        gx = f64(0.0)
+        gy = f64(0.0)
+        dtau_1 = f64(0.0)
         du_z = f64(0.0)
+        if wp.static(MOMENT):
+            gx = column[0]
+            gy = column[1]
+            dtau_1 = column[2]
         for i in range(1, wp.static(n)):
-            slope = moment_by_angle(a, i)
             dtheta = column[wp.static(THETA_AT) + i - 1]
-            gx -= slope[0] * dtheta
-            gy -= slope[1] * dtheta
+            gx += a.tubes[i, 5] * dtheta
+            gy += a.tubes[i, 6] * dtheta
+        for i in range(1, wp.static(TORQUES + 1)):
             dtau_1 -= z.present[i] * column[wp.static(TAU_AT) + i - 1]
         if wp.static(VARIED_GIVEN):
-            du_z = given.u_star[0, 2]
+            du_z = z.present[0] * given.u_star[0, 2]
             for i in range(wp.static(n)):
                 gx += a.tubes[i, 0] * given.u_star[i, 0] + a.tubes[i, 1] * given.u_star[i, 1]
                 gy += a.tubes[i, 1] * given.u_star[i, 0] + a.tubes[i, 2] * given.u_star[i, 1]
-        return wp.vec3d(
-            a.flexibility[0] * gx + a.flexibility[1] * gy,
-            a.flexibility[1] * gx + a.flexibility[2] * gy,
-            z.present[0] * (du_z + z.material[0, 5] * dtau_1),
-        )
+        if wp.static(TORQUES > 0):
+            du_z += z.torsion[0] * dtau_1
+        return bent_by(a, gx, gy, du_z)
 
     @wp.func
-    def tube_rate_variation(z: Stretch, a: Point, column: Column, du: wp.vec3d, given: Given, i: int) -> wp.vec2d:
-        """Variation of (8)."""
-        slope = moment_by_angle(a, i)
+    def angle_rate_variation(z: Stretch, column: Column, du: wp.vec3d, given: Given, i: int) -> f64:
+        """Variation of (8), theta_i'."""
+        rate = -z.present[i] * du[2]
+        if wp.static(TORQUES > 0):
+            rate += z.torsion[i] * column[wp.static(TAU_AT) + i - 1]
+        if wp.static(VARIED_GIVEN):
+            rate += z.present[i] * given.u_star[i, 2]
+        return rate
+
+    @wp.func
+    def torque_rate_variation(a: Point, column: Column, du: wp.vec3d, given: Given, i: int) -> f64:
+        """Variation of (8), tau_i'."""
         dtheta = column[wp.static(THETA_AT) + i - 1]
-        ex = du[0] - given.u_star[i, 0]
-        ey = du[1] - given.u_star[i, 1]
-        dmx = a.tubes[i, 0] * ex + a.tubes[i, 1] * ey + slope[0] * dtheta
-        dmy = a.tubes[i, 1] * ex + a.tubes[i, 2] * ey + slope[1] * dtheta
-        dtwist = given.u_star[i, 2] + z.material[i, 5] * column[wp.static(TAU_AT) + i - 1] - du[2]
-        return wp.vec2d(z.present[i] * dtwist, du[1] * a.tubes[i, 7] + a.u[1] * dmx - du[0] * a.tubes[i, 8] - a.u[0] * dmy)
+        gx = a.tubes[i, 5] * dtheta
+        gy = a.tubes[i, 6] * dtheta
+        if wp.static(VARIED_GIVEN):
+            gx += a.tubes[i, 0] * given.u_star[i, 0] + a.tubes[i, 1] * given.u_star[i, 1]
+            gy += a.tubes[i, 1] * given.u_star[i, 0] + a.tubes[i, 2] * given.u_star[i, 1]
+        if wp.static(ANISOTROPIC):
+            gx -= a.tubes[i, 0] * du[0] + a.tubes[i, 1] * du[1]
+            gy -= a.tubes[i, 1] * du[0] + a.tubes[i, 2] * du[1]
+        return du[0] * a.tubes[i, 4] - du[1] * a.tubes[i, 3] + a.u[0] * gy - a.u[1] * gx
 
     return SimpleNamespace(
         turned_tubes=turned_tubes,
         flexibility=flexibility,
-        shared_curvature=shared_curvature,
-        with_moments=with_moments,
         inner_torque=inner_torque,
-        tube_rate=tube_rate,
+        shared_curvature=shared_curvature,
+        with_turned_stiffness=with_turned_stiffness,
+        angle_rate=angle_rate,
+        torque_rate=torque_rate,
         tube_energy=tube_energy,
         turn_into_rod_1=turn_into_rod_1,
         shared_curvature_variation=shared_curvature_variation,
-        tube_rate_variation=tube_rate_variation,
+        angle_rate_variation=angle_rate_variation,
+        torque_rate_variation=torque_rate_variation,
     )

@@ -1,7 +1,7 @@
 """Concentric tubes: one backbone, all tubes share its bending."""
 
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import combinations
 from math import inf
 from typing import Any
 
@@ -10,14 +10,18 @@ import numpy as np
 from multirod.inputs import Inputs
 from multirod.models.backbone import BackboneAssembly
 from multirod.rod import Rod
-from multirod.validation import refuse
+from multirod.validation import FloatArray, refuse
+
+SAME_PLACE = 1e-12  # [m]: bases this close are at the same place
 
 
 class ConcentricTubes(BackboneAssembly):
     """Tubes inside each other, each turned and pushed at its own base behind a plate, at the assembly's base.
 
-    Tube ``i`` starts at ``translation[i] <= 0`` behind the plate, where it is straight and free to twist, and ends at
-    ``length + translation[i]``. Bending is shared; every tube has its own twist. Loads act on the innermost tube.
+    Tube ``i`` starts at ``translation[i] <= 0`` behind the plate, where it is straightened but twists freely, and ends at
+    ``length + translation[i]``, past the plate. Bending is shared; every tube has its own twist. Loads act on the tip of the
+    tube that reaches furthest. That need not be the innermost: a tube may be pulled back into those around it. But an inner
+    tube starts no less far back than those around it, or it could not be held, and where diameters are given it must fit.
 
     Args:
         tubes: Innermost first, 1 to 6.
@@ -35,44 +39,56 @@ class ConcentricTubes(BackboneAssembly):
             raise TypeError("ConcentricTubes takes a list of Rod, innermost first")
         if not 1 <= len(tubes) <= 6:
             refuse("ConcentricTubes.tubes", f"{len(tubes)} tubes", "must be 1 to 6")
-        for k, (inner, outer) in enumerate(pairwise(tubes)):
-            around, within = outer.inner_diameter, inner.outer_diameter
-            if around is not None and within is not None and within > around:
-                refuse(
-                    f"ConcentricTubes.tubes[{k}].outer_diameter",
-                    within,
-                    f"must be <= the inner diameter of tubes[{k + 1}], {around:g} m",
-                )
+        for j, k in combinations(range(len(tubes)), 2):
+            _check_nesting(tubes[j], tubes[k], j, k)
         for k, tube in enumerate(tubes):
             if any(np.isfinite(s.shear_stiffness).any() or np.isfinite(s.axial_stiffness).any() for s in tube.sections):
                 refuse(f"ConcentricTubes.tubes[{k}]", tube, "shear_stiffness and axial_stiffness must be inf")
         super().__init__(tuple(tubes), base)
+        self._shortest = [float(np.min(tube.length)) for tube in tubes]
 
     def check(self, inputs: Inputs) -> None:  # noqa: D102
         super().check(inputs)
         beta = inputs.translation
-        tip = np.stack(np.broadcast_arrays(*(tube.length + beta[..., k] for k, tube in enumerate(self.rods))), axis=-1)
-        for k in range(self.rod_count):
-            if np.any(beta[..., k] > 0):
-                refuse(f"translation[{k}]", float(beta[..., k].max()), "must be <= 0: a tube starts behind the plate")
-            if np.any(tip[..., k] <= 0):
-                limit = -float(np.min(self.rods[k].length))
-                refuse(
-                    f"translation[{k}]",
-                    float(beta[..., k].min()),
-                    f"must be > -length = {limit:g} m: the tube is pulled out of the plate",
-                )
+        for k, tube in enumerate(self.rods):
+            _refuse_where(beta[..., k] > 0, beta, k, "must be <= 0: a tube starts behind the plate")
+            limit = -self._shortest[k]
+            out = tube.length + beta[..., k] <= 0
+            _refuse_where(out, beta, k, f"must be > -length = {limit:g} m: the tube is pulled out of the plate")
         for k in range(self.rod_count - 1):
-            if np.any(beta[..., k] > beta[..., k + 1] + 1e-12):
-                refuse(
-                    f"translation[{k}]",
-                    float(beta[..., k].max()),
-                    f"must be <= translation[{k + 1}]: inner tubes start further back",
-                )
+            behind = beta[..., k] > beta[..., k + 1] + SAME_PLACE
+            _refuse_where(behind, beta, k, f"must be <= translation[{k + 1}]: inner tubes start further back")
 
-    def bounds(self, name: str) -> tuple[float, float]:  # noqa: D102
-        shortest = min(float(np.min(tube.length)) for tube in self.rods)
-        return (-shortest, 0.0) if name == "translation" else (-inf, inf)
+    def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102
+        if name != "translation":
+            return True
+        low = -inf
+        for value, length in zip(values, self._shortest, strict=True):
+            if not (low <= value <= 0.0 and value > -length):
+                return False
+            low = value
+        return True
 
     def __repr__(self) -> str:
         return f"ConcentricTubes({list(self.rods)!r})"
+
+
+def _check_nesting(inner: Rod, outer: Rod, j: int, k: int) -> None:
+    """Refuse a tube that cannot lie inside another, by the diameters that are given."""
+    thickness = inner.outer_diameter
+    if outer.inner_diameter == 0:
+        refuse(f"ConcentricTubes.tubes[{k}].inner_diameter", 0.0, f"must be > 0: tubes[{j}] lies inside")
+    if thickness is None:
+        return
+    field = f"ConcentricTubes.tubes[{j}].outer_diameter"
+    if outer.inner_diameter is not None and thickness > outer.inner_diameter:
+        refuse(field, thickness, f"must be <= the inner diameter of tubes[{k}], {outer.inner_diameter:g} m")
+    if outer.outer_diameter is not None and thickness >= outer.outer_diameter:
+        refuse(field, thickness, f"must be < the outer diameter of tubes[{k}], {outer.outer_diameter:g} m, which lies around it")
+
+
+def _refuse_where(wrong: Any, beta: FloatArray, k: int, allowed: str) -> None:
+    """Refuse the translation of tube k in the first instance where it is wrong."""
+    if np.any(wrong):
+        values = np.broadcast_to(beta[..., k], np.shape(wrong))
+        refuse(f"translation[{k}]", float(values[wrong][0]), allowed)

@@ -24,6 +24,7 @@ class Features:
         measured: A measured tip curvature takes the place of the boundary condition, equation (12).
         shear: Shear and extension, equation (5); without it ``v = e3``.
         anisotropic: Bending stiffness differs between the two axes; a distinct term for ``rod_count > 1`` only.
+        torsion: One of several rods twists elastically; without it all torsional stiffnesses are infinite, equation (8c).
         transmission: The rods twist behind the base plate, equation (9).
         pose: The pose of the tip is integrated, equations (1) and (2).
         sensitivities: Columns d/d(unknown) are integrated, equations (15) to (20).
@@ -45,6 +46,7 @@ class Features:
     measured: bool = False
     shear: bool = False
     anisotropic: bool = False
+    torsion: bool = False
     transmission: bool = False
     pose: bool = True
     sensitivities: bool = True
@@ -69,6 +71,25 @@ class Features:
         )
 
     @property
+    def loaded(self) -> bool:
+        """Whether anything acts on the rods but their own precurvature."""
+        return self.force or self.loads_need_frame or self.follower_moment or self.measured
+
+    @property
+    def moment(self) -> bool:
+        """Whether the rods together carry a moment: several unloaded ones carry none, equation (8b).
+
+        Where they are rigid in torsion too, nothing would be left to solve for: then the moment is kept. So it is for columns at
+        nodes, which say how any moment would bend the rods.
+        """
+        return self.rod_count == 1 or self.loaded or not self.torsion or (self.nodes and self.sensitivities)
+
+    @property
+    def torque_count(self) -> int:
+        """Rods whose torque is a state of its own beside the moment of all: all but the first, equation (8)."""
+        return self.rod_count - 1 if self.torsion else 0
+
+    @property
     def column_count(self) -> int:
         """Columns of sensitivities."""
         return (self.unknown_count if self.sensitivities else 0) + self.directions
@@ -91,4 +112,4 @@ class Features:
     @property
     def unknown_count(self) -> int:
         """Unknowns of an instance."""
-        return self.rod_count + 2 + (3 if self.base_force_unknown else 0)
+        return (3 if self.moment else 0) + self.torque_count + (3 if self.base_force_unknown else 0)

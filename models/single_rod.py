@@ -1,6 +1,6 @@
 """One rod, clamped at its base, free at its tip: the robot of the paper."""
 
-from math import inf
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -32,6 +32,7 @@ class SingleRod(BackboneAssembly):
         if not isinstance(rod, Rod):
             raise TypeError(f"SingleRod takes a Rod, not {type(rod).__name__}")
         super().__init__((rod,), base)
+        self._shortest = float(np.min(rod.length))
 
     @property
     def input_specs(self) -> tuple[InputSpec, ...]:  # noqa: D102
@@ -56,8 +57,8 @@ class SingleRod(BackboneAssembly):
                     "must be zero beside tip_curvature, which takes the place of this condition",
                 )
 
-    def bounds(self, name: str) -> tuple[float, float]:  # noqa: D102
-        return (-float(np.min(self.rods[0].length)), inf) if name == "translation" else (-inf, inf)
+    def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102
+        return name != "translation" or values[0] > -self._shortest
 
     def __repr__(self) -> str:
         return f"SingleRod({self.rods[0]!r})"

@@ -2,7 +2,6 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from math import inf
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -104,9 +103,12 @@ class Assembly(ABC):
     def check(self, inputs: Inputs) -> None:  # noqa: B027  (most assemblies have nothing to add)
         """Refuse inputs that this assembly cannot take, by a ``ValueError``."""
 
-    def bounds(self, name: str) -> tuple[float, float]:
-        """Open interval in which every number of an input is sure to be allowed."""
-        return -inf, inf
+    def surely_takes(self, name: str, values: Sequence[float]) -> bool:
+        """Whether finite numbers of one input, of one instance, are sure to pass ``check``; told within a microsecond.
+
+        A control loop asks this at every sample; where the answer is False, ``check`` decides.
+        """
+        return True
 
     def _reach(self, inputs: Inputs) -> float:
         """Largest arclength in use [m], for functions of arclength."""

@@ -11,7 +11,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from multirod.inputs import Inputs
-from multirod.validation import FloatArray
+from multirod.validation import Described, FloatArray, refuse
 
 
 @dataclass(frozen=True)
@@ -140,6 +140,19 @@ class BoundaryProblem(ABC):
 
         It takes ``guess_integrations`` integrations.
         """
+
+    def adopt(self, unknowns: FloatArray) -> FloatArray:
+        """Unknowns (instance_count, m) of a problem of the same assembly, as those of this one, (instance_count, n).
+
+        Problems of one assembly differ in their unknowns where they differ in what is compiled in: a solution of one is made
+        a guess for another, or the point where the other is differentiated, here and nowhere else.
+
+        Raises:
+            ValueError: If they cannot be the unknowns of such a problem.
+        """
+        if unknowns.shape[1] != self.unknown_count:
+            refuse("guess", Described(f"array of shape {unknowns.shape}"), f"must have shape (..., {self.unknown_count})")
+        return unknowns
 
     @abstractmethod
     def integrate(self) -> None:

@@ -29,13 +29,11 @@ def _guess(guess: Any, problem: BoundaryProblem) -> FloatArray | None:
     """A guess of the unknowns as (instance_count, n), from a solution or an array."""
     if guess is None:
         return None
-    values = guess.unknowns if isinstance(guess, Solution) else array("guess", guess, (problem.unknown_count,))
-    if values.shape[-1] != problem.unknown_count:
-        refuse("guess", Described(f"array of shape {values.shape}"), f"must have shape (..., {problem.unknown_count})")
-    flat = values.reshape(-1, problem.unknown_count)
+    values = guess.unknowns if isinstance(guess, Solution) else array("guess", guess)
+    flat = values.reshape(-1, values.shape[-1] if values.ndim else 1)
     if len(flat) not in (1, problem.instance_count):
         refuse("guess", Described(f"array of shape {values.shape}"), f"must broadcast to {problem.instance_count} instances")
-    return np.array(np.broadcast_to(flat, (problem.instance_count, problem.unknown_count)))
+    return np.array(problem.adopt(np.broadcast_to(flat, (problem.instance_count, flat.shape[1]))))
 
 
 def _needs(solver: Solver) -> dict[str, Any]:
@@ -55,7 +53,7 @@ def solve(
         robot: The assembly.
         inputs: Made by ``robot.inputs(...)``; none are all zero.
         solver: ``Shooting()`` by default.
-        guess: Where to start: a ``Solution``, or unknowns (..., n). Without it, the equilibrium on the natural branch is
+        guess: Where to start: a ``Solution``, also one under other loads, or unknowns (..., n). Without it, the equilibrium on the natural branch is
             meant: the one reached from the unloaded assembly by raising all loads in proportion.
         device: Warp device.
 
@@ -235,18 +233,14 @@ class Tracker:
         """Make the checked inputs those that changes by name start from."""
         problem, inputs = self._problem, self._inputs
         self._scene = _scene(self._robot, self._solver, problem, inputs, self._batch_shape)
-        self._vectors: dict[str, Any] = {}
-        self._numbers: dict[str, Any] = {}
+        self._rows: dict[str, Any] = {}
         view = problem.input_view()
         if view is None or self._batch_shape:
             return
         for spec in self._robot.input_specs:
-            if spec.name in inputs.given and spec.name not in inputs.profiles and problem.takes(spec.name):
-                row = view[0, problem.input_slice(spec.name)]
-                if not spec.per_rod:
-                    self._vectors[spec.name] = row
-                elif len(row) == 1 and not inputs.profiles:
-                    self._numbers[spec.name] = (row, *self._robot.bounds(spec.name))
+            writable = spec.name in inputs.given and spec.name not in inputs.profiles and problem.takes(spec.name)
+            if writable and not (spec.per_rod and inputs.profiles):
+                self._rows[spec.name] = view[0, problem.input_slice(spec.name)]
 
     @property
     def inputs(self) -> Inputs:
@@ -277,18 +271,18 @@ class Tracker:
         """Write finite numbers straight into the kernel's inputs; False where a change needs to be checked or compiled in."""
         staged = []
         for name, value in changes.items():
-            row = self._vectors.get(name)
-            if row is not None:
-                if not isinstance(value, (tuple, list, np.ndarray)) or len(value) != 3:
-                    return False
-                x, y, z = value
-                total = x + y + z
-                low, high = -inf, inf
-            else:
-                row, low, high = self._numbers.get(name, (None, 0.0, 0.0))
-                total = value
+            row = self._rows.get(name)
+            if row is None:
+                return False
+            listed = type(value) in (tuple, list) or (isinstance(value, np.ndarray) and value.ndim == 1)
+            numbers = value if listed else (value,)
+            if len(numbers) != len(row):
+                return False
+            total = numbers[0]
+            for number in numbers[1:]:
+                total = total + number
             # not a plain number, NaN, infinite or out of range: the checked path says so
-            if type(total) not in _PLAIN_NUMBERS or not low < total < high:
+            if type(total) not in _PLAIN_NUMBERS or not -inf < total < inf or not self._robot.surely_takes(name, numbers):
                 return False
             staged.append((row, value))
         for row, value in staged:

@@ -306,7 +306,7 @@ class Solution:
     def _problem(self, **options: Any) -> BoundaryProblem:
         """A problem at these inputs and unknowns, at the unloaded ones where an instance failed."""
         problem = self.assembly.problem(self.inputs, integrator=self._scene.integrator, device=self._scene.device, **options)
-        unknowns = self._records[:, self._scene.fields["unknowns"]]
+        unknowns = problem.adopt(self._records[:, self._scene.fields["unknowns"]])
         problem.write("unknowns", np.where(self._failed[:, None], problem.guess(), unknowns))
         return problem
 

@@ -179,10 +179,15 @@ def same_branch(before: FloatArray, after: FloatArray) -> Any:
     """Whether no mode of Gamma came near zero or changed sign between two equilibria; bool, one an instance."""
     if not len(before):
         return np.zeros(0, dtype=bool)
+    identity = np.eye(before.shape[1])
     with np.errstate(all="ignore"):
         regular = (np.linalg.det(before) != 0) & np.isfinite(after).all(axis=(1, 2))
-        base = np.where(regular[:, None, None], before, np.eye(before.shape[1]))
+        base = np.where(regular[:, None, None], before, identity)
         ratio = np.linalg.solve(np.swapaxes(base, 1, 2), np.swapaxes(after, 1, 2))
         regular &= np.isfinite(ratio).all(axis=(1, 2))
-        values = np.linalg.eigvals(np.where(regular[:, None, None], ratio, 0.0))
-    return regular & (values.real > GAMMA_CHANGE).all(axis=1) & (np.abs(values) < 1 / GAMMA_CHANGE).all(axis=1)
+        # no eigenvalue lies further from 1 than this norm, so most instances need no eigenvalues
+        near = regular & (np.linalg.norm(ratio - identity, axis=(1, 2)) < 1 - GAMMA_CHANGE)
+    unclear = regular & ~near
+    values = np.linalg.eigvals(ratio[unclear])
+    near[unclear] = (values.real > GAMMA_CHANGE).all(axis=1) & (np.abs(values) < 1 / GAMMA_CHANGE).all(axis=1)
+    return near

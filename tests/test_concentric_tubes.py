@@ -1,10 +1,13 @@
 """Concentric tubes through the public classes: reference cases, refusals, sensitivities, every solver."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
 import multirod as mr
 from multirod.models.backbone import BackboneProblem
+from multirod.solvers.continuation import same_branch
 
 # The branch that raising precurvature and loads reaches is another than the stored one; a guess selects the stored one.
 OTHER_BRANCH = {"09b_ctr_two_tube_5", "14i_ctr_near_fold_0.0001", "14i_ctr_near_fold_1e-06"}
@@ -157,11 +160,38 @@ def test_a_section_of_no_length_is_harmless(pair):
         ((0.01, -0.1), r"translation\[0\] = 0\.01 is not allowed: must be <= 0"),
         ((-0.1, -0.21), r"translation\[1\] = -0\.21 is not allowed: must be > -length = -0\.2 m: the tube is pulled out"),
         ((-0.1, -0.12), r"translation\[0\] = -0\.1 is not allowed: must be <= translation\[1\]"),
+        ([(-0.2, -0.12), (-0.1, -0.15)], r"translation\[0\] = -0\.1 is not allowed: must be <= translation\[1\]"),
     ],
 )
 def test_translations_that_cannot_be_are_refused(pair, translation, message):
     with pytest.raises(ValueError, match=message):
         pair.inputs(translation=translation)
+    if np.ndim(translation) == 1:
+        tracker = mr.Tracker(pair, dt=0.005, inputs=pair.inputs(translation=(-0.15, -0.12)))
+        with pytest.raises(ValueError, match=message):
+            tracker.step(translation=translation)
+        np.testing.assert_array_equal(tracker.inputs.translation, (-0.15, -0.12))
+
+
+def sized(**diameters):
+    return mr.Rod(length=0.2, bending_stiffness=0.01, torsional_stiffness=0.008, **diameters)
+
+
+@pytest.mark.parametrize(
+    ("inner", "outer", "message"),
+    [
+        (sized(outer_diameter=2e-3), sized(outer_diameter=1.5e-3), r"tubes\[0\]\.outer_diameter = 0\.002 .* must be < the outer"),
+        (sized(), sized(outer_diameter=1e-3, inner_diameter=0), r"tubes\[2\]\.inner_diameter = 0\.0 .* must be > 0: tubes\[0\]"),
+        (
+            sized(outer_diameter=1.2e-3, inner_diameter=1e-3),
+            sized(outer_diameter=2e-3, inner_diameter=1.1e-3),
+            r"tubes\[0\]\.outer_diameter = 0\.0012 .* must be <= the inner diameter of tubes\[2\]",
+        ),
+    ],
+)
+def test_a_wrong_order_is_told_by_the_diameters_of_any_two_tubes(inner, outer, message):
+    with pytest.raises(ValueError, match=message):
+        mr.ConcentricTubes([inner, sized(), outer])
 
 
 def test_tubes_that_do_not_nest_are_refused():
@@ -176,6 +206,287 @@ def test_tubes_that_do_not_nest_are_refused():
 
 
 def test_problem_is_that_of_one_backbone(pair):
-    problem = pair.problem(pair.inputs(), integrator=mr.RK4(20))
+    problem = pair.problem(pair.inputs(tip_force=(0, 0, 1)), integrator=mr.RK4(20))
     assert isinstance(problem, BackboneProblem)
     assert problem.unknown_count == 4
+
+
+# ---- only what the scene requires, each against the full model ----
+
+KINDS = {"equal": 1.0, "unequal": 1.4}  # EI_y / EI_x
+
+
+def bent(s):
+    return (6 * np.cos(9 * s), 20 * s, 5 - 30 * s)
+
+
+def three(ratio=1.0, torsion=1.0):
+    """Three tubes with sections of different stiffness, also behind the plate, and torsional precurvature."""
+
+    def section(length, EI, curvature):
+        return mr.Section(
+            length=length, bending_stiffness=(EI, ratio * EI), torsional_stiffness=torsion * 0.8 * EI, precurvature=curvature
+        )
+
+    inner = [section(0.04, 0.009, (2, 1, 3)), section(0.1, 0.006, (0, 0, 2)), section(0.08, 0.004, bent)]
+    middle = [section(0.03, 0.012, bent), section(0.12, 0.01, (5, -2, 1))]
+    outer = [section(0.06, 0.03, (0, 0, -2)), section(0.04, 0.02, (0, 4, 0))]
+    return mr.ConcentricTubes([mr.Rod(sections=parts) for parts in (inner, middle, outer)])
+
+
+PLACE = {"rotation": (0.3, 1.2, -0.4), "translation": (-0.07, -0.05, -0.02)}
+TIGHT = mr.Shooting(tolerance=1e-10, integrator=mr.RK45(1e-11, 1e-13))
+
+
+@pytest.mark.parametrize("ratio", KINDS.values(), ids=KINDS)
+def test_without_loads_the_torques_are_all_that_is_unknown(ratio):
+    robot = three(ratio)
+    inputs = robot.inputs(**PLACE)
+    solution = mr.solve(robot, inputs, solver=mr.Shooting(integrator=mr.RK4(100))).raise_if_failed()
+    assert solution.unknown_count == 2
+    full = robot.problem(inputs, integrator=mr.RK4(100), enabled=("tip_force", "tip_moment"))
+    assert full.unknown_count == 5
+    adopted = full.adopt(solution.unknowns[None])
+    residual, gamma = full.evaluate(adopted)
+    # the same steps on the same grid: to rounding, grown by shooting's condition of 1e3
+    assert np.abs(residual).max() < 1e-9
+    np.testing.assert_allclose(full.read("position")[0], solution.tip_position, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(full.read("rotation")[0].reshape(3, 3), solution.tip_rotation, rtol=0, atol=1e-12)
+    # a change of the torques that leaves their sum moves no bending moment: the reduced Gamma stands in the full one
+    turn = full.adopt(np.eye(2)).T
+    np.testing.assert_allclose((gamma[0] @ turn)[3:], solution.gamma, rtol=0, atol=1e-9 * np.abs(gamma).max())
+    np.testing.assert_allclose((gamma[0] @ turn)[:2], 0, rtol=0, atol=1e-9 * np.abs(gamma).max())
+    # each tube's moment, at nodes that all have; together they carry none
+    length = float(solution.rod(2).arclength[-1])
+    world = np.zeros(3)
+    for tube in range(3):
+        shape = solution.rod(tube, nodes=1001)
+        moment = np.einsum("sij,sj->si", shape.rotation, shape.moment)
+        at = [np.interp(0.31 * length, shape.arclength, moment[:, j]) for j in range(3)]
+        assert np.linalg.norm(at) > 1e-3
+        world += at
+    # linear interpolation on steps of 1e-4 of the length of moments of up to 0.1 N m
+    np.testing.assert_allclose(world, 0, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["tip_force", "tip_moment", "rotation", "translation", "follower_force"])
+def test_sensitivities_without_loads(name):
+    robot = three()
+    solution = mr.solve(robot, robot.inputs(**PLACE), solver=TIGHT).raise_if_failed()
+    found = solution.jacobian(name)
+    step = {"rotation": 1e-3, "translation": 1e-4, "tip_moment": 1e-3}.get(name, 1e-2)
+    for k in range(3):
+        ends = []
+        for sign in (1, -1, 2, -2):
+            values = dict(PLACE)
+            values[name] = np.array(values.get(name, np.zeros(3)), float)
+            values[name][k] += sign * step
+            ends.append(mr.solve(robot, robot.inputs(**values), solver=TIGHT, guess=solution).raise_if_failed())
+        p, m, pp, mm = ends
+        slope = (8 * (p.tip_position - m.tip_position) - (pp.tip_position - mm.tip_position)) / (12 * step)
+        R = (8 * (p.tip_rotation - m.tip_rotation) - (pp.tip_rotation - mm.tip_rotation)) / (12 * step) @ solution.tip_rotation.T
+        turn = [R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]
+        # the integrator's 1e-11 over the step, and the fifth derivative
+        np.testing.assert_allclose(found[:3, k], slope, rtol=0, atol=1e-6 * np.abs(found).max())
+        np.testing.assert_allclose(found[3:, k], np.array(turn) / 2, rtol=0, atol=1e-6 * np.abs(found).max())
+
+
+RIGID_LOADS = {"tip_force": (0.3, -0.2, 0.1), "tip_moment": (0.01, 0.02, 0.03)}
+
+
+@pytest.mark.parametrize("translation", [(-0.07, -0.05, -0.02), (-0.13, -0.02, -0.01)], ids=["inner longest", "middle longest"])
+@pytest.mark.parametrize("ratio", KINDS.values(), ids=KINDS)
+@pytest.mark.parametrize("loads", [RIGID_LOADS, {}], ids=["loaded", "unloaded"])
+def test_tubes_rigid_in_torsion(ratio, loads, translation):
+    values = PLACE | {"translation": translation} | loads
+    rigid, stiff = three(ratio, np.inf), three(ratio, 1e9)
+    found = mr.solve(rigid, rigid.inputs(**values), solver=TIGHT).raise_if_failed()
+    full = mr.solve(stiff, stiff.inputs(**values), solver=mr.Shooting(integrator=TIGHT.integrator)).raise_if_failed()
+    assert (found.unknown_count, full.unknown_count) == (3, 5 if loads else 2)
+    # the torques, of the order of the bending moments, still twist the stiff ones by 1e-9
+    np.testing.assert_allclose(found.tip_position, full.tip_position, rtol=0, atol=1e-9 * 0.2)
+    np.testing.assert_allclose(found.tip_rotation, full.tip_rotation, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(found.energy, full.energy, rtol=1e-7)
+    for name in ("rotation", "translation", *loads):
+        np.testing.assert_allclose(
+            found.jacobian(name), full.jacobian(name), rtol=0, atol=1e-6 * np.abs(full.jacobian(name)).max()
+        )
+
+
+def test_one_tube_rigid_in_torsion_among_others_is_the_limit():
+    def pair_of(GJ):
+        return mr.ConcentricTubes(
+            [
+                mr.Rod(length=0.2, bending_stiffness=0.006, torsional_stiffness=0.005, precurvature=(9, 0, 2)),
+                mr.Rod(length=0.15, bending_stiffness=0.02, torsional_stiffness=GJ, precurvature=(4, 2, 0)),
+            ]
+        )
+
+    values = {"rotation": (0.3, 1.2), "translation": (-0.05, -0.02), "tip_force": (0.1, 0.05, 0.02)}
+    one, other = (mr.solve(robot, robot.inputs(**values)).raise_if_failed() for robot in (pair_of(np.inf), pair_of(1e9)))
+    assert one.unknown_count == 4
+    np.testing.assert_allclose(one.tip_position, other.tip_position, rtol=0, atol=1e-9)
+
+
+# ---- behind the plate, equation (9) ----
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_straight_tube_twists_along_its_whole_length(count):
+    """Sections of unequal GJ and torsional precurvature, two of them behind the plate: the closed form of the tip's angle."""
+    lengths, GJ, twist = (0.05, 0.04, 0.11), (0.004, 0.002, 0.003), (3.0, -8.0, 5.0)
+    parts = [
+        mr.Section(length=a, bending_stiffness=0.005, torsional_stiffness=b, precurvature=(0, 0, c))
+        for a, b, c in zip(lengths, GJ, twist, strict=True)
+    ]
+    sheath = mr.Rod(length=0.12, bending_stiffness=0.02, torsional_stiffness=0.01)
+    robot = mr.ConcentricTubes([mr.Rod(sections=parts), sheath][:count])
+    beta, torque = -0.07, 0.02
+    inputs = robot.inputs(rotation=(0.4, 0)[:count], translation=(beta, -0.01)[:count], tip_moment=(0, 0, torque))
+    solution = mr.solve(robot, inputs).raise_if_failed()
+    angle = 0.4 + sum(a * (torque / b + c) for a, b, c in zip(lengths, GJ, twist, strict=True))
+    expected = [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
+    np.testing.assert_allclose(solution.tip_rotation, expected, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(solution.tip_position, (0, 0, sum(lengths) + beta), rtol=0, atol=1e-12)
+    # pushing the tube moves its sections past the plate, and turns nothing; the torque turns all of it
+    slide = solution.jacobian("translation")[:, 0]
+    np.testing.assert_allclose(slide, (0, 0, 1, 0, 0, 0), rtol=0, atol=1e-7)
+    compliance = sum(a / b for a, b in zip(lengths, GJ, strict=True))
+    np.testing.assert_allclose(solution.jacobian("tip_moment")[5, 2], compliance, rtol=1e-8)
+
+
+def test_the_sensitivity_changes_where_a_section_passes_the_plate():
+    """A straight tube in a curved one: its twist behind the plate, u*_z there, is the tip's turn against its base."""
+    robot = three()
+    for beta in (-0.04 - 1e-7, -0.04 + 1e-7):
+        values = {"rotation": PLACE["rotation"], "translation": np.array([beta, -0.02, -0.01])}
+        solution = mr.solve(robot, robot.inputs(**values), solver=TIGHT).raise_if_failed()
+        found = solution.jacobian("translation")[:3, 0]
+        step = np.copysign(1e-4, beta + 0.04)  # away from the section's end
+        ends = []
+        for k in (1, 2, 3, 4):
+            values["translation"][0] = beta + k * step
+            ends.append(mr.solve(robot, robot.inputs(**values), solver=TIGHT, guess=solution).raise_if_failed().tip_position)
+        slope = (-25 * solution.tip_position + 48 * ends[0] - 36 * ends[1] + 16 * ends[2] - 3 * ends[3]) / (12 * step)
+        np.testing.assert_allclose(found, slope, rtol=0, atol=1e-6)
+
+
+# ---- unknowns of one problem as those of another ----
+
+
+def test_a_tracker_takes_up_loads_one_after_the_other():
+    robot = three()
+    solver = mr.Shooting(integrator=mr.RK4(60))
+    tracker = mr.Tracker(robot, solver=solver, dt=0.005, inputs=robot.inputs(**PLACE))
+    sizes = [tracker.step().unknown_count]
+    for load in ({"tip_force": (0.02, 0.01, 0)}, {"follower_force": (0, 0.01, 0.02)}, {"gravity": (0, 0, 0)}):
+        solution = tracker.step(**load).raise_if_failed()
+        sizes.append(solution.unknown_count)
+        alone = mr.solve(robot, solution.inputs, solver=solver, guess=solution)
+        np.testing.assert_allclose(solution.tip_position, alone.tip_position, rtol=0, atol=1e-9)
+        assert solution.iterations <= 4
+    assert sizes == [2, 5, 8, 8]
+
+
+@pytest.mark.parametrize("robot", [three(), three(torsion=np.inf), mr.SingleRod(INNER)], ids=["tubes", "rigid", "rod"])
+def test_a_follower_force_of_zero_changes_no_equilibrium(robot):
+    place = PLACE if robot.rod_count > 1 else {"rotation": 0.3}
+    dead = robot.inputs(
+        **place, tip_force=(0.1, 0.05, -0.02), distributed_force=(0.1, 0.3, 0), distributed_moment=lambda s: (s, 0, 1e-3)
+    )
+    integrator = mr.RK4(80)
+    solution = mr.solve(robot, dead, solver=mr.Shooting(integrator=integrator)).raise_if_failed()
+    with_force = robot.problem(dead, integrator=integrator, enabled=("follower_force",))
+    residual, _ = with_force.evaluate(with_force.adopt(solution.unknowns[None]))
+    assert with_force.unknown_count == solution.unknown_count + 3
+    assert np.abs(residual).max() < 1e-8  # the tolerance of 1e-9, and rounding
+    back = mr.solve(robot, dead, solver=mr.Shooting(integrator=integrator), guess=with_force.read("unknowns")[0])
+    assert back.integrations == 1
+
+
+def test_unknowns_that_fit_no_problem_are_refused(pair):
+    for inputs in (pair.inputs(), pair.inputs(tip_force=(0, 0, 1))):
+        with pytest.raises(ValueError, match=r"guess = array of shape \(1, 3\) is not allowed: must have shape \(\.\.\., "):
+            mr.solve(pair, inputs, guess=(1, 2, 3))
+
+
+# ---- the grid ----
+
+
+@pytest.mark.parametrize("ratio", KINDS.values(), ids=KINDS)
+@pytest.mark.parametrize("translation", [(-0.071, -0.052, -0.023), (-0.13, -0.021, -0.0017), (-0.0391, -0.0391, 0)])
+def test_order_with_ends_anywhere(ratio, translation):
+    robot = three(ratio)
+    inputs = robot.inputs(rotation=PLACE["rotation"], translation=translation, tip_force=(0.3, -0.2, 0.1))
+    values = []
+    for steps in (48, 96, 192, 384):
+        problem = robot.problem(inputs, integrator=mr.RK4(steps))
+        residual, gamma = problem.evaluate(np.array([[2.0, -3.0, 1.5, -1.0, 2.0]]))
+        values.append(np.concatenate([residual[0], 10 * problem.read("position")[0], gamma.ravel() / 10]))
+    errors = [np.linalg.norm(a - b) for a, b in pairwise(values)]
+    orders = np.log2(np.divide(errors[:-1], errors[1:]))
+    assert errors[-1] > 1e-12, "rounding, not truncation: take fewer steps"
+    assert ((orders > 3.9) & (orders < 4.1)).all(), orders
+
+
+@pytest.mark.parametrize("size", [1e-12, 1e-300])
+@pytest.mark.parametrize("where", [0, 1, 2])
+def test_sections_of_next_to_no_length_change_nothing(size, where):
+    def robot(extra):
+        parts = [(0.06, (1, 2, 3)), (0.08, (9, 0, 2))]
+        parts[where:where] = extra
+        common = {"bending_stiffness": 0.006, "torsional_stiffness": 0.005}
+        inner = mr.Rod(sections=[mr.Section(length=a, precurvature=c, **common) for a, c in parts])
+        return mr.ConcentricTubes([inner, OUTER])
+
+    values = {"rotation": (0.3, 1.2), "translation": (-0.06, -0.06), "tip_force": (0.1, 0.05, 0.02)}
+    solver = mr.Shooting(tolerance=1e-11, integrator=mr.RK4(50))
+    plain, cut = robot([]), robot([(size, (50, -30, 20))])
+    expected = mr.solve(plain, plain.inputs(**values), solver=solver).raise_if_failed().tip_position
+    found = mr.solve(cut, cut.inputs(**values), solver=solver).raise_if_failed().tip_position
+    # 1e-12 m of 50 1/m turns by 5e-11 and moves the tip by 5e-12 m; beside that, rounding
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11 if size == 1e-12 else 1e-14)
+
+
+@pytest.mark.parametrize("gap", [1e-10, -1e-10, 0.0])
+def test_transition_points_that_differ_by_next_to_nothing(pair, gap):
+    """Where the outer and the inner tube begin to be curved: 0.05 m and 0.05 m + gap past the plate."""
+    values = {"rotation": (0.3, 1.2), "translation": (-0.15, -0.08 + gap), "tip_force": (0.1, 0.05, 0.02)}
+    solver = mr.Shooting(tolerance=1e-11, integrator=mr.RK4(64))
+    found = mr.solve(pair, pair.inputs(**values), solver=solver).raise_if_failed()
+    values["translation"] = (-0.15, -0.08)
+    expected = mr.solve(pair, pair.inputs(**values), solver=solver)
+    # the tip moves with the tube, at 10 1/m times the way and 0.1 m
+    np.testing.assert_allclose(found.tip_position, expected.tip_position, rtol=0, atol=2 * abs(gap) + 1e-13)
+
+
+def test_a_loaded_batch_of_three_is_bitwise_what_each_is_alone():
+    robot = three()
+    random = np.random.default_rng(5)
+    rotation = random.uniform(-2, 2, (12, 3))
+    translation = np.array(PLACE["translation"]) + random.uniform(-0.01, 0.01, (12, 3))
+    force = random.uniform(-0.5, 0.5, (12, 3))
+    solver = mr.Shooting(integrator=mr.RK4(50))
+    together = mr.solve(robot, robot.inputs(rotation=rotation, translation=translation, tip_force=force), solver=solver)
+    assert len(set(together.integrations.tolist())) > 2, "all alike: no test of independence"
+    for k in range(12):
+        inputs = robot.inputs(rotation=rotation[k], translation=translation[k], tip_force=force[k])
+        alone = mr.solve(robot, inputs, solver=solver)
+        assert alone.status == together.status[k]
+        np.testing.assert_array_equal(together.unknowns[k], alone.unknowns)
+        np.testing.assert_array_equal(together.tip_position[k], alone.tip_position)
+
+
+def test_same_branch_is_told_by_the_eigenvalues():
+    """Where the cheap bound decides and where it does not: the same answer."""
+    random = np.random.default_rng(0)
+    before = random.standard_normal((3000, 4, 4))
+    after = (np.eye(4) + random.uniform(0, 0.8, (3000, 1, 1)) * random.standard_normal((3000, 4, 4))) @ before
+    after[:10] = before[:10] * np.array([4.1, 3.9, 0.24, 0.26, -1, 1, 1.7, 1.8, 2, 0.5])[:, None, None]
+    before[10], after[11] = 0, np.nan
+    found = same_branch(before, after)
+    sound = np.arange(3000) > 11
+    values = np.linalg.eigvals(after[sound] @ np.linalg.inv(before[sound]))
+    np.testing.assert_array_equal(found[sound], ((values.real > 0.25) & (np.abs(values) < 4)).all(axis=1))
+    np.testing.assert_array_equal(found[:12], [0, 1, 0, 1, 0, 1, 1, 1, 1, 1, 0, 0])
+    assert 0.2 < found.mean() < 0.95

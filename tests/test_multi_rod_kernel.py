@@ -4,11 +4,13 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.integrate import solve_ivp
+import warp as wp
+from scipy.integrate import quad_vec, solve_ivp
 
 import multirod as mr
 from multirod.inputs import Inputs
 from multirod.models.backbone import BackboneProblem
+from multirod.models.backbone_equation_kernels import cosine_and_sine
 from multirod.models.single_rod import BACKBONE_INPUTS
 
 TIGHT = mr.RK45(rtol=1e-12, atol=1e-14)
@@ -137,7 +139,8 @@ def integrate_bishop(unknowns):
     ends = np.array([sum(pair) for pair in LENGTHS]) + BETA
     inner = np.array([pair[0] for pair in LENGTHS]) + BETA
     tau = unknowns[2:] * np.minimum(GJ, EI.max(axis=1))
-    theta = ALPHA - BETA * tau / GJ
+    behind = [quad_vec(lambda s, i=i: precurvature(i, s, BETA[i])[2], BETA[i], 0.0, epsabs=1e-14)[0] for i in range(3)]
+    theta = ALPHA - BETA * tau / GJ + behind
     M = turn(theta[0])[:2, :2] @ (unknowns[:2] * EI.max(axis=1).sum())
     R0, p0 = BASE[:3, :3], BASE[:3, 3]
     force, moment, g, l = (np.array(LOADS[name]) for name in ("tip_force", "tip_moment", "gravity", "distributed_moment"))
@@ -238,3 +241,31 @@ def test_columns_are_derivatives(difference):
         found = problem.residual_directions.numpy()[0, :, 0].copy()
         pose = problem.pose_columns.numpy()[0, :, -1].copy()
         check(columns, found, pose, lambda t, d=direction: outputs(X[None], row + t * d), 0.02, name)
+
+
+@wp.kernel(enable_backward=False)
+def turn_all(angle: wp.array[wp.float64], out: wp.array2d[wp.float64]):
+    t = wp.tid()
+    c, s = cosine_and_sine(angle[t])
+    out[t, 0] = c
+    out[t, 1] = s
+
+
+def test_cosine_and_sine():
+    """To one unit in the last place of 1, in every quadrant, where they are computed here and where by the library."""
+    random = np.random.default_rng(2)
+    angle = np.concatenate(
+        [
+            random.uniform(-10, 10, 4000),
+            random.uniform(-1e6, 1e6, 4000),
+            random.uniform(1e6, 1e9, 100),
+            np.arange(-40, 41) * np.pi / 4,
+            [0.0, -0.0, 5e-324, 1e-9],
+        ]
+    )
+    out = wp.zeros((len(angle), 2), dtype=wp.float64, device="cpu")
+    wp.launch(turn_all, dim=len(angle), inputs=[wp.array(angle, dtype=wp.float64, device="cpu"), out], device="cpu")
+    np.testing.assert_allclose(out.numpy(), np.stack([np.cos(angle), np.sin(angle)], axis=1), rtol=0, atol=2.3e-16)
+    special = wp.array([np.nan, np.inf], dtype=wp.float64, device="cpu")
+    wp.launch(turn_all, dim=2, inputs=[special, out], device="cpu")
+    assert np.isnan(out.numpy()[:2]).all()

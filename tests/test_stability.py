@@ -190,9 +190,10 @@ def sampled(energy, solution):
     u = np.stack([np.interp(energy.middle, shape.arclength, shape.curvature[:, k]) for k in range(3)], axis=1)
     if len(tubes) == 1:
         return u.ravel()
-    torque = np.interp(energy.middle, shape.arclength, shape.moment[:, 2]) - tubes[0].GJ * u[:, 2]
+    other = solution.rod(1, nodes=401)
+    torque = np.interp(energy.middle, other.arclength, other.moment[:, 2])
     rate = (torque / tubes[1].GJ - u[:, 2])[energy.places[0]]
-    base = solution.unknowns[2:] * np.minimum([t.GJ for t in tubes], [t.EI for t in tubes])
+    base = [shape.moment[0, 2], other.moment[0, 2]]
     turns = [base[k] * tubes[k].behind / tubes[k].GJ for k in energy.turning]
     return np.concatenate([u.ravel(), rate, turns])
 
