@@ -155,6 +155,9 @@ def make_base_functions(layout: Layout, features: Features, grid: SimpleNamespac
         angles = PerRod()
         for i in range(wp.static(n)):
             angles[i] = call.inputs[case.index, wp.static(ROTATION) + i]
+            if wp.static(i > 0 and not features.held):
+                # the natural branch of several rods begins where none is turned against another
+                angles[i] = angles[0] + call.load_factor[case.index] * (angles[i] - angles[0])
         if wp.static(TRANSMISSION):
             angles += behind.twist + wp.cw_mul(behind.compliance, torques_behind_plate(rods, call, case))
         return angles

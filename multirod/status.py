@@ -64,7 +64,7 @@ _MESSAGES = {
     "minimum; loosen the tolerance, tighten the integrator, or start nearer",
     Status.BRANCH_END: "the equilibrium reached by raising the loads in proportion ends before the full load (a fold or a "
     "bifurcation: the rod snaps or buckles); give a guess to follow another branch",
-    Status.LOWEST_ENERGY: "the residual is within the tolerance; raising precurvature and loads in proportion ends before the full "
+    Status.LOWEST_ENERGY: "the residual is within the tolerance; raising precurvature, loads and the angles between tubes in proportion ends before the full "
     "load, so this is the stable equilibrium of lowest potential energy that was found from many starts: equilibria() lists all",
     Status.TRACKING: "an estimate of the observer; residual says how far it is",
     Status.EULER_LIMIT: "the observer's explicit Euler update left its stability limit: use update='exact', a shorter time "
