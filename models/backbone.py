@@ -64,7 +64,7 @@ class BackboneProblem(BoundaryProblem):
             unknown_count=n,
             batch_shape=batch_shape,
             input_count=kernels.input_size(len(rods)),
-            blocks=[Block("rod 1" if len(rods) == 1 else "backbone", slice(0, n), slice(0, n))],
+            blocks=_blocks(len(rods), n, self.features.follower_force),
             direction_count=direction_count,
             pose_sensitivities=pose_sensitivities,
             device=device,
@@ -259,6 +259,22 @@ class BackboneAssembly(Assembly):
 
     def problem(self, inputs: Inputs, **options: Any) -> BackboneProblem:  # noqa: D102
         return BackboneProblem(self.rods, self.base, inputs, transmission=self.transmission, **options)
+
+
+def _blocks(rod_count: int, unknown_count: int, follower_force: bool) -> list[Block]:
+    """One block a rod, the outermost first: the innermost carries the bending, and with it what couples the others.
+
+    An unknown base force, which all rods share, is the last.
+    """
+    if rod_count == 1:
+        return [Block("rod 1", slice(0, unknown_count), slice(0, unknown_count))]
+    force = unknown_count - 3 if follower_force else unknown_count
+    inner = force - (rod_count - 1)
+    places = {f"tube {k + 1}": slice(inner + k - 1, inner + k) for k in range(rod_count - 1, 0, -1)}
+    places["tube 1"] = slice(0, inner)
+    if follower_force:
+        places["base force"] = slice(force, unknown_count)
+    return [Block(name, place, place) for name, place in places.items()]
 
 
 def step_multiple(steps: int) -> int:
