@@ -121,7 +121,7 @@ class Observer(Solver):
                     reasons.append(f"{name} has {len(value)} entries but there are {len(blocks)} blocks ({names})")
                     continue
                 for k, (part, block) in enumerate(zip(value, blocks, strict=True)):
-                    size = _size(block.unknowns)
+                    size = len(_places(n, [block], "unknowns"))
                     if np.shape(part) not in ((), (size, size)):
                         reasons.append(f"{name}[{k}] has shape {np.shape(part)} but {block.name} has {size} unknowns")
             elif np.shape(value) not in ((), (n, n)):
@@ -129,10 +129,11 @@ class Observer(Solver):
             elif np.ndim(value) and self.coupling != "full" and len(blocks) > 1:
                 reasons.append(f"{name} is one matrix, which couples the rods: give a tuple with one for each block")
         for block in blocks:
-            if _size(block.unknowns) != _size(block.residuals):
-                reasons.append(f"{block.name} has {_size(block.unknowns)} unknowns but {_size(block.residuals)} residuals")
+            unknowns, residuals = (len(_places(n, [block], what)) for what in ("unknowns", "residuals"))
+            if unknowns != residuals:
+                reasons.append(f"{block.name} has {unknowns} unknowns but {residuals} residuals")
         for what in ("unknowns", "residuals"):
-            if sorted(_places(blocks, what).tolist()) != list(range(n)):
+            if sorted(_places(n, blocks, what).tolist()) != list(range(n)):
                 reasons.append(f"the blocks do not share out the {n} {what}")
         if self.coupling == "per-rod-plain" and len(blocks) > 1:
             for name in ("feed_forward", "correct_output"):
@@ -185,13 +186,15 @@ class ObserverTrack(Track):
         self.problem = problem
         n, count, device = problem.unknown_count, problem.instance_count, problem.device
         blocks: Sequence[Block] = problem.blocks
-        gains = {name: _matrix(getattr(options, name), [getattr(block, what) for block in blocks], n) for name, what in SPACES.items()}
+        gains = {}
+        for name, what in SPACES.items():
+            gains[name] = _matrix(getattr(options, name), [_places(n, [block], what) for block in blocks], n)
         if options.coupling == "full":
             blocks = (Block("all", slice(0, n), slice(0, n)),)
         for name, what in SPACES.items():
-            order = _places(blocks, what)
+            order = _places(n, blocks, what)
             gains[name] = gains[name][np.ix_(order, order)]
-        sizes = [_size(block.unknowns) for block in blocks]
+        sizes = [len(_places(n, [block], "unknowns")) for block in blocks]
         state: Any = ObserverState()
         self.state = state
         for name in ("active", "fault", "unknowns", "residual", "gamma", "residual_directions", "position", "rotation"):
@@ -209,15 +212,15 @@ class ObserverTrack(Track):
         self._large: LargeSample | None = None
         if max(sizes) > LARGEST_IN_KERNEL or (options.coupling == "per-rod-plain" and len(blocks) > 1):
             self._large = LargeSample(
-                rows=_places(blocks, "residuals"),
-                columns=_places(blocks, "unknowns"),
+                rows=_places(n, blocks, "residuals"),
+                columns=_places(n, blocks, "unknowns"),
                 sizes=sizes,
                 gains=gains,
                 options=options,
                 dt=dt,
             )
         else:
-            self._launch = self._record(blocks, gains, dt)
+            self._launch = self._record(blocks, sizes, gains, dt)
         self._previous: FloatArray | None = None
         self._change: FloatArray | None = None
         self._ones = np.ones(count, dtype=np.int32)
@@ -228,15 +231,14 @@ class ObserverTrack(Track):
             self._directions = problem.directions.numpy()
         self.start(problem.guess())
 
-    def _record(self, blocks: Sequence[Block], gains: dict[str, FloatArray], dt: float) -> Any:
+    def _record(self, blocks: Sequence[Block], sizes: list[int], gains: dict[str, FloatArray], dt: float) -> Any:
         options, state, problem = self.options, self.state, self.problem
         n, count, device = problem.unknown_count, problem.instance_count, problem.device
         alone = len(blocks) == 1
-        sizes = [_size(block.unknowns) for block in blocks]
         ends = np.cumsum(sizes)
         places = {
-            "rows": _places(blocks, "residuals"),
-            "columns": _places(blocks, "unknowns"),
+            "rows": _places(n, blocks, "residuals"),
+            "columns": _places(n, blocks, "unknowns"),
             "start": np.repeat(ends - sizes, sizes),
             "stop": np.repeat(ends, sizes),
         }
@@ -304,22 +306,18 @@ class ObserverTrack(Track):
         self._previous = inputs
 
 
-def _size(part: slice) -> int:
-    return int(part.stop - part.start)
+def _places(n: int, blocks: Sequence[Block], what: str) -> Any:
+    """Which of n unknowns or residuals the blocks hold, in their order."""
+    return np.concatenate([np.arange(n)[getattr(block, what)] for block in blocks])
 
 
-def _places(blocks: Sequence[Block], what: str) -> Any:
-    """Unknowns or residuals in the order of the blocks."""
-    return np.concatenate([np.arange(getattr(block, what).start, getattr(block, what).stop) for block in blocks])
-
-
-def _matrix(value: Any, parts: Sequence[slice], n: int) -> FloatArray:
+def _matrix(value: Any, parts: Sequence[Any], n: int) -> FloatArray:
     """A gain as a matrix (n, n), in the order of the problem."""
     if not isinstance(value, tuple):
         return np.array(value * np.eye(n) if np.ndim(value) == 0 else value, dtype=np.float64)
     result = np.zeros((n, n))
     for entry, part in zip(value, parts, strict=True):
-        result[part, part] = entry if np.ndim(entry) else entry * np.eye(_size(part))
+        result[np.ix_(part, part)] = entry if np.ndim(entry) else entry * np.eye(len(part))
     return result
 
 

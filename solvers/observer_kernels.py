@@ -235,7 +235,7 @@ def make_block(n: int, riccati: str, exact: bool, newton: bool):
         for i in range(n):
             largest = wp.max(largest, S[n, i])
         for i in range(n):
-            root[i] = wp.sqrt(wp.max(S[n, i], f64(1.0e-28) * largest))
+            root[i] = wp.sqrt(wp.max(S[n, i], f64(1.0e-28) * largest + f64(1.0e-300)))
             for j in range(n):
                 V[i, j] = S[i, j]
 

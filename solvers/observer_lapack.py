@@ -72,17 +72,14 @@ class LargeSample:
         if options.scaling == "equilibrated":
             row_scale, column_scale = _equilibrate(scaled)
             scaled = row_scale[:, :, None] * scaled * column_scale[:, None, :]
-        # eps, eps_t and the identity
-        columns = np.concatenate(
-            [
-                (row_scale * eps[:, self.rows])[..., None],
-                (row_scale * slopes[:, self.rows])[..., None],
-                np.broadcast_to(np.eye(eps.shape[1]), scaled.shape),
-            ],
-            axis=-1,
-        )
+        alone = len(blocks) == 1
+        # eps, eps_t and, for the norm of the inverse, the identity
+        columns = np.stack([row_scale * eps[:, self.rows], row_scale * slopes[:, self.rows]], axis=-1)
+        if self.eliminated and not alone:
+            columns = np.concatenate([columns, np.broadcast_to(np.eye(eps.shape[1]), scaled.shape)], axis=-1)
         matrix = scaled.copy()
-        inverses = self._eliminate(matrix, columns)
+        solves = self.eliminated and (not alone or options.feed_forward or options.correct_output)
+        inverses = self._eliminate(matrix, columns) if solves or newton else []
 
         exact = options.update == "exact"
         move, rates, pivot = np.zeros_like(eps), np.zeros_like(eps), np.zeros((len(eps), len(blocks)))
@@ -116,9 +113,10 @@ class LargeSample:
             unstable = (rates.min(axis=1) <= 0) | ((growth >= 1) & exact)
             beyond |= ~unstable & (growth >= 1)
         else:
-            self._back_substitute(matrix, inverses, columns)
             smallest = pivot[:, 0]
-            if len(blocks) > 1:
+            if solves:
+                self._back_substitute(matrix, inverses, columns)
+            if not alone:
                 norm = np.sqrt((columns[..., 2:] ** 2).sum(axis=(1, 2)))
                 smallest = np.where(np.isfinite(norm), 1 / norm, 0.0)
         if options.feed_forward:
@@ -170,6 +168,8 @@ class LargeSample:
         lost = np.zeros(len(U), dtype=bool)
         if options.riccati == "steady":
             W, rate, V = np.linalg.svd(Q_root @ U @ R_root)
+            # what Gamma does not see has no direction to move in
+            V *= (rate > 1e-14 * rate[:, :1])[:, :, None]
             return R_root @ np.swapaxes(V, 1, 2), rate, np.swapaxes(W, 1, 2) @ Q_root, P, lost
         B = U @ R @ np.swapaxes(U, 1, 2)
         if options.riccati == "horizon":
