@@ -45,7 +45,9 @@ class Status(IntEnum):
         return _MESSAGES[self]
 
 
-_WITH_RESULT = frozenset({Status.CONVERGED, Status.TRACKING, Status.EULER_LIMIT, Status.NEAR_FOLD, Status.SINGULAR_PIVOT, Status.UNSTABLE_COUPLING})
+_WITH_RESULT = frozenset(
+    {Status.CONVERGED, Status.TRACKING, Status.EULER_LIMIT, Status.NEAR_FOLD, Status.SINGULAR_PIVOT, Status.UNSTABLE_COUPLING}
+)
 
 
 def failures(values: IntArray) -> BoolArray:

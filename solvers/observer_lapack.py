@@ -47,7 +47,9 @@ class LargeSample:
         eps, gamma = problem.read("residual"), problem.read("gamma").reshape(-1, n, n)
         active = problem.active.numpy() != 0
         sound = active & (problem.fault.numpy() == 0) & np.isfinite(eps).all(axis=1) & np.isfinite(gamma).all(axis=(1, 2))
-        kept = {name: getattr(state, name).numpy().copy() for name in ("status", "size", "following", "rates", "riccati", "pivot")}
+        kept = {
+            name: getattr(state, name).numpy().copy() for name in ("status", "size", "following", "rates", "riccati", "pivot")
+        }
         kept["singular_value"] = state.singular_value.numpy().copy()
         kept["size"][active] = np.abs(eps[active]).max(axis=1)
         kept["status"][active] = Status.NONFINITE
@@ -68,7 +70,8 @@ class LargeSample:
         """New values of the state's arrays (``following``: the change of the unknowns), and Newton's step."""
         options, blocks, newton = self.options, self.blocks, self.options.scaling == "newton"
         scaled = gamma[:, self.rows][:, :, self.columns]
-        row_scale = column_scale = np.ones_like(eps)
+        row_scale: Any = np.ones_like(eps)
+        column_scale: Any = row_scale
         if options.scaling == "equilibrated":
             row_scale, column_scale = _equilibrate(scaled)
             scaled = row_scale[:, :, None] * scaled * column_scale[:, None, :]
@@ -108,7 +111,7 @@ class LargeSample:
             # (20): the closed loop in continuous time, and over a sample
             smallest = np.linalg.svd(scaled, compute_uv=False)[:, -1]
             loops = np.nan_to_num(scaled @ K, nan=-1.0), np.nan_to_num(scaled @ A, nan=-1.0)
-            rates = np.linalg.eigvals(loops[0]).real
+            rates = np.asarray(np.linalg.eigvals(loops[0]).real, dtype=np.float64)
             growth = np.abs(1 - self.dt * np.linalg.eigvals(loops[1])).max(axis=1)
             unstable = (rates.min(axis=1) <= 0) | ((growth >= 1) & exact)
             beyond |= ~unstable & (growth >= 1)
@@ -205,7 +208,7 @@ def _riccati_step(P: FloatArray, B: FloatArray, Q_root: FloatArray, dt: float) -
 def _inverse(matrices: FloatArray) -> FloatArray:
     """Inverses, NaN where there is none."""
     try:
-        return np.linalg.inv(matrices)
+        return np.asarray(np.linalg.inv(matrices), dtype=np.float64)
     except np.linalg.LinAlgError:
         if len(matrices) == 1:
             return np.full_like(matrices, np.nan)
@@ -214,7 +217,8 @@ def _inverse(matrices: FloatArray) -> FloatArray:
 
 def _equilibrate(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(15) Row and column scales with which the largest entry of every row and column tends to 1."""
-    rows, columns = np.ones(matrix.shape[:2]), np.ones(matrix.shape[:2])
+    rows: Any = np.ones(matrix.shape[:2])
+    columns: Any = np.ones(matrix.shape[:2])
     for _ in range(SWEEPS):
         size = np.abs(rows[:, :, None] * matrix * columns[:, None, :])
         largest = size.max(axis=2), size.max(axis=1)

@@ -25,9 +25,7 @@ class Linear(mr.BoundaryProblem):
         own = [slice(int(end - size), int(end)) for end, size in zip(ends, sizes, strict=True)]
         rows, columns = orders or (own, own)
         blocks = [Block(f"rod {k + 1}", columns[k], rows[k]) for k in range(len(sizes))]
-        super().__init__(
-            unknown_count=n, batch_shape=gammas.shape[:-2], input_count=n, blocks=blocks, direction_count=directions
-        )
+        super().__init__(unknown_count=n, batch_shape=gammas.shape[:-2], input_count=n, blocks=blocks, direction_count=directions)
         self.write("gamma", gammas.reshape(self.instance_count, -1))
 
     @property
