@@ -1,6 +1,8 @@
 """The observer of several rods: what each coupling and scaling does, what it guarantees, and how it says that it does not."""
 
+import importlib.util
 import itertools
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -366,6 +368,19 @@ def test_tubes_name_one_block_each_outermost_first(tubes: mr.ConcentricTubes) ->
     assert single.problem(single.inputs(), integrator=INTEGRATOR).blocks == (Block("rod 1", slice(0, 3), slice(0, 3)),)
 
 
+def test_order_of_the_tubes_keeps_the_pivots_regular(strong: mr.ConcentricTubes) -> None:
+    inputs = motion(strong, 0.2, (-0.1, -0.06))
+    gammas = mr.simulate(strong, inputs, time=TIME, solver=mr.Shooting(integrator=INTEGRATOR)).raise_if_failed().gamma[::10]
+    smallest = {}
+    for name, order in {"torque first": [3, 0, 1, 2], "bending first": [0, 1, 2, 3]}.items():
+        first = 1 if name == "torque first" else 3
+        halves = [slice(0, first), slice(first, 4)]
+        pivots = [block_lu(gamma[np.ix_(order, order)], halves)[1] for gamma in gammas]
+        smallest[name] = min(np.linalg.svd(U[b, b], compute_uv=False)[-1] for U in pivots for b in halves)
+    assert smallest["torque first"] > 0.5
+    assert smallest["bending first"] < 0.05
+
+
 @pytest.mark.parametrize("options", [{}, {"riccati": "forward", "update": "euler", "P0": 0.2}, {"scaling": "newton"}])
 def test_one_rod_is_the_same_in_every_coupling(wire: mr.Rod, options: dict[str, Any]) -> None:
     robot = mr.SingleRod(wire)
@@ -505,6 +520,22 @@ def test_new_statuses_are_appended_and_hold_an_estimate() -> None:
     for status in (mr.Status.SINGULAR_PIVOT, mr.Status.UNSTABLE_COUPLING):
         assert not status.failed
         assert "coupling='full'" in status.message or "'full'" in status.message
+
+
+def test_example_shows_where_each_coupling_works() -> None:
+    path = Path(__file__).parent.parent / "examples" / "couplings.py"
+    spec = importlib.util.spec_from_file_location("couplings", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    errors = module.main(["--time", "1.5"])
+    assert len(errors) == 4
+    for found in errors.values():
+        assert found["per-rod"] < 1.6 * found["full"]  # 0.96 to 1.44 times
+        assert found["full, ff"] < found["full"] / 50
+        assert found["per-rod, ff"] < found["per-rod"] / 50
+    assert errors["14, 12 1/m, 0.2 N"]["plain"] > 10 * errors["14, 12 1/m, 0.2 N"]["full"]
 
 
 # ---- many unknowns ----
