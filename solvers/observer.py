@@ -128,13 +128,14 @@ class Observer(Solver):
                 reasons.append(f"{name} has shape {np.shape(value)} but there are {n} unknowns")
             elif np.ndim(value) and self.coupling != "full" and len(blocks) > 1:
                 reasons.append(f"{name} is one matrix, which couples the rods: give a tuple with one for each block")
-        for block in blocks:
-            unknowns, residuals = (len(_places(n, [block], what)) for what in ("unknowns", "residuals"))
-            if unknowns != residuals:
-                reasons.append(f"{block.name} has {unknowns} unknowns but {residuals} residuals")
-        for what in ("unknowns", "residuals"):
-            if sorted(_places(n, blocks, what).tolist()) != list(range(n)):
-                reasons.append(f"the blocks do not share out the {n} {what}")
+        if self.coupling != "full" or any(isinstance(value, tuple) for value in (self.R, self.Q, self.P0)):
+            for block in blocks:
+                unknowns, residuals = (len(_places(n, [block], what)) for what in ("unknowns", "residuals"))
+                if unknowns != residuals:
+                    reasons.append(f"{block.name} has {unknowns} unknowns but {residuals} residuals")
+            for what in ("unknowns", "residuals"):
+                if sorted(_places(n, blocks, what).tolist()) != list(range(n)):
+                    reasons.append(f"the blocks do not share out the {n} {what}")
         if self.coupling == "per-rod-plain" and len(blocks) > 1:
             for name in ("feed_forward", "correct_output"):
                 if getattr(self, name):
@@ -308,7 +309,7 @@ class ObserverTrack(Track):
 
 def _places(n: int, blocks: Sequence[Block], what: str) -> Any:
     """Which of n unknowns or residuals the blocks hold, in their order."""
-    return np.concatenate([np.arange(n)[getattr(block, what)] for block in blocks])
+    return np.concatenate([np.arange(0), *(np.arange(n)[getattr(block, what)] for block in blocks)])
 
 
 def _matrix(value: Any, parts: Sequence[Any], n: int) -> FloatArray:

@@ -477,10 +477,11 @@ def test_plain_gains_that_are_unstable_are_announced(strong: mr.ConcentricTubes)
     np.testing.assert_array_equal(unstable | (plain.rates.min(axis=1) > 0), True)
 
 
-def test_plain_stability_is_in_the_right_half_plane() -> None:
+@pytest.mark.parametrize("update", ["exact", "euler"])
+def test_plain_stability_is_in_the_right_half_plane(update: str) -> None:
     for off, stable in ((0.9, True), (1.1, False)):
         problem = Linear([[1.0, off], [off, 1.0]], (1, 1))  # eigenvalues 1 +- off
-        track = mr.Observer(coupling="per-rod-plain").track(problem, DT)
+        track = mr.Observer(coupling="per-rod-plain", update=update).track(problem, DT)
         track.start(np.array([[1.0, -1.0]]))
         for _ in range(200):
             track.step()
@@ -618,10 +619,11 @@ def test_what_does_not_fit_the_blocks_is_refused(options: dict[str, Any], messag
 def test_blocks_that_are_no_blocks_are_refused() -> None:
     skewed = Linear(regular(0, 6), SIZES, orders=([slice(0, 2), slice(2, 4), slice(4, 6)], BLOCKS))
     with pytest.raises(ValueError, match="rod 1 has 1 unknowns but 2 residuals; rod 2 has 3 unknowns but 2 residuals"):
-        mr.Observer().solve(skewed)
+        mr.Observer(coupling="per-rod").solve(skewed)
     partial = Linear(regular(0, 6), SIZES, orders=(BLOCKS, [slice(0, 1), slice(1, 4), slice(3, 5)]))
     with pytest.raises(ValueError, match="the blocks do not share out the 6 unknowns"):
-        mr.Observer().solve(partial)
+        mr.Observer(coupling="per-rod").solve(partial)
+    assert step(partial, np.ones(6), mr.Observer().track(partial, DT)).any()  # full coupling needs no blocks
 
 
 @pytest.mark.parametrize(
