@@ -77,7 +77,7 @@ class BackboneProblem(BoundaryProblem):
             unknown_count=n,
             batch_shape=batch_shape,
             input_count=kernels.input_size(len(rods)),
-            blocks=[Block("rod 1" if len(rods) == 1 else "backbone", slice(0, n), slice(0, n))],
+            blocks=_blocks(self.features),
             direction_count=direction_count,
             pose_sensitivities=pose_sensitivities,
             device=device,
@@ -454,6 +454,22 @@ def spread(numbers: NDArray[np.int_], dimensions: int) -> FloatArray:
         ratio = (1 + ratio) ** (1 / (dimensions + 1))
     steps = ratio ** -np.arange(1.0, dimensions + 1)
     return np.asarray(2 * ((0.5 + np.outer(numbers, steps)) % 1) - 1)
+
+
+def _blocks(features: Features) -> list[Block]:
+    """One block a rod with a torque of its own, the outermost first; what is left is the innermost's, and couples the others.
+
+    An unknown base force, which all rods share, is the last.
+    """
+    torques, count = features.torque_count, features.unknown_count
+    force = count - 3 if features.base_force_unknown and torques else count
+    inner = force - torques
+    places = {f"tube {k + 1}": slice(inner + k - 1, inner + k) for k in range(torques, 0, -1)}
+    if inner:
+        places["tube 1" if torques else "rod 1"] = slice(0, inner)
+    if force < count:
+        places["base force"] = slice(force, count)
+    return [Block(name, place, place) for name, place in places.items()]
 
 
 def step_multiple(steps: int) -> int:

@@ -579,9 +579,7 @@ def make_tip_functions(
                     if wp.static(i > 0):
                         to_rod = turned_about_z(-y[wp.static(THETA_AT) + i - 1])
                     e = a.u - turn_into_rod_1(a, i, u_star)
-                    M = wp.vec3d(
-                        a.tubes[i, 0] * e[0] + a.tubes[i, 1] * e[1], a.tubes[i, 1] * e[0] + a.tubes[i, 2] * e[1], torque
-                    )
+                    M = wp.vec3d(a.tubes[i, 0] * e[0] + a.tubes[i, 1] * e[1], a.tubes[i, 1] * e[0] + a.tubes[i, 2] * e[1], torque)
         call.node_arclength[t, output] = s
         call.node_position[t, output] = world_position(case, y)
         call.node_rotation[t, output] = case.base_rotation * rotation_matrix(a.q) * wp.transpose(to_rod)

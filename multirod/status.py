@@ -29,6 +29,8 @@ class Status(IntEnum):
     NEAR_FOLD = 10
     EULER_DIVERGED = 11
     LOWEST_ENERGY = 12
+    SINGULAR_PIVOT = 13
+    UNSTABLE_COUPLING = 14
 
     def __str__(self) -> str:
         return self.name
@@ -44,7 +46,17 @@ class Status(IntEnum):
         return _MESSAGES[self]
 
 
-_WITH_RESULT = frozenset({Status.CONVERGED, Status.TRACKING, Status.EULER_LIMIT, Status.NEAR_FOLD, Status.LOWEST_ENERGY})
+_WITH_RESULT = frozenset(
+    {
+        Status.CONVERGED,
+        Status.LOWEST_ENERGY,
+        Status.TRACKING,
+        Status.EULER_LIMIT,
+        Status.NEAR_FOLD,
+        Status.SINGULAR_PIVOT,
+        Status.UNSTABLE_COUPLING,
+    }
+)
 
 
 def failures(values: IntArray) -> BoolArray:
@@ -73,4 +85,8 @@ _MESSAGES = {
     "tolerance: use update='exact', a shorter dt, or lower gains",
     Status.NEAR_FOLD: "an estimate near a fold: the smallest singular value of Gamma is small, so the shape may be far off "
     "although the residual is not",
+    Status.SINGULAR_PIVOT: "an estimate of the observer whose elimination meets a nearly singular pivot while Gamma is regular: use "
+    "coupling='full', or another order of the blocks",
+    Status.UNSTABLE_COUPLING: "an estimate of the observer whose closed loop is unstable, as the gains of each rod leave out what "
+    "couples them: use coupling='per-rod' or 'full'",
 }

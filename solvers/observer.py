@@ -1,5 +1,6 @@
 """The nonlinear observer of Thamo, Dhaliwal and Khadem (ICRA 2021), for the unknowns of any boundary problem."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -8,29 +9,41 @@ import scipy.linalg
 import warp as wp
 
 from multirod.models.integrators import RK45, Integrator
-from multirod.problem import BoundaryProblem
+from multirod.problem import Block, BoundaryProblem
 from multirod.solver import Outcome, Solver, Track
 from multirod.solvers.observer_kernels import ObserverState, make_observer
+from multirod.solvers.observer_lapack import LargeSample
 from multirod.status import Status
 from multirod.validation import FloatArray, array, boolean, choice, positive_float, positive_int, refuse
 
 RICCATI = ("steady", "forward", "horizon")
 UPDATES = ("exact", "euler")
+COUPLINGS = ("full", "per-rod", "per-rod-plain")
+SCALINGS = ("none", "equilibrated", "newton")
+SPACES = {"R": "unknowns", "Q": "residuals", "P0": "residuals"}
+LARGEST_IN_KERNEL = 8  # unknowns of a block; a larger one takes longer to compile than LAPACK takes in thousands of samples
 
 
 @dataclass(frozen=True, kw_only=True)
 class Observer(Solver):
-    """Theorem 1 of the paper: ``x' = -R Gamma^T P eps``, one integration a sample.
+    """Theorem 1 of the paper: ``x' = -R Gamma^T P eps``, one integration of each rod a sample.
 
     Along a motion it follows the equilibrium with a lag, its error is reported by the residual. ``solve`` runs it at fixed
     inputs until the residual is within ``tolerance``, the loads raised from zero over the first ``ramp`` samples.
-    ``docs/observer.md`` derives all readings and says what was measured.
+    ``docs/observer.md`` derives all readings, couplings and scalings, and says what was measured.
 
     Attributes:
-        R: Gain, a positive number or a symmetric positive definite matrix (n, n).
+        R: Gain: a positive number, a symmetric positive definite matrix (n, n), or a tuple with a number or a matrix for
+            each block of the problem, in the order of ``problem.blocks``.
         Q: Weight of the Riccati equation, likewise.
         P0: Initial (``"forward"``) or final (``"horizon"``) value of P, likewise.
         integrator: Of the spatial equations.
+        coupling: ``"full"``: one P for all unknowns; ``"per-rod"``: a P for each block after elimination, as stable as
+            ``"full"`` at frozen Gamma where the pivots are regular; ``"per-rod-plain"``: a P for each block, which sees its
+            own part of Gamma only and can be unstable.
+        scaling: The variables in which R, Q and P0 are meant. ``"none"``: those of the problem; ``"equilibrated"``: those in
+            which the largest entry of each row and column of Gamma is 1; ``"newton"``: those in which Gamma is the identity, so
+            that all modes decay at the same rate, sqrt(R Q).
         riccati: ``"steady"``: the steady state at the present Gamma; ``"forward"``: integrated from ``P0`` in time;
             ``"horizon"``: backward over ``horizon`` from ``P0`` at the present Gamma, as the paper's text has it.
         horizon: [s].
@@ -38,7 +51,8 @@ class Observer(Solver):
             paper's explicit step, stable while every closed-loop rate times the sample time is below 2.
         feed_forward: Whether the unknowns also follow the inputs' rates, which removes the lag.
         correct_output: Whether the pose is corrected to first order by its sensitivity.
-        fold_threshold: Smallest singular value of Gamma below which the status is ``NEAR_FOLD``.
+        fold_threshold: Smallest singular value of the scaled Gamma (of Gamma for ``"newton"``) below which the status is
+            ``NEAR_FOLD``, and of a pivot below which it is ``SINGULAR_PIVOT``.
         tolerance: Largest residual for ``solve``, max norm [1/m].
         max_iterations: Samples allowed for ``solve``.
         ramp: Samples over which ``solve`` raises the loads.
@@ -52,6 +66,8 @@ class Observer(Solver):
     Q: Any = 30.0
     P0: Any = 0.5
     integrator: Integrator = field(default_factory=RK45)
+    coupling: str = "full"
+    scaling: str = "none"
     riccati: str = "steady"
     horizon: float = 0.5
     update: str = "exact"
@@ -66,7 +82,14 @@ class Observer(Solver):
     def __post_init__(self) -> None:
         self._check_integrator()
         for name in ("R", "Q", "P0"):
-            _definite(f"Observer.{name}", getattr(self, name))
+            value = getattr(self, name)
+            if isinstance(value, tuple):
+                for k, part in enumerate(value):
+                    _definite(f"Observer.{name}[{k}]", part)
+            else:
+                _definite(f"Observer.{name}", value)
+        choice("Observer.coupling", self.coupling, COUPLINGS)
+        choice("Observer.scaling", self.scaling, SCALINGS)
         choice("Observer.riccati", self.riccati, RICCATI)
         choice("Observer.update", self.update, UPDATES)
         for name in ("horizon", "tolerance", "dt", "fold_threshold"):
@@ -87,13 +110,36 @@ class Observer(Solver):
         return int(self.feed_forward)
 
     def unsupported(self, problem: BoundaryProblem) -> tuple[str, ...]:
-        """Gains whose size is not that of the unknowns."""
-        n = problem.unknown_count
+        """Gains whose size is not that of the unknowns or blocks, and blocks that cannot be told apart."""
+        n, blocks = problem.unknown_count, problem.blocks
         reasons = []
         for name in ("R", "Q", "P0"):
-            shape = np.shape(getattr(self, name))
-            if shape not in ((), (n, n)):
-                reasons.append(f"{name} has shape {shape} but there are {n} unknowns")
+            value = getattr(self, name)
+            if isinstance(value, tuple):
+                if len(value) != len(blocks):
+                    names = ", ".join(block.name for block in blocks)
+                    reasons.append(f"{name} has {len(value)} entries but there are {len(blocks)} blocks ({names})")
+                    continue
+                for k, (part, block) in enumerate(zip(value, blocks, strict=True)):
+                    size = len(_places(n, [block], "unknowns"))
+                    if np.shape(part) not in ((), (size, size)):
+                        reasons.append(f"{name}[{k}] has shape {np.shape(part)} but {block.name} has {size} unknowns")
+            elif np.shape(value) not in ((), (n, n)):
+                reasons.append(f"{name} has shape {np.shape(value)} but there are {n} unknowns")
+            elif np.ndim(value) and self.coupling != "full" and len(blocks) > 1:
+                reasons.append(f"{name} is one matrix, which couples the rods: give a tuple with one for each block")
+        if self.coupling != "full" or any(isinstance(value, tuple) for value in (self.R, self.Q, self.P0)):
+            for block in blocks:
+                unknowns, residuals = (len(_places(n, [block], what)) for what in ("unknowns", "residuals"))
+                if unknowns != residuals:
+                    reasons.append(f"{block.name} has {unknowns} unknowns but {residuals} residuals")
+            for what in ("unknowns", "residuals"):
+                if sorted(_places(n, blocks, what).tolist()) != list(range(n)):
+                    reasons.append(f"the blocks do not share out the {n} {what}")
+        if self.coupling == "per-rod-plain" and len(blocks) > 1:
+            for name in ("feed_forward", "correct_output"):
+                if getattr(self, name):
+                    reasons.append(f"{name} needs what couples the rods, which coupling='per-rod-plain' leaves out")
         return tuple(reasons)
 
     def track(self, problem: BoundaryProblem, dt: float) -> "ObserverTrack":
@@ -140,25 +186,42 @@ class ObserverTrack(Track):
         self.options = options
         self.problem = problem
         n, count, device = problem.unknown_count, problem.instance_count, problem.device
+        blocks: Sequence[Block] = problem.blocks
+        gains = {}
+        for name, what in SPACES.items():
+            gains[name] = _matrix(getattr(options, name), [_places(n, [block], what) for block in blocks], n)
+        if options.coupling == "full":
+            blocks = (Block("all", slice(0, n), slice(0, n)),)
+        for name, what in SPACES.items():
+            order = _places(n, blocks, what)
+            gains[name] = gains[name][np.ix_(order, order)]
+        sizes = [len(_places(n, [block], "unknowns")) for block in blocks]
         state: Any = ObserverState()
         self.state = state
         for name in ("active", "fault", "unknowns", "residual", "gamma", "residual_directions", "position", "rotation"):
             setattr(state, name, getattr(problem, name))
         state.pose_columns = problem.pose_columns
-        state.following = wp.zeros((count, n), dtype=wp.float64, device=device)
+        for name in ("following", "rates", "driving", "move", "vector", "scratch"):
+            setattr(state, name, wp.zeros((count, n), dtype=wp.float64, device=device))
+        for name in ("row_scale", "column_scale"):
+            setattr(state, name, wp.ones((count, n), dtype=wp.float64, device=device))
+        for name in ("size", "singular_value"):
+            setattr(state, name, wp.zeros(count, dtype=wp.float64, device=device))
         state.status = wp.zeros(count, dtype=wp.int32, device=device)
-        state.rates = wp.zeros((count, n), dtype=wp.float64, device=device)
-        state.size = wp.zeros(count, dtype=wp.float64, device=device)
-        state.singular_value = wp.zeros(count, dtype=wp.float64, device=device)
-        R, Q, P0 = (_matrix(value, n) for value in (options.R, options.Q, options.P0))
-        root = np.real(scipy.linalg.sqrtm(Q))
-        matrices = {"gain": R, "weight": Q, "weight_root": root, "weight_inverse_root": np.linalg.inv(root), "initial": P0}
-        for name, value in matrices.items():
-            setattr(state, name, wp.array(np.ascontiguousarray(value), dtype=wp.float64, device=device))
-        state.riccati = wp.array(np.tile(P0, (count, 1, 1)), dtype=wp.float64, device=device)
-        state.dt, state.horizon, state.fold_threshold = dt, options.horizon, options.fold_threshold
-        kernel = make_observer(n, options.riccati, options.update == "exact", options.feed_forward, options.correct_output)
-        self._launch = wp.launch(kernel, dim=count, inputs=[state], device=device, record_cmd=True)
+        state.pivot = wp.zeros((count, len(blocks)), dtype=wp.float64, device=device)
+        state.riccati = wp.array(np.tile(gains["P0"], (count, 1, 1)), dtype=wp.float64, device=device)
+        self._large: LargeSample | None = None
+        if max(sizes) > LARGEST_IN_KERNEL or (options.coupling == "per-rod-plain" and len(blocks) > 1):
+            self._large = LargeSample(
+                rows=_places(n, blocks, "residuals"),
+                columns=_places(n, blocks, "unknowns"),
+                sizes=sizes,
+                gains=gains,
+                options=options,
+                dt=dt,
+            )
+        else:
+            self._launch = self._record(blocks, sizes, gains, dt)
         self._previous: FloatArray | None = None
         self._change: FloatArray | None = None
         self._ones = np.ones(count, dtype=np.int32)
@@ -168,6 +231,40 @@ class ObserverTrack(Track):
             self._host = (state.following.numpy(), state.status.numpy(), state.size.numpy(), state.rates.numpy())
             self._directions = problem.directions.numpy()
         self.start(problem.guess())
+
+    def _record(self, blocks: Sequence[Block], sizes: list[int], gains: dict[str, FloatArray], dt: float) -> Any:
+        options, state, problem = self.options, self.state, self.problem
+        n, count, device = problem.unknown_count, problem.instance_count, problem.device
+        alone = len(blocks) == 1
+        ends = np.cumsum(sizes)
+        places = {
+            "rows": _places(n, blocks, "residuals"),
+            "columns": _places(n, blocks, "unknowns"),
+            "start": np.repeat(ends - sizes, sizes),
+            "stop": np.repeat(ends, sizes),
+        }
+        for name, place in places.items():
+            setattr(state, name, wp.array(place, dtype=wp.int32, device=device))
+        if alone and options.scaling != "equilibrated":
+            state.matrix, state.driving = problem.gamma, problem.residual
+        else:
+            state.matrix = wp.zeros((count, n, n), dtype=wp.float64, device=device)
+        state.inverse = wp.zeros((count, n, max(sizes)), dtype=wp.float64, device=device)
+        root = np.real(scipy.linalg.sqrtm(gains["Q"]))
+        matrices = {"gain": gains["R"], "weight": gains["Q"], "weight_root": root, "weight_inverse_root": np.linalg.inv(root)}
+        for name, value in (matrices | {"initial": gains["P0"]}).items():
+            setattr(state, name, wp.array(np.ascontiguousarray(value), dtype=wp.float64, device=device))
+        state.dt, state.horizon, state.fold_threshold = dt, options.horizon, options.fold_threshold
+        kernel = make_observer(
+            tuple(sorted(set(sizes))),
+            options.riccati,
+            options.update == "exact",
+            options.scaling,
+            options.feed_forward,
+            options.correct_output,
+            alone,
+        )
+        return wp.launch(kernel, dim=count, inputs=[state], device=device, record_cmd=True)
 
     def start(self, unknowns: FloatArray) -> None:
         """Take ``unknowns`` as those of the first sample."""
@@ -183,7 +280,10 @@ class ObserverTrack(Track):
         if self.options.feed_forward:
             self._aim()
         problem.integrate()
-        self._launch.launch()
+        if self._large is None:
+            self._launch.launch()
+        else:
+            self._large.step(problem, state)
         status, size, rates = self._host[1:] if self._host else (state.status.numpy(), state.size.numpy(), state.rates.numpy())
         return Outcome(status.copy(), self._ones, self._ones, size.copy(), rates.copy())
 
@@ -207,9 +307,19 @@ class ObserverTrack(Track):
         self._previous = inputs
 
 
-def _matrix(value: Any, n: int) -> FloatArray:
-    value = np.asarray(value, dtype=np.float64)
-    return np.asarray(value * np.eye(n) if value.ndim == 0 else value)
+def _places(n: int, blocks: Sequence[Block], what: str) -> Any:
+    """Which of n unknowns or residuals the blocks hold, in their order."""
+    return np.concatenate([np.arange(0), *(np.arange(n)[getattr(block, what)] for block in blocks)])
+
+
+def _matrix(value: Any, parts: Sequence[Any], n: int) -> FloatArray:
+    """A gain as a matrix (n, n), in the order of the problem."""
+    if not isinstance(value, tuple):
+        return np.array(value * np.eye(n) if np.ndim(value) == 0 else value, dtype=np.float64)
+    result = np.zeros((n, n))
+    for entry, part in zip(value, parts, strict=True):
+        result[np.ix_(part, part)] = entry if np.ndim(entry) else entry * np.eye(len(part))
+    return result
 
 
 def _definite(name: str, value: Any) -> None:
