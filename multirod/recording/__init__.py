@@ -1,0 +1,29 @@
+"""Recordings for the Rerun viewer: a finished ``History``, or a control loop while it runs.
+
+Entities (``[instance_k]`` only where there is a batch axis; ``ROD`` is a rod's name, or ``rod_k``):
+
+=========================================  ==============================================================================
+``/description``                           what was run, units and scales, as Markdown
+``/world/base[_k]``                        base frames
+``/world/[instance_k/]rods/ROD``           shape: one capsule between two nodes
+``/world/[instance_k/]tip``                frame of the end effector
+``/world/[instance_k/]tip_path``           a stroke a sample, from the tip before
+``/world/[instance_k/]platform``           outline of the platform, for assemblies that have one
+``/world/[instance_k/]loads/NAME``         ``tip_force`` and ``follower_force`` as arrows
+``/world/[instance_k/]reference/...``      shape and tip path of the reference
+``/error/boundary[_log10][/instance_k]``   ``residual`` [1/m]
+``/error/tip_mm[_log10][/instance_k]``     distance of the tip from the reference's [mm]
+``/conditioning/...[/instance_k]``         ``condition``, ``condition_log10``, ``smallest_singular_value``
+``/solver/...[/instance_k]``               ``step_time_ms``, ``iterations``, ``integrations``
+``/inputs/NAME[/instance_k]``              every input that was given as numbers, a series a component or rod
+``/curvature/...``                         curvature along the arclength, as drawn
+``/status[/instance_k]``                   name of ``Status``, one row a change
+=========================================  ==============================================================================
+
+Every row carries two timelines, ``step`` (sample number) and ``time`` [s]. Scalars are float64 and equal the history's
+values; geometry is float32. A failed sample has NaN scalars and no geometry.
+"""
+
+from multirod.recording.recorder import Recorder, save
+
+__all__ = ["Recorder", "save"]
