@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from multirod.recording.figure import Plate
 from multirod.validation import FloatArray
 
 
@@ -50,18 +51,34 @@ def strips(strips: FloatArray) -> Any:
     return kind.columns(strips=values[sound].astype(np.float32)).partition(sound.sum(axis=1))
 
 
-def poses(position: FloatArray, rotation: FloatArray) -> tuple[list[Any], NDArray[np.bool_]]:
+def poses(position: FloatArray, rotation: FloatArray) -> tuple[Any, NDArray[np.bool_]]:
     """Transforms (row, 3) and (row, 3, 3), and which rows have one.
 
-    The viewer shows what has no pose at the origin: in such rows all that moves with it shrinks to nothing.
+    The viewer shows what has no pose at the origin: in such rows nothing may be left to show.
     """
     import rerun as rr
 
-    sound = np.isfinite(position).all(axis=1) & np.isfinite(rotation).all(axis=(1, 2))
+    sound: NDArray[np.bool_] = np.isfinite(np.concatenate([position, rotation.reshape(-1, 9)], axis=1)).all(axis=1)
     quaternion = Rotation.from_matrix(rotation[sound]).as_quat() if sound.any() else np.zeros((0, 4))
-    columns = rr.Transform3D.columns(translation=position[sound], quaternion=quaternion).partition(sound.astype(int))
-    scale = np.repeat(sound[:, None].astype(np.float64), 3, axis=1)
-    return [*columns, *rr.Transform3D.columns(scale=scale)], sound
+    columns = rr.Transform3D.columns(translation=position[sound], quaternion=quaternion)
+    return columns.partition(sound.astype(int)), sound
+
+
+def plates(plate: Plate, shown: NDArray[np.bool_]) -> list[Any]:
+    """A plate in the rows that show it, an empty mesh in the others."""
+    import rerun as rr
+
+    def rows(values: NDArray[Any]) -> NDArray[Any]:
+        return np.tile(values, (int(shown.sum()), 1))
+
+    def counts(values: NDArray[Any]) -> NDArray[np.int64]:
+        return len(values) * shown.astype(np.int64)
+
+    return [
+        *rr.Mesh3D.columns(vertex_positions=rows(plate.vertices)).partition(counts(plate.vertices)),
+        *rr.Mesh3D.columns(vertex_normals=rows(plate.normals)).partition(counts(plate.normals)),
+        *rr.Mesh3D.columns(triangle_indices=rows(plate.triangles)).partition(counts(plate.triangles)),
+    ]
 
 
 def log10(values: FloatArray) -> FloatArray:

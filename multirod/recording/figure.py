@@ -32,8 +32,8 @@ PALETTE = (
 PLATFORM_COLOR = 0xC3CAD3
 _THICKNESS = 0.004  # radius over length of a rod without diameter
 _NESTING = 0.75  # radius of such a tube over that of the next around it
-_PALEST = 0.65  # how much white is in the colour of a leg's innermost tube
-_MARGIN = 0.15  # how far a platform reaches beyond its attachments, over their distance from its middle
+_PALEST = 0.5  # how much white is in the colour of a leg's innermost tube
+_MARGIN = 0.25  # how far a platform reaches beyond its attachments, over their distance from its middle
 _CORNERS = 12  # of the rounding about each attachment
 
 
@@ -103,14 +103,14 @@ def bases(assembly: Assembly) -> dict[tuple[str, ...], FloatArray]:
     }
 
 
-def platforms(assembly: Assembly, batch_shape: tuple[int, ...]) -> list[Plate]:
-    """The platform of each instance, in its own frame; none where the assembly has no platform."""
+def platforms(assembly: Assembly, batch_shape: tuple[int, ...], count: int) -> list[Plate]:
+    """The platforms of the first ``count`` instances, each in its own frame; none where the assembly has no platform."""
     if not isinstance(assembly, (ParallelRods, InverseParallelRods)):
         return []
     attachments = assembly.geometry.platform
     every = np.broadcast_to(attachments, (*batch_shape, *attachments.shape[-3:])).reshape(-1, *attachments.shape[-3:])
     least = 2 * max(rod.radius for rod in drawn_rods(assembly))
-    return [_plate(poses, least) for poses in every]
+    return [_plate(poses, least) for poses in every[:count]]
 
 
 def _plate(attachments: FloatArray, least: float) -> Plate:
@@ -158,23 +158,21 @@ def _names(rods: Sequence[Rod]) -> list[str]:
 
 
 def _unique(given: list[str], otherwise: list[str]) -> list[str]:
-    """The names that were given, where no other is the same."""
-    return [name if name and given.count(name) == 1 else other for name, other in zip(given, otherwise, strict=True)]
+    """The names that were given, where no other is or may be the same."""
+    taken = [*given, *otherwise]
+    return [name if name and taken.count(name) == 1 else other for name, other in zip(given, otherwise, strict=True)]
 
 
 def _radii(nested: Sequence[Rod]) -> list[float]:
     """Radii to draw, innermost first: half the outer diameter, or what makes the nesting visible where none is given."""
-    radii = [None if rod.outer_diameter is None else 0.5 * rod.outer_diameter for rod in nested]
-    if radii[-1] is None:
-        known = [(k, radius) for k, radius in enumerate(radii) if radius is not None]
-        if known:
-            last, radius = known[-1]
-            radii[-1] = radius / _NESTING ** (len(radii) - 1 - last)
-        else:
-            radii[-1] = _THICKNESS * max(float(np.max(rod.length)) for rod in nested)
-    found = [float(radii[-1])]
-    for radius in reversed(radii[:-1]):
-        found.append(_NESTING * found[-1] if radius is None else radius)
+    given = [None if rod.outer_diameter is None else 0.5 * rod.outer_diameter for rod in nested]
+    known = [(k, radius) for k, radius in enumerate(given) if radius is not None]
+    last, radius = known[-1] if known else (len(nested) - 1, _THICKNESS * max(float(np.max(rod.length)) for rod in nested))
+    around = radius / _NESTING ** (len(nested) - last)
+    found = []
+    for own in reversed(given):
+        around = _NESTING * around if own is None else own
+        found.append(around)
     return found[::-1]
 
 

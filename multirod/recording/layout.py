@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from multirod.recording.columns import rgba
-from multirod.recording.stage import Stage
+from multirod.recording.stage import LOADS, Stage
 
 # The curvature plot in its own units: 2D views keep the aspect ratio, so arclength and curvature are both scaled to fit.
 PLOT_WIDTH, PLOT_HEIGHT = 6.0, 1.0
@@ -20,7 +20,11 @@ def description(stage: Stage, title: str, solver: str, total: int) -> str:
     lines += [
         f"**Shape** grid {1e3 * stage.grid:g} mm; frames x red, y green, z blue at base and tip; white: path of the tip up to "
         "the cursor" + ("; grey: the reference" if stage.reference else "") + "  ",
-        f"**Arrows** 1 N is {1e3 * stage.force_scale:g} mm; yellow `tip_force`, orange `follower_force`",
+    ]
+    if stage.live or any(spec.name in LOADS for spec in stage.given):
+        scale = f"1 N is {1e3 * stage.force_scale:g} mm"
+        lines += [f"**Arrows** {scale}; yellow `tip_force`, orange `follower_force`; each begins where it acts"]
+    lines += [
         "",
         "| rod | length [m] | bending stiffness [N m^2] | torsional stiffness [N m^2] | drawn diameter [mm] |",
         "|---|---|---|---|---|",
@@ -28,12 +32,16 @@ def description(stage: Stage, title: str, solver: str, total: int) -> str:
     for index, rod in enumerate(stage.assembly.rods[:24]):
         bending = _span([section.bending_stiffness for section in rod.sections])
         torsion = _span([section.torsional_stiffness for section in rod.sections])
-        drawn = f"{2e3 * stage.rods[index].radius:.3g}" + ("" if rod.outer_diameter is not None else " (not given)")
+        drawn = f"{2e3 * stage.rods[index].radius:.3g}"
+        if rod.outer_diameter is None:
+            drawn += " (not given)"
+        elif stage.rods[index].radius > 0.51 * rod.outer_diameter:
+            drawn += f" (is {1e3 * rod.outer_diameter:.3g})"
         lines.append(f"| {stage.rods[index].name} | {_span([rod.length])} | {bending} | {torsion} | {drawn} |")
     lines += [
         "",
         "**Plots** "
-        + ("Instances are coloured as their rods. " if stage.batched else "")
+        + ("Instances are coloured as their rods. " if stage.batched and len(stage.rods) == 1 else "")
         + "Vectors: x red, y green, z blue. Boundary error: what the solver drives to zero [1/m]. "
         + ("Tip error: distance from the reference's tip [mm]. " if stage.reference else "")
         + "Gamma: the scaled Jacobian; its smallest singular value vanishes at a fold. Curvature: at the cursor, "
@@ -57,7 +65,7 @@ def blueprint(stage: Stage) -> Any:
     paths = [stage.world(f"{kind}tip_path", k) for kind in ("", "reference/") for k in range(stage.count)]
     center = 0.5 * (stage.low + stage.high)
     direction = np.array([0.75, -1.0, 0.6])
-    eye = center + 0.7 * stage.size * direction / np.linalg.norm(direction)
+    eye = center + 0.95 * stage.size * direction / np.linalg.norm(direction)
     scene = rrb.Spatial3DView(
         origin="/world",
         name="Shape",
@@ -84,11 +92,14 @@ def blueprint(stage: Stage) -> Any:
     curvature = rrb.Spatial2DView(
         origin="/curvature", name=f"Curvature along the arclength [1/m]: {components}", visual_bounds=bounds
     )
-    boundary = tabs(plot("Boundary error, log10 [1/m]", "error/boundary_log10"), plot("linear", "error/boundary"))
+    errors = [plot("Boundary error, log10 [1/m]", "error/boundary_log10"), plot("linear", "error/boundary")]
+    if stage.blocks:
+        errors.insert(0, plot("Boundary error by leg, log10 [1/m]", "error/blocks_log10"))
+    boundary = tabs(*errors)
     conditioning = plot(
-        "Gamma: log10 cond, \u03c3_min" if stage.batched else "Gamma: log10 cond violet, \u03c3_min teal",
+        "Gamma, log10: cond, \u03c3_min" if stage.batched else "Gamma, log10: cond violet, \u03c3_min teal",
         "conditioning/condition_log10",
-        "conditioning/smallest_singular_value",
+        "conditioning/smallest_singular_value_log10",
     )
     count = plot("Iterations, integrations", "solver/iterations", "solver/integrations", legend=True)
     effort = tabs(plot("Time per sample [ms]", "solver/step_time_ms"), count) if stage.measured else count

@@ -100,7 +100,7 @@ class Recorder:
         flush_every: Samples that are written together.
         nodes: Nodes that a rod is drawn with.
         instances: How many instances of a batch are recorded.
-        force_scale: Length of force arrows [m/N]; by default ``EI/L^2`` of the stiffest rod is half of its length.
+        force_scale: Length of force arrows [m/N]; by default half of the length in use for ``EI/L^2``, ``EI`` of all rods.
 
     Raises:
         TypeError: If neither ``path`` nor ``address`` is given.

@@ -1,7 +1,7 @@
 """What is fixed when a recording begins: what is recorded, where it stands in the file, and to what scale it is drawn."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -13,6 +13,7 @@ from multirod.solution import History
 from multirod.validation import FloatArray
 
 LOADS = {"tip_force": 0xFFD43B, "follower_force": 0xFF922B}
+_THINNEST = 0.002  # radius over size of the robot at which a rod can be seen
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class Stage:
         batched: Whether there is a batch axis, and entities are named by instance.
         live: Whether samples are still to come that nothing is known of.
         measured: Whether the time of samples was measured.
-        given: What is known of the inputs given as numbers, loads first.
+        given: What is known of the inputs given as numbers: first what varies, and among it the loads.
         reference: Whether there is one.
         rods: How each rod is drawn.
         blocks: Parts of the residual, where there are several.
@@ -81,31 +82,32 @@ class Stage:
         origins = np.array([pose[:3, 3] for pose in base_poses.values()])
         reach = _largest([shape.arclength for shape in shapes]) or max(float(np.max(rod.length)) for rod in assembly.rods)
         points = [origins, *(shape.position.reshape(-1, 3) for shape in shapes)]
-        plates = platforms(assembly, block.batch_shape[1:])
+        count = min(instances, math.prod(block.batch_shape[1:]))
+        plates = platforms(assembly, block.batch_shape[1:], count)
         if plates:
             around = np.abs(plates[0].vertices).max() * np.array([[-1.0], [1.0], [0.0]])
             points.append((block.tip_position.reshape(-1, 1, 3) + around).reshape(-1, 3))
         if live:
-            points += [origins - 0.35 * reach, origins + 0.35 * reach]
+            room = (0.1 if plates else 0.35) * reach
+            points += [origins - room, origins + room]
         everything = np.concatenate(points)
         everything = everything[np.isfinite(everything).all(axis=1)]
         low, high = everything.min(axis=0), everything.max(axis=0)
         size = max(float(np.linalg.norm(high - low)), 0.2 * reach)
         numbers = set(block.inputs.given) - set(block.inputs.profiles)
         given = [spec for spec in assembly.input_specs if spec.name in numbers]
-        count = min(instances, math.prod(block.batch_shape[1:]))
         return cls(
             assembly=assembly,
             count=count,
             batched=len(block.batch_shape) > 1,
             live=live,
             measured=bool(np.isfinite(block.step_time).any()),
-            given=tuple(sorted(given, key=lambda spec: spec.name not in LOADS)),
+            given=tuple(sorted(given, key=lambda spec: (not _varies(block, spec.name), spec.name not in LOADS))),
             reference=reference is not None,
-            rods=tuple(drawn_rods(assembly)),
+            rods=_visible(drawn_rods(assembly), size),
             blocks=tuple(_blocks(block)),
-            bases={"/world/" + "/".join(path): pose for path, pose in base_poses.items()},
-            platforms=tuple(plates[:count]),
+            bases={"/world" + _entity(path): pose for path, pose in base_poses.items()},
+            platforms=tuple(plates),
             low=low,
             high=high,
             size=size,
@@ -132,16 +134,11 @@ class Stage:
 
     def rod(self, group: str, k: int, rod: int) -> str:
         """Entity of a rod in the scene, below ``group``."""
-        return self.world(group, k) + self._below(rod)
+        return self.world(group, k) + _entity(self.rods[rod].path)
 
     def curvature(self, k: int, rod: int) -> str:
         """Entity of a rod's curvature."""
-        return self.scalar("/curvature", k) + self._below(rod)
-
-    def _below(self, rod: int) -> str:
-        import rerun as rr
-
-        return str(rr.new_entity_path(list(self.rods[rod].path)))
+        return self.scalar("/curvature", k) + _entity(self.rods[rod].path)
 
 
 def load(inputs: Inputs, name: str) -> FloatArray:
@@ -161,8 +158,27 @@ def round_up(value: float) -> float:
     return math.ceil(value / power - 1e-9) * power
 
 
+def _entity(parts: tuple[str, ...]) -> str:
+    """A path of names that may hold any character."""
+    import rerun as rr
+
+    return str(rr.new_entity_path(list(parts)))
+
+
 def _largest(values: list[FloatArray]) -> float:
     return max((float(np.nanmax(value)) for value in values if np.isfinite(value).any()), default=0.0)
+
+
+def _varies(block: History, name: str) -> bool:
+    """Whether an input changes with time, as far as is known."""
+    value = np.broadcast_to(getattr(block.inputs, name), (*block.batch_shape, getattr(block.inputs, name).shape[-1]))
+    return bool((value != value[0]).any())
+
+
+def _visible(rods: list[DrawnRod], size: float) -> tuple[DrawnRod, ...]:
+    """All thicker by one factor, where the thickest would hardly be seen."""
+    factor = max(1.0, _THINNEST * size / max(rod.radius for rod in rods))
+    return tuple(replace(rod, radius=factor * rod.radius) for rod in rods)
 
 
 def _blocks(block: History) -> list[DrawnBlock]:
@@ -176,7 +192,7 @@ def _blocks(block: History) -> list[DrawnBlock]:
 
 
 def _force_scale(block: History, size: float, reach: float, live: bool) -> float:
-    """A quarter of the size for the largest force; live, where it is to come, half the length for ``EI/L^2``."""
+    """A quarter of the size for the largest force; live, where that is not known, half the length for ``EI/L^2``."""
     if live:
         stiffness = sum(max(float(np.max(s.bending_stiffness)) for s in rod.sections) for rod in block.assembly.rods)
         return round_down(0.5 * reach**3 / stiffness)

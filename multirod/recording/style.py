@@ -31,6 +31,7 @@ _SERIES = {
     "/conditioning/condition": ("condition number", 0xBA9CFF),
     "/conditioning/condition_log10": ("log10 condition number", 0xBA9CFF),
     "/conditioning/smallest_singular_value": ("smallest singular value", 0x4DB6AC),
+    "/conditioning/smallest_singular_value_log10": ("log10 smallest singular value", 0x4DB6AC),
     "/solver/step_time_ms": ("time per sample [ms]", 0x81C784),
     "/solver/iterations": ("iterations", 0x4FC3F7),
     "/solver/integrations": ("integrations", 0xFFF176),
@@ -56,8 +57,8 @@ def styles(stage: Stage) -> Styled:
         yield from _curvature(stage, k)
     h = 0.5 * PLOT_HEIGHT
     frame = [(0.0, -h), (0.0, h), (PLOT_WIDTH, h), (PLOT_WIDTH, -h), (0.0, -h)]
-    zero = [(0.0, 0.0), (PLOT_WIDTH, 0.0)]
-    yield "/curvature/axes", [rr.LineStrips2D([frame, zero], radii=rr.Radius.ui_points(0.5), colors=rgba(_AXIS_LINE_COLOR))]
+    lines = [frame, [(0.0, 0.0), (PLOT_WIDTH, 0.0)]] if stage.by_component else [frame]
+    yield "/curvature/axes", [rr.LineStrips2D(lines, radii=rr.Radius.ui_points(0.5), colors=rgba(_AXIS_LINE_COLOR))]
 
 
 def _scene(stage: Stage, k: int) -> Styled:
@@ -72,14 +73,8 @@ def _scene(stage: Stage, k: int) -> Styled:
     yield stage.world("tip_path", k), [rr.LineStrips3D.from_fields(radii=stroke, colors=rgba(0xFFFFFF, 0x90))]
     grey = rr.LineStrips3D.from_fields(radii=0.6 * stroke, colors=rgba(_REFERENCE_COLOR))
     yield stage.world("reference/tip_path", k), [grey]
-    for plate in stage.platforms[k : k + 1]:
-        mesh = rr.Mesh3D(
-            vertex_positions=plate.vertices,
-            vertex_normals=plate.normals,
-            triangle_indices=plate.triangles,
-            albedo_factor=rgba(PLATFORM_COLOR),
-        )
-        yield stage.world("platform", k), [mesh]
+    if stage.platforms:
+        yield stage.world("platform", k), [rr.Mesh3D.from_fields(albedo_factor=rgba(PLATFORM_COLOR, 0xB0))]
     for name, color in LOADS.items():
         yield stage.world(f"loads/{name}", k), [rr.Arrows3D.from_fields(radii=2 * stroke, colors=rgba(color))]
 

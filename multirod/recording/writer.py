@@ -30,7 +30,7 @@ class Writer:
         self._force_scale = force_scale
         self._live = live
         self._last_tip: dict[str, FloatArray] = {}
-        self._last_status: dict[str, str] = {}
+        self._last_value: dict[str, Any] = {}
         self._curvature_limit = 0.0
         self._arclength_limit = 0.0
 
@@ -76,7 +76,7 @@ class Writer:
                     self._write_curvature(k, i, index, shape["arclength"][rows, k], shape["curvature"][rows, k])
                 for i, shape in enumerate(shapes.get("reference/", [])):
                     self._send(stage.rod("reference/rods", k, i), index, columns.strips(shape["position"][rows, k]))
-                self._write_tip(k, index, tips[""][rows, k], rotations[rows, k])
+                self._write_tip(k, steps[rows], block.time[rows], tips[""][rows, k], rotations[rows, k])
                 for kind, positions in tips.items():
                     self._write_path(stage.world(f"{kind}tip_path", k), index, positions[rows, k])
                 for name, (origins, force) in loads.items():
@@ -91,14 +91,20 @@ class Writer:
         tails = {"arclength": 1, "position": 2, "curvature": 2}
         return {name: values[name].reshape(samples, -1, *values[name].shape[-tail:]) for name, tail in tails.items()}
 
-    def _write_tip(self, k: int, index: Any, position: FloatArray, rotation: FloatArray) -> None:
+    def _write_tip(self, k: int, steps: NDArray[np.int64], times: FloatArray, position: FloatArray, rotation: FloatArray) -> None:
         import rerun as rr
 
+        index = columns.index(steps, times)
         frames, sound = columns.poses(position, rotation)
         axes = rr.TransformAxes3D.columns(axis_length=np.where(sound, 0.1 * self._stage.size, 0.0))
         self._send(self._stage.world("tip", k), index, [*frames, *axes])
         if self._stage.platforms:
-            self._send(self._stage.world("platform", k), index, frames)
+            path = self._stage.world("platform", k)
+            self._send(path, index, frames)
+            changed = self._changed(path, sound)
+            if changed.any():
+                mesh = columns.plates(self._stage.platforms[k], sound[changed])
+                self._send(path, columns.index(steps[changed], times[changed]), mesh)
 
     def _write_path(self, path: str, index: Any, positions: FloatArray) -> None:
         before = np.concatenate([self._last_tip.get(path, positions[:1]).reshape(1, 3), positions[:-1]])
@@ -116,11 +122,16 @@ class Writer:
         import rerun as rr
 
         names = np.array([Status(int(code)).name for code in codes])
-        changed = np.concatenate([[names[0] != self._last_status.get(path)], names[1:] != names[:-1]])
-        self._last_status[path] = str(names[-1])
+        changed = self._changed(path, names)
         if changed.any():
             states = rr.StateChange.columns(state=names[changed].tolist())
             self._send(path, columns.index(steps[changed], times[changed]), states)
+
+    def _changed(self, path: str, values: NDArray[Any]) -> NDArray[np.bool_]:
+        """Rows that differ from the one before, which may be of an earlier call."""
+        changed = np.concatenate([[values[0] != self._last_value.get(path)], values[1:] != values[:-1]])
+        self._last_value[path] = values[-1]
+        return changed
 
     def _write_curvature_axes(self, shapes: Sequence[dict[str, FloatArray]], times: FloatArray, steps: NDArray[np.int64]) -> None:
         """Choose the plot's scales, anew where values outgrow them; the tick labels are data, so each row has its own."""
@@ -139,15 +150,17 @@ class Writer:
         w, h = PLOT_WIDTH, 0.5 * PLOT_HEIGHT
         left = -0.05 * w
         positions = [(left, -1.3 * h), (left, -0.3 * h), (left, 0.7 * h), (1.06 * w, -0.3 * h)]
-        labels = [f"{self._curvature_limit:g}", "0", f"-{self._curvature_limit:g}", f"s = {self._arclength_limit:g} m"]
+        top = self._curvature_limit
+        ticks = (top, 0.0, -top) if self._stage.by_component else (top, 0.5 * top, 0.0)
+        labels = [*(f"{tick:g}" for tick in ticks), f"s = {self._arclength_limit:g} m"]
         colors = np.full(len(labels), rgba(0xDEE2E6), dtype=np.uint32)
-        ticks = rr.Points2D.columns(positions=positions, labels=labels, colors=colors, radii=[0.0] * len(labels))
-        self._send("/curvature/axes/labels", columns.index(steps[:1], times[:1]), ticks.partition([len(labels)]))
+        points = rr.Points2D.columns(positions=positions, labels=labels, colors=colors, radii=[0.0] * len(labels))
+        self._send("/curvature/axes/labels", columns.index(steps[:1], times[:1]), points.partition([len(labels)]))
 
     def _write_curvature(self, k: int, rod: int, index: Any, arclength: FloatArray, curvature: FloatArray) -> None:
-        values = self._drawn_curvature(curvature)
+        values = self._drawn_curvature(curvature) / self._curvature_limit
         x = PLOT_WIDTH / self._arclength_limit * arclength
-        y = -0.5 * PLOT_HEIGHT / self._curvature_limit * values
+        y = PLOT_HEIGHT * (-0.5 * values if self._stage.by_component else 0.5 - values)  # 2D views point down
         strips = np.stack([np.broadcast_to(x[..., None], y.shape), y], axis=-1)
         self._send(self._stage.curvature(k, rod), index, columns.strips(np.moveaxis(strips, 2, 1)))
 
@@ -170,13 +183,14 @@ def _scalars(stage: Stage, block: History, tips: dict[str, FloatArray]) -> dict[
     def split(values: Any, *tail: int) -> FloatArray:
         return np.reshape(np.asarray(values, dtype=np.float64), (len(block.time), -1, *tail))
 
-    residual, condition = split(block.residual), split(block.condition)
+    residual, condition, least = split(block.residual), split(block.condition), split(block.smallest_singular_value)
     values = {
         "/error/boundary": residual,
         "/error/boundary_log10": columns.log10(residual),
         "/conditioning/condition": condition,
         "/conditioning/condition_log10": columns.log10(condition),
-        "/conditioning/smallest_singular_value": split(block.smallest_singular_value),
+        "/conditioning/smallest_singular_value": least,
+        "/conditioning/smallest_singular_value_log10": columns.log10(least),
         "/solver/iterations": split(block.iterations),
         "/solver/integrations": split(block.integrations),
     }
