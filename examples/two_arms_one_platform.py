@@ -10,14 +10,8 @@ import multirod as mr
 
 def arm(bend: float) -> mr.ConcentricTubes:
     nitinol = {"young_modulus": 60e9, "shear_modulus": 23e9, "density": 6450.0}
-    inner = mr.Rod.tube(
-        length=0.35,
-        outer_diameter=1.4e-3,
-        inner_diameter=1.0e-3,
-        precurvature=[(0.2, (0, 0, 0)), (0.15, (0, bend, 0))],
-        name="inner",
-        **nitinol,
-    )
+    curve = [(0.2, (0, 0, 0)), (0.15, (0, bend, 0))]
+    inner = mr.Rod.tube(length=0.35, outer_diameter=1.4e-3, inner_diameter=1e-3, precurvature=curve, name="inner", **nitinol)
     outer = mr.Rod.tube(length=0.22, outer_diameter=2.4e-3, inner_diameter=1.6e-3, name="outer", **nitinol)
     return mr.ConcentricTubes([inner, outer])
 

@@ -16,7 +16,7 @@ Entities (``[instance_k]`` only where there is a batch axis). ``ROD`` is a rod's
 ``/error/blocks[_log10][/instance_k]``     the same of each leg and of the platform, a series each, where there are several
 ``/error/tip_mm[_log10][/instance_k]``     distance of the tip from the reference's [mm]
 ``/conditioning/...[/instance_k]``         ``condition[_log10]``, ``smallest_singular_value[_log10]``
-``/solver/...[/instance_k]``               ``step_time_ms``, ``iterations``, ``integrations``
+``/solver/...[/instance_k]``               ``step_time_ms[_log10]``, ``iterations``, ``integrations``
 ``/inputs/NAME[/instance_k]``              every input that was given as numbers, a series a component or rod
 ``/curvature/...``                         curvature along the arclength, as drawn
 ``/status[/instance_k]``                   name of ``Status``, one row a change

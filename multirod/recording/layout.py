@@ -102,7 +102,10 @@ def blueprint(stage: Stage) -> Any:
         "conditioning/smallest_singular_value_log10",
     )
     count = plot("Iterations, integrations", "solver/iterations", "solver/integrations", legend=True)
-    effort = tabs(plot("Time per sample [ms]", "solver/step_time_ms"), count) if stage.measured else count
+    effort = count
+    if stage.measured:
+        linear = plot("Time per sample [ms]", "solver/step_time_ms")
+        effort = tabs(plot("Time per sample, log10 [ms]", "solver/step_time_ms_log10"), linear, count)
     actuation = [
         plot(f"{spec.name} [{spec.unit}]", f"inputs/{spec.name}", legend=spec.per_rod and len(stage.rods) > 1)
         for spec in stage.given

@@ -33,6 +33,7 @@ _SERIES = {
     "/conditioning/smallest_singular_value": ("smallest singular value", 0x4DB6AC),
     "/conditioning/smallest_singular_value_log10": ("log10 smallest singular value", 0x4DB6AC),
     "/solver/step_time_ms": ("time per sample [ms]", 0x81C784),
+    "/solver/step_time_ms_log10": ("log10 time per sample [ms]", 0x81C784),
     "/solver/iterations": ("iterations", 0x4FC3F7),
     "/solver/integrations": ("integrations", 0xFFF176),
 }

@@ -201,6 +201,7 @@ def _scalars(stage: Stage, block: History, tips: dict[str, FloatArray]) -> dict[
         values["/error/blocks_log10"] = columns.log10(values["/error/blocks"])
     if np.isfinite(block.step_time).any():
         values["/solver/step_time_ms"] = np.broadcast_to(1e3 * block.step_time[:, None], residual.shape)
+        values["/solver/step_time_ms_log10"] = columns.log10(values["/solver/step_time_ms"])
     if "reference/" in tips:
         error = 1e3 * np.linalg.norm(tips[""] - tips["reference/"], axis=-1)
         values["/error/tip_mm"] = error
