@@ -548,6 +548,12 @@ def test_errors_are_split_by_leg(tripod_history, tmp_path):
     recording = Recording(tmp_path / "run.rrd")
     (names,) = recording.column("/error/blocks", "SeriesLines:names", static=True)
     assert names == ["leg 1", "leg 2", "leg 3", "platform"]
+    (shades,) = recording.column("/error/blocks", "SeriesLines:colors", static=True)
+    drawn = [recording.column(f"/world/rods/{rod}", "Capsules3D:colors", static=True)[0][0] for rod in TRIPOD_RODS[2:]]
+    assert shades[:3] == drawn  # as the outermost tube of the leg
+    assert shades[3] not in drawn
+    (plate,) = recording.column("/world/platform", "Mesh3D:albedo_factor", static=True)
+    assert shades[3] >> 8 == plate[0] >> 8  # of the platform's colour, which is also somewhat transparent
     parts = recording.scalars("/error/blocks")
     # three tubes have 8 unknowns and residuals, a rod 6, the platform 6
     ends = np.cumsum([0, 8, 6, 6, 6])
@@ -601,3 +607,66 @@ def test_platforms_of_a_batch_and_of_a_recorder(tmp_path):
         # one mesh, although samples came in three blocks
         assert len([row for row in recording.column(f"/world/instance_{k}/platform", "Mesh3D:vertex_positions") if row]) == 1
     assert not [path for path in recording.paths if "instance_2" in path]
+
+
+def test_names_never_coincide(tmp_path):
+    """A name that two rods have, or that an unnamed one would get, names none of them."""
+
+    def rod(name):
+        return mr.Rod(length=0.2, bending_stiffness=0.02, torsional_stiffness=0.015, name=name)
+
+    names = ["twin", "leg_1", "twin", "a/b"]
+    angle = 0.5 * np.pi * np.arange(4)
+    poses = np.tile(np.eye(4), (4, 1, 1))
+    poses[:, :2, 3] = 0.05 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    robot = mr.ParallelRods(legs=[rod(name) for name in names], base=poses, platform=poses)
+    with Recorder(tmp_path / "run.rrd") as recorder:
+        recorder.log(0.0, mr.solve(robot, solver=mr.Shooting(integrator=mr.RK4(12))))
+    paths = {path for path in Recording(tmp_path / "run.rrd").paths if path.startswith("/world/rods/")}
+    assert paths == {"/world/rods/leg_1", "/world/rods/leg_2", "/world/rods/leg_3", r"/world/rods/a\/b"}
+
+
+def test_each_robot_of_a_batch_has_its_own_platform(tmp_path):
+    radius = np.array([0.03, 0.04])
+    platforms = np.stack([triangle(r) for r in radius])
+    robot = mr.ParallelRods(legs=[ROD] * 3, base=triangle(0.05), platform=platforms)
+    time = 0.02 * np.arange(3)
+    inputs = robot.inputs(tip_force=0.1 * time[:, None, None] * [1, 0, 0])
+    history = mr.simulate(robot, inputs, time=time, solver=mr.Shooting(integrator=mr.RK4(12))).raise_if_failed()
+    save(tmp_path / "run.rrd", history)
+    recording = Recording(tmp_path / "run.rrd")
+    for k in range(2):
+        (mesh,) = [row for row in recording.column(f"/world/instance_{k}/platform", "Mesh3D:vertex_positions") if row]
+        reach = np.linalg.norm(np.array(mesh)[:, :2], axis=1).max()
+        np.testing.assert_allclose(reach, 1.25 * radius[k], rtol=1e-6)  # a quarter more than the attachments
+
+
+def test_platform_of_two_legs_is_a_plate(tmp_path):
+    """Two points fix no plane: the plate faces the legs."""
+    poses = triangle(0.05)[:2]
+    poses[1, :3, 3] = -poses[0, :3, 3]
+    robot = mr.ParallelRods(legs=[ROD] * 2, base=poses, platform=poses)
+    with Recorder(tmp_path / "run.rrd") as recorder:
+        recorder.log(0.0, mr.solve(robot, solver=mr.Shooting(integrator=mr.RK4(12))))
+    ((mesh,),) = [[row for row in Recording(tmp_path / "run.rrd").column("/world/platform", "Mesh3D:vertex_positions") if row]]
+    extent = np.ptp(np.array(mesh), axis=0)
+    assert extent[0] > 2 * 0.05
+    assert extent[1] > 2e-3  # wider than a rod
+    assert extent[2] < 0.2 * extent[1]
+
+
+def test_inverse_problem_is_recorded_as_its_robot(tmp_path):
+    def circle(degrees):
+        angle = np.radians(degrees)
+        poses = np.tile(np.eye(4), (6, 1, 1))
+        poses[:, :2, 3] = 0.05 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        return poses
+
+    base, platform = circle([-10, 10, 110, 130, 230, 250]), circle([-50, 50, 70, 170, 190, 290])
+    robot = mr.ParallelRods(legs=[ROD] * 6, base=base, platform=platform).inverse()
+    solution = mr.solve(robot, robot.inputs(platform_position=(0.005, 0, 0.19)), solver=mr.Shooting(integrator=mr.RK4(12)))
+    with Recorder(tmp_path / "run.rrd") as recorder:
+        recorder.log(0.0, solution.raise_if_failed())
+    recording = Recording(tmp_path / "run.rrd")
+    assert {"/world/platform", *(f"/world/rods/leg_{k + 1}" for k in range(6))} <= recording.paths
+    np.testing.assert_array_equal(recording.scalars("/inputs/platform_position")[0], (0.005, 0, 0.19))

@@ -63,15 +63,14 @@ def blueprint(stage: Stage) -> Any:
         ]
     )
     paths = [stage.world(f"{kind}tip_path", k) for kind in ("", "reference/") for k in range(stage.count)]
-    center = 0.5 * (stage.low + stage.high)
-    direction = np.array([0.75, -1.0, 0.6])
-    eye = center + 0.95 * stage.size * direction / np.linalg.norm(direction)
     scene = rrb.Spatial3DView(
         origin="/world",
         name="Shape",
         background=rrb.Background(color=rgba(0x15191F), kind=rrb.BackgroundKind.SolidColor),
         line_grid=rrb.LineGrid3D(visible=True, spacing=stage.grid, stroke_width=0.5, color=rgba(0x3A414A, 0x90)),
-        eye_controls=rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, position=eye, look_target=center, eye_up=(0, 0, 1)),
+        eye_controls=rrb.EyeControls3D(
+            kind=rrb.Eye3DKind.Orbital, position=stage.eye, look_target=stage.centre, eye_up=(0, 0, 1)
+        ),
         overrides={path: [up_to_now] for path in paths},
     )
 

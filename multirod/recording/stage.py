@@ -13,6 +13,7 @@ from multirod.solution import History
 from multirod.validation import FloatArray
 
 LOADS = {"tip_force": 0xFFD43B, "follower_force": 0xFF922B}
+_VIEW = 0.52  # half the width of what is seen over its distance, with room for frames and arrows
 _THINNEST = 0.002  # radius over size of the robot at which a rod can be seen
 
 
@@ -47,8 +48,8 @@ class Stage:
         blocks: Parts of the residual, where there are several.
         bases: Poses by entity path.
         platforms: Of each instance; empty where there is none.
-        low: Corner of what is in view [m], shape (3,).
-        high: The opposite corner.
+        centre: Middle of what is in view [m], shape (3,).
+        eye: Where it is seen from [m], shape (3,).
         size: Of what is in view [m].
         grid: Spacing of the grid [m].
         force_scale: Length of force arrows [m/N].
@@ -65,8 +66,8 @@ class Stage:
     blocks: tuple[DrawnBlock, ...]
     bases: dict[str, FloatArray]
     platforms: tuple[Plate, ...]
-    low: FloatArray
-    high: FloatArray
+    centre: FloatArray
+    eye: FloatArray
     size: float
     grid: float
     force_scale: float
@@ -108,8 +109,8 @@ class Stage:
             blocks=tuple(_blocks(block)),
             bases={"/world" + _entity(path): pose for path, pose in base_poses.items()},
             platforms=tuple(plates),
-            low=low,
-            high=high,
+            centre=0.5 * (low + high),
+            eye=_eye(everything - 0.5 * (low + high)) + 0.5 * (low + high),
             size=size,
             grid=round_down(0.2 * size),
             force_scale=_force_scale(block, size, reach, live) if force_scale is None else force_scale,
@@ -189,6 +190,16 @@ def _blocks(block: History) -> list[DrawnBlock]:
         DrawnBlock(part.name, PLATFORM_COLOR if part is problem.coupling else PALETTE[k % len(PALETTE)], part.residuals)
         for k, part in enumerate(problem.blocks)
     ]
+
+
+def _eye(points: FloatArray) -> FloatArray:
+    """From where points about the origin (count, 3) fill the view, seen obliquely."""
+    back = np.array([0.75, -1.0, 0.6]) / np.linalg.norm([0.75, -1.0, 0.6])
+    right = np.cross([0.0, 0.0, 1.0], back)
+    right /= np.linalg.norm(right)
+    aside = np.abs(points @ np.stack([right, np.cross(back, right)], axis=-1)).max(axis=1)
+    distance = float((points @ back + aside / _VIEW).max())
+    return np.asarray(distance * back)
 
 
 def _force_scale(block: History, size: float, reach: float, live: bool) -> float:
