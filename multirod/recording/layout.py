@@ -43,6 +43,7 @@ def description(stage: Stage, title: str, solver: str, total: int) -> str:
         "**Plots** "
         + ("Instances are coloured as their rods. " if stage.batched and len(stage.rods) == 1 else "")
         + "Vectors: x red, y green, z blue. Boundary error: what the solver drives to zero [1/m]. "
+        + ("By leg: coloured as the legs, light grey the platform's balance. " if stage.blocks else "")
         + ("Tip error: distance from the reference's tip [mm]. " if stage.reference else "")
         + "Gamma: the scaled Jacobian; its smallest singular value vanishes at a fold. Curvature: at the cursor, "
         + ("in the body frame." if stage.by_component else "magnitude of bending, coloured as the rods."),
