@@ -464,12 +464,13 @@ def _blocks(features: Features) -> list[Block]:
     torques, count = features.torque_count, features.unknown_count
     force = count - 3 if features.base_force_unknown and torques else count
     inner = force - torques
-    places = {f"tube {k + 1}": slice(inner + k - 1, inner + k) for k in range(torques, 0, -1)}
+    places: list[tuple[str, slice, int | None]]
+    places = [(f"tube {k + 1}", slice(inner + k - 1, inner + k), k) for k in range(torques, 0, -1)]
     if inner:
-        places["tube 1" if torques else "rod 1"] = slice(0, inner)
+        places.append(("tube 1" if torques else "rod 1", slice(0, inner), 0))
     if force < count:
-        places["base force"] = slice(force, count)
-    return [Block(name, place, place) for name, place in places.items()]
+        places.append(("base force", slice(force, count), None))
+    return [Block(name, place, place, rod) for name, place, rod in places]
 
 
 def step_multiple(steps: int) -> int:

@@ -91,6 +91,7 @@ class Legs:
     leg: wp.array[int]  # (place,): which leg of its robot
     first_rod: wp.array[int]  # (place,): among the robot's rods
     first_unknown: wp.array[int]  # (place,): of the robot
+    to_base: wp.array[wp.mat33d]  # world to the frame of the base
     active: wp.array[int]
     load_factor: wp.array[wp.float64]
     unknowns: wp.array2d[wp.float64]
@@ -318,11 +319,11 @@ def attach(robots: Robots, legs: Legs):
     zero = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
     pose = platform_pose(robots, b)
     joint = load_joint(robots, legs, t, b, leg, pose)
-    area = joint.length * joint.length
+    to_gap = legs.to_base[t] / (joint.length * joint.length)
     force = vector(legs.wrench, t, 0)
     moment = vector(legs.wrench, t, 3)
 
-    gap = (legs.position[t] - pose.position - joint.arm) / area
+    gap = to_gap * (legs.position[t] - pose.position - joint.arm)
     rows = joint_rows(joint)
     open = f64(1.0) - robots.load_factor[b]
     for j in range(3):
@@ -345,7 +346,7 @@ def attach(robots: Robots, legs: Legs):
         turn = zero
         if k >= m and k - m < robots.direction_count:
             move, turn = pose_direction(robots, b, k - m, pose)
-        gap = (dp - move - wp.cross(turn, joint.arm)) / area
+        gap = to_gap * (dp - move - wp.cross(turn, joint.arm))
         rows = joint_rows_variation(joint, tip_turn, turn, dm, moment)
         # (8) on the platform
         push = pull * dn
@@ -369,9 +370,9 @@ def attach(robots: Robots, legs: Legs):
             move = zero
             move[k] = pose.length * pose.length
             turn = pose.length * wp.vec3d(pose.turn[0, k], pose.turn[1, k], pose.turn[2, k])
-            write_rows(robots.gamma, b, first, platform + k, -move / area, zero)
+            write_rows(robots.gamma, b, first, platform + k, -(to_gap * move), zero)
             rows = joint_rows_variation(joint, zero, turn, zero, moment)
-            write_rows(robots.gamma, b, first, platform + 3 + k, -wp.cross(turn, joint.arm) / area, rows)
+            write_rows(robots.gamma, b, first, platform + 3 + k, -(to_gap * wp.cross(turn, joint.arm)), rows)
 
     q = b * robots.leg_count + leg
     total = moment + wp.cross(joint.arm, force)

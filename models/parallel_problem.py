@@ -1,6 +1,7 @@
 """Several backbones that hold one platform: the boundary problem, its buffers and launches."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -114,9 +115,9 @@ class LegGroup:
             arrays=arrays,
             **options,
         )
-        self._write_constants(problem)
+        self._write_constants(problem, base)
 
-    def _write_constants(self, problem: "ParallelProblem") -> None:
+    def _write_constants(self, problem: "ParallelProblem", base: FloatArray) -> None:
         device, geometry, own = problem.device, problem.geometry, self.backbones
         legs: Any = kernels.Legs()
         legs.count = len(self.members)
@@ -134,6 +135,7 @@ class LegGroup:
         for name in ("residual_directions", "position", "rotation", "pose_columns", "wrench_columns"):
             setattr(legs, name, getattr(own, name))
         legs.wrench = own.tip_wrench
+        legs.to_base = wp.array(np.swapaxes(base[..., :3, :3], -1, -2).reshape(-1, 3, 3), dtype=wp.mat33d, device=device)
         self.table = legs
 
 
@@ -163,22 +165,20 @@ class ParallelProblem(BoundaryProblem):
         self.geometry = geometry
         self.inverse = inverse
         self._places = input_places(len(geometry.rods), inverse)
-        counts, first = geometry.unknown_counts, geometry.first_unknown
-        blocks = [
-            Block(f"leg {k + 1}", slice(a, a + n), slice(a, a + n)) for k, (a, n) in enumerate(zip(first, counts, strict=False))
-        ]
-        last = slice(first[-1], first[-1] + POSE)
+        first = [int(k) for k in geometry.first_unknown]
+        # what each leg's unknowns are: its own, in the order of the arrow
+        self._own = [slice(a, b) for a, b in pairwise(first)]
+        self._platform = slice(first[-1], first[-1] + POSE)
         super().__init__(
             unknown_count=int(first[-1]) + POSE,
             batch_shape=np.broadcast_shapes(inputs.batch_shape, geometry.batch_shape),
             input_count=max(place.stop for place in self._places.values()) + 1,
-            blocks=[*blocks, Block("platform", last, last)],
+            blocks=_blocks(geometry),
             direction_count=direction_count,
             pose_sensitivities=pose_sensitivities,
             device=device,
         )
-        self._platform = last
-        self.coupling = self.blocks[-1]
+        self.arrow = (*first, self.unknown_count)
         options = {
             "integrator": integrator,
             "device": device,
@@ -288,7 +288,7 @@ class ParallelProblem(BoundaryProblem):
         for group in self.groups:
             unloaded = group.backbones.guess().reshape(self.instance_count, len(group.members), -1)
             for place, leg in enumerate(group.members):
-                x[:, self.blocks[leg].unknowns] = unloaded[:, place]
+                x[:, self._own[leg]] = unloaded[:, place]
         self.write("unknowns", x)
         self.integrate()
         x, residual = self._best([self._bent(x, compliance) for compliance in COMPLIANCES])
@@ -325,8 +325,8 @@ class ParallelProblem(BoundaryProblem):
             turn = rotation_vectors(rotation @ geometry.reference_rotation.T)
             move = position - geometry.reference_position
             x[:, self._platform] = np.concatenate([move / length**2, turn / length], axis=1)
-        for block, values in zip(self.blocks, added, strict=False):
-            x[:, block.unknowns] += values
+        for own, values in zip(self._own, added, strict=True):
+            x[:, own] += values
         return x
 
     def _legs(self, compliance: float) -> Legs:
@@ -382,6 +382,23 @@ class ParallelProblem(BoundaryProblem):
                     values = {name: v.reshape(count, -1, *v.shape[1:])[:, place] for name, v in vars(shape).items()}
                     found[self.geometry.first_rod[leg] + i] = Shape(**values)
         return tuple(shape for shape in found if shape is not None), energy
+
+
+def _blocks(geometry: Geometry) -> list[Block]:
+    """One block a leg, then the platform's.
+
+    A straight inextensible leg does not answer a force along itself: that force and the gap along the base belong to the
+    platform, and what is left of each leg is regular by itself.
+    """
+    first = geometry.first_unknown
+    blocks, along, gaps = [], [], []
+    for k, (start, end) in enumerate(pairwise(first)):
+        own = np.arange(start, end)
+        blocks.append(Block(f"leg {k + 1}", own[:-1], np.delete(own, 2), int(geometry.first_rod[k])))
+        along.append(end - 1)
+        gaps.append(start + 2)
+    pose = np.arange(first[-1], first[-1] + POSE)
+    return [*blocks, Block("platform", np.concatenate([along, pose]), np.concatenate([gaps, pose]))]
 
 
 def input_places(rod_count: int, inverse: bool) -> dict[str, slice]:

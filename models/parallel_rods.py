@@ -1,7 +1,7 @@
 """Parallel rods: several rods, or concentric tubes, that hold one platform."""
 
 from collections.abc import Sequence
-from math import inf
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -85,9 +85,11 @@ class ParallelRods(Assembly):
     def check(self, inputs: Inputs) -> None:  # noqa: D102
         _check_legs(self.geometry, inputs)
 
-    def bounds(self, name: str) -> tuple[float, float]:  # noqa: D102
-        limits = [leg.bounds(name) for leg in self.geometry.legs]
-        return max(low for low, _ in limits), min(high for _, high in limits)
+    def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102
+        if name != "translation":
+            return True
+        ends = pairwise(self.geometry.first_rod.tolist())
+        return all(leg.surely_takes(name, values[a:b]) for leg, (a, b) in zip(self.geometry.legs, ends, strict=True))
 
     def problem(self, inputs: Inputs, **options: Any) -> ParallelProblem:  # noqa: D102
         return ParallelProblem(self.geometry, inputs, **options)
@@ -135,8 +137,8 @@ class InverseParallelRods(Assembly):
     def check(self, inputs: Inputs) -> None:  # noqa: D102
         _check_legs(self.geometry, inputs)
 
-    def bounds(self, name: str) -> tuple[float, float]:  # noqa: D102
-        return (-inf, inf) if name in kernels.POSE_VECTORS else self.robot.bounds(name)
+    def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102
+        return self.robot.surely_takes(name, values)
 
     def problem(self, inputs: Inputs, **options: Any) -> ParallelProblem:  # noqa: D102
         return ParallelProblem(self.geometry, inputs, inverse=True, **options)

@@ -16,11 +16,19 @@ from multirod.validation import Described, FloatArray, refuse
 
 @dataclass(frozen=True)
 class Block:
-    """Unknowns and residuals that belong to one rod (or to what couples the rods)."""
+    """Unknowns and residuals that belong to one rod (or to what couples the rods).
+
+    Attributes:
+        name: For messages and plots.
+        unknowns: Which of the problem's, a slice or indices.
+        residuals: Likewise, as many.
+        rod: Index of the rod, or of the innermost of several; None for what couples the rods.
+    """
 
     name: str
-    unknowns: slice
-    residuals: slice
+    unknowns: slice | NDArray[np.intp]
+    residuals: slice | NDArray[np.intp]
+    rod: int | None = None
 
 
 @dataclass(frozen=True)
@@ -59,7 +67,8 @@ class BoundaryProblem(ABC):
         instance_count: Instances.
         device: Where the arrays live.
         blocks: The unknowns and residuals of each rod, then, where something couples the rods, of that.
-        coupling: The last block, where the others meet only through it, so that ``Gamma`` is an arrow; else None.
+        arrow: Where ``Gamma`` is an arrow, blocks on the diagonal that meet only in a border of last rows and columns: the first
+            index of each, of the border, and ``n``; else empty.
         unknowns: Where to evaluate [1/m], shape (instance_count, n).
         active: Instances that are evaluated (1) or left as they are (0), shape (instance_count,).
         load_factor: What multiplies all loads of an instance, and the part of the way from ``guess`` to the robot as it is,
@@ -97,7 +106,7 @@ class BoundaryProblem(ABC):
         self.pose_sensitivities = pose_sensitivities
         self.device = device
         self.blocks = tuple(blocks)
-        self.coupling: Block | None = None
+        self.arrow: tuple[int, ...] = ()
         # One record an instance holds all that a sample of a time series keeps, so that keeping it is one copy.
         sizes = {"unknowns": n, "residual": n, "gamma": n * n, "position": 3, "rotation": 9, "inputs": input_count}
         self.record_fields: dict[str, slice] = {}

@@ -52,15 +52,13 @@ class Newton:
     def _choose_kernel(self) -> Any:
         """The kernel for a dense ``Gamma``, or for an arrow, with its room to work."""
         problem, arrow = self.problem, self.state.arrow
-        if problem.coupling is None:
+        if not problem.arrow:
             return make_newton(problem.unknown_count)
-        legs = problem.blocks[:-1]
-        first = problem.coupling.unknowns
-        starts = [*(block.unknowns.start for block in legs), first.start, first.stop]
-        block, border = max(np.diff(starts[:-1])), first.stop - first.start
-        room = (problem.instance_count, len(legs), block, front_width(block, border, PROBES))
-        arrow.count = len(legs)
-        arrow.start = wp.array(np.array(starts, dtype=np.int32), dtype=wp.int32, device=problem.device)
+        sizes = np.diff(problem.arrow)
+        block, border = sizes[:-1].max(), sizes[-1]
+        arrow.count = len(sizes) - 1
+        arrow.start = wp.array(np.array(problem.arrow, dtype=np.int32), dtype=wp.int32, device=problem.device)
+        room = (problem.instance_count, arrow.count, block, front_width(block, border, PROBES))
         arrow.pivots = wp.zeros(room, dtype=wp.float64, device=problem.device)
         self.state.arrow = arrow
         probes = (problem.instance_count, problem.unknown_count, PROBES)

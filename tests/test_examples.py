@@ -69,6 +69,37 @@ def test_control_loop(example, tmp_path, capsys):
     assert (tmp_path / "loop.rrd").stat().st_size > 10_000
 
 
+@pytest.mark.parametrize(
+    ("path", "limit", "figure"),
+    [
+        # how far the observer, fed forward, is off in the median [mm]: a fortieth of the 4 mm that the tip moves in a sample
+        ("three_tube_path.py", 0.1, "mm in the median"),
+        # forces that do not balance [N]: rounding of forces of some N
+        ("hexapod_load.py", 1e-12, "add up to the load within"),
+        # as the first: the platform moves by up to 4 mm in a sample
+        ("two_arms_one_platform.py", 0.1, "mm off in the median"),
+    ],
+)
+def test_robots_of_several_rods(path, limit, figure, example, tmp_path, capsys):
+    found = example(path).main(["--samples", "100", "--out", str(tmp_path / "run.rrd")])
+    assert 0 <= found < limit
+    assert (tmp_path / "run.rrd").stat().st_size > 100_000
+    assert figure in capsys.readouterr().out
+
+
+def test_documented_robots_of_several_rods_run():
+    page = (ROOT / "docs" / "quickstart.md").read_text()
+    section = page[page.index("## Tubes, legs and a platform") : page.index("## The first run")]
+    scope = {"np": np, "mr": mr}
+    for code in re.findall(r"```python\n(.*?)```", section, re.DOTALL):
+        exec(code, scope)
+        assert scope["solution"].status == mr.Status.CONVERGED
+    assert scope["hexapod"].rod_count == 6
+    assert scope["two_arms"].rod_count == 6
+    for name in re.findall(r"images/(.*?)\)", section):
+        assert 0 < (ROOT / "docs" / "images" / name).stat().st_size < 200_000
+
+
 def test_solver_of_another_package_is_found_by_entry_point(tmp_path, monkeypatch, wire):
     package = ROOT / "examples" / "solver_package"
     info = tmp_path / "multirod_broyden-0.1.0.dist-info"

@@ -60,14 +60,15 @@ SCENES = {
 
 def actuation(parallel: mr.ParallelRods, rng: np.random.Generator) -> dict[str, np.ndarray]:
     """Rotations and translations that every leg can take."""
-    low, high = parallel.bounds("translation")
-    translation = rng.uniform(-0.03, 0.0 if high == 0 else 0.03, len(parallel.rods))
+    high = 0.0 if any(isinstance(leg, mr.ConcentricTubes) for leg in parallel.legs) else 0.03
+    translation = rng.uniform(-0.03, high, len(parallel.rods))
     first = 0
     for leg in parallel.legs:
         count = len(leg.rods) if isinstance(leg, mr.ConcentricTubes) else 1
         translation[first : first + count].sort()  # inner tubes start further back
         first += count
-    assert (translation > low).all()
+    assert parallel.surely_takes("translation", translation)
+    assert not parallel.surely_takes("translation", -translation - 0.4)
     return {"rotation": rng.uniform(-0.5, 0.5, len(parallel.rods)), "translation": translation}
 
 

@@ -21,7 +21,9 @@ SCALARS = (
     "/conditioning/condition",
     "/conditioning/condition_log10",
     "/conditioning/smallest_singular_value",
+    "/conditioning/smallest_singular_value_log10",
     "/solver/step_time_ms",
+    "/solver/step_time_ms_log10",
     "/solver/iterations",
     "/solver/integrations",
 )
@@ -116,7 +118,9 @@ def test_scalars_equal_the_history(history, tmp_path):
         "/conditioning/condition": history.condition,
         "/conditioning/condition_log10": np.log10(history.condition),
         "/conditioning/smallest_singular_value": history.smallest_singular_value,
+        "/conditioning/smallest_singular_value_log10": np.log10(history.smallest_singular_value),
         "/solver/step_time_ms": 1e3 * history.step_time,
+        "/solver/step_time_ms_log10": np.log10(1e3 * history.step_time),
         "/solver/iterations": history.iterations,
         "/solver/integrations": history.integrations,
         "/inputs/rotation": history.inputs.rotation[:, 0],
@@ -400,3 +404,269 @@ def test_recorder_refuses_bad_arguments(history, tmp_path):
 def test_importing_the_library_does_not_import_rerun():
     code = "import sys, multirod, multirod.recording; sys.exit('rerun' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+TUBES = [
+    mr.Rod(length=0.30, bending_stiffness=0.004, torsional_stiffness=0.003, precurvature=(9, 0, 0), name="inner"),
+    mr.Rod(length=0.22, bending_stiffness=0.017, torsional_stiffness=0.014, precurvature=(5, 0, 0)),
+    mr.Rod(length=0.12, bending_stiffness=0.040, torsional_stiffness=0.030, name="outer"),
+]
+ROD = mr.Rod(length=0.2, bending_stiffness=0.02, torsional_stiffness=0.015, outer_diameter=2e-3)
+
+
+def triangle(radius):
+    angle = 2 * np.pi * np.arange(3) / 3
+    poses = np.tile(np.eye(4), (3, 1, 1))
+    poses[:, :2, 3] = radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    return poses
+
+
+def make_tripod():
+    """A leg of three tubes and two rods, one of which has a name that no other has."""
+    named = mr.Rod(length=0.2, bending_stiffness=0.02, torsional_stiffness=0.015, outer_diameter=2e-3, name="strut")
+    return mr.ParallelRods(legs=[mr.ConcentricTubes(TUBES), ROD, named], base=triangle(0.05), platform=triangle(0.03))
+
+
+TRIPOD_RODS = ["leg_1/inner", "leg_1/rod_1", "leg_1/outer", "leg_2", "strut"]
+TRIPOD_TRANSLATION = (-0.1, -0.1, -0.05, 0, 0)
+
+
+@pytest.fixture(scope="module")
+def tripod_history():
+    robot = make_tripod()
+    time = 0.02 * np.arange(12)
+    values = {
+        "rotation": 0.3 * time[:, None] * [1, 0, 0, 1, 0],
+        "translation": TRIPOD_TRANSLATION,
+        "tip_force": (0.2, 0, -0.3),
+        "follower_force": (0, 0.1, 0.2),
+        "force_point": np.stack([time, 0 * time, 0.01 + 0 * time], axis=-1),
+    }
+    return mr.simulate(robot, robot.inputs(**values), time=time, solver=mr.Shooting(integrator=mr.RK4(12))).raise_if_failed()
+
+
+def starts_of(recording, path):
+    return np.array(recording.column(path, "Capsules3D:translations"))
+
+
+def test_tubes_are_entities_that_nest(tmp_path):
+    robot = mr.ConcentricTubes(TUBES)
+    time = 0.02 * np.arange(5)
+    inputs = robot.inputs(rotation=time[:, None] * [1, 0, -1], translation=(-0.12, -0.1, -0.05))
+    history = mr.simulate(robot, inputs, time=time, solver=SOLVER)
+    save(tmp_path / "run.rrd", history, nodes=11)
+    recording = Recording(tmp_path / "run.rrd")
+    names = ["inner", "rod_1", "outer"]
+    radii, colors = [], []
+    for k, name in enumerate(names):
+        np.testing.assert_allclose(
+            starts_of(recording, f"/world/rods/{name}"), history.rod(k, nodes=11).position[:, :-1], atol=1e-7
+        )
+        radii.append(recording.column(f"/world/rods/{name}", "Capsules3D:radii")[0][0])
+        colors.append(recording.column(f"/world/rods/{name}", "Capsules3D:colors", static=True)[0][0])
+        assert f"/curvature/{name}" in recording.paths
+    # the outermost of tubes without diameter is drawn as any rod: 0.4 % of the longest one's length
+    np.testing.assert_allclose(radii, [0.75**2 * 0.0012, 0.75 * 0.0012, 0.0012], rtol=1e-6)
+    assert len(set(colors)) == 3
+    assert "/world/platform" not in recording.paths
+    assert "/error/blocks" in recording.paths  # of each tube
+    (labels,) = recording.column("/inputs/rotation", "SeriesLines:names", static=True)
+    assert labels == [f"rotation {name} [rad]" for name in names]
+
+
+def test_parallel_rods_have_an_entity_for_every_leg_and_tube(tripod_history, tmp_path):
+    tripod_history.save(tmp_path / "run.rrd", nodes=11)
+    recording = Recording(tmp_path / "run.rrd")
+    colors = []
+    for k, name in enumerate(TRIPOD_RODS):
+        found = starts_of(recording, f"/world/rods/{name}")
+        np.testing.assert_allclose(found, tripod_history.rod(k, nodes=11).position[:, :-1], atol=1e-7)
+        colors.append(recording.column(f"/world/rods/{name}", "Capsules3D:colors", static=True)[0][0])
+    assert len(set(colors)) == 5
+    for leg, place in zip(("leg_1", "leg_2", "strut"), triangle(0.05)[:, :3, 3], strict=True):
+        (origin,) = recording.column(f"/world/base/{leg}", "Transform3D:translation", static=True)
+        np.testing.assert_allclose(origin[0], place, atol=1e-8)
+
+
+def test_thin_robot_is_drawn_thick_enough(tripod_history, tmp_path):
+    tripod_history.save(tmp_path / "run.rrd")
+    recording = Recording(tmp_path / "run.rrd")
+    tubes = [recording.column(f"/world/rods/{name}", "Capsules3D:radii")[0][0] for name in TRIPOD_RODS]
+    np.testing.assert_allclose(tubes[3], 1e-3, rtol=1e-6)  # as it is
+    assert tubes[0] < tubes[1] < tubes[2]
+    hair = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.2, torsional_stiffness=0.1, outer_diameter=1e-5))
+    save(tmp_path / "hair.rrd", make_history(2, robot=hair))
+    radius = Recording(tmp_path / "hair.rrd").column("/world/rods/rod_0", "Capsules3D:radii")[0][0]
+    assert 0.7e-3 < radius < 1e-3  # 0.2 % of what is in view, about 0.4 m
+    (text,) = Recording(tmp_path / "hair.rrd").column("/description", "TextDocument:text", static=True)
+    assert "(is 0.01)" in text[0]
+
+
+def test_platform_is_a_plate_through_its_attachments(tripod_history, tmp_path):
+    tripod_history.save(tmp_path / "run.rrd")
+    recording = Recording(tmp_path / "run.rrd")
+    places = np.array(recording.column("/world/platform", "Transform3D:translation"))[:, 0]
+    np.testing.assert_allclose(places, tripod_history.tip_position, atol=1e-7)
+    (mesh,) = [row for row in recording.column("/world/platform", "Mesh3D:vertex_positions") if row]
+    (triangles,) = [row for row in recording.column("/world/platform", "Mesh3D:triangle_indices") if row]
+    (normals,) = [row for row in recording.column("/world/platform", "Mesh3D:vertex_normals") if row]
+    vertices, corners = np.array(mesh), np.array(mesh)[np.array(triangles)]
+    # a closed body: the divergence theorem gives its volume and no net area
+    area = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    np.testing.assert_allclose(area.sum(axis=0), 0, atol=1e-9)
+    volume = np.einsum("ij,ij->", area, corners.mean(axis=1)) / 3
+    assert volume > 0  # faces and normals point outwards
+    assert (np.einsum("ij,icj->ic", area, np.array(normals)[np.array(triangles)]) > 0).all()
+    thickness = np.ptp(vertices[:, 2])
+    assert volume > thickness * 3 * np.sqrt(3) / 4 * 0.03**2  # more than the triangle of the attachments
+    reach = np.linalg.norm(vertices[:, :2], axis=1).max()
+    assert 0.03 < reach < 0.05
+
+
+def test_loads_on_a_platform_start_where_they_act(tripod_history, tmp_path):
+    tripod_history.save(tmp_path / "run.rrd", force_scale=0.1)
+    recording = Recording(tmp_path / "run.rrd")
+    R, inputs = tripod_history.tip_rotation, tripod_history.inputs
+    point = tripod_history.tip_position + np.einsum("tij,tj->ti", R, inputs.force_point)
+    turned = np.einsum("tij,tj->ti", R, inputs.follower_force)
+    for name, force in (("tip_force", inputs.tip_force), ("follower_force", turned)):
+        arrows = np.array(recording.column(f"/world/loads/{name}", "Arrows3D:vectors"))[:, 0]
+        np.testing.assert_allclose(arrows, 0.1 * force, atol=1e-8, err_msg=name)
+        origins = np.array(recording.column(f"/world/loads/{name}", "Arrows3D:origins"))[:, 0]
+        np.testing.assert_allclose(origins, point, atol=1e-7, err_msg=name)
+
+
+def test_errors_are_split_by_leg(tripod_history, tmp_path):
+    observed = mr.simulate(
+        tripod_history.assembly,
+        tripod_history.inputs,
+        time=tripod_history.time,
+        solver=mr.Observer(integrator=mr.RK4(12)),
+        guess=tripod_history.unknowns[0],
+    )
+    observed.save(tmp_path / "run.rrd")
+    recording = Recording(tmp_path / "run.rrd")
+    (names,) = recording.column("/error/blocks", "SeriesLines:names", static=True)
+    assert names == ["leg 1", "leg 2", "leg 3", "platform"]
+    (shades,) = recording.column("/error/blocks", "SeriesLines:colors", static=True)
+    drawn = [recording.column(f"/world/rods/{rod}", "Capsules3D:colors", static=True)[0][0] for rod in TRIPOD_RODS[2:]]
+    assert shades[:3] == drawn  # as the outermost tube of the leg
+    assert shades[3] not in drawn
+    (plate,) = recording.column("/world/platform", "Mesh3D:albedo_factor", static=True)
+    assert shades[3] >> 8 == plate[0] >> 8  # of the platform's colour, which is also somewhat transparent
+    parts = recording.scalars("/error/blocks")
+    # three tubes have 8 unknowns and residuals, a rod 6, the platform 6
+    ends = np.cumsum([0, 8, 6, 6, 6])
+    residual = np.abs(observed.boundary_residual)
+    assert residual[-1].max() > 1e-6
+    for k in range(4):
+        np.testing.assert_array_equal(parts[:, k], residual[:, ends[k] : ends[k + 1]].max(axis=1))
+    np.testing.assert_array_equal(recording.scalars("/error/boundary")[:, 0], parts.max(axis=1))
+    np.testing.assert_array_equal(
+        recording.scalars("/error/blocks_log10")[parts[:, 0] > 0, 0], np.log10(parts[parts[:, 0] > 0, 0])
+    )
+
+
+def test_platform_vanishes_where_a_sample_failed(tmp_path):
+    robot = mr.ParallelRods(legs=[ROD] * 3, base=triangle(0.05), platform=triangle(0.03))
+    tip_force = np.zeros((9, 3))
+    tip_force[3:6, 0] = 4000.0
+    solver = mr.Shooting(integrator=mr.RK4(12), max_iterations=12, max_continuation_steps=3)
+    time = 0.02 * np.arange(9)
+    history = mr.simulate(robot, robot.inputs(tip_force=tip_force), time=time, solver=solver)
+    failed = np.isnan(history.tip_position).any(axis=1)
+    np.testing.assert_array_equal(failed, [k in (3, 4, 5) for k in range(9)])
+    history.save(tmp_path / "run.rrd")
+    recording = Recording(tmp_path / "run.rrd")
+    poses = [row for row in recording.column("/world/platform", "Transform3D:translation") if row is not None]
+    np.testing.assert_array_equal([not row for row in poses], failed)
+    rows = recording.column("/world/platform", "Mesh3D:vertex_positions")
+    assert [bool(row) for row in rows if row is not None] == [True, False, True]  # when the samples fail, and are sound again
+
+
+def test_platforms_of_a_batch_and_of_a_recorder(tmp_path):
+    robot = make_tripod()
+    forces = 0.2 * np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    tracker = mr.Tracker(
+        robot,
+        solver=mr.Shooting(integrator=mr.RK4(12)),
+        dt=0.02,
+        inputs=robot.inputs(tip_force=forces, translation=TRIPOD_TRANSLATION),
+    )
+    solutions = []
+    with Recorder(tmp_path / "run.rrd", instances=2, flush_every=3) as recorder:
+        for k in range(5):
+            solutions.append(tracker.step(rotation=0.02 * k))
+            recorder.log(0.02 * k, solutions[-1])
+    recording = Recording(tmp_path / "run.rrd")
+    for k in range(2):
+        assert {f"/world/instance_{k}/rods/{name}" for name in TRIPOD_RODS} <= recording.paths
+        places = np.array(recording.column(f"/world/instance_{k}/platform", "Transform3D:translation"))[:, 0]
+        np.testing.assert_allclose(places, [solution.tip_position[k] for solution in solutions], atol=1e-7)
+        assert recording.scalars(f"/error/blocks/instance_{k}").shape == (5, 4)
+        # one mesh, although samples came in three blocks
+        assert len([row for row in recording.column(f"/world/instance_{k}/platform", "Mesh3D:vertex_positions") if row]) == 1
+    assert not [path for path in recording.paths if "instance_2" in path]
+
+
+def test_names_never_coincide(tmp_path):
+    """A name that two rods have, or that an unnamed one would get, names none of them."""
+
+    def rod(name):
+        return mr.Rod(length=0.2, bending_stiffness=0.02, torsional_stiffness=0.015, name=name)
+
+    names = ["twin", "leg_1", "twin", "a/b"]
+    angle = 0.5 * np.pi * np.arange(4)
+    poses = np.tile(np.eye(4), (4, 1, 1))
+    poses[:, :2, 3] = 0.05 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    robot = mr.ParallelRods(legs=[rod(name) for name in names], base=poses, platform=poses)
+    with Recorder(tmp_path / "run.rrd") as recorder:
+        recorder.log(0.0, mr.solve(robot, solver=mr.Shooting(integrator=mr.RK4(12))))
+    paths = {path for path in Recording(tmp_path / "run.rrd").paths if path.startswith("/world/rods/")}
+    assert paths == {"/world/rods/leg_1", "/world/rods/leg_2", "/world/rods/leg_3", r"/world/rods/a\/b"}
+
+
+def test_each_robot_of_a_batch_has_its_own_platform(tmp_path):
+    radius = np.array([0.03, 0.04])
+    platforms = np.stack([triangle(r) for r in radius])
+    robot = mr.ParallelRods(legs=[ROD] * 3, base=triangle(0.05), platform=platforms)
+    time = 0.02 * np.arange(3)
+    inputs = robot.inputs(tip_force=0.1 * time[:, None, None] * [1, 0, 0])
+    history = mr.simulate(robot, inputs, time=time, solver=mr.Shooting(integrator=mr.RK4(12))).raise_if_failed()
+    save(tmp_path / "run.rrd", history)
+    recording = Recording(tmp_path / "run.rrd")
+    for k in range(2):
+        (mesh,) = [row for row in recording.column(f"/world/instance_{k}/platform", "Mesh3D:vertex_positions") if row]
+        reach = np.linalg.norm(np.array(mesh)[:, :2], axis=1).max()
+        np.testing.assert_allclose(reach, 1.25 * radius[k], rtol=1e-6)  # a quarter more than the attachments
+
+
+def test_platform_of_two_legs_is_a_plate(tmp_path):
+    """Two points fix no plane: the plate faces the legs."""
+    poses = triangle(0.05)[:2]
+    poses[1, :3, 3] = -poses[0, :3, 3]
+    robot = mr.ParallelRods(legs=[ROD] * 2, base=poses, platform=poses)
+    with Recorder(tmp_path / "run.rrd") as recorder:
+        recorder.log(0.0, mr.solve(robot, solver=mr.Shooting(integrator=mr.RK4(12))))
+    ((mesh,),) = [[row for row in Recording(tmp_path / "run.rrd").column("/world/platform", "Mesh3D:vertex_positions") if row]]
+    extent = np.ptp(np.array(mesh), axis=0)
+    assert extent[0] > 2 * 0.05
+    assert extent[1] > 2e-3  # wider than a rod
+    assert extent[2] < 0.2 * extent[1]
+
+
+def test_inverse_problem_is_recorded_as_its_robot(tmp_path):
+    def circle(degrees):
+        angle = np.radians(degrees)
+        poses = np.tile(np.eye(4), (6, 1, 1))
+        poses[:, :2, 3] = 0.05 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        return poses
+
+    base, platform = circle([-10, 10, 110, 130, 230, 250]), circle([-50, 50, 70, 170, 190, 290])
+    robot = mr.ParallelRods(legs=[ROD] * 6, base=base, platform=platform).inverse()
+    solution = mr.solve(robot, robot.inputs(platform_position=(0.005, 0, 0.19)), solver=mr.Shooting(integrator=mr.RK4(12)))
+    with Recorder(tmp_path / "run.rrd") as recorder:
+        recorder.log(0.0, solution.raise_if_failed())
+    recording = Recording(tmp_path / "run.rrd")
+    assert {"/world/platform", *(f"/world/rods/leg_{k + 1}" for k in range(6))} <= recording.paths
+    np.testing.assert_array_equal(recording.scalars("/inputs/platform_position")[0], (0.005, 0, 0.19))

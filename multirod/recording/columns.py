@@ -1,0 +1,91 @@
+"""Arrays as columns of the viewer's components, a row a sample."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from multirod.recording.figure import Plate
+from multirod.validation import FloatArray
+
+
+def index(steps: NDArray[np.int64], times: FloatArray) -> list[Any]:
+    """The two timelines that every row has."""
+    import rerun as rr
+
+    return [rr.TimeColumn("step", sequence=steps), rr.TimeColumn("time", duration=times)]
+
+
+def capsules(nodes: FloatArray, radius: float) -> list[Any]:
+    """A capsule between two nodes, shape of ``nodes`` (row, node, 3); none where a node is not finite."""
+    import rerun as rr
+
+    start, along = nodes[:, :-1], np.diff(nodes, axis=1)
+    length = np.linalg.norm(along, axis=-1)
+    sound = np.isfinite(length)
+    direction = np.divide(along, length[..., None], out=np.zeros_like(along) + [0.0, 0.0, 1.0], where=length[..., None] > 0)[
+        sound
+    ]
+    x, y, z = direction.T
+    # the shortest turn from e3; straight down, where it is not unique, half a turn about x
+    quaternion = np.stack([-y, x, np.zeros_like(x), 1 + z], axis=-1)
+    quaternion[z < -1 + 1e-12] = (1.0, 0.0, 0.0, 0.0)
+    quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
+    counts = sound.sum(axis=1)
+    some = (counts > 0).astype(int)
+    # A radius alone is drawn, as a capsule of length 1: a row without capsules must have none.
+    return [
+        *rr.Capsules3D.columns(lengths=length[sound], translations=start[sound], quaternions=quaternion).partition(counts),
+        *rr.Capsules3D.columns(radii=np.full(some.sum(), radius)).partition(some),
+    ]
+
+
+def strips(strips: FloatArray) -> Any:
+    """Line strips (row, [strip,] node, 2 or 3); a strip with a node that is not finite is left out."""
+    import rerun as rr
+
+    values = strips if strips.ndim == 4 else strips[:, None]
+    sound = np.isfinite(values).all(axis=(2, 3))
+    kind = rr.LineStrips2D if values.shape[-1] == 2 else rr.LineStrips3D
+    return kind.columns(strips=values[sound].astype(np.float32)).partition(sound.sum(axis=1))
+
+
+def poses(position: FloatArray, rotation: FloatArray) -> tuple[Any, NDArray[np.bool_]]:
+    """Transforms (row, 3) and (row, 3, 3), and which rows have one.
+
+    The viewer shows what has no pose at the origin: in such rows nothing may be left to show.
+    """
+    import rerun as rr
+
+    sound: NDArray[np.bool_] = np.isfinite(np.concatenate([position, rotation.reshape(-1, 9)], axis=1)).all(axis=1)
+    quaternion = Rotation.from_matrix(rotation[sound]).as_quat() if sound.any() else np.zeros((0, 4))
+    columns = rr.Transform3D.columns(translation=position[sound], quaternion=quaternion)
+    return columns.partition(sound.astype(int)), sound
+
+
+def plates(plate: Plate, shown: NDArray[np.bool_]) -> list[Any]:
+    """A plate in the rows that show it, an empty mesh in the others."""
+    import rerun as rr
+
+    def rows(values: NDArray[Any]) -> NDArray[Any]:
+        return np.tile(values, (int(shown.sum()), 1))
+
+    def counts(values: NDArray[Any]) -> NDArray[np.int64]:
+        return len(values) * shown.astype(np.int64)
+
+    return [
+        *rr.Mesh3D.columns(vertex_positions=rows(plate.vertices)).partition(counts(plate.vertices)),
+        *rr.Mesh3D.columns(vertex_normals=rows(plate.normals)).partition(counts(plate.normals)),
+        *rr.Mesh3D.columns(triangle_indices=rows(plate.triangles)).partition(counts(plate.triangles)),
+    ]
+
+
+def log10(values: FloatArray) -> FloatArray:
+    """NaN at zero: the viewer leaves a gap, where -inf would spoil the axis."""
+    return np.asarray(np.log10(values, out=np.full(values.shape, np.nan), where=values > 0))
+
+
+def rgba(rgb: int, alpha: int = 0xFF) -> int:
+    """A colour as the viewer's components take it."""
+    return rgb << 8 | alpha

@@ -1,0 +1,180 @@
+"""How a robot is drawn: a name, a place, a colour and a thickness for each rod, its bases and its platform."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
+
+from multirod.assembly import Assembly
+from multirod.models.backbone import BackboneAssembly
+from multirod.models.parallel_rods import InverseParallelRods, ParallelRods
+from multirod.rod import Rod
+from multirod.validation import FloatArray
+
+# Picked to be told apart on the viewer's dark theme; one for each of the 12 legs that a robot may have.
+PALETTE = (
+    0x4FC3F7,
+    0xFFB74D,
+    0x81C784,
+    0xF06292,
+    0xBA9CFF,
+    0xFFF176,
+    0x4DB6AC,
+    0xFF8A65,
+    0xD4E157,
+    0xE1A6D8,
+    0xA1887F,
+    0x90A4AE,
+)
+PLATFORM_COLOR = 0xC3CAD3
+_THICKNESS = 0.004  # radius over length of a rod without diameter
+_NESTING = 0.75  # radius of such a tube over that of the next around it
+_PALEST = 0.5  # how much white is in the colour of a leg's innermost tube
+_MARGIN = 0.25  # how far a platform reaches beyond its attachments, over their distance from its middle
+_CORNERS = 12  # of the rounding about each attachment
+
+
+@dataclass(frozen=True)
+class DrawnRod:
+    """How one rod is drawn.
+
+    Attributes:
+        name: In legends and tables.
+        path: Parts of its entity path, below ``rods``.
+        color: ``0xRRGGBB``.
+        radius: [m].
+    """
+
+    name: str
+    path: tuple[str, ...]
+    color: int
+    radius: float
+
+
+@dataclass(frozen=True)
+class Plate:
+    """A flat body with rounded corners, as triangles.
+
+    Attributes:
+        vertices: [m], shape (vertex_count, 3).
+        normals: Of the surface at each vertex, shape (vertex_count, 3).
+        triangles: Indices of vertices, shape (triangle_count, 3).
+    """
+
+    vertices: FloatArray
+    normals: FloatArray
+    triangles: NDArray[np.uint32]
+
+
+def drawn_rods(assembly: Assembly) -> list[DrawnRod]:
+    """One for each rod, in the order of ``assembly.rods``; tubes of one leg share a hue and stand below the leg."""
+    if not isinstance(assembly, (ParallelRods, InverseParallelRods)):
+        names = _names(assembly.rods)
+        radii = _radii(assembly.rods) if isinstance(assembly, BackboneAssembly) else [_radii([rod])[0] for rod in assembly.rods]
+        return [
+            DrawnRod(name, (name,), PALETTE[k % len(PALETTE)], radius)
+            for k, (name, radius) in enumerate(zip(names, radii, strict=True))
+        ]
+    drawn = []
+    for k, (leg, own) in enumerate(zip(_leg_names(assembly), _legs(assembly), strict=True)):
+        names = _names(own)
+        for i, (name, radius) in enumerate(zip(names, _radii(own), strict=True)):
+            path = (leg,) if len(own) == 1 else (leg, name)
+            white = _PALEST * (len(own) - 1 - i) / max(len(own) - 1, 1)
+            drawn.append(DrawnRod(" ".join(path), path, _mixed_with_white(PALETTE[k % len(PALETTE)], white), radius))
+    return drawn
+
+
+def bases(assembly: Assembly) -> dict[tuple[str, ...], FloatArray]:
+    """Poses (4, 4) of the bases, by the parts of their entity paths; of a batch of bases, the first 16."""
+    names: list[tuple[str, ...]] = [()]
+    poses = np.asarray(getattr(assembly, "base", np.eye(4)))[..., None, :, :]
+    if isinstance(assembly, (ParallelRods, InverseParallelRods)):
+        names = [(leg,) for leg in _leg_names(assembly)]
+        poses = assembly.geometry.base
+    robots = poses.reshape(-1, *poses.shape[-3:])[:16]
+    return {
+        ("base" if len(robots) == 1 else f"base_{k}", *name): pose
+        for k, robot in enumerate(robots)
+        for name, pose in zip(names, robot, strict=True)
+    }
+
+
+def platforms(assembly: Assembly, batch_shape: tuple[int, ...], count: int) -> list[Plate]:
+    """The platforms of the first ``count`` instances, each in its own frame; none where the assembly has no platform."""
+    if not isinstance(assembly, (ParallelRods, InverseParallelRods)):
+        return []
+    attachments = assembly.geometry.platform
+    every = np.broadcast_to(attachments, (*batch_shape, *attachments.shape[-3:])).reshape(-1, *attachments.shape[-3:])
+    least = 2 * max(rod.radius for rod in drawn_rods(assembly))
+    return [_plate(poses, least) for poses in every[:count]]
+
+
+def _plate(attachments: FloatArray, least: float) -> Plate:
+    """A plate through the attachments (leg_count, 4, 4), ``least`` or more around each [m].
+
+    A disc about each attachment, square to its leg, gives points enough to fit a plane where attachments are on a line.
+    """
+    centre = attachments[:, :3, 3]
+    margin = max(_MARGIN * float(np.linalg.norm(centre - centre.mean(axis=0), axis=1).max()), least)
+    angle = 2 * np.pi * np.arange(_CORNERS) / _CORNERS
+    disc = margin * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    points = (centre[:, None] + np.einsum("lij,cj->lci", attachments[:, :3, :2], disc)).reshape(-1, 3)
+    middle = points.mean(axis=0)
+    x, y, z = np.linalg.svd(points - middle)[2]
+    x = np.cross(y, z)  # right-handed
+    outline = points[ConvexHull((points - middle) @ np.stack([x, y], axis=-1)).vertices] - middle  # anticlockwise about z
+    outline -= np.outer(outline @ z, z)
+    count, half = len(outline), 0.15 * margin * z
+    after = np.roll(outline, -1, axis=0)
+    across = np.cross(after - outline, z)
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    # top, bottom, then the rim, whose corners have a normal for each side they belong to
+    rim = np.stack([outline - half, after - half, after + half, outline + half], axis=1)
+    vertices = np.concatenate([outline + half, outline - half, rim.reshape(-1, 3)]) + middle
+    normals = np.concatenate([np.tile(z, (count, 1)), np.tile(-z, (count, 1)), np.repeat(across, 4, axis=0)])
+    fan = np.stack([np.zeros(count - 2), np.arange(1, count - 1), np.arange(2, count)], axis=-1)
+    sides = 2 * count + 4 * np.arange(count)[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])
+    triangles = np.concatenate([fan, count + fan[:, ::-1], sides.reshape(-1, 3)]).astype(np.uint32)
+    return Plate(vertices, normals, triangles)
+
+
+def _legs(robot: ParallelRods | InverseParallelRods) -> list[tuple[Rod, ...]]:
+    return [robot.rods[first:last] for first, last in pairwise(robot.geometry.first_rod)]
+
+
+def _leg_names(robot: ParallelRods | InverseParallelRods) -> list[str]:
+    """The rod's name where a leg is one rod, otherwise its number, as in the names of residual blocks."""
+    legs = _legs(robot)
+    given = [leg[0].name if len(leg) == 1 else "" for leg in legs]
+    return _unique(given, [f"leg_{k + 1}" for k in range(len(legs))])
+
+
+def _names(rods: Sequence[Rod]) -> list[str]:
+    return _unique([rod.name for rod in rods], [f"rod_{k}" for k in range(len(rods))])
+
+
+def _unique(given: list[str], otherwise: list[str]) -> list[str]:
+    """The names that were given, where no other is or may be the same."""
+    taken = [*given, *otherwise]
+    return [name if name and taken.count(name) == 1 else other for name, other in zip(given, otherwise, strict=True)]
+
+
+def _radii(nested: Sequence[Rod]) -> list[float]:
+    """Radii to draw, innermost first: half the outer diameter, or what makes the nesting visible where none is given."""
+    given = [None if rod.outer_diameter is None else 0.5 * rod.outer_diameter for rod in nested]
+    known = [(k, radius) for k, radius in enumerate(given) if radius is not None]
+    last, radius = known[-1] if known else (len(nested) - 1, _THICKNESS * max(float(np.max(rod.length)) for rod in nested))
+    around = radius / _NESTING ** (len(nested) - last)
+    found = []
+    for own in reversed(given):
+        around = _NESTING * around if own is None else own
+        found.append(around)
+    return found[::-1]
+
+
+def _mixed_with_white(color: int, part: float) -> int:
+    return sum(round(value + part * (0xFF - value)) << shift for shift in (16, 8, 0) for value in ((color >> shift) & 0xFF,))

@@ -1,0 +1,122 @@
+"""What does not change with time: frames, colours, thicknesses, and the names of series."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod.recording.columns import rgba
+from multirod.recording.figure import PALETTE, PLATFORM_COLOR
+from multirod.recording.layout import PLOT_HEIGHT, PLOT_WIDTH
+from multirod.recording.stage import LOADS, Stage
+from multirod.status import Status
+
+_AXIS_COLORS = (0xFF6B6B, 0x69DB7C, 0x74A9FF)
+_REFERENCE_COLOR = 0xB0B8C4
+_AXIS_LINE_COLOR = 0x8A929C
+_STATUS_COLORS = {
+    Status.NOT_RUN: 0x868E96,
+    Status.CONVERGED: 0x2F9E44,
+    Status.TRACKING: 0x1C7ED6,
+    Status.NEAR_FOLD: 0xF08C00,
+    Status.EULER_LIMIT: 0xE8590C,
+    Status.LOWEST_ENERGY: 0x66A80F,
+    Status.SINGULAR_PIVOT: 0xE8590C,
+    Status.UNSTABLE_COUPLING: 0xE8590C,
+}
+_FAILURE_COLOR = 0xE03131
+_SERIES = {
+    "/error/boundary": ("boundary error [1/m]", 0xF06292),
+    "/error/boundary_log10": ("log10 boundary error [1/m]", 0xF06292),
+    "/error/tip_mm": ("tip error [mm]", 0xFFB74D),
+    "/error/tip_mm_log10": ("log10 tip error [mm]", 0xFFB74D),
+    "/conditioning/condition": ("condition number", 0xBA9CFF),
+    "/conditioning/condition_log10": ("log10 condition number", 0xBA9CFF),
+    "/conditioning/smallest_singular_value": ("smallest singular value", 0x4DB6AC),
+    "/conditioning/smallest_singular_value_log10": ("log10 smallest singular value", 0x4DB6AC),
+    "/solver/step_time_ms": ("time per sample [ms]", 0x81C784),
+    "/solver/step_time_ms_log10": ("log10 time per sample [ms]", 0x81C784),
+    "/solver/iterations": ("iterations", 0x4FC3F7),
+    "/solver/integrations": ("integrations", 0xFFF176),
+}
+
+Styled = Iterator[tuple[str, list[Any]]]
+
+
+def styles(stage: Stage) -> Styled:
+    """Entities with their static components."""
+    import rerun as rr
+
+    yield "/world", [rr.ViewCoordinates.RIGHT_HAND_Z_UP]
+    length = (0.12 if len(stage.bases) == 1 else 0.06) * stage.size
+    for path, pose in stage.bases.items():
+        yield path, [rr.Transform3D(translation=pose[:3, 3], mat3x3=pose[:3, :3]), rr.TransformAxes3D(length)]
+    names = [status.name for status in Status if status is not Status.NOT_RUN]
+    colors = _colors([_STATUS_COLORS.get(Status[name], _FAILURE_COLOR) for name in names])
+    for k in range(stage.count):
+        yield stage.scalar("/status", k), [rr.StateConfiguration(values=names, labels=names, colors=colors)]
+        yield from _scene(stage, k)
+        yield from _series(stage, k)
+        yield from _curvature(stage, k)
+    h = 0.5 * PLOT_HEIGHT
+    frame = [(0.0, -h), (0.0, h), (PLOT_WIDTH, h), (PLOT_WIDTH, -h), (0.0, -h)]
+    lines = [frame, [(0.0, 0.0), (PLOT_WIDTH, 0.0)]] if stage.by_component else [frame]
+    yield "/curvature/axes", [rr.LineStrips2D(lines, radii=rr.Radius.ui_points(0.5), colors=rgba(_AXIS_LINE_COLOR))]
+
+
+def _scene(stage: Stage, k: int) -> Styled:
+    import rerun as rr
+
+    stroke = 0.0015 * stage.size
+    for index, rod in enumerate(stage.rods):
+        color = rgba(stage.rod_color(k, index))
+        yield stage.rod("rods", k, index), [rr.Capsules3D.from_fields(colors=color, fill_mode=rr.components.FillMode.Solid)]
+        grey = rr.LineStrips3D.from_fields(radii=0.4 * rod.radius, colors=rgba(_REFERENCE_COLOR, 0xC0))
+        yield stage.rod("reference/rods", k, index), [grey]
+    yield stage.world("tip_path", k), [rr.LineStrips3D.from_fields(radii=stroke, colors=rgba(0xFFFFFF, 0x90))]
+    grey = rr.LineStrips3D.from_fields(radii=0.6 * stroke, colors=rgba(_REFERENCE_COLOR))
+    yield stage.world("reference/tip_path", k), [grey]
+    if stage.platforms:
+        yield stage.world("platform", k), [rr.Mesh3D.from_fields(albedo_factor=rgba(PLATFORM_COLOR, 0xB0))]
+    for name, color in LOADS.items():
+        yield stage.world(f"loads/{name}", k), [rr.Arrows3D.from_fields(radii=2 * stroke, colors=rgba(color))]
+
+
+def _series(stage: Stage, k: int) -> Styled:
+    import rerun as rr
+
+    who = f"instance {k}: " if stage.batched else ""
+    for path, (name, color) in _SERIES.items():
+        shade = PALETTE[k % len(PALETTE)] if stage.batched else color
+        yield stage.scalar(path, k), [rr.SeriesLines(names=who + name, colors=rgba(shade), widths=1.5)]
+    for path in ("/error/blocks", "/error/blocks_log10") if stage.blocks else ():
+        names = [f"{who}{part.name}" for part in stage.blocks]
+        yield stage.scalar(path, k), [_lines(names, [part.color for part in stage.blocks])]
+    for spec in stage.assembly.input_specs:
+        labels, shades = ["x", "y", "z"], list(_AXIS_COLORS)
+        if spec.per_rod:
+            labels = [rod.name for rod in stage.rods]
+            shades = [rod.color for rod in stage.rods]
+        names = [f"{who}{spec.name} {label} [{spec.unit}]" for label in labels]
+        yield stage.scalar(f"/inputs/{spec.name}", k), [_lines(names, shades)]
+
+
+def _lines(names: list[str], colors: list[int]) -> Any:
+    import rerun as rr
+
+    return rr.SeriesLines(names=names, colors=_colors(colors), widths=[1.5] * len(names))
+
+
+def _curvature(stage: Stage, k: int) -> Styled:
+    import rerun as rr
+
+    for index in range(len(stage.rods)):
+        shades = _AXIS_COLORS if stage.by_component else (stage.rod_color(k, index),)
+        lines = rr.LineStrips2D.from_fields(radii=rr.Radius.ui_points(1.0), colors=_colors(shades))
+        yield stage.curvature(k, index), [lines]
+
+
+def _colors(values: Sequence[int]) -> NDArray[np.uint32]:
+    """Not a list: the viewer's library takes three numbers for one colour."""
+    return np.array([rgba(value) for value in values], dtype=np.uint32)
