@@ -291,25 +291,29 @@ class ParallelProblem(BoundaryProblem):
                 x[:, self._own[leg]] = unloaded[:, place]
         self.write("unknowns", x)
         self.integrate()
-        x, residual = self._best([self._bent(x, compliance) for compliance in COMPLIANCES])
+        x, residual, gamma = self._best([self._bent(x, compliance) for compliance in COMPLIANCES])
         opening.assign(residual)
+        # legs that are long and thin answer a force along themselves by bending alone
+        sound = np.isfinite(gamma).all(axis=(1, 2))
+        self.natural_singular_value[sound] = np.minimum(1.0, np.linalg.svd(gamma[sound], compute_uv=False)[:, -1])
         self.restore(records)
         self.active.assign(switches[0])
         self.load_factor.assign(switches[1])
         return x
 
-    def _best(self, candidates: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
-        """Of several unknowns, for each instance those from which Newton's first step is shortest, and the residual there."""
+    def _best(self, candidates: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Of several unknowns, for each instance those from which Newton's first step is shortest; residual and Gamma there."""
         n, shortest = self.unknown_count, np.full(self.instance_count, np.inf)
-        x, residual = np.array(candidates[0]), np.zeros((self.instance_count, n))
+        x, residual, best = np.array(candidates[0]), np.zeros((self.instance_count, n)), np.zeros((self.instance_count, n, n))
         for candidate in candidates:
             found, gamma = self.evaluate(candidate)
             regular = np.isfinite(found).all(axis=1) & (np.linalg.slogdet(np.nan_to_num(gamma))[0] != 0)
             length = np.full(self.instance_count, 1e300)  # a singular start is better than none
             length[regular] = np.linalg.norm(np.linalg.solve(gamma[regular], found[regular][..., None])[..., 0], axis=1)
             better = length < shortest
-            x[better], residual[better], shortest[better] = candidate[better], found[better], length[better]
-        return x, residual
+            x[better], residual[better], best[better] = candidate[better], found[better], gamma[better]
+            shortest[better] = length[better]
+        return x, residual, best
 
     def _bent(self, unloaded: FloatArray, compliance: float) -> FloatArray:
         """Unknowns of the unloaded legs, and what closes their joints if they are beams."""

@@ -74,6 +74,8 @@ class BoundaryProblem(ABC):
         load_factor: What multiplies all loads of an instance, and the part of the way from ``guess`` to the robot as it is,
             shape (instance_count,).
         guess_integrations: Integrations per rod that ``guess`` takes.
+        natural_singular_value: What the smallest singular value of ``Gamma`` is far from any fold, 1 or less: how near one is, is
+            judged against it, shape (instance_count,).
         fault: 0, or why an evaluation failed (1: not finite, 2: step limit), shape (instance_count,).
         residual: ``eps`` [1/m], shape (instance_count, n).
         gamma: ``Gamma``, shape (instance_count, n, n).
@@ -107,6 +109,7 @@ class BoundaryProblem(ABC):
         self.device = device
         self.blocks = tuple(blocks)
         self.arrow: tuple[int, ...] = ()
+        self.natural_singular_value: FloatArray = np.ones(count)
         # One record an instance holds all that a sample of a time series keeps, so that keeping it is one copy.
         sizes = {"unknowns": n, "residual": n, "gamma": n * n, "position": 3, "rotation": 9, "inputs": input_count}
         self.record_fields: dict[str, slice] = {}

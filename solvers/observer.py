@@ -52,7 +52,8 @@ class Observer(Solver):
         feed_forward: Whether the unknowns also follow the inputs' rates, which removes the lag.
         correct_output: Whether the pose is corrected to first order by its sensitivity.
         fold_threshold: Smallest singular value of the scaled Gamma (of Gamma for ``"newton"``) below which the status is
-            ``NEAR_FOLD``, and of a pivot below which it is ``SINGULAR_PIVOT``.
+            ``NEAR_FOLD``, and of a pivot below which it is ``SINGULAR_PIVOT``; in units of what is natural to the problem, 1
+            but for parallel rods, whose Gamma has small singular values where nothing is near a fold.
         tolerance: Largest residual for ``solve``, max norm [1/m].
         max_iterations: Samples allowed for ``solve``.
         ramp: Samples over which ``solve`` raises the loads.
@@ -196,6 +197,7 @@ class ObserverTrack(Track):
             order = _places(n, blocks, what)
             gains[name] = gains[name][np.ix_(order, order)]
         sizes = [len(_places(n, [block], "unknowns")) for block in blocks]
+        first = problem.guess()
         state: Any = ObserverState()
         self.state = state
         for name in ("active", "fault", "unknowns", "residual", "gamma", "residual_directions", "position", "rotation"):
@@ -207,6 +209,8 @@ class ObserverTrack(Track):
             setattr(state, name, wp.ones((count, n), dtype=wp.float64, device=device))
         for name in ("size", "singular_value"):
             setattr(state, name, wp.zeros(count, dtype=wp.float64, device=device))
+        fold = options.fold_threshold * problem.natural_singular_value
+        state.fold_threshold = wp.array(fold, dtype=wp.float64, device=device)
         state.status = wp.zeros(count, dtype=wp.int32, device=device)
         state.pivot = wp.zeros((count, len(blocks)), dtype=wp.float64, device=device)
         state.riccati = wp.array(np.tile(gains["P0"], (count, 1, 1)), dtype=wp.float64, device=device)
@@ -230,7 +234,7 @@ class ObserverTrack(Track):
         if wp.get_device(device).is_cpu:
             self._host = (state.following.numpy(), state.status.numpy(), state.size.numpy(), state.rates.numpy())
             self._directions = problem.directions.numpy()
-        self.start(problem.guess())
+        self.start(first)
 
     def _record(self, blocks: Sequence[Block], sizes: list[int], gains: dict[str, FloatArray], dt: float) -> Any:
         options, state, problem = self.options, self.state, self.problem
@@ -254,7 +258,7 @@ class ObserverTrack(Track):
         matrices = {"gain": gains["R"], "weight": gains["Q"], "weight_root": root, "weight_inverse_root": np.linalg.inv(root)}
         for name, value in (matrices | {"initial": gains["P0"]}).items():
             setattr(state, name, wp.array(np.ascontiguousarray(value), dtype=wp.float64, device=device))
-        state.dt, state.horizon, state.fold_threshold = dt, options.horizon, options.fold_threshold
+        state.dt, state.horizon = dt, options.horizon
         kernel = make_observer(
             tuple(sorted(set(sizes))),
             options.riccati,

@@ -57,7 +57,7 @@ class ObserverState:
     initial: wp.array2d[wp.float64]  # P0
     dt: wp.float64
     horizon: wp.float64
-    fold_threshold: wp.float64
+    fold_threshold: wp.array[wp.float64]  # (instance,)
 
 
 @wp.func
@@ -425,16 +425,16 @@ def make_observer(
             for i in range(n):
                 k = state.columns[i]
                 state.following[t, k] = state.unknowns[t, k] + state.column_scale[t, i] * state.move[t, i]
-        elif not state.singular_value[t] < state.fold_threshold:
+        elif not state.singular_value[t] < state.fold_threshold[t]:
             status = int(wp.static(int(Status.NONFINITE)))
         if status == wp.static(int(Status.TRACKING)):
             # the last pivot is singular where Gamma is; an earlier one says nothing of Gamma
             early = bool(False)
             for k in range(state.pivot.shape[1] - 1):
-                early = early or not (state.pivot[t, k] >= state.fold_threshold)
+                early = early or not (state.pivot[t, k] >= state.fold_threshold[t])
             if early and not state.singular_value[t] > f64(0.0):
                 status = int(wp.static(int(Status.SINGULAR_PIVOT)))
-            elif state.singular_value[t] < state.fold_threshold:
+            elif state.singular_value[t] < state.fold_threshold[t]:
                 status = int(wp.static(int(Status.NEAR_FOLD)))
             elif early:
                 status = int(wp.static(int(Status.SINGULAR_PIVOT)))

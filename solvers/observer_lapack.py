@@ -55,7 +55,9 @@ class LargeSample:
         kept["status"][active] = Status.NONFINITE
         if sound.any():
             slopes = problem.residual_directions.numpy()[sound, :, 0] if options.feed_forward else np.zeros((sound.sum(), n))
-            found, newton = self._update(eps[sound], gamma[sound], slopes, kept["riccati"][sound])
+            found, newton = self._update(
+                eps[sound], gamma[sound], slopes, kept["riccati"][sound], state.fold_threshold.numpy()[sound]
+            )
             found["following"] += problem.read("unknowns")[sound]
             for name, values in found.items():
                 kept[name][sound] = values
@@ -65,7 +67,7 @@ class LargeSample:
             getattr(state, name).assign(values)
 
     def _update(
-        self, eps: FloatArray, gamma: FloatArray, slopes: FloatArray, riccati: FloatArray
+        self, eps: FloatArray, gamma: FloatArray, slopes: FloatArray, riccati: FloatArray, fold: FloatArray
     ) -> tuple[dict[str, Any], FloatArray]:
         """New values of the state's arrays (``following``: the change of the unknowns), and Newton's step."""
         options, blocks, newton = self.options, self.blocks, self.options.scaling == "newton"
@@ -127,8 +129,7 @@ class LargeSample:
         held = ~np.isfinite(move).all(axis=1)
         move[held] = 0.0
 
-        fold = options.fold_threshold
-        early = (pivot[:, :-1] < fold).any(axis=1) & self.eliminated
+        early = (pivot[:, :-1] < fold[:, None]).any(axis=1) & self.eliminated
         status = np.select(
             [beyond, unstable, held & (smallest >= fold), early & (smallest == 0), smallest < fold, early],
             [

@@ -427,3 +427,33 @@ def test_impossible_instances_leave_the_others_alone():
     assert np.isnan(solution.jacobian("tip_force")[1]).all()
     alone = mr.solve(parallel, parallel.inputs(tip_force=force[2]))
     assert np.array_equal(solution.tip_position[2], alone.tip_position)
+
+
+@pytest.mark.parametrize("coupling", ["full", "per-rod"])
+def test_observer_follows_six_legs(coupling, reference_cases, make_pose):
+    """From the unloaded guess within 0.5 s at 200 Hz; feed-forward takes the lag away; one integration of each leg a sample."""
+    case = next(c for c in reference_cases("parallel_continuum_robot") if c["id"] == "10d_cpr_stewart_fk_1")
+    parallel, start = stored_robot(case, make_pose)
+    t = np.arange(0, 1.0, 0.005)
+    phase = np.pi / 2 * t[:, None] + np.arange(6)
+    force = start.tip_force + 0.5 * np.stack([np.sin(t), np.cos(t) - 1, 0 * t], axis=1)
+    inputs = parallel.inputs(translation=0.01 * (np.sin(phase) - np.sin(phase[0])), tip_force=force)
+    lag = {}
+    for feed_forward in (False, True):
+        solver = mr.Observer(scaling="newton", coupling=coupling, feed_forward=feed_forward, integrator=mr.RK4(30))
+        history = mr.simulate(parallel, inputs, time=t, solver=solver)
+        assert (history.status == mr.Status.TRACKING).all()
+        assert (history.integrations == 1).all()
+        error = np.abs(history.boundary_residual).max(axis=1)
+        assert error[0] > 1
+        lag[feed_forward] = error[100:].mean()
+    assert lag[False] < 0.03
+    assert lag[True] < lag[False] / 50
+
+
+def test_plain_gains_of_six_legs_are_announced(reference_cases, make_pose):
+    case = next(c for c in reference_cases("parallel_continuum_robot") if c["id"] == "10d_cpr_stewart_fk_1")
+    parallel, inputs = stored_robot(case, make_pose)
+    solver = mr.Observer(coupling="per-rod-plain", integrator=mr.RK4(30))
+    history = mr.simulate(parallel, inputs, time=0.005 * np.arange(5), solver=solver)
+    assert (history.status == mr.Status.UNSTABLE_COUPLING).all()
