@@ -10,7 +10,7 @@ demo: $(VENV)/.installed
 	$(BIN)/multirod demo $(ARGS)
 
 test: $(VENV)/.installed-test
-	$(BIN)/pytest $(ARGS)
+	$(BIN)/pytest --numprocesses auto --dist loadfile $(ARGS)
 
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check .

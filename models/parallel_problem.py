@@ -398,7 +398,7 @@ def _blocks(geometry: Geometry) -> list[Block]:
     blocks, along, gaps = [], [], []
     for k, (start, end) in enumerate(pairwise(first)):
         own = np.arange(start, end)
-        blocks.append(Block(f"leg {k + 1}", own[:-1], np.delete(own, 2), int(geometry.first_rod[k])))
+        blocks.append(Block(f"leg {k + 1}", own[:-1], np.delete(own, 2), int(geometry.first_rod[k + 1]) - 1))
         along.append(end - 1)
         gaps.append(start + 2)
     pose = np.arange(first[-1], first[-1] + POSE)

@@ -22,7 +22,7 @@ class Block:
         name: For messages and plots.
         unknowns: Which of the problem's, a slice or indices.
         residuals: Likewise, as many.
-        rod: Index of the rod, or of the innermost of several; None for what couples the rods.
+        rod: Index of the rod, or of the outermost of several; None for what couples the rods.
     """
 
     name: str

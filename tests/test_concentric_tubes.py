@@ -307,8 +307,7 @@ RIGID_LOADS = {"tip_force": (0.3, -0.2, 0.1), "tip_moment": (0.01, 0.02, 0.03)}
 
 
 @pytest.mark.parametrize("translation", [(-0.07, -0.05, -0.02), (-0.13, -0.02, -0.01)], ids=["inner longest", "middle longest"])
-@pytest.mark.parametrize("ratio", KINDS.values(), ids=KINDS)
-@pytest.mark.parametrize("loads", [RIGID_LOADS, {}], ids=["loaded", "unloaded"])
+@pytest.mark.parametrize(("loads", "ratio"), [(RIGID_LOADS, 1.4), ({}, 1.0)], ids=["loaded, unequal", "unloaded, equal"])
 def test_tubes_rigid_in_torsion(ratio, loads, translation):
     values = PLACE | {"translation": translation} | loads
     rigid, stiff = three(ratio, np.inf), three(ratio, 1e9)

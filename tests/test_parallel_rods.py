@@ -122,18 +122,20 @@ EXACT = mr.Shooting(tolerance=1e-11, integrator=mr.RK45(rtol=1e-11, atol=1e-13))
 def test_jacobian_is_the_derivative_of_the_pose(scene, difference):
     parallel = SCENES[scene]()
     values = LOADS | actuation(parallel, np.random.default_rng(2))
-    solution = mr.solve(parallel, parallel.inputs(**values), solver=EXACT).raise_if_failed()
+    # the derivative is that of the discretised equations; each number of directions is a kernel, so few are taken
+    solver = mr.Shooting(tolerance=1e-11, integrator=mr.RK4(12))
+    solution = mr.solve(parallel, parallel.inputs(**values), solver=solver).raise_if_failed()
     R = solution.tip_rotation
-    for name in values:
+    for name in values if scene == "two rods" else ("tip_force", "force_point", "gravity"):
         direction = np.random.default_rng(5).standard_normal(np.shape(values[name]))
 
         def pose(h, name=name, direction=direction):
             changed = values | {name: np.asarray(values[name]) + h * direction}
-            moved = mr.solve(parallel, parallel.inputs(**changed), guess=solution, solver=EXACT).raise_if_failed()
+            moved = mr.solve(parallel, parallel.inputs(**changed), guess=solution, solver=solver).raise_if_failed()
             turn = Rotation.from_matrix(moved.tip_rotation @ R.T).as_rotvec()
             return np.concatenate([moved.tip_position, turn])
 
-        found = difference(pose, 1e-3 if name in ("translation", "force_point") else 1e-2)
+        found = difference(pose, {"translation": 1e-4, "force_point": 1e-3}.get(name, 1e-2))
         expected = solution.jacobian(name) @ direction
         # the pose at equilibrium is right to 1e-11 / sigma_min / h
         np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
