@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from multirod.assembly import Assembly
 from multirod.inputs import Inputs, InputSpec
@@ -30,7 +31,7 @@ class DrawnBlock:
 
     name: str
     color: int
-    residuals: slice
+    residuals: slice | NDArray[np.intp]
 
 
 @dataclass(frozen=True, kw_only=True)
