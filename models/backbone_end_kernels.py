@@ -73,7 +73,7 @@ def make_base_functions(layout: Layout, features: Features, grid: SimpleNamespac
         if wp.static(TRANSMISSION):
             factor = f64(1.0)
             if wp.static(TUBES and not features.held):
-                factor = call.load_factor[case.index]  # raised with the loads, as along the rod
+                factor = wp.sqrt(call.load_factor[case.index])  # raised with the loads, as along the rod
             for i in range(wp.static(n)):
                 depth = -case.shift[i]
                 if depth > f64(0.0):

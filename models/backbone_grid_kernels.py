@@ -270,8 +270,9 @@ def make_grid_functions(layout: Layout, features: Features, stretch: SimpleNames
         """The stretch from a node to ``end``, with the force ``n0`` and its columns at its start."""
         z = load_sections(rods, case, node)
         if wp.static(n > 1 and not features.held):
-            # the natural branch of several rods begins where all are straight: their precurvature is raised with the loads
-            z.precurvature *= call.load_factor[case.index]
+            # the natural branch of several rods begins where all are straight: their precurvature is raised with the loads, by
+            # the root, as torques grow with its square and with the angles
+            z.precurvature *= wp.sqrt(call.load_factor[case.index])
         z.start = node.s
         z.length = end - node.s
         z.force = n0
