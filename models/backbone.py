@@ -136,9 +136,7 @@ class BackboneProblem(BoundaryProblem):
 
     def _make_call(self, node_count: int) -> Any:
         call: Any = kernels.Call()
-        shared = ("active", "unknowns", "inputs", "load_factor", "directions", "fault", "step_count", "residual", "gamma")
-        for name in (*shared, "residual_directions", "position", "rotation", "pose_columns"):
-            setattr(call, name, getattr(self, name))
+        self.share(call)
         if self.held:
             call.tip_wrench, call.wrench_columns = self.tip_wrench, self.wrench_columns
         call.direction_stride = 1
@@ -437,7 +435,7 @@ class BackboneAssembly(Assembly):
         return BACKBONE_INPUTS
 
     def check(self, inputs: Inputs) -> None:  # noqa: D102
-        if inputs.is_active("gravity") and not any(np.any(s.linear_density) for rod in self.rods for s in rod.sections):
+        if inputs.is_active("gravity") and not any(rod.has_mass for rod in self.rods):
             refuse("gravity", inputs.gravity.tolist(), "must be zero: no rod has a linear_density (or, for Rod.tube, a density)")
 
     def problem(self, inputs: Inputs, **options: Any) -> BackboneProblem:  # noqa: D102

@@ -3,7 +3,7 @@
 Equation numbers are those of ``docs/parallel.md``.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,11 @@ class Legs:
     unknowns_by_wrench: list[FloatArray]
     length: FloatArray
     stiffness: FloatArray
+
+    def softened(self, compliance: float) -> "Legs":
+        """The same legs with a compliance in L^3/EI added to their tips, in all directions."""
+        extra = (compliance * self.length**3 / self.stiffness)[..., None, None] * np.diag([1.0, 1, 1, 0, 0, 0])
+        return replace(self, flexibility=self.flexibility + extra)
 
 
 @dataclass(frozen=True)

@@ -55,8 +55,8 @@ class Robots:
     position: wp.array[wp.vec3d]
     rotation: wp.array[wp.mat33d]
     pose_columns: wp.array3d[wp.float64]
-    # geometry; strides are 1 where each instance has its own, else 0
-    pose_stride: int
+    # geometry
+    stride: int  # 1 if each instance has its own, else 0
     reference_position: wp.array[wp.vec3d]  # (1): where the unknown pose is zero
     reference_rotation: wp.array[wp.mat33d]
     attachment_position: wp.array2d[wp.vec3d]  # (instance or 1, leg), platform frame
@@ -65,7 +65,6 @@ class Robots:
     axis: wp.array[wp.vec3d]  # (leg,): of a revolute joint, attachment frame
     length: wp.array2d[wp.float64]  # (instance or 1, leg + 1): length scale of each leg, and of the platform
     stiffness: wp.array2d[wp.float64]  # bending stiffness that scales wrenches, likewise
-    scale_stride: int
     mass: wp.float64
     mass_centre: wp.vec3d
     # where inputs begin
@@ -130,13 +129,13 @@ def direction(robots: Robots, b: int, k: int, first: int) -> wp.vec3d:
 @wp.func
 def length_of(robots: Robots, b: int, leg: int) -> f64:
     """Length scale of a leg, or of the platform."""
-    return robots.length[b * robots.scale_stride, leg]
+    return robots.length[b * robots.stride, leg]
 
 
 @wp.func
 def stiffness_of(robots: Robots, b: int, leg: int) -> f64:
     """Stiffness scale of a leg, or of the platform."""
-    return robots.stiffness[b * robots.scale_stride, leg]
+    return robots.stiffness[b * robots.stride, leg]
 
 
 @wp.kernel(module="unique", enable_backward=False)
@@ -236,7 +235,7 @@ def load_joint(robots: Robots, legs: Legs, t: int, b: int, leg: int, pose: Platf
     """A joint as it stands."""
     joint = Joint()
     joint.kind = robots.joint[leg]
-    g = b * robots.pose_stride
+    g = b * robots.stride
     joint.arm = pose.rotation * robots.attachment_position[g, leg]
     joint.frame = pose.rotation * robots.attachment_rotation[g, leg]
     joint.tip = legs.rotation[t]
@@ -348,9 +347,9 @@ def attach(robots: Robots, legs: Legs):
             move, turn = pose_direction(robots, b, k - m, pose)
         gap = to_gap * (dp - move - wp.cross(turn, joint.arm))
         rows = joint_rows_variation(joint, tip_turn, turn, dm, moment)
-        # (8) on the platform
+        # (8) on the platform; what a turn of it does, balance adds
         push = pull * dn
-        twist = bent * (dm + wp.cross(joint.arm, dn) + wp.cross(wp.cross(turn, joint.arm), force))
+        twist = bent * (dm + wp.cross(joint.arm, dn))
         if k < m:
             write_rows(robots.gamma, b, first, first + k, gap, rows)
             write_rows(robots.gamma, b, platform, first + k, push, twist)

@@ -71,8 +71,7 @@ class Geometry:
         self.batch_shape = np.broadcast_shapes(*shapes, base.shape[:-3], platform.shape[:-3])
         self.rods = tuple(rod for leg in self.legs for rod in leg.rods)
         self.first_rod = np.cumsum([0] + [leg.rod_count for leg in self.legs])
-        self.unknown_counts = [leg.rod_count + 5 for leg in self.legs]
-        self.first_unknown = np.cumsum([0, *self.unknown_counts])
+        self.first_unknown = np.cumsum([0] + [leg.rod_count + 5 for leg in self.legs])
         # where the unknown pose is zero: a constant, so that unknowns mean the same whatever the inputs are
         positions = base.reshape(-1, len(self.legs), 4, 4)[0]
         attachments = platform.reshape(-1, len(self.legs), 4, 4)[0]
@@ -130,11 +129,8 @@ class LegGroup:
             ("first_unknown", geometry.first_unknown[list(self.members)]),
         ):
             setattr(legs, name, wp.array(np.asarray(values, dtype=np.int32), dtype=wp.int32, device=device))
-        for name in ("active", "load_factor", "unknowns", "inputs", "directions", "fault", "step_count", "residual", "gamma"):
-            setattr(legs, name, getattr(own, name))
-        for name in ("residual_directions", "position", "rotation", "pose_columns", "wrench_columns"):
-            setattr(legs, name, getattr(own, name))
-        legs.wrench = own.tip_wrench
+        own.share(legs)
+        legs.wrench, legs.wrench_columns = own.tip_wrench, own.wrench_columns
         legs.to_base = wp.array(np.swapaxes(base[..., :3, :3], -1, -2).reshape(-1, 3, 3), dtype=wp.mat33d, device=device)
         self.table = legs
 
@@ -202,10 +198,7 @@ class ParallelProblem(BoundaryProblem):
         robots.unknown_count = self.unknown_count
         robots.direction_count = self.direction_count
         robots.inverse = int(self.inverse)
-        for name in ("active", "load_factor", "unknowns", "inputs", "directions", "fault", "step_count", "residual", "gamma"):
-            setattr(robots, name, getattr(self, name))
-        for name in ("residual_directions", "position", "rotation", "pose_columns"):
-            setattr(robots, name, getattr(self, name))
+        self.share(robots)
 
         def batched(values: FloatArray, tail: tuple[int, ...]) -> FloatArray:
             """Rows for all instances, or one where none varies."""
@@ -217,7 +210,7 @@ class ParallelProblem(BoundaryProblem):
             return wp.array(np.ascontiguousarray(values, dtype=kind), dtype=dtype, device=device)
 
         platform = batched(geometry.platform, (legs, 4, 4))
-        robots.pose_stride = robots.scale_stride = int(bool(geometry.batch_shape))
+        robots.stride = int(bool(geometry.batch_shape))
         robots.reference_position = array(geometry.reference_position[None], wp.vec3d)
         robots.reference_rotation = array(geometry.reference_rotation[None], wp.mat33d)
         robots.attachment_position = array(platform[:, :, :3, 3], wp.vec3d)
@@ -291,7 +284,8 @@ class ParallelProblem(BoundaryProblem):
                 x[:, self._own[leg]] = unloaded[:, place]
         self.write("unknowns", x)
         self.integrate()
-        x, residual, gamma = self._best([self._bent(x, compliance) for compliance in COMPLIANCES])
+        legs, at = self._legs(), self._attachments()
+        x, residual, gamma = self._best([self._bent(x, legs.softened(compliance), at) for compliance in COMPLIANCES])
         opening.assign(residual)
         # legs that are long and thin answer a force along themselves by bending alone
         sound = np.isfinite(gamma).all(axis=(1, 2))
@@ -315,10 +309,9 @@ class ParallelProblem(BoundaryProblem):
             shortest[better] = length[better]
         return x, residual, best
 
-    def _bent(self, unloaded: FloatArray, compliance: float) -> FloatArray:
+    def _bent(self, unloaded: FloatArray, legs: Legs, at: Attachments) -> FloatArray:
         """Unknowns of the unloaded legs, and what closes their joints if they are beams."""
         x = np.array(unloaded)
-        legs, at = self._legs(compliance), self._attachments()
         if self.inverse:
             pose = self.read("inputs")[:, self._places["platform_position"].start :][:, :POSE]
             reach, added = beam_reach(legs, at, pose[:, :3], Rotation.from_rotvec(pose[:, 3:]).as_matrix())
@@ -333,7 +326,7 @@ class ParallelProblem(BoundaryProblem):
             x[:, own] += values
         return x
 
-    def _legs(self, compliance: float) -> Legs:
+    def _legs(self) -> Legs:
         """What the last integration says of the legs."""
         count, legs = self.instance_count, len(self.geometry.legs)
         position, rotation = np.zeros((count, legs, 3)), np.zeros((count, legs, 3, 3))
@@ -351,7 +344,6 @@ class ParallelProblem(BoundaryProblem):
             for place, leg in enumerate(members):
                 by_wrench[leg] = unknowns[:, place]
         length, stiffness = (np.broadcast_to(scale[:, :legs], (count, legs)) for scale in (self._length, self._stiffness))
-        flexibility += (compliance * length**3 / stiffness)[..., None, None] * np.diag([1.0, 1, 1, 0, 0, 0])
         return Legs(position, rotation, flexibility, by_wrench, length, stiffness)
 
     def _attachments(self) -> Attachments:

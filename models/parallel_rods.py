@@ -14,7 +14,7 @@ from multirod.models.concentric_tubes import ConcentricTubes
 from multirod.models.parallel_problem import LEG_INPUTS, PLATFORM_INPUTS, Geometry, ParallelProblem
 from multirod.models.single_rod import SingleRod
 from multirod.rod import Rod
-from multirod.validation import Described, FloatArray, array, number, refuse
+from multirod.validation import Described, FloatArray, array, nonnegative_float, refuse
 
 JOINTS = {"clamped": kernels.CLAMPED, "revolute": kernels.REVOLUTE, "spherical": kernels.SPHERICAL}
 
@@ -57,9 +57,7 @@ class ParallelRods(Assembly):
         count = len(legs)
         if not 2 <= count <= 12:
             refuse("ParallelRods.legs", Described(f"{count} legs"), "must be 2 to 12")
-        mass = number("ParallelRods.platform_mass", platform_mass)
-        if not (np.isfinite(mass) and mass >= 0):
-            refuse("ParallelRods.platform_mass", platform_mass, "must be finite and >= 0")
+        mass = nonnegative_float("ParallelRods.platform_mass", platform_mass)
         robots: list[BackboneAssembly] = [SingleRod(leg) if isinstance(leg, Rod) else leg for leg in legs]
         self.legs = tuple(legs)
         self.geometry = Geometry(
@@ -72,6 +70,7 @@ class ParallelRods(Assembly):
             array("ParallelRods.platform_centre", platform_centre, (3,)),
         )
         self.rods = self.geometry.rods
+        self._own_rods = [slice(a, b) for a, b in pairwise(self.geometry.first_rod.tolist())]
 
     @property
     def batch_shape(self) -> tuple[int, ...]:
@@ -83,13 +82,19 @@ class ParallelRods(Assembly):
         return (*LEG_INPUTS[:2], *PLATFORM_INPUTS, *LEG_INPUTS[2:])
 
     def check(self, inputs: Inputs) -> None:  # noqa: D102
-        _check_legs(self.geometry, inputs)
+        for k, (leg, own) in enumerate(zip(self.geometry.legs, self._own_rods, strict=True)):
+            values = {name: getattr(inputs, name)[..., own] for name in ("rotation", "translation")}
+            try:
+                leg.check(Inputs(leg.input_specs, leg.rod_count, values))
+            except ValueError as error:
+                raise ValueError(f"legs[{k}]: {error}") from None
+        if inputs.is_active("gravity") and not (self.geometry.mass > 0 or any(rod.has_mass for rod in self.rods)):
+            refuse("gravity", inputs.gravity.tolist(), "must be zero: no rod has a linear_density, and the platform no mass")
 
     def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102
         if name != "translation":
             return True
-        ends = pairwise(self.geometry.first_rod.tolist())
-        return all(leg.surely_takes(name, values[a:b]) for leg, (a, b) in zip(self.geometry.legs, ends, strict=True))
+        return all(leg.surely_takes(name, values[own]) for leg, own in zip(self.geometry.legs, self._own_rods, strict=True))
 
     def problem(self, inputs: Inputs, **options: Any) -> ParallelProblem:  # noqa: D102
         return ParallelProblem(self.geometry, inputs, **options)
@@ -135,7 +140,7 @@ class InverseParallelRods(Assembly):
         return (*pose_inputs, *self.robot.input_specs)
 
     def check(self, inputs: Inputs) -> None:  # noqa: D102
-        _check_legs(self.geometry, inputs)
+        self.robot.check(inputs)
 
     def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102
         return self.robot.surely_takes(name, values)
@@ -175,18 +180,3 @@ def _axes(value: Any, count: int) -> FloatArray:
     if (size == 0).any():
         refuse("ParallelRods.joint_axes", value, "must not be zero")
     return np.asarray(axes / size[:, None])
-
-
-def _check_legs(geometry: Geometry, inputs: Inputs) -> None:
-    """Refuse what a leg cannot take, naming the leg."""
-    first = geometry.first_rod
-    for k, leg in enumerate(geometry.legs):
-        own = slice(first[k], first[k + 1])
-        values = {name: getattr(inputs, name)[..., own] for name in ("rotation", "translation")}
-        try:
-            leg.check(Inputs(leg.input_specs, leg.rod_count, values))
-        except ValueError as error:
-            raise ValueError(f"legs[{k}]: {error}") from None
-    heavy = geometry.mass > 0 or any(np.any(s.linear_density) for rod in geometry.rods for s in rod.sections)
-    if inputs.is_active("gravity") and not heavy:
-        refuse("gravity", inputs.gravity.tolist(), "must be zero: no rod has a linear_density, and the platform no mass")

@@ -2,7 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +12,22 @@ from numpy.typing import NDArray
 
 from multirod.inputs import Inputs
 from multirod.validation import Described, FloatArray, refuse
+
+BUFFERS = (
+    "active",
+    "load_factor",
+    "unknowns",
+    "inputs",
+    "directions",
+    "fault",
+    "step_count",
+    "residual",
+    "gamma",
+    "residual_directions",
+    "position",
+    "rotation",
+    "pose_columns",
+)
 
 
 @dataclass(frozen=True)
@@ -145,6 +161,11 @@ class BoundaryProblem(ABC):
             dtype=dtype,
             device=self.device,
         )
+
+    def share(self, target: Any, names: Iterable[str] = BUFFERS) -> None:
+        """Make arrays of this problem the fields of the same names of a kernel's argument."""
+        for name in names:
+            setattr(target, name, getattr(self, name))
 
     @abstractmethod
     def guess(self) -> FloatArray:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from multirod import profile
-from multirod.validation import FloatArray, array, number, positive_array, positive_float, refuse
+from multirod.validation import FloatArray, array, nonnegative_float, number, positive_array, positive_float, refuse
 
 
 def _pair(name: str, value: Any, *, infinite: bool) -> FloatArray:
@@ -203,9 +203,7 @@ class Rod:
             refuse("Rod.outer_diameter" if outer is None else "Rod.inner_diameter", None, "must be a number")
         E = positive_array("Rod.young_modulus", young_modulus)
         G = positive_array("Rod.shear_modulus", shear_modulus)
-        rho = number("Rod.density", density)
-        if not (math.isfinite(rho) and rho >= 0):
-            refuse("Rod.density", density, "must be finite and >= 0")
+        rho = nonnegative_float("Rod.density", density)
         I = math.pi / 64 * (outer**4 - inner**4)
         return cls(
             length=length,
@@ -222,6 +220,11 @@ class Rod:
     def length(self) -> FloatArray:
         """Arclength of the whole rod [m], shape (...)."""
         return np.asarray(sum(section.length for section in self.sections), dtype=np.float64)
+
+    @property
+    def has_mass(self) -> bool:
+        """Whether gravity acts on any of its sections."""
+        return any(np.any(section.linear_density) for section in self.sections)
 
     def __repr__(self) -> str:
         label = f"{self.name!r}, " if self.name else ""

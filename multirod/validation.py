@@ -48,6 +48,14 @@ def positive_float(field: str, value: object) -> float:
     return result
 
 
+def nonnegative_float(field: str, value: object) -> float:
+    """A finite number >= 0."""
+    result = number(field, value)
+    if not (math.isfinite(result) and result >= 0):
+        refuse(field, value, "must be finite and >= 0")
+    return result
+
+
 def positive_int(field: str, value: object, minimum: int = 1) -> int:
     """An integer, at least ``minimum``."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < minimum:

@@ -25,8 +25,7 @@ class Newton:
         n, count, device = problem.unknown_count, problem.instance_count, problem.device
         state: Any = NewtonState()
         self.state = state
-        for name in ("active", "fault", "unknowns", "residual", "gamma"):
-            setattr(state, name, getattr(problem, name))
+        problem.share(state, ("active", "fault", "unknowns", "residual", "gamma"))
         for name in ("status", "iterations", "integrations", "has_reference"):
             setattr(state, name, wp.zeros(count, dtype=wp.int32, device=device))
         for name in ("merit", "damping", "contraction", "change"):

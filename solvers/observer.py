@@ -200,9 +200,8 @@ class ObserverTrack(Track):
         first = problem.guess()
         state: Any = ObserverState()
         self.state = state
-        for name in ("active", "fault", "unknowns", "residual", "gamma", "residual_directions", "position", "rotation"):
-            setattr(state, name, getattr(problem, name))
-        state.pose_columns = problem.pose_columns
+        problem.share(state, ("active", "fault", "unknowns", "residual", "gamma", "residual_directions"))
+        problem.share(state, ("position", "rotation", "pose_columns"))
         for name in ("following", "rates", "driving", "move", "vector", "scratch"):
             setattr(state, name, wp.zeros((count, n), dtype=wp.float64, device=device))
         for name in ("row_scale", "column_scale"):
