@@ -11,16 +11,17 @@ from numpy.typing import NDArray
 from multirod.assembly import Assembly, pose
 from multirod.inputs import Inputs, InputSpec
 from multirod.models import backbone_kernels as kernels
+from multirod.models.backbone_segments import BackboneSegments
 from multirod.models.features import Features
 from multirod.models.integrators import Integrator
-from multirod.models.second_variation import Modes, NodeColumns, modes_with_free_tip, segments_needed
+from multirod.models.second_variation import FEWEST_NODES, Modes, NodeColumns, modes_with_free_tip, segments_needed
 from multirod.problem import Block, BoundaryProblem, Shape
 from multirod.profile import DEGREE, interpolate
 from multirod.rod import Rod, RodArrays, lower
+from multirod.segments import Breakpoints, Segments
 from multirod.validation import Described, FloatArray, refuse
 
 STEP_LIMIT = 100_000
-FEWEST_NODES = 33
 MOST_NODES = 16385
 _PARTS = 64  # of the length, over which starts are bounded
 _CROWDING = 1.5  # most equilibria are far inside the bounds
@@ -239,7 +240,18 @@ class BackboneProblem(BoundaryProblem):
         fields = ("arclength", "position", "rotation", "curvature", "moment", "force")
         calls = [self._node_pass(node_count, rod=rod) for rod in range(len(self.rods))]
         shapes = [Shape(**{name: getattr(call, f"node_{name}").numpy() for name in fields}) for call in calls]
-        return tuple(shapes), calls[0].energy.numpy()
+        energy = calls[0].energy.numpy()
+        if self.breakpoints:
+            others, stored, _ = BackboneSegments(self).shapes(self.breakpoints, node_count)
+            for k in self.breakpoints:
+                energy[k] = stored[k]
+                for shape, other in zip(shapes, others, strict=True):
+                    for name in fields:
+                        getattr(shape, name)[k] = getattr(other, name)[k]
+        return tuple(shapes), energy
+
+    def segments(self) -> Segments | None:  # noqa: D102
+        return BackboneSegments(self) if len(self.rods) == 1 and not self.held else None
 
     # ---- stability and multiplicity ----
 
@@ -257,7 +269,12 @@ class BackboneProblem(BoundaryProblem):
         if not self.has_potential:
             return super().potential()
         call = self._node_pass(2)
-        return np.asarray(call.energy.numpy() - call.work.numpy())
+        result = np.array(call.energy.numpy() - call.work.numpy())
+        if self.breakpoints:
+            _, energy, work = BackboneSegments(self).shapes(self.breakpoints, 2)
+            for k in self.breakpoints:
+                result[k] = energy[k] - work[k]
+        return result
 
     def starts(self, count: int, first: int = 0) -> FloatArray:  # noqa: D102
         n = len(self.rods)
@@ -314,6 +331,7 @@ class BackboneProblem(BoundaryProblem):
         index, neutral = super().unstable_modes()
         stiffness = self._each(self.arrays.material[..., :3].min(axis=(1, 2, 3)))
         open_ = self.has_potential & np.isfinite(self.arrays.material[..., :3]).all() & np.ones(self.instance_count, dtype=bool)
+        open_[list(self.breakpoints)] = False
         node_count = FEWEST_NODES
         while open_.any() and node_count <= MOST_NODES:
             call = self._node_pass(node_count, open_, columns=True)
@@ -326,7 +344,15 @@ class BackboneProblem(BoundaryProblem):
             neutral[done] = soft[done] & (modes.index[done] >= 0)
             open_ &= ~done
             node_count = 2 * node_count - 1
+        for k, points in self.breakpoints.items() if self.has_potential else ():
+            index[k], neutral[k] = self._modes_by_segments(k, points, stiffness[k])
         return index, neutral
+
+    def _modes_by_segments(self, instance: int, points: Breakpoints, stiffness: float) -> tuple[int, bool]:
+        segments = BackboneSegments(self)
+        index, tip_stiffness, uncertainty = segments.modes(instance, points, MOST_NODES)
+        soft = abs(tip_stiffness) <= NEUTRAL * stiffness / segments.length(instance) + uncertainty
+        return index - int(tip_stiffness < 0 and soft and index > 0), bool(soft and index >= 0)
 
     def _modes(self, call: Any, stiffness: FloatArray) -> tuple[Modes, FloatArray, FloatArray]:
         """Modes by the columns of a pass, the length, and how many segments it takes to be sure of them."""

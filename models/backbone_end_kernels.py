@@ -304,7 +304,7 @@ def make_base_functions(layout: Layout, features: Features, grid: SimpleNamespac
         y, dn0 = base_columns(rods, call, case, behind, y, q, n0, dn0)
         return y, n0, dn0
 
-    return SimpleNamespace(at_base=at_base)
+    return SimpleNamespace(at_base=at_base, unknown_unit=unknown_unit)
 
 
 def make_tip_functions(

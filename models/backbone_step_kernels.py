@@ -173,4 +173,4 @@ def make_step_functions(layout: Layout, tableau: Tableau, rates) -> SimpleNamesp
             return adaptive_steps(y, z, h, used, case, call)
         return y, h, used, wp.static(FAULT_NONE)
 
-    return SimpleNamespace(over_stretch=over_stretch)
+    return SimpleNamespace(over_stretch=over_stretch, fixed_steps=fixed_steps)

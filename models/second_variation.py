@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from multirod.validation import FloatArray
 
+FEWEST_NODES = 33
 WORST_CONDITION = 1e12  # of the columns at a node; beyond it rounding may change a sign
 
 
@@ -76,6 +77,38 @@ def modes_with_free_tip(columns: NodeColumns) -> Modes:
         found = _of_pattern(columns, chosen, int(pattern[0]), [int(rod) for rod in pattern[1:] if rod >= 0])
         result.index[chosen], result.tip_stiffness[chosen], result.uncertainty[chosen] = found
     return result
+
+
+def modes_by_segments(transition: FloatArray, frames: FloatArray, unit: FloatArray) -> tuple[int, float, float]:
+    """(4), (5) from what each segment makes of a variation, so that columns cannot grow apart: ``W_k = P_k Y_k^-1`` is carried on.
+
+    ``Y_(k+1) Y_k^-1 = A + B W_k`` and ``W_(k+1) = (C + D W_k) (A + B W_k)^-1``, (9).
+
+    Args:
+        transition: Of moment, then rotation, in the frames where segments begin and end, shape (segment, 6, 6).
+        frames: There, body to world, shape (segment + 1, 3, 3).
+        unit: Moment per rotation of the units in ``transition`` [N m], shape (3,).
+
+    Returns:
+        Index, tip stiffness and uncertainty, as in ``Modes``.
+    """
+    index = 0
+    W = None
+    for k, T in enumerate(transition):
+        if W is None:
+            Y, P = T[3:, :3], T[:3, :3]
+        else:
+            Y, P = T[3:, 3:] + T[3:, :3] @ W, T[:3, 3:] + T[:3, :3] @ W
+            index += int(_negative(frames[k + 1] @ Y @ frames[k].T))
+        inverse, sound = _inverse(Y)
+        if not sound:
+            return -1, np.nan, np.nan
+        W = P @ inverse
+    assert W is not None
+    form = unit[:, None] * W
+    values = np.linalg.eigvalsh((form + form.T) / 2)
+    nearest = float(values[np.argmin(np.abs(values))])
+    return index + int((values < 0).sum()), nearest, float(np.linalg.norm(form - form.T) / 2)
 
 
 def _of_pattern(columns: NodeColumns, chosen: NDArray[np.intp], longest: int, ended: list[int]) -> tuple[FloatArray, ...]:

@@ -33,6 +33,7 @@ from multirod.rod import Rod, Section
 from multirod.simulation import Tracker, simulate, solve
 from multirod.solution import History, Solution, SolveError
 from multirod.solver import Outcome, Solver, Track, registered_solvers
+from multirod.solvers.multiple_shooting import MultipleShooting
 from multirod.solvers.observer import Observer
 from multirod.solvers.scipy_shooting import ScipyShooting
 from multirod.solvers.shooting import Shooting
@@ -56,6 +57,7 @@ __all__ = [
     "Inputs",
     "Integrator",
     "InverseParallelRods",
+    "MultipleShooting",
     "Observer",
     "Outcome",
     "ParallelRods",

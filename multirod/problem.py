@@ -11,6 +11,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from multirod.inputs import Inputs
+from multirod.segments import Breakpoints, Segments
 from multirod.validation import Described, FloatArray, refuse
 
 BUFFERS = (
@@ -92,6 +93,8 @@ class BoundaryProblem(ABC):
         guess_integrations: Integrations per rod that ``guess`` takes.
         natural_singular_value: What the smallest singular value of ``Gamma`` is far from any fold, 1 or less: how near one is, is
             judged against it, shape (instance_count,).
+        breakpoints: Instances whose equilibrium is known by its states there, not by ``unknowns`` alone; ``shapes``,
+            ``unstable_modes`` and ``potential`` are of these states.
         fault: 0, or why an evaluation failed (1: not finite, 2: step limit), shape (instance_count,).
         residual: ``eps`` [1/m], shape (instance_count, n).
         gamma: ``Gamma``, shape (instance_count, n, n).
@@ -125,6 +128,7 @@ class BoundaryProblem(ABC):
         self.device = device
         self.blocks = tuple(blocks)
         self.arrow: tuple[int, ...] = ()
+        self.breakpoints: dict[int, Breakpoints] = {}
         self.natural_singular_value: FloatArray = np.ones(count)
         # One record an instance holds all that a sample of a time series keeps, so that keeping it is one copy.
         sizes = {"unknowns": n, "residual": n, "gamma": n * n, "position": 3, "rotation": 9, "inputs": input_count}
@@ -224,6 +228,10 @@ class BoundaryProblem(ABC):
     def shapes(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:
         """Shape of each rod at ``unknowns``, and the elastic energy [J], shape (instance_count,)."""
         raise NotImplementedError(f"{type(self).__name__} offers no shapes")
+
+    def segments(self) -> Segments | None:
+        """The problem cut into segments, for multiple shooting; None where it offers none, as by default."""
+        return None
 
     @property
     def multistable(self) -> bool:

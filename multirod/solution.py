@@ -13,6 +13,7 @@ from multirod.inputs import Inputs
 from multirod.models.integrators import Integrator
 from multirod.problem import BoundaryProblem, Shape
 from multirod.solver import Outcome
+from multirod.solvers.multiple_shooting_system import pose_jacobian
 from multirod.stability import Stability, classify
 from multirod.status import Status, failures
 from multirod.validation import FloatArray, positive_int, refuse
@@ -280,6 +281,10 @@ class Solution:
         sound = ~self._failed & (np.linalg.det(np.nan_to_num(gamma)) != 0)
         shift = np.linalg.solve(gamma[sound], slopes[sound])
         result[sound] = columns[sound][:, :, n:] - columns[sound][:, :, :n] @ shift
+        for k, points in problem.breakpoints.items():
+            segments = problem.segments()
+            assert segments is not None
+            result[k] = pose_jacobian(segments, k, points)
         return np.asarray(self._shaped(result, (6, count)))
 
     def raise_if_failed(self) -> "Solution":
@@ -308,6 +313,7 @@ class Solution:
         problem = self.assembly.problem(self.inputs, integrator=self._scene.integrator, device=self._scene.device, **options)
         unknowns = problem.adopt(self._records[:, self._scene.fields["unknowns"]])
         problem.write("unknowns", np.where(self._failed[:, None], problem.guess(), unknowns))
+        problem.breakpoints = self._outcome.breakpoints
         return problem
 
     def _shape_pass(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:

@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from typing import Any
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from multirod.models.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
+from multirod.segments import Breakpoints
 from multirod.status import failures
 from multirod.validation import FloatArray, refuse
 
@@ -28,6 +29,7 @@ class Outcome:
         residual: What the solver drove to zero, max norm [1/m], shape (instance_count,); that of the problem if None.
         reached: Part of the load, or of the way from the last sample, that continuation reached, shape (instance_count,).
         rates: Closed-loop rates of an observer [1/s], shape (instance_count, n).
+        breakpoints: Of the instances that are known by their states there, as the unknowns alone do not lead to the tip.
     """
 
     status: IntArray
@@ -36,6 +38,7 @@ class Outcome:
     residual: FloatArray | None = None
     rates: FloatArray | None = None
     reached: FloatArray | None = None
+    breakpoints: dict[int, Breakpoints] = field(default_factory=dict)
 
     @classmethod
     def zeros(cls, count: int) -> "Outcome":
@@ -54,6 +57,11 @@ class Outcome:
             np.concatenate([outcome.integrations for outcome in outcomes]),
             np.concatenate(residuals) if len(residuals) == len(outcomes) else None,
             np.concatenate(rates) if len(rates) == len(outcomes) else None,
+            breakpoints={
+                sample * len(outcome.status) + instance: points
+                for sample, outcome in enumerate(outcomes)
+                for instance, points in outcome.breakpoints.items()
+            },
         )
 
 

@@ -31,6 +31,7 @@ class Status(IntEnum):
     LOWEST_ENERGY = 12
     SINGULAR_PIVOT = 13
     UNSTABLE_COUPLING = 14
+    MULTIPLE_SHOOTING = 15
 
     def __str__(self) -> str:
         return self.name
@@ -55,6 +56,7 @@ _WITH_RESULT = frozenset(
         Status.NEAR_FOLD,
         Status.SINGULAR_PIVOT,
         Status.UNSTABLE_COUPLING,
+        Status.MULTIPLE_SHOOTING,
     }
 )
 
@@ -89,4 +91,6 @@ _MESSAGES = {
     "coupling='full', or another order of the blocks",
     Status.UNSTABLE_COUPLING: "an estimate of the observer whose closed loop is unstable, as the gains of each rod leave out what "
     "couples them: use coupling='per-rod' or 'full'",
+    Status.MULTIPLE_SHOOTING: "the residual is within the tolerance, by multiple shooting: the rod is so long, soft or strongly loaded that "
+    "its unknowns at the base alone do not determine the tip, and gamma is NaN",
 }

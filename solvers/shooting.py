@@ -9,6 +9,7 @@ from multirod.models.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome, Solver, Track
 from multirod.solvers.continuation import Path, follow, natural_branch
+from multirod.solvers.multiple_shooting import MultipleShooting, ill_conditioned
 from multirod.solvers.multistart import lowest_stable
 from multirod.solvers.newton import Newton
 from multirod.status import Status, failures
@@ -34,6 +35,7 @@ class Shooting(Solver):
             ``"quadratic"`` extrapolation in time.
         line_search: Whether steps that do not reduce the residual are halved.
         max_continuation_steps: Load steps allowed.
+        fallback: Whether ``MultipleShooting`` goes on where rounding or these steps end the natural branch.
 
     Raises:
         ValueError: If a field is out of range.
@@ -45,6 +47,7 @@ class Shooting(Solver):
     predictor: str = "linear"
     line_search: bool = True
     max_continuation_steps: int = 1000
+    fallback: bool = True
 
     def __post_init__(self) -> None:
         self._check_integrator()
@@ -53,6 +56,7 @@ class Shooting(Solver):
         choice("Shooting.predictor", self.predictor, PREDICTORS)
         boolean("Shooting.line_search", self.line_search)
         positive_int("Shooting.max_continuation_steps", self.max_continuation_steps)
+        boolean("Shooting.fallback", self.fallback)
 
     def newton(self, problem: BoundaryProblem) -> Newton:
         """Newton's iteration on a problem, with these options."""
@@ -70,6 +74,8 @@ class Shooting(Solver):
         """Without a guess: the end of the natural branch, or where it ends early and others are meant, the lowest stable one."""
         outcome = natural_branch(problem, newton, self.max_continuation_steps, chosen)
         lowest_stable(problem, newton, outcome, failures(outcome.status))
+        if self.fallback:
+            MultipleShooting(tolerance=self.tolerance, integrator=self.integrator).rescue(problem, outcome, ill_conditioned(problem, outcome))
         return outcome
 
     def track(self, problem: BoundaryProblem, dt: float) -> Track:
@@ -130,6 +136,7 @@ class NewtonTrack(Track):
                 (outcome.integrations, first.integrations),
             ):
                 mine[~self.known] = theirs[~self.known]
+            outcome.breakpoints, outcome.residual = first.breakpoints, first.residual
         if self.inputs is not None and (newton.doubtful() or first is not None):
             doubtful = ((outcome.status != _CONVERGED) | newton.strayed()) & self.known
             if doubtful.any():
@@ -161,7 +168,8 @@ class NewtonTrack(Track):
 
     def _keep(self, outcome: Outcome) -> Outcome:
         found, inputs = self.problem.read("unknowns"), self.problem.read("inputs")
-        good = ~failures(outcome.status)
+        # of what is known by its breakpoints only, the unknowns alone cannot start the next sample
+        good = ~failures(outcome.status) & (outcome.status != Status.MULTIPLE_SHOOTING)
         if self.all_known and good.all():
             self.history = [found, *self.history[: self.order]]
             self.inputs = inputs

@@ -1,0 +1,221 @@
+"""Segments of a backbone of one rod: the launches of its segment kernels, and its states' variations."""
+
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import warp as wp
+from scipy.spatial.transform import Rotation
+
+from multirod.models.backbone_segment_kernels import (
+    BASE_FORCE_AT,
+    POSITION_AT,
+    ROTATION_AT,
+    STATE_SIZE,
+    SegmentCall,
+    SegmentFeatures,
+    make_segment_kernel,
+)
+from multirod.models.features import Features
+from multirod.models.second_variation import FEWEST_NODES, modes_by_segments, segments_needed
+from multirod.problem import Shape
+from multirod.segments import Breakpoints, Propagation, Request, Segments
+from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.models.backbone import BackboneProblem
+
+NODE_FIELDS = ("arclength", "position", "rotation", "curvature", "moment", "force")
+
+
+class BackboneSegments(Segments):
+    """Segments of the rod of a ``BackboneProblem``; a state is its moment [N m], frame (quaternion, scalar last) and position.
+
+    Every segment of every instance is one thread of a launch. The problem's own buffers stay as they are.
+    """
+
+    def __init__(self, problem: "BackboneProblem") -> None:
+        self.problem = problem
+        self.features = self._with(problem.features, pose=True, pose_sensitivities=True, nodes=False)
+        d = self.variation_size = self.features.unknown_count
+        force = self.features.base_force_unknown
+        self.unknown_places = np.array([0, 1, 2, 6, 7, 8] if force else [0, 1, 2])
+        count, device = problem.instance_count, problem.device
+        self._call = call = problem._make_call(0)
+        call.load_factor = wp.ones(count, dtype=wp.float64, device=device)
+        call.unknowns = wp.zeros((count, d), dtype=wp.float64, device=device)
+        call.residual = wp.zeros((count, d), dtype=wp.float64, device=device)
+        call.gamma = wp.zeros((count, d, d), dtype=wp.float64, device=device)
+        call.residual_directions = wp.zeros((count, d, max(problem.direction_count, 1)), dtype=wp.float64, device=device)
+        first = problem.arrays.material[:, 0, 0]
+        stiffness = np.column_stack([first[:, 0], first[:, 1], np.minimum(first[:, 2], first[:, :2].max(axis=1))])
+        self._stiffness = np.broadcast_to(stiffness, (count, 3))
+        self._precurvature = np.broadcast_to(problem.arrays.precurvature[:, 0, 0, :3], (count, 3))
+        self._scale = np.broadcast_to(problem.arrays.end[:, 0, -1], (count,))
+
+    @staticmethod
+    def _with(features: Features, **changes: Any) -> SegmentFeatures:
+        values = {field.name: getattr(features, field.name) for field in fields(features)}
+        return SegmentFeatures(**values | changes)
+
+    # ---- states ----
+
+    def length(self, instance: int) -> float:  # noqa: D102
+        translation = self.problem.read("inputs")[instance, self.problem.input_slice("translation")]
+        return float(self._scale[instance] + translation[0])
+
+    def base_state(self, instance: int, unknowns: FloatArray) -> FloatArray:  # noqa: D102
+        angle = self.problem.read("inputs")[instance, self.problem.input_slice("rotation")][0]
+        state = np.zeros(STATE_SIZE)
+        state[:3] = self._stiffness[instance] * (unknowns[:3] - self._precurvature[instance])
+        state[ROTATION_AT : ROTATION_AT + 4] = [0.0, 0.0, np.sin(angle / 2), np.cos(angle / 2)]
+        return state
+
+    def difference(self, instance: int, states: FloatArray, others: FloatArray) -> FloatArray:  # noqa: D102
+        result = np.zeros((len(states), self.variation_size))
+        result[:, :3] = (states[:, :3] - others[:, :3]) / self._stiffness[instance]
+        turn = _rotation(others).inv() * _rotation(states)
+        result[:, 3:6] = turn.as_rotvec() / self._scale[instance]
+        return result
+
+    def moved(self, instance: int, states: FloatArray, variations: FloatArray) -> FloatArray:  # noqa: D102
+        result = states.copy()
+        result[:, :3] += self._stiffness[instance] * variations[:, :3]
+        turned = _rotation(states) * Rotation.from_rotvec(self._scale[instance] * variations[:, 3:6])
+        result[:, ROTATION_AT : ROTATION_AT + 4] = turned.as_quat()
+        return result
+
+    # ---- launches ----
+
+    def _load(self, requests: Sequence[Request], call: Any) -> tuple[Any, Any]:
+        """Arguments of a launch over all segments, and where those of each request stand."""
+        device = self.problem.device
+        places = np.cumsum([0, *(len(r.start) for r in requests)])
+        seg: Any = SegmentCall()
+        instance = np.repeat([r.instance for r in requests], np.diff(places)).astype(np.int32)
+        end = np.concatenate([r.end for r in requests])
+        length = np.repeat([self.length(r.instance) for r in requests], np.diff(places))
+        seg.instance = wp.array(instance, device=device)
+        seg.start = wp.array(np.concatenate([r.start for r in requests]), dtype=wp.float64, device=device)
+        seg.end = wp.array(end, dtype=wp.float64, device=device)
+        seg.at_tip = wp.array((end >= length).astype(np.int32), device=device)
+        seg.state = wp.array(np.concatenate([r.states for r in requests]), dtype=wp.float64, device=device)
+        seg.steps = wp.array(np.concatenate([r.steps for r in requests]).astype(np.int32), device=device)
+        seg.end_state = wp.zeros((len(end), STATE_SIZE), dtype=wp.float64, device=device)
+        seg.fault = wp.zeros(len(end), dtype=wp.int32, device=device)
+        level, unknowns = np.array(call.load_factor.numpy()), np.zeros(call.unknowns.shape)
+        for r in requests:
+            level[r.instance] = r.level
+            unknowns[r.instance, self.unknown_places] = r.unknowns
+        call.load_factor.assign(level)
+        call.unknowns.assign(unknowns)
+        return seg, places
+
+    def propagate(self, requests: Sequence[Request]) -> list[Propagation]:  # noqa: D102
+        problem, call, d = self.problem, self._call, self.variation_size
+        seg, places = self._load(requests, call)
+        columns = d + problem.direction_count
+        seg.columns = wp.zeros((int(places[-1]), 9, columns), dtype=wp.float64, device=problem.device)
+        kernel = make_segment_kernel(self.features, problem.integrator.tableau)
+        wp.launch(kernel, dim=int(places[-1]), inputs=[problem._table, call, seg], device=problem.device)
+        end, values, fault = seg.end_state.numpy(), seg.columns.numpy(), seg.fault.numpy()
+        residual, gamma = call.residual.numpy(), call.gamma.numpy()
+        slopes = call.residual_directions.numpy()[..., : problem.direction_count]
+        rows = self.unknown_places
+        result = []
+        for k, r in enumerate(requests):
+            mine = slice(places[k], places[k + 1])
+            transition = np.zeros((len(r.start), d, columns))
+            transition[:, :6] = values[mine, :6]
+            # what the base force varies by is the same everywhere
+            transition[:, BASE_FORCE_AT:d, BASE_FORCE_AT:d] = np.eye(d - BASE_FORCE_AT)
+            tip = np.concatenate([gamma[r.instance, rows], slopes[r.instance, rows]], axis=1)
+            result.append(
+                Propagation(
+                    end=np.array(end[mine]),
+                    transition=transition,
+                    residual=np.array(residual[r.instance, rows]),
+                    residual_columns=tip,
+                    displacement=end[mine, POSITION_AT:] - r.states[:, POSITION_AT:],
+                    displacement_columns=np.array(values[mine, 6:]),
+                    fault=int(fault[mine].max()),
+                )
+            )
+        return result
+
+    # ---- results ----
+
+    def _base(self, instance: int) -> tuple[FloatArray, FloatArray]:
+        base = self.problem.base.reshape(-1, 4, 4)
+        pose = base[instance if len(base) > 1 else 0]
+        return pose[:3, :3], pose[:3, 3]
+
+    def tip_pose(self, instance: int, found: Propagation) -> tuple[FloatArray, FloatArray]:  # noqa: D102
+        R, p = self._base(instance)
+        return p + R @ found.displacement.sum(axis=0), R @ _rotation(found.end[-1:]).as_matrix()[0]
+
+    def tip_pose_columns(self, instance: int, found: Propagation, variations: FloatArray) -> FloatArray:  # noqa: D102
+        d = self.variation_size
+        R, _ = self._base(instance)
+        moved = found.displacement_columns[:, :, :d] @ variations + found.displacement_columns[:, :, d:]
+        turned = found.transition[-1, 3:6, :d] @ variations[-1] + found.transition[-1, 3:6, d:]
+        tip = R @ _rotation(found.end[-1:]).as_matrix()[0]
+        return np.concatenate([R @ moved.sum(axis=0), self._scale[instance] * tip @ turned])
+
+    def shapes(self, points: dict[int, Breakpoints], node_count: int) -> tuple[tuple[Shape, ...], FloatArray, FloatArray]:  # noqa: D102
+        problem = self.problem
+        requests = [Request.all_of(instance, point, 1.0) for instance, point in points.items()]
+        placed = []
+        for request, found in zip(requests, self.propagate(requests), strict=True):
+            states = request.states.copy()
+            states[:, POSITION_AT:] = np.cumsum(found.displacement, axis=0) - found.displacement
+            placed.append(replace(request, states=states, steps=0 * request.steps))
+        features = self._with(self.features, nodes=True, sensitivities=False, pose_sensitivities=False, directions=0)
+        call = problem._make_call(node_count)
+        call.node_rod = 0
+        for name in ("load_factor", "unknowns", "residual"):
+            setattr(call, name, getattr(self._call, name))
+        seg, places = self._load(placed, call)
+        seg.energy = wp.zeros(int(places[-1]), dtype=wp.float64, device=problem.device)
+        seg.work = wp.zeros(int(places[-1]), dtype=wp.float64, device=problem.device)
+        kernel = make_segment_kernel(features, problem.integrator.tableau)
+        wp.launch(kernel, dim=int(places[-1]), inputs=[problem._table, call, seg], device=problem.device)
+        others = np.setdiff1d(np.arange(problem.instance_count), list(points))
+        values = {name: np.array(getattr(call, f"node_{name}").numpy()) for name in NODE_FIELDS}
+        energy, work = np.full((2, problem.instance_count), np.nan)
+        for k, instance in enumerate(points):
+            energy[instance] = seg.energy.numpy()[places[k] : places[k + 1]].sum()
+            work[instance] = seg.work.numpy()[places[k] : places[k + 1]].sum()
+        for value in values.values():
+            value[others] = np.nan
+        return (Shape(**values),), energy, work
+
+    def modes(self, instance: int, points: Breakpoints, most: int) -> tuple[int, float, float]:
+        """Index, tip stiffness and its uncertainty [N m] of an equilibrium without end moments, as ``Modes``; index -1 where unknown.
+
+        Breakpoints are set as close as (7) of ``docs/stability.md`` asks, up to ``most``.
+        """
+        problem = self.problem
+        shape = self.shapes({instance: points}, FEWEST_NODES)[0][0]
+        stiffness = float(problem.arrays.material[instance if problem.arrays.batch_shape else 0, ..., :3].min())
+        length = self.length(instance)
+        moment = max(np.linalg.norm(shape.moment[instance], axis=1).max(), np.linalg.norm(points.states[:, :3], axis=1).max())
+        force = np.linalg.norm(shape.force[instance], axis=1).max()
+        needed = segments_needed(*(np.array([value]) for value in (length, stiffness, moment, force)))[0]
+        if not needed < most:
+            return -1, np.nan, np.nan
+        while True:
+            size = np.diff(points.arclength)
+            long = size > length / needed
+            if not long.any():
+                break
+            half = points.halves(instance, long, 1.0)
+            points = points.halved(long, half, self.propagate([half])[0].end)
+        found = self.propagate([Request.all_of(instance, points, 1.0)])[0]
+        frames = np.concatenate([_rotation(points.states).as_matrix(), _rotation(found.end[-1:]).as_matrix()])
+        return modes_by_segments(found.transition[:, :6, :6], frames, self._stiffness[instance] / self._scale[instance])
+
+
+def _rotation(states: FloatArray) -> Rotation:
+    return Rotation.from_quat(states[:, ROTATION_AT : ROTATION_AT + 4])

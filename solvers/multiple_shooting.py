@@ -1,0 +1,203 @@
+"""Multiple shooting: the rod in segments short enough that none amplifies an error by much, along the natural branch."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from multirod.models.integrators import RK45, Integrator
+from multirod.problem import BoundaryProblem
+from multirod.segments import Breakpoints, Segments
+from multirod.solver import Outcome, Solver, Track
+from multirod.solvers.multiple_shooting_branch import Branch, Result, Run, run_together
+from multirod.solvers.multiple_shooting_system import System
+from multirod.solvers.newton import Newton
+from multirod.status import Status, failures
+from multirod.validation import FloatArray, positive_float, positive_int
+
+NOISY = 1e4  # norm of Gamma from which the integrator's noise may look like the end of a branch
+POLISH = 5  # iterations on the unknowns alone
+SAME_POSE = 1e-7  # of the length, and of a rotation: how near these lead to the tip that the segments lead to
+
+_Ended = tuple[Result, Branch]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MultipleShooting(Solver):
+    """Newton's method on the states at breakpoints that are set so that no segment between two amplifies an error by much.
+
+    For what single shooting cannot solve: long, soft, strongly loaded rods, whose sensitivities grow by more from base to tip
+    than numbers have digits. ``Shooting`` turns to it by itself where it stalls. Without a guess it finds the equilibrium on the
+    natural branch, by the tests that ``Shooting`` makes (``docs/solvers.md``).
+
+    Attributes:
+        tolerance: Largest residual of the boundary conditions, and gap between two segments, max norm [1/m].
+        integrator: Of the spatial equations.
+        max_iterations: Newton iterations allowed in each continuation step, or from a guess.
+        max_continuation_steps: Load steps allowed.
+
+    Raises:
+        ValueError: If a field is out of range.
+    """
+
+    tolerance: float = 1e-9
+    integrator: Integrator = field(default_factory=RK45)
+    max_iterations: int = 30
+    max_continuation_steps: int = 1000
+
+    def __post_init__(self) -> None:
+        self._check_integrator()
+        positive_float("MultipleShooting.tolerance", self.tolerance)
+        positive_int("MultipleShooting.max_iterations", self.max_iterations)
+        positive_int("MultipleShooting.max_continuation_steps", self.max_continuation_steps)
+
+    def unsupported(self, problem: BoundaryProblem) -> tuple[str, ...]:
+        """Every reason why this solver cannot take ``problem``; empty if it can."""
+        return () if problem.segments() is not None else ("it offers no segments: it is not a single rod",)
+
+    def _solve(self, problem: BoundaryProblem, guess: FloatArray | None) -> Outcome:
+        chosen = np.arange(problem.instance_count)
+        if guess is None:
+            return self._report(problem, self._natural(problem, chosen))
+        return self._report(problem, self._run(problem, {int(k): (lambda branch, k=k: branch.solve_from(guess[k])) for k in chosen}))
+
+    def track(self, problem: BoundaryProblem, dt: float) -> Track:
+        """Follow a motion, each sample from the states of the last, or anew along its natural branch where that might leave it."""
+        return _Resumed(self, problem)
+
+    def rescue(self, problem: BoundaryProblem, outcome: Outcome, chosen: Any) -> None:
+        """Solve the instances ``chosen`` (bool, (instance_count,)) of a problem that another solver could not.
+
+        What is found goes into the problem's buffers and the outcome; what is not stays as it was.
+        """
+        if not np.any(chosen) or self.unsupported(problem):
+            return
+        kept = problem.snapshot()
+        mine = self._report(problem, self._natural(problem, np.flatnonzero(chosen)))
+        found = chosen & ~failures(mine.status)
+        records = np.where(found[:, None], problem.snapshot(), kept)
+        problem.restore(records)
+        residual = np.abs(records[:, problem.record_fields["residual"]]).max(axis=1)
+        outcome.residual = np.where(found, mine.residual, residual if outcome.residual is None else outcome.residual)
+        outcome.status[found] = mine.status[found]
+        outcome.iterations += mine.iterations
+        outcome.integrations += mine.integrations
+        outcome.breakpoints |= mine.breakpoints
+
+    def _natural(self, problem: BoundaryProblem, chosen: Any) -> dict[int, _Ended]:
+        guess, scale = problem.guess(), np.maximum(problem.load_scale(), 1e-300)
+        starts = {int(k): (lambda branch, k=k: branch.follow(guess[k], float(scale[k]))) for k in chosen}
+        ended = self._run(problem, starts)
+        for _, branch in ended.values():
+            branch.integrations += problem.guess_integrations
+        return ended
+
+    def _run(self, problem: BoundaryProblem, starts: dict[int, Callable[[Branch], Run]]) -> dict[int, _Ended]:
+        """Run instances together, each by what it is started with."""
+        segments = problem.segments()
+        assert segments is not None
+        branches = {instance: self._branch(segments, instance) for instance in starts}
+        results = run_together(segments, {instance: start(branches[instance]) for instance, start in starts.items()})
+        return {instance: (result, branches[instance]) for instance, result in results.items()}
+
+    def _branch(self, segments: Segments, instance: int) -> Branch:
+        return Branch(
+            segments,
+            instance,
+            tolerance=self.tolerance,
+            max_iterations=self.max_iterations,
+            max_steps=self.max_continuation_steps,
+            integrator=self.integrator,
+        )
+
+    def _report(self, problem: BoundaryProblem, ended: dict[int, _Ended]) -> Outcome:
+        """Put results into the problem's buffers; ``CONVERGED`` where an integration from the base alone leads to them."""
+        segments = problem.segments()
+        assert segments is not None
+        outcome = Outcome.zeros(problem.instance_count)
+        reached = np.ones(problem.instance_count)
+        unknowns = problem.read("unknowns")
+        poses = {}
+        for instance, (result, branch) in ended.items():
+            outcome.status[instance] = result.status
+            outcome.iterations[instance] = branch.iterations
+            outcome.integrations[instance] = branch.integrations
+            reached[instance] = result.level
+            unknowns[instance] = result.points.unknowns
+            if result.found is not None:
+                poses[instance] = segments.tip_pose(instance, result.found)
+        self._polish(problem, unknowns, poses, segments, outcome)
+        records = problem.snapshot()
+        fields = {name: records[:, place] for name, place in problem.record_fields.items()}
+        residual = np.abs(fields["residual"]).max(axis=1)
+        for instance, (result, _) in ended.items():
+            if outcome.status[instance] == Status.MULTIPLE_SHOOTING:
+                assert result.found is not None
+                position, rotation = poses[instance]
+                fields["unknowns"][instance] = unknowns[instance]
+                fields["residual"][instance] = result.found.residual
+                fields["gamma"][instance] = np.nan
+                fields["position"][instance], fields["rotation"][instance] = position, rotation.ravel()
+                residual[instance] = result.residual
+                outcome.breakpoints[instance] = result.points
+        problem.restore(records)
+        outcome.residual, outcome.reached = residual, reached
+        return outcome
+
+    def _polish(
+        self, problem: BoundaryProblem, unknowns: FloatArray, poses: dict[int, Any], segments: Segments, outcome: Outcome
+    ) -> None:
+        """Newton on the unknowns alone, which converges to the same pose where the problem is well conditioned."""
+        problem.load_factor.fill_(1.0)
+        problem.write("unknowns", unknowns)
+        # instances without a result are evaluated once, so that the buffers say what is left of the residual
+        newton = Newton(problem, tolerance=self.tolerance, max_iterations=POLISH, line_search=False)
+        tried = np.zeros(problem.instance_count, dtype=bool)
+        tried[list(poses)] = True
+        newton.run(tried)
+        single = newton.outcome()
+        outcome.integrations += np.where(tried, single.integrations, 0)
+        position, rotation = problem.read("position"), problem.read("rotation")
+        for instance, (p, R) in poses.items():
+            off = np.linalg.norm(position[instance] - p) / segments.length(instance) + np.linalg.norm(rotation[instance] - R.ravel())
+            if single.status[instance] == Status.CONVERGED and off < SAME_POSE:
+                outcome.status[instance] = Status.CONVERGED
+
+
+class _Resumed(Track):
+    """Starts every sample from the states of the last."""
+
+    def __init__(self, solver: MultipleShooting, problem: BoundaryProblem) -> None:
+        self.solver = solver
+        self.problem = problem
+        self.first: FloatArray | None = None
+        self.last: dict[int, tuple[Breakpoints, System]] = {}
+
+    def start(self, unknowns: FloatArray) -> None:
+        self.first = np.array(unknowns)
+
+    def step(self) -> Outcome:
+        solver, problem = self.solver, self.problem
+        first, self.first = self.first, None
+        if first is not None:
+            everything = range(problem.instance_count)
+            ended = solver._run(problem, {k: (lambda branch, k=k: branch.solve_from(first[k])) for k in everything})
+        else:
+            ended = solver._run(
+                problem, {k: (lambda branch, last=last: branch.resume(*last)) for k, last in self.last.items()}
+            )
+            lost = [k for k in range(problem.instance_count) if k not in ended or ended[k][0] is None]
+            ended |= solver._natural(problem, lost)
+        places = problem.segments().unknown_places
+        for k, (result, _) in ended.items():
+            if result.found is not None:
+                self.last[k] = (result.points, System(result.found, places))
+        return solver._report(problem, ended)
+
+
+def ill_conditioned(problem: BoundaryProblem, outcome: Outcome) -> Any:
+    """Instances that single shooting could not solve, by rounding or noise rather than because their branch ends."""
+    growth = np.linalg.norm(np.nan_to_num(problem.read("gamma"), nan=np.inf), axis=1)
+    doubtful = (outcome.status == Status.BRANCH_END) & (growth > NOISY)
+    return doubtful | np.isin(outcome.status, (Status.STALLED, Status.MAX_ITERATIONS))

@@ -1,0 +1,142 @@
+"""The linear equations of multiple shooting: a banded matrix, almost block diagonal, of one instance.
+
+Numbers in parentheses are those of ``docs/solvers.md``.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import lapack
+from scipy.sparse.linalg import ArpackError, ArpackNoConvergence, LinearOperator, eigs
+
+from multirod.segments import Breakpoints, Propagation, Request, Segments
+from multirod.validation import FloatArray
+
+GAMMA_CHANGE = 0.25  # smallest real part of an eigenvalue of J_new J_old^-1
+MODES = 8  # eigenvalues furthest from one that are looked at
+DENSE = 120  # unknowns up to which all are
+
+
+class System:
+    """The Jacobian (M2) of all segments: unknowns at the base, then the variation at every further breakpoint.
+
+    Factored by Gaussian elimination with partial pivoting in the band, which is stable where the boundary conditions are
+    separated and the problem itself is well conditioned (Ascher, Mattheij, Russell, section 7.2).
+    """
+
+    def __init__(self, found: Propagation, places: NDArray[np.intp]) -> None:
+        self.n, self.d = n, d = len(places), found.transition.shape[1]
+        self.segments = len(found.transition)
+        self.size = n + d * (self.segments - 1)
+        # at the base only the unknowns vary
+        self.first = found.transition[0][:, places] if self.segments > 1 else np.zeros((0, n))
+        self.blocks = found.transition[1:-1, :, :d]
+        self.last = found.residual_columns[:, :d] if self.segments > 1 else found.residual_columns[:, places]
+        self._factored: tuple[Any, ...] | None = None
+
+    @property
+    def below(self) -> int:
+        """Diagonals of the band below the main one."""
+        return 2 * self.d - 1 - self.n if self.segments > 1 else self.n - 1
+
+    @property
+    def above(self) -> int:
+        """Diagonals above it."""
+        return self.n + self.d - 1 if self.segments > 1 else self.n - 1
+
+    def _pieces(self) -> list[tuple[int, int, FloatArray]]:
+        """Dense blocks, each with its first row and column."""
+        n, d, count = self.n, self.d, self.segments
+        if count == 1:
+            return [(0, 0, self.last)]
+        pieces = [(0, 0, self.first)]
+        pieces += [(d * (k + 1), n + d * k, block) for k, block in enumerate(self.blocks)]
+        pieces += [(d * k, n + d * k, -np.eye(d)) for k in range(count - 1)]
+        return [*pieces, (d * (count - 1), n + d * (count - 2), self.last)]
+
+    def banded(self) -> FloatArray:
+        """The matrix as LAPACK keeps bands, with room for the fill."""
+        low, up = self.below, self.above
+        result = np.zeros((2 * low + up + 1, self.size), order="F")
+        for row, column, block in self._pieces():
+            i, j = np.indices(block.shape)
+            result[low + up + (row + i) - (column + j), column + j] = block
+        return result
+
+    def dense(self) -> FloatArray:
+        """The whole matrix."""
+        result = np.zeros((self.size, self.size))
+        for row, column, block in self._pieces():
+            result[row : row + block.shape[0], column : column + block.shape[1]] += block
+        return result
+
+    @property
+    def singular(self) -> bool:
+        """Whether elimination meets a pivot that is zero, or numbers that are not finite."""
+        return bool(self._factors()[2] != 0 or not np.isfinite(self._factors()[0]).all())
+
+    def _factors(self) -> tuple[Any, ...]:
+        if self._factored is None:
+            self._factored = lapack.dgbtrf(self.banded(), self.below, self.above)
+        return self._factored
+
+    def solve(self, right: FloatArray) -> FloatArray:
+        """``J^-1`` times one or several columns (size, ...)."""
+        lu, pivots, _ = self._factors()
+        shaped = right.reshape(self.size, -1)
+        return np.asarray(lapack.dgbtrs(lu, self.below, self.above, shaped, pivots)[0]).reshape(right.shape)
+
+    def times(self, x: FloatArray) -> FloatArray:
+        """``J x``."""
+        n, d, count = self.n, self.d, self.segments
+        if count == 1:
+            return np.asarray(self.last @ x)
+        inner = x[n:].reshape(count - 1, d)
+        result = np.concatenate([(-inner).ravel(), np.zeros(n)])
+        result[:d] += self.first @ x[:n]
+        result[d : d * (count - 1)] += (self.blocks @ inner[:-1, :, None]).ravel()
+        result[d * (count - 1) :] += self.last @ inner[-1]
+        return result
+
+
+def pose_jacobian(segments: Segments, instance: int, points: Breakpoints) -> FloatArray:
+    """Derivative of the end effector's pose by the problem's directions, at equilibrium, shape (6, direction_count); NaN at a fold."""
+    found = segments.propagate([Request.all_of(instance, points, 1.0)])[0]
+    d, places = segments.variation_size, segments.unknown_places
+    system = System(found, places)
+    slopes = np.concatenate([*found.transition[:-1, :, d:], found.residual_columns[:, d:]])
+    if system.singular:
+        return np.full((6, slopes.shape[1]), np.nan)
+    rates = system.solve(-slopes)
+    variations = np.zeros((len(found.transition), d, slopes.shape[1]))
+    variations[0, places] = rates[: system.n]
+    variations[1:] = rates[system.n :].reshape(-1, d, slopes.shape[1])
+    return segments.tip_pose_columns(instance, found, variations)
+
+
+def same_branch(before: System, after: System) -> bool:
+    """Whether no mode of ``J`` came near zero or changed sign between two equilibria on the same breakpoints.
+
+    The eigenvalues of ``J_new J_old^-1`` do not depend on the units of states and residuals, nor on the frames they are told in,
+    and their product is the ratio of the determinants of ``Gamma``.
+    """
+    if before.singular or after.singular:
+        return False
+
+    def change(x: FloatArray) -> FloatArray:
+        return after.times(before.solve(x)) - x
+
+    if before.size <= DENSE:
+        shift = np.linalg.eigvals(np.linalg.solve(before.dense().T, after.dense().T) - np.eye(before.size))
+        complete = True
+    else:
+        operator = LinearOperator((before.size, before.size), matvec=change, dtype=np.float64)
+        try:
+            start = np.ones(before.size)
+            shift = eigs(operator, k=MODES, which="LM", v0=start, tol=1e-3, maxiter=200, return_eigenvectors=False)
+        except (ArpackNoConvergence, ArpackError):
+            return False
+        complete = bool(np.abs(shift).min() < 1 - GAMMA_CHANGE)
+    values = 1 + shift
+    return complete and bool((values.real > GAMMA_CHANGE).all() and (np.abs(values) < 1 / GAMMA_CHANGE).all())
