@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -14,18 +15,24 @@ from multirod.models import backbone_kernels as kernels
 from multirod.models.backbone_segments import BackboneSegments
 from multirod.models.features import Features
 from multirod.models.integrators import Integrator
-from multirod.models.second_variation import FEWEST_NODES, Modes, NodeColumns, modes_with_free_tip, segments_needed
+from multirod.models.second_variation import (
+    FEWEST_NODES,
+    MOST_NODES,
+    NEUTRAL,
+    Modes,
+    NodeColumns,
+    modes_with_free_tip,
+    segments_needed,
+)
 from multirod.problem import Block, BoundaryProblem, Shape
 from multirod.profile import DEGREE, interpolate
 from multirod.rod import Rod, RodArrays, lower
-from multirod.segments import Breakpoints, Segments
+from multirod.segments import Segments
 from multirod.validation import Described, FloatArray, refuse
 
 STEP_LIMIT = 100_000
-MOST_NODES = 16385
 _PARTS = 64  # of the length, over which starts are bounded
 _CROWDING = 1.5  # most equilibria are far inside the bounds
-NEUTRAL = 1e-6  # of stiffness over length: a mode no stiffer than this is neutral
 _FEATURE_INPUTS = {
     "force": ("tip_force", "follower_force", "distributed_force", "gravity"),
     "tip_moment": ("tip_moment",),
@@ -242,7 +249,7 @@ class BackboneProblem(BoundaryProblem):
         shapes = [Shape(**{name: getattr(call, f"node_{name}").numpy() for name in fields}) for call in calls]
         energy = calls[0].energy.numpy()
         if self.breakpoints:
-            others, stored, _ = BackboneSegments(self).shapes(self.breakpoints, node_count)
+            others, stored, _ = self._cut.shapes(self.breakpoints, node_count)
             for k in self.breakpoints:
                 energy[k] = stored[k]
                 for shape, other in zip(shapes, others, strict=True):
@@ -251,7 +258,11 @@ class BackboneProblem(BoundaryProblem):
         return tuple(shapes), energy
 
     def segments(self) -> Segments | None:  # noqa: D102
-        return BackboneSegments(self) if len(self.rods) == 1 and not self.held else None
+        return self._cut if len(self.rods) == 1 and not self.held else None
+
+    @cached_property
+    def _cut(self) -> BackboneSegments:
+        return BackboneSegments(self)
 
     # ---- stability and multiplicity ----
 
@@ -271,7 +282,7 @@ class BackboneProblem(BoundaryProblem):
         call = self._node_pass(2)
         result = np.array(call.energy.numpy() - call.work.numpy())
         if self.breakpoints:
-            _, energy, work = BackboneSegments(self).shapes(self.breakpoints, 2)
+            _, energy, work = self._cut.shapes(self.breakpoints, 2)
             for k in self.breakpoints:
                 result[k] = energy[k] - work[k]
         return result
@@ -344,15 +355,10 @@ class BackboneProblem(BoundaryProblem):
             neutral[done] = soft[done] & (modes.index[done] >= 0)
             open_ &= ~done
             node_count = 2 * node_count - 1
-        for k, points in self.breakpoints.items() if self.has_potential else ():
-            index[k], neutral[k] = self._modes_by_segments(k, points, stiffness[k])
+        if self.breakpoints:
+            for k, found in self._cut.unstable_modes(self.breakpoints).items():
+                index[k], neutral[k] = found
         return index, neutral
-
-    def _modes_by_segments(self, instance: int, points: Breakpoints, stiffness: float) -> tuple[int, bool]:
-        segments = BackboneSegments(self)
-        index, tip_stiffness, uncertainty = segments.modes(instance, points, MOST_NODES)
-        soft = abs(tip_stiffness) <= NEUTRAL * stiffness / segments.length(instance) + uncertainty
-        return index - int(tip_stiffness < 0 and soft and index > 0), bool(soft and index >= 0)
 
     def _modes(self, call: Any, stiffness: FloatArray) -> tuple[Modes, FloatArray, FloatArray]:
         """Modes by the columns of a pass, the length, and how many segments it takes to be sure of them."""

@@ -32,7 +32,7 @@ class SegmentFeatures(Features):
     """The terms of a segment: those of a backbone whose unknowns are all that its first state can vary by."""
 
     @property
-    def unknown_count(self) -> int:  # noqa: D102
+    def unknown_count(self) -> int:
         return 9 if self.base_force_unknown else 6
 
 

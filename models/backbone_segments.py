@@ -18,7 +18,7 @@ from multirod.models.backbone_segment_kernels import (
     make_segment_kernel,
 )
 from multirod.models.features import Features
-from multirod.models.second_variation import FEWEST_NODES, modes_by_segments, segments_needed
+from multirod.models.second_variation import FEWEST_NODES, MOST_NODES, NEUTRAL, modes_by_segments, segments_needed
 from multirod.problem import Shape
 from multirod.segments import Breakpoints, Propagation, Request, Segments
 from multirod.validation import FloatArray
@@ -191,23 +191,31 @@ class BackboneSegments(Segments):
             value[others] = np.nan
         return (Shape(**values),), energy, work
 
-    def modes(self, instance: int, points: Breakpoints, most: int) -> tuple[int, float, float]:
-        """Index, tip stiffness and its uncertainty [N m] of an equilibrium without end moments, as ``Modes``; index -1 where unknown.
+    def unstable_modes(self, points: dict[int, Breakpoints]) -> dict[int, tuple[int, bool]]:  # noqa: D102
+        if not self.problem.has_potential:
+            return {}
+        result = {}
+        for instance, own in points.items():
+            arrays = self.problem.arrays
+            stiffness = float(arrays.material[instance if arrays.batch_shape else 0, ..., :3].min())
+            index, tip_stiffness, uncertainty = self._modes(instance, own, stiffness)
+            # where the softest mode is neutral, the sign by which it was counted means nothing
+            soft = index >= 0 and abs(tip_stiffness) <= NEUTRAL * stiffness / self.length(instance) + uncertainty
+            result[instance] = index - int(soft and tip_stiffness < 0 and index > 0), soft
+        return result
 
-        Breakpoints are set as close as (7) of ``docs/stability.md`` asks, up to ``most``.
-        """
-        problem = self.problem
+    def _modes(self, instance: int, points: Breakpoints, stiffness: float) -> tuple[int, float, float]:
+        """Index, tip stiffness and its uncertainty [N m], as ``Modes``; breakpoints are set as close as (7) asks."""
         shape = self.shapes({instance: points}, FEWEST_NODES)[0][0]
-        stiffness = float(problem.arrays.material[instance if problem.arrays.batch_shape else 0, ..., :3].min())
         length = self.length(instance)
         moment = max(np.linalg.norm(shape.moment[instance], axis=1).max(), np.linalg.norm(points.states[:, :3], axis=1).max())
         force = np.linalg.norm(shape.force[instance], axis=1).max()
         needed = segments_needed(*(np.array([value]) for value in (length, stiffness, moment, force)))[0]
-        if not needed < most:
+        if not needed < MOST_NODES:
             return -1, np.nan, np.nan
         while True:
             size = np.diff(points.arclength)
-            long = size > length / needed
+            long = size * needed > length
             if not long.any():
                 break
             half = points.halves(instance, long, 1.0)

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from multirod.validation import FloatArray
 
 FEWEST_NODES = 33
+MOST_NODES = 16385
+NEUTRAL = 1e-6  # of stiffness over length: a mode no stiffer than this is neutral
 WORST_CONDITION = 1e12  # of the columns at a node; beyond it rounding may change a sign
 
 

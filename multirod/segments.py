@@ -153,3 +153,7 @@ class Segments(ABC):
     @abstractmethod
     def shapes(self, points: dict[int, Breakpoints], node_count: int) -> "tuple[tuple[Shape, ...], FloatArray, FloatArray]":
         """As ``BoundaryProblem.shapes``, rows of other instances NaN; the elastic energy and the work of dead forces [J]."""
+
+    def unstable_modes(self, points: dict[int, Breakpoints]) -> dict[int, tuple[int, bool]]:
+        """As ``BoundaryProblem.unstable_modes``, of the instances whose modes can be counted; none by default."""
+        return {}

@@ -278,7 +278,8 @@ class Solution:
         gamma = problem.read("gamma").reshape(-1, n, n)
         slopes = np.array(problem.residual_directions.numpy())
         result = np.full((problem.instance_count, 6, count), np.nan)
-        sound = ~self._failed & (np.linalg.det(np.nan_to_num(gamma)) != 0)
+        with np.errstate(over="ignore"):
+            sound = ~self._failed & (np.linalg.det(np.nan_to_num(gamma)) != 0)
         shift = np.linalg.solve(gamma[sound], slopes[sound])
         result[sound] = columns[sound][:, :, n:] - columns[sound][:, :, :n] @ shift
         for k, points in problem.breakpoints.items():

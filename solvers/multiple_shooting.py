@@ -1,7 +1,8 @@
 """Multiple shooting: the rod in segments short enough that none amplifies an error by much, along the natural branch."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from multirod.solvers.newton import Newton
 from multirod.status import Status, failures
 from multirod.validation import FloatArray, positive_float, positive_int
 
-NOISY = 1e4  # norm of Gamma from which the integrator's noise may look like the end of a branch
+NOISY = 1e2  # norm of Gamma from which the integrator's noise may look like the end of a branch
 POLISH = 5  # iterations on the unknowns alone
 SAME_POSE = 1e-7  # of the length, and of a rotation: how near these lead to the tip that the segments lead to
 
@@ -59,8 +60,9 @@ class MultipleShooting(Solver):
     def _solve(self, problem: BoundaryProblem, guess: FloatArray | None) -> Outcome:
         chosen = np.arange(problem.instance_count)
         if guess is None:
-            return self._report(problem, self._natural(problem, chosen))
-        return self._report(problem, self._run(problem, {int(k): (lambda branch, k=k: branch.solve_from(guess[k])) for k in chosen}))
+            return self._report(problem, self._natural(problem, chosen), natural=True)
+        starts = {int(k): partial(Branch.solve_from, unknowns=guess[k]) for k in chosen}
+        return self._report(problem, self._run(problem, starts), natural=False)
 
     def track(self, problem: BoundaryProblem, dt: float) -> Track:
         """Follow a motion, each sample from the states of the last, or anew along its natural branch where that might leave it."""
@@ -69,37 +71,46 @@ class MultipleShooting(Solver):
     def rescue(self, problem: BoundaryProblem, outcome: Outcome, chosen: Any) -> None:
         """Solve the instances ``chosen`` (bool, (instance_count,)) of a problem that another solver could not.
 
-        What is found goes into the problem's buffers and the outcome; what is not stays as it was.
+        What is found goes into the problem's buffers and the outcome, and that a branch ends; all else stays as it was.
         """
         if not np.any(chosen) or self.unsupported(problem):
             return
         kept = problem.snapshot()
-        mine = self._report(problem, self._natural(problem, np.flatnonzero(chosen)))
+        mine = self._report(problem, self._natural(problem, np.flatnonzero(chosen)), natural=True)
         found = chosen & ~failures(mine.status)
         records = np.where(found[:, None], problem.snapshot(), kept)
         problem.restore(records)
-        residual = np.abs(records[:, problem.record_fields["residual"]]).max(axis=1)
-        outcome.residual = np.where(found, mine.residual, residual if outcome.residual is None else outcome.residual)
-        outcome.status[found] = mine.status[found]
+        if outcome.residual is None:
+            outcome.residual = np.abs(records[:, problem.record_fields["residual"]]).max(axis=1)
+        outcome.residual[found] = np.asarray(mine.residual)[found]
+        known = found | (chosen & (mine.status == Status.BRANCH_END))
+        outcome.status[known] = mine.status[known]
+        if outcome.reached is not None and mine.reached is not None:
+            outcome.reached = np.where(known, mine.reached, outcome.reached)
         outcome.iterations += mine.iterations
         outcome.integrations += mine.integrations
         outcome.breakpoints |= mine.breakpoints
 
     def _natural(self, problem: BoundaryProblem, chosen: Any) -> dict[int, _Ended]:
         guess, scale = problem.guess(), np.maximum(problem.load_scale(), 1e-300)
-        starts = {int(k): (lambda branch, k=k: branch.follow(guess[k], float(scale[k]))) for k in chosen}
+        starts = {int(k): partial(Branch.follow, unknowns=guess[k], scale=float(scale[k])) for k in chosen}
         ended = self._run(problem, starts)
         for _, branch in ended.values():
             branch.integrations += problem.guess_integrations
         return ended
 
-    def _run(self, problem: BoundaryProblem, starts: dict[int, Callable[[Branch], Run]]) -> dict[int, _Ended]:
+    def _run(self, problem: BoundaryProblem, starts: Mapping[int, Callable[[Branch], Run]]) -> dict[int, _Ended]:
         """Run instances together, each by what it is started with."""
-        segments = problem.segments()
-        assert segments is not None
+        segments = self._segments(problem)
         branches = {instance: self._branch(segments, instance) for instance in starts}
         results = run_together(segments, {instance: start(branches[instance]) for instance, start in starts.items()})
         return {instance: (result, branches[instance]) for instance, result in results.items()}
+
+    @staticmethod
+    def _segments(problem: BoundaryProblem) -> Segments:
+        segments = problem.segments()
+        assert segments is not None  # or the problem was refused
+        return segments
 
     def _branch(self, segments: Segments, instance: int) -> Branch:
         return Branch(
@@ -111,10 +122,9 @@ class MultipleShooting(Solver):
             integrator=self.integrator,
         )
 
-    def _report(self, problem: BoundaryProblem, ended: dict[int, _Ended]) -> Outcome:
+    def _report(self, problem: BoundaryProblem, ended: dict[int, _Ended], natural: bool) -> Outcome:
         """Put results into the problem's buffers; ``CONVERGED`` where an integration from the base alone leads to them."""
-        segments = problem.segments()
-        assert segments is not None
+        segments = self._segments(problem)
         outcome = Outcome.zeros(problem.instance_count)
         reached = np.ones(problem.instance_count)
         unknowns = problem.read("unknowns")
@@ -128,6 +138,13 @@ class MultipleShooting(Solver):
             if result.found is not None:
                 poses[instance] = segments.tip_pose(instance, result.found)
         self._polish(problem, unknowns, poses, segments, outcome)
+        if natural:
+            # stable at its start, a natural branch stays stable
+            alone = outcome.status == Status.MULTIPLE_SHOOTING
+            found = {instance: ended[instance][0].points for instance in map(int, np.flatnonzero(alone))}
+            for instance, (index, _) in segments.unstable_modes(found).items():
+                if index > 0:
+                    outcome.status[instance] = Status.BRANCH_END
         records = problem.snapshot()
         fields = {name: records[:, place] for name, place in problem.record_fields.items()}
         residual = np.abs(fields["residual"]).max(axis=1)
@@ -151,7 +168,6 @@ class MultipleShooting(Solver):
         """Newton on the unknowns alone, which converges to the same pose where the problem is well conditioned."""
         problem.load_factor.fill_(1.0)
         problem.write("unknowns", unknowns)
-        # instances without a result are evaluated once, so that the buffers say what is left of the residual
         newton = Newton(problem, tolerance=self.tolerance, max_iterations=POLISH, line_search=False)
         tried = np.zeros(problem.instance_count, dtype=bool)
         tried[list(poses)] = True
@@ -160,9 +176,16 @@ class MultipleShooting(Solver):
         outcome.integrations += np.where(tried, single.integrations, 0)
         position, rotation = problem.read("position"), problem.read("rotation")
         for instance, (p, R) in poses.items():
-            off = np.linalg.norm(position[instance] - p) / segments.length(instance) + np.linalg.norm(rotation[instance] - R.ravel())
+            off = np.linalg.norm(position[instance] - p) / segments.length(instance)
+            off += np.linalg.norm(rotation[instance] - R.ravel())
             if single.status[instance] == Status.CONVERGED and off < SAME_POSE:
                 outcome.status[instance] = Status.CONVERGED
+        lost = failures(outcome.status) & (outcome.status != Status.NOT_RUN)
+        if lost.any():
+            # what is left of the residual at the full load
+            problem.active.assign(lost.astype(np.int32))
+            problem.integrate()
+            outcome.integrations += lost
 
 
 class _Resumed(Track):
@@ -171,6 +194,7 @@ class _Resumed(Track):
     def __init__(self, solver: MultipleShooting, problem: BoundaryProblem) -> None:
         self.solver = solver
         self.problem = problem
+        self.places = solver._segments(problem).unknown_places
         self.first: FloatArray | None = None
         self.last: dict[int, tuple[Breakpoints, System]] = {}
 
@@ -181,19 +205,16 @@ class _Resumed(Track):
         solver, problem = self.solver, self.problem
         first, self.first = self.first, None
         if first is not None:
-            everything = range(problem.instance_count)
-            ended = solver._run(problem, {k: (lambda branch, k=k: branch.solve_from(first[k])) for k in everything})
+            starts = {k: partial(Branch.solve_from, unknowns=first[k]) for k in range(problem.instance_count)}
+            ended = solver._run(problem, starts)
         else:
-            ended = solver._run(
-                problem, {k: (lambda branch, last=last: branch.resume(*last)) for k, last in self.last.items()}
-            )
-            lost = [k for k in range(problem.instance_count) if k not in ended or ended[k][0] is None]
-            ended |= solver._natural(problem, lost)
-        places = problem.segments().unknown_places
+            resumed = {k: partial(Branch.resume, points=points, before=system) for k, (points, system) in self.last.items()}
+            ended = {k: end for k, end in solver._run(problem, resumed).items() if end[0] is not None}
+            ended |= solver._natural(problem, [k for k in range(problem.instance_count) if k not in ended])
         for k, (result, _) in ended.items():
             if result.found is not None:
-                self.last[k] = (result.points, System(result.found, places))
-        return solver._report(problem, ended)
+                self.last[k] = (result.points, System(result.found, self.places))
+        return solver._report(problem, ended, natural=False)
 
 
 def ill_conditioned(problem: BoundaryProblem, outcome: Outcome) -> Any:

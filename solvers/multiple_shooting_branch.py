@@ -124,7 +124,7 @@ class Branch:
             if system.singular:
                 return None
             step = system.solve(-gaps)
-            size = np.linalg.norm(step)
+            size = float(np.linalg.norm(step))
             if size > CONTRACTION * last:
                 return None
             self.contraction = max(self.contraction, size / last)
@@ -174,7 +174,7 @@ class Branch:
         """How much each segment amplifies a variation, in units that balance moment and rotation."""
         T = found.transition
         norm = [[np.linalg.norm(T[:, i : i + 3, j : j + 3], ord=2, axis=(1, 2)) for j in (0, 3)] for i in (0, 3)]
-        return np.maximum(np.maximum(norm[0][0], norm[1][1]), np.sqrt(norm[0][1] * norm[1][0]))
+        return np.asarray(np.maximum(np.maximum(norm[0][0], norm[1][1]), np.sqrt(norm[0][1] * norm[1][0])))
 
     def refine(self, points: Breakpoints, found: Propagation, level: float) -> Run:
         """Shorten the steps until they are short enough, then halve segments that amplify too much, until none does.
@@ -205,6 +205,8 @@ class Branch:
             if reached is None:
                 return None
             points, found = yield from self.refine(reached[0], reached[1], level)
+            if self.fault:
+                return None
             if points is reached[0]:
                 return points, found
         return None
@@ -235,7 +237,7 @@ class Branch:
         points = self.start(unknowns)
         found = yield from self.evaluate(points, 0.0)
         points, found = yield from self.refine(points, found, 0.0)
-        settled = yield from self.settle(points, 0.0)
+        settled = None if self.fault else (yield from self.settle(points, 0.0))
         if settled is None:
             return Result(self._why(Status.STALLED), points)
         points, found = settled
@@ -251,6 +253,8 @@ class Branch:
             if reached is not None and self._on_branch(system, reached, points, expected):
                 level = goal
                 points, found = yield from self.refine(reached[0], reached[1], level)
+                if self.fault:
+                    return Result(self._why(Status.STALLED), points, level=level)
                 if level < 1.0:
                     system, tangent = yield from self.tangent(points, found, level, SAFE_LOAD / scale)
                 step = taken * min(3.0, max(0.5, (0.5 * CONTRACTION / max(self.contraction, 1e-6)) ** 0.5))

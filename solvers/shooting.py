@@ -75,7 +75,9 @@ class Shooting(Solver):
         outcome = natural_branch(problem, newton, self.max_continuation_steps, chosen)
         lowest_stable(problem, newton, outcome, failures(outcome.status))
         if self.fallback:
-            MultipleShooting(tolerance=self.tolerance, integrator=self.integrator).rescue(problem, outcome, ill_conditioned(problem, outcome))
+            MultipleShooting(tolerance=self.tolerance, integrator=self.integrator).rescue(
+                problem, outcome, ill_conditioned(problem, outcome)
+            )
         return outcome
 
     def track(self, problem: BoundaryProblem, dt: float) -> Track:
@@ -136,7 +138,7 @@ class NewtonTrack(Track):
                 (outcome.integrations, first.integrations),
             ):
                 mine[~self.known] = theirs[~self.known]
-            outcome.breakpoints, outcome.residual = first.breakpoints, first.residual
+            outcome.breakpoints = first.breakpoints
         if self.inputs is not None and (newton.doubtful() or first is not None):
             doubtful = ((outcome.status != _CONVERGED) | newton.strayed()) & self.known
             if doubtful.any():

@@ -113,7 +113,13 @@ def residual(robot: mr.Assembly, inputs: mr.Inputs, solution: mr.Solution, integ
 
 
 def test_own_solvers_are_registered() -> None:
-    assert {"shooting": mr.Shooting, "scipy_shooting": mr.ScipyShooting, "observer": mr.Observer}.items() <= SOLVERS.items()
+    own = {
+        "shooting": mr.Shooting,
+        "multiple_shooting": mr.MultipleShooting,
+        "scipy_shooting": mr.ScipyShooting,
+        "observer": mr.Observer,
+    }
+    assert own.items() <= SOLVERS.items()
     assert all(issubclass(solver, mr.Solver) for solver in SOLVERS.values())
 
 
@@ -124,6 +130,10 @@ def test_solver_finds_the_equilibrium_or_says_that_it_failed(name: str, scene: s
     inputs = robot.inputs(**SCENES[scene].inputs[given])
     truth = mr.solve(robot, inputs, solver=mr.Shooting()).raise_if_failed()
     solver = SOLVERS[name]()
+    if solver.unsupported(robot.problem(inputs, integrator=solver.integrator)):
+        with pytest.raises(ValueError, match="cannot take this problem"):
+            mr.solve(robot, inputs, solver=solver)
+        return
     solution = mr.solve(robot, inputs, solver=solver)
     assert solution.status.shape == inputs.batch_shape
     assert (solution.integrations >= 1).all()

@@ -1,0 +1,372 @@
+"""Multiple shooting: rods whose sensitivities grow by more from base to tip than numbers have digits."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_bvp
+from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
+from scipy.special import ellipeinc, ellipkinc, ellipkm1
+
+import multirod as mr
+from multirod.models.backbone_segments import BackboneSegments
+from multirod.segments import Breakpoints, Propagation, Request
+from multirod.solvers import multiple_shooting_branch
+from multirod.solvers.multiple_shooting_branch import Branch, run_together
+from multirod.solvers.multiple_shooting_system import DENSE, System, same_branch
+
+EXTREME = (
+    "14a_big_force_a400_psi1p571",
+    "14a_big_force_a10000_psi1p571",
+    "14a_big_force_a1e+06_psi1p571",
+    "14b_big_force_3d_a10000",
+    "14c_torsion_ratio_0.0001",
+    "14e_many_loops_2",
+)
+
+
+@pytest.fixture
+def soft() -> mr.SingleRod:
+    """A precurved rod of two axes, about which 150 N is 1200 EI/L^2."""
+    return mr.SingleRod(
+        mr.Rod(length=0.4, bending_stiffness=(0.02, 0.03), torsional_stiffness=0.012, precurvature=(4, -2, 6)),
+    )
+
+
+def elastica(load: float, angle: float) -> tuple[float, float]:
+    """Tip of a planar elastica of unit length, along and across a force of ``F L^2/EI = load`` that starts at ``angle`` to the base.
+
+    With ``t`` the angle of the tangent to the force and ``k^2`` the load, ``t'' = k^2 sin t``, ``t(0) = angle``, ``t'(1) = 0``, so
+    ``cos(t/2) = p sin f`` with ``p = cos(t(1)/2)`` leads to elliptic integrals of ``f``; where ``p`` nears 1, ``1 - p^2`` is sought
+    by its logarithm, as it is of the order of ``exp(-2 k)``.
+    """
+    k = np.sqrt(load)
+
+    def start(m1: float) -> float:
+        return float(np.arcsin(np.cos(angle / 2) / np.sqrt(1 - m1)))
+
+    def excess(log: float) -> float:
+        m1 = np.exp(log)
+        return float(ellipkm1(m1) - ellipkinc(start(m1), 1 - m1) - k)
+
+    most = np.log(np.sin(angle / 2) ** 2)  # the tip turned no further than the base
+    m1 = np.exp(brentq(excess, -700.0, most - 1e-12, xtol=1e-14, rtol=1e-14))
+    f = start(m1)
+    along = 1 - 2 / k * (ellipeinc(np.pi / 2, 1 - m1) - ellipeinc(f, 1 - m1))
+    return float(along), float(2 * np.sqrt(1 - m1) / k * np.cos(f))
+
+
+@pytest.mark.parametrize("load", [10.0, 100.0, 1e4])
+@pytest.mark.parametrize("angle", [0.5, np.pi / 2, 2.5])
+def test_elastica_by_elliptic_integrals(load, angle):
+    """The error is the integrator's, 1e-8 of each segment."""
+    rod = mr.Rod(length=0.5, bending_stiffness=(0.05, 0.02), torsional_stiffness=0.013)
+    force = load * 0.02 / 0.25 * np.array([np.sin(angle), 0, np.cos(angle)])
+    robot = mr.SingleRod(rod)
+    solution = mr.solve(robot, robot.inputs(tip_force=force), solver=mr.MultipleShooting()).raise_if_failed()
+    along, across = elastica(load, angle)
+    direction = np.array([np.sin(angle), 0, np.cos(angle)])
+    normal = np.array([-np.cos(angle), 0, np.sin(angle)])
+    np.testing.assert_allclose(solution.tip_position, 0.5 * (along * direction + across * normal), rtol=0, atol=1e-8 * 0.5)
+
+
+@pytest.mark.parametrize("name", EXTREME)
+def test_what_single_shooting_cannot_solve(name, reference_cases, make_pose):
+    """``Shooting`` turns to it by itself. 1e-8 of the length is a hundredth of what default settings promise."""
+    case = next(case for case in reference_cases("single_rod") if case["id"] == name)
+    stored, base = case["inputs"]["rods"][0], case["inputs"]["base"]
+    K = stored["K"]
+    rod = mr.Rod(length=stored["length"], bending_stiffness=K[:2], torsional_stiffness=K[2], precurvature=tuple(stored["u_star"]))
+    robot = mr.SingleRod(rod, base=make_pose(base["R0"], base["p0"]))
+    inputs = robot.inputs(tip_force=case["inputs"]["loads"]["tip_force_world"])
+    assert mr.solve(robot, inputs, solver=mr.Shooting(fallback=False)).status.failed
+    solution = mr.solve(robot, inputs)
+    assert solution.status == mr.Status.MULTIPLE_SHOOTING
+    assert solution.residual < 1e-9
+    expected = case["expected"]
+    for key in ("tip_position", "tip_rotation"):
+        error = np.linalg.norm(getattr(solution, key) - np.array(expected[key]["value"]))
+        assert error < 1e-8 * (stored["length"] if key == "tip_position" else 1.0) + expected[key]["abs_unc"], key
+    shape = solution.rod(0, nodes=5)
+    np.testing.assert_allclose(shape.position[-1], solution.tip_position, rtol=0, atol=1e-9 * stored["length"])
+    np.testing.assert_allclose(shape.moment[0], np.array(base["R0"]).T @ expected["base_moment"]["value"], rtol=1e-7, atol=1e-9)
+    assert np.isnan(solution.gamma).all()
+    assert np.isnan(solution.condition)
+    assert solution.stability == mr.Stability.STABLE
+
+
+def test_a_helix_held_by_its_wrench_reaches_the_end_of_its_natural_branch(reference_cases, make_pose, monkeypatch):
+    """That it is not the stored helix is known; steps a tenth as long reach the same state."""
+    case = next(case for case in reference_cases("single_rod") if case["id"] == "05b_helix_terminal_wrench_c")
+    stored, base, loads = case["inputs"]["rods"][0], case["inputs"]["base"], case["inputs"]["loads"]
+    rod = mr.Rod(length=stored["length"], bending_stiffness=stored["K"][0], torsional_stiffness=stored["K"][2])
+    robot = mr.SingleRod(rod, base=make_pose(base["R0"], base["p0"]))
+    inputs = robot.inputs(tip_force=loads["tip_force_world"], tip_moment=loads["tip_moment_world"])
+    solution = mr.solve(robot, inputs, solver=mr.MultipleShooting()).raise_if_failed()
+    monkeypatch.setattr(multiple_shooting_branch, "CONTRACTION", 0.03)
+    monkeypatch.setattr(multiple_shooting_branch, "SAFE_LOAD", 0.5)
+    monkeypatch.setattr(multiple_shooting_branch, "LOAD_RATIO", 0.05)
+    slow = mr.solve(robot, inputs, solver=mr.MultipleShooting()).raise_if_failed()
+    assert slow.integrations > 2 * solution.integrations
+    np.testing.assert_allclose(slow.tip_position, solution.tip_position, rtol=0, atol=1e-9 * stored["length"])
+    assert solution.stability == mr.Stability.UNKNOWN
+
+
+def test_an_independent_collocation_agrees(soft):
+    """``solve_bvp`` from this shape, and in equations of its own: world components, rotation matrix."""
+    force = np.array([60.0, -50.0, 30.0])
+    solution = mr.solve(soft, soft.inputs(tip_force=force), solver=mr.MultipleShooting())
+    assert solution.status == mr.Status.MULTIPLE_SHOOTING
+    shape = solution.rod(0, nodes=401)
+    K, u_star = np.array([0.02, 0.03, 0.012]), np.array([4.0, -2.0, 6.0])
+
+    def rates(s, y):
+        R, m = np.moveaxis(y[3:12].reshape(3, 3, -1), 2, 0), y[12:].T
+        u = u_star + np.einsum("sji,sj->si", R, m) / K
+        columns = np.stack([np.cross(u, e) for e in np.eye(3)], axis=2)
+        turned = (R @ columns).reshape(-1, 9).T
+        return np.concatenate([R[:, :, 2].T, turned, -np.cross(R[:, :, 2], force).T])
+
+    def ends(base, tip):
+        return np.concatenate([base[:3], base[3:12] - np.eye(3).ravel(), tip[12:]])
+
+    world_moment = np.einsum("sij,sj->si", shape.rotation, shape.moment)
+    start = np.concatenate([shape.position.T, shape.rotation.reshape(-1, 9).T, world_moment.T])
+    found = solve_bvp(rates, ends, shape.arclength, start, tol=1e-7, max_nodes=5000)
+    assert found.success
+    # 1e-7 of relative residual on each interval of the collocation
+    np.testing.assert_allclose(found.y[:3, -1], solution.tip_position, rtol=0, atol=1e-7 * 0.4)
+    np.testing.assert_allclose(found.y[12:, 0], world_moment[0], rtol=1e-6, atol=1e-7)
+
+
+LOADS = {
+    "tip force": {"tip_force": (0.3, 0.1, -0.2), "rotation": 0.4, "translation": -0.15},
+    "all dead loads": {
+        "tip_force": (0.3, 0, -0.2),
+        "tip_moment": (0.02, 0, 0.01),
+        "distributed_force": (0, 0.3, 0),
+        "distributed_moment": (0.02, 0, 0),
+        "gravity": (0, 0, -9.81),
+    },
+    "follower loads": {"follower_force": (0.3, 0, -0.1), "follower_moment": (0.01, 0.02, 0), "rotation": 0.3},
+    "a profile": {"distributed_force": lambda s: (0.5 * np.sin(20 * s), 0.3 * s, 0.0)},
+}
+
+
+@pytest.mark.parametrize("given", LOADS)
+def test_segments_lead_where_one_integration_leads(given, monkeypatch):
+    """Cut in more than ten, sections and profiles cut across: the same unknowns and the same tip, under every load."""
+    monkeypatch.setattr(multiple_shooting_branch, "GROWTH", 1.05)
+    sections = [
+        mr.Section(
+            length=0.15, bending_stiffness=(0.22, 0.25), torsional_stiffness=0.06, precurvature=(8, 3, 0), linear_density=0.03
+        ),
+        mr.Section(
+            length=0.25, bending_stiffness=(0.15, 0.1), torsional_stiffness=0.05, precurvature=(2, 5, 1), linear_density=0.02
+        ),
+    ]
+    pose = np.array([[0, 0, 1, 0.1], [0, 1, 0, 0], [-1, 0, 0, 0.2], [0, 0, 0, 1.0]])
+    robot = mr.SingleRod(mr.Rod(sections=sections), base=pose)
+    inputs = robot.inputs(**LOADS[given])
+    truth = mr.solve(robot, inputs).raise_if_failed()
+    problem = robot.problem(inputs, integrator=mr.RK45())
+    segments = problem.segments()
+    branch = Branch(segments, 0, tolerance=1e-9, max_iterations=30, max_steps=100, integrator=mr.RK45())
+    result = run_together(segments, {0: branch.follow(problem.guess()[0], float(problem.load_scale()[0]))})[0]
+    assert not result.status.failed
+    assert len(result.points.steps) > 10
+    position, rotation = segments.tip_pose(0, result.found)
+    # both are integrated to 1e-8 a step
+    np.testing.assert_allclose(result.points.unknowns, truth.unknowns, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(position, truth.tip_position, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(rotation, truth.tip_rotation, rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize("name", ["tip_force", "translation"])
+def test_jacobian(name, soft, difference):
+    """Exact to the integrator: against differences of solutions."""
+    base = {"tip_force": np.array((60.0, -50.0, 30.0)), "translation": np.array([-0.1])}
+
+    def tip(t, direction):
+        values = {**base, name: base[name] + t * direction}
+        solution = mr.solve(soft, soft.inputs(**values), solver=mr.MultipleShooting()).raise_if_failed()
+        turn = Rotation.from_matrix(solution.tip_rotation @ solution_0.tip_rotation.T).as_rotvec()
+        return np.concatenate([solution.tip_position, turn])
+
+    solution_0 = mr.solve(soft, soft.inputs(**base), solver=mr.MultipleShooting())
+    assert solution_0.status == mr.Status.MULTIPLE_SHOOTING
+    jacobian = solution_0.jacobian(name)
+    for k, direction in enumerate(np.eye(jacobian.shape[1])):
+        expected = difference(lambda t, e=direction: tip(t, e), 0.01 * np.linalg.norm(base[name]))
+        np.testing.assert_allclose(jacobian[:, k], expected, rtol=0, atol=2e-6 * np.abs(jacobian).max())
+
+
+def test_what_is_conserved_along_the_rod(soft):
+    """With constant ``K`` and ``u*``, ``M . (u* + K^-1 M / 2) + N_z`` is; and the force keeps its size. The work done adds up."""
+    force = np.array([60.0, -50.0, 30.0])
+    solution = mr.solve(soft, soft.inputs(tip_force=force), solver=mr.MultipleShooting())
+    assert solution.status == mr.Status.MULTIPLE_SHOOTING
+    shape = solution.rod(0)
+    assert shape.position.shape == (51, 3)
+    K, u_star = np.array([0.02, 0.03, 0.012]), np.array([4.0, -2.0, 6.0])
+    kept = (shape.moment * (u_star + shape.moment / K / 2)).sum(axis=1) + shape.force[:, 2]
+    # 1e-8 of the moment, times its curvature
+    np.testing.assert_allclose(kept, kept[-1], rtol=0, atol=1e-7 * np.linalg.norm(force))
+    np.testing.assert_allclose(
+        np.einsum("sij,sj->si", shape.rotation, shape.force), np.tile(force, (51, 1)), rtol=0, atol=1e-9 * 84
+    )
+    work = force @ (solution.tip_position - [0, 0, 0])
+    np.testing.assert_allclose(solution.potential, solution.energy - work, rtol=1e-8)
+
+
+def test_a_batch_is_solved_as_each_alone(soft):
+    force = np.array([(60.0, -50.0, 30.0), (0.2, 0.1, 0.0), (400.0, 0.0, 100.0), (60.0, 50.0, 30.0)])
+    together = mr.solve(soft, soft.inputs(tip_force=force), solver=mr.MultipleShooting())
+    assert together.status.tolist() == [15, 1, 15, 15]
+    shapes = together.rod(0, nodes=5)
+    for k in range(4):
+        alone = mr.solve(soft, soft.inputs(tip_force=force[k]), solver=mr.MultipleShooting())
+        assert alone.status == together.status[k]
+        for name in ("unknowns", "tip_position", "tip_rotation", "residual", "integrations", "iterations"):
+            np.testing.assert_array_equal(getattr(alone, name), getattr(together, name)[k])
+        np.testing.assert_array_equal(alone.rod(0, nodes=5).position, shapes.position[k])
+        assert alone.index == together.index[k] == 0
+
+
+def test_modes_by_segments_are_those_by_columns(soft):
+    """Of equilibria with none, one and more unstable modes, under loads that both can take."""
+    robot = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=(0.02, 0.03), torsional_stiffness=0.012))
+    found = mr.equilibria(robot, robot.inputs(tip_force=(0.15, 0.0, -3.0)))
+    inputs = robot.inputs(tip_force=np.tile((0.15, 0.0, -3.0), (len(found.index), 1)))
+    assert {0, 1, 2} <= set(found.index.tolist())
+    problem = robot.problem(inputs, integrator=mr.RK45())
+    segments = BackboneSegments(problem)
+    points = {
+        k: Breakpoints(np.array([0, 0.4]), segments.base_state(k, x)[None], x, np.array([64]))
+        for k, x in enumerate(found.unknowns)
+    }
+    assert [segments.unstable_modes(points)[k][0] for k in points] == found.index.tolist()
+
+
+def test_true_ends_stay_ends():
+    """A straight column buckles at Euler's load: this does not change with the method."""
+    robot = mr.SingleRod(mr.Rod(length=0.5, bending_stiffness=(0.05, 0.02), torsional_stiffness=0.013))
+    load = np.pi**2 * 0.02 / 0.5**2 / 4
+    inputs = robot.inputs(tip_force=(0, 0, -3 * load))
+    solution = mr.solve(robot, inputs, solver=mr.MultipleShooting())
+    assert solution.status == mr.Status.BRANCH_END
+    assert np.isnan(solution.tip_position).all()
+    with pytest.raises(mr.SolveError, match=r"33\.3% of the load reached"):
+        solution.raise_if_failed()
+    assert mr.solve(robot, inputs).status == mr.Status.BRANCH_END
+
+
+def test_from_a_guess_it_reaches_what_shooting_reaches(soft):
+    inputs = soft.inputs(tip_force=(0.5, 0.2, -0.3))
+    truth = mr.solve(soft, inputs).raise_if_failed()
+    solution = mr.solve(soft, inputs, solver=mr.MultipleShooting(), guess=truth.unknowns + 0.3)
+    assert solution.status == mr.Status.CONVERGED
+    np.testing.assert_allclose(solution.unknowns, truth.unknowns, rtol=0, atol=1e-9)
+    assert np.isfinite(solution.gamma).all()
+
+
+@pytest.mark.parametrize(("solver", "first"), [(mr.MultipleShooting(), 0), (mr.Shooting(), 2)])
+def test_a_motion_through_strong_loads(solver, first, soft):
+    """Samples on either side are found, each with its shape. ``Shooting`` begins where it has to fall back, and recovers."""
+    force = (np.array([1.0, 30.0, 60.0, 61.0, 1.0])[:, None] * [1.0, -0.8, 0.5])[first:]
+    history = mr.simulate(soft, soft.inputs(tip_force=force), time=0.1 * np.arange(len(force)), solver=solver)
+    alone = mr.solve(soft, soft.inputs(tip_force=force), solver=mr.MultipleShooting())
+    assert history.status.tolist() == alone.status.tolist() == [1, 15, 15, 15, 1][first:]
+    np.testing.assert_allclose(history.tip_position, alone.tip_position, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(history.rod(0, nodes=5).position, alone.rod(0, nodes=5).position, rtol=0, atol=1e-8)
+    tracker = mr.Tracker(soft, solver=solver, dt=0.1)
+    sample = tracker.step(tip_force=force[1])
+    np.testing.assert_allclose(sample.rod(0, nodes=5).position[-1], history.tip_position[1], rtol=0, atol=1e-8)
+
+
+def test_steps_are_short_enough_for_columns_along_a_straight_rod():
+    """Under pure tension the state is constant, so its error asks for no steps: the columns' does. They are cosh and sinh."""
+    robot = mr.SingleRod(mr.Rod(length=0.5, bending_stiffness=0.02, torsional_stiffness=0.013))
+    load = 400.0
+    problem = robot.problem(robot.inputs(tip_force=(0, 0, load * 0.02 / 0.25)), integrator=mr.RK45())
+    segments = problem.segments()
+    branch = Branch(segments, 0, tolerance=1e-9, max_iterations=30, max_steps=100, integrator=mr.RK45())
+    found = run_together(segments, {0: branch.follow(np.zeros(3), load)})[0].found
+    product = np.eye(6)
+    for transition in found.transition:
+        product = transition @ product
+    k = np.sqrt(load)
+    # moment over stiffness by rotation over length, and by moment: 1e-6 is what each segment's columns are right to
+    np.testing.assert_allclose(product[0, 0], np.cosh(k), rtol=1e-5)
+    np.testing.assert_allclose(np.abs(product[3, 0]), np.sinh(k) / k, rtol=1e-5)
+
+
+def random_system(rng: np.random.Generator, count: int, d: int, n: int) -> System:
+    """Segments that amplify three variations and damp three."""
+    transition = rng.normal(size=(count, d, d)) / 3 + np.diag([4.0, 0.25] * (d // 2))
+    tip = rng.normal(size=(n, d))
+    nothing = np.zeros((count, 3))
+    found = Propagation(
+        end=nothing,
+        transition=transition,
+        residual=tip[:, 0],
+        residual_columns=tip,
+        displacement=nothing,
+        displacement_columns=nothing,
+        fault=0,
+    )
+    return System(found, np.arange(n))
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 40])
+def test_system(count):
+    """The band against the whole matrix."""
+    system = random_system(np.random.default_rng(count), count, 6, 3)
+    A = system.dense()
+    right = np.arange(system.size) + 1.0
+    x = np.linalg.solve(A, right)
+    size = np.linalg.cond(A) * 1e-14
+    np.testing.assert_allclose(system.solve(right), x, rtol=0, atol=size * np.abs(x).max())
+    np.testing.assert_allclose(system.times(x), A @ x, rtol=0, atol=1e-12 * np.abs(A).sum(axis=1).max() * np.abs(x).max())
+
+
+@pytest.mark.parametrize("modes", [0, 1, 2])
+@pytest.mark.parametrize("count", [10, 60])
+def test_a_mode_that_changes_sign_is_seen(modes, count):
+    """Also two that cross together, which leave the determinant its sign; by all eigenvalues, or by the outermost."""
+    before = random_system(np.random.default_rng(3), count, 6, 3)
+    after = random_system(np.random.default_rng(3), count, 6, 3)
+    after.last = after.last.copy()
+    after.last[:modes] *= -1
+    assert (before.size > DENSE) == (count == 60)
+    assert same_branch(before, after) == (modes == 0)
+
+
+def test_errors(soft, monkeypatch):
+    tubes = mr.ConcentricTubes([mr.Rod(length=0.3, bending_stiffness=0.02, torsional_stiffness=0.015)] * 2)
+    with pytest.raises(ValueError, match="MultipleShooting cannot take this problem: it offers no segments"):
+        mr.solve(tubes, solver=mr.MultipleShooting())
+    for field, value in {"tolerance": 0.0, "max_iterations": 0, "max_continuation_steps": 0}.items():
+        with pytest.raises(ValueError, match=rf"MultipleShooting\.{field} = 0"):
+            mr.MultipleShooting(**{field: value})
+    with pytest.raises(ValueError, match=r"Shooting\.fallback"):
+        mr.Shooting(fallback=1)
+    inputs = soft.inputs(tip_force=(60.0, -50.0, 30.0))
+    assert mr.solve(soft, inputs, solver=mr.MultipleShooting(max_continuation_steps=3)).status == mr.Status.MAX_ITERATIONS
+    monkeypatch.setattr(multiple_shooting_branch, "MOST_SEGMENTS", 3)
+    assert mr.solve(soft, inputs, solver=mr.MultipleShooting()).status == mr.Status.STEP_LIMIT
+
+
+def test_a_request_of_all_segments_begins_where_each_begins():
+    points = Breakpoints(np.array([0.0, 0.1, 0.4]), np.zeros((2, 10)), np.zeros(3), np.array([4, 8]))
+    request = Request.all_of(0, points, 0.5)
+    assert request.start.tolist() == [0.0, 0.1]
+    assert request.end.tolist() == [0.1, 0.4]
+    halves = points.halves(0, np.array([False, True]), 0.5)
+    assert (halves.start, halves.end, halves.steps) == (0.1, 0.25, 4)
+    cut = points.halved(np.array([False, True]), halves, np.ones((1, 10)))
+    assert cut.arclength.tolist() == [0.0, 0.1, 0.25, 0.4]
+    assert cut.steps.tolist() == [4, 4, 4]
+    assert cut.states[:, 0].tolist() == [0.0, 0.0, 1.0]
+    assert replace(cut, steps=cut.steps).unknowns is points.unknowns
