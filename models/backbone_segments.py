@@ -86,6 +86,12 @@ class BackboneSegments(Segments):
         result[:, ROTATION_AT : ROTATION_AT + 4] = turned.as_quat()
         return result
 
+    def growth(self, found: Propagation) -> FloatArray:  # noqa: D102
+        # rotation to moment and back may each be scaled at the cost of the other: their geometric mean is what is left
+        T = found.transition
+        norm = [[np.linalg.norm(T[:, i : i + 3, j : j + 3], ord=2, axis=(1, 2)) for j in (0, 3)] for i in (0, 3)]
+        return np.asarray(np.maximum(np.maximum(norm[0][0], norm[1][1]), np.sqrt(norm[0][1] * norm[1][0])))
+
     # ---- launches ----
 
     def _load(self, requests: Sequence[Request], call: Any) -> tuple[Any, Any]:

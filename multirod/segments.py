@@ -134,6 +134,10 @@ class Segments(ABC):
         """States led on by variations, shape (count, state_size)."""
 
     @abstractmethod
+    def growth(self, found: Propagation) -> FloatArray:
+        """How much each segment amplifies a variation, in units in which that is least, shape (segment_count,)."""
+
+    @abstractmethod
     def tip_pose(self, instance: int, found: Propagation) -> tuple[FloatArray, FloatArray]:
         """Position [m] and rotation of the tip in the world: the segments' displacements added up."""
 

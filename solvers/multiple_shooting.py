@@ -196,10 +196,12 @@ class _Resumed(Track):
         self.problem = problem
         self.places = solver._segments(problem).unknown_places
         self.first: FloatArray | None = None
+        self.natural = True  # or from a guess, which may be unstable
         self.last: dict[int, tuple[Breakpoints, System]] = {}
 
     def start(self, unknowns: FloatArray) -> None:
         self.first = np.array(unknowns)
+        self.natural = False
 
     def step(self) -> Outcome:
         solver, problem = self.solver, self.problem
@@ -214,7 +216,7 @@ class _Resumed(Track):
         for k, (result, _) in ended.items():
             if result.found is not None:
                 self.last[k] = (result.points, System(result.found, self.places))
-        return solver._report(problem, ended, natural=False)
+        return solver._report(problem, ended, natural=self.natural)
 
 
 def ill_conditioned(problem: BoundaryProblem, outcome: Outcome) -> Any:

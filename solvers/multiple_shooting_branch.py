@@ -89,7 +89,7 @@ class Branch:
         return found
 
     def gaps(self, points: Breakpoints, found: Propagation) -> FloatArray:
-        """(M1) What segments and boundary conditions lack."""
+        """(1) What segments and boundary conditions lack."""
         inner = self.segments.difference(self.instance, found.end[:-1], points.states[1:])
         return np.concatenate([inner.ravel(), found.residual])
 
@@ -134,14 +134,14 @@ class Branch:
         return None
 
     def descend(self, points: Breakpoints, found: Propagation) -> Run:
-        """Damped Newton steps, halved until the next one would be shorter: breakpoints within the tolerance, or None."""
+        """Newton steps, halved until the next one would be shorter: ``(points, found, system)``, or None."""
         for _ in range(self.max_iterations):
             gaps = self.gaps(points, found)
             if self.fault or not np.isfinite(gaps).all():
                 return None
-            if np.abs(gaps).max() <= self.tolerance:
-                return points
             system = System(found, self.segments.unknown_places)
+            if np.abs(gaps).max() <= self.tolerance:
+                return points, found, system
             if system.singular:
                 return None
             step = system.solve(-gaps)
@@ -156,7 +156,7 @@ class Branch:
                 part /= 2
                 if part < LEAST_PART:
                     return None
-            points, found = yield from self.refine(trial, ahead, 1.0)
+            points, found = trial, ahead
         return None
 
     def tangent(self, points: Breakpoints, found: Propagation, level: float, safe: float) -> Run:
@@ -170,12 +170,6 @@ class Branch:
 
     # ---- breakpoints ----
 
-    def growth(self, found: Propagation) -> FloatArray:
-        """How much each segment amplifies a variation, in units that balance moment and rotation."""
-        T = found.transition
-        norm = [[np.linalg.norm(T[:, i : i + 3, j : j + 3], ord=2, axis=(1, 2)) for j in (0, 3)] for i in (0, 3)]
-        return np.asarray(np.maximum(np.maximum(norm[0][0], norm[1][1]), np.sqrt(norm[0][1] * norm[1][0])))
-
     def refine(self, points: Breakpoints, found: Propagation, level: float) -> Run:
         """Shorten the steps until they are short enough, then halve segments that amplify too much, until none does.
 
@@ -186,7 +180,7 @@ class Branch:
             if coarse.any():
                 points = replace(points, steps=np.where(coarse, 2 * points.steps, points.steps))
             else:
-                long = (self.growth(found) > GROWTH) | (points.steps > MOST_STEPS)
+                long = (self.segments.growth(found) > GROWTH) | (points.steps > MOST_STEPS)
                 if self.fault or not long.any():
                     return points, found
                 if len(long) > MOST_SEGMENTS:
@@ -280,15 +274,16 @@ class Branch:
         points = self.start(unknowns)
         found = yield from self.evaluate(points, 1.0)
         points, found = yield from self.refine(points, found, 1.0)
-        points = yield from self.descend(points, found)
-        if points is None:
+        reached = yield from self.descend(points, found)
+        if reached is None:
             return Result(self._why(Status.STALLED), self.start(unknowns), level=1.0)
-        result = yield from self._settled(points, 1.0)
+        result = yield from self._settled(reached[0], 1.0)
         return result
 
     def resume(self, points: Breakpoints, before: System) -> Run:
-        """Undamped Newton at the full load from the last equilibrium under other loads: a ``Result``, or None off its branch."""
-        reached = yield from self.correct(points, 1.0)
+        """Damped Newton at the full load from the last equilibrium under other loads: a ``Result``, or None off its branch."""
+        found = yield from self.evaluate(points, 1.0)
+        reached = yield from self.descend(points, found)
         if reached is None or not same_branch(before, reached[2]):
             return None
         result = yield from self._settled(reached[0], 1.0)

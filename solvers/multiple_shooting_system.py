@@ -19,7 +19,7 @@ DENSE = 120  # unknowns up to which all are
 
 
 class System:
-    """The Jacobian (M2) of all segments: unknowns at the base, then the variation at every further breakpoint.
+    """The Jacobian (2) of all segments: unknowns at the base, then the variation at every further breakpoint.
 
     Factored by Gaussian elimination with partial pivoting in the band, which is stable where the boundary conditions are
     separated and the problem itself is well conditioned (Ascher, Mattheij, Russell, section 7.2).
