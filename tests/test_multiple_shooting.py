@@ -183,10 +183,10 @@ def test_segments_lead_where_one_integration_leads(given, monkeypatch):
     np.testing.assert_allclose(rotation, truth.tip_rotation, rtol=0, atol=1e-7)
 
 
-@pytest.mark.parametrize("name", ["tip_force", "translation"])
+@pytest.mark.parametrize("name", ["tip_force", "translation", "rotation"])
 def test_jacobian(name, soft, difference):
     """Exact to the integrator: against differences of solutions."""
-    base = {"tip_force": np.array((60.0, -50.0, 30.0)), "translation": np.array([-0.1])}
+    base = {"tip_force": np.array((60.0, -50.0, 30.0)), "translation": np.array([-0.1]), "rotation": np.array([0.4])}
 
     def tip(t, direction):
         values = {**base, name: base[name] + t * direction}
@@ -260,6 +260,30 @@ def test_true_ends_stay_ends():
     with pytest.raises(mr.SolveError, match=r"33\.3% of the load reached"):
         solution.raise_if_failed()
     assert mr.solve(robot, inputs).status == mr.Status.BRANCH_END
+
+
+def test_a_column_bends_to_the_side_to_which_it_is_pushed():
+    """By 1 or 3 % of the load across: near the buckling load the branch of the other side passes the first two tests."""
+    robot = mr.SingleRod(mr.Rod(length=0.5, bending_stiffness=(0.05, 0.02), torsional_stiffness=0.013))
+    unit = 0.02 / 0.5**2
+    force = np.array([(0.01, 0.0002, -1.0)]) * 4 * unit, np.array([(0.03, 0.0006, -1.0)]) * 300 * unit
+    solution = mr.solve(robot, robot.inputs(tip_force=np.concatenate(force)), solver=mr.MultipleShooting()).raise_if_failed()
+    assert (solution.tip_position[:, 0] > 0.05).all()
+    assert (solution.index == 0).all()
+
+
+def test_slow_contraction_is_refused(soft):
+    """The unloaded shape is no start for 200 EI/L^2: it is left after the second step, whatever Newton would reach from there."""
+    problem = soft.problem(soft.inputs(tip_force=(25.0, 0.0, 0.0)), integrator=mr.RK45())
+    branch = Branch(problem.segments(), 0, tolerance=1e-9, max_iterations=30, max_steps=1, integrator=mr.RK45())
+
+    def attempt():
+        points = branch.start(problem.guess()[0])
+        reached = yield from branch.correct(points, 1.0)
+        return reached
+
+    assert run_together(problem.segments(), {0: attempt()})[0] is None
+    assert branch.iterations <= 2
 
 
 def test_from_a_guess_it_reaches_what_shooting_reaches(soft):
