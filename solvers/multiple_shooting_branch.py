@@ -20,6 +20,7 @@ SURPRISE = 0.5  # largest distance of an equilibrium from where the tangent lead
 SAFE_LOAD = 5.0  # first step, in F L^2/EI
 LOAD_RATIO = 0.5  # later steps, relative to the load reached
 MIN_STEP = 1e-7
+ROUNDING = 1e-11  # Newton steps no longer than this, relative to the unknowns, are rounding
 GROWTH = 100.0  # most by which a segment may amplify a variation
 FEWEST_STEPS = 4  # of a segment
 MOST_STEPS = 128
@@ -78,6 +79,7 @@ class Branch:
         self.integrations = 0
         self.contraction = 0.0
         self.fault = 0
+        self.stalled = False
 
     # ---- evaluation ----
 
@@ -113,6 +115,7 @@ class Branch:
         """Undamped Newton steps that contract as they must: ``(points, found, system)``, None where they do not."""
         last = np.inf
         self.contraction = 0.0
+        self.stalled = False
         for _ in range(self.max_iterations):
             found = yield from self.evaluate(points, level)
             gaps = self.gaps(points, found)
@@ -126,6 +129,7 @@ class Branch:
             step = system.solve(-gaps)
             size = float(np.linalg.norm(step))
             if size > CONTRACTION * last:
+                self.stalled = size <= ROUNDING * (1 + float(np.abs(points.unknowns).max())) * np.sqrt(len(step))
                 return None
             self.contraction = max(self.contraction, size / last)
             last = size
@@ -297,6 +301,8 @@ class Branch:
         return Result(Status.MULTIPLE_SHOOTING, points, found, float(np.abs(self.gaps(points, found)).max()), level)
 
     def _why(self, otherwise: Status) -> Status:
+        if self.stalled and not self.fault:
+            return Status.STALLED
         return {0: otherwise, 1: Status.NONFINITE}.get(self.fault, Status.STEP_LIMIT)
 
 

@@ -75,9 +75,9 @@ class Shooting(Solver):
         outcome = natural_branch(problem, newton, self.max_continuation_steps, chosen)
         lowest_stable(problem, newton, outcome, failures(outcome.status))
         if self.fallback:
-            MultipleShooting(tolerance=self.tolerance, integrator=self.integrator).rescue(
-                problem, outcome, ill_conditioned(problem, outcome)
-            )
+            MultipleShooting(
+                tolerance=self.tolerance, integrator=self.integrator, max_continuation_steps=self.max_continuation_steps
+            ).rescue(problem, outcome, ill_conditioned(problem, outcome))
         return outcome
 
     def track(self, problem: BoundaryProblem, dt: float) -> Track:
