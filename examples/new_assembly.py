@@ -69,7 +69,7 @@ class SprungProblem(mr.BoundaryProblem):
     def load_scale(self) -> np.ndarray:
         return self.inner.load_scale()
 
-    def integrate(self) -> None:
+    def _integrate(self) -> None:
         unknowns, inputs = self.read("unknowns"), self.read("inputs")
         inputs[:, self.input_slice("rotation")] -= self.give * (unknowns[:, 2:] - self.inner.guess()[:, 2:])
         self.inner.write("unknowns", unknowns)

@@ -1,7 +1,9 @@
 """One backbone: its inputs, and its boundary problem, the buffers and launches of its kernels."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -9,6 +11,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from multirod.assembly import Assembly, pose
+from multirod.batch import IntArray, take
 from multirod.inputs import Inputs, InputSpec
 from multirod.models import backbone_kernels as kernels
 from multirod.models.features import Features
@@ -20,6 +23,7 @@ from multirod.rod import Rod, RodArrays, lower
 from multirod.validation import Described, FloatArray, refuse
 
 STEP_LIMIT = 100_000
+POSES_APART = 64  # instances from which leaving poses out saves more than two kernels cost
 FEWEST_NODES = 33
 MOST_NODES = 16385
 _PARTS = 64  # of the length, over which starts are bounded
@@ -62,15 +66,15 @@ class BackboneProblem(BoundaryProblem):
         held: bool = False,
         arrays: RodArrays | None = None,
     ) -> None:
-        rod_batch = np.broadcast_shapes(*(rod.batch_shape for rod in rods)) if arrays is None else arrays.batch_shape
-        batch_shape = np.broadcast_shapes(inputs.batch_shape, rod_batch, base.shape[:-2])
+        arrays = lower(rods) if arrays is None else arrays
+        batch_shape = np.broadcast_shapes(inputs.batch_shape, arrays.batch_shape, base.shape[:-2])
         self.rods = tuple(rods)
         self.base = base
         self.integrator = integrator
         self.enabled = frozenset(enabled)
         self.transmission = transmission
         self.held = held
-        self.arrays = lower(rods, batch_shape if rod_batch else ()) if arrays is None else arrays
+        self.arrays = arrays.take(batch_shape)
         self.features = self._features(inputs, pose, pose_sensitivities, direction_count)
         n = self.features.unknown_count
         super().__init__(
@@ -88,12 +92,13 @@ class BackboneProblem(BoundaryProblem):
             self.wrench_columns: Any = wp.zeros((self.instance_count, 6, columns), dtype=wp.float64, device=device)
         self._table = self._make_table(inputs)
         self.write("inputs", self.pack(inputs))
-        self.launch = self._record(self.features, self._make_call(0))
+        self._call = self._make_call(0)
+        self.launch = self._record(self.features, self._call)
 
     # ---- what is compiled in ----
 
     def _features(self, inputs: Inputs, pose: bool, pose_sensitivities: bool, direction_count: int) -> Features:
-        active = {name for name in inputs.given if inputs.is_active(name)} | self.enabled
+        active = {*inputs.active, *self.enabled}
         needs = {feature: any(name in active for name in names) for feature, names in _FEATURE_INPUTS.items()}
         needs["force"] |= self.held or "distributed_force" in inputs.profiles
         return Features(
@@ -103,7 +108,7 @@ class BackboneProblem(BoundaryProblem):
             shear=self.arrays.shear,
             transmission=self.transmission,
             anisotropic=self.arrays.anisotropic and len(self.rods) > 1,
-            torsion=len(self.rods) > 1 and (self.held or bool(np.isfinite(self.arrays.material[..., 2]).any())),
+            torsion=len(self.rods) > 1 and (self.held or self.arrays.torsion),
             pose=pose,
             pose_sensitivities=pose_sensitivities,
             directions=direction_count,
@@ -179,8 +184,29 @@ class BackboneProblem(BoundaryProblem):
         start = 2 * n + 3 * kernels.INPUT_VECTORS.index(name)
         return slice(start, start + 3)
 
-    def integrate(self) -> None:  # noqa: D102
+    def _integrate(self) -> None:
         self.launch.launch()
+
+    @contextmanager
+    def without_poses(self) -> Iterator[None]:
+        """As said, for many single rods at fixed steps, whose kernels round alike with and without the pose.
+
+        What finds the poses in the end carries no columns and costs half an integration, which is not counted.
+        """
+        f, alike = self.features, len(self.rods) == 1 and self.integrator.steps is not None
+        if not alike or not f.pose or f.pose_sensitivities or self.instance_count < POSES_APART:
+            yield
+            return
+        whole = self.launch
+        self.launch = self._record(replace(f, pose=False), self._call)
+        try:
+            yield
+        finally:
+            self.launch = whole
+        active = self.active.numpy().copy()
+        self.active.fill_(1)
+        self._record(replace(f, sensitivities=False, directions=0), self._call).launch()
+        self.active.assign(active)
 
     def guess(self) -> FloatArray:  # noqa: D102
         result = np.zeros((self.instance_count, self.unknown_count))
@@ -438,8 +464,22 @@ class BackboneAssembly(Assembly):
         if inputs.is_active("gravity") and not any(rod.has_mass for rod in self.rods):
             refuse("gravity", inputs.gravity.tolist(), "must be zero: no rod has a linear_density (or, for Rod.tube, a density)")
 
-    def problem(self, inputs: Inputs, **options: Any) -> BackboneProblem:  # noqa: D102
-        return BackboneProblem(self.rods, self.base, inputs, transmission=self.transmission, **options)
+    @cached_property
+    def arrays(self) -> RodArrays:
+        """The rods as kernels read them."""
+        return lower(self.rods)
+
+    def problem(  # noqa: D102
+        self, inputs: Inputs, *, enabled: Sequence[str] = (), instances: IntArray | None = None, **options: Any
+    ) -> BackboneProblem:
+        arrays, base = self.arrays, self.base
+        whole, inputs, enabled = self.some(inputs, instances, enabled)
+        if instances is not None:
+            arrays = arrays.take(whole, instances)
+            base = take(base, whole, instances, tail=2) if base.ndim > 2 else base
+        return BackboneProblem(
+            self.rods, base, inputs, transmission=self.transmission, enabled=enabled, arrays=arrays, **options
+        )
 
 
 def spread(numbers: NDArray[np.int_], dimensions: int) -> FloatArray:

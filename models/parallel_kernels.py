@@ -57,7 +57,7 @@ class Robots:
     pose_columns: wp.array3d[wp.float64]
     # geometry
     stride: int  # 1 if each instance has its own, else 0
-    reference_position: wp.array[wp.vec3d]  # (1): where the unknown pose is zero
+    reference_position: wp.array[wp.vec3d]  # (batch): where the unknown pose is zero
     reference_rotation: wp.array[wp.mat33d]
     attachment_position: wp.array2d[wp.vec3d]  # (instance or 1, leg), platform frame
     attachment_rotation: wp.array2d[wp.mat33d]
@@ -192,9 +192,9 @@ def platform_pose(robots: Robots, b: int) -> Platform:
         pose.turn = left_jacobian(a)
         return pose
     first = robots.unknown_count - wp.static(POSE)
-    pose.position = robots.reference_position[0] + pose.length * pose.length * vector(robots.unknowns, b, first)
+    pose.position = robots.reference_position[b * robots.stride] + pose.length * pose.length * vector(robots.unknowns, b, first)
     a = pose.length * vector(robots.unknowns, b, first + 3)
-    pose.rotation = rotation_from_vector(a) * robots.reference_rotation[0]
+    pose.rotation = rotation_from_vector(a) * robots.reference_rotation[b * robots.stride]
     pose.turn = left_jacobian(a)
     return pose
 

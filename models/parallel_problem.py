@@ -1,6 +1,7 @@
 """Several backbones that hold one platform: the boundary problem, its buffers and launches."""
 
 from collections.abc import Sequence
+from copy import copy
 from itertools import pairwise
 from typing import Any
 
@@ -8,6 +9,7 @@ import numpy as np
 import warp as wp
 from scipy.spatial.transform import Rotation
 
+from multirod.batch import IntArray, take
 from multirod.inputs import Inputs, InputSpec
 from multirod.models import parallel_kernels as kernels
 from multirod.models.backbone import BACKBONE_INPUTS, BackboneAssembly, BackboneProblem
@@ -22,7 +24,7 @@ from multirod.models.parallel_guess import (
     rotation_vectors,
 )
 from multirod.problem import Block, BoundaryProblem, Shape
-from multirod.rod import lower, stack
+from multirod.rod import RodArrays, stack
 from multirod.validation import FloatArray
 
 POSE = kernels.POSE
@@ -41,6 +43,7 @@ class Geometry:
 
     Attributes:
         legs: Each leg as a robot of its own.
+        arrays: Their rods as kernels read them.
         base: Pose of each leg's base in the world, shape (..., leg_count, 4, 4).
         platform: Pose of each leg's attachment in the platform's frame, shape (..., leg_count, 4, 4).
         joints: Kind of each joint, shape (leg_count,).
@@ -61,27 +64,41 @@ class Geometry:
         mass_centre: FloatArray,
     ) -> None:
         self.legs = tuple(legs)
+        self.arrays: tuple[RodArrays, ...] = tuple(leg.arrays for leg in legs)
         self.base = base
         self.platform = platform
         self.joints = np.array(joints, dtype=np.int32)
         self.axes = axes
         self.mass = mass
         self.mass_centre = mass_centre
-        shapes = [leg.batch_shape for leg in self.legs]
+        shapes = [arrays.batch_shape for arrays in self.arrays]
         self.batch_shape = np.broadcast_shapes(*shapes, base.shape[:-3], platform.shape[:-3])
         self.rods = tuple(rod for leg in self.legs for rod in leg.rods)
         self.first_rod = np.cumsum([0] + [leg.rod_count for leg in self.legs])
         self.first_unknown = np.cumsum([0] + [leg.rod_count + 5 for leg in self.legs])
-        # where the unknown pose is zero: a constant, so that unknowns mean the same whatever the inputs are
-        positions = base.reshape(-1, len(self.legs), 4, 4)[0]
-        attachments = platform.reshape(-1, len(self.legs), 4, 4)[0]
-        self.reference_position = positions[:, :3, 3].mean(axis=0)
-        turned = np.einsum("lij,lkj->ik", positions[:, :3, :3], attachments[:, :3, :3])
-        self.reference_rotation = nearest_rotation(turned[None])[0]
+
+    def reference(self) -> tuple[FloatArray, FloatArray]:
+        """Position [m] and rotation where the unknown pose is zero, shapes (..., 3), (..., 3, 3): the same whatever the inputs."""
+        turned = (self.base[..., :3, :3] @ np.swapaxes(self.platform[..., :3, :3], -1, -2)).sum(axis=-3)
+        return self.base[..., :3, 3].mean(axis=-2), nearest_rotation(turned)
+
+    def take(self, batch_shape: tuple[int, ...], instances: IntArray) -> "Geometry":
+        """The geometry of some instances of a batch to whose leading axes this broadcasts, along one axis.
+
+        ``instances`` are their numbers in the flattened batch.
+        """
+        if not self.batch_shape:
+            return self
+        result = copy(self)
+        result.arrays = tuple(arrays.take(batch_shape, instances) for arrays in self.arrays)
+        result.base = take(self.base, batch_shape, instances, tail=3) if self.base.ndim > 3 else self.base
+        result.platform = take(self.platform, batch_shape, instances, tail=3) if self.platform.ndim > 3 else self.platform
+        result.batch_shape = np.shape(instances)
+        return result
 
     def scales(self) -> tuple[FloatArray, FloatArray]:
         """Length and bending stiffness of each leg, then of the platform, shapes (batch or 1, leg_count + 1)."""
-        arrays = [lower(leg.rods, self.batch_shape) for leg in self.legs]
+        arrays = [arrays.repeated(self.batch_shape) for arrays in self.arrays]
         length = np.stack([a.end[:, :, -1].max(axis=1) for a in arrays], axis=1)
         stiffness = np.stack([a.material[:, :, 0, :2].max(axis=2).sum(axis=1) for a in arrays], axis=1)
         length = np.concatenate([length, length.mean(axis=1, keepdims=True)], axis=1)
@@ -96,7 +113,7 @@ class LegGroup:
         self.members = tuple(members)
         legs = [geometry.legs[k] for k in members]
         shape = problem.batch_shape
-        arrays = stack([lower(leg.rods, shape) for leg in legs], shape)
+        arrays = stack([geometry.arrays[k].repeated(shape) for k in members], shape)
         base = np.broadcast_to(geometry.base[..., list(members), :, :], (*shape, len(legs), 4, 4))
         count = len(members)
         given: dict[str, Any] = {name: inputs.profiles[name] for name in kernels.LEG_VECTORS if name in inputs.profiles}
@@ -211,8 +228,10 @@ class ParallelProblem(BoundaryProblem):
 
         platform = batched(geometry.platform, (legs, 4, 4))
         robots.stride = int(bool(geometry.batch_shape))
-        robots.reference_position = array(geometry.reference_position[None], wp.vec3d)
-        robots.reference_rotation = array(geometry.reference_rotation[None], wp.mat33d)
+        position, rotation = geometry.reference()
+        self._reference = batched(position, (3,)), batched(rotation, (3, 3))
+        robots.reference_position = array(self._reference[0], wp.vec3d)
+        robots.reference_rotation = array(self._reference[1], wp.mat33d)
         robots.attachment_position = array(platform[:, :, :3, 3], wp.vec3d)
         robots.attachment_rotation = array(platform[:, :, :3, :3], wp.mat33d)
         robots.joint = array(geometry.joints, wp.int32)
@@ -250,7 +269,7 @@ class ParallelProblem(BoundaryProblem):
 
     # ---- the interface ----
 
-    def integrate(self) -> None:  # noqa: D102
+    def _integrate(self) -> None:
         for launch in self._launches:
             launch.launch()
 
@@ -317,10 +336,10 @@ class ParallelProblem(BoundaryProblem):
             reach, added = beam_reach(legs, at, pose[:, :3], Rotation.from_rotvec(pose[:, 3:]).as_matrix())
             x[:, self._platform] = reach / legs.length**2
         else:
-            geometry, length = self.geometry, np.broadcast_to(self._length[:, -1:], (self.instance_count, 1))
+            length = np.broadcast_to(self._length[:, -1:], (self.instance_count, 1))
             position, rotation, added = beam_equilibrium(legs, at, *fitted_platform(legs, at))
-            turn = rotation_vectors(rotation @ geometry.reference_rotation.T)
-            move = position - geometry.reference_position
+            turn = rotation_vectors(rotation @ np.swapaxes(self._reference[1], 1, 2))
+            move = position - self._reference[0]
             x[:, self._platform] = np.concatenate([move / length**2, turn / length], axis=1)
         for own, values in zip(self._own, added, strict=True):
             x[:, own] += values

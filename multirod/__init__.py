@@ -30,7 +30,7 @@ from multirod.models.single_rod import SingleRod
 from multirod.problem import Block, BoundaryProblem, Shape
 from multirod.recording import Recorder
 from multirod.rod import Rod, Section
-from multirod.simulation import Tracker, simulate, solve
+from multirod.simulation import simulate, solve
 from multirod.solution import History, Solution, SolveError
 from multirod.solver import Outcome, Solver, Track, registered_solvers
 from multirod.solvers.observer import Observer
@@ -38,6 +38,7 @@ from multirod.solvers.scipy_shooting import ScipyShooting
 from multirod.solvers.shooting import Shooting
 from multirod.stability import Stability
 from multirod.status import Status
+from multirod.tracker import Tracker
 
 __version__ = "0.1.0"
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from multirod.batch import IntArray
 from multirod.inputs import Inputs, InputSpec
 from multirod.problem import BoundaryProblem
 from multirod.rod import Rod
@@ -39,6 +40,7 @@ class Assembly(ABC):
         pose_sensitivities: bool = False,
         direction_count: int = 0,
         enabled: Sequence[str] = (),
+        instances: IntArray | None = None,
     ) -> BoundaryProblem:
         """The boundary problem at ``inputs``.
 
@@ -49,7 +51,18 @@ class Assembly(ABC):
             pose_sensitivities: Whether the columns include the end effector's pose.
             direction_count: Columns for derivatives along directions in input space.
             enabled: Inputs whose terms are compiled in although they are zero now.
+            instances: Numbers, in the flattened batch, of the only ones to be solved, shape (instance_count,); all by default.
+                What is compiled in is the same as for all. An assembly that does not take this is solved in one piece.
         """
+
+    def some(
+        self, inputs: Inputs, instances: IntArray | None, enabled: Sequence[str]
+    ) -> tuple[tuple[int, ...], Inputs, tuple[str, ...]]:
+        """Leading axes of the whole batch, the inputs of some instances of it, and what is compiled in for them as for all."""
+        whole = np.broadcast_shapes(inputs.batch_shape, self.batch_shape)
+        if instances is None:
+            return whole, inputs, tuple(enabled)
+        return whole, inputs.take(whole, instances), (*enabled, *inputs.active)
 
     @property
     def rod_count(self) -> int:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from multirod.batch import take
 from multirod.profile import Profile, fit
 from multirod.validation import FloatArray, array, unknown_names
 
@@ -94,6 +95,11 @@ class Inputs:
             return name in self._arrays
         return name in self._profiles or bool(np.any(self._arrays.get(name, 0.0)))
 
+    @property
+    def active(self) -> tuple[str, ...]:
+        """Names of the inputs that are not zero everywhere."""
+        return tuple(name for name in self.given if self.is_active(name))
+
     def with_arrays(self, arrays: Mapping[str, FloatArray]) -> "Inputs":
         """Inputs of the same assembly with other values, already checked; functions of arclength are kept."""
         result = object.__new__(Inputs)
@@ -102,6 +108,17 @@ class Inputs:
         result.given = tuple(name for name in self._specs if name in arrays or name in self._profiles)
         result.batch_shape = np.broadcast_shapes(*(a.shape[:-1] for a in arrays.values()))
         return result
+
+    def take(self, batch_shape: tuple[int, ...], instances: Any) -> "Inputs":
+        """The inputs of some instances of a batch to whose leading axes these broadcast, along one axis.
+
+        ``instances`` are their numbers in the flattened batch. Inputs without leading axes stay without.
+        """
+        if not self.batch_shape:
+            return self
+        return self.with_arrays(
+            {name: take(a, batch_shape, instances, tail=1) if a.ndim > 1 else a for name, a in self._arrays.items()}
+        )
 
     def __getitem__(self, index: Any) -> "Inputs":
         """The inputs of some instances: ``inputs[k]`` takes the k-th along the first batch axis."""

@@ -2,14 +2,17 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from threading import Event
 from typing import Any
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from multirod.batch import Interrupted
 from multirod.inputs import Inputs
 from multirod.validation import Described, FloatArray, refuse
 
@@ -101,6 +104,7 @@ class BoundaryProblem(ABC):
         pose_columns: Its derivative by the unknowns and directions, position rows then rotation-vector rows, both in the
             world, shape (instance_count, 6, n + direction_count).
         directions: Directions in input space, shape (instance_count, direction_count, input_count).
+        stop: Once it is set, ``integrate`` raises ``Interrupted``: how a batch on several threads is brought to an end.
     """
 
     guess_integrations: int = 0
@@ -118,6 +122,7 @@ class BoundaryProblem(ABC):
     ) -> None:
         self.unknown_count = n = unknown_count
         self.batch_shape = batch_shape
+        self.stop: Event | None = None
         self.instance_count = count = math.prod(batch_shape)
         self.input_count = input_count
         self.direction_count = direction_count
@@ -187,9 +192,24 @@ class BoundaryProblem(ABC):
             refuse("guess", Described(f"array of shape {unknowns.shape}"), f"must have shape (..., {self.unknown_count})")
         return unknowns
 
-    @abstractmethod
     def integrate(self) -> None:
-        """Evaluate residual, ``Gamma`` and the end effector's pose of the active instances: one integration per rod."""
+        """Evaluate residual, ``Gamma`` and the end effector's pose of the active instances: one integration per rod.
+
+        Raises:
+            Interrupted: If ``stop`` is set.
+        """
+        if self.stop is not None and self.stop.is_set():
+            raise Interrupted
+        self._integrate()
+
+    @abstractmethod
+    def _integrate(self) -> None:
+        """Do what ``integrate`` says."""
+
+    @contextmanager
+    def without_poses(self) -> Iterator[None]:
+        """Within it, integrations may leave the end effector's pose out, where that saves time; it is found in the end."""
+        yield
 
     def takes(self, name: str) -> bool:
         """Whether the terms of an input are compiled into this problem."""

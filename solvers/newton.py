@@ -1,7 +1,6 @@
 """Newton's iteration on the buffers of one problem, many instances in each launch."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -34,13 +33,11 @@ class Newton:
         state.step = wp.zeros((count, n), dtype=wp.float64, device=device)
         state.direction = wp.zeros((count, n, 1), dtype=wp.float64, device=device)
         state.reference = wp.zeros((count, n, n), dtype=wp.float64, device=device)
-        self._kernel = self._choose_kernel()
+        self.shape = self._shape()
         state.remaining = wp.zeros(1, dtype=wp.int32, device=device)
         state.tolerance = tolerance
         state.max_iterations = max_iterations
         state.line_search = int(line_search)
-        state.max_contraction = np.inf
-        self._record()
         on_cpu = wp.get_device(device).is_cpu
         self._remaining = state.remaining.numpy() if on_cpu else None
         self._counts = [state.status.numpy(), state.iterations.numpy(), state.integrations.numpy()] if on_cpu else None
@@ -48,13 +45,13 @@ class Newton:
         self._reference = state.reference.numpy().reshape(count, n * n) if on_cpu else None
         self._has_reference = state.has_reference.numpy() if on_cpu else None
 
-    def _choose_kernel(self) -> Any:
-        """The kernel for a dense ``Gamma``, or for an arrow, with its room to work."""
+    def _shape(self) -> tuple[int, ...]:
+        """Largest block and border of ``Gamma`` where it is an arrow, with its room to work; nothing where it is dense."""
         problem, arrow = self.problem, self.state.arrow
         if not problem.arrow:
-            return make_newton(problem.unknown_count)
+            return ()
         sizes = np.diff(problem.arrow)
-        block, border = sizes[:-1].max(), sizes[-1]
+        block, border = int(sizes[:-1].max()), int(sizes[-1])
         arrow.count = len(sizes) - 1
         arrow.start = wp.array(np.array(problem.arrow, dtype=np.int32), dtype=wp.int32, device=problem.device)
         room = (problem.instance_count, arrow.count, block, front_width(block, border, PROBES))
@@ -63,24 +60,19 @@ class Newton:
         probes = (problem.instance_count, problem.unknown_count, PROBES)
         self.state.probes = wp.zeros(probes, dtype=wp.float64, device=problem.device)
         self.state.probed = wp.zeros(probes, dtype=wp.float64, device=problem.device)
-        return make_newton(problem.unknown_count, int(block), int(border))
+        return block, border
 
-    def _record(self) -> None:
+    @cached_property
+    def _launch(self) -> Any:
+        return self._record(make_newton(self.problem.unknown_count, *self.shape))
+
+    @cached_property
+    def _reset(self) -> Any:
+        return self._record(restart)
+
+    def _record(self, kernel: Any) -> Any:
         count, device = self.problem.instance_count, self.problem.device
-        self._launch = wp.launch(self._kernel, dim=count, inputs=[self.state], device=device, record_cmd=True)
-        self._reset = wp.launch(restart, dim=count, inputs=[self.state], device=device, record_cmd=True)
-
-    @contextmanager
-    def strict(self, contraction: float) -> Iterator[None]:
-        """Within it, steps are not damped, and an instance stops that contracts more slowly than ``contraction``."""
-        before = self.state.line_search
-        self.state.line_search, self.state.max_contraction = 0, contraction
-        self._record()
-        try:
-            yield
-        finally:
-            self.state.line_search, self.state.max_contraction = before, np.inf
-            self._record()
+        return wp.launch(kernel, dim=count, inputs=[self.state], device=device, record_cmd=True)
 
     @property
     def tolerance(self) -> float:
