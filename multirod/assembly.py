@@ -87,14 +87,7 @@ class Assembly(ABC):
             plain = {name: value for name, value in values.items() if not callable(value)}
             length = self._reach(Inputs(self.input_specs, self.rod_count, plain))
         result = Inputs(self.input_specs, self.rod_count, values, length)
-        try:
-            np.broadcast_shapes(result.batch_shape, self.batch_shape)
-        except ValueError:
-            if not self.batch_shape:
-                raise
-            raise ValueError(
-                f"the inputs' leading axes {result.batch_shape} do not broadcast with the rods' {self.batch_shape}"
-            ) from None
+        self._check_axes(result)
         self.check(result)
         return result
 
@@ -110,8 +103,17 @@ class Assembly(ABC):
         if not isinstance(inputs, Inputs):
             raise TypeError(f"inputs must be made by robot.inputs(...), not {type(inputs).__name__}")
         unknown_names("the robot", inputs.given, (spec.name for spec in self.input_specs))
+        self._check_axes(inputs)
         self.check(inputs)
         return inputs
+
+    def _check_axes(self, inputs: Inputs) -> None:
+        try:
+            np.broadcast_shapes(inputs.batch_shape, self.batch_shape)
+        except ValueError:
+            raise ValueError(
+                f"the inputs' leading axes {inputs.batch_shape} do not broadcast with the rods' {self.batch_shape}"
+            ) from None
 
     def check(self, inputs: Inputs) -> None:  # noqa: B027  (most assemblies have nothing to add)
         """Refuse inputs that this assembly cannot take, by a ``ValueError``."""

@@ -282,10 +282,19 @@ def _samples(
     """Rows of the inputs for each sample, made ready in blocks; none where nothing moves."""
     if samples == 1 or not inputs.batch_shape or inputs.batch_shape[0] != samples:
         return
-    block = max(1, _BLOCK // (problem.instance_count * problem.input_count))
+    constant = problem.read("inputs")
+    block = max(1, _BLOCK // constant.size)
+    chosen = slice(None) if instances is None else instances
     for start in range(0, samples, block):
-        present = [inputs[k] for k in range(start, min(start + block, samples))]
-        yield from [problem.pack(i if instances is None else i.take(batch_shape, instances)) for i in present]
+        present = inputs[start : start + block]
+        rows = np.repeat(constant[None], present.batch_shape[0], axis=0)
+        for name in present.given:
+            if name not in present.profiles:
+                value = getattr(present, name)
+                own = value.reshape(len(value), *(1,) * (len(batch_shape) - value.ndim + 2), *value.shape[1:])
+                every = np.broadcast_to(own, (len(value), *batch_shape, value.shape[-1]))
+                rows[..., problem.input_slice(name)] = every.reshape(len(value), -1, value.shape[-1])[:, chosen]
+        yield from rows
 
 
 def _with_time(inputs: Inputs, count: int, batch_shape: tuple[int, ...]) -> Inputs:
