@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from multirod.assembly import Assembly, pose
 from multirod.batch import IntArray, take
 from multirod.inputs import Inputs, InputSpec
+from multirod.launch import record
 from multirod.models import backbone_kernels as kernels
 from multirod.models.features import Features
 from multirod.models.integrators import Integrator
@@ -162,8 +163,10 @@ class BackboneProblem(BoundaryProblem):
         return call
 
     def _record(self, features: Features, call: Any) -> Any:
-        kernel = kernels.make_kernel(features, self.integrator.tableau)
-        return wp.launch(kernel, dim=self.instance_count, inputs=[self._table, call], device=self.device, record_cmd=True)
+        def make() -> Any:
+            return kernels.make_kernel(features, self.integrator.tableau)
+
+        return record(make, self.instance_count, [self._table, call], self.device)
 
     # ---- the interface ----
 
@@ -477,9 +480,7 @@ class BackboneAssembly(Assembly):
         if instances is not None:
             arrays = arrays.take(whole, instances)
             base = take(base, whole, instances, tail=2) if base.ndim > 2 else base
-        return BackboneProblem(
-            self.rods, base, inputs, transmission=self.transmission, enabled=enabled, arrays=arrays, **options
-        )
+        return BackboneProblem(self.rods, base, inputs, transmission=self.transmission, enabled=enabled, arrays=arrays, **options)
 
 
 def spread(numbers: NDArray[np.int_], dimensions: int) -> FloatArray:

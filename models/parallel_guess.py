@@ -84,7 +84,7 @@ def beam_equilibrium(
         slope = beams.by_tip @ beams.tip_by_platform
         wrench = np.einsum("blij,blj->bli", stiffness, beams.strain)
         gradient = np.einsum("blji,blj->bi", slope, wrench)
-        hessian = np.einsum("blji,bljk,blkm->bim", slope, stiffness, slope)
+        hessian = (np.swapaxes(slope, -1, -2) @ stiffness @ slope).sum(axis=1)
         step = -np.linalg.solve(hessian, gradient[..., None])[..., 0]
         step /= np.maximum(1.0, np.abs(step / np.concatenate([0.1 * size] * 3 + [0.3 * np.ones_like(size)] * 3, 1)).max(1))[
             :, None
@@ -150,7 +150,7 @@ def _joint_stiffness(legs: Legs, at: Attachments) -> FloatArray:
 def _unknowns(legs: Legs, beams: _Beams, stiffness: FloatArray) -> list[FloatArray]:
     """What to add to the unloaded unknowns of each leg, from the wrench on its deflected tip."""
     by_tip = np.swapaxes(beams.by_tip, -1, -2)
-    wrench = np.einsum("blij,bljk,blk->bli", by_tip, stiffness, beams.strain)
+    wrench = (by_tip @ (stiffness @ beams.strain[..., None]))[..., 0]
     lever = np.cross(beams.deflection, wrench[..., :3])
     # a beam's torque is the same all along, whatever the deflection
     wrench[..., 3:] += lever - (lever * beams.tangent).sum(-1, keepdims=True) * beams.tangent

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from multirod.batch import IntArray, take
 from multirod.inputs import Inputs, InputSpec
+from multirod.launch import record
 from multirod.models import parallel_kernels as kernels
 from multirod.models.backbone import BACKBONE_INPUTS, BackboneAssembly, BackboneProblem
 from multirod.models.integrators import Integrator
@@ -256,7 +257,7 @@ class ParallelProblem(BoundaryProblem):
         """Launches of one evaluation, in order."""
 
         def recorded(kernel: Any, dim: int, *arguments: Any) -> Any:
-            return wp.launch(kernel, dim=dim, inputs=list(arguments), device=self.device, record_cmd=True)
+            return record(lambda: kernel, dim, arguments, self.device)
 
         launches = []
         for group in self.groups:

@@ -34,7 +34,7 @@ def take(values: Any, batch_shape: tuple[int, ...], instances: IntArray | None, 
 
 
 LONGEST_PART = 2048  # instances: enough for each launch to take long against what Python adds, few enough to share out
-SHORTEST_PART = 256
+SHORTEST_PART = 512
 
 
 class Interrupted(RuntimeError):

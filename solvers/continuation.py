@@ -1,11 +1,13 @@
 """Following a branch of equilibria in steps that are sure to stay on it."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from multirod.launch import record
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.continuation_kernels import PathState, make_path, set_out
@@ -41,7 +43,7 @@ class Paths:
         self.state = state
         state.newton = newton.state
         state.load_factor, state.inputs = problem.load_factor, problem.inputs
-        for name in ("status", "iterations", "integrations", "steps", "known"):
+        for name in ("status", "iterations", "integrations", "steps", "known", "halved"):
             setattr(state, name, wp.zeros(count, dtype=wp.int32, device=device))
         for name in ("step", "goal", "safe_step"):
             setattr(state, name, wp.zeros(count, dtype=wp.float64, device=device))
@@ -52,7 +54,7 @@ class Paths:
         state.max_steps = max_steps
         state.remaining = wp.zeros(1, dtype=wp.int32, device=device)
         self._remaining = state.remaining.numpy() if wp.get_device(device).is_cpu else None
-        self._kernels = make_path(n, *newton.shape)
+        self._shape = newton.shape
 
     def raise_loads(self, chosen: BoolArray) -> Outcome:
         """From the unloaded equilibrium to the full load, all loads in proportion."""
@@ -83,19 +85,21 @@ class Paths:
         state.points.assign(np.repeat(unknowns[:, None], 3, axis=1))
         state.reference.assign(np.ascontiguousarray(gamma).reshape(state.reference.shape))
         self._set_out(chosen, known=1)
-        wp.launch(self._kernels.depart, dim=problem.instance_count, inputs=[state], device=problem.device)
+        self._record(lambda: make_path(problem.unknown_count, *self._shape).depart).launch()
         outcome = self._follow()
         problem.write("inputs", after)
         return outcome
 
     def _set_out(self, chosen: BoolArray, known: int) -> None:
-        device = self.problem.device
-        flags: Any = wp.array(chosen.astype(np.int32), dtype=wp.int32, device=device)
-        wp.launch(set_out, dim=self.problem.instance_count, inputs=[self.state, flags, known], device=device)
+        flags: Any = wp.array(chosen.astype(np.int32), dtype=wp.int32, device=self.problem.device)
+        self._record(lambda: set_out, flags, known).launch()
+
+    def _record(self, make: Callable[[], Any], *further: Any) -> Any:
+        return record(make, self.problem.instance_count, [self.state, *further], self.problem.device)
 
     def _follow(self) -> Outcome:
         problem, state = self.problem, self.state
-        launch = wp.launch(self._kernels.path, dim=problem.instance_count, inputs=[state], device=problem.device, record_cmd=True)
+        launch = self._record(lambda: make_path(problem.unknown_count, *self._shape).path)
         remaining = 1
         while remaining:
             if self._remaining is not None:

@@ -44,6 +44,7 @@ class PathState:
     levels: wp.array2d[wp.float64]  # (instance, 3): their levels
     reference: wp.array3d[wp.float64]  # Gamma at the latest
     step: wp.array[wp.float64]
+    halved: wp.array[int]  # whether it has just been halved: then it does not grow at once
     goal: wp.array[wp.float64]
     expected: wp.array2d[wp.float64]  # unknowns at the goal by extrapolation
     safe_step: wp.array[wp.float64]  # a step that is short enough wherever it starts
@@ -171,10 +172,12 @@ def make_path(n: int, block: int = 0, border: int = 0):
                 return wp.static(int(Status.CONVERGED))
             contraction = wp.max(state.newton.contraction[t], f64(1.0e-6))
             growth = wp.pow(f64(wp.static(0.5 * CONTRACTION)) / contraction, f64(1.0) / f64(state.known[t]))
-            step = reached * wp.min(wp.max(growth, f64(0.5)), f64(3.0))
+            step = reached * wp.min(wp.max(growth, f64(0.5)), wp.where(state.halved[t] != 0, f64(1.0), f64(3.0)))
             state.step[t] = wp.min(step, longest_step(state, t))
+            state.halved[t] = 0
             return wp.static(int(Status.NOT_RUN))
         state.step[t] = f64(0.5) * reached
+        state.halved[t] = 1
         if state.step[t] < f64(wp.static(MIN_STEP)):
             return why(state, t, found)
         return wp.static(int(Status.NOT_RUN))
@@ -224,6 +227,7 @@ def set_out(state: PathState, chosen: wp.array[int], known: int):
     state.integrations[t] = 0
     state.steps[t] = 0
     state.known[t] = known
+    state.halved[t] = 0
     state.status[t] = wp.where(chosen[t] != 0, wp.static(int(Status.NOT_RUN)), wp.static(int(Status.CONVERGED)))
     for k in range(3):
         state.levels[t, k] = f64(0.0)

@@ -1,11 +1,13 @@
 """Newton's iteration on the buffers of one problem, many instances in each launch."""
 
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 import warp as wp
 
+from multirod.launch import record
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.bordered_kernels import front_width
@@ -64,15 +66,14 @@ class Newton:
 
     @cached_property
     def _launch(self) -> Any:
-        return self._record(make_newton(self.problem.unknown_count, *self.shape))
+        return self._record(lambda: make_newton(self.problem.unknown_count, *self.shape))
 
     @cached_property
     def _reset(self) -> Any:
-        return self._record(restart)
+        return self._record(lambda: restart)
 
-    def _record(self, kernel: Any) -> Any:
-        count, device = self.problem.instance_count, self.problem.device
-        return wp.launch(kernel, dim=count, inputs=[self.state], device=device, record_cmd=True)
+    def _record(self, make: Callable[[], Any]) -> Any:
+        return record(make, self.problem.instance_count, [self.state], self.problem.device)
 
     @property
     def tolerance(self) -> float:
