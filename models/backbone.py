@@ -73,6 +73,16 @@ class BackboneProblem(BoundaryProblem):
         self.base = base
         self.integrator = integrator
         self.enabled = frozenset(enabled)
+        self._inputs = inputs
+        self._options: dict[str, Any] = {
+            "integrator": integrator,
+            "device": device,
+            "transmission": transmission,
+            "pose": pose,
+            "pose_sensitivities": pose_sensitivities,
+            "direction_count": direction_count,
+            "held": held,
+        }
         self.transmission = transmission
         self.held = held
         self.arrays = arrays.take(batch_shape)
@@ -169,6 +179,18 @@ class BackboneProblem(BoundaryProblem):
         return record(make, self.instance_count, [self._table, call], self.device)
 
     # ---- the interface ----
+
+    def part(self, instances: IntArray) -> "BackboneProblem":  # noqa: D102
+        shape = self.batch_shape
+        base = take(self.base, shape, instances, tail=2) if self.base.ndim > 2 else self.base
+        enabled = (*self.enabled, *self._inputs.active)
+        arrays = self.arrays.take(shape, instances)
+        inputs = self._inputs.take(shape, instances)
+        result = BackboneProblem(self.rods, base, inputs, enabled=enabled, arrays=arrays, **self._options)
+        result.stop = self.stop
+        for name in ("inputs", "unknowns"):
+            result.write(name, self.read(name)[instances])
+        return result
 
     def takes(self, name: str) -> bool:  # noqa: D102
         needed = [feature for feature, names in _FEATURE_INPUTS.items() if name in names]

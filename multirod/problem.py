@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from multirod.batch import Interrupted
+from multirod.batch import Interrupted, IntArray
 from multirod.inputs import Inputs
 from multirod.validation import Described, FloatArray, refuse
 
@@ -210,6 +210,19 @@ class BoundaryProblem(ABC):
     def without_poses(self) -> Iterator[None]:
         """Within it, integrations may leave the end effector's pose out, where that saves time; it is found in the end."""
         yield
+
+    def part(self, instances: IntArray) -> "BoundaryProblem":
+        """A problem of some of the instances, (k,), at their present inputs and unknowns.
+
+        What takes long for a few takes no time for the others there. ``keep`` brings back what came of it.
+        """
+        raise NotImplementedError(f"{type(self).__name__} offers no parts")
+
+    def keep(self, part: "BoundaryProblem", instances: IntArray) -> None:
+        """Take over the records of a part of the instances."""
+        records = self.snapshot()
+        records[instances] = part.snapshot()
+        self.restore(records)
 
     def takes(self, name: str) -> bool:
         """Whether the terms of an input are compiled into this problem."""

@@ -94,11 +94,23 @@ def lowest_stable(problem: BoundaryProblem, newton: Newton, outcome: Outcome, lo
     """
     if not problem.multistable or not lost.any() or not len(problem.starts(1)):
         return
+    places = np.flatnonzero(lost)
+    part = problem.part(places)
+    found = _search(part, newton.of(part))
+    outcome.iterations[places] += found.iterations
+    outcome.integrations[places] += found.integrations
+    outcome.status[places[found.status == Status.CONVERGED]] = Status.LOWEST_ENERGY
+    problem.keep(part, places)
+
+
+def _search(problem: BoundaryProblem, newton: Newton) -> Outcome:
+    """Leave every instance on the stable equilibrium of lowest potential energy that is found; where none is, as it was."""
     count, n = problem.instance_count, problem.unknown_count
+    outcome = Outcome.zeros(count)
     before = problem.read("unknowns")
     catalogues = [Catalogue(degree) for degree in degrees(problem)]
     limit = limits(problem.starts(ROUND))
-    open_ = lost.copy()
+    open_ = np.ones(count, dtype=bool)
     for k in range(STARTS):
         if k % ROUND == 0:
             starts = problem.starts(ROUND, k)
@@ -118,9 +130,10 @@ def lowest_stable(problem: BoundaryProblem, newton: Newton, outcome: Outcome, lo
     best, chosen = _lowest(problem, catalogues, before)
     problem.write("unknowns", best)
     newton.run(chosen)
-    outcome.status[chosen & (newton.outcome().status == Status.CONVERGED)] = Status.LOWEST_ENERGY
+    outcome.status[chosen] = newton.outcome().status[chosen]
     problem.active.fill_(1)
     problem.integrate()  # the buffers hold every instance again
+    return outcome
 
 
 def _lowest(problem: BoundaryProblem, catalogues: Sequence[Catalogue], unknowns: FloatArray) -> tuple[FloatArray, Any]:

@@ -75,6 +75,13 @@ class Newton:
     def _record(self, make: Callable[[], Any]) -> Any:
         return record(make, self.problem.instance_count, [self.state], self.problem.device)
 
+    def of(self, problem: BoundaryProblem) -> "Newton":
+        """The same on another problem."""
+        state = self.state
+        return Newton(
+            problem, tolerance=state.tolerance, max_iterations=state.max_iterations, line_search=bool(state.line_search)
+        )
+
     @property
     def tolerance(self) -> float:
         """Largest residual [1/m]."""
