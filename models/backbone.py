@@ -181,8 +181,8 @@ class BackboneProblem(BoundaryProblem):
     # ---- the interface ----
 
     def part(self, instances: IntArray) -> "BackboneProblem":  # noqa: D102
-        shape = self.batch_shape
-        base = take(self.base, shape, instances, tail=2) if self.base.ndim > 2 else self.base
+        shape = self.batch_shape or (1,)
+        base = take(self.base, shape, instances, tail=2)  # also says how many there are, where nothing else varies
         enabled = (*self.enabled, *self._inputs.active)
         arrays = self.arrays.take(shape, instances)
         inputs = self._inputs.take(shape, instances)

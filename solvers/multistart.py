@@ -13,6 +13,7 @@ from multirod.status import Status
 from multirod.validation import FloatArray
 
 STARTS = 2048
+TOGETHER = 32  # instances of which all starts of a round are run at once
 ROUND = 128  # starts after which it is asked whether more are needed
 SILENT_ROUNDS = 2  # that have to bring nothing new
 SAME = (
@@ -94,39 +95,39 @@ def lowest_stable(problem: BoundaryProblem, newton: Newton, outcome: Outcome, lo
     """
     if not problem.multistable or not lost.any() or not len(problem.starts(1)):
         return
-    places = np.flatnonzero(lost)
-    part = problem.part(places)
-    found = _search(part, newton.of(part))
-    outcome.iterations[places] += found.iterations
-    outcome.integrations[places] += found.integrations
-    outcome.status[places[found.status == Status.CONVERGED]] = Status.LOWEST_ENERGY
-    problem.keep(part, places)
+    for places in np.split(np.flatnonzero(lost), range(TOGETHER, int(lost.sum()), TOGETHER)):
+        part = problem.part(places)
+        found = _search(part, newton.of(part))
+        outcome.iterations[places] += found.iterations
+        outcome.integrations[places] += found.integrations
+        outcome.status[places[found.status == Status.CONVERGED]] = Status.LOWEST_ENERGY
+        problem.keep(part, places)
 
 
 def _search(problem: BoundaryProblem, newton: Newton) -> Outcome:
     """Leave every instance on the stable equilibrium of lowest potential energy that is found; where none is, as it was."""
-    count, n = problem.instance_count, problem.unknown_count
-    outcome = Outcome.zeros(count)
+    outcome = Outcome.zeros(problem.instance_count)
     before = problem.read("unknowns")
     catalogues = [Catalogue(degree) for degree in degrees(problem)]
     limit = limits(problem.starts(ROUND))
-    open_ = np.ones(count, dtype=bool)
-    for k in range(STARTS):
-        if k % ROUND == 0:
-            starts = problem.starts(ROUND, k)
-        reached = converge(problem, newton, starts[k % ROUND], open_, limit)
-        found = newton.outcome()
-        outcome.iterations += np.where(open_, found.iterations, 0)
-        outcome.integrations += np.where(open_, found.integrations, 0)
-        unknowns, gamma = problem.read("unknowns"), problem.read("gamma").reshape(count, n, n)
-        for i in np.flatnonzero(reached):
-            catalogues[i].add(unknowns[i], gamma[i])
-        if (k + 1) % ROUND == 0:
-            for i in np.flatnonzero(open_):
-                catalogues[i].end_round()
-                open_[i] = not catalogues[i].settled
-            if not open_.any():
-                break
+    open_ = np.arange(problem.instance_count)
+    for first in range(0, STARTS, ROUND):
+        rows = np.repeat(open_, ROUND)
+        trial = problem.part(rows)
+        method = newton.of(trial)
+        guesses = np.swapaxes(problem.starts(ROUND, first)[:, open_], 0, 1).reshape(len(rows), -1)
+        reached = converge(trial, method, guesses, np.ones(len(rows), dtype=bool), limit[rows])
+        counts = method.outcome()
+        np.add.at(outcome.iterations, rows, counts.iterations)
+        np.add.at(outcome.integrations, rows, counts.integrations)
+        unknowns, gamma = trial.read("unknowns"), trial.read("gamma").reshape(len(rows), problem.unknown_count, -1)
+        for row in np.flatnonzero(reached):
+            catalogues[rows[row]].add(unknowns[row], gamma[row])
+        for i in open_:
+            catalogues[i].end_round()
+        open_ = open_[[not catalogues[i].settled for i in open_]]
+        if not len(open_):
+            break
     best, chosen = _lowest(problem, catalogues, before)
     problem.write("unknowns", best)
     newton.run(chosen)
