@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from multirod.profile import Profile, fit
 from multirod.validation import FloatArray, array, unknown_names
@@ -42,6 +43,8 @@ class Inputs:
         batch_shape: Leading axes of all inputs together.
         given: Names of the inputs that were given.
     """
+
+    _kept: frozenset[str] = frozenset()  # active in the batch that these were taken from
 
     def __init__(self, specs: Sequence[InputSpec], rod_count: int, values: Mapping[str, Any], length: float = 0.0) -> None:
         """Check and broadcast ``values``; ``length`` is the range over which functions of arclength are resolved [m]."""
@@ -89,7 +92,9 @@ class Inputs:
         return self._profiles
 
     def is_active(self, name: str) -> bool:
-        """Whether an input was given and is not zero everywhere."""
+        """Whether an input was given and is not zero everywhere, or was not in the batch that these inputs were taken from."""
+        if name in self._kept:
+            return True
         if self._specs[name].optional:
             return name in self._arrays
         return name in self._profiles or bool(np.any(self._arrays.get(name, 0.0)))
@@ -108,6 +113,22 @@ class Inputs:
         arrays = {name: np.broadcast_to(a, (*self.batch_shape, a.shape[-1]))[index] for name, a in self._arrays.items()}
         result = self.with_arrays(arrays)
         result.batch_shape = np.shape(np.broadcast_to(0.0, self.batch_shape)[index])
+        return result
+
+    def take(self, instances: NDArray[np.intp], batch_shape: tuple[int, ...]) -> "Inputs":
+        """The inputs of some instances, a batch of one axis, solved by the terms that the whole batch needs.
+
+        Args:
+            instances: Flat indices into ``batch_shape``.
+            batch_shape: What the inputs' leading axes broadcast to.
+        """
+        places = np.unravel_index(instances, batch_shape)
+        arrays = {}
+        for name, a in self._arrays.items():
+            arrays[name] = np.broadcast_to(a, (*batch_shape, a.shape[-1]))[places].reshape(len(instances), a.shape[-1])
+        result = self.with_arrays(arrays)
+        result.batch_shape = (len(instances),)
+        result._kept = frozenset(name for name in self.given if self.is_active(name))
         return result
 
     def __repr__(self) -> str:
