@@ -122,10 +122,9 @@ class Inputs:
             instances: Flat indices into ``batch_shape``.
             batch_shape: What the inputs' leading axes broadcast to.
         """
-        places = np.unravel_index(instances, batch_shape)
-        arrays = {}
-        for name, a in self._arrays.items():
-            arrays[name] = np.broadcast_to(a, (*batch_shape, a.shape[-1]))[places].reshape(len(instances), a.shape[-1])
+        axes = batch_shape or (1,)
+        places = np.unravel_index(instances, axes)
+        arrays = {name: np.broadcast_to(a, (*axes, a.shape[-1]))[places] for name, a in self._arrays.items()}
         result = self.with_arrays(arrays)
         result.batch_shape = (len(instances),)
         result._kept = frozenset(name for name in self.given if self.is_active(name))

@@ -1,6 +1,7 @@
 """A small study that several processes of the sweep's tests solve; as a program, it sweeps into a folder until it is stopped."""
 
 import os
+import signal
 import sys
 import time
 from dataclasses import dataclass
@@ -36,6 +37,20 @@ class Refusing(mr.Shooting):
     def _solve(self, problem: mr.BoundaryProblem, guess: Any) -> mr.Outcome:
         if (problem.read("inputs")[:, 0] == self.angle).any():
             raise ArithmeticError(f"{self.angle:g} rad is too much")
+        return super()._solve(problem, guess)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dying(mr.Shooting):
+    """Newton's method that kills its process, once, when the first rod is turned by this much."""
+
+    angle: float
+    died: str
+
+    def _solve(self, problem: mr.BoundaryProblem, guess: Any) -> mr.Outcome:
+        if (problem.read("inputs")[:, 0] == self.angle).any() and not Path(self.died).exists():
+            Path(self.died).touch()
+            os.kill(os.getpid(), signal.SIGKILL)
         return super()._solve(problem, guess)
 
 

@@ -142,8 +142,8 @@ def _keep(folder: Folder, study: Study, inputs: Inputs, k: int, arrays: Arrays) 
 
     instances = study.instances(k)
     axes: Arrays = {"instance": instances}
-    for axis, places in enumerate(np.unravel_index(instances, study.batch_shape)):
-        axes[f"axis_{axis}"] = places.astype(np.int64)
+    if study.batch_shape:
+        axes |= {f"axis_{axis}": places for axis, places in enumerate(np.unravel_index(instances, study.batch_shape))}
     own = inputs.take(instances, study.batch_shape)
     given = {name: np.asarray(getattr(own, name)) for name in own.given if name not in own.profiles}
     table = to_table(axes, {**given, **arrays})

@@ -126,7 +126,7 @@ class Study:
             if result is None:
                 result = blank(name, values.dtype, (self.instance_count, *values.shape[1:]))
             result[instances] = values
-        return result.reshape(*self.batch_shape, *result.shape[1:])
+        return result.reshape((*self.batch_shape, *result.shape[1:]))
 
     def counts(self) -> dict[Status, int]:
         """How many instances ended with each status; those that are not done are ``NOT_RUN``."""
