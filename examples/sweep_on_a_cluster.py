@@ -35,7 +35,10 @@ def main(arguments: Sequence[str] | None = None) -> mr.Study:
             study = run(client, robot, inputs, options)
     else:
         # one thread a worker: several workers, not threads within one, share the work
-        with LocalCluster(n_workers=options.workers, threads_per_worker=1, dashboard_address=None) as cluster, Client(cluster) as client:
+        with (
+            LocalCluster(n_workers=options.workers, threads_per_worker=1, dashboard_address=None) as cluster,
+            Client(cluster) as client,
+        ):
             study = run(client, robot, inputs, options)
     print(study)
     deflection = np.linalg.norm(study["tip_position"] - mr.solve(robot).tip_position, axis=-1)

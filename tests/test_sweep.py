@@ -17,7 +17,7 @@ import multirod as mr
 from multirod.sweeps import bar
 from multirod.sweeps.chunk import FURTHER, RESULTS
 from multirod.sweeps.digest import digest
-from multirod.sweeps.driver import ATTEMPTS
+from multirod.sweeps.dispatch import ATTEMPTS
 from multirod.sweeps.folder import Folder
 
 
@@ -197,6 +197,19 @@ def test_another_study_is_refused_and_named(scene, tmp_path, change, named):
         mr.sweep(**{**begun, **change(scene)})
     assert mr.Study(tmp_path).finished_chunks == (0,)
     mr.sweep(**begun)
+
+
+class Nameless(mr.Shooting):
+    """Shown by its address, as what defines no repr is."""
+
+    __repr__ = object.__repr__
+
+
+def test_equal_solvers_are_equal_however_they_are_shown(scene, tmp_path):
+    first, second = Nameless(), Nameless()
+    assert repr(first) != repr(second)
+    mr.sweep(*scene, out=tmp_path, solver=first)
+    mr.sweep(*scene, out=tmp_path, solver=second)
 
 
 def test_another_version_is_refused(scene, tmp_path, monkeypatch):

@@ -61,11 +61,9 @@ def test_a_cluster_whose_worker_is_killed_completes(tmp_path, capsys):
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
         with distributed.Client(cluster) as client:
             pid = next(iter(client.run(os.getpid).values()))
-        killer = Thread(target=kill, args=[pid])
+        killer = Thread(target=kill, args=[pid], daemon=True)
         killer.start()
-        study = example["main"](
-            ["--out", str(tmp_path / "cluster"), "--scheduler", cluster.scheduler_address, *options]
-        )
+        study = example["main"](["--out", str(tmp_path / "cluster"), "--scheduler", cluster.scheduler_address, *options])
         killer.join()
     assert killed[0] < study.chunk_count == 40  # midway
     assert study.finished

@@ -57,7 +57,7 @@ class Chunk:
 
     @classmethod
     def of(
-        cls, robot: Assembly, inputs: Inputs, instances: NDArray[np.intp], batch_shape: tuple[int, ...], **settings: Any
+        cls, robot: Assembly, inputs: Inputs, batch_shape: tuple[int, ...], instances: NDArray[np.intp], **settings: Any
     ) -> "Chunk":
         """Some instances of a study: only their inputs travel, unless the rods vary too."""
         if robot.batch_shape:
@@ -82,6 +82,6 @@ def run(chunk: Chunk) -> Arrays | Raised:
     """Run a chunk in an executor. What this raises, or the executor in its place, is not the chunk's doing."""
     try:
         return chunk.run()
-    except Exception as error:
+    except Exception as error:  # noqa: BLE001  (whatever it is, the driver raises it)
         error.add_note(traceback.format_exc())  # a traceback does not travel between processes
         return Raised(error)

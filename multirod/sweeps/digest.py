@@ -21,7 +21,9 @@ def digest(field: str, value: Any) -> str:
     try:
         _feed(result, value, [])
     except TypeError as error:
-        raise TypeError(f"{field} cannot be told apart from others, so that a study of it could not be resumed: {error}") from error
+        raise TypeError(
+            f"{field} cannot be told apart from others, so that a study of it could not be resumed: {error}"
+        ) from error
     return result.hexdigest()
 
 

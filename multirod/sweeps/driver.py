@@ -1,12 +1,10 @@
-"""The driver of a sweep: hands out chunks, keeps what comes back, hands out again what is lost."""
+"""The driver of a sweep: the only one who writes."""
 
 import math
 import os
-from collections import Counter, deque
-from collections.abc import Callable, Generator, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
-from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
-from functools import partial
+from collections.abc import Callable, Iterable
+from concurrent.futures import Executor
+from contextlib import AbstractContextManager, closing, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -17,17 +15,13 @@ from multirod.inputs import Inputs
 from multirod.solver import Solver
 from multirod.solvers.shooting import Shooting
 from multirod.sweeps.bar import Bar
-from multirod.sweeps.chunk import FURTHER, RESULTS, Chunk, Raised, run
+from multirod.sweeps.chunk import FURTHER, RESULTS, Chunk
 from multirod.sweeps.digest import digest
+from multirod.sweeps.dispatch import Executors, executors, results
 from multirod.sweeps.folder import FORMAT, Folder
 from multirod.sweeps.study import Study
 from multirod.sweeps.table import Arrays, to_table
 from multirod.validation import Described, boolean, choice, positive_int, refuse
-
-ATTEMPTS = 4  # of a chunk, that its executor loses
-_POLL = 0.2  # [s]; where waiting cannot be interrupted, it is at least short
-
-Executors = Executor | Callable[[], Executor]
 
 
 def sweep(
@@ -84,6 +78,10 @@ def sweep(
         refuse("executor", executor, "must be a concurrent.futures.Executor, or a function that makes one")
     if not callable(progress):
         boolean("progress", progress)
+    named = (*RESULTS, *further)
+    for name in inputs.given:
+        if name in named:
+            refuse("inputs", name, "an array of the results has that name")
     options = {"device": device}
     batch_shape = np.broadcast_shapes(inputs.batch_shape, robot.batch_shape)
     if math.prod(batch_shape) == 0:
@@ -92,25 +90,25 @@ def sweep(
         **_identity(robot, inputs, method),
         "batch_shape": list(batch_shape),
         "chunk": chunk,
-        "quantities": [*RESULTS, *further],
+        "quantities": list(named),
         "device": device.split(":")[0],
     }
     folder = Folder(Path(out))
     with folder.locked():
         folder.begin(manifest)
         study = Study(out)
-        make = partial(
-            _chunk, study, robot, inputs, solver=method, options=options, quantities=RESULTS + further, batch_shape=batch_shape
-        )
-        keep = partial(_keep, folder, study, inputs)
         finished = set(study.finished_chunks)
         missing = [k for k in range(study.chunk_count) if k not in finished]
-        with _executors(executor) as source, _reporter(progress, study.instance_count) as report:
+
+        def make(k: int) -> Chunk:
+            return Chunk.of(robot, inputs, batch_shape, study.instances(k), solver=method, options=options, quantities=named)
+
+        with executors(executor) as source, _reporter(progress, study.instance_count) as report:
             done = int(study.done.sum())
             report(done)
-            with closing(_results(source, make, missing, in_flight)) as results:
-                for k, arrays in results:
-                    keep(k, arrays)
+            with closing(results(source, make, missing, in_flight)) as solved:
+                for k, arrays in solved:
+                    _keep(folder, study, inputs, k, arrays)
                     done += len(study.instances(k))
                     report(done)
     return study
@@ -132,13 +130,9 @@ def _identity(robot: Assembly, inputs: Inputs, solver: Solver) -> dict[str, Any]
     }
 
 
-def _chunk(study: Study, robot: Assembly, inputs: Inputs, k: int, **settings: Any) -> Chunk:
-    return Chunk.of(robot, inputs, study.instances(k), **settings)
-
-
 def _keep(folder: Folder, study: Study, inputs: Inputs, k: int, arrays: Arrays) -> None:
     """Write a chunk: where in the batch each instance stands, its inputs, its results."""
-    import pyarrow.parquet as pq
+    import pyarrow.parquet as pq  # type: ignore[import-untyped]
 
     instances = study.instances(k)
     axes: Arrays = {"instance": instances}
@@ -149,127 +143,6 @@ def _keep(folder: Folder, study: Study, inputs: Inputs, k: int, arrays: Arrays) 
     table = to_table(axes, {**given, **arrays})
     with folder.written(folder.chunk_path(k)) as part:
         pq.write_table(table, part)
-
-
-# ---- handing out ----
-
-
-class _Here(Executor):
-    """Runs what is submitted at once, in this thread."""
-
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> "Future[Any]":
-        future: Future[Any] = Future()
-        future.set_result(fn(*args, **kwargs))
-        return future
-
-
-class _Source:
-    """An executor, or as many as it takes.
-
-    Attributes:
-        executor: The present one.
-    """
-
-    def __init__(self, given: Executors | None) -> None:
-        self._make = given if given is not None and not isinstance(given, Executor) else None
-        self.executor: Executor = _Here() if given is None else given if isinstance(given, Executor) else self._made()
-
-    def _made(self) -> Executor:
-        assert self._make is not None
-        executor = self._make()
-        if not isinstance(executor, Executor):
-            raise TypeError(f"executor must make a concurrent.futures.Executor, not {type(executor).__name__}")
-        return executor
-
-    def renew(self) -> bool:
-        """Put another in the place of a broken one; False if that cannot be."""
-        if self._make is None:
-            return False
-        self.executor.shutdown(wait=False)
-        self.executor = self._made()
-        return True
-
-    def close(self, wait: bool) -> None:
-        if self._make is not None:
-            self.executor.shutdown(wait=wait, cancel_futures=True)
-
-
-@contextmanager
-def _executors(given: Executors | None) -> Iterator[_Source]:
-    source = _Source(given)
-    try:
-        yield source
-    except BaseException:
-        source.close(wait=False)
-        raise
-    source.close(wait=True)
-
-
-def _results(
-    source: _Source, make: Callable[[int], Chunk], missing: Iterable[int], in_flight: int
-) -> Generator[tuple[int, Arrays], None, None]:
-    """Arrays of each missing chunk as it is done, in any order.
-
-    Raises:
-        RuntimeError: If solving a chunk raised, or a chunk was lost too often.
-    """
-    waiting = deque(missing)
-    lost: Counter[int] = Counter()
-    flying: dict[Future[Any], int] = {}
-    limit = 1 if isinstance(source.executor, _Here) else in_flight
-    try:
-        while waiting or flying:
-            broken: Exception | None = None
-            while waiting and len(flying) < limit and broken is None:
-                k = waiting.popleft()
-                try:
-                    flying[source.executor.submit(run, make(k))] = k
-                except BrokenExecutor as error:
-                    broken, flying[_failed(error)] = error, k
-            done = wait(flying, timeout=_POLL, return_when=FIRST_COMPLETED).done
-            if any(isinstance(_error(future), BrokenExecutor) for future in done):
-                done = wait(flying).done  # all that it had is lost with it
-            problem: RuntimeError | None = None
-            for future in done:
-                k, error = flying.pop(future), _error(future)
-                if error is not None and not isinstance(error, Exception):
-                    raise error  # a worker was told to stop
-                if error is not None:
-                    lost[k] += 1
-                    waiting.append(k)
-                    broken = error if isinstance(error, BrokenExecutor) else broken
-                    if lost[k] == ATTEMPTS:
-                        problem = RuntimeError(f"chunk {k} was lost by the executor {ATTEMPTS} times, the last time by {error!r}")
-                        problem.__cause__ = error
-                elif isinstance(future.result(), Raised):
-                    cause = future.result().error
-                    problem = RuntimeError(f"chunk {k}: {type(cause).__name__}: {cause}")
-                    problem.__cause__ = cause
-                else:
-                    yield k, future.result()
-            if problem is not None:
-                raise problem
-            if broken is not None and not source.renew():
-                raise RuntimeError(
-                    "the executor is broken; what is done is kept: sweep again with another, or give executor= a function that makes one"
-                ) from broken
-    finally:
-        for future in flying:
-            future.cancel()
-
-
-def _failed(error: Exception) -> "Future[Any]":
-    future: Future[Any] = Future()
-    future.set_exception(error)
-    return future
-
-
-def _error(future: "Future[Any]") -> BaseException | None:
-    """What an executor has raised in the place of a result."""
-    try:
-        return future.exception()
-    except CancelledError as error:
-        return error
 
 
 def _reporter(progress: bool | Callable[[int], None], total: int) -> AbstractContextManager[Callable[[int], None]]:

@@ -124,12 +124,10 @@ def _differences(there: Mapping[str, Any], here: Mapping[str, Any], prefix: str 
         if old == new:
             continue
         if isinstance(old, dict) and isinstance(new, dict):
-            if "digest" in old and old["is"] == new["is"]:
-                yield f"{name} (its numbers)"
-            elif "digest" in old:
-                yield f"{name} ({old['is']} there, {new['is']} here)"
-            else:
+            if "digest" not in old:
                 yield from _differences(old, new, f"{name}.")
+            elif old["digest"] != new["digest"]:
+                yield name + (" (its numbers)" if old["is"] == new["is"] else f" ({old['is']} there, {new['is']} here)")
         elif prefix:
             yield name + (" (only there)" if new is None else " (only here)" if old is None else "")
         else:

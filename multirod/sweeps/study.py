@@ -44,7 +44,7 @@ class Study:
         self.batch_shape: tuple[int, ...] = tuple(self.manifest["batch_shape"])
         self.instance_count = math.prod(self.batch_shape)
         self.chunk: int = self.manifest["chunk"]
-        self.chunk_count = -(-self.instance_count // self.chunk)
+        self.chunk_count: int = -(-self.instance_count // self.chunk)
 
     def instances(self, chunk: int) -> NDArray[np.intp]:
         """Flat indices of the instances of a chunk."""
@@ -79,7 +79,7 @@ class Study:
 
     @cached_property
     def _tails(self) -> Tails:
-        import pyarrow.parquet as pq
+        import pyarrow.parquet as pq  # type: ignore[import-untyped]
 
         done = self.finished_chunks
         if not done:

@@ -24,7 +24,7 @@ def column_names(name: str, tail: Sequence[int]) -> list[str]:
 
 def to_table(axes: Arrays, arrays: Arrays) -> Any:
     """A row an instance: first the columns of ``axes``, as they are, then each array's components."""
-    import pyarrow as pa  # takes a tenth of a second: only who sweeps pays for it
+    import pyarrow as pa  # type: ignore[import-untyped]  # here, as it takes a tenth of a second
 
     columns: dict[str, Any] = dict(axes)
     tails = {}
@@ -60,7 +60,7 @@ def from_table(table: Any, names: Sequence[str], tails: Tails) -> Arrays:
 
 def _codes(part: Any, kind: Any) -> np.ndarray[Any, Any]:
     codes = np.array([int(kind[word]) for word in part.dictionary.to_pylist()], dtype=np.int32)
-    return codes[part.indices.to_numpy()]
+    return np.asarray(codes[part.indices.to_numpy()])
 
 
 def blank(name: str, dtype: Any, shape: tuple[int, ...]) -> np.ndarray[Any, Any]:
