@@ -4,7 +4,9 @@ import os
 import signal
 import sys
 import time
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -65,18 +67,31 @@ def scene(count: int) -> tuple[mr.SingleRod, mr.Inputs]:
     return robot, robot.inputs(tip_force=force, rotation=np.arange(4.0)[:, None])
 
 
-def main(out: str, log: str, count: int, chunk: int) -> None:
+def pool() -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(2, mp_context=get_context("spawn"))
+
+
+def main(out: str, log: str, count: int, chunk: int, executor: str) -> None:
     robot, inputs = scene(count)
 
     def report(done: int) -> None:
         print(done, flush=True)
 
     try:
-        mr.sweep(robot, inputs, out=out, chunk=chunk, solver=Logged(log=log), quantities=QUANTITIES, progress=report)
+        mr.sweep(
+            robot,
+            inputs,
+            out=out,
+            chunk=chunk,
+            solver=Logged(log=log),
+            quantities=QUANTITIES,
+            executor=pool if executor == "pool" else None,
+            progress=report,
+        )
     except KeyboardInterrupt:
         print("stopped", time.time(), sorted(p.name for p in Path(out).iterdir()), flush=True)
         raise SystemExit(3) from None
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], sys.argv[2], int(sys.argv[3]), int(sys.argv[4]))
+    main(sys.argv[1], sys.argv[2], int(sys.argv[3]), int(sys.argv[4]), sys.argv[5])

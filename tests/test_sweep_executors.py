@@ -4,8 +4,6 @@ import os
 import runpy
 import signal
 import time
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 from threading import Thread
 
@@ -33,7 +31,7 @@ def test_a_pool_whose_worker_is_killed_is_made_again(tmp_path):
     pools = []
 
     def make():
-        pools.append(ProcessPoolExecutor(2, mp_context=get_context("spawn")))
+        pools.append(sweep_scene.pool())
         return pools[-1]
 
     options = {"chunk": 5, "solver": sweep_scene.Dying(angle=angle[32], died=str(tmp_path / "died"))}

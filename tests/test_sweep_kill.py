@@ -20,8 +20,8 @@ CHUNKS = 150
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="needs POSIX signals")
 
 
-def start(out: Path, log: Path, count: int, chunk: int) -> subprocess.Popen:
-    program = [sys.executable, sweep_scene.__file__, str(out), str(log), str(count), str(chunk)]
+def start(out: Path, log: Path, count: int, chunk: int, executor: str = "here") -> subprocess.Popen:
+    program = [sys.executable, sweep_scene.__file__, str(out), str(log), str(count), str(chunk), executor]
     return subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
@@ -89,9 +89,10 @@ def test_killed_at_ten_moments_and_resumed_it_is_as_if_it_had_not_been(tmp_path)
     assert sorted(p.name for p in out.iterdir()) == [".lock", "chunks", "study.json"]
 
 
-def test_interrupt_stops_within_a_second_and_leaves_nothing_half_written(tmp_path):
+@pytest.mark.parametrize("executor", ["here", "pool"])
+def test_interrupt_stops_within_a_second_and_leaves_nothing_half_written(tmp_path, executor):
     out = tmp_path / "study"
-    with start(out, tmp_path / "log", 40_000, 1000) as process:
+    with start(out, tmp_path / "log", 40_000, 1000, executor) as process:
         done = reports(process)
         assert [next(done), next(done)] == [0, 1000]
         time.sleep(0.05)

@@ -50,10 +50,25 @@ class Source:
         self.executor = self._made()
         return True
 
-    def close(self, wait: bool) -> None:
+    def drop(self, futures: "Iterable[Future[Any]]") -> None:
+        """Take back what has not begun, unless it goes with its executor: a pool hangs if it breaks over cancelled futures."""
+        if self._make is None:
+            for future in futures:
+                future.cancel()
+
+    def close(self) -> None:
         """Shut down what was made here."""
         if self._make is not None:
-            self.executor.shutdown(wait=wait, cancel_futures=True)
+            self.executor.shutdown()
+
+    def abandon(self) -> None:
+        """The same, without waiting for what still runs where that can be stopped: in the processes of a pool."""
+        if self._make is not None:
+            # from Python 3.14 on, this is ProcessPoolExecutor.terminate_workers
+            processes = list((getattr(self.executor, "_processes", None) or {}).values())
+            self.executor.shutdown(wait=False, cancel_futures=True)
+            for process in processes:
+                process.terminate()
 
 
 @contextmanager
@@ -63,9 +78,9 @@ def executors(given: Executors | None) -> Iterator[Source]:
     try:
         yield source
     except BaseException:
-        source.close(wait=False)
+        source.abandon()
         raise
-    source.close(wait=True)
+    source.close()
 
 
 def results(
@@ -117,8 +132,7 @@ def results(
                     "the executor is broken; what is done is kept: sweep again with another, or give executor= a function that makes one"
                 ) from broken
     finally:
-        for future in flying:
-            future.cancel()
+        source.drop(flying)
 
 
 def _failed(error: Exception) -> "Future[Any]":
