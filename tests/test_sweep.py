@@ -5,6 +5,7 @@ import pickle
 from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
 from io import StringIO
+from pathlib import Path
 from threading import Timer
 
 import numpy as np
@@ -106,6 +107,18 @@ def test_the_files_are_one_table_that_says_what_it_holds(scene, tmp_path):
     assert set(table.column("status").to_pylist()) == {"CONVERGED"}
     assert set(table.column("stability").to_pylist()) == {"STABLE"}
     assert (study["stability"] == mr.Stability.STABLE).all()
+
+
+def test_documented_study_runs(wire, tmp_path, monkeypatch):
+    page = (Path(__file__).parent.parent / "docs" / "sweep.md").read_text()
+    code = page.split("```python\n")[1].split("```")[0]
+    monkeypatch.chdir(tmp_path)
+    scope = {"np": np, "mr": mr, "wire": wire}
+    exec(code, scope)
+    assert scope["study"]["tip_position"].shape == (50, 40, 3)
+    assert scope["study"].counts() == {mr.Status.CONVERGED: 2000}
+    for name in (*RESULTS, *FURTHER):
+        assert f"`{name}`" in page
 
 
 # ---- stopped and resumed ----
