@@ -2,11 +2,12 @@
 
 import json
 import pickle
-from concurrent.futures import Executor, Future
+import time
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from io import StringIO
 from pathlib import Path
-from threading import Timer
+from threading import Lock, Timer
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -174,6 +175,36 @@ def test_an_exception_is_raised_with_the_chunks_number_and_keeps_the_others(scen
     assert mr.Study(tmp_path).finished_chunks == (0,)
 
 
+def test_what_is_being_written_is_not_among_the_chunks(tmp_path):
+    folder = Folder(tmp_path)
+    folder.begin({})
+    target = folder.chunk_path(0)
+
+    def interrupted():
+        with folder.written(target) as part:
+            part.write_bytes(b"half")
+            assert list((tmp_path / "chunks").iterdir()) == []  # what a kill here leaves
+            raise Stop
+
+    with pytest.raises(Stop):
+        interrupted()
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["chunks", "study.json"]
+    with folder.written(target) as part:
+        part.write_bytes(b"whole")
+        assert folder.finished() == []
+    assert target.read_bytes() == b"whole"
+    assert folder.finished() == [0]
+
+
+def test_what_a_kill_left_half_written_is_in_nobodys_way(scene, tmp_path):
+    (tmp_path / ".part").write_bytes(b"half a manifest")
+    with pytest.raises(Stop):
+        mr.sweep(*scene, out=tmp_path, chunk=5, progress=stop_at(5))
+    (tmp_path / ".part").write_bytes(b"half a chunk, longer than a whole one" * 10_000)
+    assert_as_solved(mr.sweep(*scene, out=tmp_path, chunk=5), mr.solve(*scene))
+    assert sorted(p.name for p in tmp_path.iterdir()) == [".lock", "chunks", "study.json"]
+
+
 # ---- refused ----
 
 
@@ -307,6 +338,7 @@ class Slow(Executor):
 
     def __init__(self, breaks=lambda task: False):
         self.breaks = breaks
+        self.one = Lock()
         self.held = []
         self.most = 0
         self.sizes = []
@@ -324,7 +356,8 @@ class Slow(Executor):
         return future
 
     def work(self, fn, future):
-        future.set_result(fn(pickle.loads(pickle.dumps(future.task))))
+        with self.one:
+            future.set_result(fn(pickle.loads(pickle.dumps(future.task))))
 
 
 def test_few_tasks_at_a_time_and_each_with_its_own_rows(tmp_path):
@@ -337,6 +370,27 @@ def test_few_tasks_at_a_time_and_each_with_its_own_rows(tmp_path):
     # 20 of 400 rows, and the robot and solver
     assert max(executor.sizes) < rows / 20 + 4000 < rows
     assert_as_solved(study, mr.solve(robot, inputs))
+
+
+class Alone(mr.Shooting):
+    """Newton's method that refuses to run beside itself."""
+
+    running = Lock()
+
+    def _solve(self, problem, guess):
+        if not Alone.running.acquire(blocking=False):
+            raise ArithmeticError("two at a time")
+        try:
+            time.sleep(0.02)
+            return super()._solve(problem, guess)
+        finally:
+            Alone.running.release()
+
+
+def test_threads_of_one_process_take_turns(scene, tmp_path):
+    with ThreadPoolExecutor(4) as executor:
+        study = mr.sweep(*scene, out=tmp_path, chunk=3, executor=executor, solver=Alone())
+    assert_as_solved(study, mr.solve(*scene))
 
 
 def test_a_chunk_is_lost_four_times_at_most_and_after_all_others(scene, tmp_path):

@@ -2,6 +2,7 @@
 
 import traceback
 from dataclasses import dataclass
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,10 @@ FURTHER = (
     "smallest_singular_value",
     "stability",
 )
+
+
+# Warp loads a kernel at its first launch, which threads must not do at the same time: workers are processes.
+_ONE_AT_A_TIME = Lock()
 
 
 @dataclass(frozen=True)
@@ -81,7 +86,8 @@ class Raised:
 def run(chunk: Chunk) -> Arrays | Raised:
     """Run a chunk in an executor. What this raises, or the executor in its place, is not the chunk's doing."""
     try:
-        return chunk.run()
+        with _ONE_AT_A_TIME:
+            return chunk.run()
     except Exception as error:  # noqa: BLE001  (whatever it is, the driver raises it)
         error.add_note(traceback.format_exc())  # a traceback does not travel between processes
         return Raised(error)
