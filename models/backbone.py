@@ -181,12 +181,11 @@ class BackboneProblem(BoundaryProblem):
     # ---- the interface ----
 
     def part(self, instances: IntArray) -> "BackboneProblem":  # noqa: D102
-        shape = self.batch_shape or (1,)
-        base = take(self.base, shape, instances, tail=2)  # also says how many there are, where nothing else varies
-        enabled = (*self.enabled, *self._inputs.active)
+        shape = self.batch_shape
+        base = take(self.base, shape, instances, tail=2) if self.base.ndim > 2 else self.base
         arrays = self.arrays.take(shape, instances)
         inputs = self._inputs.take(shape, instances)
-        result = BackboneProblem(self.rods, base, inputs, enabled=enabled, arrays=arrays, **self._options)
+        result = BackboneProblem(self.rods, base, inputs, enabled=tuple(self.enabled), arrays=arrays, **self._options)
         result.stop = self.stop
         for name in ("inputs", "unknowns"):
             result.write(name, self.read(name)[instances])
@@ -495,14 +494,15 @@ class BackboneAssembly(Assembly):
         return lower(self.rods)
 
     def problem(  # noqa: D102
-        self, inputs: Inputs, *, enabled: Sequence[str] = (), instances: IntArray | None = None, **options: Any
+        self, inputs: Inputs, *, instances: IntArray | None = None, **options: Any
     ) -> BackboneProblem:
         arrays, base = self.arrays, self.base
-        whole, inputs, enabled = self.some(inputs, instances, enabled)
         if instances is not None:
+            whole = np.broadcast_shapes(inputs.batch_shape, self.batch_shape)
+            inputs = inputs.take(whole, instances)
             arrays = arrays.take(whole, instances)
             base = take(base, whole, instances, tail=2) if base.ndim > 2 else base
-        return BackboneProblem(self.rods, base, inputs, transmission=self.transmission, enabled=enabled, arrays=arrays, **options)
+        return BackboneProblem(self.rods, base, inputs, transmission=self.transmission, arrays=arrays, **options)
 
 
 def spread(numbers: NDArray[np.int_], dimensions: int) -> FloatArray:

@@ -197,7 +197,7 @@ class ParallelProblem(BoundaryProblem):
             "integrator": integrator,
             "device": device,
             "direction_count": direction_count + int(inverse),
-            "enabled": [name for name in enabled if name in kernels.LEG_VECTORS],
+            "enabled": [name for name in kernels.LEG_VECTORS if name in enabled or inputs.is_active(name)],
         }
         builds: dict[tuple[int, bool], list[int]] = {}
         for k, leg in enumerate(geometry.legs):

@@ -98,11 +98,13 @@ class ParallelRods(Assembly):
         return all(leg.surely_takes(name, values[own]) for leg, own in zip(self.geometry.legs, self._own_rods, strict=True))
 
     def problem(  # noqa: D102
-        self, inputs: Inputs, *, enabled: Sequence[str] = (), instances: IntArray | None = None, **options: Any
+        self, inputs: Inputs, *, instances: IntArray | None = None, **options: Any
     ) -> ParallelProblem:
-        whole, inputs, enabled = self.some(inputs, instances, enabled)
-        geometry = self.geometry if instances is None else self.geometry.take(whole, instances)
-        return ParallelProblem(geometry, inputs, enabled=enabled, **options)
+        geometry = self.geometry
+        if instances is not None:
+            whole = np.broadcast_shapes(inputs.batch_shape, self.batch_shape)
+            geometry, inputs = geometry.take(whole, instances), inputs.take(whole, instances)
+        return ParallelProblem(geometry, inputs, **options)
 
     def inverse(self) -> "InverseParallelRods":
         """The same robot with the platform's pose given, and the legs' translations to be found.

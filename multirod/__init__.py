@@ -38,6 +38,7 @@ from multirod.solvers.scipy_shooting import ScipyShooting
 from multirod.solvers.shooting import Shooting
 from multirod.stability import Stability
 from multirod.status import Status
+from multirod.sweeps import Study, sweep
 from multirod.tracker import Tracker
 
 __version__ = "0.1.0"
@@ -72,6 +73,7 @@ __all__ = [
     "Solver",
     "Stability",
     "Status",
+    "Study",
     "Tableau",
     "Track",
     "Tracker",
@@ -79,4 +81,5 @@ __all__ = [
     "registered_solvers",
     "simulate",
     "solve",
+    "sweep",
 ]

@@ -55,15 +55,6 @@ class Assembly(ABC):
                 What is compiled in is the same as for all. An assembly that does not take this is solved in one piece.
         """
 
-    def some(
-        self, inputs: Inputs, instances: IntArray | None, enabled: Sequence[str]
-    ) -> tuple[tuple[int, ...], Inputs, tuple[str, ...]]:
-        """Leading axes of the whole batch, the inputs of some instances of it, and what is compiled in for them as for all."""
-        whole = np.broadcast_shapes(inputs.batch_shape, self.batch_shape)
-        if instances is None:
-            return whole, inputs, tuple(enabled)
-        return whole, inputs.take(whole, instances), (*enabled, *inputs.active)
-
     @property
     def rod_count(self) -> int:
         """Number of rods."""

@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from multirod.batch import Interrupted, IntArray
+from multirod.batch import IntArray, Interrupted
 from multirod.inputs import Inputs
 from multirod.validation import Described, FloatArray, refuse
 

@@ -42,6 +42,12 @@ class Watch:
         if self._bar is not None:
             self._bar.stop()
 
+    def begin(self, done: int) -> None:
+        """Say what was done before."""
+        self._done = done * self._shares
+        if self._tell is not None:
+            self._tell(done)
+
     def advance(self, count: int = 1) -> None:
         """Note that so many more shares are done; on any thread."""
         with self._lock:
