@@ -11,6 +11,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from multirod.inputs import Inputs
+from multirod.stability import Modes
 from multirod.validation import Described, FloatArray, refuse
 
 BUFFERS = (
@@ -237,12 +238,9 @@ class BoundaryProblem(ABC):
         """
         return np.zeros((0, self.instance_count, self.unknown_count))
 
-    def unstable_modes(self) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
-        """How many modes of the equilibria at ``unknowns`` are unstable, and whether a further one is neutral: a fold.
-
-        Both of shape (instance_count,). The number is -1 where it cannot be said, as everywhere by default.
-        """
-        return np.full(self.instance_count, -1, dtype=np.int32), np.zeros(self.instance_count, dtype=bool)
+    def modes(self) -> Modes:
+        """The second variation of the energy of the equilibria at ``unknowns``; unknown by default."""
+        return Modes.unknown(self.instance_count)
 
     def potential(self) -> FloatArray:
         """Total potential energy at ``unknowns`` [J], shape (instance_count,): elastic energy less the work of dead forces.

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.newton import Newton
+from multirod.stability import Stability
 from multirod.status import Status
 from multirod.validation import FloatArray
 
@@ -134,9 +135,9 @@ def _lowest(problem: BoundaryProblem, catalogues: Sequence[Catalogue], unknowns:
         for i in np.flatnonzero(having):
             trial[i] = catalogues[int(i)].unknowns[k]
         problem.write("unknowns", trial)
-        index, neutral = problem.unstable_modes()
+        stability = problem.modes().stability
         potential = problem.potential()
         # of mirror images, whose energies differ by rounding, the first
-        better = having & (index == 0) & ~neutral & (potential < least - 1e-9 * np.abs(potential))
+        better = having & (stability == Stability.STABLE) & (potential < least - 1e-9 * np.abs(potential))
         best[better], least[better] = trial[better], potential[better]
     return best, np.isfinite(least)
