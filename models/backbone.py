@@ -425,7 +425,7 @@ class BackboneProblem(BoundaryProblem):
 
         Columns are those of the model with all its unknowns. ``unknowns`` are those of the solve by default.
         """
-        options = {"nodes": True, "pose": True, "sensitivities": columns, "pose_sensitivities": columns, "directions": 0}
+        options = {"nodes": True, "pose": True, "sensitivities": columns, "pose_sensitivities": columns and self.held, "directions": 0}
         features = replace(self.features, **options | changes)
         call = self._make_call(node_count)
         if columns and not self.features.moment:

@@ -127,7 +127,7 @@ class _Beams:
         self.by_tip[..., :3, :3] += t[..., :, None] * by_across[..., None, :]
         self.by_tip[..., :3, 3:] += t[..., :, None] * by_turn[..., None, :]
         self.tip_by_platform = np.broadcast_to(np.eye(6), self.by_tip.shape).copy()
-        self.tip_by_platform[..., :3, 3:] = -_cross_matrix(arm)
+        self.tip_by_platform[..., :3, 3:] = -cross_matrix(arm)
 
 
 def _joint_stiffness(legs: Legs, at: Attachments) -> FloatArray:
@@ -157,7 +157,7 @@ def _unknowns(legs: Legs, beams: _Beams, stiffness: FloatArray) -> list[FloatArr
     return [np.einsum("bij,bj->bi", by_wrench, wrench[:, k]) for k, by_wrench in enumerate(legs.unknowns_by_wrench)]
 
 
-def _cross_matrix(a: FloatArray) -> FloatArray:
+def cross_matrix(a: FloatArray) -> FloatArray:
     """``[a]x``, shape (..., 3, 3)."""
     return np.asarray(np.cross(np.eye(3), a[..., None, :]))
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from multirod.inputs import Inputs, InputSpec
@@ -21,8 +22,11 @@ from multirod.models.parallel_guess import (
     nearest_rotation,
     rotation_vectors,
 )
+from multirod.models.parallel_stability import HeldLeg, PlatformLoads, platform_modes
+from multirod.models.second_variation import CondensedForm
 from multirod.problem import Block, BoundaryProblem, Shape
 from multirod.rod import lower, stack
+from multirod.stability import Modes
 from multirod.validation import FloatArray
 
 POSE = kernels.POSE
@@ -378,6 +382,78 @@ class ParallelProblem(BoundaryProblem):
                     values = {name: v.reshape(count, -1, *v.shape[1:])[:, place] for name, v in vars(shape).items()}
                     found[self.geometry.first_rod[leg] + i] = Shape(**values)
         return tuple(shape for shape in found if shape is not None), energy
+
+    # ---- stability ----
+
+    def modes(self) -> Modes:  # noqa: D102
+        self._spread()
+        position, rotation = self._pose()
+        count, legs = self.instance_count, len(self.geometry.legs)
+        at = self._attachments()
+        arms = np.einsum("bij,blj->bli", rotation, at.arm)
+        axes = np.einsum("bij,bljk,lk->bli", rotation, at.frame, at.axes)
+        held: list[HeldLeg | None] = [None] * legs
+        for group in self.groups:
+            form, _ = group.backbones.condensed_form()
+            wrench = group.backbones.tip_wrench.numpy().reshape(count, -1, 6)
+            for place, leg in enumerate(group.members):
+                own = CondensedForm(*(v.reshape(count, -1, *v.shape[1:])[:, place] for v in vars(form).values()))
+                force, moment = wrench[:, place, :3], wrench[:, place, 3:]
+                held[leg] = HeldLeg(own, force, moment, arms[:, leg], int(at.joints[leg]), axes[:, leg])
+        length, stiffness = self._scale()
+        return platform_modes([leg for leg in held if leg is not None], self._loads(rotation), length, stiffness, self.has_potential)
+
+    @property
+    def has_potential(self) -> NDArray[np.bool_]:
+        """Whether the loads derive from one, shape (instance_count,)."""
+        inputs = self.read("inputs")
+        without = ("tip_moment", "follower_force", "follower_moment")
+        result = ~np.column_stack([inputs[:, self._places[name]] for name in without]).any(axis=1)
+        for group in self.groups:
+            result &= group.backbones.has_potential.reshape(self.instance_count, -1).all(axis=1)
+        return np.asarray(result)
+
+    def potential(self) -> FloatArray:
+        """Elastic energy less the work of dead forces [J]: on the legs from their bases, on the platform from where its pose is zero."""
+        self._spread()
+        position, rotation = self._pose()
+        total = np.zeros(self.instance_count)
+        for group in self.groups:
+            for part in group.backbones.stored_and_lost():
+                total += part.reshape(self.instance_count, -1).sum(axis=1)
+        start = self.geometry.reference_rotation
+        for (force, arm), local in zip(self._loads(rotation).forces, self._loads(np.broadcast_to(start, rotation.shape)).forces, strict=True):
+            total -= (force * (position + arm - self.geometry.reference_position - local[1])).sum(axis=1)
+        return np.where(self.has_potential, total, np.nan)
+
+    def _scale(self) -> tuple[FloatArray, FloatArray]:
+        """Mean length [m] and bending stiffness [N m^2] of the legs, shape (instance_count,)."""
+        length, stiffness = (np.broadcast_to(v[:, -1], self.instance_count) for v in (self._length, self._stiffness))
+        return length, stiffness / len(self.geometry.legs)
+
+    def _spread(self) -> None:
+        """Unknowns and inputs to the legs, without an integration."""
+        for group in self.groups:
+            wp.launch(kernels.spread, dim=group.backbones.instance_count, inputs=[self._robots, group.table], device=self.device)
+
+    def _pose(self) -> tuple[FloatArray, FloatArray]:
+        """(1), (2) Position (instance_count, 3) and rotation (instance_count, 3, 3) of the platform."""
+        if self.inverse:
+            pose = self.read("inputs")[:, self._places["platform_position"].start :][:, :POSE]
+            return pose[:, :3], Rotation.from_rotvec(pose[:, 3:]).as_matrix()
+        length = np.broadcast_to(self._length[:, -1:], (self.instance_count, 1))
+        x = self.read("unknowns")[:, self._platform]
+        turned = Rotation.from_rotvec(length * x[:, 3:]).as_matrix() @ self.geometry.reference_rotation
+        return self.geometry.reference_position + length**2 * x[:, :3], turned
+
+    def _loads(self, rotation: FloatArray) -> PlatformLoads:
+        inputs = self.read("inputs")
+        force, follower, moment, point = (
+            inputs[:, self._places[name]] for name in ("tip_force", "follower_force", "follower_moment", "force_point")
+        )
+        weight = self.geometry.mass * inputs[:, self._places["gravity"]]
+        follower, moment, point = (np.einsum("bij,bj->bi", rotation, v) for v in (follower, moment, point))
+        return PlatformLoads([(force, point), (weight, rotation @ self.geometry.mass_centre)], follower, moment)
 
 
 def _blocks(geometry: Geometry) -> list[Block]:
