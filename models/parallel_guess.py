@@ -106,6 +106,11 @@ def beam_reach(legs: Legs, at: Attachments, position: FloatArray, rotation: Floa
     return reach, _unknowns(legs, beams, _joint_stiffness(legs, at))
 
 
+def beam_unknowns(legs: Legs, at: Attachments, position: FloatArray, rotation: FloatArray) -> list[FloatArray]:
+    """(11) For each leg, what to add to its unloaded unknowns so that it reaches a platform at a given pose."""
+    return _unknowns(legs, _Beams(legs, at, position, rotation), _joint_stiffness(legs, at))
+
+
 class _Beams:
     """(11) Deflection of all beams at one pose of the platform."""
 

@@ -11,13 +11,14 @@ from scipy.spatial.transform import Rotation
 
 from multirod.inputs import Inputs, InputSpec
 from multirod.models import parallel_kernels as kernels
-from multirod.models.backbone import BACKBONE_INPUTS, BackboneAssembly, BackboneProblem
+from multirod.models.backbone import BACKBONE_INPUTS, BackboneAssembly, BackboneProblem, spread
 from multirod.models.integrators import Integrator
 from multirod.models.parallel_guess import (
     Attachments,
     Legs,
     beam_equilibrium,
     beam_reach,
+    beam_unknowns,
     fitted_platform,
     nearest_rotation,
     rotation_vectors,
@@ -38,6 +39,8 @@ LEG_INPUTS = tuple(
 # In L^3/EI, added to the tips of beams in all directions: one that is straight and inextensible gives way along itself by
 # bending, once it has bent, and how much depends on how far it has to.
 COMPLIANCES = (1e-4, 1e-3, 1e-2, 1e-1)
+REACH = (0.6, 2.0)  # of starts from the unloaded pose: in lengths, and radians
+CROWDING = 1.5  # most equilibria are not far
 
 
 class Geometry:
@@ -278,17 +281,7 @@ class ParallelProblem(BoundaryProblem):
         """
         records, switches = self.snapshot(), [np.array(array.numpy()) for array in (self.active, self.load_factor)]
         opening = self._robots.opening
-        opening.zero_()
-        self.active.fill_(1)
-        self.load_factor.zero_()
-        x = np.zeros((self.instance_count, self.unknown_count))
-        for group in self.groups:
-            unloaded = group.backbones.guess().reshape(self.instance_count, len(group.members), -1)
-            for place, leg in enumerate(group.members):
-                x[:, self._own[leg]] = unloaded[:, place]
-        self.write("unknowns", x)
-        self.integrate()
-        legs, at = self._legs(), self._attachments()
+        x, legs, at = self._unloaded_legs()
         x, residual, gamma = self._best([self._bent(x, legs.softened(compliance), at) for compliance in COMPLIANCES])
         opening.assign(residual)
         # legs that are long and thin answer a force along themselves by bending alone
@@ -298,6 +291,20 @@ class ParallelProblem(BoundaryProblem):
         self.active.assign(switches[0])
         self.load_factor.assign(switches[1])
         return x
+
+    def _unloaded_legs(self) -> tuple[FloatArray, Legs, Attachments]:
+        """Unknowns of legs that nothing holds, and what they say of how the legs bend; the problem is left unloaded."""
+        self._robots.opening.zero_()
+        self.active.fill_(1)
+        self.load_factor.zero_()
+        x = np.zeros((self.instance_count, self.unknown_count))
+        for group in self.groups:
+            unloaded = group.backbones.guess().reshape(self.instance_count, len(group.members), -1)
+            for place, leg in enumerate(group.members):
+                x[:, self._own[leg]] = unloaded[:, place]
+        self.write("unknowns", x)
+        self.integrate()
+        return x, self._legs(), self._attachments()
 
     def _best(self, candidates: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Of several unknowns, for each instance those from which Newton's first step is shortest; residual and Gamma there."""
@@ -426,6 +433,30 @@ class ParallelProblem(BoundaryProblem):
             total -= (force * (position + arm - self.geometry.reference_position - local[1])).sum(axis=1)
         return np.where(self.has_potential, total, np.nan)
 
+    def starts(self, count: int, first: int = 0) -> FloatArray:
+        """Poses of the platform around that of the unloaded robot, its legs taken for beams that reach there."""
+        if self.inverse:
+            return super().starts(count, first)
+        records, switches = self.snapshot(), [np.array(array.numpy()) for array in (self.active, self.load_factor, self._robots.opening)]
+        middle = self.guess()
+        x, legs, at = self._unloaded_legs()
+        self.restore(records)
+        for array, values in zip((self.active, self.load_factor, self._robots.opening), switches, strict=True):
+            array.assign(values)
+        legs = legs.softened(COMPLIANCES[-1])
+        points = spread(np.arange(first, first + count), POSE)
+        points = np.sign(points) * np.abs(points) ** CROWDING * np.repeat(REACH, 3)
+        length = np.broadcast_to(self._length[:, -1:], (self.instance_count, 1))
+        result = np.empty((count, *x.shape))
+        for k, point in enumerate(points):
+            result[k] = x
+            pose = middle[:, self._platform] + point / np.concatenate([length] * 6, axis=1)
+            result[k][:, self._platform] = pose
+            position, rotation = self._pose_of(pose)
+            for own, values in zip(self._own, beam_unknowns(legs, at, position, rotation), strict=True):
+                result[k][:, own] += values
+        return result
+
     def _scale(self) -> tuple[FloatArray, FloatArray]:
         """Mean length [m] and bending stiffness [N m^2] of the legs, shape (instance_count,)."""
         length, stiffness = (np.broadcast_to(v[:, -1], self.instance_count) for v in (self._length, self._stiffness))
@@ -441,8 +472,11 @@ class ParallelProblem(BoundaryProblem):
         if self.inverse:
             pose = self.read("inputs")[:, self._places["platform_position"].start :][:, :POSE]
             return pose[:, :3], Rotation.from_rotvec(pose[:, 3:]).as_matrix()
+        return self._pose_of(self.read("unknowns")[:, self._platform])
+
+    def _pose_of(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(1), (2) by the platform's unknowns."""
         length = np.broadcast_to(self._length[:, -1:], (self.instance_count, 1))
-        x = self.read("unknowns")[:, self._platform]
         turned = Rotation.from_rotvec(length * x[:, 3:]).as_matrix() @ self.geometry.reference_rotation
         return self.geometry.reference_position + length**2 * x[:, :3], turned
 

@@ -6,16 +6,19 @@ import numpy as np
 
 from multirod.assembly import Assembly
 from multirod.inputs import Inputs
+from multirod.models.integrators import RK45
 from multirod.profile import Profile
 from multirod.simulation import solve
 from multirod.solution import Solution, SolveError
-from multirod.solvers.branch import Branch, BranchLost, Change
+from multirod.solvers.branch import Branch, BranchLost, Change, Point
 from multirod.solvers.shooting import Shooting
 from multirod.stability import Stability
 from multirod.status import Status, failures
 from multirod.validation import Described, FloatArray, positive_float, positive_int, refuse
 
 LOAD_UNITS = frozenset({"N", "N m", "N/m", "m/s^2"})  # of inputs that are loads: rotation, translation and places are not
+
+PRECISE = Shooting(tolerance=1e-10, integrator=RK45(rtol=1e-10, atol=1e-12))
 
 
 @dataclass(frozen=True)
@@ -74,7 +77,8 @@ def critical_loads(
         count: How many changes of stability to look for, along the branch.
         up_to: Load factor where the search ends.
         max_steps: Steps along the branch.
-        solver: ``Shooting()`` by default, of which the tolerance and the integrator are used.
+        solver: ``Shooting(tolerance=1e-10, integrator=RK45(rtol=1e-10, atol=1e-12))`` by default: of it the tolerance and the
+            integrator are used.
         device: Warp device.
 
     Returns:
@@ -86,44 +90,27 @@ def critical_loads(
     """
     if not isinstance(robot, Assembly):
         raise TypeError(f"robot must be an assembly such as SingleRod(rod), not {type(robot).__name__}")
-    method = Shooting() if solver is None else solver
+    method = PRECISE if solver is None else solver
     if not isinstance(method, Shooting):
         raise TypeError(f"critical_loads() needs Shooting(), not {type(method).__name__}")
     positive_int("count", count), positive_int("max_steps", max_steps)
     if up_to != np.inf:
         positive_float("up_to", up_to)
     inputs = robot.accept(inputs)
-    begin = _unloaded(robot, inputs) if start is None else robot.accept(start)
+    begin = unloaded(robot, inputs) if start is None else robot.accept(start)
     for name, given in (("inputs", inputs), ("start", begin)):
         batch = np.broadcast_shapes(given.batch_shape, robot.batch_shape)
         if batch:
             refuse(name, Described(f"leading axes {batch}"), "there must be none: ask for one instance at a time")
     if begin.profiles:
         refuse("start", Described(f"functions of arclength for {', '.join(begin.profiles)}"), "give numbers")
-    problem = robot.problem(
-        inputs, integrator=method.integrator, device=device, direction_count=1, enabled=[n for n in begin.given if begin.is_active(n)]
-    )
-    first, last = problem.pack(begin)[0], problem.pack(inputs)[0]
-    if inputs.profiles:
-        first[-1] = 0.0  # what multiplies functions of arclength
-    if (first == last).all():
-        refuse("inputs", inputs, "they are those at the start: nothing is raised")
-    problem.write("inputs", first)
-    outcome = method.solve(problem)
-    if failures(outcome.status)[0]:
-        raise SolveError(f"at the start: {Status(int(outcome.status[0])).message}")
-    unknowns = problem.read("unknowns")[0]
-    stability = Stability(int(problem.modes().stability[0]))
-    if stability is not Stability.STABLE:
-        raise SolveError(f"at the start the equilibrium is {stability.name}: there is no stability to lose")
-    problem.write("inputs", last - first)
-    size = float(problem.load_scale()[0]) or float(np.abs(last - first).max())
-    length = max(float(np.max(rod.length)) for rod in robot.rods)
-    branch = Branch(problem, first, last - first, length=length, unit=1 / size, tolerance=method.tolerance)
+    branch, first = natural_start(robot, begin, inputs, method, device)
+    if first.modes.stability[0] != Stability.STABLE:
+        raise SolveError(f"at the start the equilibrium is {Stability(int(first.modes.stability[0])).name}: there is no stability to lose")
     try:
-        changes = branch.changes(branch.first(unknowns), count, up_to, max_steps)
+        changes = branch.changes(first, count, up_to, max_steps)
     except BranchLost as error:
-        raise SolveError(f"{error}; loads without a potential have no stability that could be told") from None
+        raise SolveError(str(error)) from None
     return tuple(_critical(robot, method, begin, inputs, branch, change, device) for change in changes if branch.factor(change.point) <= up_to)
 
 
@@ -136,7 +123,34 @@ def _critical(
     return CriticalLoad(factor, change.fold, change.before, change.after, mode, there)
 
 
-def _unloaded(robot: Assembly, inputs: Inputs) -> Inputs:
+def natural_start(robot: Assembly, begin: Inputs, inputs: Inputs, method: Shooting, device: str) -> tuple[Branch, Point]:
+    """The branch of equilibria from ``begin`` towards ``inputs``, and its first point.
+
+    Raises:
+        SolveError: If there is no equilibrium at ``begin``.
+        ValueError: If nothing changes on the way.
+    """
+    enabled = [name for name in begin.given if begin.is_active(name)]
+    problem = robot.problem(inputs, integrator=method.integrator, device=device, direction_count=1, enabled=enabled)
+    first, last = problem.pack(begin)[0], problem.pack(inputs)[0]
+    if inputs.profiles:
+        first[-1] = 0.0  # what multiplies functions of arclength
+    if (first == last).all():
+        refuse("inputs", inputs, "they are those at the start: nothing is raised")
+    problem.write("inputs", first)
+    outcome = method.solve(problem)
+    if failures(outcome.status)[0]:
+        raise SolveError(f"at the start: {Status(int(outcome.status[0])).message}")
+    unknowns = problem.read("unknowns")[0]
+    problem.write("inputs", last - first)
+    unit = 1 / (float(problem.load_scale()[0]) or float(np.abs(last - first).max()))
+    length = max(float(np.max(rod.length)) for rod in robot.rods)
+    branch = Branch(problem, first, last - first, length=length, unit=unit, tolerance=method.tolerance)
+    return branch, branch.first(unknowns)
+
+
+def unloaded(robot: Assembly, inputs: Inputs) -> Inputs:
+    """The same inputs without loads: forces, moments, gravity."""
     loads = {spec.name for spec in robot.input_specs if spec.unit in LOAD_UNITS}
     return robot.inputs(**{name: getattr(inputs, name) for name in inputs.given if name not in loads})
 

@@ -1,6 +1,6 @@
 """One branch of equilibria by its arclength, through folds, and where its stability changes."""
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +17,9 @@ FIRST_STEP = 0.25
 GROWTH = 0.1  # longest step beyond 1, over the way from where the loads are zero
 SMALLEST_STEP = 1e-7
 SINGULAR = 1e-7  # of the largest singular value: what is smaller is a bifurcation's, and left alone
+BRANCHES = 24  # followed from one start
+BRANCH_STEPS = 80
+ASIDE = 0.05  # how far from a bifurcation the crossing branch is met
 LEVEL = 1e-3  # slope of the load along the branch under which it has a fold
 
 
@@ -85,6 +88,7 @@ class Branch:
         self.tolerance = tolerance
         problem.directions.assign(rate[None, None, :])
         problem.active.fill_(1)
+        self._why = ""
 
     def first(self, unknowns: FloatArray) -> Point:
         """The equilibrium without load."""
@@ -107,25 +111,72 @@ class Branch:
             BranchLost: If the branch cannot be followed so far.
         """
         found: list[Change] = []
-        point, step = first, FIRST_STEP
-        for _ in range(max_steps):
-            if len(found) == count or self.factor(point) > up_to:
+        for before, after, step in self.steps(first, max_steps):
+            found += self._between(before, after, step)
+            if len(found) >= count or self.factor(after) > up_to:
                 return found[:count]
+        return found  # not reached: steps() ends by an error
+
+    def connected(self, first: Point, factor: float) -> list[FloatArray]:
+        """Unknowns near equilibria at a load factor, on the branch through ``first`` and on those that cross it on the way.
+
+        Branches that cross are followed either way from each bifurcation with one neutral mode, and so are those that cross them.
+        """
+        found: list[FloatArray] = []
+        open_ = [first]
+        for _ in range(BRANCHES):
+            if not open_:
+                break
+            try:
+                for before, after, step in self.steps(open_.pop(0), BRANCH_STEPS):
+                    a, b = (point.place[-1] - factor / self.scale[-1] for point in (before, after))
+                    if a * b <= 0 and a != b:
+                        found.append(self.unknowns(before) + a / (a - b) * (self.unknowns(after) - self.unknowns(before)))
+                    for change in self._between(before, after, step):
+                        open_ += self._crossing(change)
+                    if not -0.1 * factor < self.factor(after) < 1.5 * factor:
+                        break
+            except BranchLost:
+                continue
+        return found
+
+    def _crossing(self, change: Change) -> list[Point]:
+        """First points, either way, on the branch that crosses at a bifurcation."""
+        if change.fold or abs(change.after - change.before) != 1:
+            return []
+        mode = np.append(np.linalg.svd(change.point.gamma / self.scale[:-1])[2][-1], 0.0)
+        result = []
+        for way in (mode, -mode):
+            found, _ = self._correct(change.point.place + ASIDE * way, way, np.inf)
+            if found is not None and np.linalg.norm(found - change.point.place) < 2 * ASIDE:
+                result.append(self._point(found, way))
+        return result
+
+    def steps(self, first: Point, max_steps: int) -> Iterator[tuple[Point, Point, float]]:
+        """Follow the branch: each step's ends and its length along the tangent.
+
+        Raises:
+            BranchLost: If the branch cannot be followed further.
+        """
+        point, step = first, FIRST_STEP
+        taken = 0
+        while taken < max_steps:
             goal, contraction = self._try(point, step)
             if goal is None:
                 step /= 2
                 if step < SMALLEST_STEP:
-                    raise BranchLost(f"Newton's method fails beyond a load factor of {self.factor(point):.6g}")
+                    raise BranchLost(f"beyond a load factor of {self.factor(point):.6g} {self._why}")
                 continue
-            if goal.index != point.index:
-                found += self._between(point, goal, step)
-            point = goal
+            yield point, goal, step
+            point, taken = goal, taken + 1
             longest = 1 + GROWTH * float(np.abs(point.place[-1]))
             step = min(longest, step * float(np.clip(0.5 * CONTRACTION / max(contraction, 1e-6), 0.5, 2.0)))
         raise BranchLost(f"{max_steps} steps led to a load factor of {self.factor(point):.6g} only")
 
     def _between(self, before: Point, after: Point, step: float) -> list[Change]:
         """The changes of the index within a step, in their order."""
+        if before.index == after.index:
+            return []
         low, high = min(before.index, after.index), max(before.index, after.index)
         places = [self._root(before, step, k) for k in range(low, high)]
         result: list[Change] = []
@@ -164,10 +215,14 @@ class Branch:
     def _try(self, point: Point, step: float) -> tuple[Point | None, float]:
         """The equilibrium one step further, if it surely is on the same branch, and Newton's contraction."""
         found, contraction = self._correct(point.place + step * point.tangent, point.tangent, CONTRACTION)
+        self._why = "Newton's method fails: the branch ends, or rounding hides it"
         if found is None:
             return None, contraction
         goal = self._point(found, point.tangent)
-        if not goal.modes.known[0] or goal.tangent @ point.tangent < TURN:
+        if not goal.modes.known[0]:
+            self._why = "stability is not known: the loads have no potential, torsion is rigid, or rounding hides it"
+            return None, contraction
+        if goal.tangent @ point.tangent < TURN:
             return None, contraction
         return goal, contraction
 
