@@ -6,7 +6,7 @@ import numpy as np
 
 from multirod.assembly import Assembly
 from multirod.inputs import Inputs
-from multirod.models.integrators import RK45
+from multirod.models.integrators import RK4
 from multirod.profile import Profile
 from multirod.simulation import solve
 from multirod.solution import Solution, SolveError
@@ -18,7 +18,7 @@ from multirod.validation import Described, FloatArray, positive_float, positive_
 
 LOAD_UNITS = frozenset({"N", "N m", "N/m", "m/s^2"})  # of inputs that are loads: rotation, translation and places are not
 
-PRECISE = Shooting(tolerance=1e-10, integrator=RK45(rtol=1e-10, atol=1e-12))
+PRECISE = Shooting(tolerance=1e-10, integrator=RK4(400))
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from multirod.problem import BoundaryProblem
-from multirod.stability import Modes
+from multirod.stability import NEUTRAL, Modes
 from multirod.validation import FloatArray
 
 ITERATIONS = 8
@@ -17,7 +17,7 @@ FIRST_STEP = 0.25
 GROWTH = 0.1  # longest step beyond 1, over the way from where the loads are zero
 SMALLEST_STEP = 1e-7
 SINGULAR = 1e-7  # of the largest singular value: what is smaller is a bifurcation's, and left alone
-BRANCHES = 24  # followed from one start
+BRANCHES = 32  # followed from one start
 BRANCH_STEPS = 80
 ASIDE = 0.05  # how far from a bifurcation the crossing branch is met
 LEVEL = 1e-3  # slope of the load along the branch under which it has a fold
@@ -42,8 +42,8 @@ class Point:
 
     @property
     def index(self) -> int:
-        """Unstable modes."""
-        return int(self.modes.index[0])
+        """Unstable modes, one that is nearly neutral by its sign."""
+        return int(self.modes.hidden[0] + (self.modes.values[0] < 0).sum())
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ class Branch:
     def connected(self, first: Point, factor: float) -> list[FloatArray]:
         """Unknowns near equilibria at a load factor, on the branch through ``first`` and on those that cross it on the way.
 
-        Branches that cross are followed either way from each bifurcation with one neutral mode, and so are those that cross them.
+        Branches that cross are followed either way from each bifurcation with one or two neutral modes, and so are those that cross them.
         """
         found: list[FloatArray] = []
         open_ = [first]
@@ -141,15 +141,18 @@ class Branch:
         return found
 
     def _crossing(self, change: Change) -> list[Point]:
-        """First points, either way, on the branch that crosses at a bifurcation."""
-        if change.fold or abs(change.after - change.before) != 1:
+        """First points, all ways, on the branches that cross at a bifurcation with one or two neutral modes."""
+        count = abs(change.after - change.before)
+        if change.fold or count > 2:
             return []
-        mode = np.append(np.linalg.svd(change.point.gamma / self.scale[:-1])[2][-1], 0.0)
+        modes = np.linalg.svd(change.point.gamma / self.scale[:-1])[2][-count:]
+        angles = np.arange(0, 2 * np.pi, np.pi if count == 1 else np.pi / 6)
         result = []
-        for way in (mode, -mode):
-            found, _ = self._correct(change.point.place + ASIDE * way, way, np.inf)
+        for way in np.column_stack([np.cos(angles), np.sin(angles)])[:, :count] @ modes:
+            ahead = np.append(way, 0.0)
+            found, _ = self._correct(change.point.place + ASIDE * ahead, ahead, np.inf)
             if found is not None and np.linalg.norm(found - change.point.place) < 2 * ASIDE:
-                result.append(self._point(found, way))
+                result.append(self._point(found, ahead))
         return result
 
     def steps(self, first: Point, max_steps: int) -> Iterator[tuple[Point, Point, float]]:
@@ -174,11 +177,10 @@ class Branch:
         raise BranchLost(f"{max_steps} steps led to a load factor of {self.factor(point):.6g} only")
 
     def _between(self, before: Point, after: Point, step: float) -> list[Change]:
-        """The changes of the index within a step, in their order."""
-        if before.index == after.index:
-            return []
+        """The changes of the index within a step, in their order; not of modes that are neutral at both ends."""
         low, high = min(before.index, after.index), max(before.index, after.index)
-        places = [self._root(before, step, k) for k in range(low, high)]
+        ends = [(before.modes.eigenvalue(k)[0], after.modes.eigenvalue(k)[0]) for k in range(low, high)]
+        places = [self._root(before, step, k) for k, e in zip(range(low, high), ends, strict=True) if np.abs(e).max() > NEUTRAL]
         result: list[Change] = []
         merged: list[tuple[float, int]] = []
         for place in sorted(places):
