@@ -39,7 +39,7 @@ LEG_INPUTS = tuple(
 # In L^3/EI, added to the tips of beams in all directions: one that is straight and inextensible gives way along itself by
 # bending, once it has bent, and how much depends on how far it has to.
 COMPLIANCES = (1e-4, 1e-3, 1e-2, 1e-1)
-REACH = (0.6, 2.0)  # of starts from the unloaded pose: in lengths, and radians
+REACH = (0.6, 0.6)  # of starts from the unloaded pose: in lengths, and radians
 CROWDING = 1.5  # most equilibria are not far
 
 
@@ -432,6 +432,10 @@ class ParallelProblem(BoundaryProblem):
         for (force, arm), local in zip(self._loads(rotation).forces, self._loads(np.broadcast_to(start, rotation.shape)).forces, strict=True):
             total -= (force * (position + arm - self.geometry.reference_position - local[1])).sum(axis=1)
         return np.where(self.has_potential, total, np.nan)
+
+    @property
+    def signs_add_up(self) -> bool:  # noqa: D102
+        return False
 
     def starts(self, count: int, first: int = 0) -> FloatArray:
         """Poses of the platform around that of the unloaded robot, its legs taken for beams that reach there."""

@@ -3,6 +3,7 @@
 Numbers in parentheses are those of ``docs/stability.md``.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,13 +62,31 @@ class CondensedForm:
         values, uncertainty = symmetric_eigenvalues(self.matrix / unit[:, None, None], self.known)
         return Modes(values, np.array(self.conjugate), uncertainty, np.array(self.known), np.zeros(len(values), dtype=bool))
 
+    def guided_modes(self, free: Sequence[int], held: Sequence[int], length: FloatArray, stiffness: FloatArray) -> Modes:
+        """(9) Of a single rod whose tip is guided: it can turn only about axes of the world, and its position is partly held.
+
+        Args:
+            free: World axes about which the tip turns, under a dead moment about one fixed axis or none, numbers 0 to 2.
+            held: World axes along which its position is held; along the others a dead force acts.
+            length: [m], shape (batch,).
+            stiffness: Eigenvalues are counted in ``stiffness / length``, shape (batch,) [N m^2].
+        """
+        rows = [*free, *(3 + axis for axis in held)]
+        unit = np.ones((len(length), len(rows)))
+        unit[:, len(free) :] = (stiffness / length**2)[:, None]
+        form = self.matrix[:, rows][:, :, rows] * unit[:, :, None] * unit[:, None, :] * (length / stiffness)[:, None, None]
+        values, uncertainty = symmetric_eigenvalues(form, self.known)
+        hidden = (self.conjugate - len(held)).astype(np.int32)
+        return Modes(values, hidden, uncertainty, np.array(self.known), np.zeros(len(values), dtype=bool))
+
 
 def symmetric_eigenvalues(form: FloatArray, known: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
-    """Eigenvalues (batch, n) of the symmetric part, NaN where not known, and the norm of what it lacks."""
-    values = np.full(form.shape[:2], np.nan)
+    """Eigenvalues (batch, n) of the symmetric part, and what the rest does to their eigenvectors (batch, n); NaN where not known."""
+    values, uncertainty = np.full((2, *form.shape[:2]), np.nan)
     turned = form.swapaxes(1, 2)
-    values[known] = np.linalg.eigvalsh((form + turned)[known] / 2)
-    return values, np.where(known, np.linalg.norm(form - turned, axis=(1, 2)) / 2, np.nan)
+    values[known], vectors = np.linalg.eigh((form + turned)[known] / 2)
+    uncertainty[known] = np.linalg.norm((form - turned)[known] / 2 @ vectors, axis=1)
+    return values, uncertainty
 
 
 def segments_needed(

@@ -54,7 +54,7 @@ def equilibria(
         raise TypeError(f"{type(robot).__name__} offers no starts: its problem has no starts()")
     limit = limits(problem.starts(ROUND)[:, :1])
     newton = method.newton(problem)
-    catalogue = Catalogue(float(degrees(problem)[0]))
+    catalogue = Catalogue(float(degrees(problem)[0]) if problem.signs_add_up else None)
     everyone = np.ones(count, dtype=bool)
     for first in range(0, starts, count):
         reached = converge(problem, newton, problem.starts(count, first)[:, 0], everyone, limit)

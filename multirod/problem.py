@@ -231,6 +231,11 @@ class BoundaryProblem(ABC):
         """Whether there are several equilibria even unloaded, so that where the natural branch ends, another stable one is meant."""
         return False
 
+    @property
+    def signs_add_up(self) -> bool:
+        """Whether the signs of ``det Gamma`` over all equilibria add up to that of the unloaded one (``docs/stability.md``)."""
+        return True
+
     def starts(self, count: int, first: int = 0) -> FloatArray:
         """Guesses that cover where equilibria may lie [1/m], shape (count, instance_count, n); none by default.
 

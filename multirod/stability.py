@@ -39,7 +39,8 @@ class Modes:
     Attributes:
         values: Eigenvalues of the condensed form over ``K/L``, ascending, infinite where there are fewer, shape (batch, count).
         hidden: Unstable modes that the condensed form does not show, less its constraints, shape (batch,).
-        uncertainty: How far the form is from being symmetric, as it is for exact columns, over ``K/L``, shape (batch,).
+        uncertainty: Of each value: how far the form is from being symmetric, as it is for exact columns, in the direction of its
+            eigenvector, over ``K/L``, shape (batch, count).
         known: Whether the above can be said, shape (batch,).
         diverging: Whether loads without a potential drive an odd number of modes away, shape (batch,).
     """
@@ -56,7 +57,7 @@ class Modes:
         return cls(
             np.full((batch, count), np.nan),
             np.zeros(batch, dtype=np.int32),
-            np.full(batch, np.nan),
+            np.full((batch, count), np.nan),
             np.zeros(batch, dtype=bool),
             np.zeros(batch, dtype=bool),
         )
@@ -70,7 +71,7 @@ class Modes:
     def _soft(self) -> NDArray[np.bool_]:
         """Which values cannot be told from zero."""
         with np.errstate(invalid="ignore"):
-            return np.asarray(np.abs(self.values) <= NEUTRAL + self.uncertainty[:, None])
+            return np.asarray(np.abs(self.values) <= NEUTRAL + self.uncertainty)
 
     @property
     def neutral(self) -> NDArray[np.bool_]:

@@ -28,10 +28,10 @@ class Catalogue:
 
     The signs of ``det Gamma`` over all equilibria add up to that of the unloaded one (``degree``), whatever the loads: none can
     appear or vanish but in pairs of opposite sign. So a sum that differs says that some are missing; one that agrees does not
-    say that none are.
+    say that none are. Where that is not so, as for closed loops, ``degree`` is None.
     """
 
-    def __init__(self, degree: float) -> None:
+    def __init__(self, degree: float | None) -> None:
         self.degree = degree
         self.unknowns: list[FloatArray] = []
         self.signs: list[float] = []
@@ -41,7 +41,7 @@ class Catalogue:
     @property
     def settled(self) -> bool:
         """Whether whole rounds of starts brought nothing new, and no equilibrium is known to be missing."""
-        return self._silent >= SILENT_ROUNDS and sum(self.signs) == self.degree
+        return self._silent >= SILENT_ROUNDS and self.degree in (None, sum(self.signs))
 
     def add(self, unknowns: FloatArray, gamma: FloatArray) -> None:
         """Take in an equilibrium unless it is there already."""
