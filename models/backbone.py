@@ -254,7 +254,9 @@ class BackboneProblem(BoundaryProblem):
         inputs = self.read("inputs")
         without = ("tip_moment", "distributed_moment", "follower_force", "follower_moment")
         acting = np.column_stack([inputs[:, self.input_slice(name)] for name in without]).any(axis=1)
-        profiles = self._table.profile.numpy().reshape(-1, 6, DEGREE + 1) if self.features.profile_degree >= 0 else np.zeros((1, 6, 1))
+        profiles = (
+            self._table.profile.numpy().reshape(-1, 6, DEGREE + 1) if self.features.profile_degree >= 0 else np.zeros((1, 6, 1))
+        )
         acting |= bool(profiles[:, 3:].any()) & (inputs[:, -1] != 0)
         return np.asarray(~acting & (not self.features.measured))
 
@@ -425,7 +427,13 @@ class BackboneProblem(BoundaryProblem):
 
         Columns are those of the model with all its unknowns. ``unknowns`` are those of the solve by default.
         """
-        options = {"nodes": True, "pose": True, "sensitivities": columns, "pose_sensitivities": columns and self.held, "directions": 0}
+        options = {
+            "nodes": True,
+            "pose": True,
+            "sensitivities": columns,
+            "pose_sensitivities": columns and self.held,
+            "directions": 0,
+        }
         features = replace(self.features, **options | changes)
         call = self._make_call(node_count)
         if columns and not self.features.moment:

@@ -394,7 +394,7 @@ class ParallelProblem(BoundaryProblem):
 
     def modes(self) -> Modes:  # noqa: D102
         self._spread()
-        position, rotation = self._pose()
+        rotation = self._pose()[1]
         count, legs = self.instance_count, len(self.geometry.legs)
         at = self._attachments()
         arms = np.einsum("bij,blj->bli", rotation, at.arm)
@@ -408,7 +408,9 @@ class ParallelProblem(BoundaryProblem):
                 force, moment = wrench[:, place, :3], wrench[:, place, 3:]
                 held[leg] = HeldLeg(own, force, moment, arms[:, leg], int(at.joints[leg]), axes[:, leg])
         length, stiffness = self._scale()
-        return platform_modes([leg for leg in held if leg is not None], self._loads(rotation), length, stiffness, self.has_potential)
+        return platform_modes(
+            [leg for leg in held if leg is not None], self._loads(rotation), length, stiffness, self.has_potential
+        )
 
     @property
     def has_potential(self) -> NDArray[np.bool_]:
@@ -429,7 +431,9 @@ class ParallelProblem(BoundaryProblem):
             for part in group.backbones.stored_and_lost():
                 total += part.reshape(self.instance_count, -1).sum(axis=1)
         start = self.geometry.reference_rotation
-        for (force, arm), local in zip(self._loads(rotation).forces, self._loads(np.broadcast_to(start, rotation.shape)).forces, strict=True):
+        for (force, arm), local in zip(
+            self._loads(rotation).forces, self._loads(np.broadcast_to(start, rotation.shape)).forces, strict=True
+        ):
             total -= (force * (position + arm - self.geometry.reference_position - local[1])).sum(axis=1)
         return np.where(self.has_potential, total, np.nan)
 
@@ -441,7 +445,10 @@ class ParallelProblem(BoundaryProblem):
         """Poses of the platform around that of the unloaded robot, its legs taken for beams that reach there."""
         if self.inverse:
             return super().starts(count, first)
-        records, switches = self.snapshot(), [np.array(array.numpy()) for array in (self.active, self.load_factor, self._robots.opening)]
+        records, switches = (
+            self.snapshot(),
+            [np.array(array.numpy()) for array in (self.active, self.load_factor, self._robots.opening)],
+        )
         middle = self.guess()
         x, legs, at = self._unloaded_legs()
         self.restore(records)

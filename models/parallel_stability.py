@@ -55,7 +55,7 @@ class PlatformLoads:
 def platform_modes(
     legs: Sequence[HeldLeg], loads: PlatformLoads, length: FloatArray, stiffness: FloatArray, potential: NDArray[np.bool_]
 ) -> Modes:
-    """(10) to (12): modes of whole robots, counted in ``stiffness / length`` (batch,) [N m^2], [m]."""
+    """(11) Modes of whole robots, counted in ``stiffness / length`` (batch,) [N m^2], [m]."""
     form, unit = _whole_form(legs, loads, length, stiffness)
     form *= unit[:, :, None] * unit[:, None, :] * (length / stiffness)[:, None, None]
     # each leg's position is held to the platform by three constraints
@@ -72,7 +72,7 @@ def platform_modes(
 def _whole_form(
     legs: Sequence[HeldLeg], loads: PlatformLoads, length: FloatArray, stiffness: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """(10), (11) The form by what is free of each leg, then the pose of the platform, and the unit of each, (batch, count)."""
+    """(9), (10) The form by what is free of each leg, then the pose of the platform, and the unit of each, (batch, count)."""
     count = len(length)
     own = [leg.form.matrix.shape[1] - (0 if leg.joint == SPHERICAL else 2 if leg.joint == REVOLUTE else 3) for leg in legs]
     size = sum(own) + POSE

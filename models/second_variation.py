@@ -63,7 +63,7 @@ class CondensedForm:
         return Modes(values, np.array(self.conjugate), uncertainty, np.array(self.known), np.zeros(len(values), dtype=bool))
 
     def guided_modes(self, free: Sequence[int], held: Sequence[int], length: FloatArray, stiffness: FloatArray) -> Modes:
-        """(9) Of a single rod whose tip is guided: it can turn only about axes of the world, and its position is partly held.
+        """(11) Of a single rod whose tip is guided: it can turn only about axes of the world, and its position is partly held.
 
         Args:
             free: World axes about which the tip turns, under a dead moment about one fixed axis or none, numbers 0 to 2.
@@ -92,7 +92,7 @@ def symmetric_eigenvalues(form: FloatArray, known: NDArray[np.bool_]) -> tuple[F
 def segments_needed(
     length: FloatArray, stiffness: FloatArray, velocity_coupling: FloatArray, potential: FloatArray
 ) -> FloatArray:
-    """(7) How many equal segments are sure to hold no conjugate point each, with a factor of 4 to spare.
+    """(7) How many equal segments are sure to hold no conjugate point each, with a factor of 2 to spare.
 
     Args:
         length: Of the backbone [m].
@@ -101,7 +101,7 @@ def segments_needed(
         potential: Bound of the terms in a variation alone, such as the force [N].
     """
     first, second = velocity_coupling / (np.pi * stiffness), potential / (np.pi**2 * stiffness)
-    return np.asarray(2 * length * (first + np.sqrt(first**2 + 4 * second)))
+    return np.asarray(length * (first + np.sqrt(first**2 + 4 * second)))
 
 
 def condensed_form(columns: NodeColumns, unit: FloatArray) -> CondensedForm:
@@ -121,7 +121,7 @@ def condensed_form(columns: NodeColumns, unit: FloatArray) -> CondensedForm:
         ended = [int(rod) for rod in pattern[1:] if rod >= 0]
         form, rows, conjugate, known = _of_pattern(columns, chosen, int(pattern[0]), ended)
         rows += range(size - 3, size) if held else ()
-        matrix[np.ix_(chosen, rows, rows)] = form
+        matrix[np.ix_(chosen, np.array(rows), np.array(rows))] = form
         result.conjugate[chosen], result.known[chosen] = conjugate, known
     return result
 
@@ -204,12 +204,15 @@ def _inverse(Y: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
     with np.errstate(all="ignore"):
         if Y.shape[-1] == 3:  # by its cofactors: several times faster than LAPACK
             a, b, c = (Y[..., k] for k in range(3))
-            inverse = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-2)
-            inverse = inverse / (a * inverse[..., 0, :]).sum(axis=-1)[..., None, None]
+            inverse: FloatArray = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-2)
+            inverse = np.asarray(inverse / (a * inverse[..., 0, :]).sum(axis=-1)[..., None, None])
         else:
-            regular = np.isfinite(Y).all(axis=(-2, -1)) & (np.linalg.det(np.nan_to_num(Y)) != 0)
-            inverse = np.linalg.inv(np.where(regular[..., None, None], Y, np.eye(Y.shape[-1])))
-            inverse[~regular] = np.nan
+            try:
+                inverse = np.linalg.inv(Y)
+            except np.linalg.LinAlgError:
+                regular = np.linalg.det(np.nan_to_num(Y)) != 0
+                inverse = np.linalg.inv(np.where(regular[..., None, None], Y, np.eye(Y.shape[-1])))
+                inverse[~regular] = np.nan
         size = np.einsum("...ij,...ij", Y, Y) * np.einsum("...ij,...ij", inverse, inverse)
         sound: NDArray[np.bool_] = np.asarray(size < WORST_CONDITION**2)
     return inverse, sound

@@ -106,19 +106,27 @@ def critical_loads(
         refuse("start", Described(f"functions of arclength for {', '.join(begin.profiles)}"), "give numbers")
     branch, first = natural_start(robot, begin, inputs, method, device)
     if first.modes.stability[0] != Stability.STABLE:
-        raise SolveError(f"at the start the equilibrium is {Stability(int(first.modes.stability[0])).name}: there is no stability to lose")
+        raise SolveError(
+            f"at the start the equilibrium is {Stability(int(first.modes.stability[0])).name}: there is no stability to lose"
+        )
     try:
         changes = branch.changes(first, count, up_to, max_steps)
     except BranchLost as error:
         raise SolveError(str(error)) from None
-    return tuple(_critical(robot, method, begin, inputs, branch, change, device) for change in changes if branch.factor(change.point) <= up_to)
+    return tuple(
+        _critical(robot, method, begin, inputs, branch, change, device)
+        for change in changes
+        if branch.factor(change.point) <= up_to
+    )
 
 
 def _critical(
     robot: Assembly, method: Shooting, begin: Inputs, inputs: Inputs, branch: Branch, change: Change, device: str
 ) -> CriticalLoad:
     factor = branch.factor(change.point)
-    there = solve(robot, _between(robot, begin, inputs, factor), solver=method, guess=branch.unknowns(change.point), device=device)
+    there = solve(
+        robot, _between(robot, begin, inputs, factor), solver=method, guess=branch.unknowns(change.point), device=device
+    )
     mode = np.linalg.svd(change.point.gamma)[2][-1]
     return CriticalLoad(factor, change.fold, change.before, change.after, mode, there)
 

@@ -20,6 +20,7 @@ SINGULAR = 1e-7  # of the largest singular value: what is smaller is a bifurcati
 BRANCHES = 32  # followed from one start
 BRANCH_STEPS = 80
 ASIDE = 0.05  # how far from a bifurcation the crossing branch is met
+SAME = 1e-5  # of a step: changes no further apart are one, of several modes
 LEVEL = 1e-3  # slope of the load along the branch under which it has a fold
 
 
@@ -184,7 +185,7 @@ class Branch:
         result: list[Change] = []
         merged: list[tuple[float, int]] = []
         for place in sorted(places):
-            if merged and place - merged[-1][0] < 1e-6 * step:
+            if merged and place - merged[-1][0] < SAME * step:
                 merged[-1] = (merged[-1][0], merged[-1][1] + 1)
             else:
                 merged.append((place, 1))

@@ -127,7 +127,11 @@ class DiscretePlatform:
         for k, (length, EI, GJ, EA) in enumerate(self.rods):
             own = q[:, k * self.per_rod : (k + 1) * self.per_rod].reshape(count, m, 4)
             h = length / m
-            energy = energy + h / 2 * (EI * own[..., :2] ** 2).sum((1, 2)) + h / 2 * (GJ * own[..., 2] ** 2 + EA * own[..., 3] ** 2).sum(1)
+            energy = (
+                energy
+                + h / 2 * (EI * own[..., :2] ** 2).sum((1, 2))
+                + h / 2 * (GJ * own[..., 2] ** 2 + EA * own[..., 3] ** 2).sum(1)
+            )
             R = Rotation.from_matrix(np.broadcast_to(self.base[k, :3, :3], (count, 3, 3)))
             p = np.broadcast_to(self.base[k, :3, 3], (count, 3)).copy()
             for j in range(m):
@@ -151,7 +155,10 @@ class DiscretePlatform:
             (Ep, cp), (Em, cm) = self.parts(q + e), self.parts(q - e)
             g, A = (Ep - Em) / (2 * step), ((cp - cm) / (2 * step)).T
             multipliers = -np.linalg.lstsq(A.T, g, rcond=None)[0]
-            values = [E + c @ multipliers for E, c in (self.parts(q + a * e[i] + b * e[j]) for a, b in ((1, 1), (1, -1), (-1, 1), (-1, -1)))]
+            values = [
+                E + c @ multipliers
+                for E, c in (self.parts(q + a * e[i] + b * e[j]) for a, b in ((1, 1), (1, -1), (-1, 1), (-1, -1)))
+            ]
             H = np.zeros((n, n))
             H[i, j] = (values[0] - values[1] - values[2] + values[3]) / (4 * step**2)
             H = H + np.triu(H, 1).T

@@ -116,7 +116,10 @@ def test_one_load_is_raised_while_another_stays():
     start = robot.inputs(tip_force=(0, 0, 2.0))
     (found,) = mr.critical_loads(robot, robot.inputs(tip_force=(0, 0, 2.0), gravity=(0, 0, -1)), start=start)
     assert found.load_factor > 7.8373 + 2
-    there = [mr.solve(robot, robot.inputs(tip_force=(0, 0, 2.0), gravity=(0, 0, -f * found.load_factor)), guess=(0, 0, 0)) for f in (0.9999, 1.0001)]
+    there = [
+        mr.solve(robot, robot.inputs(tip_force=(0, 0, 2.0), gravity=(0, 0, -f * found.load_factor)), guess=(0, 0, 0))
+        for f in (0.9999, 1.0001)
+    ]
     assert [s.index for s in there] == [0, 2]
 
 

@@ -283,7 +283,12 @@ def columns_under_platform(count, force):
 def test_columns_sway_under_a_platform():
     """pi^2 EI/L^2 each, in both directions at once. Two legs do not keep it from tilting: then pi^2/4, as for a free tip."""
     assert columns_under_platform(3, 3 * np.pi**2 * NEAR).index.tolist() == [0, 2]
-    assert columns_under_platform(2, np.concatenate([2 * np.pi**2 / 4 * NEAR, 2 * np.pi**2 * NEAR])).index.tolist() == [0, 1, 1, 2]
+    assert columns_under_platform(2, np.concatenate([2 * np.pi**2 / 4 * NEAR, 2 * np.pi**2 * NEAR])).index.tolist() == [
+        0,
+        1,
+        1,
+        2,
+    ]
 
 
 def test_a_column_clamped_at_both_ends_buckles_at_four_times_that():
@@ -344,7 +349,9 @@ def test_an_odd_number_of_modes_that_grow_is_seen_without_a_potential():
     robot = column(bending_stiffness=(1.0, 1.3))
     forces = np.pi**2 / 4 * np.array([0.9, 1.1, 1.4])
     for moment in ({"tip_moment": (0, 0, 1e-3)}, {"follower_moment": (0, 0, 1e-3)}):
-        solution = mr.solve(robot, robot.inputs(tip_force=along((0, 0, -1), forces), **moment), guess=(0, 0, 1e-3 / 0.8)).raise_if_failed()
+        solution = mr.solve(
+            robot, robot.inputs(tip_force=along((0, 0, -1), forces), **moment), guess=(0, 0, 1e-3 / 0.8)
+        ).raise_if_failed()
         assert solution.stability.tolist() == [UNKNOWN, UNSTABLE, UNKNOWN]
         assert solution.index.tolist() == [-1, -1, -1]
 
