@@ -438,6 +438,10 @@ class ParallelProblem(BoundaryProblem):
         return np.where(self.has_potential, total, np.nan)
 
     @property
+    def guess_is_stable(self) -> bool:  # noqa: D102
+        return False
+
+    @property
     def signs_add_up(self) -> bool:  # noqa: D102
         return False
 

@@ -202,16 +202,17 @@ def _without_torque(torque: FloatArray, r: int) -> FloatArray:
 def _inverse(Y: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Inverses, and whether rounding leaves them their signs."""
     with np.errstate(all="ignore"):
+        inverse = np.empty_like(Y)
         if Y.shape[-1] == 3:  # by its cofactors: several times faster than LAPACK
             a, b, c = (Y[..., k] for k in range(3))
-            inverse: FloatArray = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-2)
-            inverse = np.asarray(inverse / (a * inverse[..., 0, :]).sum(axis=-1)[..., None, None])
+            inverse[:] = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-2)
+            inverse /= (a * inverse[..., 0, :]).sum(axis=-1)[..., None, None]
         else:
             try:
-                inverse = np.linalg.inv(Y)
+                inverse[:] = np.linalg.inv(Y)
             except np.linalg.LinAlgError:
                 regular = np.linalg.det(np.nan_to_num(Y)) != 0
-                inverse = np.linalg.inv(np.where(regular[..., None, None], Y, np.eye(Y.shape[-1])))
+                inverse[:] = np.linalg.inv(np.where(regular[..., None, None], Y, np.eye(Y.shape[-1])))
                 inverse[~regular] = np.nan
         size = np.einsum("...ij,...ij", Y, Y) * np.einsum("...ij,...ij", inverse, inverse)
         sound: NDArray[np.bool_] = np.asarray(size < WORST_CONDITION**2)

@@ -232,6 +232,11 @@ class BoundaryProblem(ABC):
         return False
 
     @property
+    def guess_is_stable(self) -> bool:
+        """Whether ``guess`` is a stable equilibrium of the unloaded assembly; where not, what it leads to is tested."""
+        return True
+
+    @property
     def signs_add_up(self) -> bool:
         """Whether the signs of ``det Gamma`` over all equilibria add up to that of the unloaded one (``docs/stability.md``)."""
         return True

@@ -10,7 +10,7 @@ from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.newton import Newton
 from multirod.stability import Stability
-from multirod.status import Status
+from multirod.status import Status, failures
 from multirod.validation import FloatArray
 
 STARTS = 2048
@@ -86,6 +86,15 @@ def limits(starts: FloatArray) -> FloatArray:
     size = np.abs(starts).max(axis=0)
     largest = size.max(axis=1, keepdims=True)
     return np.where(largest > 0, WANDERING * size + largest, np.inf)
+
+
+def refuse_unstable(problem: BoundaryProblem, outcome: Outcome) -> None:
+    """Say so where a search that did not begin at a stable equilibrium led to an unstable one."""
+    found = ~failures(outcome.status)
+    if problem.guess_is_stable or not found.any():
+        return
+    outcome.status[found & (problem.modes().stability == Stability.UNSTABLE)] = Status.UNSTABLE
+    outcome.integrations += found
 
 
 def lowest_stable(problem: BoundaryProblem, newton: Newton, outcome: Outcome, lost: NDArray[np.bool_]) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from discrete_energy import DiscreteEnergy, DiscretePlatform, Tube
 from scipy.spatial.transform import Rotation
-from test_parallel_rods import LOADS, SCENES, ring
+from test_parallel_rods import LOADS, SCENES, actuation, ring
 
 import multirod as mr
 
@@ -174,6 +174,39 @@ def test_single_rod_cases(reference_cases, make_pose):
     assert count >= 10
 
 
+def test_what_a_solve_returns_is_stable(reference_cases, make_pose):
+    """The natural branch of every stored parallel robot, and of rods under random loads: where it is reached at all."""
+    from test_parallel_rods import stored_robot
+
+    judged = 0
+    for case in reference_cases("parallel_continuum_robot"):
+        parallel, inputs = stored_robot(case, make_pose)
+        solution = mr.solve(parallel, inputs).raise_if_failed()
+        assert solution.stability in (STABLE, UNKNOWN)
+        judged += solution.stability is STABLE
+    assert judged >= 3
+    robot = column(bending_stiffness=(1.0, 1.4), precurvature=(1.0, 0.5, 0.3))
+    force = 10 * np.random.default_rng(2).normal(size=(200, 3))
+    solution = mr.solve(robot, robot.inputs(tip_force=force))
+    good = solution.status == mr.Status.CONVERGED
+    assert good.sum() > 100
+    assert (solution.stability[good] == STABLE).all()
+
+
+def test_an_unstable_state_that_a_cold_start_leads_to_is_refused():
+    """Legs turned and pushed: the state that beams suggest is on the other side of a snap; led there in steps the robot is stable."""
+    robot = SCENES["six rods"]()
+    values = {name: 0.3 * value for name, value in actuation(robot, np.random.default_rng(1)).items()}
+    cold = mr.solve(robot, robot.inputs(**values))
+    assert cold.status is mr.Status.UNSTABLE
+    assert cold.status.failed
+    assert np.isnan(cold.unknowns).all()
+    assert "lead it there" in cold.status.message
+    part = np.linspace(0, 1, 31)[:, None]
+    history = mr.simulate(robot, robot.inputs(**{name: part * value for name, value in values.items()}), time=part[:, 0])
+    assert history.raise_if_failed().stability.tolist() == [STABLE] * len(part)
+
+
 # ---- an independent energy ----
 
 
@@ -244,12 +277,14 @@ DEAD = {name: LOADS[name] for name in ("tip_force", "force_point", "distributed_
 def test_the_form_of_a_parallel_robot_is_symmetric(scene):
     """As it is for every joint, tubes, weights and loads beside the origin, only if all its terms are there."""
     robot = SCENES[scene]()
-    solution = mr.solve(robot, robot.inputs(**DEAD)).raise_if_failed()
+    # tubes that twist behind their plates
+    values = DEAD | {name: 0.2 * value for name, value in actuation(robot, np.random.default_rng(1)).items()}
+    solution = mr.solve(robot, robot.inputs(**values)).raise_if_failed()
     assert solution._modes.uncertainty.max() < 1e-7
     assert solution.stability is STABLE
     assert solution.stability_margin > 1e-3
     for load in ("tip_moment", "follower_force", "follower_moment", "distributed_moment"):
-        loaded = mr.solve(robot, robot.inputs(**DEAD | {load: LOADS[load]})).raise_if_failed()
+        loaded = mr.solve(robot, robot.inputs(**values | {load: LOADS[load]})).raise_if_failed()
         assert (loaded.stability, loaded.index) == (UNKNOWN, -1)
         assert np.isnan(loaded.potential)
         assert np.isnan(loaded.stability_margin)
