@@ -24,6 +24,7 @@ STEP_LIMIT = 100_000
 FEWEST_NODES = 9
 MOST_NODES_AT_FIRST = 33
 MOST_NODES = 16385
+RIGID = 1e6  # torsional over bending stiffness, of a rod rigid in torsion, where its modes are counted
 _PARTS = 64  # of the length, over which starts are bounded
 _CROWDING = 1.5  # most equilibria are far inside the bounds
 _FEATURE_INPUTS = {
@@ -117,7 +118,7 @@ class BackboneProblem(BoundaryProblem):
     def _array(self, value: Any, dtype: Any = wp.float64) -> Any:
         return wp.array(np.ascontiguousarray(value, dtype=np.float64), dtype=dtype, device=self.device)
 
-    def _make_table(self, inputs: Inputs) -> Any:
+    def _make_table(self, inputs: Inputs | None) -> Any:
         table: Any = kernels.RodTable()
         arrays: RodArrays = self.arrays
         table.stride = 1 if arrays.batch_shape else 0
@@ -130,6 +131,9 @@ class BackboneProblem(BoundaryProblem):
         table.base_stride = 1 if self.base.ndim > 2 else 0
         table.base_position = self._array(base[:, :3, 3], wp.vec3d)
         table.base_rotation = self._array(base[:, :3, :3], wp.mat33d)
+        if inputs is None:
+            table.profile_end, table.profile = self._table.profile_end, self._table.profile
+            return table
         ends, coefficients = _merge_profiles(inputs)
         table.profile_end = self._array(ends)
         table.profile = self._array(coefficients)
@@ -157,9 +161,11 @@ class BackboneProblem(BoundaryProblem):
             call.work = wp.zeros(self.instance_count, dtype=wp.float64, device=self.device)
         return call
 
-    def _record(self, features: Features, call: Any) -> Any:
+    def _record(self, features: Features, call: Any, table: Any = None) -> Any:
         kernel = kernels.make_kernel(features, self.integrator.tableau)
-        return wp.launch(kernel, dim=self.instance_count, inputs=[self._table, call], device=self.device, record_cmd=True)
+        return wp.launch(
+            kernel, dim=self.instance_count, inputs=[table or self._table, call], device=self.device, record_cmd=True
+        )
 
     # ---- the interface ----
 
@@ -342,9 +348,9 @@ class BackboneProblem(BoundaryProblem):
         count = self.instance_count
         form = CondensedForm(np.full((count, size, size), np.nan), np.zeros(count, dtype=np.int32), np.zeros(count, dtype=bool))
         determinant = np.full(count, np.nan)
-        open_ = np.isfinite(self.arrays.material[..., :3]).all() & np.ones(count, dtype=bool)
-        if not open_.any():
-            return form, determinant
+        if n > 1 and not np.isfinite(self.arrays.material[..., 2]).all():
+            return form, determinant  # a torque of each that nothing determines
+        open_ = np.ones(count, dtype=bool)
         node_count = int(np.clip(1 + np.nanmax(self._segments_expected()), FEWEST_NODES, MOST_NODES_AT_FIRST))
         while open_.any():
             call = self._node_pass(node_count, open_, columns=True)
@@ -389,7 +395,7 @@ class BackboneProblem(BoundaryProblem):
         length, scale = self._ends().max(axis=1), self.load_scale()
         if self.held:
             x = np.abs(self.read("unknowns") - self.guess())
-            stiffest = self._each(self.arrays.material[..., :3].max(axis=(1, 2, 3))) / self._least_stiffness()
+            stiffest = self._each(self.arrays.material[..., :2].max(axis=(1, 2, 3))) / self._least_stiffness()
             scale = scale + stiffest * length * (np.linalg.norm(x[:, :-3], axis=1) + np.linalg.norm(x[:, -3:], axis=1))
         unit = self._least_stiffness() / length
         return self._segments(scale * unit, scale * unit / length, scale / length)
@@ -454,8 +460,20 @@ class BackboneProblem(BoundaryProblem):
             call.tip_columns = wp.zeros((count, m, m), dtype=wp.float64, device=self.device)
             call.gamma = wp.zeros((count, m, m), dtype=wp.float64, device=self.device)
             call.pose_columns = wp.zeros((count, 6, m), dtype=wp.float64, device=self.device)
-        self._record(features, call).launch()
+        self._record(features, call, self._twisting_table() if columns else None).launch()
         return call
+
+    def _twisting_table(self) -> Any:
+        """The rods, one that is rigid in torsion only ``RIGID`` times stiffer than in bending: columns need to twist it."""
+        material = self.arrays.material
+        rigid = np.isinf(material[..., 2])
+        if not rigid.any():
+            return self._table
+        material = np.array(material)
+        material[..., 5][rigid] = 1 / (RIGID * material[..., :2].max(axis=-1)[rigid])
+        table = self._make_table(None)
+        table.material = self._array(material)
+        return table
 
 
 BACKBONE_INPUTS = (

@@ -21,6 +21,7 @@ BRANCHES = 32  # followed from one start
 BRANCH_STEPS = 80
 ASIDE = 0.05  # how far from a bifurcation the crossing branch is met
 SAME = 1e-5  # of a step: changes no further apart are one, of several modes
+NUDGE = 1e-7  # of a step
 LEVEL = 1e-3  # slope of the load along the branch under which it has a fold
 
 
@@ -202,6 +203,10 @@ class Branch:
 
         def value(place: float) -> float:
             e = float(self._at(before, place).modes.eigenvalue(k)[0])
+            if np.isnan(e):  # a conjugate point stands right at the tip: not a little further
+                e = float(self._at(before, place + NUDGE * step).modes.eigenvalue(k)[0])
+            if np.isnan(e):
+                raise BranchLost(f"stability is not known near a load factor of {self.factor(before):.6g}")
             return e / (1 + abs(e)) if np.isfinite(e) else float(np.sign(e))
 
         return float(brentq(value, 0.0, step, xtol=1e-12 * step, rtol=1e-14))
@@ -223,7 +228,7 @@ class Branch:
             return None, contraction
         goal = self._point(found, point.tangent)
         if not goal.modes.known[0]:
-            self._why = "stability is not known: the loads have no potential, torsion is rigid, or rounding hides it"
+            self._why = "stability is not known: the loads have no potential, tubes are rigid in torsion, or rounding hides it"
             return None, contraction
         if goal.tangent @ point.tangent < TURN:
             return None, contraction

@@ -142,13 +142,37 @@ def test_loads_without_a_potential_are_not_judged(wire):
         assert np.isnan(solution.potential)
 
 
-def test_what_failed_or_is_rigid_in_torsion_is_not_judged(wire):
-    robot = column(torsional_stiffness=np.inf)
-    assert straight(robot).stability is UNKNOWN
+def test_rods_rigid_in_torsion_are_judged():
+    """Euler's column has no use for torsion; a narrow cantilever that cannot twist does not tip over."""
+    rigid = column(torsional_stiffness=np.inf)
+    assert straight(rigid).stability is STABLE
+    solution = straight(rigid, tip_force=along((0, 0, -1), np.pi**2 / 4 * np.concatenate([NEAR, 9 * NEAR])))
+    assert solution.index.tolist() == [0, 2, 2, 4]
+    narrow = column(bending_stiffness=(1e5, 1.0), torsional_stiffness=np.inf)
+    tipped = mr.solve(narrow, narrow.inputs(tip_force=(0, 10.0, 0)), guess=(0, 0, 0)).raise_if_failed()
+    assert tipped.stability is STABLE
+    # as a rod that is far stiffer in torsion than in bending
+    margins = []
+    for torsion in (np.inf, 1e5):
+        robot = column(bending_stiffness=(1.0, 1.4), torsional_stiffness=torsion, precurvature=(2.0, 1.0, 0.0))
+        found = mr.solve(robot, robot.inputs(tip_force=(3.0, -2.0, -5.0))).raise_if_failed()
+        assert found.stability is STABLE
+        margins.append(found.stability_margin)
+    np.testing.assert_allclose(*margins, rtol=1e-3)
+
+
+def test_what_failed_is_not_judged(wire):
     robot = mr.SingleRod(wire)
     failed = mr.solve(robot, robot.inputs(tip_force=[(0, 0, 1), (0, 0, -1e3)]))
     assert failed.stability.tolist()[0] == STABLE
     assert (failed.status[1] != mr.Status.CONVERGED) == (failed.stability[1] == UNKNOWN)
+
+
+def test_tubes_rigid_in_torsion_are_not_judged():
+    """Statics does not say how they share the torque."""
+    tube = {"bending_stiffness": 0.01, "torsional_stiffness": np.inf}
+    robot = mr.ConcentricTubes([mr.Rod(length=0.3 - 0.1 * k, **tube) for k in range(2)])
+    assert mr.solve(robot, robot.inputs(tip_force=(0.01, 0, 0))).raise_if_failed().stability is UNKNOWN
 
 
 def test_single_rod_cases(reference_cases, make_pose):
