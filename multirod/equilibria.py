@@ -19,8 +19,9 @@ def equilibria(
 ) -> Solution:
     """All equilibria that Newton's method finds from many starts, the one of lowest potential energy first.
 
-    Starts cover all base moments and torques that an equilibrium can have, in rounds, until a round brings nothing new and
-    the signs of ``determinant`` add up as they must (``docs/stability.md``). That is no proof that none is missing.
+    Starts cover all base moments and torques that an equilibrium can have (for parallel robots, poses of the platform), in rounds,
+    until a round brings nothing new and the signs of ``determinant`` add up as they must (``docs/stability.md``). Then branches
+    that cross the natural one as loads are raised are followed. That is no proof that none is missing.
 
     Args:
         robot: The assembly.

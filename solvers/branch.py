@@ -34,7 +34,6 @@ class Point:
         tangent: Of the branch, unit length, shape (n + 1,).
         gamma: Shape (n, n).
         modes: Of the one instance.
-        index: Unstable modes.
     """
 
     place: FloatArray

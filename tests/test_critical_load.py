@@ -9,6 +9,8 @@ from test_stability import two_tubes
 import multirod as mr
 from multirod.inputs import Inputs
 from multirod.models.backbone import BACKBONE_INPUTS, BackboneProblem
+from multirod.solvers.branch import Branch, Point
+from multirod.stability import Modes
 
 CLOSE = 1e-8  # relative: RK4(400) leaves 1e-10 of the lower modes, and the stored values are good to 2e-9
 
@@ -129,6 +131,22 @@ def test_the_branch_goes_on_past_a_fold():
     found = mr.critical_loads(robot, robot.inputs(rotation=(0, 1)), start=robot.inputs(), count=2)
     assert [(c.index_before, c.index_after) for c in found] == [(0, 1), (1, 0)]
     np.testing.assert_allclose(sum(factors(found)), 2 * np.pi, rtol=CLOSE)
+
+
+def test_a_mode_that_stays_neutral_is_no_change():
+    """As of a ring that can be turned: its eigenvalue is zero but for rounding, of either sign."""
+
+    def point(value):
+        one = np.ones((1, 1))
+        return Point(
+            np.zeros(2), np.zeros(2), one, Modes(value * one, np.zeros(1, dtype=np.int32), 0 * one, one[0] > 0, one[0] < 0)
+        )
+
+    branch = object.__new__(Branch)  # nothing is to be evaluated
+    assert (point(1e-9).index, point(-1e-9).index) == (0, 1)
+    assert branch._between(point(1e-9), point(-1e-9), 1.0) == []
+    with pytest.raises(AttributeError):
+        branch._between(point(1e-3), point(-1e-9), 1.0)
 
 
 def test_what_stays_stable_has_no_critical_load():

@@ -420,5 +420,6 @@ def test_the_margin_vanishes_at_the_critical_load():
     loads = np.array([1e-9, 1.0, 2.0, 2.4, 3.0, 12.0])
     solution = straight(column(bending_stiffness=(1.0, 1.3), torsional_stiffness=4.0), tip_force=along((0, 0, -1), loads))
     expected = np.sqrt(loads) / np.tan(np.sqrt(loads))
-    np.testing.assert_allclose(solution.stability_margin[:5], expected[:5], rtol=1e-6)
+    # the steps between nodes, which error control does not shorten for a straight rod, leave 1e-7
+    np.testing.assert_allclose(solution.stability_margin[:5], expected[:5], rtol=0, atol=1e-6)
     assert solution.stability_margin[5] == -np.inf
