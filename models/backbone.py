@@ -350,34 +350,37 @@ class BackboneProblem(BoundaryProblem):
         determinant = np.full(count, np.nan)
         if n > 1 and not np.isfinite(self.arrays.material[..., 2]).all():
             return form, determinant  # a torque of each that nothing determines
+        # each instance has its own number of nodes, whatever stands beside it in the batch
+        nodes = _nodes(np.minimum(np.nan_to_num(self._segments_expected()), MOST_NODES_AT_FIRST - 1))
         open_ = np.ones(count, dtype=bool)
-        node_count = int(np.clip(1 + np.nanmax(self._segments_expected()), FEWEST_NODES, MOST_NODES_AT_FIRST))
         while open_.any():
-            call = self._node_pass(node_count, open_, columns=True)
+            node_count = int(nodes[open_].min())
+            chosen = open_ & (nodes == node_count)
+            call = self._node_pass(node_count, chosen, columns=True)
             needed = self._segments_of(call)
-            done = open_ & (needed < node_count)
+            done = chosen & (needed < node_count)
             if done.any():
-                found = condensed_form(self._node_columns(call), unit)
+                found = condensed_form(self._node_columns(call, done), unit[done])
                 for mine, theirs in zip(vars(form).values(), vars(found).values(), strict=True):
-                    mine[done] = theirs[done]
+                    mine[done] = theirs
                 determinant[done] = np.linalg.det(np.nan_to_num(call.gamma.numpy()[done]))
-            open_ &= (needed < MOST_NODES) & ~done
-            if open_.any():
-                node_count = min(MOST_NODES, int(1.1 * needed[open_].max()) + 2)
+            more = chosen & ~done & (needed < MOST_NODES - 1)
+            nodes[more] = _nodes(needed[more])
+            open_ &= ~chosen | more
         return form, determinant
 
-    def _node_columns(self, call: Any) -> NodeColumns:
-        """What a pass over nodes says of variations."""
+    def _node_columns(self, call: Any, chosen: NDArray[np.bool_]) -> NodeColumns:
+        """What a pass over nodes says of variations of the instances ``chosen``."""
         rows = len(self.rods) + 2
-        ends = self._ends()
-        arclength, configuration = call.column_arclength.numpy(), call.node_columns.numpy()[:, :, :rows]
-        momenta = call.tip_columns.numpy()[:, :rows]
+        ends = self._ends()[chosen]
+        arclength, configuration = call.column_arclength.numpy()[chosen], call.node_columns.numpy()[chosen, :, :rows]
+        momenta = call.tip_columns.numpy()[chosen, :rows]
         if not self.held:
             # base forces that follow a load are no variations that keep the forces
             return NodeColumns(arclength, configuration[..., :rows], momenta[..., :rows], ends)
-        by_unknowns = self.wrench_columns.numpy()[:, :, : self.unknown_count]
+        by_unknowns = self.wrench_columns.numpy()[chosen, :, : self.unknown_count]
         momenta = np.concatenate([by_unknowns[:, 3:], momenta[:, 3:]], axis=1)
-        return NodeColumns(arclength, configuration, momenta, ends, by_unknowns[:, :3], call.pose_columns.numpy()[:, :3])
+        return NodeColumns(arclength, configuration, momenta, ends, by_unknowns[:, :3], call.pose_columns.numpy()[chosen, :3])
 
     def _ends(self) -> FloatArray:
         """Arclength at which each rod ends [m], shape (instance_count, n)."""
@@ -556,6 +559,11 @@ def _blocks(features: Features) -> list[Block]:
     if force < count:
         places.append(("base force", slice(force, count), None))
     return [Block(name, place, place, rod) for name, place, rod in places]
+
+
+def _nodes(segments: FloatArray) -> NDArray[np.int_]:
+    """Numbers of nodes for more than so many segments: one more than a power of two."""
+    return np.asarray(1 + 2 ** np.ceil(np.log2(np.maximum(segments + 1e-6, FEWEST_NODES - 1))).astype(int))
 
 
 def step_multiple(steps: int) -> int:

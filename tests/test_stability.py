@@ -161,6 +161,15 @@ def test_rods_rigid_in_torsion_are_judged():
     np.testing.assert_allclose(*margins, rtol=1e-3)
 
 
+def test_what_is_said_of_an_instance_does_not_depend_on_its_batch(wire):
+    robot = mr.SingleRod(wire)
+    force = np.array([(0, 0, 0), (1, 0, 0), (0, 2, 40), (3, 5, 300.0)])
+    batch = mr.solve(robot, robot.inputs(tip_force=force)).raise_if_failed()
+    alone = [mr.solve(robot, robot.inputs(tip_force=f)).stability_margin for f in force]
+    np.testing.assert_array_equal(batch.stability_margin, alone)
+    assert (batch.stability == STABLE).all()
+
+
 def test_what_failed_is_not_judged(wire):
     robot = mr.SingleRod(wire)
     failed = mr.solve(robot, robot.inputs(tip_force=[(0, 0, 1), (0, 0, -1e3)]))

@@ -9,6 +9,7 @@ from time import perf_counter
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 import multirod as mr
 from multirod.models.backbone import BackboneProblem
@@ -52,21 +53,21 @@ def scenes(count: int) -> dict[str, tuple[mr.Assembly, mr.Inputs]]:
     }
 
 
-def passes(problem: mr.BoundaryProblem) -> int:
-    """Integrations of each leg that ``modes`` takes."""
-    taken: list[int] = []
+def passes(problem: mr.BoundaryProblem) -> float:
+    """Integrations of each leg that ``modes`` takes, the mean over instances."""
+    taken: dict[int, float] = {}
     node_pass = BackboneProblem._node_pass
 
-    def counted(self: BackboneProblem, *arguments: object, **options: object) -> object:
-        taken.append(id(self))
-        return node_pass(self, *arguments, **options)
+    def counted(self: BackboneProblem, node_count: int, chosen: NDArray[np.bool_], **options: object) -> object:
+        taken[id(self)] = taken.get(id(self), 0.0) + float(chosen.mean())
+        return node_pass(self, node_count, chosen, **options)
 
-    BackboneProblem._node_pass = counted  # type: ignore[method-assign]
+    BackboneProblem._node_pass = counted  # type: ignore[method-assign, assignment]
     try:
         problem.modes()
     finally:
         BackboneProblem._node_pass = node_pass  # type: ignore[method-assign]
-    return max(taken.count(name) for name in set(taken))
+    return max(taken.values())
 
 
 def main() -> None:
@@ -86,7 +87,10 @@ def main() -> None:
             one, test = (1e6 * seconds(call, options.rounds) / options.batch for call in (problem.integrate, problem.modes))
             kind = type(integrator).__name__
             mean = np.mean(solution.integrations)
-            print(f"| {name} | {kind} | {mean:.1f} | {one:.1f} | {passes(problem)} | {test:.1f} | {test / one:.1f} |", flush=True)
+            print(
+                f"| {name} | {kind} | {mean:.1f} | {one:.1f} | {passes(problem):.2f} | {test:.1f} | {test / one:.1f} |",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":
