@@ -351,7 +351,7 @@ class BackboneProblem(BoundaryProblem):
         if n > 1 and not np.isfinite(self.arrays.material[..., 2]).all():
             return form, determinant  # a torque of each that nothing determines
         # each instance has its own number of nodes, whatever stands beside it in the batch
-        nodes = _nodes(np.minimum(np.nan_to_num(self._segments_expected()), MOST_NODES_AT_FIRST - 1))
+        nodes = _nodes(np.minimum(np.nan_to_num(self._segments_expected()), MOST_NODES_AT_FIRST - 2))
         open_ = np.ones(count, dtype=bool)
         while open_.any():
             node_count = int(nodes[open_].min())
