@@ -17,19 +17,21 @@ from multirod.launch import record
 from multirod.models import backbone_kernels as kernels
 from multirod.models.features import Features
 from multirod.models.integrators import Integrator
-from multirod.models.second_variation import Modes, NodeColumns, modes_with_free_tip, segments_needed
+from multirod.models.second_variation import CondensedForm, NodeColumns, condensed_form, segments_needed
 from multirod.problem import Block, BoundaryProblem, Shape
 from multirod.profile import DEGREE, interpolate
 from multirod.rod import Rod, RodArrays, lower
+from multirod.stability import Modes
 from multirod.validation import Described, FloatArray, refuse
 
 STEP_LIMIT = 100_000
 POSES_APART = 64  # instances from which leaving poses out saves more than two kernels cost
-FEWEST_NODES = 33
+FEWEST_NODES = 9
+MOST_NODES_AT_FIRST = 33
 MOST_NODES = 16385
+RIGID = 1e6  # torsional over bending stiffness, of a rod rigid in torsion, where its modes are counted
 _PARTS = 64  # of the length, over which starts are bounded
 _CROWDING = 1.5  # most equilibria are far inside the bounds
-NEUTRAL = 1e-6  # of stiffness over length: a mode no stiffer than this is neutral
 _FEATURE_INPUTS = {
     "force": ("tip_force", "follower_force", "distributed_force", "gravity"),
     "tip_moment": ("tip_moment",),
@@ -132,7 +134,7 @@ class BackboneProblem(BoundaryProblem):
     def _array(self, value: Any, dtype: Any = wp.float64) -> Any:
         return wp.array(np.ascontiguousarray(value, dtype=np.float64), dtype=dtype, device=self.device)
 
-    def _make_table(self, inputs: Inputs) -> Any:
+    def _make_table(self, inputs: Inputs | None) -> Any:
         table: Any = kernels.RodTable()
         arrays: RodArrays = self.arrays
         table.stride = 1 if arrays.batch_shape else 0
@@ -145,6 +147,9 @@ class BackboneProblem(BoundaryProblem):
         table.base_stride = 1 if self.base.ndim > 2 else 0
         table.base_position = self._array(base[:, :3, 3], wp.vec3d)
         table.base_rotation = self._array(base[:, :3, :3], wp.mat33d)
+        if inputs is None:
+            table.profile_end, table.profile = self._table.profile_end, self._table.profile
+            return table
         ends, coefficients = _merge_profiles(inputs)
         table.profile_end = self._array(ends)
         table.profile = self._array(coefficients)
@@ -172,11 +177,11 @@ class BackboneProblem(BoundaryProblem):
             call.work = wp.zeros(self.instance_count, dtype=wp.float64, device=self.device)
         return call
 
-    def _record(self, features: Features, call: Any) -> Any:
+    def _record(self, features: Features, call: Any, table: Any = None) -> Any:
         def make() -> Any:
             return kernels.make_kernel(features, self.integrator.tableau)
 
-        return record(make, self.instance_count, [self._table, call], self.device)
+        return record(make, self.instance_count, [table or self._table, call], self.device)
 
     # ---- the interface ----
 
@@ -298,16 +303,27 @@ class BackboneProblem(BoundaryProblem):
         return len(self.rods) > 1
 
     @property
-    def has_potential(self) -> bool:
-        """Whether the loads derive from one: a moment does not, dead or not, nor what follows the tip."""
-        f = self.features
-        return not (f.tip_moment or f.distributed_moment or f.follower_force or f.follower_moment or f.measured)
+    def has_potential(self) -> NDArray[np.bool_]:
+        """Whether the loads derive from one, shape (instance_count,): a moment does not, dead or not, nor what follows the tip."""
+        inputs = self.read("inputs")
+        without = ("tip_moment", "distributed_moment", "follower_force", "follower_moment")
+        acting = np.column_stack([inputs[:, self.input_slice(name)] for name in without]).any(axis=1)
+        profiles = (
+            self._table.profile.numpy().reshape(-1, 6, DEGREE + 1) if self.features.profile_degree >= 0 else np.zeros((1, 6, 1))
+        )
+        acting |= bool(profiles[:, 3:].any()) & (inputs[:, -1] != 0)
+        return np.asarray(~acting & (not self.features.measured))
 
     def potential(self) -> FloatArray:  # noqa: D102
-        if not self.has_potential:
-            return super().potential()
         call = self._node_pass(2)
-        return np.asarray(call.energy.numpy() - call.work.numpy())
+        return np.where(self.has_potential, call.energy.numpy() - call.work.numpy(), np.nan)
+
+    def stored_and_lost(self) -> tuple[FloatArray, FloatArray]:
+        """Elastic energy, and the potential energy of what acts along a held rod but not at its tip [J], shape (instance_count,)."""
+        call = self._node_pass(2)
+        base = np.broadcast_to(self._table.base_position.numpy(), (self.instance_count, 3))
+        tip = (self.tip_wrench.numpy()[:, :3] * (call.position.numpy() - base)).sum(axis=1)
+        return np.asarray(call.energy.numpy()), np.asarray(tip - call.work.numpy())
 
     def starts(self, count: int, first: int = 0) -> FloatArray:  # noqa: D102
         n = len(self.rods)
@@ -360,41 +376,95 @@ class BackboneProblem(BoundaryProblem):
         kappa = np.linalg.norm(coefficients[..., :2], axis=-1).sum(axis=-1)
         return self._each(self.arrays.material[..., :2].max(axis=-1)), self._each(kappa)
 
-    def unstable_modes(self) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:  # noqa: D102
-        index, neutral = super().unstable_modes()
-        stiffness = self._each(self.arrays.material[..., :3].min(axis=(1, 2, 3)))
-        open_ = self.has_potential & np.isfinite(self.arrays.material[..., :3]).all() & np.ones(self.instance_count, dtype=bool)
-        node_count = FEWEST_NODES
-        while open_.any() and node_count <= MOST_NODES:
-            call = self._node_pass(node_count, open_, columns=True)
-            modes, length, needed = self._modes(call, stiffness)
-            done = open_ & (needed < node_count)
-            # where the softest mode is neutral, the sign by which it was counted means nothing
-            soft = np.abs(modes.tip_stiffness) <= NEUTRAL * stiffness / length + modes.uncertainty
-            counted = (modes.tip_stiffness < 0) & soft & (modes.index > 0)
-            index[done] = (modes.index - counted)[done]
-            neutral[done] = soft[done] & (modes.index[done] >= 0)
-            open_ &= ~done
-            node_count = 2 * node_count - 1
-        return index, neutral
+    def modes(self) -> Modes:  # noqa: D102
+        form, determinant = self.condensed_form()
+        modes = form.modes(self._stiffness_over_length())
+        potential = self.has_potential
+        modes.known[~potential] = False
+        modes.values[~potential] = np.nan
+        # det Gamma is positive where nothing acts
+        modes.diverging[:] = ~potential & (determinant < 0) & (not self.features.measured)
+        return modes
 
-    def _modes(self, call: Any, stiffness: FloatArray) -> tuple[Modes, FloatArray, FloatArray]:
-        """Modes by the columns of a pass, the length, and how many segments it takes to be sure of them."""
-        inputs = self.read("inputs")
-        translation = inputs[:, self.input_slice("translation")]
-        ends = self.arrays.end[:, :, -1] + translation
-        moment, force, curvature = (
-            np.linalg.norm(getattr(call, f"node_{name}").numpy(), axis=2).max(axis=1) for name in ("moment", "force", "curvature")
-        )
+    def condensed_form(self) -> tuple[CondensedForm, FloatArray]:
+        """The second variation at ``unknowns``, condensed to the tip, and ``det Gamma`` (instance_count,).
+
+        One integration over as many nodes as the loads call for; where the moments found call for more, another one.
+        """
+        unit, n = self._stiffness_over_length(), len(self.rods)
+        size = n + 2 + (3 if self.held else 0)
+        count = self.instance_count
+        form = CondensedForm(np.full((count, size, size), np.nan), np.zeros(count, dtype=np.int32), np.zeros(count, dtype=bool))
+        determinant = np.full(count, np.nan)
+        if n > 1 and not np.isfinite(self.arrays.material[..., 2]).all():
+            return form, determinant  # a torque of each that nothing determines
+        # each instance has its own number of nodes, whatever stands beside it in the batch
+        nodes = _nodes(np.minimum(np.nan_to_num(self._segments_expected()), MOST_NODES_AT_FIRST - 2))
+        open_ = np.ones(count, dtype=bool)
+        while open_.any():
+            node_count = int(nodes[open_].min())
+            chosen = open_ & (nodes == node_count)
+            call = self._node_pass(node_count, chosen, columns=True)
+            needed = self._segments_of(call)
+            done = chosen & (needed < node_count)
+            if done.any():
+                found = condensed_form(self._node_columns(call, done), unit[done])
+                for mine, theirs in zip(vars(form).values(), vars(found).values(), strict=True):
+                    mine[done] = theirs
+                determinant[done] = np.linalg.det(np.nan_to_num(call.gamma.numpy()[done]))
+            more = chosen & ~done & (needed < MOST_NODES - 1)
+            nodes[more] = _nodes(needed[more])
+            open_ &= ~chosen | more
+        return form, determinant
+
+    def _node_columns(self, call: Any, chosen: NDArray[np.bool_]) -> NodeColumns:
+        """What a pass over nodes says of variations of the instances ``chosen``."""
+        rows = len(self.rods) + 2
+        ends = self._ends()[chosen]
+        arclength, configuration = call.column_arclength.numpy()[chosen], call.node_columns.numpy()[chosen, :, :rows]
+        momenta = call.tip_columns.numpy()[chosen, :rows]
+        if not self.held:
+            # base forces that follow a load are no variations that keep the forces
+            return NodeColumns(arclength, configuration[..., :rows], momenta[..., :rows], ends)
+        by_unknowns = self.wrench_columns.numpy()[chosen, :, : self.unknown_count]
+        momenta = np.concatenate([by_unknowns[:, 3:], momenta[:, 3:]], axis=1)
+        return NodeColumns(arclength, configuration, momenta, ends, by_unknowns[:, :3], call.pose_columns.numpy()[chosen, :3])
+
+    def _ends(self) -> FloatArray:
+        """Arclength at which each rod ends [m], shape (instance_count, n)."""
+        return np.asarray(self.arrays.end[:, :, -1] + self.read("inputs")[:, self.input_slice("translation")])
+
+    def _stiffness_over_length(self) -> FloatArray:
+        """What stiffnesses of the tip are counted in [N m], shape (instance_count,): the least of the rods', over the length."""
+        return np.asarray(self._least_stiffness() / self._ends().max(axis=1))
+
+    def _least_stiffness(self) -> FloatArray:
+        return self._each(self.arrays.material[..., :3].min(axis=(1, 2, 3)))
+
+    def _segments_expected(self) -> FloatArray:
+        """(7) by what the moments cannot exceed."""
+        length, scale = self._ends().max(axis=1), self.load_scale()
+        if self.held:
+            x = np.abs(self.read("unknowns") - self.guess())
+            stiffest = self._each(self.arrays.material[..., :2].max(axis=(1, 2, 3))) / self._least_stiffness()
+            scale = scale + stiffest * length * (np.linalg.norm(x[:, :-3], axis=1) + np.linalg.norm(x[:, -3:], axis=1))
+        unit = self._least_stiffness() / length
+        return self._segments(scale * unit, scale * unit / length, scale / length)
+
+    def _segments_of(self, call: Any) -> FloatArray:
+        """(7) by the moments, forces and curvatures of a pass over nodes."""
+        largest = (np.linalg.norm(getattr(call, f"node_{name}").numpy(), axis=2) for name in ("moment", "force", "curvature"))
+        return self._segments(*(values.max(axis=1) for values in largest))
+
+    def _segments(self, moment: FloatArray, force: FloatArray, curvature: FloatArray) -> FloatArray:
+        """(7) from bounds [N m], [N], [1/m], shape (instance_count,)."""
         coupling, potential = moment, force
         if len(self.rods) > 1:
             EI, kappa = self._by_section()
             bend = EI * kappa
             coupling = moment + bend.max(axis=2).sum(axis=1)
             potential = force + (bend * (kappa + curvature[:, None, None])).max(axis=2).sum(axis=1)
-        columns = NodeColumns(call.column_arclength.numpy(), call.node_columns.numpy(), call.tip_columns.numpy(), ends)
-        length = ends.max(axis=1)
-        return modes_with_free_tip(columns), length, segments_needed(length, stiffness, coupling, potential)
+        return segments_needed(self._ends().max(axis=1), self._least_stiffness(), coupling, potential)
 
     def _each(self, values: FloatArray) -> FloatArray:
         """Values of the rods' batch, one an instance."""
@@ -414,7 +484,13 @@ class BackboneProblem(BoundaryProblem):
 
         Columns are those of the model with all its unknowns. ``unknowns`` are those of the solve by default.
         """
-        options = {"nodes": True, "pose": True, "sensitivities": columns, "pose_sensitivities": columns, "directions": 0}
+        options = {
+            "nodes": True,
+            "pose": True,
+            "sensitivities": columns,
+            "pose_sensitivities": columns and self.held,
+            "directions": 0,
+        }
         features = replace(self.features, **options | changes)
         call = self._make_call(node_count)
         if columns and not self.features.moment:
@@ -435,8 +511,20 @@ class BackboneProblem(BoundaryProblem):
             call.tip_columns = wp.zeros((count, m, m), dtype=wp.float64, device=self.device)
             call.gamma = wp.zeros((count, m, m), dtype=wp.float64, device=self.device)
             call.pose_columns = wp.zeros((count, 6, m), dtype=wp.float64, device=self.device)
-        self._record(features, call).launch()
+        self._record(features, call, self._twisting_table() if columns else None).launch()
         return call
+
+    def _twisting_table(self) -> Any:
+        """The rods, one that is rigid in torsion only ``RIGID`` times stiffer than in bending: columns need to twist it."""
+        material = self.arrays.material
+        rigid = np.isinf(material[..., 2])
+        if not rigid.any():
+            return self._table
+        material = np.array(material)
+        material[..., 5][rigid] = 1 / (RIGID * material[..., :2].max(axis=-1)[rigid])
+        table = self._make_table(None)
+        table.material = self._array(material)
+        return table
 
 
 BACKBONE_INPUTS = (
@@ -532,6 +620,11 @@ def _blocks(features: Features) -> list[Block]:
     if force < count:
         places.append(("base force", slice(force, count), None))
     return [Block(name, place, place, rod) for name, place, rod in places]
+
+
+def _nodes(segments: FloatArray) -> NDArray[np.int_]:
+    """Numbers of nodes for more than so many segments: one more than a power of two."""
+    return np.asarray(1 + 2 ** np.ceil(np.log2(np.maximum(segments + 1e-6, FEWEST_NODES - 1))).astype(int))
 
 
 def step_multiple(steps: int) -> int:

@@ -106,6 +106,11 @@ def beam_reach(legs: Legs, at: Attachments, position: FloatArray, rotation: Floa
     return reach, _unknowns(legs, beams, _joint_stiffness(legs, at))
 
 
+def beam_unknowns(legs: Legs, at: Attachments, position: FloatArray, rotation: FloatArray) -> list[FloatArray]:
+    """(11) For each leg, what to add to its unloaded unknowns so that it reaches a platform at a given pose."""
+    return _unknowns(legs, _Beams(legs, at, position, rotation), _joint_stiffness(legs, at))
+
+
 class _Beams:
     """(11) Deflection of all beams at one pose of the platform."""
 
@@ -127,7 +132,7 @@ class _Beams:
         self.by_tip[..., :3, :3] += t[..., :, None] * by_across[..., None, :]
         self.by_tip[..., :3, 3:] += t[..., :, None] * by_turn[..., None, :]
         self.tip_by_platform = np.broadcast_to(np.eye(6), self.by_tip.shape).copy()
-        self.tip_by_platform[..., :3, 3:] = -_cross_matrix(arm)
+        self.tip_by_platform[..., :3, 3:] = -cross_matrix(arm)
 
 
 def _joint_stiffness(legs: Legs, at: Attachments) -> FloatArray:
@@ -157,7 +162,7 @@ def _unknowns(legs: Legs, beams: _Beams, stiffness: FloatArray) -> list[FloatArr
     return [np.einsum("bij,bj->bi", by_wrench, wrench[:, k]) for k, by_wrench in enumerate(legs.unknowns_by_wrench)]
 
 
-def _cross_matrix(a: FloatArray) -> FloatArray:
+def cross_matrix(a: FloatArray) -> FloatArray:
     """``[a]x``, shape (..., 3, 3)."""
     return np.asarray(np.cross(np.eye(3), a[..., None, :]))
 

@@ -21,6 +21,7 @@ if find_spec("multirod.models") is None:
     )
 
 from multirod.assembly import Assembly
+from multirod.critical_loads import CriticalLoad, critical_loads
 from multirod.equilibria import equilibria
 from multirod.inputs import Inputs, InputSpec
 from multirod.models.concentric_tubes import ConcentricTubes
@@ -52,6 +53,7 @@ __all__ = [
     "Block",
     "BoundaryProblem",
     "ConcentricTubes",
+    "CriticalLoad",
     "FixedStepIntegrator",
     "History",
     "InputSpec",
@@ -77,6 +79,7 @@ __all__ = [
     "Tableau",
     "Track",
     "Tracker",
+    "critical_loads",
     "equilibria",
     "registered_solvers",
     "simulate",

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from multirod.batch import IntArray, Interrupted
 from multirod.inputs import Inputs
+from multirod.stability import Modes
 from multirod.validation import Described, FloatArray, refuse
 
 BUFFERS = (
@@ -263,6 +264,16 @@ class BoundaryProblem(ABC):
         """Whether there are several equilibria even unloaded, so that where the natural branch ends, another stable one is meant."""
         return False
 
+    @property
+    def guess_is_stable(self) -> bool:
+        """Whether ``guess`` is a stable equilibrium of the unloaded assembly; where not, what it leads to is tested."""
+        return True
+
+    @property
+    def signs_add_up(self) -> bool:
+        """Whether the signs of ``det Gamma`` over all equilibria add up to that of the unloaded one (``docs/stability.md``)."""
+        return True
+
     def starts(self, count: int, first: int = 0) -> FloatArray:
         """Guesses that cover where equilibria may lie [1/m], shape (count, instance_count, n); none by default.
 
@@ -270,12 +281,9 @@ class BoundaryProblem(ABC):
         """
         return np.zeros((0, self.instance_count, self.unknown_count))
 
-    def unstable_modes(self) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
-        """How many modes of the equilibria at ``unknowns`` are unstable, and whether a further one is neutral: a fold.
-
-        Both of shape (instance_count,). The number is -1 where it cannot be said, as everywhere by default.
-        """
-        return np.full(self.instance_count, -1, dtype=np.int32), np.zeros(self.instance_count, dtype=bool)
+    def modes(self) -> Modes:
+        """The second variation of the energy of the equilibria at ``unknowns``; unknown by default."""
+        return Modes.unknown(self.instance_count)
 
     def potential(self) -> FloatArray:
         """Total potential energy at ``unknowns`` [J], shape (instance_count,): elastic energy less the work of dead forces.

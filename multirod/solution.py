@@ -15,7 +15,7 @@ from multirod.inputs import Inputs
 from multirod.models.integrators import Integrator
 from multirod.problem import BoundaryProblem, Shape
 from multirod.solver import Outcome
-from multirod.stability import Stability, classify
+from multirod.stability import Modes, Stability
 from multirod.status import Status, failures
 from multirod.validation import FloatArray, positive_int, refuse
 
@@ -245,20 +245,32 @@ class Solution:
         return self._masked(self._gather(lambda problem: (problem.potential(),))[0], ())
 
     @cached_property
-    def _modes(self) -> tuple[Any, Any]:
-        index, neutral = self._gather(lambda problem: problem.unstable_modes())
-        return np.where(self._failed, -1, index), neutral
+    def _modes(self) -> Modes:
+        modes = Modes(*self._gather(lambda problem: tuple(vars(problem.modes()).values())))
+        modes.known[self._failed] = False
+        modes.diverging[self._failed] = False
+        return modes
 
     @cached_property
     def index(self) -> Any:
         """Unstable modes of each equilibrium (its Morse index), shape (...); -1 where it cannot be said."""
-        return self._shaped(self._modes[0]) if self.batch_shape else int(self._modes[0][0])
+        return self._shaped(self._modes.index) if self.batch_shape else int(self._modes.index[0])
 
     @cached_property
     def stability(self) -> Any:
         """``Stability`` of each equilibrium, shape (...); a ``Stability`` where there are no leading axes."""
-        values = classify(*self._modes)
+        values = self._modes.stability
         return self._shaped(values) if self.batch_shape else Stability(int(values[0]))
+
+    @cached_property
+    def stability_margin(self) -> FloatArray:
+        """Least eigenvalue of the second variation, condensed to tips and platform, over ``K/L``, shape (...).
+
+        Positive where the equilibrium is stable, zero at a fold or bifurcation, negative beyond, ``-inf`` where an unstable mode
+        leaves the tip at rest. It is 1 for an unloaded straight rod of equal section. ``K`` is the least stiffness of a backbone's rods, for several legs their mean bending
+        stiffness, ``L`` the length, or the mean of the legs'. NaN where it cannot be said.
+        """
+        return np.asarray(self._shaped(self._modes.eigenvalue(0)))
 
     @property
     def _default_node_count(self) -> int:

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.newton import Newton
-from multirod.status import Status
+from multirod.stability import Stability
+from multirod.status import Status, failures
 from multirod.validation import FloatArray
 
 STARTS = 2048
@@ -28,10 +29,10 @@ class Catalogue:
 
     The signs of ``det Gamma`` over all equilibria add up to that of the unloaded one (``degree``), whatever the loads: none can
     appear or vanish but in pairs of opposite sign. So a sum that differs says that some are missing; one that agrees does not
-    say that none are.
+    say that none are. Where that is not so, as for closed loops, ``degree`` is None.
     """
 
-    def __init__(self, degree: float) -> None:
+    def __init__(self, degree: float | None) -> None:
         self.degree = degree
         self.unknowns: list[FloatArray] = []
         self.signs: list[float] = []
@@ -41,7 +42,7 @@ class Catalogue:
     @property
     def settled(self) -> bool:
         """Whether whole rounds of starts brought nothing new, and no equilibrium is known to be missing."""
-        return self._silent >= SILENT_ROUNDS and sum(self.signs) == self.degree
+        return self._silent >= SILENT_ROUNDS and self.degree in (None, sum(self.signs))
 
     def add(self, unknowns: FloatArray, gamma: FloatArray) -> None:
         """Take in an equilibrium unless it is there already."""
@@ -86,6 +87,15 @@ def limits(starts: FloatArray) -> FloatArray:
     size = np.abs(starts).max(axis=0)
     largest = size.max(axis=1, keepdims=True)
     return np.where(largest > 0, WANDERING * size + largest, np.inf)
+
+
+def refuse_unstable(problem: BoundaryProblem, outcome: Outcome) -> None:
+    """Say so where a search that did not begin at a stable equilibrium led to an unstable one."""
+    found = ~failures(outcome.status)
+    if problem.guess_is_stable or not found.any():
+        return
+    outcome.status[found & (problem.modes().stability == Stability.UNSTABLE)] = Status.UNSTABLE
+    outcome.integrations += found
 
 
 def lowest_stable(problem: BoundaryProblem, newton: Newton, outcome: Outcome, lost: NDArray[np.bool_]) -> None:
@@ -148,9 +158,9 @@ def _lowest(problem: BoundaryProblem, catalogues: Sequence[Catalogue], unknowns:
         for i in np.flatnonzero(having):
             trial[i] = catalogues[int(i)].unknowns[k]
         problem.write("unknowns", trial)
-        index, neutral = problem.unstable_modes()
+        stability = problem.modes().stability
         potential = problem.potential()
         # of mirror images, whose energies differ by rounding, the first
-        better = having & (index == 0) & ~neutral & (potential < least - 1e-9 * np.abs(potential))
+        better = having & (stability == Stability.STABLE) & (potential < least - 1e-9 * np.abs(potential))
         best[better], least[better] = trial[better], potential[better]
     return best, np.isfinite(least)

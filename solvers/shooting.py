@@ -9,7 +9,7 @@ from multirod.models.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome, Solver, Track
 from multirod.solvers.continuation import Paths, natural_branch
-from multirod.solvers.multistart import lowest_stable
+from multirod.solvers.multistart import lowest_stable, refuse_unstable
 from multirod.solvers.newton import Newton
 from multirod.status import Status, failures
 from multirod.validation import FloatArray, boolean, choice, positive_float, positive_int
@@ -71,6 +71,7 @@ class Shooting(Solver):
         """Without a guess: the end of the natural branch, or where it ends early and others are meant, the lowest stable one."""
         outcome = natural_branch(problem, newton, self.max_continuation_steps, chosen)
         lowest_stable(problem, newton, outcome, failures(outcome.status))
+        refuse_unstable(problem, outcome)
         return outcome
 
     def track(self, problem: BoundaryProblem, dt: float) -> Track:
