@@ -216,6 +216,10 @@ class BackboneProblem(BoundaryProblem):
     def _integrate(self) -> None:
         self.launch.launch()
 
+    def focus(self, instances: IntArray | None = None) -> None:  # noqa: D102
+        super().focus(instances)
+        self.launch.set_dim(self.listed)
+
     @contextmanager
     def without_poses(self) -> Iterator[None]:
         """As said, for many single rods at fixed steps, whose kernels round alike with and without the pose.

@@ -42,6 +42,7 @@ class Robots:
     direction_count: int
     inverse: int  # whether the pose is given and the legs' translations are unknown
     # unknowns, inputs, results
+    order: wp.array[int]  # instances that a launch passes over
     active: wp.array[int]
     load_factor: wp.array[wp.float64]
     unknowns: wp.array2d[wp.float64]
@@ -91,6 +92,7 @@ class Legs:
     first_rod: wp.array[int]  # (place,): among the robot's rods
     first_unknown: wp.array[int]  # (place,): of the robot
     to_base: wp.array[wp.mat33d]  # world to the frame of the base
+    order: wp.array[int]
     active: wp.array[int]
     load_factor: wp.array[wp.float64]
     unknowns: wp.array2d[wp.float64]
@@ -141,7 +143,7 @@ def stiffness_of(robots: Robots, b: int, leg: int) -> f64:
 @wp.kernel(module="unique", enable_backward=False)
 def spread(robots: Robots, legs: Legs):
     """Unknowns, inputs and directions of the robots to their legs."""
-    t = wp.tid()
+    t = legs.order[wp.tid()]
     b = t // legs.count
     place = t % legs.count
     legs.active[t] = robots.active[b]
@@ -306,7 +308,7 @@ def write_rows(values: wp.array3d[wp.float64], b: int, row: int, k: int, a: wp.v
 @wp.kernel(module="unique", enable_backward=False)
 def attach(robots: Robots, legs: Legs):
     """(4) to (7): residual of each leg's joint, its columns, and what the leg does to the platform."""
-    t = wp.tid()
+    t = legs.order[wp.tid()]
     b = t // legs.count
     if robots.active[b] == 0:
         return
@@ -395,7 +397,7 @@ def attach(robots: Robots, legs: Legs):
 @wp.kernel(module="unique", enable_backward=False)
 def balance(robots: Robots):
     """(8): equilibrium of each platform, with its columns; and its pose."""
-    b = wp.tid()
+    b = robots.order[wp.tid()]
     if robots.active[b] == 0:
         return
     zero = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))

@@ -277,6 +277,17 @@ class ParallelProblem(BoundaryProblem):
 
     # ---- the interface ----
 
+    def focus(self, instances: IntArray | None = None) -> None:  # noqa: D102
+        super().focus(instances)
+        launches = iter(self._launches)
+        for group in self.groups:
+            count = len(group.members)
+            rows = None if instances is None else (np.asarray(instances)[:, None] * count + np.arange(count)).reshape(-1)
+            group.backbones.focus(rows)
+            for _ in range(3):
+                next(launches).set_dim(group.backbones.listed)
+        next(launches).set_dim(self.listed)
+
     def _integrate(self) -> None:
         for launch in self._launches:
             launch.launch()

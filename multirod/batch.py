@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from itertools import pairwise
 from math import prod
 from threading import Event
 from typing import Any
@@ -33,8 +34,8 @@ def take(values: Any, batch_shape: tuple[int, ...], instances: IntArray | None, 
     return rows[np.unravel_index(instances, batch_shape)]
 
 
-LONGEST_PART = 2048  # instances: enough for each launch to take long against what Python adds, few enough to share out
-SHORTEST_PART = 512
+LONGEST_PART = 8192  # instances: enough for each launch to take long against what Python adds, few enough to share out
+SHORTEST_PART = 256
 
 
 class Interrupted(RuntimeError):
@@ -52,10 +53,18 @@ def thread_count(threads: Any) -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def parts(count: int, threads: int, longest: int = LONGEST_PART) -> list[slice]:
-    """How ``count`` instances are shared out: at least four parts a thread if that leaves parts worth a launch."""
-    length = min(longest, max(SHORTEST_PART, -(-count // (4 * threads))))
-    return [slice(start, min(start + length, count)) for start in range(0, count, length)]
+def parts(count: int, threads: int, rods: int = 1) -> list[slice]:
+    """How ``count`` instances are shared out: as many parts for each thread, two at least, if that leaves parts worth a launch.
+
+    The more ``rods`` an instance has, the shorter they are.
+    """
+    longest, shortest = max(1, LONGEST_PART // rods), max(1, SHORTEST_PART // rods)
+    number = max(2, -(-count // (threads * longest)))
+    number = threads * max(1, min(number, count // (threads * shortest)))
+    if number * shortest > count:
+        number = max(1, count // shortest)
+    ends = [count * k // number for k in range(number + 1)]
+    return [slice(start, end) for start, end in pairwise(ends)]
 
 
 def run(work: Callable[[slice, Event], None], pieces: Sequence[slice], threads: int) -> None:

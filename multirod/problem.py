@@ -18,6 +18,7 @@ from multirod.stability import Modes
 from multirod.validation import Described, FloatArray, refuse
 
 BUFFERS = (
+    "order",
     "active",
     "load_factor",
     "unknowns",
@@ -90,6 +91,8 @@ class BoundaryProblem(ABC):
         arrow: Where ``Gamma`` is an arrow, blocks on the diagonal that meet only in a border of last rows and columns: the first
             index of each, of the border, and ``n``; else empty.
         unknowns: Where to evaluate [1/m], shape (instance_count, n).
+        order: Instances that launches pass over: the first ``listed`` entries, which ``focus`` sets, shape (instance_count,).
+        listed: How many.
         active: Instances that are evaluated (1) or left as they are (0), shape (instance_count,).
         load_factor: What multiplies all loads of an instance, and the part of the way from ``guess`` to the robot as it is,
             shape (instance_count,).
@@ -145,6 +148,8 @@ class BoundaryProblem(ABC):
         self.gamma = self._field("gamma", (n, n))
         self.position = self._field("position", (), wp.vec3d)
         self.rotation = self._field("rotation", (), wp.mat33d)
+        self.order: Any = wp.array(np.arange(count, dtype=np.int32), dtype=wp.int32, device=device)
+        self.listed = count
         self.active: Any = wp.ones(count, dtype=wp.int32, device=device)
         self.fault: Any = wp.zeros(count, dtype=wp.int32, device=device)
         self.step_count: Any = wp.zeros(count, dtype=wp.int32, device=device)
@@ -211,6 +216,14 @@ class BoundaryProblem(ABC):
     def without_poses(self) -> Iterator[None]:
         """Within it, integrations may leave the end effector's pose out, where that saves time; it is found in the end."""
         yield
+
+    def focus(self, instances: IntArray | None = None) -> None:
+        """Let launches pass over these instances alone, (k,), to which all that are active belong; over all by default."""
+        chosen = np.arange(self.instance_count) if instances is None else instances
+        listed = np.arange(self.instance_count, dtype=np.int32)
+        listed[: len(chosen)] = chosen
+        self.order.assign(listed)
+        self.listed = len(chosen)
 
     def part(self, instances: IntArray) -> "BoundaryProblem":
         """A problem of some of the instances, (k,), at their present inputs and unknowns.

@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from multirod.assembly import Assembly
-from multirod.batch import LONGEST_PART, IntArray, parts, run, thread_count
+from multirod.batch import IntArray, parts, run, thread_count
 from multirod.inputs import Inputs
 from multirod.problem import BoundaryProblem
 from multirod.progress import Watch
@@ -81,7 +81,7 @@ def solve(
     batch_shape = whole if chosen is None else chosen.shape
     count = prod(batch_shape)
     workers = thread_count(threads)
-    pieces = _pieces(count, workers, device)
+    pieces = _pieces(robot, count, workers, device)
     results, lock = _Results(1, count), Lock()
 
     def work(piece: slice, stop: Event) -> None:
@@ -140,7 +140,7 @@ def simulate(
     first = inputs[0] if inputs.batch_shape else inputs
     count = prod(batch_shape)
     workers = thread_count(threads)
-    pieces = _pieces(count, workers, device)
+    pieces = _pieces(robot, count, workers, device)
     results, lock = _Results(samples, count), Lock()
     step_time = np.zeros((len(pieces), samples))
 
@@ -232,9 +232,9 @@ class _Results:
         return Outcome(**{name: value.reshape(-1, *value.shape[2:]) for name, value in self._outcome.items()})
 
 
-def _pieces(count: int, threads: int, device: str) -> list[slice]:
-    """Parts of a batch; on a GPU, which runs everything at once, longer ones."""
-    return parts(count, threads) if wp.get_device(device).is_cpu else parts(count, 1, longest=64 * LONGEST_PART)
+def _pieces(robot: Assembly, count: int, threads: int, device: str) -> list[slice]:
+    """Parts of a batch; on a GPU, which runs everything at once, all of it."""
+    return parts(count, threads, robot.rod_count) if wp.get_device(device).is_cpu else [slice(0, count)]
 
 
 def _some(chosen: IntArray | None, piece: slice, count: int) -> IntArray | None:

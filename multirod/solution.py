@@ -375,7 +375,7 @@ class Solution:
 
     def _gather(self, compute: Callable[[BoundaryProblem], tuple[Any, ...]], **options: Any) -> list[Any]:
         """Arrays that ``compute`` makes of problems, joined: of a large batch in parts, on the threads that solved it."""
-        pieces = parts(len(self._records), self._scene.threads)
+        pieces = parts(len(self._records), self._scene.threads, self.assembly.rod_count)
         found: dict[int, tuple[Any, ...]] = {}
         lock = Lock()
 

@@ -11,7 +11,7 @@ from multirod.launch import record
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.continuation_kernels import PathState, make_path, set_out
-from multirod.solvers.newton import Newton
+from multirod.solvers.newton import Newton, leave
 from multirod.status import Status
 from multirod.validation import FloatArray
 
@@ -107,8 +107,10 @@ class Paths:
             else:
                 state.remaining.zero_()
             problem.integrate()
+            launch.set_dim(problem.listed)
             launch.launch()
             remaining = int(self._remaining[0] if self._remaining is not None else state.remaining.numpy()[0])
+            leave(problem, remaining)
         counts = {name: np.array(getattr(state, name).numpy()) for name in ("status", "iterations", "integrations")}
         return Outcome(**counts, reached=np.array(state.levels.numpy()[:, 0]))
 

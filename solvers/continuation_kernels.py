@@ -184,7 +184,7 @@ def make_path(n: int, block: int = 0, border: int = 0):
 
     @wp.kernel(module="unique", enable_backward=False)
     def path(state: PathState):
-        t = wp.tid()
+        t = state.newton.order[wp.tid()]
         if state.newton.active[t] == 0:
             return
         state.integrations[t] = state.integrations[t] + 1

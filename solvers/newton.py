@@ -18,6 +18,18 @@ from multirod.validation import FloatArray
 _CONVERGED = int(Status.CONVERGED)
 
 
+FEWER = 0.7  # of the instances that launches pass over, below which those that have ended leave
+
+
+def leave(problem: BoundaryProblem, remaining: int) -> None:
+    """Have launches pass over the active instances alone, of which ``remaining`` are left, where that saves time; over all at the end."""
+    if not remaining:
+        if problem.listed < problem.instance_count:
+            problem.focus()
+    elif remaining < FEWER * problem.listed:
+        problem.focus(np.flatnonzero(problem.active.numpy()))
+
+
 class Newton:
     """Newton's iteration on the buffers of one problem; launches are recorded once."""
 
@@ -26,7 +38,7 @@ class Newton:
         n, count, device = problem.unknown_count, problem.instance_count, problem.device
         state: Any = NewtonState()
         self.state = state
-        problem.share(state, ("active", "fault", "unknowns", "residual", "gamma"))
+        problem.share(state, ("order", "active", "fault", "unknowns", "residual", "gamma"))
         for name in ("status", "iterations", "integrations", "has_reference"):
             setattr(state, name, wp.zeros(count, dtype=wp.int32, device=device))
         for name in ("merit", "damping", "contraction", "change"):
@@ -36,6 +48,7 @@ class Newton:
         state.direction = wp.zeros((count, n, 1), dtype=wp.float64, device=device)
         state.reference = wp.zeros((count, n, n), dtype=wp.float64, device=device)
         self.shape = self._shape()
+        self._dim = count
         state.remaining = wp.zeros(1, dtype=wp.int32, device=device)
         state.tolerance = tolerance
         state.max_iterations = max_iterations
@@ -126,6 +139,7 @@ class Newton:
 
     def start(self, chosen: Any = None) -> None:
         """Begin with the chosen instances (bool, (instance_count,); all by default) at ``problem.unknowns``."""
+        leave(self.problem, 0)
         self._reset.launch()
         if chosen is not None:
             self.state.active.assign(np.asarray(chosen, dtype=np.int32))
@@ -137,8 +151,13 @@ class Newton:
         else:
             self.state.remaining.zero_()
         self.problem.integrate()
+        if self._dim != self.problem.listed:
+            self._dim = self.problem.listed
+            self._launch.set_dim(self._dim)
         self._launch.launch()
-        return int(self._remaining[0] if self._remaining is not None else self.state.remaining.numpy()[0])
+        remaining = int(self._remaining[0] if self._remaining is not None else self.state.remaining.numpy()[0])
+        leave(self.problem, remaining)
+        return remaining
 
     def outcome(self) -> Outcome:
         """Copies of the counts and statuses."""

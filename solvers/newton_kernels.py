@@ -17,6 +17,7 @@ class NewtonState:
     """State of Newton's iteration; the first axis is the instance."""
 
     # of the problem
+    order: wp.array[int]
     active: wp.array[int]
     fault: wp.array[int]
     unknowns: wp.array2d[wp.float64]
@@ -253,7 +254,7 @@ def make_newton(n: int, block: int = 0, border: int = 0):
 
     @wp.kernel(module="unique", enable_backward=False)
     def newton(state: NewtonState):
-        t = wp.tid()
+        t = state.order[wp.tid()]
         if state.active[t] == 0:
             return
         state.integrations[t] = state.integrations[t] + 1
