@@ -32,13 +32,13 @@ class SprungRod(mr.Assembly):
                 "SprungRod offers no derivatives by its inputs: use a solver without feed-forward or corrected output"
             )
         inner = self.clamped.problem(inputs, direction_count=1, enabled=enabled, **options)
-        return SprungProblem(inner, inputs, self.spring)
+        return SprungProblem(inner, self.spring)
 
 
 class SprungProblem(mr.BoundaryProblem):
     """Unknowns and residual are the rod's own."""
 
-    def __init__(self, inner: mr.BoundaryProblem, inputs: mr.Inputs, spring: float) -> None:
+    def __init__(self, inner: mr.BoundaryProblem, spring: float) -> None:
         super().__init__(
             unknown_count=3,
             batch_shape=inner.batch_shape,
@@ -49,7 +49,7 @@ class SprungProblem(mr.BoundaryProblem):
         self.inner = inner
         rod = inner.rods[0]
         self.give = float(rod.sections[0].torsional_stiffness) / spring  # angle of the spring per twist at the base
-        self.write("inputs", self.pack(inputs))
+        self.write("inputs", inner.read("inputs"))
         turn = np.zeros(inner.directions.shape)
         turn[:, 0, inner.input_slice("rotation")] = 1.0
         inner.directions.assign(turn)
@@ -69,7 +69,7 @@ class SprungProblem(mr.BoundaryProblem):
     def load_scale(self) -> np.ndarray:
         return self.inner.load_scale()
 
-    def integrate(self) -> None:
+    def _integrate(self) -> None:
         unknowns, inputs = self.read("unknowns"), self.read("inputs")
         inputs[:, self.input_slice("rotation")] -= self.give * (unknowns[:, 2:] - self.inner.guess()[:, 2:])
         self.inner.write("unknowns", unknowns)

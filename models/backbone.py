@@ -1,6 +1,7 @@
 """One backbone: its inputs, and its boundary problem, the buffers and launches of its kernels."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import cached_property
 from typing import Any, ClassVar
@@ -10,27 +11,26 @@ import warp as wp
 from numpy.typing import NDArray
 
 from multirod.assembly import Assembly, pose
+from multirod.batch import IntArray, take
 from multirod.inputs import Inputs, InputSpec
+from multirod.launch import record
 from multirod.models import backbone_kernels as kernels
 from multirod.models.backbone_segments import BackboneSegments
 from multirod.models.features import Features
 from multirod.models.integrators import Integrator
-from multirod.models.second_variation import (
-    FEWEST_NODES,
-    MOST_NODES,
-    NEUTRAL,
-    Modes,
-    NodeColumns,
-    modes_with_free_tip,
-    segments_needed,
-)
+from multirod.models.second_variation import MOST_NODES, CondensedForm, NodeColumns, condensed_form, segments_needed
 from multirod.problem import Block, BoundaryProblem, Shape
 from multirod.profile import DEGREE, interpolate
 from multirod.rod import Rod, RodArrays, lower
-from multirod.segments import Segments
+from multirod.segments import Segments, taken
+from multirod.stability import Modes
 from multirod.validation import Described, FloatArray, refuse
 
 STEP_LIMIT = 100_000
+POSES_APART = 64  # instances from which leaving poses out saves more than two kernels cost
+FEWEST_NODES = 9
+MOST_NODES_AT_FIRST = 33
+RIGID = 1e6  # torsional over bending stiffness, of a rod rigid in torsion, where its modes are counted
 _PARTS = 64  # of the length, over which starts are bounded
 _CROWDING = 1.5  # most equilibria are far inside the bounds
 _FEATURE_INPUTS = {
@@ -70,15 +70,25 @@ class BackboneProblem(BoundaryProblem):
         held: bool = False,
         arrays: RodArrays | None = None,
     ) -> None:
-        rod_batch = np.broadcast_shapes(*(rod.batch_shape for rod in rods)) if arrays is None else arrays.batch_shape
-        batch_shape = np.broadcast_shapes(inputs.batch_shape, rod_batch, base.shape[:-2])
+        arrays = lower(rods) if arrays is None else arrays
+        batch_shape = np.broadcast_shapes(inputs.batch_shape, arrays.batch_shape, base.shape[:-2])
         self.rods = tuple(rods)
         self.base = base
         self.integrator = integrator
         self.enabled = frozenset(enabled)
+        self._inputs = inputs
+        self._options: dict[str, Any] = {
+            "integrator": integrator,
+            "device": device,
+            "transmission": transmission,
+            "pose": pose,
+            "pose_sensitivities": pose_sensitivities,
+            "direction_count": direction_count,
+            "held": held,
+        }
         self.transmission = transmission
         self.held = held
-        self.arrays = lower(rods, batch_shape if rod_batch else ()) if arrays is None else arrays
+        self.arrays = arrays.take(batch_shape)
         self.features = self._features(inputs, pose, pose_sensitivities, direction_count)
         n = self.features.unknown_count
         super().__init__(
@@ -96,12 +106,13 @@ class BackboneProblem(BoundaryProblem):
             self.wrench_columns: Any = wp.zeros((self.instance_count, 6, columns), dtype=wp.float64, device=device)
         self._table = self._make_table(inputs)
         self.write("inputs", self.pack(inputs))
-        self.launch = self._record(self.features, self._make_call(0))
+        self._call = self._make_call(0)
+        self.launch = self._record(self.features, self._call)
 
     # ---- what is compiled in ----
 
     def _features(self, inputs: Inputs, pose: bool, pose_sensitivities: bool, direction_count: int) -> Features:
-        active = {name for name in inputs.given if inputs.is_active(name)} | self.enabled
+        active = {*inputs.active, *self.enabled}
         needs = {feature: any(name in active for name in names) for feature, names in _FEATURE_INPUTS.items()}
         needs["force"] |= self.held or "distributed_force" in inputs.profiles
         return Features(
@@ -111,7 +122,7 @@ class BackboneProblem(BoundaryProblem):
             shear=self.arrays.shear,
             transmission=self.transmission,
             anisotropic=self.arrays.anisotropic and len(self.rods) > 1,
-            torsion=len(self.rods) > 1 and (self.held or bool(np.isfinite(self.arrays.material[..., 2]).any())),
+            torsion=len(self.rods) > 1 and (self.held or self.arrays.torsion),
             pose=pose,
             pose_sensitivities=pose_sensitivities,
             directions=direction_count,
@@ -124,7 +135,7 @@ class BackboneProblem(BoundaryProblem):
     def _array(self, value: Any, dtype: Any = wp.float64) -> Any:
         return wp.array(np.ascontiguousarray(value, dtype=np.float64), dtype=dtype, device=self.device)
 
-    def _make_table(self, inputs: Inputs) -> Any:
+    def _make_table(self, inputs: Inputs | None) -> Any:
         table: Any = kernels.RodTable()
         arrays: RodArrays = self.arrays
         table.stride = 1 if arrays.batch_shape else 0
@@ -137,6 +148,9 @@ class BackboneProblem(BoundaryProblem):
         table.base_stride = 1 if self.base.ndim > 2 else 0
         table.base_position = self._array(base[:, :3, 3], wp.vec3d)
         table.base_rotation = self._array(base[:, :3, :3], wp.mat33d)
+        if inputs is None:
+            table.profile_end, table.profile = self._table.profile_end, self._table.profile
+            return table
         ends, coefficients = _merge_profiles(inputs)
         table.profile_end = self._array(ends)
         table.profile = self._array(coefficients)
@@ -164,11 +178,25 @@ class BackboneProblem(BoundaryProblem):
             call.work = wp.zeros(self.instance_count, dtype=wp.float64, device=self.device)
         return call
 
-    def _record(self, features: Features, call: Any) -> Any:
-        kernel = kernels.make_kernel(features, self.integrator.tableau)
-        return wp.launch(kernel, dim=self.instance_count, inputs=[self._table, call], device=self.device, record_cmd=True)
+    def _record(self, features: Features, call: Any, table: Any = None) -> Any:
+        def make() -> Any:
+            return kernels.make_kernel(features, self.integrator.tableau)
+
+        return record(make, self.instance_count, [table or self._table, call], self.device)
 
     # ---- the interface ----
+
+    def part(self, instances: IntArray) -> "BackboneProblem":  # noqa: D102
+        shape = self.batch_shape
+        base = take(self.base, shape, instances, tail=2) if self.base.ndim > 2 else self.base
+        arrays = self.arrays.take(shape, instances)
+        inputs = self._inputs.take(shape, instances)
+        result = BackboneProblem(self.rods, base, inputs, enabled=tuple(self.enabled), arrays=arrays, **self._options)
+        result.stop = self.stop
+        for name in ("inputs", "unknowns"):
+            result.write(name, self.read(name)[instances])
+        result.breakpoints = taken(self.breakpoints, instances)
+        return result
 
     def takes(self, name: str) -> bool:  # noqa: D102
         needed = [feature for feature, names in _FEATURE_INPUTS.items() if name in names]
@@ -187,8 +215,33 @@ class BackboneProblem(BoundaryProblem):
         start = 2 * n + 3 * kernels.INPUT_VECTORS.index(name)
         return slice(start, start + 3)
 
-    def integrate(self) -> None:  # noqa: D102
+    def _integrate(self) -> None:
         self.launch.launch()
+
+    def focus(self, instances: IntArray | None = None) -> None:  # noqa: D102
+        super().focus(instances)
+        self.launch.set_dim(self.listed)
+
+    @contextmanager
+    def without_poses(self) -> Iterator[None]:
+        """As said, for many single rods at fixed steps, whose kernels round alike with and without the pose.
+
+        What finds the poses in the end carries no columns and costs half an integration, which is not counted.
+        """
+        f, alike = self.features, len(self.rods) == 1 and self.integrator.steps is not None
+        if not alike or not f.pose or f.pose_sensitivities or self.instance_count < POSES_APART:
+            yield
+            return
+        whole = self.launch
+        self.launch = self._record(replace(f, pose=False), self._call)
+        try:
+            yield
+        finally:
+            self.launch = whole
+        active = self.active.numpy().copy()
+        self.active.fill_(1)
+        self._record(replace(f, sensitivities=False, directions=0), self._call).launch()
+        self.active.assign(active)
 
     def guess(self) -> FloatArray:  # noqa: D102
         result = np.zeros((self.instance_count, self.unknown_count))
@@ -247,7 +300,7 @@ class BackboneProblem(BoundaryProblem):
         fields = ("arclength", "position", "rotation", "curvature", "moment", "force")
         calls = [self._node_pass(node_count, rod=rod) for rod in range(len(self.rods))]
         shapes = [Shape(**{name: getattr(call, f"node_{name}").numpy() for name in fields}) for call in calls]
-        energy = calls[0].energy.numpy()
+        energy = np.array(calls[0].energy.numpy())
         if self.breakpoints:
             others, stored, _ = self._cut.shapes(self.breakpoints, node_count)
             for k in self.breakpoints:
@@ -271,21 +324,32 @@ class BackboneProblem(BoundaryProblem):
         return len(self.rods) > 1
 
     @property
-    def has_potential(self) -> bool:
-        """Whether the loads derive from one: a moment does not, dead or not, nor what follows the tip."""
-        f = self.features
-        return not (f.tip_moment or f.distributed_moment or f.follower_force or f.follower_moment or f.measured)
+    def has_potential(self) -> NDArray[np.bool_]:
+        """Whether the loads derive from one, shape (instance_count,): a moment does not, dead or not, nor what follows the tip."""
+        inputs = self.read("inputs")
+        without = ("tip_moment", "distributed_moment", "follower_force", "follower_moment")
+        acting = np.column_stack([inputs[:, self.input_slice(name)] for name in without]).any(axis=1)
+        profiles = (
+            self._table.profile.numpy().reshape(-1, 6, DEGREE + 1) if self.features.profile_degree >= 0 else np.zeros((1, 6, 1))
+        )
+        acting |= bool(profiles[:, 3:].any()) & (inputs[:, -1] != 0)
+        return np.asarray(~acting & (not self.features.measured))
 
     def potential(self) -> FloatArray:  # noqa: D102
-        if not self.has_potential:
-            return super().potential()
         call = self._node_pass(2)
-        result = np.array(call.energy.numpy() - call.work.numpy())
+        stored, work = np.array(call.energy.numpy()), np.array(call.work.numpy())
         if self.breakpoints:
-            _, energy, work = self._cut.shapes(self.breakpoints, 2)
+            _, energy, done = self._cut.shapes(self.breakpoints, 2)
             for k in self.breakpoints:
-                result[k] = energy[k] - work[k]
-        return result
+                stored[k], work[k] = energy[k], done[k]
+        return np.where(self.has_potential, stored - work, np.nan)
+
+    def stored_and_lost(self) -> tuple[FloatArray, FloatArray]:
+        """Elastic energy, and the potential energy of what acts along a held rod but not at its tip [J], shape (instance_count,)."""
+        call = self._node_pass(2)
+        base = np.broadcast_to(self._table.base_position.numpy(), (self.instance_count, 3))
+        tip = (self.tip_wrench.numpy()[:, :3] * (call.position.numpy() - base)).sum(axis=1)
+        return np.asarray(call.energy.numpy()), np.asarray(tip - call.work.numpy())
 
     def starts(self, count: int, first: int = 0) -> FloatArray:  # noqa: D102
         n = len(self.rods)
@@ -338,45 +402,98 @@ class BackboneProblem(BoundaryProblem):
         kappa = np.linalg.norm(coefficients[..., :2], axis=-1).sum(axis=-1)
         return self._each(self.arrays.material[..., :2].max(axis=-1)), self._each(kappa)
 
-    def unstable_modes(self) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:  # noqa: D102
-        index, neutral = super().unstable_modes()
-        stiffness = self._each(self.arrays.material[..., :3].min(axis=(1, 2, 3)))
-        open_ = self.has_potential & np.isfinite(self.arrays.material[..., :3]).all() & np.ones(self.instance_count, dtype=bool)
-        open_[list(self.breakpoints)] = False
-        node_count = FEWEST_NODES
-        while open_.any() and node_count <= MOST_NODES:
-            call = self._node_pass(node_count, open_, columns=True)
-            modes, length, needed = self._modes(call, stiffness)
-            done = open_ & (needed < node_count)
-            # where the softest mode is neutral, the sign by which it was counted means nothing
-            soft = np.abs(modes.tip_stiffness) <= NEUTRAL * stiffness / length + modes.uncertainty
-            counted = (modes.tip_stiffness < 0) & soft & (modes.index > 0)
-            index[done] = (modes.index - counted)[done]
-            neutral[done] = soft[done] & (modes.index[done] >= 0)
-            open_ &= ~done
-            node_count = 2 * node_count - 1
-        if self.breakpoints:
-            for k, found in self._cut.unstable_modes(self.breakpoints).items():
-                index[k], neutral[k] = found
-        return index, neutral
+    def modes(self) -> Modes:  # noqa: D102
+        form, determinant = self.condensed_form()
+        modes = form.modes(self._stiffness_over_length())
+        potential = self.has_potential
+        modes.known[~potential] = False
+        modes.values[~potential] = np.nan
+        # det Gamma is positive where nothing acts
+        modes.diverging[:] = ~potential & (determinant < 0) & (not self.features.measured)
+        return modes
 
-    def _modes(self, call: Any, stiffness: FloatArray) -> tuple[Modes, FloatArray, FloatArray]:
-        """Modes by the columns of a pass, the length, and how many segments it takes to be sure of them."""
-        inputs = self.read("inputs")
-        translation = inputs[:, self.input_slice("translation")]
-        ends = self.arrays.end[:, :, -1] + translation
-        moment, force, curvature = (
-            np.linalg.norm(getattr(call, f"node_{name}").numpy(), axis=2).max(axis=1) for name in ("moment", "force", "curvature")
-        )
+    def condensed_form(self) -> tuple[CondensedForm, FloatArray]:
+        """The second variation at ``unknowns``, condensed to the tip, and ``det Gamma`` (instance_count,), NaN of breakpoints.
+
+        One integration over as many nodes as the loads call for; where the moments found call for more, another one.
+        """
+        unit, n = self._stiffness_over_length(), len(self.rods)
+        size = n + 2 + (3 if self.held else 0)
+        count = self.instance_count
+        form = CondensedForm(np.full((count, size, size), np.nan), np.zeros(count, dtype=np.int32), np.zeros(count, dtype=bool))
+        determinant = np.full(count, np.nan)
+        if n > 1 and not np.isfinite(self.arrays.material[..., 2]).all():
+            return form, determinant  # a torque of each that nothing determines
+        # each instance has its own number of nodes, whatever stands beside it in the batch
+        nodes = _nodes(np.minimum(np.nan_to_num(self._segments_expected()), MOST_NODES_AT_FIRST - 2))
+        open_ = np.ones(count, dtype=bool)
+        if self.breakpoints:
+            cut = list(self.breakpoints)
+            form.put(cut, self._cut.condensed_form(self.breakpoints))
+            open_[cut] = False
+        while open_.any():
+            node_count = int(nodes[open_].min())
+            chosen = open_ & (nodes == node_count)
+            call = self._node_pass(node_count, chosen, columns=True)
+            needed = self._segments_of(call)
+            done = chosen & (needed < node_count)
+            if done.any():
+                found = condensed_form(self._node_columns(call, done), unit[done])
+                form.put(done, found)
+                determinant[done] = np.linalg.det(np.nan_to_num(call.gamma.numpy()[done]))
+            more = chosen & ~done & (needed < MOST_NODES - 1)
+            nodes[more] = _nodes(needed[more])
+            open_ &= ~chosen | more
+        return form, determinant
+
+    def _node_columns(self, call: Any, chosen: NDArray[np.bool_]) -> NodeColumns:
+        """What a pass over nodes says of variations of the instances ``chosen``."""
+        rows = len(self.rods) + 2
+        ends = self._ends()[chosen]
+        arclength, configuration = call.column_arclength.numpy()[chosen], call.node_columns.numpy()[chosen, :, :rows]
+        momenta = call.tip_columns.numpy()[chosen, :rows]
+        if not self.held:
+            # base forces that follow a load are no variations that keep the forces
+            return NodeColumns(arclength, configuration[..., :rows], momenta[..., :rows], ends)
+        by_unknowns = self.wrench_columns.numpy()[chosen, :, : self.unknown_count]
+        momenta = np.concatenate([by_unknowns[:, 3:], momenta[:, 3:]], axis=1)
+        return NodeColumns(arclength, configuration, momenta, ends, by_unknowns[:, :3], call.pose_columns.numpy()[chosen, :3])
+
+    def _ends(self) -> FloatArray:
+        """Arclength at which each rod ends [m], shape (instance_count, n)."""
+        return np.asarray(self.arrays.end[:, :, -1] + self.read("inputs")[:, self.input_slice("translation")])
+
+    def _stiffness_over_length(self) -> FloatArray:
+        """What stiffnesses of the tip are counted in [N m], shape (instance_count,): the least of the rods', over the length."""
+        return np.asarray(self._least_stiffness() / self._ends().max(axis=1))
+
+    def _least_stiffness(self) -> FloatArray:
+        return self._each(self.arrays.material[..., :3].min(axis=(1, 2, 3)))
+
+    def _segments_expected(self) -> FloatArray:
+        """(7) by what the moments cannot exceed."""
+        length, scale = self._ends().max(axis=1), self.load_scale()
+        if self.held:
+            x = np.abs(self.read("unknowns") - self.guess())
+            stiffest = self._each(self.arrays.material[..., :2].max(axis=(1, 2, 3))) / self._least_stiffness()
+            scale = scale + stiffest * length * (np.linalg.norm(x[:, :-3], axis=1) + np.linalg.norm(x[:, -3:], axis=1))
+        unit = self._least_stiffness() / length
+        return self._segments(scale * unit, scale * unit / length, scale / length)
+
+    def _segments_of(self, call: Any) -> FloatArray:
+        """(7) by the moments, forces and curvatures of a pass over nodes."""
+        largest = (np.linalg.norm(getattr(call, f"node_{name}").numpy(), axis=2) for name in ("moment", "force", "curvature"))
+        return self._segments(*(values.max(axis=1) for values in largest))
+
+    def _segments(self, moment: FloatArray, force: FloatArray, curvature: FloatArray) -> FloatArray:
+        """(7) from bounds [N m], [N], [1/m], shape (instance_count,)."""
         coupling, potential = moment, force
         if len(self.rods) > 1:
             EI, kappa = self._by_section()
             bend = EI * kappa
             coupling = moment + bend.max(axis=2).sum(axis=1)
             potential = force + (bend * (kappa + curvature[:, None, None])).max(axis=2).sum(axis=1)
-        columns = NodeColumns(call.column_arclength.numpy(), call.node_columns.numpy(), call.tip_columns.numpy(), ends)
-        length = ends.max(axis=1)
-        return modes_with_free_tip(columns), length, segments_needed(length, stiffness, coupling, potential)
+        return segments_needed(self._ends().max(axis=1), self._least_stiffness(), coupling, potential)
 
     def _each(self, values: FloatArray) -> FloatArray:
         """Values of the rods' batch, one an instance."""
@@ -396,7 +513,13 @@ class BackboneProblem(BoundaryProblem):
 
         Columns are those of the model with all its unknowns. ``unknowns`` are those of the solve by default.
         """
-        options = {"nodes": True, "pose": True, "sensitivities": columns, "pose_sensitivities": columns, "directions": 0}
+        options = {
+            "nodes": True,
+            "pose": True,
+            "sensitivities": columns,
+            "pose_sensitivities": columns and self.held,
+            "directions": 0,
+        }
         features = replace(self.features, **options | changes)
         call = self._make_call(node_count)
         if columns and not self.features.moment:
@@ -417,8 +540,20 @@ class BackboneProblem(BoundaryProblem):
             call.tip_columns = wp.zeros((count, m, m), dtype=wp.float64, device=self.device)
             call.gamma = wp.zeros((count, m, m), dtype=wp.float64, device=self.device)
             call.pose_columns = wp.zeros((count, 6, m), dtype=wp.float64, device=self.device)
-        self._record(features, call).launch()
+        self._record(features, call, self._twisting_table() if columns else None).launch()
         return call
+
+    def _twisting_table(self) -> Any:
+        """The rods, one that is rigid in torsion only ``RIGID`` times stiffer than in bending: columns need to twist it."""
+        material = self.arrays.material
+        rigid = np.isinf(material[..., 2])
+        if not rigid.any():
+            return self._table
+        material = np.array(material)
+        material[..., 5][rigid] = 1 / (RIGID * material[..., :2].max(axis=-1)[rigid])
+        table = self._make_table(None)
+        table.material = self._array(material)
+        return table
 
 
 BACKBONE_INPUTS = (
@@ -470,8 +605,21 @@ class BackboneAssembly(Assembly):
         if inputs.is_active("gravity") and not any(rod.has_mass for rod in self.rods):
             refuse("gravity", inputs.gravity.tolist(), "must be zero: no rod has a linear_density (or, for Rod.tube, a density)")
 
-    def problem(self, inputs: Inputs, **options: Any) -> BackboneProblem:  # noqa: D102
-        return BackboneProblem(self.rods, self.base, inputs, transmission=self.transmission, **options)
+    @cached_property
+    def arrays(self) -> RodArrays:
+        """The rods as kernels read them."""
+        return lower(self.rods)
+
+    def problem(  # noqa: D102
+        self, inputs: Inputs, *, instances: IntArray | None = None, **options: Any
+    ) -> BackboneProblem:
+        arrays, base = self.arrays, self.base
+        if instances is not None:
+            whole = np.broadcast_shapes(inputs.batch_shape, self.batch_shape)
+            inputs = inputs.take(whole, instances)
+            arrays = arrays.take(whole, instances)
+            base = take(base, whole, instances, tail=2) if base.ndim > 2 else base
+        return BackboneProblem(self.rods, base, inputs, transmission=self.transmission, arrays=arrays, **options)
 
 
 def spread(numbers: NDArray[np.int_], dimensions: int) -> FloatArray:
@@ -501,6 +649,11 @@ def _blocks(features: Features) -> list[Block]:
     if force < count:
         places.append(("base force", slice(force, count), None))
     return [Block(name, place, place, rod) for name, place, rod in places]
+
+
+def _nodes(segments: FloatArray) -> NDArray[np.int_]:
+    """Numbers of nodes for more than so many segments: one more than a power of two."""
+    return np.asarray(1 + 2 ** np.ceil(np.log2(np.maximum(segments + 1e-6, FEWEST_NODES - 1))).astype(int))
 
 
 def step_multiple(steps: int) -> int:

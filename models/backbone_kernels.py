@@ -96,7 +96,7 @@ def make_kernel(features: Features, tableau: Tableau):
     @wp.kernel(module="unique", enable_backward=False, module_options=options)
     def integrate(rods: RodTable, call: Call):
         """From the base to the tip, stretch by stretch; then the residual."""
-        t = wp.tid()
+        t = call.order[wp.tid()]
         if call.active[t] == 0:
             return
         case = load_instance(rods, call, t)

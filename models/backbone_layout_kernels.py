@@ -50,6 +50,7 @@ class RodTable:
 class Call:
     """What one launch reads and writes; the first axis is the batch."""
 
+    order: wp.array[int]  # instances that a launch passes over
     active: wp.array[int]  # instances with 0 are left untouched
     unknowns: wp.array2d[wp.float64]
     inputs: wp.array2d[wp.float64]

@@ -8,6 +8,7 @@ import numpy as np
 import warp as wp
 from scipy.spatial.transform import Rotation
 
+from multirod.launch import record
 from multirod.models.backbone_segment_kernels import (
     BASE_FORCE_AT,
     POSITION_AT,
@@ -18,14 +19,16 @@ from multirod.models.backbone_segment_kernels import (
     make_segment_kernel,
 )
 from multirod.models.features import Features
-from multirod.models.second_variation import FEWEST_NODES, MOST_NODES, NEUTRAL, modes_by_segments, segments_needed
+from multirod.models.second_variation import MOST_NODES, CondensedForm, form_by_segments, segments_needed
 from multirod.problem import Shape
 from multirod.segments import Breakpoints, Propagation, Request, Segments
+from multirod.stability import Modes
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
     from multirod.models.backbone import BackboneProblem
 
+LOOKED_AT = 33  # nodes at which moments and forces are bounded
 NODE_FIELDS = ("arclength", "position", "rotation", "curvature", "moment", "force")
 
 
@@ -118,13 +121,20 @@ class BackboneSegments(Segments):
         call.unknowns.assign(unknowns)
         return seg, places
 
+    def _launch(self, features: SegmentFeatures, count: int, *arguments: Any) -> None:
+        problem = self.problem
+        problem.heed_stop()
+        record(lambda: make_segment_kernel(features, problem.integrator.tableau), count, arguments, problem.device).launch()
+
     def propagate(self, requests: Sequence[Request]) -> list[Propagation]:  # noqa: D102
+        return self._propagate(requests, self.problem._table)
+
+    def _propagate(self, requests: Sequence[Request], table: Any) -> list[Propagation]:
         problem, call, d = self.problem, self._call, self.variation_size
         seg, places = self._load(requests, call)
         columns = d + problem.direction_count
         seg.columns = wp.zeros((int(places[-1]), 9, columns), dtype=wp.float64, device=problem.device)
-        kernel = make_segment_kernel(self.features, problem.integrator.tableau)
-        wp.launch(kernel, dim=int(places[-1]), inputs=[problem._table, call, seg], device=problem.device)
+        self._launch(self.features, int(places[-1]), table, call, seg)
         end, values, fault = seg.end_state.numpy(), seg.columns.numpy(), seg.fault.numpy()
         residual, gamma = call.residual.numpy(), call.gamma.numpy()
         slopes = call.residual_directions.numpy()[..., : problem.direction_count]
@@ -153,9 +163,9 @@ class BackboneSegments(Segments):
     # ---- results ----
 
     def _base(self, instance: int) -> tuple[FloatArray, FloatArray]:
-        base = self.problem.base.reshape(-1, 4, 4)
-        pose = base[instance if len(base) > 1 else 0]
-        return pose[:3, :3], pose[:3, 3]
+        table = self.problem._table
+        row = instance * table.base_stride
+        return table.base_rotation.numpy()[row], table.base_position.numpy()[row]
 
     def tip_pose(self, instance: int, found: Propagation) -> tuple[FloatArray, FloatArray]:  # noqa: D102
         R, p = self._base(instance)
@@ -185,8 +195,7 @@ class BackboneSegments(Segments):
         seg, places = self._load(placed, call)
         seg.energy = wp.zeros(int(places[-1]), dtype=wp.float64, device=problem.device)
         seg.work = wp.zeros(int(places[-1]), dtype=wp.float64, device=problem.device)
-        kernel = make_segment_kernel(features, problem.integrator.tableau)
-        wp.launch(kernel, dim=int(places[-1]), inputs=[problem._table, call, seg], device=problem.device)
+        self._launch(features, int(places[-1]), problem._table, call, seg)
         others = np.setdiff1d(np.arange(problem.instance_count), list(points))
         values = {name: np.array(getattr(call, f"node_{name}").numpy()) for name in NODE_FIELDS}
         energy, work = np.full((2, problem.instance_count), np.nan)
@@ -197,28 +206,32 @@ class BackboneSegments(Segments):
             value[others] = np.nan
         return (Shape(**values),), energy, work
 
-    def unstable_modes(self, points: dict[int, Breakpoints]) -> dict[int, tuple[int, bool]]:  # noqa: D102
-        if not self.problem.has_potential:
-            return {}
-        result = {}
-        for instance, own in points.items():
-            arrays = self.problem.arrays
-            stiffness = float(arrays.material[instance if arrays.batch_shape else 0, ..., :3].min())
-            index, tip_stiffness, uncertainty = self._modes(instance, own, stiffness)
-            # where the softest mode is neutral, the sign by which it was counted means nothing
-            soft = index >= 0 and abs(tip_stiffness) <= NEUTRAL * stiffness / self.length(instance) + uncertainty
-            result[instance] = index - int(soft and tip_stiffness < 0 and index > 0), soft
-        return result
+    # ---- stability ----
 
-    def _modes(self, instance: int, points: Breakpoints, stiffness: float) -> tuple[int, float, float]:
-        """Index, tip stiffness and its uncertainty [N m], as ``Modes``; breakpoints are set as close as (7) asks."""
-        shape = self.shapes({instance: points}, FEWEST_NODES)[0][0]
+    def modes(self, points: dict[int, Breakpoints]) -> Modes:  # noqa: D102
+        instances = list(points)
+        modes = self.condensed_form(points).modes(self.problem._stiffness_over_length()[instances])
+        known = modes.known & self.problem.has_potential[instances]
+        modes.put(~known, Modes.unknown(len(instances), modes.values.shape[1]))
+        return modes
+
+    def condensed_form(self, points: dict[int, Breakpoints]) -> CondensedForm:
+        """(12) The second variation of these instances, in their order; what is clamped at the base is all there is behind it."""
+        found = [self._form(instance, own) for instance, own in points.items()]
+        matrix, conjugate, known = zip(*found, strict=True) if found else ((), (), ())
+        return CondensedForm(np.reshape(matrix, (-1, 3, 3)), np.array(conjugate, dtype=np.int32), np.array(known, dtype=bool))
+
+    def _form(self, instance: int, points: Breakpoints) -> tuple[FloatArray, int, bool]:
+        """Matrix, conjugate points and whether they are known; breakpoints are set as close as (7) asks."""
+        problem = self.problem
+        shape = self.shapes({instance: points}, LOOKED_AT)[0][0]
         length = self.length(instance)
         moment = max(np.linalg.norm(shape.moment[instance], axis=1).max(), np.linalg.norm(points.states[:, :3], axis=1).max())
         force = np.linalg.norm(shape.force[instance], axis=1).max()
+        stiffness = problem._least_stiffness()[instance]
         needed = segments_needed(*(np.array([value]) for value in (length, stiffness, moment, force)))[0]
-        if not needed < MOST_NODES:
-            return -1, np.nan, np.nan
+        if not needed < MOST_NODES - 1:
+            return np.full((3, 3), np.nan), 0, False
         while True:
             size = np.diff(points.arclength)
             long = size * needed > length
@@ -226,9 +239,10 @@ class BackboneSegments(Segments):
                 break
             half = points.halves(instance, long, 1.0)
             points = points.halved(long, half, self.propagate([half])[0].end)
-        found = self.propagate([Request.all_of(instance, points, 1.0)])[0]
-        frames = np.concatenate([_rotation(points.states).as_matrix(), _rotation(found.end[-1:]).as_matrix()])
-        return modes_by_segments(found.transition[:, :6, :6], frames, self._stiffness[instance] / self._scale[instance])
+        found = self._propagate([Request.all_of(instance, points, 1.0)], problem._twisting_table())[0]
+        frames = _rotation(np.concatenate([points.states, found.end[-1:]])).as_matrix()
+        frames = self._base(instance)[0] @ frames
+        return form_by_segments(found.transition[:, :6, :6], frames, self._stiffness[instance] / self._scale[instance])
 
 
 def _rotation(states: FloatArray) -> Rotation:

@@ -97,7 +97,7 @@ class Features:
     @property
     def column_has_frame(self) -> bool:
         """Whether a column carries the variation of the frame."""
-        return self.column_count > 0 and (self.loads_need_frame or self.pose_sensitivities)
+        return self.column_count > 0 and (self.loads_need_frame or self.pose_sensitivities or self.nodes)
 
     @property
     def force_is_state(self) -> bool:

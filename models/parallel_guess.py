@@ -84,7 +84,7 @@ def beam_equilibrium(
         slope = beams.by_tip @ beams.tip_by_platform
         wrench = np.einsum("blij,blj->bli", stiffness, beams.strain)
         gradient = np.einsum("blji,blj->bi", slope, wrench)
-        hessian = np.einsum("blji,bljk,blkm->bim", slope, stiffness, slope)
+        hessian = (np.swapaxes(slope, -1, -2) @ stiffness @ slope).sum(axis=1)
         step = -np.linalg.solve(hessian, gradient[..., None])[..., 0]
         step /= np.maximum(1.0, np.abs(step / np.concatenate([0.1 * size] * 3 + [0.3 * np.ones_like(size)] * 3, 1)).max(1))[
             :, None
@@ -104,6 +104,11 @@ def beam_reach(legs: Legs, at: Attachments, position: FloatArray, rotation: Floa
     reach = np.einsum("bli,bli->bl", beams.strain[..., :3], beams.tangent)
     beams.strain[..., :3] -= reach[..., None] * beams.tangent
     return reach, _unknowns(legs, beams, _joint_stiffness(legs, at))
+
+
+def beam_unknowns(legs: Legs, at: Attachments, position: FloatArray, rotation: FloatArray) -> list[FloatArray]:
+    """(11) For each leg, what to add to its unloaded unknowns so that it reaches a platform at a given pose."""
+    return _unknowns(legs, _Beams(legs, at, position, rotation), _joint_stiffness(legs, at))
 
 
 class _Beams:
@@ -127,7 +132,7 @@ class _Beams:
         self.by_tip[..., :3, :3] += t[..., :, None] * by_across[..., None, :]
         self.by_tip[..., :3, 3:] += t[..., :, None] * by_turn[..., None, :]
         self.tip_by_platform = np.broadcast_to(np.eye(6), self.by_tip.shape).copy()
-        self.tip_by_platform[..., :3, 3:] = -_cross_matrix(arm)
+        self.tip_by_platform[..., :3, 3:] = -cross_matrix(arm)
 
 
 def _joint_stiffness(legs: Legs, at: Attachments) -> FloatArray:
@@ -150,14 +155,14 @@ def _joint_stiffness(legs: Legs, at: Attachments) -> FloatArray:
 def _unknowns(legs: Legs, beams: _Beams, stiffness: FloatArray) -> list[FloatArray]:
     """What to add to the unloaded unknowns of each leg, from the wrench on its deflected tip."""
     by_tip = np.swapaxes(beams.by_tip, -1, -2)
-    wrench = np.einsum("blij,bljk,blk->bli", by_tip, stiffness, beams.strain)
+    wrench = (by_tip @ (stiffness @ beams.strain[..., None]))[..., 0]
     lever = np.cross(beams.deflection, wrench[..., :3])
     # a beam's torque is the same all along, whatever the deflection
     wrench[..., 3:] += lever - (lever * beams.tangent).sum(-1, keepdims=True) * beams.tangent
     return [np.einsum("bij,bj->bi", by_wrench, wrench[:, k]) for k, by_wrench in enumerate(legs.unknowns_by_wrench)]
 
 
-def _cross_matrix(a: FloatArray) -> FloatArray:
+def cross_matrix(a: FloatArray) -> FloatArray:
     """``[a]x``, shape (..., 3, 3)."""
     return np.asarray(np.cross(np.eye(3), a[..., None, :]))
 

@@ -42,6 +42,7 @@ class Robots:
     direction_count: int
     inverse: int  # whether the pose is given and the legs' translations are unknown
     # unknowns, inputs, results
+    order: wp.array[int]  # instances that a launch passes over
     active: wp.array[int]
     load_factor: wp.array[wp.float64]
     unknowns: wp.array2d[wp.float64]
@@ -57,7 +58,7 @@ class Robots:
     pose_columns: wp.array3d[wp.float64]
     # geometry
     stride: int  # 1 if each instance has its own, else 0
-    reference_position: wp.array[wp.vec3d]  # (1): where the unknown pose is zero
+    reference_position: wp.array[wp.vec3d]  # (batch): where the unknown pose is zero
     reference_rotation: wp.array[wp.mat33d]
     attachment_position: wp.array2d[wp.vec3d]  # (instance or 1, leg), platform frame
     attachment_rotation: wp.array2d[wp.mat33d]
@@ -91,6 +92,7 @@ class Legs:
     first_rod: wp.array[int]  # (place,): among the robot's rods
     first_unknown: wp.array[int]  # (place,): of the robot
     to_base: wp.array[wp.mat33d]  # world to the frame of the base
+    order: wp.array[int]
     active: wp.array[int]
     load_factor: wp.array[wp.float64]
     unknowns: wp.array2d[wp.float64]
@@ -141,7 +143,7 @@ def stiffness_of(robots: Robots, b: int, leg: int) -> f64:
 @wp.kernel(module="unique", enable_backward=False)
 def spread(robots: Robots, legs: Legs):
     """Unknowns, inputs and directions of the robots to their legs."""
-    t = wp.tid()
+    t = legs.order[wp.tid()]
     b = t // legs.count
     place = t % legs.count
     legs.active[t] = robots.active[b]
@@ -192,9 +194,9 @@ def platform_pose(robots: Robots, b: int) -> Platform:
         pose.turn = left_jacobian(a)
         return pose
     first = robots.unknown_count - wp.static(POSE)
-    pose.position = robots.reference_position[0] + pose.length * pose.length * vector(robots.unknowns, b, first)
+    pose.position = robots.reference_position[b * robots.stride] + pose.length * pose.length * vector(robots.unknowns, b, first)
     a = pose.length * vector(robots.unknowns, b, first + 3)
-    pose.rotation = rotation_from_vector(a) * robots.reference_rotation[0]
+    pose.rotation = rotation_from_vector(a) * robots.reference_rotation[b * robots.stride]
     pose.turn = left_jacobian(a)
     return pose
 
@@ -306,7 +308,7 @@ def write_rows(values: wp.array3d[wp.float64], b: int, row: int, k: int, a: wp.v
 @wp.kernel(module="unique", enable_backward=False)
 def attach(robots: Robots, legs: Legs):
     """(4) to (7): residual of each leg's joint, its columns, and what the leg does to the platform."""
-    t = wp.tid()
+    t = legs.order[wp.tid()]
     b = t // legs.count
     if robots.active[b] == 0:
         return
@@ -395,7 +397,7 @@ def attach(robots: Robots, legs: Legs):
 @wp.kernel(module="unique", enable_backward=False)
 def balance(robots: Robots):
     """(8): equilibrium of each platform, with its columns; and its pose."""
-    b = wp.tid()
+    b = robots.order[wp.tid()]
     if robots.active[b] == 0:
         return
     zero = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))

@@ -1,28 +1,36 @@
 """Several backbones that hold one platform: the boundary problem, its buffers and launches."""
 
 from collections.abc import Sequence
+from copy import copy
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from multirod.batch import IntArray, take
 from multirod.inputs import Inputs, InputSpec
+from multirod.launch import record
 from multirod.models import parallel_kernels as kernels
-from multirod.models.backbone import BACKBONE_INPUTS, BackboneAssembly, BackboneProblem
+from multirod.models.backbone import BACKBONE_INPUTS, BackboneAssembly, BackboneProblem, spread
 from multirod.models.integrators import Integrator
 from multirod.models.parallel_guess import (
     Attachments,
     Legs,
     beam_equilibrium,
     beam_reach,
+    beam_unknowns,
     fitted_platform,
     nearest_rotation,
     rotation_vectors,
 )
+from multirod.models.parallel_stability import HeldLeg, PlatformLoads, platform_modes
+from multirod.models.second_variation import CondensedForm
 from multirod.problem import Block, BoundaryProblem, Shape
-from multirod.rod import lower, stack
+from multirod.rod import RodArrays, stack
+from multirod.stability import Modes
 from multirod.validation import FloatArray
 
 POSE = kernels.POSE
@@ -34,6 +42,8 @@ LEG_INPUTS = tuple(
 # In L^3/EI, added to the tips of beams in all directions: one that is straight and inextensible gives way along itself by
 # bending, once it has bent, and how much depends on how far it has to.
 COMPLIANCES = (1e-4, 1e-3, 1e-2, 1e-1)
+REACH = (0.6, 0.6)  # of starts from the unloaded pose: in lengths, and radians
+CROWDING = 1.5  # most equilibria are not far
 
 
 class Geometry:
@@ -41,6 +51,7 @@ class Geometry:
 
     Attributes:
         legs: Each leg as a robot of its own.
+        arrays: Their rods as kernels read them.
         base: Pose of each leg's base in the world, shape (..., leg_count, 4, 4).
         platform: Pose of each leg's attachment in the platform's frame, shape (..., leg_count, 4, 4).
         joints: Kind of each joint, shape (leg_count,).
@@ -61,27 +72,41 @@ class Geometry:
         mass_centre: FloatArray,
     ) -> None:
         self.legs = tuple(legs)
+        self.arrays: tuple[RodArrays, ...] = tuple(leg.arrays for leg in legs)
         self.base = base
         self.platform = platform
         self.joints = np.array(joints, dtype=np.int32)
         self.axes = axes
         self.mass = mass
         self.mass_centre = mass_centre
-        shapes = [leg.batch_shape for leg in self.legs]
+        shapes = [arrays.batch_shape for arrays in self.arrays]
         self.batch_shape = np.broadcast_shapes(*shapes, base.shape[:-3], platform.shape[:-3])
         self.rods = tuple(rod for leg in self.legs for rod in leg.rods)
         self.first_rod = np.cumsum([0] + [leg.rod_count for leg in self.legs])
         self.first_unknown = np.cumsum([0] + [leg.rod_count + 5 for leg in self.legs])
-        # where the unknown pose is zero: a constant, so that unknowns mean the same whatever the inputs are
-        positions = base.reshape(-1, len(self.legs), 4, 4)[0]
-        attachments = platform.reshape(-1, len(self.legs), 4, 4)[0]
-        self.reference_position = positions[:, :3, 3].mean(axis=0)
-        turned = np.einsum("lij,lkj->ik", positions[:, :3, :3], attachments[:, :3, :3])
-        self.reference_rotation = nearest_rotation(turned[None])[0]
+
+    def reference(self) -> tuple[FloatArray, FloatArray]:
+        """Position [m] and rotation where the unknown pose is zero, shapes (..., 3), (..., 3, 3): the same whatever the inputs."""
+        turned = (self.base[..., :3, :3] @ np.swapaxes(self.platform[..., :3, :3], -1, -2)).sum(axis=-3)
+        return self.base[..., :3, 3].mean(axis=-2), nearest_rotation(turned)
+
+    def take(self, batch_shape: tuple[int, ...], instances: IntArray) -> "Geometry":
+        """The geometry of some instances of a batch to whose leading axes this broadcasts, along one axis.
+
+        ``instances`` are their numbers in the flattened batch.
+        """
+        if not self.batch_shape:
+            return self
+        result = copy(self)
+        result.arrays = tuple(arrays.take(batch_shape, instances) for arrays in self.arrays)
+        result.base = take(self.base, batch_shape, instances, tail=3) if self.base.ndim > 3 else self.base
+        result.platform = take(self.platform, batch_shape, instances, tail=3) if self.platform.ndim > 3 else self.platform
+        result.batch_shape = np.shape(instances)
+        return result
 
     def scales(self) -> tuple[FloatArray, FloatArray]:
         """Length and bending stiffness of each leg, then of the platform, shapes (batch or 1, leg_count + 1)."""
-        arrays = [lower(leg.rods, self.batch_shape) for leg in self.legs]
+        arrays = [arrays.repeated(self.batch_shape) for arrays in self.arrays]
         length = np.stack([a.end[:, :, -1].max(axis=1) for a in arrays], axis=1)
         stiffness = np.stack([a.material[:, :, 0, :2].max(axis=2).sum(axis=1) for a in arrays], axis=1)
         length = np.concatenate([length, length.mean(axis=1, keepdims=True)], axis=1)
@@ -96,7 +121,7 @@ class LegGroup:
         self.members = tuple(members)
         legs = [geometry.legs[k] for k in members]
         shape = problem.batch_shape
-        arrays = stack([lower(leg.rods, shape) for leg in legs], shape)
+        arrays = stack([geometry.arrays[k].repeated(shape) for k in members], shape)
         base = np.broadcast_to(geometry.base[..., list(members), :, :], (*shape, len(legs), 4, 4))
         count = len(members)
         given: dict[str, Any] = {name: inputs.profiles[name] for name in kernels.LEG_VECTORS if name in inputs.profiles}
@@ -179,7 +204,7 @@ class ParallelProblem(BoundaryProblem):
             "integrator": integrator,
             "device": device,
             "direction_count": direction_count + int(inverse),
-            "enabled": [name for name in enabled if name in kernels.LEG_VECTORS],
+            "enabled": [name for name in kernels.LEG_VECTORS if name in enabled or inputs.is_active(name)],
         }
         builds: dict[tuple[int, bool], list[int]] = {}
         for k, leg in enumerate(geometry.legs):
@@ -211,8 +236,10 @@ class ParallelProblem(BoundaryProblem):
 
         platform = batched(geometry.platform, (legs, 4, 4))
         robots.stride = int(bool(geometry.batch_shape))
-        robots.reference_position = array(geometry.reference_position[None], wp.vec3d)
-        robots.reference_rotation = array(geometry.reference_rotation[None], wp.mat33d)
+        position, rotation = geometry.reference()
+        self._reference = batched(position, (3,)), batched(rotation, (3, 3))
+        robots.reference_position = array(self._reference[0], wp.vec3d)
+        robots.reference_rotation = array(self._reference[1], wp.mat33d)
         robots.attachment_position = array(platform[:, :, :3, 3], wp.vec3d)
         robots.attachment_rotation = array(platform[:, :, :3, :3], wp.mat33d)
         robots.joint = array(geometry.joints, wp.int32)
@@ -237,7 +264,7 @@ class ParallelProblem(BoundaryProblem):
         """Launches of one evaluation, in order."""
 
         def recorded(kernel: Any, dim: int, *arguments: Any) -> Any:
-            return wp.launch(kernel, dim=dim, inputs=list(arguments), device=self.device, record_cmd=True)
+            return record(lambda: kernel, dim, arguments, self.device)
 
         launches = []
         for group in self.groups:
@@ -250,7 +277,18 @@ class ParallelProblem(BoundaryProblem):
 
     # ---- the interface ----
 
-    def integrate(self) -> None:  # noqa: D102
+    def focus(self, instances: IntArray | None = None) -> None:  # noqa: D102
+        super().focus(instances)
+        launches = iter(self._launches)
+        for group in self.groups:
+            count = len(group.members)
+            rows = None if instances is None else (np.asarray(instances)[:, None] * count + np.arange(count)).reshape(-1)
+            group.backbones.focus(rows)
+            for _ in range(3):
+                next(launches).set_dim(group.backbones.listed)
+        next(launches).set_dim(self.listed)
+
+    def _integrate(self) -> None:
         for launch in self._launches:
             launch.launch()
 
@@ -274,17 +312,7 @@ class ParallelProblem(BoundaryProblem):
         """
         records, switches = self.snapshot(), [np.array(array.numpy()) for array in (self.active, self.load_factor)]
         opening = self._robots.opening
-        opening.zero_()
-        self.active.fill_(1)
-        self.load_factor.zero_()
-        x = np.zeros((self.instance_count, self.unknown_count))
-        for group in self.groups:
-            unloaded = group.backbones.guess().reshape(self.instance_count, len(group.members), -1)
-            for place, leg in enumerate(group.members):
-                x[:, self._own[leg]] = unloaded[:, place]
-        self.write("unknowns", x)
-        self.integrate()
-        legs, at = self._legs(), self._attachments()
+        x, legs, at = self._unloaded_legs()
         x, residual, gamma = self._best([self._bent(x, legs.softened(compliance), at) for compliance in COMPLIANCES])
         opening.assign(residual)
         # legs that are long and thin answer a force along themselves by bending alone
@@ -294,6 +322,20 @@ class ParallelProblem(BoundaryProblem):
         self.active.assign(switches[0])
         self.load_factor.assign(switches[1])
         return x
+
+    def _unloaded_legs(self) -> tuple[FloatArray, Legs, Attachments]:
+        """Unknowns of legs that nothing holds, and what they say of how the legs bend; the problem is left unloaded."""
+        self._robots.opening.zero_()
+        self.active.fill_(1)
+        self.load_factor.zero_()
+        x = np.zeros((self.instance_count, self.unknown_count))
+        for group in self.groups:
+            unloaded = group.backbones.guess().reshape(self.instance_count, len(group.members), -1)
+            for place, leg in enumerate(group.members):
+                x[:, self._own[leg]] = unloaded[:, place]
+        self.write("unknowns", x)
+        self.integrate()
+        return x, self._legs(), self._attachments()
 
     def _best(self, candidates: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Of several unknowns, for each instance those from which Newton's first step is shortest; residual and Gamma there."""
@@ -317,10 +359,10 @@ class ParallelProblem(BoundaryProblem):
             reach, added = beam_reach(legs, at, pose[:, :3], Rotation.from_rotvec(pose[:, 3:]).as_matrix())
             x[:, self._platform] = reach / legs.length**2
         else:
-            geometry, length = self.geometry, np.broadcast_to(self._length[:, -1:], (self.instance_count, 1))
+            length = np.broadcast_to(self._length[:, -1:], (self.instance_count, 1))
             position, rotation, added = beam_equilibrium(legs, at, *fitted_platform(legs, at))
-            turn = rotation_vectors(rotation @ geometry.reference_rotation.T)
-            move = position - geometry.reference_position
+            turn = rotation_vectors(rotation @ np.swapaxes(self._reference[1], 1, 2))
+            move = position - self._reference[0]
             x[:, self._platform] = np.concatenate([move / length**2, turn / length], axis=1)
         for own, values in zip(self._own, added, strict=True):
             x[:, own] += values
@@ -378,6 +420,120 @@ class ParallelProblem(BoundaryProblem):
                     values = {name: v.reshape(count, -1, *v.shape[1:])[:, place] for name, v in vars(shape).items()}
                     found[self.geometry.first_rod[leg] + i] = Shape(**values)
         return tuple(shape for shape in found if shape is not None), energy
+
+    # ---- stability ----
+
+    def modes(self) -> Modes:  # noqa: D102
+        self._spread()
+        rotation = self._pose()[1]
+        count, legs = self.instance_count, len(self.geometry.legs)
+        at = self._attachments()
+        arms = np.einsum("bij,blj->bli", rotation, at.arm)
+        axes = np.einsum("bij,bljk,lk->bli", rotation, at.frame, at.axes)
+        held: list[HeldLeg | None] = [None] * legs
+        for group in self.groups:
+            form, _ = group.backbones.condensed_form()
+            wrench = group.backbones.tip_wrench.numpy().reshape(count, -1, 6)
+            for place, leg in enumerate(group.members):
+                own = CondensedForm(*(v.reshape(count, -1, *v.shape[1:])[:, place] for v in vars(form).values()))
+                force, moment = wrench[:, place, :3], wrench[:, place, 3:]
+                held[leg] = HeldLeg(own, force, moment, arms[:, leg], int(at.joints[leg]), axes[:, leg])
+        length, stiffness = self._scale()
+        return platform_modes(
+            [leg for leg in held if leg is not None], self._loads(rotation), length, stiffness, self.has_potential
+        )
+
+    @property
+    def has_potential(self) -> NDArray[np.bool_]:
+        """Whether the loads derive from one, shape (instance_count,)."""
+        inputs = self.read("inputs")
+        without = ("tip_moment", "follower_force", "follower_moment")
+        result = ~np.column_stack([inputs[:, self._places[name]] for name in without]).any(axis=1)
+        for group in self.groups:
+            result &= group.backbones.has_potential.reshape(self.instance_count, -1).all(axis=1)
+        return np.asarray(result)
+
+    def potential(self) -> FloatArray:
+        """Elastic energy less the work of dead forces [J]: on the legs from their bases, on the platform from where its pose is zero."""
+        self._spread()
+        position, rotation = self._pose()
+        total = np.zeros(self.instance_count)
+        for group in self.groups:
+            for part in group.backbones.stored_and_lost():
+                total += part.reshape(self.instance_count, -1).sum(axis=1)
+        origin, start = self._reference
+        for (force, arm), local in zip(
+            self._loads(rotation).forces, self._loads(np.broadcast_to(start, rotation.shape)).forces, strict=True
+        ):
+            total -= (force * (position + arm - origin - local[1])).sum(axis=1)
+        return np.where(self.has_potential, total, np.nan)
+
+    @property
+    def guess_is_stable(self) -> bool:  # noqa: D102
+        return False
+
+    @property
+    def signs_add_up(self) -> bool:  # noqa: D102
+        return False
+
+    def starts(self, count: int, first: int = 0) -> FloatArray:
+        """Poses of the platform around that of the unloaded robot, its legs taken for beams that reach there."""
+        if self.inverse:
+            return super().starts(count, first)
+        records, switches = (
+            self.snapshot(),
+            [np.array(array.numpy()) for array in (self.active, self.load_factor, self._robots.opening)],
+        )
+        middle = self.guess()
+        x, legs, at = self._unloaded_legs()
+        self.restore(records)
+        for array, values in zip((self.active, self.load_factor, self._robots.opening), switches, strict=True):
+            array.assign(values)
+        legs = legs.softened(COMPLIANCES[-1])
+        points = spread(np.arange(first, first + count), POSE)
+        points = np.sign(points) * np.abs(points) ** CROWDING * np.repeat(REACH, 3)
+        length = np.broadcast_to(self._length[:, -1:], (self.instance_count, 1))
+        result = np.empty((count, *x.shape))
+        for k, point in enumerate(points):
+            result[k] = x
+            pose = middle[:, self._platform] + point / np.concatenate([length] * 6, axis=1)
+            result[k][:, self._platform] = pose
+            position, rotation = self._pose_of(pose)
+            for own, values in zip(self._own, beam_unknowns(legs, at, position, rotation), strict=True):
+                result[k][:, own] += values
+        return result
+
+    def _scale(self) -> tuple[FloatArray, FloatArray]:
+        """Mean length [m] and bending stiffness [N m^2] of the legs, shape (instance_count,)."""
+        length, stiffness = (np.broadcast_to(v[:, -1], self.instance_count) for v in (self._length, self._stiffness))
+        return length, stiffness / len(self.geometry.legs)
+
+    def _spread(self) -> None:
+        """Unknowns and inputs to the legs, without an integration."""
+        for group in self.groups:
+            record(lambda: kernels.spread, group.backbones.instance_count, [self._robots, group.table], self.device).launch()
+
+    def _pose(self) -> tuple[FloatArray, FloatArray]:
+        """(1), (2) Position (instance_count, 3) and rotation (instance_count, 3, 3) of the platform."""
+        if self.inverse:
+            pose = self.read("inputs")[:, self._places["platform_position"].start :][:, :POSE]
+            return pose[:, :3], Rotation.from_rotvec(pose[:, 3:]).as_matrix()
+        return self._pose_of(self.read("unknowns")[:, self._platform])
+
+    def _pose_of(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(1), (2) by the platform's unknowns."""
+        length = np.broadcast_to(self._length[:, -1:], (self.instance_count, 1))
+        turned = Rotation.from_rotvec(length * x[:, 3:]).as_matrix() @ self._reference[1]
+        return self._reference[0] + length**2 * x[:, :3], turned
+
+    def _loads(self, rotation: FloatArray) -> PlatformLoads:
+        inputs = self.read("inputs")
+        force, follower, moment, point = (
+            inputs[:, self._places[name]] for name in ("tip_force", "follower_force", "follower_moment", "force_point")
+        )
+        weight = self.geometry.mass * inputs[:, self._places["gravity"]]
+        follower, moment, point = (np.einsum("bij,bj->bi", rotation, v) for v in (follower, moment, point))
+        return PlatformLoads([(force, point), (weight, rotation @ self.geometry.mass_centre)], follower, moment)
 
 
 def _blocks(geometry: Geometry) -> list[Block]:

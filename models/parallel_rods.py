@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from multirod.assembly import Assembly, pose
+from multirod.batch import IntArray
 from multirod.inputs import Inputs, InputSpec
 from multirod.models import parallel_kernels as kernels
 from multirod.models.backbone import BackboneAssembly
@@ -96,8 +97,14 @@ class ParallelRods(Assembly):
             return True
         return all(leg.surely_takes(name, values[own]) for leg, own in zip(self.geometry.legs, self._own_rods, strict=True))
 
-    def problem(self, inputs: Inputs, **options: Any) -> ParallelProblem:  # noqa: D102
-        return ParallelProblem(self.geometry, inputs, **options)
+    def problem(  # noqa: D102
+        self, inputs: Inputs, *, instances: IntArray | None = None, **options: Any
+    ) -> ParallelProblem:
+        geometry = self.geometry
+        if instances is not None:
+            whole = np.broadcast_shapes(inputs.batch_shape, self.batch_shape)
+            geometry, inputs = geometry.take(whole, instances), inputs.take(whole, instances)
+        return ParallelProblem(geometry, inputs, **options)
 
     def inverse(self) -> "InverseParallelRods":
         """The same robot with the platform's pose given, and the legs' translations to be found.
@@ -146,7 +153,7 @@ class InverseParallelRods(Assembly):
         return self.robot.surely_takes(name, values)
 
     def problem(self, inputs: Inputs, **options: Any) -> ParallelProblem:  # noqa: D102
-        return ParallelProblem(self.geometry, inputs, inverse=True, **options)
+        return self.robot.problem(inputs, inverse=True, **options)
 
     def translations(self, solution: Any) -> FloatArray:
         """Translation of each leg [m], shape (..., 6); NaN where the solution failed."""

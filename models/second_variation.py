@@ -1,19 +1,21 @@
-"""How many modes of a backbone are unstable: the Morse index of its second variation, from columns of sensitivities.
+"""The second variation of a backbone's energy from columns of sensitivities: conjugate points, and the form that is left.
 
 Numbers in parentheses are those of ``docs/stability.md``.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod.stability import Modes
 from multirod.validation import FloatArray
 
-FEWEST_NODES = 33
 MOST_NODES = 16385
-NEUTRAL = 1e-6  # of stiffness over length: a mode no stiffer than this is neutral
 WORST_CONDITION = 1e12  # of the columns at a node; beyond it rounding may change a sign
+STIFF = 100.0  # times K/L: what stands where a tube's angle has been eliminated
 
 
 @dataclass(frozen=True)
@@ -21,40 +23,83 @@ class NodeColumns:
     """Variations of the configurations of a batch by its unknowns, from the base, where it is clamped, to the tip.
 
     ``m = n + 2`` for ``n`` rods. The configuration is the rotation vector of the rod that ends at the tip, in the world, then
-    the angle from it to each other rod; its momenta are the moment of all rods and the torque of each other rod.
+    the angle from it to each other rod; its momenta are the moment of all rods and the torque of each other rod. A free tip has
+    ``c = m`` unknowns; with a held one there are three more, and the force and position of the tip vary too.
 
     Attributes:
         arclength: Of the nodes, the base left out [m], NaN past the last, shape (batch, node).
-        configuration: By the unknowns, shape (batch, node, m, m).
-        tip_momenta: By the unknowns, the torque of a rod at its own end, shape (batch, m, m).
+        configuration: By the unknowns, shape (batch, node, m, c).
+        tip_momenta: By the unknowns, the torque of a rod at its own end, shape (batch, m, c).
         ends: Arclength at which each rod ends, a number that is in ``arclength`` [m], shape (batch, n).
+        tip_force: By the unknowns, the internal force at the tip in the world, shape (batch, 3, c); None if the tip is free.
+        tip_position: By the unknowns, in the world, shape (batch, 3, c); None if the tip is free.
     """
 
     arclength: FloatArray
     configuration: FloatArray
     tip_momenta: FloatArray
     ends: FloatArray
+    tip_force: FloatArray | None = None
+    tip_position: FloatArray | None = None
 
 
 @dataclass(frozen=True)
-class Modes:
-    """What the second variation says of each instance.
+class CondensedForm:
+    """The second variation of the energy, at given tip forces, as a function of what is free at the tip.
 
     Attributes:
-        index: Number of unstable modes, -1 where rounding hides it, shape (batch,).
-        tip_stiffness: Eigenvalue nearest zero of the form at the free tip (5) [N m], shape (batch,): it vanishes at a fold.
-        uncertainty: How far that form is from being symmetric, as it is for exact columns [N m], shape (batch,).
+        matrix: By the rotation vector of the tip, the angle of each other rod and, where the tip is held, the force on it: how
+            moment, torques and the negative position of the tip vary, shape (batch, m or m + 3, m or m + 3). Not made symmetric.
+            An angle that is free before the tip has ``STIFF`` on the diagonal.
+        conjugate: Negative eigenvalues of what was eliminated, shape (batch,).
+        known: Whether rounding leaves the signs, shape (batch,).
     """
 
-    index: NDArray[np.int32]
-    tip_stiffness: FloatArray
-    uncertainty: FloatArray
+    matrix: FloatArray
+    conjugate: NDArray[np.int32]
+    known: NDArray[np.bool_]
+
+    def put(self, chosen: Any, other: "CondensedForm") -> None:
+        """Take the instances ``chosen``, all of those of ``other``, from it."""
+        for name, mine in vars(self).items():
+            mine[chosen] = getattr(other, name)
+
+    def modes(self, unit: FloatArray) -> Modes:
+        """Of a backbone with a free tip, eigenvalues counted in ``unit`` [N m], shape (batch,)."""
+        values, uncertainty = symmetric_eigenvalues(self.matrix / unit[:, None, None], self.known)
+        return Modes(values, np.array(self.conjugate), uncertainty, np.array(self.known), np.zeros(len(values), dtype=bool))
+
+    def guided_modes(self, free: Sequence[int], held: Sequence[int], length: FloatArray, stiffness: FloatArray) -> Modes:
+        """(11) Of a single rod whose tip is guided: it can turn only about axes of the world, and its position is partly held.
+
+        Args:
+            free: World axes about which the tip turns, under a dead moment about one fixed axis or none, numbers 0 to 2.
+            held: World axes along which its position is held; along the others a dead force acts.
+            length: [m], shape (batch,).
+            stiffness: Eigenvalues are counted in ``stiffness / length``, shape (batch,) [N m^2].
+        """
+        rows = [*free, *(3 + axis for axis in held)]
+        unit = np.ones((len(length), len(rows)))
+        unit[:, len(free) :] = (stiffness / length**2)[:, None]
+        form = self.matrix[:, rows][:, :, rows] * unit[:, :, None] * unit[:, None, :] * (length / stiffness)[:, None, None]
+        values, uncertainty = symmetric_eigenvalues(form, self.known)
+        hidden = (self.conjugate - len(held)).astype(np.int32)
+        return Modes(values, hidden, uncertainty, np.array(self.known), np.zeros(len(values), dtype=bool))
+
+
+def symmetric_eigenvalues(form: FloatArray, known: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
+    """Eigenvalues (batch, n) of the symmetric part, and what the rest does to their eigenvectors (batch, n); NaN where not known."""
+    values, uncertainty = np.full((2, *form.shape[:2]), np.nan)
+    turned = form.swapaxes(1, 2)
+    values[known], vectors = np.linalg.eigh((form + turned)[known] / 2)
+    uncertainty[known] = np.linalg.norm((form - turned)[known] / 2 @ vectors, axis=1)
+    return values, uncertainty
 
 
 def segments_needed(
     length: FloatArray, stiffness: FloatArray, velocity_coupling: FloatArray, potential: FloatArray
 ) -> FloatArray:
-    """(7) How many equal segments are sure to hold no conjugate point each, with a factor of 4 to spare.
+    """(7) How many equal segments are sure to hold no conjugate point each, with a factor of 2 to spare.
 
     Args:
         length: Of the backbone [m].
@@ -63,28 +108,33 @@ def segments_needed(
         potential: Bound of the terms in a variation alone, such as the force [N].
     """
     first, second = velocity_coupling / (np.pi * stiffness), potential / (np.pi**2 * stiffness)
-    return np.asarray(2 * length * (first + np.sqrt(first**2 + second)))
+    return np.asarray(length * (first + np.sqrt(first**2 + 4 * second)))
 
 
-def modes_with_free_tip(columns: NodeColumns) -> Modes:
-    """(4) to (6): the unstable modes of a backbone clamped at its base and free at its tip."""
+def condensed_form(columns: NodeColumns, unit: FloatArray) -> CondensedForm:
+    """(4) to (6): eliminate all but the tip of a backbone clamped at its base; ``unit`` is ``K/L`` [N m], shape (batch,)."""
     count = len(columns.ends)
-    result = Modes(np.full(count, -1, dtype=np.int32), np.full(count, np.nan), np.full(count, np.nan))
+    held = columns.tip_force is not None
+    size = columns.tip_momenta.shape[1] + (3 if held else 0)
+    matrix = np.zeros((count, size, size))
+    matrix[:, range(size), range(size)] = STIFF * unit[:, None]
+    result = CondensedForm(matrix, np.zeros(count, dtype=np.int32), np.zeros(count, dtype=bool))
     longest = np.argmax(columns.ends, axis=1)
     order = np.argsort(columns.ends, axis=1, kind="stable")
     short = np.take_along_axis(columns.ends, order, 1) < columns.ends.max(axis=1)[:, None]
     patterns = np.column_stack([longest, np.where(short, order, -1)])
     for pattern in np.unique(patterns, axis=0):
         chosen = np.flatnonzero((patterns == pattern).all(axis=1))
-        found = _of_pattern(columns, chosen, int(pattern[0]), [int(rod) for rod in pattern[1:] if rod >= 0])
-        result.index[chosen], result.tip_stiffness[chosen], result.uncertainty[chosen] = found
+        ended = [int(rod) for rod in pattern[1:] if rod >= 0]
+        form, rows, conjugate, known = _of_pattern(columns, chosen, int(pattern[0]), ended)
+        rows += range(size - 3, size) if held else ()
+        matrix[np.ix_(chosen, np.array(rows), np.array(rows))] = form
+        result.conjugate[chosen], result.known[chosen] = conjugate, known
     return result
 
 
-def modes_by_segments(transition: FloatArray, frames: FloatArray, unit: FloatArray) -> tuple[int, float, float]:
-    """(4), (5) from what each segment makes of a variation, so that columns cannot grow apart: ``W_k = P_k Y_k^-1`` is carried on.
-
-    ``Y_(k+1) Y_k^-1 = A + B W_k`` and ``W_(k+1) = (C + D W_k) (A + B W_k)^-1``, (9).
+def form_by_segments(transition: FloatArray, frames: FloatArray, unit: FloatArray) -> tuple[FloatArray, int, bool]:
+    """(4), (5) from what each segment makes of a variation, so that columns cannot grow apart, (12).
 
     Args:
         transition: Of moment, then rotation, in the frames where segments begin and end, shape (segment, 6, 6).
@@ -92,84 +142,127 @@ def modes_by_segments(transition: FloatArray, frames: FloatArray, unit: FloatArr
         unit: Moment per rotation of the units in ``transition`` [N m], shape (3,).
 
     Returns:
-        Index, tip stiffness and uncertainty, as in ``Modes``.
+        Of one instance, as in ``CondensedForm``: matrix (3, 3), conjugate points, and whether they are known.
     """
-    index = 0
+    conjugate = 0
     W = None
     for k, T in enumerate(transition):
         if W is None:
             Y, P = T[3:, :3], T[:3, :3]
         else:
             Y, P = T[3:, 3:] + T[3:, :3] @ W, T[:3, 3:] + T[:3, :3] @ W
-            index += int(_negative(frames[k + 1] @ Y @ frames[k].T))
+            conjugate += int(_negative(frames[k + 1] @ Y @ frames[k].T))
         inverse, sound = _inverse(Y)
         if not sound:
-            return -1, np.nan, np.nan
+            return np.full((3, 3), np.nan), 0, False
         W = P @ inverse
     assert W is not None
-    form = unit[:, None] * W
-    values = np.linalg.eigvalsh((form + form.T) / 2)
-    nearest = float(values[np.argmin(np.abs(values))])
-    return index + int((values < 0).sum()), nearest, float(np.linalg.norm(form - form.T) / 2)
+    # the rotation of the tip in the world
+    return frames[-1] @ (unit[:, None] * W) @ frames[-1].T, conjugate, True
 
 
-def _of_pattern(columns: NodeColumns, chosen: NDArray[np.intp], longest: int, ended: list[int]) -> tuple[FloatArray, ...]:
-    """Index, tip stiffness and uncertainty of instances whose rods end in the same order, ``ended`` before the tip."""
+def _of_pattern(
+    columns: NodeColumns, chosen: NDArray[np.intp], longest: int, ended: list[int]
+) -> tuple[FloatArray, list[int], NDArray[np.int_], NDArray[np.bool_]]:
+    """Form, its rows, conjugate points and whether they are known, where rods end in the same order, ``ended`` before the tip."""
     s, P = columns.arclength[chosen], columns.tip_momenta[chosen]
     Y = np.array(columns.configuration[chosen])
-    Y[np.isnan(s)] = np.eye(Y.shape[-1])
+    m = Y.shape[-2]
+    Y[np.isnan(s)] = np.eye(m, Y.shape[-1])
+    position = np.zeros((len(chosen), 0, m))
+    if columns.tip_force is not None and columns.tip_position is not None:
+        # columns without a force on the tip, then one for each component of it
+        basis = _by_force(columns.tip_force[chosen])
+        Y, P, position = Y @ basis[:, None], P @ basis, columns.tip_position[chosen] @ basis
     rods = [rod for rod in range(columns.ends.shape[1]) if rod != longest]
-    rows = list(range(3 + len(rods)))  # of the rods that have not ended
-    index = np.zeros(len(chosen))
+    rows = list(range(m))  # of the rods that have not ended
+    conjugate = np.zeros(len(chosen), dtype=int)
     known = np.ones(len(chosen), dtype=bool)
     first = np.zeros(len(chosen), dtype=int)
+    every = np.arange(len(chosen))
     for rod in [*ended, -1]:
         end = columns.ends[chosen].max(axis=1) if rod < 0 else columns.ends[chosen, rod]
         last = np.argmax(s >= end[:, None], axis=1)
-        inverse, sound = _inverse(Y)
+        inverse, sound = _inverse(Y[..., : len(rows)])
         k = np.arange(s.shape[1] - 1)
         inside = (k >= first[:, None]) & (k < last[:, None])
         known &= (sound[:, :-1] | ~inside).all(axis=1)
-        index += np.where(inside, _negative(Y[:, 1:] @ inverse[:, :-1]), 0).sum(axis=1)
-        here = np.take_along_axis(inverse, last[:, None, None, None], 1)[:, 0]
-        known &= np.take_along_axis(sound, last[:, None], 1)[:, 0]
-        form = P @ here
+        conjugate += np.where(inside, _negative(Y[:, 1:, :, : len(rows)] @ inverse[:, :-1]), 0).sum(axis=1)
+        here = inverse[every, last]
+        known &= sound[every, last]
         if rod < 0:
             break
         # (6) the angle of this rod is free from here on: eliminate it, and keep to the columns that leave its end without torque
         row = 3 + rods.index(rod)
         place = rows.index(row)
-        index += form[:, place, place] < 0
-        free = np.linalg.svd(P[:, place][:, None, :])[2][:, 1:].swapaxes(1, 2)
+        conjugate += (P[:, :, : len(rows)] @ here)[:, place, place] < 0
+        free = _without_torque(P[:, place], len(rows))
         rows.remove(row)
         Y = np.delete(Y, place, axis=2) @ free[:, None]
-        P = np.delete(P, place, axis=1) @ free
+        P, position = np.delete(P, place, axis=1) @ free, position @ free
         first = last
-    # (5)
+    # (5), (9)
+    r = len(rows)
+    by_tip = np.zeros((len(chosen), P.shape[-1], P.shape[-1]))
+    by_tip[:, :r, :r] = here
+    by_tip[:, :r, r:] = -here @ Y[every, last][:, :, r:]
+    by_tip[:, range(r, P.shape[-1]), range(r, P.shape[-1])] = 1.0
+    form = np.concatenate([P, -position], axis=1) @ by_tip
     known &= np.isfinite(form).all(axis=(1, 2))
-    form[~known] = np.nan
-    skew = np.linalg.norm(form - form.swapaxes(1, 2), axis=(1, 2)) / 2
-    values = np.full((len(chosen), len(rows)), np.nan)
-    values[known] = np.linalg.eigvalsh((form + form.swapaxes(1, 2))[known] / 2)
-    index += (values < 0).sum(axis=1)
-    nearest = np.take_along_axis(values, np.argmin(np.abs(np.nan_to_num(values)), axis=1)[:, None], 1)[:, 0]
-    return np.where(known, index, -1), nearest, skew
+    return form, rows, conjugate, known
+
+
+def _by_force(tip_force: FloatArray) -> FloatArray:
+    """Combinations of columns (batch, c, c): first those by which the force (batch, 3, c) stays, then one a component of it."""
+    count, c = len(tip_force), tip_force.shape[-1]
+    basis = np.broadcast_to(np.eye(c), (count, c, c)).copy()
+    sound = np.isfinite(tip_force).all(axis=(1, 2)) & (np.linalg.det(np.nan_to_num(tip_force[:, :, -3:])) != 0)
+    inverse = np.linalg.inv(np.where(sound[:, None, None], tip_force[:, :, -3:], np.eye(3)))
+    basis[:, -3:, :-3] = -inverse @ np.where(sound[:, None, None], tip_force[:, :, :-3], np.nan)
+    basis[:, -3:, -3:] = inverse
+    return basis
+
+
+def _without_torque(torque: FloatArray, r: int) -> FloatArray:
+    """Combinations (batch, c, c - 1) of columns that leave a torque (batch, c) as it is: of the first r alone, then of each other."""
+    count, c = torque.shape
+    free = np.zeros((count, c, c - 1))
+    own = torque[:, :r]
+    free[:, :r, : r - 1] = np.linalg.svd(own[:, None, :])[2][:, 1:].swapaxes(1, 2)
+    free[:, :r, r - 1 :] = -own[:, :, None] * (torque[:, r:] / (own**2).sum(axis=1, keepdims=True))[:, None, :]
+    free[:, range(r, c), range(r - 1, c - 1)] = 1.0
+    return free
 
 
 def _inverse(Y: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Inverses, and whether rounding leaves them their signs."""
     with np.errstate(all="ignore"):
-        sound: NDArray[np.bool_] = np.asarray(np.isfinite(Y).all(axis=(-2, -1)))
-        sound &= np.linalg.det(np.where(sound[..., None, None], Y, 0.0)) != 0
-        inverse = np.linalg.inv(np.where(sound[..., None, None], Y, np.eye(Y.shape[-1])))
-        sound &= np.linalg.norm(Y, axis=(-2, -1)) * np.linalg.norm(inverse, axis=(-2, -1)) < WORST_CONDITION
+        inverse = np.empty_like(Y)
+        if Y.shape[-1] == 3:  # by its cofactors: several times faster than LAPACK
+            a, b, c = (Y[..., k] for k in range(3))
+            inverse[:] = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-2)
+            inverse /= (a * inverse[..., 0, :]).sum(axis=-1)[..., None, None]
+        else:
+            try:
+                inverse[:] = np.linalg.inv(Y)
+            except np.linalg.LinAlgError:
+                regular = np.linalg.det(np.nan_to_num(Y)) != 0
+                inverse[:] = np.linalg.inv(np.where(regular[..., None, None], Y, np.eye(Y.shape[-1])))
+                inverse[~regular] = np.nan
+        size = np.einsum("...ij,...ij", Y, Y) * np.einsum("...ij,...ij", inverse, inverse)
+        sound: NDArray[np.bool_] = np.asarray(size < WORST_CONDITION**2)
     return inverse, sound
 
 
 def _negative(ratio: FloatArray) -> NDArray[np.int_]:
-    """How many eigenvalues of each matrix have a negative real part; none does within a distance 1 of the identity."""
-    far = ~(np.linalg.norm(ratio - np.eye(ratio.shape[-1]), axis=(-2, -1)) < 1)
+    """How many eigenvalues of each matrix have a negative real part."""
+    n = ratio.shape[-1]
+    trace = np.einsum("...ii", ratio)
+    with np.errstate(all="ignore"):
+        # none has where the matrix is nearer to some positive multiple of the identity than that is to zero
+        far = ~((trace > 0) & (trace**2 > (n - 1) * np.einsum("...ij,...ij", ratio, ratio)))
     far &= np.isfinite(ratio).all(axis=(-2, -1))
     result = np.zeros(ratio.shape[:-2], dtype=int)
-    result[far] = (np.linalg.eigvals(ratio[far]).real < 0).sum(axis=-1)
+    if far.any():
+        result[far] = (np.linalg.eigvals(ratio[far]).real < 0).sum(axis=-1)
     return result

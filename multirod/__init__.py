@@ -21,6 +21,7 @@ if find_spec("multirod.models") is None:
     )
 
 from multirod.assembly import Assembly
+from multirod.critical_loads import CriticalLoad, critical_loads
 from multirod.equilibria import equilibria
 from multirod.inputs import Inputs, InputSpec
 from multirod.models.concentric_tubes import ConcentricTubes
@@ -30,7 +31,7 @@ from multirod.models.single_rod import SingleRod
 from multirod.problem import Block, BoundaryProblem, Shape
 from multirod.recording import Recorder
 from multirod.rod import Rod, Section
-from multirod.simulation import Tracker, simulate, solve
+from multirod.simulation import simulate, solve
 from multirod.solution import History, Solution, SolveError
 from multirod.solver import Outcome, Solver, Track, registered_solvers
 from multirod.solvers.multiple_shooting import MultipleShooting
@@ -39,6 +40,8 @@ from multirod.solvers.scipy_shooting import ScipyShooting
 from multirod.solvers.shooting import Shooting
 from multirod.stability import Stability
 from multirod.status import Status
+from multirod.sweeps import Study, sweep
+from multirod.tracker import Tracker
 
 __version__ = "0.1.0"
 
@@ -51,6 +54,7 @@ __all__ = [
     "Block",
     "BoundaryProblem",
     "ConcentricTubes",
+    "CriticalLoad",
     "FixedStepIntegrator",
     "History",
     "InputSpec",
@@ -73,11 +77,14 @@ __all__ = [
     "Solver",
     "Stability",
     "Status",
+    "Study",
     "Tableau",
     "Track",
     "Tracker",
+    "critical_loads",
     "equilibria",
     "registered_solvers",
     "simulate",
     "solve",
+    "sweep",
 ]

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from multirod.batch import IntArray
 from multirod.inputs import Inputs, InputSpec
 from multirod.problem import BoundaryProblem
 from multirod.rod import Rod
@@ -39,6 +40,7 @@ class Assembly(ABC):
         pose_sensitivities: bool = False,
         direction_count: int = 0,
         enabled: Sequence[str] = (),
+        instances: IntArray | None = None,
     ) -> BoundaryProblem:
         """The boundary problem at ``inputs``.
 
@@ -49,6 +51,8 @@ class Assembly(ABC):
             pose_sensitivities: Whether the columns include the end effector's pose.
             direction_count: Columns for derivatives along directions in input space.
             enabled: Inputs whose terms are compiled in although they are zero now.
+            instances: Numbers, in the flattened batch, of the only ones to be solved, shape (instance_count,); all by default.
+                What is compiled in is the same as for all. An assembly that does not take this is solved in one piece.
         """
 
     @property
@@ -74,14 +78,7 @@ class Assembly(ABC):
             plain = {name: value for name, value in values.items() if not callable(value)}
             length = self._reach(Inputs(self.input_specs, self.rod_count, plain))
         result = Inputs(self.input_specs, self.rod_count, values, length)
-        try:
-            np.broadcast_shapes(result.batch_shape, self.batch_shape)
-        except ValueError:
-            if not self.batch_shape:
-                raise
-            raise ValueError(
-                f"the inputs' leading axes {result.batch_shape} do not broadcast with the rods' {self.batch_shape}"
-            ) from None
+        self._check_axes(result)
         self.check(result)
         return result
 
@@ -97,8 +94,17 @@ class Assembly(ABC):
         if not isinstance(inputs, Inputs):
             raise TypeError(f"inputs must be made by robot.inputs(...), not {type(inputs).__name__}")
         unknown_names("the robot", inputs.given, (spec.name for spec in self.input_specs))
+        self._check_axes(inputs)
         self.check(inputs)
         return inputs
+
+    def _check_axes(self, inputs: Inputs) -> None:
+        try:
+            np.broadcast_shapes(inputs.batch_shape, self.batch_shape)
+        except ValueError:
+            raise ValueError(
+                f"the inputs' leading axes {inputs.batch_shape} do not broadcast with the rods' {self.batch_shape}"
+            ) from None
 
     def check(self, inputs: Inputs) -> None:  # noqa: B027  (most assemblies have nothing to add)
         """Refuse inputs that this assembly cannot take, by a ``ValueError``."""

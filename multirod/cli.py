@@ -132,7 +132,7 @@ def _progress(console: Console) -> Progress:
 def _run(progress: Progress, name: str, study: Motion, solver: Solver) -> History:
     task = progress.add_task(name, total=len(study.time))
     # the first launch compiles or loads the kernels: not part of a sample's time
-    simulate(study.robot, study.inputs[:2], time=study.time[:2], solver=solver)
+    simulate(study.robot, study.inputs[:2], time=study.time[:2], solver=solver, progress=False)
     return simulate(
         study.robot, study.inputs, time=study.time, solver=solver, progress=lambda done: progress.update(task, completed=done)
     )

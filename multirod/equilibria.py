@@ -1,14 +1,17 @@
 """All equilibria of one robot at one set of inputs."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from multirod.assembly import Assembly
+from multirod.critical_loads import natural_start, unloaded
 from multirod.inputs import Inputs
 from multirod.simulation import solve
 from multirod.solution import Solution, SolveError
 from multirod.solvers.multistart import ROUND, STARTS, Catalogue, converge, degrees, limits
 from multirod.solvers.shooting import Shooting
-from multirod.validation import Described, positive_int, refuse
+from multirod.validation import Described, FloatArray, positive_int, refuse
 
 
 def equilibria(
@@ -16,8 +19,9 @@ def equilibria(
 ) -> Solution:
     """All equilibria that Newton's method finds from many starts, the one of lowest potential energy first.
 
-    Starts cover all base moments and torques that an equilibrium can have, in rounds, until a round brings nothing new and
-    the signs of ``determinant`` add up as they must (``docs/stability.md``). That is no proof that none is missing.
+    Starts cover all base moments and torques that an equilibrium can have (for parallel robots, poses of the platform), in rounds,
+    until a round brings nothing new and the signs of ``determinant`` add up as they must (``docs/stability.md``). Then branches
+    that cross the natural one as loads are raised are followed. That is no proof that none is missing.
 
     Args:
         robot: The assembly.
@@ -51,7 +55,7 @@ def equilibria(
         raise TypeError(f"{type(robot).__name__} offers no starts: its problem has no starts()")
     limit = limits(problem.starts(ROUND)[:, :1])
     newton = method.newton(problem)
-    catalogue = Catalogue(float(degrees(problem)[0]))
+    catalogue = Catalogue(float(degrees(problem)[0]) if problem.signs_add_up else None)
     everyone = np.ones(count, dtype=bool)
     for first in range(0, starts, count):
         reached = converge(problem, newton, problem.starts(count, first)[:, 0], everyone, limit)
@@ -61,12 +65,36 @@ def equilibria(
         catalogue.end_round()
         if catalogue.settled:
             break
+    for chunk in _chunks(_connected(robot, inputs, method, device), count):
+        reached = converge(problem, newton, chunk, everyone, np.inf)
+        unknowns, gamma = problem.read("unknowns"), problem.read("gamma").reshape(count, problem.unknown_count, -1)
+        for k in np.flatnonzero(reached):
+            catalogue.add(unknowns[k], gamma[k])
     if not catalogue.unknowns:
         raise SolveError(f"no equilibrium was found from {starts} starts: raise starts, or loosen the solver's tolerance")
     inputs = _repeated(inputs, len(catalogue.unknowns))
     found = solve(robot, inputs, solver=method, guess=np.array(catalogue.unknowns), device=device)
     energy = found.potential if np.isfinite(found.potential).all() else found.energy
     return solve(robot, inputs, solver=method, guess=found.unknowns[np.argsort(energy, kind="stable")], device=device)
+
+
+def _connected(robot: Assembly, inputs: Inputs, method: Shooting, device: str) -> list[FloatArray]:
+    """Guesses on the natural branch and on those that cross it as loads are raised; none where no load acts."""
+    begin = unloaded(robot, inputs)
+    if not any(inputs.is_active(name) for name in set(inputs.given) - {n for n in begin.given if begin.is_active(n)}):
+        return []
+    try:
+        branch, first = natural_start(robot, begin, inputs, method, device)
+    except SolveError:
+        return []
+    return branch.connected(first, 1.0) if first.modes.known[0] else []
+
+
+def _chunks(guesses: list[FloatArray], count: int) -> Iterator[FloatArray]:
+    """Guesses as arrays (count, n), the last ones repeated."""
+    for first in range(0, len(guesses), count):
+        some = guesses[first : first + count]
+        yield np.array(some + [some[-1]] * (count - len(some)))
 
 
 def _repeated(inputs: Inputs, count: int) -> Inputs:

@@ -138,7 +138,7 @@ def compare(history: History, reference: History) -> Comparison:
     )
 
 
-def reference(study: Motion, progress: Progress | None = None) -> History:
+def reference(study: Motion, progress: Progress | bool = True) -> History:
     """The converged solution: Newton to 1e-9 with an integration to 1e-11."""
     solver = Shooting(integrator=RK45(rtol=1e-11, atol=1e-13), predictor="quadratic")
     return simulate(study.robot, study.inputs, time=study.time, solver=solver, progress=progress)

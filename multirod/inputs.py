@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from multirod.batch import IntArray, take
 from multirod.profile import Profile, fit
 from multirod.validation import FloatArray, array, unknown_names
 
@@ -42,6 +43,8 @@ class Inputs:
         batch_shape: Leading axes of all inputs together.
         given: Names of the inputs that were given.
     """
+
+    _kept: frozenset[str] = frozenset()  # active in the batch that these were taken from
 
     def __init__(self, specs: Sequence[InputSpec], rod_count: int, values: Mapping[str, Any], length: float = 0.0) -> None:
         """Check and broadcast ``values``; ``length`` is the range over which functions of arclength are resolved [m]."""
@@ -89,10 +92,17 @@ class Inputs:
         return self._profiles
 
     def is_active(self, name: str) -> bool:
-        """Whether an input was given and is not zero everywhere."""
+        """Whether an input was given and is not zero everywhere, or was not in the batch that these inputs were taken from."""
+        if name in self._kept:
+            return True
         if self._specs[name].optional:
             return name in self._arrays
         return name in self._profiles or bool(np.any(self._arrays.get(name, 0.0)))
+
+    @property
+    def active(self) -> tuple[str, ...]:
+        """Names of the inputs that are not zero everywhere."""
+        return tuple(name for name in self.given if self.is_active(name))
 
     def with_arrays(self, arrays: Mapping[str, FloatArray]) -> "Inputs":
         """Inputs of the same assembly with other values, already checked; functions of arclength are kept."""
@@ -108,6 +118,18 @@ class Inputs:
         arrays = {name: np.broadcast_to(a, (*self.batch_shape, a.shape[-1]))[index] for name, a in self._arrays.items()}
         result = self.with_arrays(arrays)
         result.batch_shape = np.shape(np.broadcast_to(0.0, self.batch_shape)[index])
+        return result
+
+    def take(self, batch_shape: tuple[int, ...], instances: IntArray) -> "Inputs":
+        """The inputs of some instances, a batch of one axis, solved by the terms that the whole batch needs.
+
+        Args:
+            batch_shape: What the inputs' leading axes broadcast to.
+            instances: Numbers in the flattened batch, shape (k,).
+        """
+        result = self.with_arrays({name: take(a, batch_shape or (1,), instances, tail=1) for name, a in self._arrays.items()})
+        result.batch_shape = (len(instances),)
+        result._kept = frozenset(self.active)
         return result
 
     def __repr__(self) -> str:

@@ -2,19 +2,24 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from threading import Event
 from typing import Any
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from multirod.batch import IntArray, Interrupted
 from multirod.inputs import Inputs
 from multirod.segments import Breakpoints, Segments
+from multirod.stability import Modes
 from multirod.validation import Described, FloatArray, refuse
 
 BUFFERS = (
+    "order",
     "active",
     "load_factor",
     "unknowns",
@@ -87,6 +92,8 @@ class BoundaryProblem(ABC):
         arrow: Where ``Gamma`` is an arrow, blocks on the diagonal that meet only in a border of last rows and columns: the first
             index of each, of the border, and ``n``; else empty.
         unknowns: Where to evaluate [1/m], shape (instance_count, n).
+        order: Instances that launches pass over: the first ``listed`` entries, which ``focus`` sets, shape (instance_count,).
+        listed: How many.
         active: Instances that are evaluated (1) or left as they are (0), shape (instance_count,).
         load_factor: What multiplies all loads of an instance, and the part of the way from ``guess`` to the robot as it is,
             shape (instance_count,).
@@ -94,7 +101,7 @@ class BoundaryProblem(ABC):
         natural_singular_value: What the smallest singular value of ``Gamma`` is far from any fold, 1 or less: how near one is, is
             judged against it, shape (instance_count,).
         breakpoints: Instances whose equilibrium is known by its states there, not by ``unknowns`` alone; ``shapes``,
-            ``unstable_modes`` and ``potential`` are of these states.
+            ``modes`` and ``potential`` are of these states.
         fault: 0, or why an evaluation failed (1: not finite, 2: step limit), shape (instance_count,).
         residual: ``eps`` [1/m], shape (instance_count, n).
         gamma: ``Gamma``, shape (instance_count, n, n).
@@ -104,6 +111,7 @@ class BoundaryProblem(ABC):
         pose_columns: Its derivative by the unknowns and directions, position rows then rotation-vector rows, both in the
             world, shape (instance_count, 6, n + direction_count).
         directions: Directions in input space, shape (instance_count, direction_count, input_count).
+        stop: Once it is set, ``integrate`` raises ``Interrupted``: how a batch on several threads is brought to an end.
     """
 
     guess_integrations: int = 0
@@ -121,6 +129,7 @@ class BoundaryProblem(ABC):
     ) -> None:
         self.unknown_count = n = unknown_count
         self.batch_shape = batch_shape
+        self.stop: Event | None = None
         self.instance_count = count = math.prod(batch_shape)
         self.input_count = input_count
         self.direction_count = direction_count
@@ -143,6 +152,8 @@ class BoundaryProblem(ABC):
         self.gamma = self._field("gamma", (n, n))
         self.position = self._field("position", (), wp.vec3d)
         self.rotation = self._field("rotation", (), wp.mat33d)
+        self.order: Any = wp.array(np.arange(count, dtype=np.int32), dtype=wp.int32, device=device)
+        self.listed = count
         self.active: Any = wp.ones(count, dtype=wp.int32, device=device)
         self.fault: Any = wp.zeros(count, dtype=wp.int32, device=device)
         self.step_count: Any = wp.zeros(count, dtype=wp.int32, device=device)
@@ -191,9 +202,53 @@ class BoundaryProblem(ABC):
             refuse("guess", Described(f"array of shape {unknowns.shape}"), f"must have shape (..., {self.unknown_count})")
         return unknowns
 
-    @abstractmethod
     def integrate(self) -> None:
-        """Evaluate residual, ``Gamma`` and the end effector's pose of the active instances: one integration per rod."""
+        """Evaluate residual, ``Gamma`` and the end effector's pose of the active instances: one integration per rod.
+
+        Raises:
+            Interrupted: If ``stop`` is set.
+        """
+        self.heed_stop()
+        self._integrate()
+
+    def heed_stop(self) -> None:
+        """Come to an end here if ``stop`` is set: whatever takes long calls it in between.
+
+        Raises:
+            Interrupted: If it is.
+        """
+        if self.stop is not None and self.stop.is_set():
+            raise Interrupted
+
+    @abstractmethod
+    def _integrate(self) -> None:
+        """Do what ``integrate`` says."""
+
+    @contextmanager
+    def without_poses(self) -> Iterator[None]:
+        """Within it, integrations may leave the end effector's pose out, where that saves time; it is found in the end."""
+        yield
+
+    def focus(self, instances: IntArray | None = None) -> None:
+        """Let launches pass over these instances alone, (k,), to which all that are active belong; over all by default."""
+        chosen = np.arange(self.instance_count) if instances is None else instances
+        listed = np.arange(self.instance_count, dtype=np.int32)
+        listed[: len(chosen)] = chosen
+        self.order.assign(listed)
+        self.listed = len(chosen)
+
+    def part(self, instances: IntArray) -> "BoundaryProblem":
+        """A problem of some of the instances, (k,), at their present inputs and unknowns.
+
+        What takes long for a few takes no time for the others there. ``keep`` brings back what came of it.
+        """
+        raise NotImplementedError(f"{type(self).__name__} offers no parts")
+
+    def keep(self, part: "BoundaryProblem", instances: IntArray) -> None:
+        """Take over the records of a part of the instances."""
+        records = self.snapshot()
+        records[instances] = part.snapshot()
+        self.restore(records)
 
     def takes(self, name: str) -> bool:
         """Whether the terms of an input are compiled into this problem."""
@@ -238,6 +293,16 @@ class BoundaryProblem(ABC):
         """Whether there are several equilibria even unloaded, so that where the natural branch ends, another stable one is meant."""
         return False
 
+    @property
+    def guess_is_stable(self) -> bool:
+        """Whether ``guess`` is a stable equilibrium of the unloaded assembly; where not, what it leads to is tested."""
+        return True
+
+    @property
+    def signs_add_up(self) -> bool:
+        """Whether the signs of ``det Gamma`` over all equilibria add up to that of the unloaded one (``docs/stability.md``)."""
+        return True
+
     def starts(self, count: int, first: int = 0) -> FloatArray:
         """Guesses that cover where equilibria may lie [1/m], shape (count, instance_count, n); none by default.
 
@@ -245,12 +310,9 @@ class BoundaryProblem(ABC):
         """
         return np.zeros((0, self.instance_count, self.unknown_count))
 
-    def unstable_modes(self) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
-        """How many modes of the equilibria at ``unknowns`` are unstable, and whether a further one is neutral: a fold.
-
-        Both of shape (instance_count,). The number is -1 where it cannot be said, as everywhere by default.
-        """
-        return np.full(self.instance_count, -1, dtype=np.int32), np.zeros(self.instance_count, dtype=bool)
+    def modes(self) -> Modes:
+        """The second variation of the energy of the equilibria at ``unknowns``; unknown by default."""
+        return Modes.unknown(self.instance_count)
 
     def potential(self) -> FloatArray:
         """Total potential energy at ``unknowns`` [J], shape (instance_count,): elastic energy less the work of dead forces.

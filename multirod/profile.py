@@ -26,7 +26,7 @@ class Profile:
         ends: Arclength at which each piece ends [m], shape (piece_count,).
         coefficients: Monomial coefficients of each piece, lowest first, in its own coordinate from -1 to 1,
             shape (piece_count, DEGREE + 1, width).
-        function: The function itself.
+        function: The function itself; it is not pickled with the polynomials, which are all that a solve needs.
     """
 
     ends: FloatArray
@@ -39,6 +39,17 @@ class Profile:
         start = self.ends[piece - 1] if piece else 0.0
         t = (2 * s - start - self.ends[piece]) / (self.ends[piece] - start)
         return np.asarray(np.polynomial.polynomial.polyval(t, self.coefficients[piece]), dtype=np.float64)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"ends": self.ends, "coefficients": self.coefficients}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        for name, value in {**state, "function": _left_behind}.items():
+            object.__setattr__(self, name, value)
+
+
+def _left_behind(s: float) -> Any:
+    raise ValueError("a function of arclength cannot be resolved anew after pickling: give the function itself")
 
 
 def interpolate(function: Callable[[float], Any], start: float, end: float) -> FloatArray:

@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
 
 from multirod import profile
+from multirod.batch import take
 from multirod.validation import FloatArray, array, nonnegative_float, number, positive_array, positive_float, refuse
 
 
@@ -277,6 +278,8 @@ class RodArrays:
         degree: Degree of the polynomials.
         shear: Whether any rod shears or extends.
         anisotropic: Whether any bending stiffness differs between the axes.
+        torsion: Whether any rod twists elastically.
+        batch_shape: Leading axes; where there are none, the batch axis is 1.
     """
 
     end: FloatArray
@@ -285,7 +288,29 @@ class RodArrays:
     degree: int
     shear: bool
     anisotropic: bool
+    torsion: bool
     batch_shape: tuple[int, ...] = field(default=())
+
+    def take(self, batch_shape: tuple[int, ...], instances: Any = None) -> "RodArrays":
+        """The arrays of some instances, along one axis, of a batch to whose leading axes these broadcast.
+
+        ``instances`` are their numbers in the flattened batch; all of them, with the batch's own axes, by default. What does not
+        vary stays one row.
+        """
+        if not self.batch_shape or (instances is None and self.batch_shape == batch_shape):
+            return self
+        return replace(
+            self, batch_shape=batch_shape if instances is None else np.shape(instances), **self._rows(batch_shape, instances)
+        )
+
+    def repeated(self, batch_shape: tuple[int, ...]) -> "RodArrays":
+        """The same with a row for every instance, whether or not it varies."""
+        return replace(self, batch_shape=batch_shape, **self._rows(batch_shape, None))
+
+    def _rows(self, batch_shape: tuple[int, ...], instances: Any) -> dict[str, Any]:
+        values = {"end": self.end, "material": self.material, "precurvature": self.precurvature}
+        shaped = {name: value.reshape(*self.batch_shape, *value.shape[1:]) for name, value in values.items()}
+        return {name: take(value, batch_shape, instances, tail=values[name].ndim - 1) for name, value in shaped.items()}
 
 
 def stack(backbones: Sequence[RodArrays], batch_shape: tuple[int, ...]) -> RodArrays:
@@ -314,12 +339,14 @@ def stack(backbones: Sequence[RodArrays], batch_shape: tuple[int, ...]) -> RodAr
         degree=max(arrays.degree for arrays in backbones),
         shear=any(arrays.shear for arrays in backbones),
         anisotropic=any(arrays.anisotropic for arrays in backbones),
+        torsion=any(arrays.torsion for arrays in backbones),
         batch_shape=(*batch_shape, len(backbones)),
     )
 
 
-def lower(rods: Sequence[Rod], batch_shape: tuple[int, ...]) -> RodArrays:
-    """Arrays of ``rods`` broadcast to ``batch_shape`` (``()`` gives a batch axis of 1)."""
+def lower(rods: Sequence[Rod]) -> RodArrays:
+    """Arrays of ``rods``, their leading axes broadcast with each other (a batch axis of 1 where there are none)."""
+    batch_shape = np.broadcast_shapes(*(rod.batch_shape for rod in rods))
     degree = profile.DEGREE if any(isinstance(s.precurvature, profile.Profile) for rod in rods for s in rod.sections) else 0
 
     def batch(value: Any, tail: tuple[int, ...] = ()) -> FloatArray:
@@ -363,5 +390,6 @@ def lower(rods: Sequence[Rod], batch_shape: tuple[int, ...]) -> RodArrays:
         degree=degree,
         shear=bool((material[..., 6:9] > 0).any()),
         anisotropic=bool((material[..., 0] != material[..., 1]).any()),
+        torsion=bool(np.isfinite(material[..., 2]).any()),
         batch_shape=batch_shape,
     )

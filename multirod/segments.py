@@ -1,13 +1,15 @@
 """A boundary problem cut into segments: what multiple shooting sees of an assembly."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod.batch import IntArray
+from multirod.stability import Modes
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -23,12 +25,14 @@ class Breakpoints:
         states: Where each segment begins, shape (segment_count, state_size); the first follows from ``unknowns``.
         unknowns: Of the boundary problem [1/m], shape (n,).
         steps: Integration steps of each segment, shape (segment_count,).
+        gap: What Newton's method left of the equations between segments and at the tip, max norm [1/m]; NaN on the way.
     """
 
     arclength: FloatArray
     states: FloatArray
     unknowns: FloatArray
     steps: NDArray[np.int32]
+    gap: float = np.nan
 
     def halves(self, instance: int, long: NDArray[np.bool_], level: float) -> "Request":
         """The first halves of the segments that are ``long``."""
@@ -47,6 +51,16 @@ class Breakpoints:
             self.unknowns,
             np.insert(steps, at, half.steps),
         )
+
+
+def taken(points: Mapping[int, Breakpoints], instances: IntArray) -> dict[int, Breakpoints]:
+    """Of the instances with these numbers, (k,), those that have breakpoints, by their places 0 to k - 1 among them."""
+    return {place: points[k] for place, k in enumerate(instances.tolist()) if k in points} if points else {}
+
+
+def placed(points: Mapping[int, Breakpoints], instances: IntArray) -> dict[int, Breakpoints]:
+    """The reverse: by the numbers of instances, (k,), whose places among them were the keys."""
+    return {int(instances[place]): own for place, own in points.items()}
 
 
 @dataclass(frozen=True)
@@ -158,6 +172,6 @@ class Segments(ABC):
     def shapes(self, points: dict[int, Breakpoints], node_count: int) -> "tuple[tuple[Shape, ...], FloatArray, FloatArray]":
         """As ``BoundaryProblem.shapes``, rows of other instances NaN; the elastic energy and the work of dead forces [J]."""
 
-    def unstable_modes(self, points: dict[int, Breakpoints]) -> dict[int, tuple[int, bool]]:
-        """As ``BoundaryProblem.unstable_modes``, of the instances whose modes can be counted; none by default."""
-        return {}
+    def modes(self, points: dict[int, Breakpoints]) -> Modes:
+        """As ``BoundaryProblem.modes``, of these instances alone, in their order; unknown by default."""
+        return Modes.unknown(len(points))

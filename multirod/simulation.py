@@ -1,21 +1,30 @@
-"""Solving one set of inputs, a motion, or one sample at a time."""
+"""Solving one set of inputs, a motion, or a batch of either."""
 
-from math import inf
+from collections.abc import Callable, Iterator
+from math import prod
+from threading import Event, Lock
 from time import perf_counter
 from typing import Any
 
 import numpy as np
+import warp as wp
 
 from multirod.assembly import Assembly
+from multirod.batch import IntArray, parts, run, thread_count
 from multirod.inputs import Inputs
 from multirod.problem import BoundaryProblem
+from multirod.progress import Watch
+from multirod.segments import Breakpoints, placed
 from multirod.solution import History, Scene, Solution
 from multirod.solver import Outcome, Solver
 from multirod.solvers.shooting import Shooting
-from multirod.validation import Described, FloatArray, array, positive_float, refuse, unknown_names
+from multirod.validation import Described, FloatArray, array, refuse
+
+_BLOCK = 2**20  # numbers: inputs are made ready for as many samples at once
 
 
-def _check(robot: object, solver: object) -> Solver:
+def as_solver(robot: object, solver: object) -> Solver:
+    """``solver``, or the one that is meant by None; refuses what is none, and what is no robot."""
     if not isinstance(robot, Assembly):
         raise TypeError(f"robot must be an assembly such as SingleRod(rod), not {type(robot).__name__}")
     if solver is None:
@@ -23,17 +32,6 @@ def _check(robot: object, solver: object) -> Solver:
     if not isinstance(solver, Solver):
         raise TypeError(f"solver must be a Solver such as Shooting(), not {type(solver).__name__}")
     return solver
-
-
-def _guess(guess: Any, problem: BoundaryProblem) -> FloatArray | None:
-    """A guess of the unknowns as (instance_count, n), from a solution or an array."""
-    if guess is None:
-        return None
-    values = guess.unknowns if isinstance(guess, Solution) else array("guess", guess)
-    flat = values.reshape(-1, values.shape[-1] if values.ndim else 1)
-    if len(flat) not in (1, problem.instance_count):
-        refuse("guess", Described(f"array of shape {values.shape}"), f"must broadcast to {problem.instance_count} instances")
-    return np.array(problem.adopt(np.broadcast_to(flat, (problem.instance_count, flat.shape[1]))))
 
 
 def _needs(solver: Solver) -> dict[str, Any]:
@@ -45,9 +43,19 @@ def _needs(solver: Solver) -> dict[str, Any]:
 
 
 def solve(
-    robot: Assembly, inputs: Inputs | None = None, *, solver: Solver | None = None, guess: Any = None, device: str = "cpu"
+    robot: Assembly,
+    inputs: Inputs | None = None,
+    *,
+    solver: Solver | None = None,
+    guess: Any = None,
+    device: str = "cpu",
+    threads: int | None = None,
+    instances: Any = None,
+    progress: bool | Callable[[int], Any] = True,
 ) -> Solution:
-    """Static equilibrium of every instance of ``inputs``.
+    """Static equilibrium of every instance of ``inputs`` and of the robot's own leading axes.
+
+    A batch is solved in parts, on several threads. An instance is bitwise the same whatever the parts and threads.
 
     Args:
         robot: The assembly.
@@ -56,6 +64,10 @@ def solve(
         guess: Where to start: a ``Solution``, also one under other loads, or unknowns (..., n). Without it, the equilibrium on the natural branch is
             meant: the one reached from the unloaded assembly by raising all loads in proportion.
         device: Warp device.
+        threads: That share the parts of a batch on the CPU; one for each core by default.
+        instances: Numbers, in the flattened batch, of the only ones to be solved, shape (k,): the result has that shape.
+        progress: Whether to show a bar on a terminal where it takes more than two seconds; or a function that is called with
+            the number of instances done.
 
     Returns:
         One equilibrium an instance, each with its status; an instance that fails never raises.
@@ -63,21 +75,30 @@ def solve(
     Raises:
         TypeError, ValueError: If an argument is not what it must be.
     """
-    method = _check(robot, solver)
+    method = as_solver(robot, solver)
     inputs = robot.accept(inputs)
-    problem = robot.problem(inputs, device=device, **_needs(method))
-    outcome = method.solve(problem, _guess(guess, problem))
-    batch_shape = np.broadcast_shapes(inputs.batch_shape, robot.batch_shape)
-    return Solution(_scene(robot, method, problem, inputs, batch_shape), problem.snapshot(), outcome, inputs)
+    whole = np.broadcast_shapes(inputs.batch_shape, robot.batch_shape)
+    chosen = None if instances is None else _numbers(instances, prod(whole))
+    batch_shape = whole if chosen is None else chosen.shape
+    count = prod(batch_shape)
+    workers = thread_count(threads)
+    pieces = _pieces(robot, count, workers, device)
+    results, lock = _Results(1, count), Lock()
 
+    def work(piece: slice, stop: Event) -> None:
+        some = _some(chosen, piece, count)
+        with lock:
+            problem = robot.problem(inputs, device=device, instances=some, **_needs(method))
+            problem.stop = stop
+            start = _guess(guess, problem, count, piece)
+        outcome = method.solve(problem, start)
+        results.put(0, piece, problem.snapshot(), outcome, problem)
+        watch.advance(piece.stop - piece.start)
 
-def _scene(robot: Assembly, solver: Solver, problem: BoundaryProblem, inputs: Inputs, batch_shape: tuple[int, ...]) -> Scene:
-    names = [name for name in inputs.given if name not in inputs.profiles]
-
-    def unpack(rows: FloatArray) -> Inputs:
-        return inputs.with_arrays({name: rows[:, problem.input_slice(name)].reshape(*batch_shape, -1) for name in names})
-
-    return Scene(robot, batch_shape, solver.integrator, problem.device, problem.record_fields, unpack)
+    with Watch("solving", count, progress) as watch:
+        run(work, pieces, workers)
+    scene = Scene(robot, batch_shape, method.integrator, device, results.fields, threads=workers)
+    return Solution(scene, results.records[0], results.outcome(), inputs, chosen)
 
 
 def simulate(
@@ -88,9 +109,10 @@ def simulate(
     solver: Solver | None = None,
     guess: Any = None,
     device: str = "cpu",
-    progress: Any = None,
+    threads: int | None = None,
+    progress: bool | Callable[[int], Any] = True,
 ) -> History:
-    """Follow a motion from sample to sample.
+    """Follow a motion from sample to sample, or a batch of motions.
 
     Args:
         robot: The assembly.
@@ -99,7 +121,9 @@ def simulate(
         solver: ``Shooting()`` by default.
         guess: Unknowns at the first sample, as for ``solve``.
         device: Warp device.
-        progress: Called with the number of samples done after each one.
+        threads: That share the parts of a batch on the CPU; one for each core by default.
+        progress: Whether to show a bar on a terminal where it takes more than two seconds; or a function that is called with
+            the number of samples done.
 
     Returns:
         The series, each sample with its status and the time that it took.
@@ -107,47 +131,175 @@ def simulate(
     Raises:
         ValueError: If ``time`` is not evenly spaced and increasing, or the inputs' first axis is not time.
     """
-    method = _check(robot, solver)
+    method = as_solver(robot, solver)
     inputs = robot.accept(inputs)
+    time, dt = _even(time)
+    samples = len(time)
+    if inputs.batch_shape and inputs.batch_shape[0] not in (1, samples):
+        refuse("inputs", Described(f"leading axes {inputs.batch_shape}"), f"the first must be time, {samples} samples")
+    batch_shape = np.broadcast_shapes(inputs.batch_shape[1:], robot.batch_shape)
+    first = inputs[0] if inputs.batch_shape else inputs
+    count = prod(batch_shape)
+    workers = thread_count(threads)
+    pieces = _pieces(robot, count, workers, device)
+    results, lock = _Results(samples, count), Lock()
+    step_time = np.zeros((len(pieces), samples))
+
+    def work(piece: slice, stop: Event) -> None:
+        some = _some(None, piece, count)
+        with lock:
+            runner = Runner(robot, method, first, dt, device, inputs.active, instances=some)
+            runner.start(guess, count, piece)
+        problem, took = runner.problem, step_time[pieces.index(piece)]
+        problem.stop = stop
+        rows = _samples(problem, inputs, samples, batch_shape, some)
+        for k in range(samples):
+            row = next(rows, None)
+            begin = perf_counter()
+            if row is not None:
+                problem.write("inputs", row)
+            outcome = runner.track.step()
+            took[k] = perf_counter() - begin
+            results.put(k, piece, problem.snapshot(), outcome, problem)
+            watch.advance()
+
+    with Watch("samples", samples, progress, shares=len(pieces)) as watch:
+        run(work, pieces, workers)
+    return History(
+        Scene(robot, (samples, *batch_shape), method.integrator, device, results.fields, threads=workers),
+        results.records.reshape(samples * count, -1),
+        results.outcome(),
+        _with_time(inputs, samples, batch_shape),
+        time=time,
+        step_time=step_time.sum(axis=0),
+        description=repr(method),
+    )
+
+
+class Runner:
+    """A problem and the solver's track on it."""
+
+    def __init__(
+        self,
+        robot: Assembly,
+        solver: Solver,
+        inputs: Inputs,
+        dt: float,
+        device: str,
+        enabled: Any,
+        *,
+        instances: IntArray | None = None,
+    ) -> None:
+        self.problem: Any = robot.problem(inputs, device=device, enabled=tuple(enabled), instances=instances, **_needs(solver))
+        reasons = solver.unsupported(self.problem)
+        if reasons:
+            raise ValueError(f"{type(solver).__name__} cannot take this problem: " + "; ".join(reasons))
+        self.track = solver.track(self.problem, dt)
+
+    def start(self, guess: Any, count: int, piece: slice) -> None:
+        """Start from a guess of ``count`` instances, of which the problem's are a piece; None is no guess."""
+        unknowns = _guess(guess, self.problem, count, piece)
+        if unknowns is not None:
+            self.track.start(unknowns)
+
+
+class _Results:
+    """Records and outcomes of all samples and instances, filled in part by part; nothing is kept twice."""
+
+    def __init__(self, samples: int, count: int) -> None:
+        self._shape = (samples, count)
+        self._lock = Lock()
+        self._outcome: dict[str, Any] = {}
+        self._breakpoints: dict[int, Breakpoints] = {}
+        self.fields: dict[str, slice] = {}
+        self.records: FloatArray = np.zeros(0)
+
+    def put(self, sample: int, piece: slice, records: FloatArray, outcome: Outcome, problem: BoundaryProblem) -> None:
+        """Take in what one part of the instances came to; on any thread."""
+        values = outcome.arrays
+        first, last = (sample * self._shape[1] + end for end in (piece.start, piece.stop))
+        with self._lock:
+            self._breakpoints |= placed(outcome.breakpoints, np.arange(first, last))
+            if not self.fields:
+                # the inputs are known
+                self.fields = {name: field for name, field in problem.record_fields.items() if name != "inputs"}
+                self.records = np.empty((*self._shape, max(field.stop for field in self.fields.values())))
+                self._outcome = {name: np.empty((*self._shape, *v.shape[1:]), v.dtype) for name, v in values.items()}
+            for name in self._outcome.keys() - values.keys():
+                del self._outcome[name]  # not all parts have it
+        self.records[sample, piece] = records[:, : self.records.shape[-1]]
+        for name in self._outcome.keys() & values.keys():
+            self._outcome[name][sample, piece] = values[name]
+
+    def outcome(self) -> Outcome:
+        """The outcomes of all samples, one after another."""
+        arrays = {name: value.reshape(-1, *value.shape[2:]) for name, value in self._outcome.items()}
+        return Outcome(**arrays, breakpoints=self._breakpoints)
+
+
+def _pieces(robot: Assembly, count: int, threads: int, device: str) -> list[slice]:
+    """Parts of a batch; on a GPU, which runs everything at once, all of it."""
+    return parts(count, threads, robot.rod_count) if wp.get_device(device).is_cpu else [slice(0, count)]
+
+
+def _some(chosen: IntArray | None, piece: slice, count: int) -> IntArray | None:
+    """Numbers of the instances of a part; None where it is all of a whole batch."""
+    if chosen is not None:
+        return chosen[piece]
+    return None if piece == slice(0, count) else np.arange(piece.start, piece.stop)
+
+
+def _numbers(instances: Any, count: int) -> IntArray:
+    values = np.asarray(instances)
+    if values.ndim != 1 or not np.issubdtype(values.dtype, np.integer):
+        refuse("instances", Described(f"{values.dtype} array of shape {values.shape}"), "must be integers of shape (k,)")
+    if values.size and not (values.min() >= 0 and values.max() < count):
+        refuse("instances", Described(f"{values.min()} to {values.max()}"), f"must be from 0 to {count - 1}")
+    return values.astype(np.intp)
+
+
+def _guess(guess: Any, problem: BoundaryProblem, count: int, piece: slice) -> FloatArray | None:
+    """A guess of the problem's unknowns, (instance_count, n), from a solution or an array of all ``count`` instances."""
+    if guess is None:
+        return None
+    values = guess.unknowns if isinstance(guess, Solution) else array("guess", guess)
+    flat = values.reshape(-1, values.shape[-1] if values.ndim else 1)
+    if len(flat) not in (1, count):
+        refuse("guess", Described(f"array of shape {values.shape}"), f"must broadcast to {count} instances")
+    rows = flat if len(flat) == 1 else flat[piece]
+    return np.array(problem.adopt(np.broadcast_to(rows, (problem.instance_count, rows.shape[1]))))
+
+
+def _even(time: Any) -> tuple[FloatArray, float]:
+    """Checked times of samples, and their distance."""
     time = array("time", time)
     if time.ndim != 1 or len(time) < 1:
         refuse("time", Described(f"array of shape {time.shape}"), "must have shape (sample_count,)")
     steps = np.diff(time)
     if len(steps) and not (steps.min() > 0 and np.allclose(steps, steps.mean(), rtol=1e-6, atol=0)):
         refuse("time", time if time.size < 20 else Described(f"{time.size} samples"), "must be evenly spaced and increasing")
-    count = len(time)
-    if inputs.batch_shape and inputs.batch_shape[0] not in (1, count):
-        refuse("inputs", Described(f"leading axes {inputs.batch_shape}"), f"the first must be time, {count} samples")
-    batch_shape = np.broadcast_shapes(inputs.batch_shape[1:], robot.batch_shape)
-    first = inputs[0] if inputs.batch_shape else inputs
-    active = [name for name in inputs.given if inputs.is_active(name)]
-    dt = float(steps.mean()) if len(steps) else 1.0
-    runner = _Runner(robot, method, first, dt, device, active, guess)
-    problem = runner.problem
-    records = np.empty((count, *problem.records.shape))
-    outcomes = []
-    step_time = np.empty(count)
-    moving = bool(inputs.batch_shape) and inputs.batch_shape[0] == count and count > 1
-    packed = np.stack([problem.pack(inputs[k]) for k in range(count)]) if moving else None
-    for k in range(count):
-        start = perf_counter()
-        if packed is not None:
-            problem.write("inputs", packed[k])
-        outcomes.append(runner.track.step())
-        step_time[k] = perf_counter() - start
-        records[k] = problem.snapshot()
-        if progress is not None:
-            progress(k + 1)
-    inputs = _with_time(inputs, count, batch_shape)
-    return History(
-        _scene(robot, method, problem, inputs, (count, *batch_shape)),
-        records.reshape(-1, records.shape[-1]),
-        Outcome.joined(outcomes),
-        inputs,
-        time=time,
-        step_time=step_time,
-        description=repr(method),
-    )
+    return time, float(steps.mean()) if len(steps) else 1.0
+
+
+def _samples(
+    problem: BoundaryProblem, inputs: Inputs, samples: int, batch_shape: tuple[int, ...], instances: IntArray | None
+) -> Iterator[FloatArray]:
+    """Rows of the inputs for each sample, made ready in blocks; none where nothing moves."""
+    if samples == 1 or not inputs.batch_shape or inputs.batch_shape[0] != samples:
+        return
+    constant = problem.read("inputs")
+    block = max(1, _BLOCK // constant.size)
+    chosen = slice(None) if instances is None else instances
+    for start in range(0, samples, block):
+        present = inputs[start : start + block]
+        rows = np.repeat(constant[None], present.batch_shape[0], axis=0)
+        for name in present.given:
+            if name not in present.profiles:
+                value = getattr(present, name)
+                own = value.reshape(len(value), *(1,) * (len(batch_shape) - value.ndim + 2), *value.shape[1:])
+                every = np.broadcast_to(own, (len(value), *batch_shape, value.shape[-1]))
+                rows[..., problem.input_slice(name)] = every.reshape(len(value), -1, value.shape[-1])[:, chosen]
+        yield from rows
 
 
 def _with_time(inputs: Inputs, count: int, batch_shape: tuple[int, ...]) -> Inputs:
@@ -160,160 +312,3 @@ def _with_time(inputs: Inputs, count: int, batch_shape: tuple[int, ...]) -> Inpu
         value = getattr(inputs, name)
         arrays[name] = np.broadcast_to(value.reshape(*shape, value.shape[-1]), (count, *batch_shape, value.shape[-1]))
     return inputs.with_arrays(arrays)
-
-
-def _broadcasts(shape: tuple[int, ...], target: tuple[int, ...]) -> bool:
-    try:
-        return np.broadcast_shapes(shape, target) == target
-    except ValueError:
-        return False
-
-
-_PLAIN_NUMBERS = (float, int, np.float64)
-
-
-class _Runner:
-    """A problem and the solver's track on it."""
-
-    def __init__(self, robot: Assembly, solver: Solver, inputs: Inputs, dt: float, device: str, enabled: Any, guess: Any) -> None:
-        self.problem: Any = robot.problem(inputs, device=device, enabled=tuple(enabled), **_needs(solver))
-        reasons = solver.unsupported(self.problem)
-        if reasons:
-            raise ValueError(f"{type(solver).__name__} cannot take this problem: " + "; ".join(reasons))
-        self.track = solver.track(self.problem, dt)
-        start = _guess(guess, self.problem)
-        if start is not None:
-            self.track.start(start)
-
-
-class Tracker:
-    """A solver in a control loop: one sample a call, buffers and launches made once.
-
-    Args:
-        robot: The assembly.
-        solver: ``Shooting()`` by default.
-        dt: Time between samples [s].
-        inputs: At the start; their batch axes are kept. Loads not zero here are compiled in now: another load named
-            later is compiled in when it first comes, which takes seconds once.
-        guess: Unknowns at the first sample, as for ``solve``.
-        device: Warp device.
-
-    Raises:
-        TypeError, ValueError: If an argument is not what it must be.
-    """
-
-    def __init__(
-        self,
-        robot: Assembly,
-        *,
-        solver: Solver | None = None,
-        dt: float,
-        inputs: Inputs | None = None,
-        guess: Any = None,
-        device: str = "cpu",
-    ) -> None:
-        self._solver = _check(robot, solver)
-        self._robot = robot
-        self._dt = positive_float("Tracker.dt", dt)
-        self._device = device
-        self._inputs = robot.accept(inputs)
-        self._enabled: set[str] = set()
-        self._started = guess is not None
-        self._prepare(guess)
-
-    def _prepare(self, guess: Any) -> None:
-        inputs = self._inputs
-        self._enabled |= {name for name in inputs.given if inputs.is_active(name)}
-        runner = _Runner(self._robot, self._solver, inputs, self._dt, self._device, self._enabled, guess)
-        self._problem, self._track = runner.problem, runner.track
-        self._batch_shape = np.broadcast_shapes(inputs.batch_shape, self._robot.batch_shape)
-        self._rebind()
-
-    def _rebind(self) -> None:
-        """Make the checked inputs those that changes by name start from."""
-        problem, inputs = self._problem, self._inputs
-        self._scene = _scene(self._robot, self._solver, problem, inputs, self._batch_shape)
-        self._rows: dict[str, Any] = {}
-        view = problem.input_view()
-        if view is None or self._batch_shape:
-            return
-        for spec in self._robot.input_specs:
-            writable = spec.name in inputs.given and spec.name not in inputs.profiles and problem.takes(spec.name)
-            if writable and not (spec.per_rod and inputs.profiles):
-                self._rows[spec.name] = view[0, problem.input_slice(spec.name)]
-
-    @property
-    def inputs(self) -> Inputs:
-        """The present inputs."""
-        return self._scene.unpack(self._problem.read("inputs"))
-
-    def step(self, inputs: Inputs | None = None, **changes: Any) -> Solution:
-        """Solve the next sample.
-
-        Args:
-            inputs: All inputs anew; or
-            **changes: inputs by name, the others keep their values.
-
-        Returns:
-            The sample's equilibrium or estimate, with its status.
-
-        Raises:
-            TypeError: If a name is not an input of the robot, or both forms are used.
-            ValueError: If a value is out of range, not finite, or changes the batch shape.
-        """
-        if inputs is not None or not self._write(changes):
-            self._apply(inputs, changes)
-        outcome = self._track.step()
-        self._started = True
-        return Solution(self._scene, self._problem.snapshot(), outcome)
-
-    def _write(self, changes: dict[str, Any]) -> bool:
-        """Write finite numbers straight into the kernel's inputs; False where a change needs to be checked or compiled in."""
-        staged = []
-        for name, value in changes.items():
-            row = self._rows.get(name)
-            if row is None:
-                return False
-            listed = type(value) in (tuple, list) or (isinstance(value, np.ndarray) and value.ndim == 1)
-            numbers = value if listed else (value,)
-            if len(numbers) != len(row):
-                return False
-            total = numbers[0]
-            for number in numbers[1:]:
-                total = total + number
-            # not a plain number, NaN, infinite or out of range: the checked path says so
-            if type(total) not in _PLAIN_NUMBERS or not -inf < total < inf or not self._robot.surely_takes(name, numbers):
-                return False
-            staged.append((row, value))
-        for row, value in staged:
-            row[:] = value
-        return True
-
-    def _apply(self, inputs: Inputs | None, changes: dict[str, Any]) -> None:
-        """Check new inputs, and compile in what they need."""
-        if inputs is not None:
-            if changes:
-                raise TypeError("Tracker.step takes inputs or named changes, not both")
-            new = self._robot.accept(inputs)
-        else:
-            unknown_names("Tracker.step()", changes, (spec.name for spec in self._robot.input_specs))
-            present = self.inputs
-            held: dict[str, Any] = {name: getattr(present, name) for name in present.given if name not in present.profiles}
-            held |= dict(present.profiles)
-            new = self._robot.inputs(**{**held, **changes})
-        if not _broadcasts(new.batch_shape, self._batch_shape):
-            refuse(
-                "inputs",
-                Described(f"leading axes {new.batch_shape}"),
-                f"must broadcast to those at the start, {self._batch_shape}",
-            )
-        named = set(changes) | {name for name in new.given if new.is_active(name)}
-        known = self._inputs.profiles
-        same_profiles = new.profiles.keys() == known.keys() and all(new.profiles[name] is known[name] for name in known)
-        self._inputs = new
-        if same_profiles and all(self._problem.takes(name) for name in named):
-            self._problem.write("inputs", self._problem.pack(new))
-            self._rebind()
-            return
-        self._enabled |= named
-        self._prepare(self._problem.read("unknowns") if self._started else None)

@@ -1,20 +1,23 @@
 """Results: an equilibrium of each instance, or a time series of them."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from threading import Event, Lock
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from multirod.assembly import Assembly
+from multirod.batch import IntArray, parts, run
 from multirod.inputs import Inputs
 from multirod.models.integrators import Integrator
 from multirod.problem import BoundaryProblem, Shape
+from multirod.segments import taken
 from multirod.solver import Outcome
 from multirod.solvers.multiple_shooting_system import pose_jacobian
-from multirod.stability import Stability, classify
+from multirod.stability import Modes, Stability
 from multirod.status import Status, failures
 from multirod.validation import FloatArray, positive_int, refuse
 
@@ -38,7 +41,8 @@ class Scene:
         integrator: Of the spatial equations.
         device: Warp device.
         fields: Where the fields of a record stand.
-        unpack: Inputs from the rows of the records.
+        unpack: Inputs from their rows, where the records hold them.
+        threads: That share what is computed later.
     """
 
     assembly: Assembly
@@ -46,21 +50,43 @@ class Scene:
     integrator: Integrator
     device: str
     fields: dict[str, slice]
-    unpack: Callable[[FloatArray], Inputs]
+    unpack: Callable[[FloatArray], Inputs] | None = None
+    threads: int = 1
 
 
 class Solution:
     """Equilibria of all instances; every array has the batch's leading axes ``...``.
 
     An instance that failed has NaN in every array but ``status``, ``residual``, ``iterations`` and ``integrations``,
-    which say how it ended. Shapes, energy and Jacobians are computed when they are first asked for.
+    which say how it ended. Shapes, energy, stability and Jacobians are computed when they are first asked for: of a large batch,
+    ask for those of the instances of interest, ``solution[index].rod(0)``.
     """
 
-    def __init__(self, scene: "Scene", records: FloatArray, outcome: Outcome, inputs: Inputs | None = None) -> None:
+    def __init__(
+        self,
+        scene: "Scene",
+        records: FloatArray,
+        outcome: Outcome,
+        inputs: Inputs | None = None,
+        instances: IntArray | None = None,
+    ) -> None:
         self._scene = scene
         self._records = records
         self._outcome = outcome
-        self._inputs = inputs
+        self._inputs = inputs  # of the whole batch
+        self._instances = instances  # of it, in the order of the records; None is all
+
+    def __getitem__(self, index: Any) -> "Solution":
+        """The solution of some instances: ``index`` as for an array with the leading axes ``batch_shape``.
+
+        Raises:
+            IndexError: If there are no such instances.
+        """
+        rows = np.arange(len(self._records)).reshape(self.batch_shape)[index]
+        flat = rows.reshape(-1)
+        chosen = flat if self._instances is None else self._instances[flat]
+        scene = replace(self._scene, batch_shape=rows.shape)
+        return Solution(scene, self._records[flat], self._outcome.take(flat), self._whole, chosen)
 
     @property
     def assembly(self) -> Assembly:
@@ -73,11 +99,27 @@ class Solution:
         return self._scene.batch_shape
 
     @cached_property
+    def _whole(self) -> Inputs:
+        if self._inputs is None:
+            assert self._scene.unpack is not None
+            return self._scene.unpack(self._records[:, self._scene.fields["inputs"]])
+        return self._inputs
+
+    @cached_property
     def inputs(self) -> Inputs:
         """What was applied."""
-        if self._inputs is not None:
-            return self._inputs
-        return self._scene.unpack(self._records[:, self._scene.fields["inputs"]])
+        if self._instances is None:
+            return self._whole
+        taken = self._whole.take(self._axes, self._instances)
+        arrays = {name: getattr(taken, name) for name in taken.given if name not in taken.profiles}
+        if not taken.batch_shape:
+            return taken
+        return taken.with_arrays({name: value.reshape(*self.batch_shape, value.shape[-1]) for name, value in arrays.items()})
+
+    @property
+    def _axes(self) -> tuple[int, ...]:
+        """Leading axes of the batch that the instances are numbered in."""
+        return np.broadcast_shapes(self._whole.batch_shape, self.assembly.batch_shape)
 
     def _shaped(self, values: Any, tail: tuple[int, ...] = ()) -> Any:
         return np.reshape(values, (*self.batch_shape, *tail))
@@ -118,7 +160,10 @@ class Solution:
         """What the solver drove to zero, max norm [1/m], shape (...)."""
         if self._outcome.residual is not None:
             return np.asarray(self._shaped(self._outcome.residual))
-        return np.asarray(self._shaped(np.abs(self._records[:, self._scene.fields["residual"]]).max(axis=1)))
+        residual = np.abs(self._records[:, self._scene.fields["residual"]]).max(axis=1)
+        for k, points in self._outcome.breakpoints.items():
+            residual[k] = points.gap
+        return np.asarray(self._shaped(residual))
 
     @cached_property
     def rates(self) -> FloatArray:
@@ -201,23 +246,35 @@ class Solution:
 
         NaN where the loads have no potential: moments, and what follows the tip.
         """
-        return self._masked(self._problem().potential(), ())
+        return self._masked(self._gather(lambda problem: (problem.potential(),))[0], ())
 
     @cached_property
-    def _modes(self) -> tuple[Any, Any]:
-        index, neutral = self._problem().unstable_modes()
-        return np.where(self._failed, -1, index), neutral
+    def _modes(self) -> Modes:
+        modes = Modes(*self._gather(lambda problem: tuple(vars(problem.modes()).values())))
+        modes.known[self._failed] = False
+        modes.diverging[self._failed] = False
+        return modes
 
     @cached_property
     def index(self) -> Any:
         """Unstable modes of each equilibrium (its Morse index), shape (...); -1 where it cannot be said."""
-        return self._shaped(self._modes[0]) if self.batch_shape else int(self._modes[0][0])
+        return self._shaped(self._modes.index) if self.batch_shape else int(self._modes.index[0])
 
     @cached_property
     def stability(self) -> Any:
         """``Stability`` of each equilibrium, shape (...); a ``Stability`` where there are no leading axes."""
-        values = classify(*self._modes)
+        values = self._modes.stability
         return self._shaped(values) if self.batch_shape else Stability(int(values[0]))
+
+    @cached_property
+    def stability_margin(self) -> FloatArray:
+        """Least eigenvalue of the second variation, condensed to tips and platform, over ``K/L``, shape (...).
+
+        Positive where the equilibrium is stable, zero at a fold or bifurcation, negative beyond, ``-inf`` where an unstable mode
+        leaves the tip at rest. It is 1 for an unloaded straight rod of equal section. ``K`` is the least stiffness of a backbone's rods, for several legs their mean bending
+        stiffness, ``L`` the length, or the mean of the legs'. NaN where it cannot be said.
+        """
+        return np.asarray(self._shaped(self._modes.eigenvalue(0)))
 
     @property
     def _default_node_count(self) -> int:
@@ -266,27 +323,30 @@ class Solution:
             # a follower force is an unknown's worth of equations more, but to first order only its direction counts
             return np.asarray(self.jacobian(twin) @ self.tip_rotation)
         count = len(self.assembly.rods) if specs[name].per_rod else 3
-        problem = self._problem(pose_sensitivities=True, direction_count=count, enabled=(name,))
-        place = problem.input_slice(name)
-        directions = np.zeros(problem.directions.shape)
-        for k in range(count):
-            directions[:, k, place.start + k] = 1.0
-        problem.directions.assign(directions)
-        problem.integrate()
-        n = problem.unknown_count
-        columns = np.array(problem.pose_columns.numpy())
-        gamma = problem.read("gamma").reshape(-1, n, n)
-        slopes = np.array(problem.residual_directions.numpy())
-        result = np.full((problem.instance_count, 6, count), np.nan)
-        with np.errstate(over="ignore"):
-            sound = ~self._failed & (np.linalg.det(np.nan_to_num(gamma)) != 0)
-        shift = np.linalg.solve(gamma[sound], slopes[sound])
-        result[sound] = columns[sound][:, :, n:] - columns[sound][:, :, :n] @ shift
-        for k, points in problem.breakpoints.items():
-            segments = problem.segments()
-            assert segments is not None
-            result[k] = pose_jacobian(segments, k, points)
-        return np.asarray(self._shaped(result, (6, count)))
+
+        def columns(problem: BoundaryProblem) -> tuple[FloatArray]:
+            place = problem.input_slice(name)
+            directions = np.zeros(problem.directions.shape)
+            for k in range(count):
+                directions[:, k, place.start + k] = 1.0
+            problem.directions.assign(directions)
+            problem.integrate()
+            n = problem.unknown_count
+            gamma = problem.read("gamma").reshape(-1, n, n)
+            slopes, pose = np.array(problem.residual_directions.numpy()), np.array(problem.pose_columns.numpy())
+            result = np.full((len(gamma), 6, count), np.nan)
+            with np.errstate(over="ignore"):
+                sound = np.linalg.det(np.nan_to_num(gamma)) != 0
+            shift = np.linalg.solve(gamma[sound], slopes[sound])
+            result[sound] = pose[sound][:, :, n:] - pose[sound][:, :, :n] @ shift
+            for k, points in problem.breakpoints.items():
+                segments = problem.segments()
+                assert segments is not None
+                result[k] = pose_jacobian(segments, k, points)
+            return (result,)
+
+        (result,) = self._gather(columns, pose_sensitivities=True, direction_count=count, enabled=(name,))
+        return self._masked(result, (6, count))
 
     def raise_if_failed(self) -> "Solution":
         """Return ``self`` if every instance has a result.
@@ -309,21 +369,54 @@ class Solution:
             )
         return self
 
-    def _problem(self, **options: Any) -> BoundaryProblem:
-        """A problem at these inputs and unknowns, at the unloaded ones where an instance failed."""
-        problem = self.assembly.problem(self.inputs, integrator=self._scene.integrator, device=self._scene.device, **options)
-        unknowns = problem.adopt(self._records[:, self._scene.fields["unknowns"]])
-        problem.write("unknowns", np.where(self._failed[:, None], problem.guess(), unknowns))
-        problem.breakpoints = self._outcome.breakpoints
+    def _problem(self, piece: slice | None = None, **options: Any) -> BoundaryProblem:
+        """A problem of a part of the instances at their inputs and unknowns, at the unloaded ones where an instance failed."""
+        scene, instances = self._scene, self._instances
+        if piece is not None:
+            instances = np.arange(piece.start, piece.stop) if instances is None else instances[piece]
+        problem = self.assembly.problem(
+            self._whole, integrator=scene.integrator, device=scene.device, instances=instances, **options
+        )
+        rows = slice(None) if piece is None else piece
+        unknowns = problem.adopt(self._records[rows, scene.fields["unknowns"]])
+        problem.write("unknowns", np.where(self._failed[rows, None], problem.guess(), unknowns))
+        problem.breakpoints = taken(self._outcome.breakpoints, np.arange(len(self._records))[rows])
         return problem
+
+    def _gather(self, compute: Callable[[BoundaryProblem], tuple[Any, ...]], **options: Any) -> list[Any]:
+        """Arrays that ``compute`` makes of problems, joined: of a large batch in parts, on the threads that solved it."""
+        pieces = parts(len(self._records), self._scene.threads, self.assembly.rod_count)
+        found: dict[int, tuple[Any, ...]] = {}
+        lock = Lock()
+
+        def work(piece: slice, stop: Event) -> None:
+            with lock:
+                problem = self._problem(piece if len(pieces) > 1 else None, **options)
+                problem.stop = stop
+            found[piece.start] = compute(problem)
+
+        run(work, pieces, self._scene.threads)
+        ordered = [found[piece.start] for piece in pieces]
+        return [np.concatenate(arrays) if len(arrays) > 1 else arrays[0] for arrays in zip(*ordered, strict=True)]
 
     def _shape_pass(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:
         kept: dict[int, Any] = self.__dict__.setdefault("_shapes", {})
         if node_count not in kept:
             kept.clear()
-            kept[node_count] = self._problem().shapes(node_count)
+            kept[node_count] = self._all_shapes(node_count)
         result: tuple[tuple[Shape, ...], FloatArray] = kept[node_count]
         return result
+
+    def _all_shapes(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:
+        names = [field.name for field in fields(Shape)]
+
+        def flat(problem: BoundaryProblem) -> tuple[FloatArray, ...]:
+            shapes, energy = problem.shapes(node_count)
+            return energy, *(getattr(shape, name) for shape in shapes for name in names)
+
+        energy, *arrays = self._gather(flat)
+        count = len(names)
+        return tuple(Shape(*arrays[k : k + count]) for k in range(0, len(arrays), count)), energy
 
     def __repr__(self) -> str:
         if not self.batch_shape:

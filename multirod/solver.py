@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from multirod.models.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
-from multirod.segments import Breakpoints
+from multirod.segments import Breakpoints, placed, taken
 from multirod.status import failures
 from multirod.validation import FloatArray, refuse
 
@@ -40,6 +40,16 @@ class Outcome:
     reached: FloatArray | None = None
     breakpoints: dict[int, Breakpoints] = field(default_factory=dict)
 
+    @property
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """The fields that have one entry an instance, by name; without those that are None."""
+        return {name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)}
+
+    def take(self, instances: NDArray[np.intp]) -> "Outcome":
+        """The outcome of the instances with these numbers, shape (k,)."""
+        arrays: dict[str, Any] = {name: value[instances] for name, value in self.arrays.items()}
+        return Outcome(**arrays, breakpoints=taken(self.breakpoints, instances))
+
     @classmethod
     def zeros(cls, count: int) -> "Outcome":
         """An outcome of ``count`` instances that were not run."""
@@ -51,17 +61,17 @@ class Outcome:
         """Outcomes of successive samples as one, samples first; what not all have is left out."""
         residuals = [outcome.residual for outcome in outcomes if outcome.residual is not None]
         rates = [outcome.rates for outcome in outcomes if outcome.rates is not None]
+        starts = np.cumsum([0, *(len(outcome.status) for outcome in outcomes)])
+        breakpoints: dict[int, Breakpoints] = {}
+        for start, outcome in zip(starts[:-1], outcomes, strict=True):
+            breakpoints |= placed(outcome.breakpoints, start + np.arange(len(outcome.status)))
         return cls(
             np.concatenate([outcome.status for outcome in outcomes]),
             np.concatenate([outcome.iterations for outcome in outcomes]),
             np.concatenate([outcome.integrations for outcome in outcomes]),
             np.concatenate(residuals) if len(residuals) == len(outcomes) else None,
             np.concatenate(rates) if len(rates) == len(outcomes) else None,
-            breakpoints={
-                sample * len(outcome.status) + instance: points
-                for sample, outcome in enumerate(outcomes)
-                for instance, points in outcome.breakpoints.items()
-            },
+            breakpoints=breakpoints,
         )
 
 

@@ -1,18 +1,23 @@
-"""Whether an equilibrium is stable."""
+"""Whether an equilibrium is stable, and by how much."""
 
+from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from multirod.validation import FloatArray
+
+NEUTRAL = 1e-6  # of stiffness over length: a mode no stiffer than this is neutral
 
 
 class Stability(IntEnum):
     """Whether an equilibrium is a minimum of the total potential energy (``docs/stability.md``). Never renumbered.
 
     ``UNKNOWN``: the loads have no potential (a moment on the tip or along the rod, a load that follows the tip, a measured
-    tip curvature), torsion is rigid, rounding hides the answer, or the assembly offers none. ``FOLD``: no mode is unstable
-    that can be told from a neutral one, and one cannot be told from neutral.
+    tip curvature) and nothing shows that the state is unstable, several tubes are rigid in torsion, rounding hides the answer, or the assembly
+    offers none. ``FOLD``: no mode is unstable that can be told from a neutral one, and one cannot be told from neutral.
+    ``UNSTABLE`` also where loads have no potential and an odd number of modes grow without oscillating; the index is then -1.
     """
 
     UNKNOWN = 0
@@ -24,8 +29,76 @@ class Stability(IntEnum):
         return self.name
 
 
-def classify(index: NDArray[np.integer[Any]], neutral: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """Values of ``Stability`` from the number of unstable modes (-1: unknown) and whether a further mode is neutral."""
-    result = np.where(neutral, int(Stability.FOLD), int(Stability.STABLE))
-    result = np.where(index > 0, int(Stability.UNSTABLE), result)
-    return np.where(index < 0, int(Stability.UNKNOWN), result).astype(np.int32)
+@dataclass(frozen=True)
+class Modes:
+    """The second variation of the energy of each equilibrium, condensed to where rods meet or end.
+
+    Its eigenvalues in ascending order are ``hidden`` ones that are negative however large, then ``values``; where ``hidden`` is
+    negative, the lowest ``-hidden`` of ``values`` belong to constraints and are left out.
+
+    Attributes:
+        values: Eigenvalues of the condensed form over ``K/L``, ascending, infinite where there are fewer, shape (batch, count).
+        hidden: Unstable modes that the condensed form does not show, less its constraints, shape (batch,).
+        uncertainty: Of each value: how far the form is from being symmetric, as it is for exact columns, in the direction of its
+            eigenvector, over ``K/L``, shape (batch, count).
+        known: Whether the above can be said, shape (batch,).
+        diverging: Whether loads without a potential drive an odd number of modes away, shape (batch,).
+    """
+
+    values: FloatArray
+    hidden: NDArray[np.int32]
+    uncertainty: FloatArray
+    known: NDArray[np.bool_]
+    diverging: NDArray[np.bool_]
+
+    @classmethod
+    def unknown(cls, batch: int, count: int = 1) -> "Modes":
+        """Modes of which nothing is known yet."""
+        return cls(
+            np.full((batch, count), np.nan),
+            np.zeros(batch, dtype=np.int32),
+            np.full((batch, count), np.nan),
+            np.zeros(batch, dtype=bool),
+            np.zeros(batch, dtype=bool),
+        )
+
+    def put(self, chosen: NDArray[np.bool_], other: "Modes") -> None:
+        """Take the instances ``chosen`` from ``other``."""
+        for name, mine in vars(self).items():
+            mine[chosen] = getattr(other, name)[chosen]
+
+    @property
+    def _soft(self) -> NDArray[np.bool_]:
+        """Which values cannot be told from zero."""
+        with np.errstate(invalid="ignore"):
+            return np.asarray(np.abs(self.values) <= NEUTRAL + self.uncertainty)
+
+    @property
+    def neutral(self) -> NDArray[np.bool_]:
+        """Whether a mode cannot be told from a neutral one, shape (batch,)."""
+        return np.asarray(self.known & self._soft.any(axis=1))
+
+    @property
+    def index(self) -> NDArray[np.int32]:
+        """Unstable modes that can be told from neutral ones, -1 where they are not known, shape (batch,)."""
+        with np.errstate(invalid="ignore"):
+            negative = ((self.values < 0) & ~self._soft).sum(axis=1)
+        # a neutral mode among the lowest values takes the place of a constraint's
+        return np.where(self.known, np.maximum(self.hidden + negative, 0), -1).astype(np.int32)
+
+    def eigenvalue(self, k: int) -> FloatArray:
+        """Eigenvalue ``k`` of the second variation, 0 the lowest, over ``K/L``, shape (batch,); ``-inf`` where it is hidden."""
+        place = k - self.hidden
+        last = self.values.shape[1] - 1
+        value = np.take_along_axis(self.values, np.clip(place, 0, last)[:, None], 1)[:, 0]
+        value = np.where(place < 0, -np.inf, np.where(place > last, np.inf, value))
+        return np.where(self.known, value, np.nan)
+
+    @property
+    def stability(self) -> NDArray[np.int32]:
+        """Values of ``Stability``, shape (batch,)."""
+        index = self.index
+        result = np.where(self.neutral, int(Stability.FOLD), int(Stability.STABLE))
+        result = np.where(index > 0, int(Stability.UNSTABLE), result)
+        result = np.where(index < 0, int(Stability.UNKNOWN), result)
+        return np.where(self.diverging, int(Stability.UNSTABLE), result).astype(np.int32)

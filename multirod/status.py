@@ -31,7 +31,8 @@ class Status(IntEnum):
     LOWEST_ENERGY = 12
     SINGULAR_PIVOT = 13
     UNSTABLE_COUPLING = 14
-    MULTIPLE_SHOOTING = 15
+    UNSTABLE = 15
+    MULTIPLE_SHOOTING = 16
 
     def __str__(self) -> str:
         return self.name
@@ -78,6 +79,8 @@ _MESSAGES = {
     "minimum; loosen the tolerance, tighten the integrator, or start nearer",
     Status.BRANCH_END: "the equilibrium reached by raising the loads in proportion ends before the full load (a fold or a "
     "bifurcation: the rod snaps or buckles); give a guess to follow another branch",
+    Status.UNSTABLE: "the equilibrium reached by raising the loads in proportion is unstable, as where the search began was no equilibrium "
+    "of the robot; lead it there from where it is stable (simulate), or give a guess",
     Status.LOWEST_ENERGY: "the residual is within the tolerance; raising precurvature, loads and the angles between tubes in proportion ends before the full "
     "load, so this is the stable equilibrium of lowest potential energy that was found from many starts: equilibria() lists all",
     Status.TRACKING: "an estimate of the observer; residual says how far it is",

@@ -1,7 +1,7 @@
 """Multiple shooting: the rod in segments short enough that none amplifies an error by much, along the natural branch."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -9,11 +9,12 @@ import numpy as np
 
 from multirod.models.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
-from multirod.segments import Breakpoints, Segments
+from multirod.segments import Breakpoints, Segments, placed
 from multirod.solver import Outcome, Solver, Track
 from multirod.solvers.multiple_shooting_branch import Branch, Result, Run, run_together
 from multirod.solvers.multiple_shooting_system import System
 from multirod.solvers.newton import Newton
+from multirod.stability import Stability
 from multirod.status import Status, failures
 from multirod.validation import FloatArray, positive_float, positive_int
 
@@ -68,28 +69,29 @@ class MultipleShooting(Solver):
         """Follow a motion, each sample from the states of the last, or anew along its natural branch where that might leave it."""
         return _Resumed(self, problem)
 
-    def rescue(self, problem: BoundaryProblem, outcome: Outcome, chosen: Any) -> None:
-        """Solve the instances ``chosen`` (bool, (instance_count,)) of a problem that another solver could not.
+    def rescue(self, problem: BoundaryProblem, outcome: Outcome) -> None:
+        """Solve, apart from the others, the instances that rounding kept ``Shooting`` from following to the end of their branch.
 
         What is found goes into the problem's buffers and the outcome, and that a branch ends; all else stays as it was.
         """
-        if not np.any(chosen) or self.unsupported(problem):
+        if self.unsupported(problem):
             return
-        kept = problem.snapshot()
-        mine = self._report(problem, self._natural(problem, np.flatnonzero(chosen)), natural=True)
-        found = chosen & ~failures(mine.status)
-        records = np.where(found[:, None], problem.snapshot(), kept)
-        problem.restore(records)
-        if outcome.residual is None:
-            outcome.residual = np.abs(records[:, problem.record_fields["residual"]]).max(axis=1)
-        outcome.residual[found] = np.asarray(mine.residual)[found]
-        known = found | (chosen & (mine.status == Status.BRANCH_END))
-        outcome.status[known] = mine.status[known]
+        places = np.flatnonzero(_ill_conditioned(problem, outcome))
+        if not len(places):
+            return
+        before = problem.snapshot()[places]
+        part = problem.part(places)
+        mine = self._solve(part, None)
+        found = ~failures(mine.status)
+        part.restore(np.where(found[:, None], part.snapshot(), before))
+        problem.keep(part, places)
+        said = found | (mine.status == Status.BRANCH_END)
+        outcome.status[places[said]] = mine.status[said]
         if outcome.reached is not None and mine.reached is not None:
-            outcome.reached = np.where(known, mine.reached, outcome.reached)
-        outcome.iterations += mine.iterations
-        outcome.integrations += mine.integrations
-        outcome.breakpoints |= mine.breakpoints
+            outcome.reached[places[said]] = mine.reached[said]
+        outcome.iterations[places] += mine.iterations
+        outcome.integrations[places] += mine.integrations
+        outcome.breakpoints |= placed(mine.breakpoints, places)
 
     def _natural(self, problem: BoundaryProblem, chosen: Any) -> dict[int, _Ended]:
         guess, scale = problem.guess(), np.maximum(problem.load_scale(), 1e-300)
@@ -142,12 +144,10 @@ class MultipleShooting(Solver):
             # stable at its start, a natural branch stays stable
             alone = outcome.status == Status.MULTIPLE_SHOOTING
             found = {instance: ended[instance][0].points for instance in map(int, np.flatnonzero(alone))}
-            for instance, (index, _) in segments.unstable_modes(found).items():
-                if index > 0:
-                    outcome.status[instance] = Status.BRANCH_END
+            unstable = segments.modes(found).stability == Stability.UNSTABLE
+            outcome.status[np.flatnonzero(alone)[unstable]] = Status.BRANCH_END
         records = problem.snapshot()
         fields = {name: records[:, place] for name, place in problem.record_fields.items()}
-        residual = np.abs(fields["residual"]).max(axis=1)
         for instance, (result, _) in ended.items():
             if outcome.status[instance] == Status.MULTIPLE_SHOOTING:
                 assert result.found is not None
@@ -156,10 +156,9 @@ class MultipleShooting(Solver):
                 fields["residual"][instance] = result.found.residual
                 fields["gamma"][instance] = np.nan
                 fields["position"][instance], fields["rotation"][instance] = position, rotation.ravel()
-                residual[instance] = result.residual
-                outcome.breakpoints[instance] = result.points
+                outcome.breakpoints[instance] = replace(result.points, gap=result.residual)
         problem.restore(records)
-        outcome.residual, outcome.reached = residual, reached
+        outcome.reached = reached
         return outcome
 
     def _polish(
@@ -219,8 +218,19 @@ class _Resumed(Track):
         return solver._report(problem, ended, natural=self.natural)
 
 
-def ill_conditioned(problem: BoundaryProblem, outcome: Outcome) -> Any:
+def _ill_conditioned(problem: BoundaryProblem, outcome: Outcome) -> Any:
     """Instances that single shooting could not solve, by rounding or noise rather than because their branch ends."""
-    growth = np.linalg.norm(np.nan_to_num(problem.read("gamma"), nan=np.inf), axis=1)
-    doubtful = (outcome.status == Status.BRANCH_END) & (growth > NOISY)
-    return doubtful | np.isin(outcome.status, (Status.STALLED, Status.MAX_ITERATIONS))
+    lost = np.isin(outcome.status, (Status.STALLED, Status.MAX_ITERATIONS))
+    ended = outcome.status == Status.BRANCH_END
+    if ended.any() and outcome.reached is not None:
+        # Gamma where the branch seems to end, not at the full load, which may be far beyond
+        records = problem.snapshot()
+        problem.load_factor.assign(np.where(ended, outcome.reached, 1.0))
+        problem.active.assign(ended.astype(np.int32))
+        problem.integrate()
+        growth = np.linalg.norm(np.nan_to_num(problem.read("gamma"), nan=np.inf), axis=1)
+        lost |= ended & (growth > NOISY)
+        problem.load_factor.fill_(1.0)
+        problem.restore(records)
+        outcome.integrations += ended
+    return lost

@@ -9,10 +9,12 @@ from numpy.typing import NDArray
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.newton import Newton
-from multirod.status import Status
+from multirod.stability import Stability
+from multirod.status import Status, failures
 from multirod.validation import FloatArray
 
 STARTS = 2048
+TOGETHER = 32  # instances of which all starts of a round are run at once
 ROUND = 128  # starts after which it is asked whether more are needed
 SILENT_ROUNDS = 2  # that have to bring nothing new
 SAME = (
@@ -27,10 +29,10 @@ class Catalogue:
 
     The signs of ``det Gamma`` over all equilibria add up to that of the unloaded one (``degree``), whatever the loads: none can
     appear or vanish but in pairs of opposite sign. So a sum that differs says that some are missing; one that agrees does not
-    say that none are.
+    say that none are. Where that is not so, as for closed loops, ``degree`` is None.
     """
 
-    def __init__(self, degree: float) -> None:
+    def __init__(self, degree: float | None) -> None:
         self.degree = degree
         self.unknowns: list[FloatArray] = []
         self.signs: list[float] = []
@@ -40,7 +42,7 @@ class Catalogue:
     @property
     def settled(self) -> bool:
         """Whether whole rounds of starts brought nothing new, and no equilibrium is known to be missing."""
-        return self._silent >= SILENT_ROUNDS and sum(self.signs) == self.degree
+        return self._silent >= SILENT_ROUNDS and self.degree in (None, sum(self.signs))
 
     def add(self, unknowns: FloatArray, gamma: FloatArray) -> None:
         """Take in an equilibrium unless it is there already."""
@@ -87,6 +89,15 @@ def limits(starts: FloatArray) -> FloatArray:
     return np.where(largest > 0, WANDERING * size + largest, np.inf)
 
 
+def refuse_unstable(problem: BoundaryProblem, outcome: Outcome) -> None:
+    """Say so where a search that did not begin at a stable equilibrium led to an unstable one."""
+    found = ~failures(outcome.status)
+    if problem.guess_is_stable or not found.any():
+        return
+    outcome.status[found & (problem.modes().stability == Stability.UNSTABLE)] = Status.UNSTABLE
+    outcome.integrations += found
+
+
 def lowest_stable(problem: BoundaryProblem, newton: Newton, outcome: Outcome, lost: NDArray[np.bool_]) -> None:
     """Put the instances ``lost`` on their stable equilibrium of lowest potential energy, if one is found.
 
@@ -94,33 +105,46 @@ def lowest_stable(problem: BoundaryProblem, newton: Newton, outcome: Outcome, lo
     """
     if not problem.multistable or not lost.any() or not len(problem.starts(1)):
         return
-    count, n = problem.instance_count, problem.unknown_count
+    for places in np.split(np.flatnonzero(lost), range(TOGETHER, int(lost.sum()), TOGETHER)):
+        part = problem.part(places)
+        found = _search(part, newton.of(part))
+        outcome.iterations[places] += found.iterations
+        outcome.integrations[places] += found.integrations
+        outcome.status[places[found.status == Status.CONVERGED]] = Status.LOWEST_ENERGY
+        problem.keep(part, places)
+
+
+def _search(problem: BoundaryProblem, newton: Newton) -> Outcome:
+    """Leave every instance on the stable equilibrium of lowest potential energy that is found; where none is, as it was."""
+    outcome = Outcome.zeros(problem.instance_count)
     before = problem.read("unknowns")
     catalogues = [Catalogue(degree) for degree in degrees(problem)]
     limit = limits(problem.starts(ROUND))
-    open_ = lost.copy()
-    for k in range(STARTS):
-        if k % ROUND == 0:
-            starts = problem.starts(ROUND, k)
-        reached = converge(problem, newton, starts[k % ROUND], open_, limit)
-        found = newton.outcome()
-        outcome.iterations += np.where(open_, found.iterations, 0)
-        outcome.integrations += np.where(open_, found.integrations, 0)
-        unknowns, gamma = problem.read("unknowns"), problem.read("gamma").reshape(count, n, n)
-        for i in np.flatnonzero(reached):
-            catalogues[i].add(unknowns[i], gamma[i])
-        if (k + 1) % ROUND == 0:
-            for i in np.flatnonzero(open_):
-                catalogues[i].end_round()
-                open_[i] = not catalogues[i].settled
-            if not open_.any():
-                break
+    open_ = np.arange(problem.instance_count)
+    for first in range(0, STARTS, ROUND):
+        rows = np.repeat(open_, ROUND)
+        trial = problem.part(rows)
+        method = newton.of(trial)
+        guesses = np.swapaxes(problem.starts(ROUND, first)[:, open_], 0, 1).reshape(len(rows), -1)
+        reached = converge(trial, method, guesses, np.ones(len(rows), dtype=bool), limit[rows])
+        counts = method.outcome()
+        np.add.at(outcome.iterations, rows, counts.iterations)
+        np.add.at(outcome.integrations, rows, counts.integrations)
+        unknowns, gamma = trial.read("unknowns"), trial.read("gamma").reshape(len(rows), problem.unknown_count, -1)
+        for row in np.flatnonzero(reached):
+            catalogues[rows[row]].add(unknowns[row], gamma[row])
+        for i in open_:
+            catalogues[i].end_round()
+        open_ = open_[[not catalogues[i].settled for i in open_]]
+        if not len(open_):
+            break
     best, chosen = _lowest(problem, catalogues, before)
     problem.write("unknowns", best)
     newton.run(chosen)
-    outcome.status[chosen & (newton.outcome().status == Status.CONVERGED)] = Status.LOWEST_ENERGY
+    outcome.status[chosen] = newton.outcome().status[chosen]
     problem.active.fill_(1)
     problem.integrate()  # the buffers hold every instance again
+    return outcome
 
 
 def _lowest(problem: BoundaryProblem, catalogues: Sequence[Catalogue], unknowns: FloatArray) -> tuple[FloatArray, Any]:
@@ -134,9 +158,9 @@ def _lowest(problem: BoundaryProblem, catalogues: Sequence[Catalogue], unknowns:
         for i in np.flatnonzero(having):
             trial[i] = catalogues[int(i)].unknowns[k]
         problem.write("unknowns", trial)
-        index, neutral = problem.unstable_modes()
+        stability = problem.modes().stability
         potential = problem.potential()
         # of mirror images, whose energies differ by rounding, the first
-        better = having & (index == 0) & ~neutral & (potential < least - 1e-9 * np.abs(potential))
+        better = having & (stability == Stability.STABLE) & (potential < least - 1e-9 * np.abs(potential))
         best[better], least[better] = trial[better], potential[better]
     return best, np.isfinite(least)

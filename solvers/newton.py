@@ -1,12 +1,13 @@
 """Newton's iteration on the buffers of one problem, many instances in each launch."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import warp as wp
 
+from multirod.launch import record
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.bordered_kernels import front_width
@@ -17,6 +18,18 @@ from multirod.validation import FloatArray
 _CONVERGED = int(Status.CONVERGED)
 
 
+FEWER = 0.7  # of the instances that launches pass over, below which those that have ended leave
+
+
+def leave(problem: BoundaryProblem, remaining: int) -> None:
+    """Have launches pass over the active instances alone, of which ``remaining`` are left, where that saves time; over all at the end."""
+    if not remaining:
+        if problem.listed < problem.instance_count:
+            problem.focus()
+    elif remaining < FEWER * problem.listed:
+        problem.focus(np.flatnonzero(problem.active.numpy()))
+
+
 class Newton:
     """Newton's iteration on the buffers of one problem; launches are recorded once."""
 
@@ -25,7 +38,7 @@ class Newton:
         n, count, device = problem.unknown_count, problem.instance_count, problem.device
         state: Any = NewtonState()
         self.state = state
-        problem.share(state, ("active", "fault", "unknowns", "residual", "gamma"))
+        problem.share(state, ("order", "active", "fault", "unknowns", "residual", "gamma"))
         for name in ("status", "iterations", "integrations", "has_reference"):
             setattr(state, name, wp.zeros(count, dtype=wp.int32, device=device))
         for name in ("merit", "damping", "contraction", "change"):
@@ -34,13 +47,12 @@ class Newton:
         state.step = wp.zeros((count, n), dtype=wp.float64, device=device)
         state.direction = wp.zeros((count, n, 1), dtype=wp.float64, device=device)
         state.reference = wp.zeros((count, n, n), dtype=wp.float64, device=device)
-        self._kernel = self._choose_kernel()
+        self.shape = self._shape()
+        self._dim = count
         state.remaining = wp.zeros(1, dtype=wp.int32, device=device)
         state.tolerance = tolerance
         state.max_iterations = max_iterations
         state.line_search = int(line_search)
-        state.max_contraction = np.inf
-        self._record()
         on_cpu = wp.get_device(device).is_cpu
         self._remaining = state.remaining.numpy() if on_cpu else None
         self._counts = [state.status.numpy(), state.iterations.numpy(), state.integrations.numpy()] if on_cpu else None
@@ -48,13 +60,13 @@ class Newton:
         self._reference = state.reference.numpy().reshape(count, n * n) if on_cpu else None
         self._has_reference = state.has_reference.numpy() if on_cpu else None
 
-    def _choose_kernel(self) -> Any:
-        """The kernel for a dense ``Gamma``, or for an arrow, with its room to work."""
+    def _shape(self) -> tuple[int, ...]:
+        """Largest block and border of ``Gamma`` where it is an arrow, with its room to work; nothing where it is dense."""
         problem, arrow = self.problem, self.state.arrow
         if not problem.arrow:
-            return make_newton(problem.unknown_count)
+            return ()
         sizes = np.diff(problem.arrow)
-        block, border = sizes[:-1].max(), sizes[-1]
+        block, border = int(sizes[:-1].max()), int(sizes[-1])
         arrow.count = len(sizes) - 1
         arrow.start = wp.array(np.array(problem.arrow, dtype=np.int32), dtype=wp.int32, device=problem.device)
         room = (problem.instance_count, arrow.count, block, front_width(block, border, PROBES))
@@ -63,24 +75,25 @@ class Newton:
         probes = (problem.instance_count, problem.unknown_count, PROBES)
         self.state.probes = wp.zeros(probes, dtype=wp.float64, device=problem.device)
         self.state.probed = wp.zeros(probes, dtype=wp.float64, device=problem.device)
-        return make_newton(problem.unknown_count, int(block), int(border))
+        return block, border
 
-    def _record(self) -> None:
-        count, device = self.problem.instance_count, self.problem.device
-        self._launch = wp.launch(self._kernel, dim=count, inputs=[self.state], device=device, record_cmd=True)
-        self._reset = wp.launch(restart, dim=count, inputs=[self.state], device=device, record_cmd=True)
+    @cached_property
+    def _launch(self) -> Any:
+        return self._record(lambda: make_newton(self.problem.unknown_count, *self.shape))
 
-    @contextmanager
-    def strict(self, contraction: float) -> Iterator[None]:
-        """Within it, steps are not damped, and an instance stops that contracts more slowly than ``contraction``."""
-        before = self.state.line_search
-        self.state.line_search, self.state.max_contraction = 0, contraction
-        self._record()
-        try:
-            yield
-        finally:
-            self.state.line_search, self.state.max_contraction = before, np.inf
-            self._record()
+    @cached_property
+    def _reset(self) -> Any:
+        return self._record(lambda: restart)
+
+    def _record(self, make: Callable[[], Any]) -> Any:
+        return record(make, self.problem.instance_count, [self.state], self.problem.device)
+
+    def of(self, problem: BoundaryProblem) -> "Newton":
+        """The same on another problem."""
+        state = self.state
+        return Newton(
+            problem, tolerance=state.tolerance, max_iterations=state.max_iterations, line_search=bool(state.line_search)
+        )
 
     @property
     def tolerance(self) -> float:
@@ -126,6 +139,7 @@ class Newton:
 
     def start(self, chosen: Any = None) -> None:
         """Begin with the chosen instances (bool, (instance_count,); all by default) at ``problem.unknowns``."""
+        leave(self.problem, 0)
         self._reset.launch()
         if chosen is not None:
             self.state.active.assign(np.asarray(chosen, dtype=np.int32))
@@ -137,8 +151,13 @@ class Newton:
         else:
             self.state.remaining.zero_()
         self.problem.integrate()
+        if self._dim != self.problem.listed:
+            self._dim = self.problem.listed
+            self._launch.set_dim(self._dim)
         self._launch.launch()
-        return int(self._remaining[0] if self._remaining is not None else self.state.remaining.numpy()[0])
+        remaining = int(self._remaining[0] if self._remaining is not None else self.state.remaining.numpy()[0])
+        leave(self.problem, remaining)
+        return remaining
 
     def outcome(self) -> Outcome:
         """Copies of the counts and statuses."""

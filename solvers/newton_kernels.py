@@ -17,6 +17,7 @@ class NewtonState:
     """State of Newton's iteration; the first axis is the instance."""
 
     # of the problem
+    order: wp.array[int]
     active: wp.array[int]
     fault: wp.array[int]
     unknowns: wp.array2d[wp.float64]
@@ -43,7 +44,20 @@ class NewtonState:
     tolerance: wp.float64
     max_iterations: int
     line_search: int
-    max_contraction: wp.float64  # an instance that contracts more slowly stops: it may be leaving its branch
+
+
+PROBES = 4
+LARGE_CHANGE = 0.5  # of Gamma: no mode has vanished or changed sign where the change is less than 1
+f64 = wp.float64
+
+
+@wp.func
+def begin(state: NewtonState, t: int):
+    """The iteration is to start at the present unknowns."""
+    state.iterations[t] = 0
+    state.merit[t] = f64(-1.0)
+    state.contraction[t] = f64(0.0)
+    state.change[t] = f64(0.0)
 
 
 @wp.kernel(module="unique", enable_backward=False)
@@ -52,16 +66,8 @@ def restart(state: NewtonState):
     t = wp.tid()
     state.active[t] = 1
     state.status[t] = 0
-    state.iterations[t] = 0
     state.integrations[t] = 0
-    state.merit[t] = wp.float64(-1.0)
-    state.contraction[t] = wp.float64(0.0)
-    state.change[t] = wp.float64(0.0)
-
-
-PROBES = 4
-LARGE_CHANGE = 0.5  # of Gamma: no mode has vanished or changed sign where the change is less than 1
-f64 = wp.float64
+    begin(state, t)
 
 
 @cache
@@ -85,13 +91,15 @@ def make_dense(n: int) -> SimpleNamespace:
         return wp.sqrt(wp.dot(b, b))
 
     @wp.func
-    def change(state: NewtonState, t: int) -> f64:
-        """Bound on the eigenvalues of E = Gamma reference^-1 - I, by the Frobenius norm of E and its powers."""
+    def spread(state: NewtonState, t: int, reference: wp.array3d[wp.float64], centre: f64, enough: f64, most: f64) -> f64:
+        """Bound on the distance from ``centre`` of the eigenvalues of Gamma reference^-1, by the Frobenius norm of
+        E = Gamma reference^-1 - centre I and its powers, up to ``most`` or until it is ``enough``.
+        """
         A = Matrix()
         E = Matrix()
         for i in range(n):
             for j in range(n):
-                A[i, j] = state.reference[t, j, i]
+                A[i, j] = reference[t, j, i]
         for i in range(n):
             row = Vector()
             for j in range(n):
@@ -99,16 +107,16 @@ def make_dense(n: int) -> SimpleNamespace:
             row = solve(A, row)
             for j in range(n):
                 E[i, j] = row[j]
-            E[i, i] = E[i, i] - f64(1.0)
+            E[i, i] = E[i, i] - centre
         bound = wp.sqrt(wp.ddot(E, E))
         power = f64(1.0)
-        while bound > f64(wp.static(LARGE_CHANGE)) and power < f64(8.0):
+        while bound > enough and power < most:
             E = E * E
             power *= f64(2.0)
             bound = wp.min(bound, wp.pow(wp.ddot(E, E), f64(0.5) / power))
-        return bound
+        return wp.where(wp.isfinite(bound), bound, f64(1.0e30))
 
-    return SimpleNamespace(aim=aim, change=change)
+    return SimpleNamespace(aim=aim, spread=spread)
 
 
 @cache
@@ -136,46 +144,46 @@ def make_arrow(n: int, block: int, border: int) -> SimpleNamespace:
         return wp.sqrt(total)
 
     @wp.func
-    def change(state: NewtonState, t: int) -> f64:
+    def spread(state: NewtonState, t: int, reference: wp.array3d[wp.float64], centre: f64, enough: f64, most: f64) -> f64:
         """The same, with estimates of the norms: the mean of |E z|^2 over vectors z of random signs is the norm's square."""
         for i in range(n):
             for k in range(wp.static(PROBES)):
                 state.probed[t, i, k] = sign(i, k)
         bound = f64(1.0e30)
         power = f64(0.0)
-        while bound > f64(wp.static(LARGE_CHANGE)) and power < f64(8.0):
+        while bound > enough and power < most:
             for i in range(n):
                 for k in range(wp.static(PROBES)):
                     state.probes[t, i, k] = state.probed[t, i, k]
-            solve_several(state.reference, state.probes, t, state.arrow)
+            solve_several(reference, state.probes, t, state.arrow)
             total = f64(0.0)
             for i in range(n):
                 for k in range(wp.static(PROBES)):
-                    lack = multiply(state.gamma, state.probes, t, i, k, state.arrow) - state.probed[t, i, k]
+                    lack = multiply(state.gamma, state.probes, t, i, k, state.arrow) - centre * state.probed[t, i, k]
                     state.probed[t, i, k] = lack
                     total += lack * lack
             power += f64(1.0)
             bound = wp.min(bound, wp.pow(total / f64(wp.static(PROBES)), f64(0.5) / power))
-        return bound
+        return wp.where(wp.isfinite(bound), bound, f64(1.0e30))
 
-    return SimpleNamespace(aim=aim, change=change)
+    return SimpleNamespace(aim=aim, spread=spread)
 
 
 @cache
-def make_newton(n: int, block: int = 0, border: int = 0):
-    """Kernel that takes each active instance from an integration to its next trial, or to its end.
+def make_iteration(n: int, block: int = 0, border: int = 0) -> SimpleNamespace:
+    """``iterate``, from one integration to the next, and ``spread``, how unlike two ``Gamma`` are.
 
     Gamma is dense, or, with a ``border``, an arrow of blocks of at most ``block`` rows.
     """
     linear = make_arrow(n, block, border) if border else make_dense(n)
-    aim, gamma_change = linear.aim, linear.change
+    aim, spread = linear.aim, linear.spread
 
-    @wp.kernel(module="unique", enable_backward=False)
-    def newton(state: NewtonState):
-        t = wp.tid()
-        if state.active[t] == 0:
-            return
-        state.integrations[t] = state.integrations[t] + 1
+    @wp.func
+    def iterate(state: NewtonState, t: int, line_search: int, max_contraction: f64) -> int:
+        """Put the unknowns where to integrate next; ``NOT_RUN``, or the status in which the iteration ended.
+
+        An instance that contracts more slowly than ``max_contraction`` stops: it may be leaving its branch.
+        """
         status = int(wp.static(int(Status.NOT_RUN)))
         merit = f64(0.0)
         size = f64(0.0)
@@ -189,12 +197,12 @@ def make_newton(n: int, block: int = 0, border: int = 0):
 
         good = sound and (first or size <= state.tolerance)
         if sound and not first:
-            good = good or state.line_search == 0 or merit <= (f64(1.0) - f64(1.0e-4) * state.damping[t]) * state.merit[t]
+            good = good or line_search == 0 or merit <= (f64(1.0) - f64(1.0e-4) * state.damping[t]) * state.merit[t]
         if good:
             if size <= state.tolerance:
                 status = int(wp.static(int(Status.CONVERGED)))
                 if state.has_reference[t] != 0:
-                    state.change[t] = gamma_change(state, t)
+                    state.change[t] = spread(state, t, state.reference, f64(1.0), f64(wp.static(LARGE_CHANGE)), f64(8.0))
             else:
                 length = aim(state, t)
                 before = f64(0.0)
@@ -213,7 +221,7 @@ def make_newton(n: int, block: int = 0, border: int = 0):
                     # a step of rounding size says nothing about contraction
                     if not first and length > f64(1.0e-10) * (base + f64(1.0e-3) * before):
                         state.contraction[t] = wp.max(state.contraction[t], length / before)
-                    if state.contraction[t] > state.max_contraction:
+                    if state.contraction[t] > max_contraction:
                         status = int(wp.static(int(Status.STALLED)))
                     else:
                         for i in range(n):
@@ -223,7 +231,7 @@ def make_newton(n: int, block: int = 0, border: int = 0):
                         state.merit[t] = merit
                         state.damping[t] = f64(1.0)
                         state.iterations[t] = state.iterations[t] + 1
-        elif first or state.line_search == 0:
+        elif first or line_search == 0:
             status = int(wp.static(int(Status.NONFINITE)))
             if state.fault[t] == wp.static(FAULT_STEPS):
                 status = int(wp.static(int(Status.STEP_LIMIT)))
@@ -234,6 +242,23 @@ def make_newton(n: int, block: int = 0, border: int = 0):
                 status = int(wp.static(int(Status.STALLED)))
             for i in range(n):
                 state.unknowns[t, i] = state.accepted[t, i] + damping * state.step[t, i]
+        return status
+
+    return SimpleNamespace(iterate=iterate, spread=spread)
+
+
+@cache
+def make_newton(n: int, block: int = 0, border: int = 0):
+    """Kernel that takes each active instance from an integration to its next trial, or to its end."""
+    iterate = make_iteration(n, block, border).iterate
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def newton(state: NewtonState):
+        t = state.order[wp.tid()]
+        if state.active[t] == 0:
+            return
+        state.integrations[t] = state.integrations[t] + 1
+        status = iterate(state, t, state.line_search, f64(1.0e300))
         state.status[t] = status
         if status != wp.static(int(Status.NOT_RUN)):
             state.active[t] = 0

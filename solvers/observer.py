@@ -8,6 +8,7 @@ import numpy as np
 import scipy.linalg
 import warp as wp
 
+from multirod.launch import record
 from multirod.models.integrators import RK45, Integrator
 from multirod.problem import Block, BoundaryProblem
 from multirod.solver import Outcome, Solver, Track
@@ -258,16 +259,8 @@ class ObserverTrack(Track):
         for name, value in (matrices | {"initial": gains["P0"]}).items():
             setattr(state, name, wp.array(np.ascontiguousarray(value), dtype=wp.float64, device=device))
         state.dt, state.horizon = dt, options.horizon
-        kernel = make_observer(
-            tuple(sorted(set(sizes))),
-            options.riccati,
-            options.update == "exact",
-            options.scaling,
-            options.feed_forward,
-            options.correct_output,
-            alone,
-        )
-        return wp.launch(kernel, dim=count, inputs=[state], device=device, record_cmd=True)
+        variant = (options.riccati, options.update == "exact", options.scaling, options.feed_forward, options.correct_output)
+        return record(lambda: make_observer(tuple(sorted(set(sizes))), *variant, alone), count, [state], device)
 
     def start(self, unknowns: FloatArray) -> None:
         """Take ``unknowns`` as those of the first sample."""

@@ -1,5 +1,6 @@
 """Shooting: Newton's method with the exact Gamma, along the natural branch or along a motion."""
 
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -8,9 +9,9 @@ import numpy as np
 from multirod.models.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome, Solver, Track
-from multirod.solvers.continuation import Path, follow, natural_branch
-from multirod.solvers.multiple_shooting import MultipleShooting, ill_conditioned
-from multirod.solvers.multistart import lowest_stable
+from multirod.solvers.continuation import Paths, natural_branch
+from multirod.solvers.multiple_shooting import MultipleShooting
+from multirod.solvers.multistart import lowest_stable, refuse_unstable
 from multirod.solvers.newton import Newton
 from multirod.status import Status, failures
 from multirod.validation import FloatArray, boolean, choice, positive_float, positive_int
@@ -65,19 +66,23 @@ class Shooting(Solver):
     def _solve(self, problem: BoundaryProblem, guess: FloatArray | None) -> Outcome:
         newton = self.newton(problem)
         if guess is None:
-            return self._first(problem, newton)
+            return self._first(problem, newton, poses_apart=True)
         problem.write("unknowns", guess)
-        newton.run()
+        with problem.without_poses():
+            newton.run()
         return newton.outcome()
 
-    def _first(self, problem: BoundaryProblem, newton: Newton, chosen: Any = None) -> Outcome:
+    def _first(self, problem: BoundaryProblem, newton: Newton, chosen: Any = None, *, poses_apart: bool = False) -> Outcome:
         """Without a guess: the end of the natural branch, or where it ends early and others are meant, the lowest stable one."""
-        outcome = natural_branch(problem, newton, self.max_continuation_steps, chosen)
-        lowest_stable(problem, newton, outcome, failures(outcome.status))
+        with problem.without_poses() if poses_apart else nullcontext():
+            outcome = natural_branch(problem, newton, self.max_continuation_steps, chosen)
+            lowest_stable(problem, newton, outcome, failures(outcome.status))
+            refuse_unstable(problem, outcome)
         if self.fallback:
+            # the poses that it finds are not those of the unknowns: nothing may integrate these again
             MultipleShooting(
                 tolerance=self.tolerance, integrator=self.integrator, max_continuation_steps=self.max_continuation_steps
-            ).rescue(problem, outcome, ill_conditioned(problem, outcome))
+            ).rescue(problem, outcome)
         return outcome
 
     def track(self, problem: BoundaryProblem, dt: float) -> Track:
@@ -147,26 +152,13 @@ class NewtonTrack(Track):
 
     def _continue(self, doubtful: Any, outcome: Outcome, before: FloatArray) -> None:
         """Solve the doubtful instances again, from the last good sample, in steps of the inputs."""
-        problem, n = self.problem, self.problem.unknown_count
-        after = problem.read("inputs")
-        outcome.status[doubtful] = Status.NOT_RUN
-        found = problem.read("unknowns")
-        path = Path(np.where(doubtful[:, None], self.history[0], found), self.newton.reference().reshape(-1, n, n))
-
-        def set_level(level: FloatArray) -> None:
-            problem.write("inputs", before + level[:, None] * (after - before))
-
-        one = np.ones(problem.instance_count)
-        follow(
-            problem,
-            self.newton,
-            path,
-            outcome,
-            set_level=set_level,
-            largest_step=lambda _: one,
-            max_steps=self.options.max_continuation_steps,
-        )
-        set_level(one)
+        n = self.problem.unknown_count
+        paths = Paths(self.problem, self.newton, self.options.max_continuation_steps)
+        again = paths.change_inputs(doubtful, before, self.history[0], self.newton.reference().reshape(-1, n, n))
+        outcome.status[doubtful] = again.status[doubtful]
+        outcome.iterations += again.iterations
+        outcome.integrations += again.integrations
+        outcome.reached = again.reached
 
     def _keep(self, outcome: Outcome) -> Outcome:
         found, inputs = self.problem.read("unknowns"), self.problem.read("inputs")

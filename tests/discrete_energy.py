@@ -104,3 +104,69 @@ class DiscreteEnergy:
             if np.abs(step / self.scale()).max() < 1e-6:
                 break
         return q, int((np.linalg.eigvalsh(H) < 0).sum())
+
+
+class DiscretePlatform:
+    """Energy of straight rods of round section, clamped at their bases, that hold a platform under a dead force at its origin.
+
+    Unknown are the strains ``u`` of every segment of each rod, and the pose of the platform; joints are constraints between them.
+    """
+
+    def __init__(self, rods, base, platform, joints, force, segment_count: int) -> None:
+        """``rods`` are tuples (length, EI, GJ, EA); ``joints`` "clamped" or "spherical"."""
+        self.rods, self.base, self.platform, self.joints = rods, base, platform, joints
+        self.force, self.m = np.asarray(force, float), segment_count
+        self.per_rod = 4 * segment_count  # three curvatures, one stretch
+        self.size = self.per_rod * len(rods) + 6
+
+    def parts(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Energy [J] and what the joints leave open, of configurations (batch, size)."""
+        count, m = len(q), self.m
+        position, turn = q[:, -6:-3], Rotation.from_rotvec(q[:, -3:])
+        energy, gaps = -position @ self.force, []
+        for k, (length, EI, GJ, EA) in enumerate(self.rods):
+            own = q[:, k * self.per_rod : (k + 1) * self.per_rod].reshape(count, m, 4)
+            h = length / m
+            energy = (
+                energy
+                + h / 2 * (EI * own[..., :2] ** 2).sum((1, 2))
+                + h / 2 * (GJ * own[..., 2] ** 2 + EA * own[..., 3] ** 2).sum(1)
+            )
+            R = Rotation.from_matrix(np.broadcast_to(self.base[k, :3, :3], (count, 3, 3)))
+            p = np.broadcast_to(self.base[k, :3, 3], (count, 3)).copy()
+            for j in range(m):
+                half = R * Rotation.from_rotvec(own[:, j, :3] * h / 2)
+                bend = np.linalg.norm(own[:, j, :2], axis=1) * h / 2
+                p += (h * (1 + own[:, j, 3]) * np.sinc(bend / np.pi))[:, None] * half.as_matrix()[:, :, 2]
+                R = R * Rotation.from_rotvec(own[:, j, :3] * h)
+            gaps.append(p - position - turn.apply(self.platform[k, :3, 3]))
+            if self.joints[k] == "clamped":
+                gaps.append(((turn * Rotation.from_matrix(self.platform[k, :3, :3])).inv() * R).as_rotvec())
+        return energy, np.concatenate(gaps, axis=1)
+
+    def index(self, q: np.ndarray, step: float = 1e-3) -> tuple[np.ndarray, int]:
+        """The stationary point near q, and the negative eigenvalues of the Hessian of the Lagrangian across the constraints."""
+        n = self.size
+        unit = np.ones(n)
+        unit[:-6] = np.tile(np.repeat([1.0], 4), self.m * len(self.rods))
+        i, j = np.triu_indices(n)
+        for _ in range(5):
+            e = np.eye(n) * step
+            (Ep, cp), (Em, cm) = self.parts(q + e), self.parts(q - e)
+            g, A = (Ep - Em) / (2 * step), ((cp - cm) / (2 * step)).T
+            multipliers = -np.linalg.lstsq(A.T, g, rcond=None)[0]
+            values = [
+                E + c @ multipliers
+                for E, c in (self.parts(q + a * e[i] + b * e[j]) for a, b in ((1, 1), (1, -1), (-1, 1), (-1, -1)))
+            ]
+            H = np.zeros((n, n))
+            H[i, j] = (values[0] - values[1] - values[2] + values[3]) / (4 * step**2)
+            H = H + np.triu(H, 1).T
+            c = self.parts(q[None])[1][0]
+            KKT = np.block([[H, A.T], [A, np.zeros((len(A), len(A)))]])
+            move = np.linalg.solve(KKT, -np.concatenate([g + A.T @ multipliers, c]))[:n]
+            q = q + move
+            if np.abs(move).max() < 1e-7:
+                break
+        free = np.linalg.svd(A)[2][len(A) :].T
+        return q, int((np.linalg.eigvalsh(free.T @ H @ free) < 0).sum())

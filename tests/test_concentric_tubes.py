@@ -7,7 +7,6 @@ import pytest
 
 import multirod as mr
 from multirod.models.backbone import BackboneProblem
-from multirod.solvers.continuation import same_branch
 
 # Turned from aligned under full load; the branch that was followed is another stable one of the listed.
 OTHER_LISTED = {"09d_ctr_three_tube_strong_3"}
@@ -485,18 +484,3 @@ def test_a_loaded_batch_of_three_is_bitwise_what_each_is_alone():
         assert alone.status == together.status[k]
         np.testing.assert_array_equal(together.unknowns[k], alone.unknowns)
         np.testing.assert_array_equal(together.tip_position[k], alone.tip_position)
-
-
-def test_same_branch_is_told_by_the_eigenvalues():
-    """Where the cheap bound decides and where it does not: the same answer."""
-    random = np.random.default_rng(0)
-    before = random.standard_normal((3000, 4, 4))
-    after = (np.eye(4) + random.uniform(0, 0.8, (3000, 1, 1)) * random.standard_normal((3000, 4, 4))) @ before
-    after[:10] = before[:10] * np.array([4.1, 3.9, 0.24, 0.26, -1, 1, 1.7, 1.8, 2, 0.5])[:, None, None]
-    before[10], after[11] = 0, np.nan
-    found = same_branch(before, after)
-    sound = np.arange(3000) > 11
-    values = np.linalg.eigvals(after[sound] @ np.linalg.inv(before[sound]))
-    np.testing.assert_array_equal(found[sound], ((values.real > 0.25) & (np.abs(values) < 4)).all(axis=1))
-    np.testing.assert_array_equal(found[:12], [0, 1, 0, 1, 0, 1, 1, 1, 1, 1, 0, 0])
-    assert 0.2 < found.mean() < 0.95

@@ -9,6 +9,7 @@ import multirod as mr
 from multirod.models.backbone import BackboneProblem, spread
 from multirod.problem import BoundaryProblem
 from multirod.solvers.multistart import Catalogue
+from multirod.stability import Modes
 
 SEVERAL = [name for name in NAMES if name.startswith(("09b", "14i"))]
 
@@ -126,9 +127,11 @@ def test_of_several_stable_ones_the_lowest_is_meant(reference_cases, make_pose):
 
 def test_what_is_not_known_to_be_stable_is_never_returned(reference_cases, make_pose, monkeypatch):
     robot, inputs = past_the_snap(reference_cases, make_pose)
-    for index, neutral in ((-1, False), (1, False), (0, True)):
-        answer = np.array([index], dtype=np.int32), np.array([neutral])
-        monkeypatch.setattr(BackboneProblem, "unstable_modes", lambda self, answer=answer: answer)
+    for known, value in ((False, 1.0), (True, -1.0), (True, 0.0)):
+        answer = Modes(
+            np.array([[value]]), np.zeros(1, dtype=np.int32), np.zeros((1, 1)), np.array([known]), np.zeros(1, dtype=bool)
+        )
+        monkeypatch.setattr(BackboneProblem, "modes", lambda self, answer=answer: answer)
         solution = mr.solve(robot, inputs)
         assert solution.status is mr.Status.BRANCH_END
         assert np.isnan(solution.unknowns).all()
@@ -259,3 +262,37 @@ def test_starts_fill_their_cube():
     # 64 on average; random points would spread by 8
     assert counts.min() > 52
     assert counts.max() < 76
+
+
+# ---- columns and platforms ----
+
+
+@pytest.mark.parametrize(
+    ("force", "index"), [(2.0, [0]), (3.0, [0, 0, 1]), (9.0, [0, 0, 1, 1, 2]), (25.0, [0, 0, 1, 1, 2, 2, 3])]
+)
+def test_every_equilibrium_of_a_column_is_found(force, index):
+    """Straight, and buckled either way about each axis and, beyond nine times the first load, in the second mode."""
+    robot = mr.SingleRod(mr.Rod(length=1.0, bending_stiffness=(1.0, 1.3), torsional_stiffness=0.8))
+    found = mr.equilibria(robot, robot.inputs(tip_force=(0, 0, -force))).raise_if_failed()
+    assert found.index.tolist() == index
+    assert degree(found) == 1
+    np.testing.assert_allclose(found.potential[-1], force, rtol=1e-9)  # straight: all of its length the load has moved
+    for k in range(0, len(index) - 1, 2):  # mirror images
+        np.testing.assert_allclose(found.potential[k], found.potential[k + 1], rtol=1e-8)
+        np.testing.assert_allclose(found.tip_position[k][:2], -found.tip_position[k + 1][:2], atol=1e-6)
+
+
+def test_a_platform_on_buckled_columns():
+    """Three legs softer about one axis, on a triangle that is its own image in the plane y = 0: so are the swayed states."""
+    leg = mr.Rod(length=1.0, bending_stiffness=(1.0, 1.2), torsional_stiffness=0.8, axial_stiffness=1e3)
+    base = np.tile(np.eye(4), (3, 1, 1))
+    base[:, :2, 3] = [(0.3, 0), (-0.15, 0.25), (-0.15, -0.25)]
+    robot = mr.ParallelRods(legs=[leg] * 3, base=base, platform=base)
+    (critical,) = mr.critical_loads(robot, robot.inputs(tip_force=(0, 0, -1)), solver=mr.Shooting())
+    found = mr.equilibria(robot, robot.inputs(tip_force=(0, 0, -1.1 * critical.load_factor)), starts=128).raise_if_failed()
+    assert found.index.tolist()[:2] == [0, 0]
+    np.testing.assert_allclose(found.potential[0], found.potential[1], rtol=1e-8)
+    np.testing.assert_allclose(found.tip_position[0] * (1, -1, 1), found.tip_position[1], atol=1e-5)
+    assert np.linalg.norm(found.tip_position[0][:2]) > 0.1
+    straight = np.linalg.norm(found.tip_position[:, :2], axis=1) < 1e-6
+    assert found.index[straight].tolist() == [1]

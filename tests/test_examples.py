@@ -55,6 +55,18 @@ def test_new_assembly_agrees_with_the_clamped_rod(example):
     newton = mr.solve(robot, inputs)
     observer = mr.solve(robot, inputs, solver=mr.Observer())
     np.testing.assert_allclose(observer.tip_position, newton.tip_position, atol=1e-9)
+    some = mr.solve(robot, inputs, instances=[1])  # as in a part of a large batch
+    np.testing.assert_array_equal(some.unknowns, newton.unknowns[1:])
+
+
+def test_workspace_is_found_and_recorded(example, tmp_path, capsys):
+    out = tmp_path / "workspace.rrd"
+    solution = example("workspace.py").main(["--configurations", "600", "--out", str(out)])
+    # tubes that snap are put where they are stable, so all have a tip, within reach of the longest that is shown
+    assert set(np.unique(solution.status)) <= {mr.Status.CONVERGED, mr.Status.LOWEST_ENERGY}
+    assert np.linalg.norm(solution.tip_position, axis=1).max() < 0.005 + 0.055 + 0.005 + 0.04 + 0.02 + 0.04
+    assert out.stat().st_size > 10_000
+    assert "600 configurations in" in capsys.readouterr().out
 
 
 def test_work_precision_falls_with_the_work(example):

@@ -1,6 +1,7 @@
 """Multiple shooting: rods whose sensitivities grow by more from base to tip than numbers have digits."""
 
 from dataclasses import replace
+from threading import Event
 
 import numpy as np
 import pytest
@@ -10,11 +11,15 @@ from scipy.spatial.transform import Rotation
 from scipy.special import ellipeinc, ellipkinc, ellipkm1
 
 import multirod as mr
+from multirod import batch
+from multirod.models.backbone import POSES_APART
 from multirod.models.backbone_segments import BackboneSegments
+from multirod.recording.samples import first_instances
 from multirod.segments import Breakpoints, Propagation, Request
 from multirod.solvers import multiple_shooting_branch
 from multirod.solvers.multiple_shooting_branch import Branch, run_together
 from multirod.solvers.multiple_shooting_system import DENSE, System, same_branch
+from multirod.stability import Modes
 
 EXTREME = (
     "14a_big_force_a400_psi1p571",
@@ -223,7 +228,7 @@ def test_what_is_conserved_along_the_rod(soft):
 def test_a_batch_is_solved_as_each_alone(soft):
     force = np.array([(60.0, -50.0, 30.0), (0.2, 0.1, 0.0), (400.0, 0.0, 100.0), (60.0, 50.0, 30.0)])
     together = mr.solve(soft, soft.inputs(tip_force=force), solver=mr.MultipleShooting())
-    assert together.status.tolist() == [15, 1, 15, 15]
+    assert together.status.tolist() == [16, 1, 16, 16]
     shapes = together.rod(0, nodes=5)
     for k in range(4):
         alone = mr.solve(soft, soft.inputs(tip_force=force[k]), solver=mr.MultipleShooting())
@@ -246,7 +251,10 @@ def test_modes_by_segments_are_those_by_columns(soft):
         k: Breakpoints(np.array([0, 0.4]), segments.base_state(k, x)[None], x, np.array([64]))
         for k, x in enumerate(found.unknowns)
     }
-    assert [segments.unstable_modes(points)[k][0] for k in points] == found.index.tolist()
+    modes = segments.modes(points)
+    assert modes.index.tolist() == found.index.tolist()
+    # both are integrated to 1e-8, columns of segments to 1e-6
+    np.testing.assert_allclose(modes.eigenvalue(0), found.stability_margin, rtol=1e-5, atol=1e-5)
 
 
 def test_true_ends_stay_ends():
@@ -274,7 +282,12 @@ def test_a_column_bends_to_the_side_to_which_it_is_pushed():
 
 def test_an_unstable_end_is_refused(soft, monkeypatch):
     """A branch that starts stable stays so: whatever the tests on the way missed, an unstable result is none."""
-    monkeypatch.setattr(BackboneSegments, "unstable_modes", lambda self, points: dict.fromkeys(points, (1, False)))
+
+    def modes(self: BackboneSegments, points: dict[int, Breakpoints]) -> Modes:
+        one = Modes.unknown(len(points))
+        return replace(one, values=np.full_like(one.values, -1.0), uncertainty=np.zeros_like(one.values), known=~one.known)
+
+    monkeypatch.setattr(BackboneSegments, "modes", modes)
     solution = mr.solve(soft, soft.inputs(tip_force=(60.0, -50.0, 30.0)), solver=mr.MultipleShooting())
     assert solution.status == mr.Status.BRANCH_END
     assert np.isnan(solution.tip_position).all()
@@ -309,12 +322,151 @@ def test_a_motion_through_strong_loads(solver, first, soft):
     force = (np.array([1.0, 30.0, 60.0, 61.0, 1.0])[:, None] * [1.0, -0.8, 0.5])[first:]
     history = mr.simulate(soft, soft.inputs(tip_force=force), time=0.1 * np.arange(len(force)), solver=solver)
     alone = mr.solve(soft, soft.inputs(tip_force=force), solver=mr.MultipleShooting())
-    assert history.status.tolist() == alone.status.tolist() == [1, 15, 15, 15, 1][first:]
+    assert history.status.tolist() == alone.status.tolist() == [1, 16, 16, 16, 1][first:]
     np.testing.assert_allclose(history.tip_position, alone.tip_position, rtol=0, atol=1e-8)
     np.testing.assert_allclose(history.rod(0, nodes=5).position, alone.rod(0, nodes=5).position, rtol=0, atol=1e-8)
     tracker = mr.Tracker(soft, solver=solver, dt=0.1)
     sample = tracker.step(tip_force=force[1])
     np.testing.assert_allclose(sample.rod(0, nodes=5).position[-1], history.tip_position[1], rtol=0, atol=1e-8)
+
+
+FORCES = np.array([1.0, 0.5, 60.0, 0.2, 0.9, 0.7, 0.1, 64.0, 0.3, 0.4, 0.8, 1.0])[:, None] * [1.0, -0.8, 0.5]
+STRONG = (2, 7)
+RESULTS = (
+    "status",
+    "residual",
+    "unknowns",
+    "tip_position",
+    "tip_rotation",
+    "integrations",
+    "index",
+    "stability_margin",
+    "potential",
+)
+
+
+@pytest.fixture(scope="module")
+def mixed() -> tuple[mr.SingleRod, mr.Inputs, mr.Solution]:
+    """A batch, solved as one part, of which ``Shooting`` can solve all but those with a number in ``STRONG``."""
+    robot = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=(0.02, 0.03), torsional_stiffness=0.012, precurvature=(4, -2, 6)))
+    inputs = robot.inputs(tip_force=FORCES)
+    solution = mr.solve(robot, inputs, threads=1)
+    expected = np.full(len(FORCES), mr.Status.CONVERGED)
+    expected[list(STRONG)] = mr.Status.MULTIPLE_SHOOTING
+    assert solution.status.tolist() == expected.tolist()
+    return robot, inputs, solution
+
+
+def agree(some: mr.Solution, whole: mr.Solution, index: object) -> None:
+    """All that a solution holds and all that it computes when asked, bit by bit."""
+    for name in RESULTS:
+        np.testing.assert_array_equal(getattr(some, name), getattr(whole, name)[index], err_msg=name)
+    np.testing.assert_array_equal(some.rod(0, nodes=5).position, whole.rod(0, nodes=5).position[index])
+    np.testing.assert_array_equal(some.jacobian("tip_force"), whole.jacobian("tip_force")[index])
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_parts_and_threads_change_no_bit(threads, mixed, monkeypatch):
+    """Strong loads in two of the parts."""
+    robot, inputs, whole = mixed
+    monkeypatch.setattr(batch, "SHORTEST_PART", 3)
+    pieces = batch.parts(len(FORCES), threads)
+    assert len(pieces) > 1
+    assert sum(any(k in range(p.start, p.stop) for k in STRONG) for p in pieces) == 2
+    agree(mr.solve(robot, inputs, threads=threads), whole, slice(None))
+
+
+def test_some_instances_keep_their_breakpoints(mixed):
+    robot, inputs, whole = mixed
+    chosen = np.array([7, 0, 2, 7])
+    agree(mr.solve(robot, inputs, instances=chosen), whole, chosen)
+    agree(whole[chosen], whole, chosen)
+    agree(whole[chosen][2:], whole, chosen[2:])
+
+
+def test_a_single_instance_keeps_its_breakpoints(mixed):
+    _, _, whole = mixed
+    one = whole[7]
+    assert one.status is mr.Status.MULTIPLE_SHOOTING
+    assert one.stability is mr.Stability.STABLE
+    agree(one, whole, 7)
+    np.testing.assert_allclose(one.rod(0, nodes=5).position[-1], one.tip_position, rtol=0, atol=1e-9 * 0.4)
+
+
+@pytest.mark.parametrize(
+    ("solver", "shortest", "order"),
+    [(mr.MultipleShooting(), 1, [[0, 2], [7, 1], [2, 3]]), (mr.Shooting(), 256, [[2, 0], [7, 1], [0, 3]])],
+    ids=["two parts", "one part, new and followed together"],
+)
+def test_a_batch_of_motions_keeps_breakpoints_by_sample_and_instance(solver, shortest, order, mixed, monkeypatch):
+    robot, _, whole = mixed
+    monkeypatch.setattr(batch, "SHORTEST_PART", shortest)
+    order = np.array(order)
+    history = mr.simulate(robot, robot.inputs(tip_force=FORCES[order]), time=[0, 1, 2], solver=solver, threads=2)
+    strong = np.isin(order, STRONG)
+    assert (history.status[strong] == mr.Status.MULTIPLE_SHOOTING).all()
+    tips = whole.tip_position[order]
+    np.testing.assert_allclose(history.tip_position, tips, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(history.rod(0, nodes=3).position[:, :, -1], tips, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(history[2].rod(0, nodes=3).position[:, -1], tips[2], rtol=0, atol=1e-8)
+    recorded = first_instances(history, 1)
+    np.testing.assert_array_equal(recorded.rod(0, nodes=3).position[:, 0], history.rod(0, nodes=3).position[:, 0])
+    np.testing.assert_array_equal(recorded.residual[:, 0], history.residual[:, 0])
+    assert (history.residual[strong] > np.abs(history.boundary_residual[strong]).max(axis=-1)).any()
+
+
+def test_poses_left_out_on_the_way_are_not_put_in_place_of_those_of_segments(soft):
+    """Of many rods at fixed steps."""
+    solver = mr.Shooting(integrator=mr.RK4(40))
+    force = np.tile(FORCES[0], (POSES_APART, 1))
+    force[5] = FORCES[2]
+    together = mr.solve(soft, soft.inputs(tip_force=force), solver=solver, threads=1)
+    alone = mr.solve(soft, soft.inputs(tip_force=force[5]), solver=solver)
+    assert together.status[5] == alone.status == mr.Status.MULTIPLE_SHOOTING
+    np.testing.assert_array_equal(together[5].tip_position, alone.tip_position)
+    np.testing.assert_array_equal(together[5].boundary_residual, alone.boundary_residual)
+
+
+def test_an_end_at_moderate_loads_is_not_looked_for_again(wire):
+    """Far below the full load, at which ``Gamma`` is large: one integration tells."""
+    robot = mr.SingleRod(wire)
+    inputs = robot.inputs(tip_force=(0, 0, 150.0))
+    ended, alone = (mr.solve(robot, inputs, solver=mr.Shooting(fallback=fallback)) for fallback in (True, False))
+    assert ended.status == alone.status == mr.Status.BRANCH_END
+    assert ended.integrations == alone.integrations + 1
+    np.testing.assert_array_equal(ended.residual, alone.residual)
+
+
+def test_a_stopped_problem_integrates_no_segment(soft):
+    problem = soft.problem(soft.inputs(), integrator=mr.RK45())
+    segments = problem.segments()
+    problem.stop = Event()
+    problem.stop.set()
+    points = Breakpoints(np.array([0, 0.4]), segments.base_state(0, np.zeros(3))[None], np.zeros(3), np.array([4]))
+    with pytest.raises(batch.Interrupted):
+        segments.propagate([Request.all_of(0, points, 1.0)])
+
+
+def test_modes_of_a_rod_rigid_in_torsion():
+    """A straight one in its plane has the modes of one that is 1e6 times stiffer in torsion than in bending."""
+    found = []
+    for torsion in (np.inf, 1e6 * 0.03):
+        robot = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=(0.02, 0.03), torsional_stiffness=torsion))
+        found.append(mr.solve(robot, robot.inputs(tip_force=(60.0, 0, 0)), solver=mr.MultipleShooting()).raise_if_failed())
+        assert found[-1].status == mr.Status.MULTIPLE_SHOOTING
+        assert found[-1].stability == mr.Stability.STABLE
+    # 1e-6 of the columns
+    np.testing.assert_allclose(found[0].stability_margin, found[1].stability_margin, rtol=1e-5)
+
+
+def test_bases_that_vary_along_some_axes_only(soft, make_pose):
+    poses = np.stack([make_pose(Rotation.from_rotvec([0.3 * k, 0, 0]).as_matrix(), (0, 0, 0.1 * k)) for k in range(3)])
+    robot = mr.SingleRod(soft.rods[0], base=poses)
+    inputs = robot.inputs(tip_force=np.array([(0.2, 0, 0.1), (0, 0.3, 0)])[:, None])
+    solution = mr.solve(robot, inputs, solver=mr.MultipleShooting())
+    assert solution.batch_shape == (2, 3)
+    # it says so where the segments lead to the pose that the unknowns lead to
+    assert (solution.status == mr.Status.CONVERGED).all()
 
 
 def test_steps_are_short_enough_for_columns_along_a_straight_rod():

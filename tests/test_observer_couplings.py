@@ -40,7 +40,7 @@ class Linear(mr.BoundaryProblem):
     def input_slice(self, name: str) -> slice:
         return slice(0, self.unknown_count)
 
-    def integrate(self) -> None:
+    def _integrate(self) -> None:
         self.write("residual", (self.matrices @ self.read("unknowns")[..., None])[..., 0] - self.read("inputs"))
         if self.direction_count:
             self.residual_directions.assign(-self.directions.numpy().transpose(0, 2, 1))

@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
-from discrete_energy import DiscreteEnergy, Tube
+from discrete_energy import DiscreteEnergy, DiscretePlatform, Tube
+from scipy.spatial.transform import Rotation
+from test_parallel_rods import LOADS, SCENES, actuation, ring
 
 import multirod as mr
 
@@ -140,13 +142,46 @@ def test_loads_without_a_potential_are_not_judged(wire):
         assert np.isnan(solution.potential)
 
 
-def test_what_failed_or_is_rigid_in_torsion_is_not_judged(wire):
-    robot = column(torsional_stiffness=np.inf)
-    assert straight(robot).stability is UNKNOWN
+def test_rods_rigid_in_torsion_are_judged():
+    """Euler's column has no use for torsion; a narrow cantilever that cannot twist does not tip over."""
+    rigid = column(torsional_stiffness=np.inf)
+    assert straight(rigid).stability is STABLE
+    solution = straight(rigid, tip_force=along((0, 0, -1), np.pi**2 / 4 * np.concatenate([NEAR, 9 * NEAR])))
+    assert solution.index.tolist() == [0, 2, 2, 4]
+    narrow = column(bending_stiffness=(1e5, 1.0), torsional_stiffness=np.inf)
+    tipped = mr.solve(narrow, narrow.inputs(tip_force=(0, 10.0, 0)), guess=(0, 0, 0)).raise_if_failed()
+    assert tipped.stability is STABLE
+    # as a rod that is far stiffer in torsion than in bending
+    margins = []
+    for torsion in (np.inf, 1e5):
+        robot = column(bending_stiffness=(1.0, 1.4), torsional_stiffness=torsion, precurvature=(2.0, 1.0, 0.0))
+        found = mr.solve(robot, robot.inputs(tip_force=(3.0, -2.0, -5.0))).raise_if_failed()
+        assert found.stability is STABLE
+        margins.append(found.stability_margin)
+    np.testing.assert_allclose(*margins, rtol=1e-3)
+
+
+def test_what_is_said_of_an_instance_does_not_depend_on_its_batch(wire):
+    robot = mr.SingleRod(wire)
+    force = np.array([(0, 0, 0), (1, 0, 0), (0, 2, 40), (3, 5, 300.0)])
+    batch = mr.solve(robot, robot.inputs(tip_force=force)).raise_if_failed()
+    alone = [mr.solve(robot, robot.inputs(tip_force=f)).stability_margin for f in force]
+    np.testing.assert_array_equal(batch.stability_margin, alone)
+    assert (batch.stability == STABLE).all()
+
+
+def test_what_failed_is_not_judged(wire):
     robot = mr.SingleRod(wire)
     failed = mr.solve(robot, robot.inputs(tip_force=[(0, 0, 1), (0, 0, -1e3)]))
     assert failed.stability.tolist()[0] == STABLE
     assert (failed.status[1] != mr.Status.CONVERGED) == (failed.stability[1] == UNKNOWN)
+
+
+def test_tubes_rigid_in_torsion_are_not_judged():
+    """Statics does not say how they share the torque."""
+    tube = {"bending_stiffness": 0.01, "torsional_stiffness": np.inf}
+    robot = mr.ConcentricTubes([mr.Rod(length=0.3 - 0.1 * k, **tube) for k in range(2)])
+    assert mr.solve(robot, robot.inputs(tip_force=(0.01, 0, 0))).raise_if_failed().stability is UNKNOWN
 
 
 def test_single_rod_cases(reference_cases, make_pose):
@@ -170,6 +205,39 @@ def test_single_rod_cases(reference_cases, make_pose):
         assert solution.stability is STABLE, case["id"]
         count += 1
     assert count >= 10
+
+
+def test_what_a_solve_returns_is_stable(reference_cases, make_pose):
+    """The natural branch of every stored parallel robot, and of rods under random loads: where it is reached at all."""
+    from test_parallel_rods import stored_robot
+
+    judged = 0
+    for case in reference_cases("parallel_continuum_robot"):
+        parallel, inputs = stored_robot(case, make_pose)
+        solution = mr.solve(parallel, inputs).raise_if_failed()
+        assert solution.stability in (STABLE, UNKNOWN)
+        judged += solution.stability is STABLE
+    assert judged >= 3
+    robot = column(bending_stiffness=(1.0, 1.4), precurvature=(1.0, 0.5, 0.3))
+    force = 10 * np.random.default_rng(2).normal(size=(200, 3))
+    solution = mr.solve(robot, robot.inputs(tip_force=force))
+    good = solution.status == mr.Status.CONVERGED
+    assert good.sum() > 100
+    assert (solution.stability[good] == STABLE).all()
+
+
+def test_an_unstable_state_that_a_cold_start_leads_to_is_refused():
+    """Legs turned and pushed: the state that beams suggest is on the other side of a snap; led there in steps the robot is stable."""
+    robot = SCENES["six rods"]()
+    values = {name: 0.3 * value for name, value in actuation(robot, np.random.default_rng(1)).items()}
+    cold = mr.solve(robot, robot.inputs(**values))
+    assert cold.status is mr.Status.UNSTABLE
+    assert cold.status.failed
+    assert np.isnan(cold.unknowns).all()
+    assert "lead it there" in cold.status.message
+    part = np.linspace(0, 1, 31)[:, None]
+    history = mr.simulate(robot, robot.inputs(**{name: part * value for name, value in values.items()}), time=part[:, 0])
+    assert history.raise_if_failed().stability.tolist() == [STABLE] * len(part)
 
 
 # ---- an independent energy ----
@@ -230,3 +298,138 @@ def test_the_hessian_of_two_tubes_agrees(force):
     index = compare_with_hessian([inner, outer], np.array(force), 16, values)
     assert len(index) >= 3
     assert {0, 1} <= set(index)
+
+
+# ---- parallel robots ----
+
+
+DEAD = {name: LOADS[name] for name in ("tip_force", "force_point", "distributed_force", "gravity")}
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_the_form_of_a_parallel_robot_is_symmetric(scene):
+    """As it is for every joint, tubes, weights and loads beside the origin, only if all its terms are there."""
+    robot = SCENES[scene]()
+    # tubes that twist behind their plates
+    values = DEAD | {name: 0.2 * value for name, value in actuation(robot, np.random.default_rng(1)).items()}
+    solution = mr.solve(robot, robot.inputs(**values)).raise_if_failed()
+    assert solution._modes.uncertainty.max() < 1e-7
+    assert solution.stability is STABLE
+    assert solution.stability_margin > 1e-3
+    for load in ("tip_moment", "follower_force", "follower_moment", "distributed_moment"):
+        loaded = mr.solve(robot, robot.inputs(**values | {load: LOADS[load]})).raise_if_failed()
+        assert (loaded.stability, loaded.index) == (UNKNOWN, -1)
+        assert np.isnan(loaded.potential)
+        assert np.isnan(loaded.stability_margin)
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_the_potential_of_a_parallel_robot_is_moved_by_its_load(scene):
+    """dE/dF is the negative displacement of the point where F acts."""
+    robot, step = SCENES[scene](), 1e-3
+    solver = mr.Shooting(tolerance=1e-11, integrator=mr.RK45(rtol=1e-11, atol=1e-13))
+    forces = np.array(DEAD["tip_force"]) + step * np.array([(1, 0, 0), (-1, 0, 0), (0, 0, 1), (0, 0, -1), (0, 0, 0)])
+    found = mr.solve(robot, robot.inputs(**DEAD | {"tip_force": forces}), solver=solver).raise_if_failed()
+    where = found.tip_position[4] + found.tip_rotation[4] @ np.array(DEAD["force_point"])
+    geometry = robot.geometry
+    origin, rotation = geometry.reference()
+    start = origin + rotation @ np.array(DEAD["force_point"])
+    slope = np.array([found.potential[0] - found.potential[1], found.potential[2] - found.potential[3]]) / (2 * step)
+    # central differences: the third derivative times step^2
+    np.testing.assert_allclose(slope, -(where - start)[[0, 2]], atol=1e-5 * np.linalg.norm(where - start))
+
+
+def columns_under_platform(count, force):
+    """The straight state of columns of length and stiffness 1 under a load on their platform, for each of several loads."""
+    leg = mr.Rod(length=1.0, bending_stiffness=1.0, torsional_stiffness=0.8)
+    robot = mr.ParallelRods(legs=[leg] * count, base=ring(count, 0.3), platform=ring(count, 0.3))
+    guess = np.zeros((len(force), 6 * count + 6))
+    guess[:, 5 : 6 * count : 6] = -force[:, None] / count
+    guess[:, 6 * count + 2] = 1.0
+    return mr.solve(robot, robot.inputs(tip_force=along((0, 0, -1), force)), guess=guess).raise_if_failed()
+
+
+def test_columns_sway_under_a_platform():
+    """pi^2 EI/L^2 each, in both directions at once. Two legs do not keep it from tilting: then pi^2/4, as for a free tip."""
+    assert columns_under_platform(3, 3 * np.pi**2 * NEAR).index.tolist() == [0, 2]
+    assert columns_under_platform(2, np.concatenate([2 * np.pi**2 / 4 * NEAR, 2 * np.pi**2 * NEAR])).index.tolist() == [
+        0,
+        1,
+        1,
+        2,
+    ]
+
+
+def test_a_column_clamped_at_both_ends_buckles_at_four_times_that():
+    """A column that grows between its base and a platform which stiff legs hold. Extended, P (1 - P/EA) = 4 pi^2 EI/l^2."""
+    EA = 4000.0
+    thin = mr.Rod(length=1.0, bending_stiffness=1.0, torsional_stiffness=0.8, axial_stiffness=EA)
+    thick = mr.Rod(length=1.0, bending_stiffness=1e7, torsional_stiffness=1e7, axial_stiffness=1e9)
+    base = np.tile(np.eye(4), (3, 1, 1))
+    base[1:, 0, 3] = 0.5, -0.5
+    robot = mr.ParallelRods(legs=[thin, thick, thick], base=base, platform=base)
+    # compressed to the length 1, it is l = 1/(1 - P/EA) long
+    force = 4 * np.pi**2 / (1 + 4 * np.pi**2 / EA) * NEAR
+    guess = np.zeros((2, 24))
+    guess[:, 5], guess[:, 20] = -force, 1.0
+    translation = np.zeros((2, 3))
+    translation[:, 0] = force / (EA - force)
+    found = mr.solve(robot, robot.inputs(translation=translation), guess=guess).raise_if_failed()
+    # stiff legs give way by 1e-8
+    np.testing.assert_allclose(found.rod(0).force[:, 0, 2], -force, rtol=1e-5)
+    assert found.index.tolist() == [0, 2]
+
+
+@pytest.mark.parametrize(
+    ("joints", "load", "segments", "indices"),
+    [(["clamped"] * 2, 8.0, 10, {0, 1, 2}), (["clamped", "spherical"], 8.0, 10, {0, 1}), (["clamped"] * 3, 45.0, 8, {0, 2})],
+)
+def test_the_hessian_of_a_parallel_robot_agrees(joints, load, segments, indices):
+    """An independent energy, its constraints projected out, at every equilibrium found."""
+    count, EA = len(joints), 200.0
+    base, platform, force = ring(count, 0.3, tilt=0.1), ring(count, 0.2, 0.15, 0.05), np.array([0.3, 0.2, -load])
+    leg = mr.Rod(length=1.0, bending_stiffness=1.0, torsional_stiffness=0.8, axial_stiffness=EA)
+    robot = mr.ParallelRods(legs=[leg] * count, base=base, platform=platform, joints=joints)
+    found = mr.equilibria(robot, robot.inputs(tip_force=force), starts=128)
+    energy = DiscretePlatform([(1.0, 1.0, 0.8, EA)] * count, base, platform, joints, force, segments)
+    middle = (np.arange(segments) + 0.5) / segments
+    assert indices <= set(found.index.tolist())
+    seen = set()
+    for k, index in enumerate(found.index):
+        if index in seen:
+            continue
+        seen.add(index)
+        one = mr.solve(robot, robot.inputs(tip_force=force), guess=found.unknowns[k])
+        q = []
+        for number in range(count):
+            shape = one.rod(number, nodes=8 * segments + 1)
+            strains = [*shape.curvature.T, shape.force[:, 2] / EA]
+            q.append(np.column_stack([np.interp(middle, shape.arclength, strain) for strain in strains]).ravel())
+        pose = np.concatenate([one.tip_position, Rotation.from_matrix(one.tip_rotation).as_rotvec()])
+        q, negative = energy.index(np.concatenate([*q, pose]))
+        potential = one.potential - force @ robot.geometry.reference()[0]
+        # strains constant by segment are off by h u'/2: their energy lacks a part (h/L)^2 of order one
+        assert abs(energy.parts(q[None])[0][0] - potential) < 5 * load / segments**2
+        assert negative == index
+
+
+def test_an_odd_number_of_modes_that_grow_is_seen_without_a_potential():
+    """A column beyond its load with a twisting moment at its tip: det Gamma has changed its sign."""
+    robot = column(bending_stiffness=(1.0, 1.3))
+    forces = np.pi**2 / 4 * np.array([0.9, 1.1, 1.4])
+    for moment in ({"tip_moment": (0, 0, 1e-3)}, {"follower_moment": (0, 0, 1e-3)}):
+        solution = mr.solve(
+            robot, robot.inputs(tip_force=along((0, 0, -1), forces), **moment), guess=(0, 0, 1e-3 / 0.8)
+        ).raise_if_failed()
+        assert solution.stability.tolist() == [UNKNOWN, UNSTABLE, UNKNOWN]
+        assert solution.index.tolist() == [-1, -1, -1]
+
+
+def test_the_margin_vanishes_at_the_critical_load():
+    """Of a column: sqrt(P) cot(sqrt(P)) of each axis, over EI/L; -inf where it is unstable though its tip be held."""
+    loads = np.array([1e-9, 1.0, 2.0, 2.4, 3.0, 12.0])
+    solution = straight(column(bending_stiffness=(1.0, 1.3), torsional_stiffness=4.0), tip_force=along((0, 0, -1), loads))
+    expected = np.sqrt(loads) / np.tan(np.sqrt(loads))
+    # the steps between nodes, which error control does not shorten for a straight rod, leave 1e-7
+    np.testing.assert_allclose(solution.stability_margin[:5], expected[:5], rtol=0, atol=1e-6)
+    assert solution.stability_margin[5] == -np.inf

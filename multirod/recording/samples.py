@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -52,21 +51,16 @@ def first_instances(history: History, count: int) -> History:
     if not axes or (total <= count and len(axes) == 1) or history.assembly.batch_shape:
         return history
     kept = min(count, total)
-
-    def cut(values: Any) -> Any:
-        return np.reshape(values, (samples, total, *np.shape(values)[1:]))[:, :kept].reshape(-1, *np.shape(values)[1:])
-
+    rows = np.arange(samples * total).reshape(samples, total)[:, :kept].reshape(-1)
     arrays = {}
     for name in history.inputs.given:
         if name not in history.inputs.profiles:
             value = getattr(history.inputs, name)
             arrays[name] = np.broadcast_to(value, (*history.batch_shape, value.shape[-1])).reshape(samples, total, -1)[:, :kept]
-    was = history._outcome
-    outcome = Outcome(cut(was.status), cut(was.iterations), cut(was.integrations), cut(np.reshape(history.residual, -1)))
     return History(
         replace(history._scene, batch_shape=(samples, kept)),
-        cut(history._records),
-        outcome,
+        history._records[rows],
+        history._outcome.take(rows),
         history.inputs.with_arrays(arrays),
         time=history.time,
         step_time=history.step_time,

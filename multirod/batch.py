@@ -1,0 +1,89 @@
+"""Batches: which rows of an array belong to which instances, and how instances are shared out to threads."""
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from itertools import pairwise
+from math import prod
+from threading import Event
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod.validation import positive_int
+
+IntArray = NDArray[np.intp]
+
+
+def take(values: Any, batch_shape: tuple[int, ...], instances: IntArray | None, *, tail: int) -> Any:
+    """Rows of some instances of a batch.
+
+    Args:
+        values: Array whose leading axes broadcast to ``batch_shape``; the last ``tail`` axes are those of a row.
+        batch_shape: Leading axes of the batch.
+        instances: Numbers of instances in the flattened batch; all by default.
+        tail: Axes of a row.
+
+    Returns:
+        Array of shape (len(instances), ...).
+    """
+    rows = np.broadcast_to(values, (*batch_shape, *np.shape(values)[np.ndim(values) - tail :]))
+    if instances is None or not batch_shape:
+        return rows.reshape(prod(batch_shape), *rows.shape[len(batch_shape) :])
+    return rows[np.unravel_index(instances, batch_shape)]
+
+
+LONGEST_PART = 8192  # instances: enough for each launch to take long against what Python adds, few enough to share out
+SHORTEST_PART = 256
+
+
+class Interrupted(RuntimeError):
+    """Raised within a part of a batch whose run was stopped."""
+
+
+def thread_count(threads: Any) -> int:
+    """The number of threads asked for; by default, one for each core that this process may use.
+
+    Raises:
+        ValueError: If it is not an integer >= 1.
+    """
+    if threads is not None:
+        return positive_int("threads", threads)
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def parts(count: int, threads: int, rods: int = 1) -> list[slice]:
+    """How ``count`` instances are shared out: as many parts for each thread, two at least, if that leaves parts worth a launch.
+
+    The more ``rods`` an instance has, the shorter they are.
+    """
+    longest, shortest = max(1, LONGEST_PART // rods), max(1, SHORTEST_PART // rods)
+    number = max(2, -(-count // (threads * longest)))
+    number = threads * max(1, min(number, count // (threads * shortest)))
+    if number * shortest > count:
+        number = max(1, count // shortest)
+    ends = [count * k // number for k in range(number + 1)]
+    return [slice(start, end) for start, end in pairwise(ends)]
+
+
+def run(work: Callable[[slice, Event], None], pieces: Sequence[slice], threads: int) -> None:
+    """Call ``work`` with each part, on a pool of threads: kernels release the interpreter lock.
+
+    ``work`` looks at the event, or hands it to ``BoundaryProblem.stop``: it is set when another part has raised, or on Ctrl-C.
+    What a part raises is raised here once no thread works any more.
+    """
+    stop = Event()
+    if threads == 1 or len(pieces) == 1:
+        for piece in pieces:
+            work(piece, stop)
+        return
+    with ThreadPoolExecutor(min(threads, len(pieces))) as pool:
+        futures = [pool.submit(work, piece, stop) for piece in pieces]
+        try:
+            for future in as_completed(futures):
+                future.result()
+        except BaseException:
+            stop.set()
+            pool.shutdown(cancel_futures=True)
+            raise

@@ -1,0 +1,83 @@
+"""A progress bar for what takes long."""
+
+from collections.abc import Callable
+from threading import Lock
+from time import monotonic
+from types import TracebackType
+from typing import Any, Self
+
+from multirod.validation import refuse
+
+PATIENCE = 2.0  # seconds before a bar is worth showing
+
+
+class Watch:
+    """Counts what is done, and shows it by a bar on a terminal once it has taken two seconds, or tells a function.
+
+    Args:
+        label: What is counted.
+        total: How many there are.
+        progress: Whether to show a bar, or a function that is called with the number done.
+        shares: Calls of ``advance`` that make up one of those counted.
+
+    Raises:
+        ValueError: If ``progress`` is neither.
+    """
+
+    def __init__(self, label: str, total: int, progress: bool | Callable[[int], Any], shares: int = 1) -> None:
+        if not isinstance(progress, bool) and not callable(progress):
+            refuse("progress", progress, "must be True, False or a function of the number done")
+        self._label, self._total, self._shares = label, total, shares
+        self._tell = progress if callable(progress) else None
+        self._wanted = progress is True
+        self._bar: Any = None
+        self._begin = monotonic()
+        self._done = 0
+        self._lock = Lock()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def begin(self, done: int) -> None:
+        """Say what was done before."""
+        self._done = done * self._shares
+        if self._tell is not None:
+            self._tell(done)
+
+    def advance(self, count: int = 1) -> None:
+        """Note that so many more shares are done; on any thread."""
+        with self._lock:
+            before, self._done = self._done // self._shares, self._done + count
+            done = self._done // self._shares
+            if self._tell is not None and done > before:
+                self._tell(done)
+            if self._wanted and self._bar is None and monotonic() - self._begin > PATIENCE:
+                self._bar = _bar(self._label, self._total)
+                self._wanted = self._bar is not None
+            if self._bar is not None:
+                self._bar.update(self._bar.task_ids[0], completed=done)
+
+
+def _bar(label: str, total: int) -> Any:
+    """A bar on the terminal of the standard error stream; None where that is none."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        return None
+    bar = Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+    )
+    bar.add_task(label, total=total)
+    bar.start()
+    return bar

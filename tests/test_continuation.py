@@ -1,0 +1,51 @@
+"""What keeps a continuation on its branch, and that each instance goes its own way."""
+
+import numpy as np
+import warp as wp
+
+from multirod.solvers.continuation_kernels import LARGEST_RATIO, RATIO_POWERS, SMALLEST_RATIO
+from multirod.solvers.newton_kernels import NewtonState, make_iteration
+
+N = 4
+
+
+def spread(before, after, centre, enough, most):
+    """The kernels' bound on the distance of the eigenvalues of ``after before^-1`` from ``centre``."""
+    of = make_iteration(N).spread
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def probe(state: NewtonState, bound: wp.array[wp.float64], centre: wp.float64, enough: wp.float64, most: wp.float64):
+        t = wp.tid()
+        bound[t] = of(state, t, state.reference, centre, enough, most)
+
+    state = NewtonState()
+    state.gamma = wp.array(after, dtype=wp.float64)
+    state.reference = wp.array(before, dtype=wp.float64)
+    bound = wp.zeros(len(before), dtype=wp.float64)
+    wp.launch(probe, dim=len(before), inputs=[state, bound, centre, enough, most])
+    return bound.numpy()
+
+
+def test_the_bound_holds_all_eigenvalues_and_is_nearly_tight():
+    random = np.random.default_rng(0)
+    before = random.standard_normal((3000, N, N))
+    after = (np.eye(N) + random.uniform(0, 0.8, (3000, 1, 1)) * random.standard_normal((3000, N, N))) @ before
+    centre, radius = 0.5 * (SMALLEST_RATIO + LARGEST_RATIO), 0.5 * (LARGEST_RATIO - SMALLEST_RATIO)
+    bound = spread(before, after, centre, 0.0, RATIO_POWERS)
+    values = np.linalg.eigvals(after @ np.linalg.inv(before))
+    true = np.abs(values - centre).max(axis=1)
+    assert (bound >= true * (1 - 1e-9)).all()
+    # |A^64|_F^(1/64) exceeds the spectral radius by at most the 64th root of sqrt(n) and of the eigenvectors' condition
+    assert (bound <= 1.12 * true).mean() > 0.99
+    assert 0.2 < (bound < radius).mean() < 0.95, "all alike: no test of the decision"
+    # stopping once it is enough changes no decision
+    np.testing.assert_array_equal(spread(before, after, centre, radius, RATIO_POWERS) < radius, bound < radius)
+
+
+def test_what_changed_sign_grew_or_is_no_number_is_another_branch():
+    before = np.tile(np.random.default_rng(1).standard_normal((N, N)), (9, 1, 1))
+    after = before * np.array([4.1, 3.9, 0.24, 0.3, -1, 1, 2, 1, 1])[:, None, None]
+    before[7], after[8] = 0, np.nan
+    centre, radius = 0.5 * (SMALLEST_RATIO + LARGEST_RATIO), 0.5 * (LARGEST_RATIO - SMALLEST_RATIO)
+    found = spread(before, after, centre, radius, RATIO_POWERS) < radius
+    np.testing.assert_array_equal(found, [0, 1, 0, 1, 0, 1, 1, 0, 0])

@@ -1,0 +1,227 @@
+"""Critical loads: closed forms and stored values, folds, several in a row, and what is refused."""
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+from test_parallel_rods import ring
+from test_stability import two_tubes
+
+import multirod as mr
+from multirod.inputs import Inputs
+from multirod.models.backbone import BACKBONE_INPUTS, BackboneProblem
+from multirod.solvers.branch import Branch, Point
+from multirod.stability import Modes
+
+CLOSE = 1e-8  # relative: RK4(400) leaves 1e-10 of the lower modes, and the stored values are good to 2e-9
+
+
+def column(**values):
+    return mr.SingleRod(mr.Rod(**({"length": 1.0, "bending_stiffness": 1.0, "torsional_stiffness": 0.8} | values)))
+
+
+def factors(found):
+    return [critical.load_factor for critical in found]
+
+
+def stored(reference_cases, name):
+    return next(case for case in reference_cases("critical_load") if case["id"] == name)
+
+
+def rod_of(case):
+    given = case["inputs"]["rods"][0]
+    K = given["K"]
+    return mr.Rod(length=given["length"], bending_stiffness=K[:2], torsional_stiffness=K[2], precurvature=given["u_star"])
+
+
+def test_euler_column_loses_one_mode_after_another():
+    robot = column(bending_stiffness=(1.0, 1.3))
+    found = mr.critical_loads(robot, robot.inputs(tip_force=(0, 0, -1)), count=4)
+    np.testing.assert_allclose(factors(found), np.pi**2 / 4 * np.array([1, 1.3, 9, 11.7]), rtol=CLOSE)
+    assert [(c.fold, c.index_before, c.index_after) for c in found] == [(False, k, k + 1) for k in range(4)]
+    assert found[0].solution.stability is mr.Stability.FOLD
+    np.testing.assert_allclose(found[0].solution.inputs.tip_force[2], -found[0].load_factor)
+    # the softer axis bends first: about x, whose moment is the first unknown
+    assert abs(found[0].mode[0]) > 0.999
+    assert "bifurcation" in repr(found[0])
+
+
+def test_modes_that_cross_together_are_one_critical_load():
+    robot = column()
+    found = mr.critical_loads(robot, robot.inputs(tip_force=(0, 0, -2)), count=2)
+    np.testing.assert_allclose(factors(found), np.pi**2 / 8 * np.array([1, 9]), rtol=CLOSE)
+    assert [c.multiplicity for c in found] == [2, 2]
+
+
+def test_heavy_column(reference_cases):
+    """Greenhill's height, by weight and by a load along the rod given as a function."""
+    case = stored(reference_cases, "04b_greenhill_height")
+    critical = float(case["expected"]["gamma_crit"]["value"]) * case["inputs"]["weak_axis_EI"]
+    robot = mr.SingleRod(mr.Rod(length=1.0, bending_stiffness=(1.0, 0.5), torsional_stiffness=0.4, linear_density=1.0))
+    for loads in ({"gravity": (0, 0, -1)}, {"distributed_force": lambda s: (0, 0, -1)}):
+        (found,) = mr.critical_loads(robot, robot.inputs(**loads))
+        np.testing.assert_allclose(found.load_factor, critical, rtol=CLOSE)
+        assert found.solution.status is mr.Status.CONVERGED
+        assert found.solution.stability is mr.Stability.FOLD
+    sides = critical * np.array([0.9999, 1.0001])
+    there = mr.solve(robot, robot.inputs(gravity=np.multiply.outer(sides, (0, 0, -1))), guess=(0.0, 0.0, 0.0))
+    assert there.stability.tolist() == [mr.Stability.STABLE, mr.Stability.UNSTABLE]
+
+
+@pytest.mark.parametrize("name", ["r10_u0p0", "r1000_u0p0", "r100_u0p5"])
+def test_lateral_buckling(name, reference_cases):
+    """Of a narrow cantilever, bent in its plane before, with and without precurvature."""
+    case = stored(reference_cases, f"07a_lateral_torsional_{name}")
+    expected = case["expected"]["P_crit"]
+    robot = mr.SingleRod(rod_of(case))
+    inputs = robot.inputs(tip_force=(0, 1, 0))
+    (found,) = mr.critical_loads(robot, inputs)
+    assert abs(found.load_factor - expected["value"]) < expected["abs_unc"] + 1e-9 * expected["value"]
+    assert not found.fold
+    # with the integrator of a solve, whose error control does not see the mode
+    (default,) = mr.critical_loads(robot, inputs, solver=mr.Shooting())
+    np.testing.assert_allclose(default.load_factor, expected["value"], rtol=1e-6)
+
+
+def test_opposite_tubes_snap_at_a_fold():
+    """theta'' = c sin(theta) from the base angle: the angle has its maximum over the tip angle where the branch folds."""
+    from scipy.special import ellipj
+
+    turns = 2.0
+    robot = two_tubes(turns)
+    (found,) = mr.critical_loads(robot, robot.inputs(rotation=(0, 1)), start=robot.inputs())
+
+    def base(tip):
+        _, cn, dn, _ = ellipj(turns, np.sin((tip - np.pi) / 2) ** 2)
+        return np.pi + 2 * np.arcsin(np.sin((tip - np.pi) / 2) * cn / dn)
+
+    tips = np.linspace(0.1, np.pi, 4001)
+    k = int(np.argmax(base(tips)))
+    fine = np.linspace(tips[k - 1], tips[k + 1], 4001)
+    np.testing.assert_allclose(found.load_factor, base(fine).max(), rtol=CLOSE)
+    assert found.fold
+    assert (found.index_before, found.index_after) == (0, 1)
+
+
+def test_platform_on_columns_sways():
+    """n columns clamped at both ends: pi^2 EI/L^2 each where the platform can shift but not tilt, in both directions at once."""
+    leg = mr.Rod(length=1.0, bending_stiffness=1.0, torsional_stiffness=0.8)
+    robot = mr.ParallelRods(legs=[leg] * 3, base=ring(3, 0.3), platform=ring(3, 0.3))
+    (found,) = mr.critical_loads(robot, robot.inputs(tip_force=(0, 0, -1)))
+    # each leg alone would sway at the same load, where its condensed form is infinite: that costs digits
+    np.testing.assert_allclose(found.load_factor, 3 * np.pi**2, rtol=1e-6)
+    assert (found.fold, found.multiplicity) == (False, 2)
+
+
+def test_one_load_is_raised_while_another_stays():
+    """A column under tension T at its tip and its own weight: the weight must first take up the tension."""
+    robot = mr.SingleRod(mr.Rod(length=1.0, bending_stiffness=1.0, torsional_stiffness=0.8, linear_density=1.0))
+    start = robot.inputs(tip_force=(0, 0, 2.0))
+    (found,) = mr.critical_loads(robot, robot.inputs(tip_force=(0, 0, 2.0), gravity=(0, 0, -1)), start=start)
+    assert found.load_factor > 7.8373 + 2
+    there = [
+        mr.solve(robot, robot.inputs(tip_force=(0, 0, 2.0), gravity=(0, 0, -f * found.load_factor)), guess=(0, 0, 0))
+        for f in (0.9999, 1.0001)
+    ]
+    assert [s.index for s in there] == [0, 2]
+
+
+def test_the_branch_goes_on_past_a_fold():
+    """Tubes that snapped: the branch turns back, and turns again where they would snap the other way."""
+    robot = two_tubes(2.0)
+    found = mr.critical_loads(robot, robot.inputs(rotation=(0, 1)), start=robot.inputs(), count=2)
+    assert [(c.index_before, c.index_after) for c in found] == [(0, 1), (1, 0)]
+    np.testing.assert_allclose(sum(factors(found)), 2 * np.pi, rtol=CLOSE)
+
+
+def test_a_mode_that_stays_neutral_is_no_change():
+    """As of a ring that can be turned: its eigenvalue is zero but for rounding, of either sign."""
+
+    def point(value):
+        one = np.ones((1, 1))
+        return Point(
+            np.zeros(2), np.zeros(2), one, Modes(value * one, np.zeros(1, dtype=np.int32), 0 * one, one[0] > 0, one[0] < 0)
+        )
+
+    branch = object.__new__(Branch)  # nothing is to be evaluated
+    assert (point(1e-9).index, point(-1e-9).index) == (0, 1)
+    assert branch._between(point(1e-9), point(-1e-9), 1.0) == []
+    with pytest.raises(AttributeError):
+        branch._between(point(1e-3), point(-1e-9), 1.0)
+
+
+def test_what_stays_stable_has_no_critical_load():
+    robot = column()
+    assert mr.critical_loads(robot, robot.inputs(tip_force=(0, 0, 1)), up_to=50.0) == ()
+    assert mr.critical_loads(robot, robot.inputs(tip_force=(0, 0, -1)), up_to=2.0) == ()
+
+
+def test_what_is_refused(wire):
+    robot = mr.SingleRod(wire)
+    with pytest.raises(mr.SolveError, match="the loads have no potential"):
+        mr.critical_loads(robot, robot.inputs(tip_moment=(0, 0, 1)))
+    with pytest.raises(ValueError, match="nothing is raised"):
+        mr.critical_loads(robot, robot.inputs(rotation=1.0))
+    with pytest.raises(ValueError, match=r"inputs = leading axes \(2,\)"):
+        mr.critical_loads(robot, robot.inputs(tip_force=np.eye(3)[:2]))
+    with pytest.raises(ValueError, match="start = functions of arclength"):
+        mr.critical_loads(robot, robot.inputs(), start=robot.inputs(distributed_force=lambda s: (0, 0, s)))
+    with pytest.raises(ValueError, match="count"):
+        mr.critical_loads(robot, robot.inputs(), count=0)
+    with pytest.raises(ValueError, match="up_to"):
+        mr.critical_loads(robot, robot.inputs(), up_to=-1.0)
+    with pytest.raises(TypeError, match="needs Shooting"):
+        mr.critical_loads(robot, robot.inputs(), solver=mr.Observer())
+    with pytest.raises(TypeError, match="must be an assembly"):
+        mr.critical_loads(wire, robot.inputs())
+    buckled = column()
+    with pytest.raises(mr.SolveError, match="at the start"):
+        mr.critical_loads(buckled, buckled.inputs(tip_force=(0, 0, -4)), start=buckled.inputs(tip_force=(0, 0, -3)))
+
+
+# ---- rods held at both ends ----
+
+
+def held(case, moment, force):
+    """The second variation of a rod with a given moment and force at its base, in the base's frame, at a clamped tip."""
+    rod = rod_of(case)
+    K, length = case["inputs"]["rods"][0]["K"], case["inputs"]["rods"][0]["length"]
+    problem = BackboneProblem([rod], np.eye(4), Inputs(BACKBONE_INPUTS, 1, {}), integrator=mr.RK4(1000), held=True)
+    problem.write("unknowns", np.concatenate([moment / np.array([K[0], K[1], min(K[2], max(K[:2]))]), force * length / K[0]]))
+    form, _ = problem.condensed_form()
+    return form, np.array([length]), np.array([K[0]])
+
+
+def test_twist_of_a_rod_under_tension(reference_cases):
+    """Greenhill: a tip that slides along its axis and turns about it, under tension and thrust; two modes at once."""
+    case = stored(reference_cases, "06a_greenhill_twist_clamped")
+    K = case["inputs"]["rods"][0]["K"][0]
+    for tension, expected in zip(case["inputs"]["T_L2_over_EI"], case["expected"]["M_crit_L_over_EI"]["value"], strict=True):
+
+        def modes(M, tension=tension):
+            form, length, stiffness = held(case, np.array([0, 0, M * K]), np.array([0, 0, tension * K]))
+            return form.guided_modes([2], [0, 1], length, stiffness)
+
+        critical = float(expected)
+        assert [int(modes(part * critical).index[0]) for part in (0.9999, 1.0001)] == [0, 2]
+        root = brentq(lambda M: float(np.arctan(modes(M).eigenvalue(0)[0])), 0.9 * critical, 1.1 * critical, xtol=1e-12)
+        np.testing.assert_allclose(root, critical, rtol=CLOSE)
+
+
+def test_twisted_ring(reference_cases):
+    """Michell and Zajac: 2 pi sqrt(3) EI/GJ. Turning the ring about its clamp costs nothing at any twist: a neutral mode."""
+    case = stored(reference_cases, "06c_michell_zajac_ring")
+    K, radius = case["inputs"]["rods"][0]["K"], case["inputs"]["ring_radius"]
+    length = case["inputs"]["rods"][0]["length"]
+
+    def modes(twist):
+        torque = K[2] * twist / length
+        form, *scale = held(case, np.array([0, K[0] / radius, torque]), np.array([0, torque / radius, 0]))
+        return form.guided_modes([], [0, 1, 2], *scale)
+
+    critical = float(case["expected"]["Phi_crit"]["value"])
+    for part, index in ((0.5, 0), (0.9999, 0), (1.0001, 2)):
+        found = modes(part * critical)
+        assert (int(found.index[0]), bool(found.neutral[0])) == (index, True)
+    # of the neutral mode and the two that cross, the middle one in order changes its sign with them
+    root = brentq(lambda twist: float(modes(twist).eigenvalue(1)[0]), 0.9 * critical, 1.1 * critical, xtol=1e-12)
+    np.testing.assert_allclose(root, critical, rtol=CLOSE)

@@ -1,0 +1,278 @@
+"""Batches in parts: on any number of threads, with instances that fail, stopped, and of 100,000."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from threading import Event
+
+import numpy as np
+import pytest
+
+import multirod as mr
+from multirod import batch, progress
+
+RK4 = mr.RK4(40)
+NEWTON = mr.Shooting(integrator=RK4)
+ARRAYS = ("status", "unknowns", "tip_position", "tip_rotation", "residual", "iterations", "integrations", "gamma")
+
+
+def single_rod(count: int) -> tuple[mr.Assembly, mr.Inputs]:
+    """Rods and forces, each its own."""
+    random = np.random.default_rng(count)
+    curvature = random.uniform(-5, 5, (count, 3))
+    rod = mr.Rod(length=0.4, bending_stiffness=random.uniform(0.1, 0.3, count), torsional_stiffness=0.06, precurvature=curvature)
+    robot = mr.SingleRod(rod)
+    return robot, robot.inputs(tip_force=random.uniform(-1, 1, (count, 3)), rotation=random.uniform(-1, 1, count))
+
+
+def tubes(count: int) -> tuple[mr.Assembly, mr.Inputs]:
+    random = np.random.default_rng(count)
+    inner = mr.Rod(
+        length=0.2, bending_stiffness=0.01, torsional_stiffness=0.008, precurvature=[(0.1, (0, 0, 0)), (0.1, (9, 0, 0))]
+    )
+    outer = mr.Rod(length=0.12, bending_stiffness=0.03, torsional_stiffness=0.025, precurvature=(5, 0, 0))
+    robot = mr.ConcentricTubes([inner, outer])
+    return robot, robot.inputs(rotation=random.uniform(-1, 1, (count, 2)), translation=(-0.05, -0.02), tip_force=(0.1, 0.05, 0))
+
+
+def legs(count: int) -> tuple[mr.Assembly, mr.Inputs]:
+    """Three legs whose bases are each instance's own."""
+    random = np.random.default_rng(count)
+    leg = mr.Rod(length=0.3, bending_stiffness=0.05, torsional_stiffness=0.04, precurvature=(1, 0, 0))
+    base, platform = np.tile(np.eye(4), (count, 3, 1, 1)), np.tile(np.eye(4), (3, 1, 1))
+    angle = 2 * np.pi * np.arange(3) / 3
+    platform[:, :2, 3] = 0.04 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    base[:, :, :2, 3] = 0.08 * np.stack([np.cos(angle), np.sin(angle)], axis=1) + random.uniform(-0.005, 0.005, (count, 3, 2))
+    robot = mr.ParallelRods(legs=[leg] * 3, base=base, platform=platform)
+    return robot, robot.inputs(tip_force=random.uniform(-0.2, 0.2, (count, 3)))
+
+
+@pytest.fixture
+def short_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(batch, "SHORTEST_PART", 3)
+
+
+@pytest.mark.parametrize("make", [single_rod, tubes, legs])
+@pytest.mark.parametrize("solver", [NEWTON, mr.Observer(integrator=RK4, scaling="newton")], ids=["newton", "observer"])
+@pytest.mark.usefixtures("short_parts")
+def test_parts_and_threads_change_no_bit(make, solver):
+    robot, inputs = make(40)
+    whole = mr.solve(robot, inputs, solver=solver, threads=1)
+    for threads in (2, 3):
+        assert len(batch.parts(40, threads)) > threads
+        shared = mr.solve(robot, inputs, solver=solver, threads=threads)
+        for name in ARRAYS:
+            np.testing.assert_array_equal(getattr(shared, name), getattr(whole, name), err_msg=name)
+        np.testing.assert_array_equal(shared.jacobian("tip_force"), whole.jacobian("tip_force"))
+        np.testing.assert_array_equal(shared.rod(0).position, whole.rod(0).position)
+
+
+@pytest.mark.parametrize("make", [single_rod, tubes, legs])
+@pytest.mark.usefixtures("short_parts")
+def test_some_instances_are_those_of_the_whole(make):
+    robot, inputs = make(20)
+    whole = mr.solve(robot, inputs, solver=NEWTON).raise_if_failed()
+    chosen = np.array([7, 3, 19, 3])
+    for some in (mr.solve(robot, inputs, solver=NEWTON, instances=chosen), whole[chosen]):
+        assert some.batch_shape == (4,)
+        for name in (*ARRAYS, "energy", "condition"):
+            np.testing.assert_array_equal(getattr(some, name), getattr(whole, name)[chosen], err_msg=name)
+        np.testing.assert_array_equal(some.inputs.tip_force, np.broadcast_to(inputs.tip_force, (20, 3))[chosen])
+        np.testing.assert_array_equal(some.rod(0).moment, whole.rod(0).moment[chosen])
+        np.testing.assert_array_equal(some.jacobian("tip_force"), whole.jacobian("tip_force")[chosen])
+    assert whole[5].status is mr.Status.CONVERGED
+    assert whole[5].tip_position.shape == (3,)
+    np.testing.assert_array_equal(whole[chosen][1:3].unknowns, whole.unknowns[[3, 19]])
+
+
+def test_instances_of_several_axes_are_counted_flat():
+    rod = mr.Rod(length=np.array([0.3, 0.4, 0.5]), bending_stiffness=0.2, torsional_stiffness=0.06)
+    robot = mr.SingleRod(rod)
+    inputs = robot.inputs(tip_force=np.random.default_rng(0).uniform(-1, 1, (2, 1, 3)))
+    whole = mr.solve(robot, inputs, solver=NEWTON)
+    some = mr.solve(robot, inputs, solver=NEWTON, instances=[4, 0])
+    np.testing.assert_array_equal(some.tip_position, whole.tip_position.reshape(6, 3)[[4, 0]])
+    np.testing.assert_array_equal(whole[1, ::2].tip_position, whole.tip_position[1, ::2])
+
+
+@pytest.mark.parametrize("instances", [[0.5], [[0]], [-1], [4]])
+def test_instances_are_checked(instances):
+    robot, inputs = single_rod(4)
+    with pytest.raises(ValueError, match="instances = .* is not allowed: must be"):
+        mr.solve(robot, inputs, instances=instances)
+
+
+@pytest.mark.parametrize("threads", [0, 1.5, True])
+def test_threads_are_checked(threads):
+    robot, inputs = single_rod(4)
+    with pytest.raises(ValueError, match="threads = .* is not allowed: must be an integer >= 1"):
+        mr.solve(robot, inputs, threads=threads)
+
+
+@pytest.mark.parametrize("solver", [NEWTON, mr.Observer(integrator=RK4, feed_forward=True)], ids=["newton", "observer"])
+@pytest.mark.usefixtures("short_parts")
+def test_a_batch_of_motions_is_its_motions(solver):
+    """Rods and motions of their own; the time axis comes first, and what does not vary is given once."""
+    robot, _ = single_rod(9)
+    t = 0.005 * np.arange(6)
+    phase = np.linspace(0, 1, 9)
+    force = np.stack([np.sin(t[:, None] + phase), np.cos(t[:, None] + phase), 0 * t[:, None] + 0 * phase], axis=-1)
+    inputs = robot.inputs(tip_force=force, rotation=t[:, None, None])
+    together = mr.simulate(robot, inputs, time=t, solver=solver, threads=2)
+    assert together.batch_shape == (6, 9)
+    assert together.step_time.shape == (6,)
+    for k in (0, 4, 8):
+        rod = robot.rods[0]
+        section = rod.sections[0]
+        alone = mr.SingleRod(
+            mr.Rod(
+                length=0.4,
+                bending_stiffness=section.bending_stiffness[k],
+                torsional_stiffness=0.06,
+                precurvature=section.precurvature[k],
+            )
+        )
+        one = mr.simulate(alone, alone.inputs(tip_force=force[:, k], rotation=t), time=t, solver=solver)
+        for name in ("status", "unknowns", "tip_position", "residual", "integrations"):
+            np.testing.assert_array_equal(getattr(together, name)[:, k], getattr(one, name), err_msg=name)
+        np.testing.assert_array_equal(together.inputs.tip_force[:, k], force[:, k])
+    np.testing.assert_array_equal(together[3].tip_position, together.tip_position[3])
+
+
+def test_impossible_instances_cost_little_and_leave_the_others_as_they_are(wire):
+    """A push of three times what the wire's branch holds: how it ends, and what the search for its end costs."""
+    robot = mr.SingleRod(wire)
+    force = np.random.default_rng(0).uniform(-1, 1, (1000, 3))
+    sound = mr.solve(robot, robot.inputs(tip_force=force), solver=NEWTON).raise_if_failed()
+    hard = np.arange(0, 1000, 100)
+    force[hard] = (0, 0, -30)
+    mixed = mr.solve(robot, robot.inputs(tip_force=force), solver=NEWTON)
+    assert (mixed.status[hard] == mr.Status.BRANCH_END).all()
+    others = np.setdiff1d(np.arange(1000), hard)
+    np.testing.assert_array_equal(mixed.unknowns[others], sound.unknowns[others])
+    # each instance leaves the launches when it has ended, so integrations are what it costs
+    assert mixed.integrations.sum() < 1.3 * sound.integrations.sum()
+
+
+class Failing(mr.Solver):
+    """Raises in the part that holds a certain instance, and waits in the others until it is stopped."""
+
+    def _solve(self, problem, guess):
+        if problem.read("inputs")[:, problem.input_slice("rotation")].min() == 0:
+            raise RuntimeError("this part is broken")
+        while True:
+            problem.integrate()
+            time.sleep(0.001)
+
+
+@pytest.mark.usefixtures("short_parts")
+def test_an_error_in_a_part_stops_the_others_and_is_raised(wire):
+    robot = mr.SingleRod(wire)
+    begin = time.monotonic()
+    with pytest.raises(RuntimeError, match="this part is broken"):
+        mr.solve(robot, robot.inputs(rotation=np.linspace(0, 2, 12)), solver=Failing(), threads=2)
+    assert time.monotonic() - begin < 5
+
+
+def test_a_stopped_problem_integrates_no_more(wire):
+    robot = mr.SingleRod(wire)
+    problem = robot.problem(robot.inputs(), integrator=RK4)
+    problem.stop = Event()
+    problem.integrate()
+    problem.stop.set()
+    with pytest.raises(batch.Interrupted):
+        problem.integrate()
+
+
+ENDLESS = """
+import sys, time, numpy as np, multirod as mr
+robot = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.2, torsional_stiffness=0.06))
+solver = mr.Shooting(integrator=mr.RK4(40))
+mr.solve(robot, robot.inputs(tip_force=(0.1, 0, 0)), solver=solver)
+inputs = robot.inputs(tip_force=np.random.default_rng(0).uniform(-1, 1, (3_000_000, 3)))
+print("ready", flush=True)
+try:
+    mr.solve(robot, inputs, solver=solver, threads=int(sys.argv[1]))
+except KeyboardInterrupt:
+    print("stopped at", time.monotonic(), flush=True)
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="sends SIGINT to a process")
+@pytest.mark.parametrize("threads", [1, 2])
+def test_ctrl_c_stops_within_a_second(threads):
+    with subprocess.Popen(
+        [sys.executable, "-c", ENDLESS, str(threads)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        while "ready" not in (line := process.stdout.readline()):
+            assert line, "the process ended early"
+        time.sleep(1.0)
+        begin = time.monotonic()  # of the system, not of the process
+        process.send_signal(signal.SIGINT)
+        out, _ = process.communicate(timeout=60)
+    assert "stopped at" in out
+    assert float(out.split()[-1]) - begin < 1.0
+
+
+MEMORY = """
+import resource, numpy as np, multirod as mr
+rod = mr.Rod(length=0.4, bending_stiffness=0.2, torsional_stiffness=0.06, precurvature=(14, 5, 0))
+robot = mr.SingleRod(rod)
+solver = mr.Shooting(integrator=mr.RK4(40))
+mr.solve(robot, robot.inputs(tip_force=np.full((600, 3), 0.1)), solver=solver)
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+inputs = robot.inputs(tip_force=np.random.default_rng(0).uniform(-1, 1, (100_000, 3)))
+solution = mr.solve(robot, inputs, solver=solver)
+assert (solution.residual <= 1e-9).all()
+after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+print(before, after)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="ru_maxrss is in kilobytes on Linux only")
+def test_memory_of_100000_instances_is_what_the_docs_say():
+    run = subprocess.run([sys.executable, "-c", MEMORY], capture_output=True, text=True, check=True)
+    before, after = (1024 * int(word) for word in run.stdout.split()[-2:])
+    # docs/batches.md: 8 (n^2 + 2 n + 12) bytes an instance, here 216, and the parts that are being solved, less than 20 MB
+    assert after - before < 100_000 * (216 + 100) + 20e6
+    assert after < 2e9
+
+
+def test_progress_is_told_to_a_function(wire):
+    robot = mr.SingleRod(wire)
+    told = []
+    mr.solve(robot, robot.inputs(rotation=np.zeros(1200)), solver=NEWTON, threads=2, progress=told.append)
+    assert told == sorted(told)
+    assert told[-1] == 1200
+    assert len(told) > 1
+    told.clear()
+    t = 0.01 * np.arange(4)
+    mr.simulate(robot, robot.inputs(rotation=np.zeros((4, 1200))), time=t, solver=NEWTON, threads=2, progress=told.append)
+    assert told == [1, 2, 3, 4]
+    with pytest.raises(ValueError, match="progress = 3 is not allowed"):
+        mr.solve(robot, solver=NEWTON, progress=3)
+
+
+def test_a_bar_comes_after_two_seconds_and_only_on_a_terminal(monkeypatch):
+    class Clock:
+        now = 100.0
+
+    monkeypatch.setattr(progress, "monotonic", lambda: Clock.now)
+    monkeypatch.setenv("TERM", "xterm")
+    for forced, shown in (("1", True), ("", False)):
+        monkeypatch.setenv("FORCE_COLOR", forced)  # rich takes what forces colour for a terminal
+        monkeypatch.setattr(sys.stderr, "isatty", lambda shown=shown: shown)
+        with progress.Watch("solving", 10, True) as watch:
+            watch.advance(3)
+            assert watch._bar is None
+            Clock.now += 2.5
+            watch.advance(3)
+            assert (watch._bar is not None) == shown
+            if shown:
+                assert watch._bar.tasks[0].completed == 6
+    with progress.Watch("solving", 10, False) as watch:
+        Clock.now += 2.5
+        watch.advance(3)
+        assert watch._bar is None

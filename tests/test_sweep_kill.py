@@ -1,0 +1,110 @@
+"""What is promised of a sweep that is killed or interrupted, by doing it."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import sweep_scene
+
+import multirod as mr
+
+KILLS = 10
+CHUNKS = 150
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="needs POSIX signals")
+
+
+def start(out: Path, log: Path, count: int, chunk: int, executor: str = "here") -> subprocess.Popen:
+    program = [sys.executable, sweep_scene.__file__, str(out), str(log), str(count), str(chunk), executor]
+    return subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def reports(process: subprocess.Popen):
+    """Numbers of instances done, as they are reported."""
+    for line in process.stdout:
+        if line.strip().isdecimal():
+            yield int(line)
+
+
+def identities(out: Path) -> dict[str, tuple[int, int]]:
+    """Which files the chunks are: one that is written again is another."""
+    return {path.name: (path.stat().st_ino, path.stat().st_mtime_ns) for path in (out / "chunks").glob("*")}
+
+
+def test_killed_at_ten_moments_and_resumed_it_is_as_if_it_had_not_been(tmp_path):
+    robot, inputs = sweep_scene.scene(CHUNKS * sweep_scene.CHUNK)
+    log, out = tmp_path / "log", tmp_path / "study"
+    moments = np.random.default_rng(2021).uniform(0, 0.15, KILLS)
+    last = 0
+    kept = {}
+    for k, moment in enumerate(moments):
+        with start(out, log, inputs.tip_force[..., 0].size, sweep_scene.CHUNK) as process:
+            done = reports(process)
+            begun = next(done)
+            assert begun == last  # resumes with all that was there, and nothing else
+            if k % 3:  # else in the first chunk, while kernels are loaded
+                next(done)
+            time.sleep(moment)
+            process.kill()
+        assert process.returncode == -signal.SIGKILL
+        study = mr.Study(out)
+        assert not study.finished
+        files = identities(out)
+        assert kept.items() <= files.items()  # no finished chunk was lost or written again
+        kept = files
+        for instances, arrays in study.chunks():  # each is whole
+            assert all(len(values) == len(instances) for values in arrays.values())
+        last = int(study.done.sum())
+    assert last > KILLS * sweep_scene.CHUNK / 2
+    with start(out, log, inputs.tip_force[..., 0].size, sweep_scene.CHUNK) as process:
+        assert next(reports(process)) == last
+        error = process.communicate()[1]
+    assert process.returncode == 0, error
+    assert kept.items() <= identities(out).items()
+    # an interrupted chunk is solved once more, and no other
+    assert CHUNKS <= len(log.read_text().splitlines()) <= CHUNKS + KILLS
+
+    alone = mr.sweep(
+        robot,
+        inputs,
+        out=tmp_path / "alone",
+        chunk=sweep_scene.CHUNK,
+        solver=sweep_scene.Logged(log=str(log)),
+        quantities=sweep_scene.QUANTITIES,
+    )
+    study = mr.Study(out)
+    assert study.finished
+    assert study.done.all()
+    assert study.counts() == {mr.Status.CONVERGED: study.instance_count}
+    for name in alone.names:
+        np.testing.assert_array_equal(study[name], alone[name], err_msg=name)
+    for path in (out / "chunks").iterdir():
+        assert path.read_bytes() == (tmp_path / "alone" / "chunks" / path.name).read_bytes()
+    assert sorted(p.name for p in out.iterdir()) == [".lock", "chunks", "study.json"]
+
+
+@pytest.mark.parametrize("executor", ["here", "pool"])
+def test_interrupt_stops_within_a_second_and_leaves_nothing_half_written(tmp_path, executor):
+    out = tmp_path / "study"
+    with start(out, tmp_path / "log", 40_000, 1000, executor) as process:
+        done = reports(process)
+        assert [next(done), next(done)] == [0, 1000]
+        time.sleep(0.05)
+        sent = time.time()
+        process.send_signal(signal.SIGINT)
+        printed, error = process.communicate()
+    assert process.returncode == 3, error
+    stopped = re.search(r"stopped ([\d.]+) (.*)", printed)
+    assert float(stopped[1]) - sent < 1
+    assert stopped[2] == "['.lock', 'chunks', 'study.json']"
+    study = mr.Study(out)
+    for instances, arrays in study.chunks():
+        assert np.isfinite(arrays["tip_position"]).all()
+        assert len(instances) == 1000
+    assert 1 <= len(study.finished_chunks) < 40
