@@ -41,6 +41,7 @@ from multirod.stability import Stability
 from multirod.status import Status
 from multirod.sweeps import Study, sweep
 from multirod.tracker import Tracker
+from multirod.tradeoffs import Measured, Tradeoff, tradeoff, tune
 
 __version__ = "0.1.0"
 
@@ -60,6 +61,7 @@ __all__ = [
     "Inputs",
     "Integrator",
     "InverseParallelRods",
+    "Measured",
     "Observer",
     "Outcome",
     "ParallelRods",
@@ -79,10 +81,13 @@ __all__ = [
     "Tableau",
     "Track",
     "Tracker",
+    "Tradeoff",
     "critical_loads",
     "equilibria",
     "registered_solvers",
     "simulate",
     "solve",
     "sweep",
+    "tradeoff",
+    "tune",
 ]

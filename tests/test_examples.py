@@ -140,3 +140,14 @@ def test_documented_batch_runs():
     assert scope["worst"].condition.max() == scope["solution"].condition.max()
     for name in re.findall(r"images/(.*?)\)", page):
         assert 0 < (ROOT / "docs" / "images" / name).stat().st_size < 300_000
+
+
+def test_documented_tradeoff_runs(tmp_path, monkeypatch):
+    page = (ROOT / "docs" / "tradeoff.md").read_text()
+    monkeypatch.chdir(tmp_path)
+    scope = {"np": np, "mr": mr}
+    exec(re.search(r"```python\n(.*?)```", page, re.DOTALL).group(1), scope)
+    assert scope["table"].checked
+    assert scope["setting"].position <= 1e-5
+    assert scope["fast"].slow < 1e-3
+    assert (tmp_path / "table.csv").stat().st_size > 1000
