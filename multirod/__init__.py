@@ -42,6 +42,7 @@ from multirod.stability import Stability
 from multirod.status import Status
 from multirod.sweeps import Study, sweep
 from multirod.tracker import Tracker
+from multirod.tradeoffs import Measured, Tradeoff, tradeoff, tune
 
 __version__ = "0.1.0"
 
@@ -61,6 +62,7 @@ __all__ = [
     "Inputs",
     "Integrator",
     "InverseParallelRods",
+    "Measured",
     "MultipleShooting",
     "Observer",
     "Outcome",
@@ -81,10 +83,13 @@ __all__ = [
     "Tableau",
     "Track",
     "Tracker",
+    "Tradeoff",
     "critical_loads",
     "equilibria",
     "registered_solvers",
     "simulate",
     "solve",
     "sweep",
+    "tradeoff",
+    "tune",
 ]

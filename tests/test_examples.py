@@ -129,3 +129,25 @@ def test_solver_of_another_package_is_found_by_entry_point(tmp_path, monkeypatch
     angle = np.linspace(0, 0.2, 20)
     history = mr.simulate(robot, robot.inputs(rotation=angle, tip_force=(1, 0, 0)), time=angle, solver=broyden())
     assert (history.status == mr.Status.CONVERGED).all()
+
+
+def test_documented_batch_runs():
+    page = (ROOT / "docs" / "batches.md").read_text()
+    scope = {"np": np, "mr": mr}
+    exec(re.search(r"```python\n(.*?)```", page, re.DOTALL).group(1), scope)
+    assert (scope["solution"].status == mr.Status.CONVERGED).all()
+    assert scope["worst"].rod(0).position.shape == (5, 51, 3)
+    assert scope["worst"].condition.max() == scope["solution"].condition.max()
+    for name in re.findall(r"images/(.*?)\)", page):
+        assert 0 < (ROOT / "docs" / "images" / name).stat().st_size < 300_000
+
+
+def test_documented_tradeoff_runs(tmp_path, monkeypatch):
+    page = (ROOT / "docs" / "tradeoff.md").read_text()
+    monkeypatch.chdir(tmp_path)
+    scope = {"np": np, "mr": mr}
+    exec(re.search(r"```python\n(.*?)```", page, re.DOTALL).group(1), scope)
+    assert scope["table"].checked
+    assert scope["setting"].position <= 1e-5
+    assert scope["fast"].slow < 1e-3
+    assert (tmp_path / "table.csv").stat().st_size > 1000

@@ -47,13 +47,29 @@ class Batch:
         return mr.solve(self.robot, self.inputs, solver=NEWTON, threads=self.threads, progress=False)
 
     def __call__(self) -> float:
-        """Microseconds an instance; of small batches, the best of several runs."""
+        """Microseconds an instance, the best of several runs: short enough to find a quiet time."""
         times = []
-        for _ in range(max(1, 2000 // self.count)):
+        for _ in range(max(3, min(20, 10_000 // self.count))):
             begin = perf_counter()
             self.solve()
             times.append(perf_counter() - begin)
-        return 1e6 * float(np.median(times)) / self.count
+        return 1e6 * min(times) / self.count
+
+
+def motions(solver: mr.Solver, count: int) -> tuple[float, float]:
+    """Microseconds a sample and instance of a batch of motions on one thread: all of ``simulate``, and the solver's steps in it."""
+    t = 0.005 * np.arange(200)
+    phase = np.random.default_rng(0).uniform(0, 6, count)
+    force = np.stack([np.sin(t[:, None] + phase), np.cos(t[:, None] + phase), 0 * t[:, None] + 0 * phase], axis=-1)
+    robot = mr.SingleRod(wire())
+    inputs = robot.inputs(tip_force=force)
+    times = []
+    for _ in range(3):
+        begin = perf_counter()
+        history = mr.simulate(robot, inputs, time=t, solver=solver, threads=1, progress=False)
+        times.append((perf_counter() - begin, history.step_time.sum()))
+    whole, steps = min(times)
+    return 1e6 * whole / (len(t) * count), 1e6 * steps / (len(t) * count)
 
 
 def scipy_loop(forces: np.ndarray) -> float:
@@ -107,9 +123,11 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         floor = c_loop(Path(folder))
         floors: list[float] = []
+        lone: list[float] = []
         times: dict[str, list[float]] = {name: [] for name in runs}
         for _ in range(options.rounds):
             if floor is not None:
+                lone.append(floor())
                 with ThreadPoolExecutor(cores) as pool:  # as many at once as there are threads
                     floors.append(float(np.mean(list(pool.map(lambda _: floor(), range(cores))))))
             for name, run in runs.items():
@@ -117,26 +135,24 @@ def main() -> None:
     all_cores = runs[f"{COUNT} on {cores} threads"]
     assert isinstance(all_cores, Batch)
     integrations = float(all_cores.solution.integrations.mean())
-    median = {name: float(np.median(values)) for name, values in times.items()}
     print(f"the paper's rod under random tip forces, Newton from u* to 1e-9, RK4({STEPS}): {integrations:.2f} integrations each")
     print("\n| what | µs an instance | spread |\n|---|---|---|")
     for name, values in times.items():
         print(f"| {name} | {np.median(values):.1f} | {min(values):.1f} to {max(values):.1f} |")
-    rate = 1e6 / median[f"{COUNT} on {cores} threads"]
-    print(f"\n{rate:.0f} solves a second on {cores} threads")
+    alone, shared, spoilt = (np.array(times[name]) for name in list(runs)[:3])
+    print(f"\n{1e6 / np.median(shared):.0f} solves a second on {cores} threads")
     if floors:
-        ratio = np.array(times[f"{COUNT} on {cores} threads"]) * cores / (np.array(floors) * integrations)
+        ratio = shared * cores / (np.array(floors) * integrations)
         print(
             f"{np.median(ratio):.2f} times a bare C loop of the same integrations on as many threads ({np.median(floors):.2f} µs each)"
         )
-    print(
-        f"{median[f'{COUNT} on one thread'] / median[f'{COUNT} on {cores} threads']:.2f} times as fast on {cores} threads as on one"
-    )
-    print(
-        f"1 % impossible instances: {median[f'{COUNT}, 1 % impossible'] / median[f'{COUNT} on {cores} threads']:.2f} times the time"
-    )
+    for text, ratio in (
+        (f"times as fast on {cores} threads as on one", alone / shared),
+        ("times the time with 1 % impossible", spoilt / shared),
+    ):
+        print(f"{np.median(ratio):.2f} {text} ({ratio.min():.2f} to {ratio.max():.2f})")
     each = scipy_loop(forces(12))
-    print(f"a loop of SciPy shooting: {each:.0f} µs each, {each / median[f'{COUNT} on {cores} threads']:.0f} times as long")
+    print(f"a loop of SciPy shooting: {each:.0f} µs each, {each / np.median(shared):.0f} times as long")
 
     print(
         "\n| robots | seconds | solves a second | integrations a rod, mean | most | the same alone, mean |\n|---|---|---|---|---|---|"
@@ -167,6 +183,14 @@ def main() -> None:
             f"| {count} of {name} | {took:.1f} | {count / took:.0f} | {solution.integrations.mean():.1f} "
             f"| {solution.integrations.max()} | {np.mean(alone):.1f} |"
         )
+
+    print(
+        "\n| motions of 200 samples at once, one thread | µs a sample and instance | of which steps of the solver |\n|---|---|---|"
+    )
+    for name, solver in (("observer", mr.Observer(integrator=mr.RK4(STEPS))), ("Newton", NEWTON)):
+        for count in (1, 10, 100, 1000):
+            whole, steps = motions(solver, count)
+            print(f"| {count}, {name} | {whole:.1f} | {steps:.1f} |")
 
 
 if __name__ == "__main__":
