@@ -132,7 +132,7 @@ class Tradeoff:
 
     def plot(self, path: str | PathLike[str], *, error: str = "position", time: str = "median") -> None:
         """Write a plot of work against precision, log-log, as the path's ending says (png, svg); needs ``multirod[plot]``."""
-        import matplotlib.pyplot as plt
+        import matplotlib.pyplot as plt  # type: ignore[import-not-found, unused-ignore]
 
         figure, axes = plt.subplots(figsize=(8, 5))
         families: dict[str, list[Measured]] = {}

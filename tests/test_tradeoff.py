@@ -124,3 +124,10 @@ def test_the_default_grid_has_each_form_with_each_integrator():
         mr.tradeoff(STUDY.robot, STUDY.inputs, time=STUDY.time, solvers={})
     with pytest.raises(ValueError, match="settle = 3 is not allowed"):
         mr.tradeoff(STUDY.robot, STUDY.inputs, time=STUDY.time, settle=3)
+
+
+def test_plots_are_written(measured, tmp_path):
+    pytest.importorskip("matplotlib", reason="an extra: plot")
+    for ending in ("png", "svg"):
+        measured.plot(tmp_path / f"front.{ending}", time="slow")
+        assert (tmp_path / f"front.{ending}").stat().st_size > 5000
