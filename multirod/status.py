@@ -62,9 +62,12 @@ _WITH_RESULT = frozenset(
 )
 
 
+_FAILED = np.array([int(status) for status in Status if status.failed])
+
+
 def failures(values: IntArray) -> BoolArray:
     """``Status.failed`` of an array of statuses."""
-    return np.isin(values, [int(status) for status in Status if status.failed])
+    return np.isin(values, _FAILED)
 
 
 _MESSAGES = {

@@ -162,13 +162,13 @@ class NewtonTrack(Track):
 
     def _keep(self, outcome: Outcome) -> Outcome:
         found, inputs = self.problem.read("unknowns"), self.problem.read("inputs")
-        # of what is known by its breakpoints only, the unknowns alone cannot start the next sample
-        good = ~failures(outcome.status) & (outcome.status != Status.MULTIPLE_SHOOTING)
-        if self.all_known and good.all():
+        if self.all_known and (outcome.status == _CONVERGED).all():
             self.history = [found, *self.history[: self.order]]
             self.inputs = inputs
             self.newton.set_reference()
             return outcome
+        # of what is known by its breakpoints only, the unknowns alone cannot start the next sample
+        good = ~failures(outcome.status) & (outcome.status != Status.MULTIPLE_SHOOTING)
         # what failed starts again from its last equilibrium, what is new from its first, both without a slope
         kept, new = good[:, None], (good & ~self.known)[:, None]
         last = self.history[0]
