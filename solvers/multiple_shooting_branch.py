@@ -111,6 +111,16 @@ class Branch:
 
     # ---- Newton's method ----
 
+    def linearised(self, points: Breakpoints, found: Propagation) -> tuple[System, FloatArray | None] | None:
+        """The system at these points and Newton's step from them, None within the tolerance; None where there is no step."""
+        gaps = self.gaps(points, found)
+        if self.fault or not np.isfinite(gaps).all():
+            return None
+        system = System(found, self.segments.unknown_places)
+        if np.abs(gaps).max() <= self.tolerance:
+            return system, None
+        return None if system.singular else (system, system.solve(-gaps))
+
     def correct(self, points: Breakpoints, level: float) -> Run:
         """Undamped Newton steps that contract as they must: ``(points, found, system)``, None where they do not."""
         last = np.inf
@@ -118,15 +128,12 @@ class Branch:
         self.stalled = False
         for _ in range(self.max_iterations):
             found = yield from self.evaluate(points, level)
-            gaps = self.gaps(points, found)
-            if self.fault or not np.isfinite(gaps).all():
+            linear = self.linearised(points, found)
+            if linear is None:
                 return None
-            system = System(found, self.segments.unknown_places)
-            if np.abs(gaps).max() <= self.tolerance:
+            system, step = linear
+            if step is None:
                 return points, found, system
-            if system.singular:
-                return None
-            step = system.solve(-gaps)
             size = float(np.linalg.norm(step))
             if size > CONTRACTION * last:
                 self.stalled = size <= ROUNDING * (1 + float(np.abs(points.unknowns).max())) * np.sqrt(len(step))
@@ -140,15 +147,12 @@ class Branch:
     def descend(self, points: Breakpoints, found: Propagation) -> Run:
         """Newton steps, halved until the next one would be shorter: ``(points, found, system)``, or None."""
         for _ in range(self.max_iterations):
-            gaps = self.gaps(points, found)
-            if self.fault or not np.isfinite(gaps).all():
+            linear = self.linearised(points, found)
+            if linear is None:
                 return None
-            system = System(found, self.segments.unknown_places)
-            if np.abs(gaps).max() <= self.tolerance:
+            system, step = linear
+            if step is None:
                 return points, found, system
-            if system.singular:
-                return None
-            step = system.solve(-gaps)
             part = 1.0
             self.iterations += 1
             while True:

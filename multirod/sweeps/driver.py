@@ -14,8 +14,8 @@ from multirod.assembly import Assembly
 from multirod.batch import thread_count
 from multirod.inputs import Inputs
 from multirod.progress import Watch
+from multirod.simulation import as_solver
 from multirod.solver import Solver
-from multirod.solvers.shooting import Shooting
 from multirod.sweeps.chunk import FURTHER, RESULTS, Chunk
 from multirod.sweeps.digest import digest
 from multirod.sweeps.dispatch import Executors, executors, results
@@ -67,11 +67,7 @@ def sweep(
         RuntimeError: If ``out`` is being written by another process; if solving a chunk raised; or if the executor lost a chunk
             four times. What was done until then is kept.
     """
-    if not isinstance(robot, Assembly):
-        raise TypeError(f"robot must be an assembly such as SingleRod(rod), not {type(robot).__name__}")
-    method = Shooting() if solver is None else solver
-    if not isinstance(method, Solver):
-        raise TypeError(f"solver must be a Solver such as Shooting(), not {type(method).__name__}")
+    method = as_solver(robot, solver)
     inputs = robot.accept(inputs)
     chunk, in_flight = positive_int("chunk", chunk), positive_int("in_flight", in_flight)
     if isinstance(quantities, str):
