@@ -27,8 +27,8 @@ class Paths:
     A step starts from the extrapolation of the last three equilibria. It is kept if Newton's undamped steps contract fast, as
     they do inside the ball around a solution in which it is the only one (Newton-Kantorovich), if ``Gamma`` at its end, times
     the inverse of that at its start, is near the identity: no mode has vanished or changed sign on the way, not even two at
-    once, and if the equilibrium lies where the extrapolation led: near a bifurcation that is imperfect by a little, the other
-    branch passes the first two tests. The step is otherwise halved; the branch ends where that makes it too small.
+    once, and if the equilibrium lies where the extrapolation led, or goes on in proportion as the step is halved: near a
+    bifurcation that is imperfect by a little, the other branch passes the first two tests. The step is otherwise halved; the branch ends where that makes it too small.
 
     Args:
         problem: Its buffers hold the last equilibrium of each instance afterwards.
@@ -43,7 +43,7 @@ class Paths:
         self.state = state
         state.newton = newton.state
         state.load_factor, state.inputs = problem.load_factor, problem.inputs
-        for name in ("status", "iterations", "integrations", "steps", "known", "halved"):
+        for name in ("status", "iterations", "integrations", "steps", "known", "halved", "surprised"):
             setattr(state, name, wp.zeros(count, dtype=wp.int32, device=device))
         for name in ("step", "goal", "safe_step"):
             setattr(state, name, wp.zeros(count, dtype=wp.float64, device=device))
@@ -51,6 +51,7 @@ class Paths:
         state.levels = wp.zeros((count, 3), dtype=wp.float64, device=device)
         state.reference = wp.zeros((count, n, n), dtype=wp.float64, device=device)
         state.expected = wp.zeros((count, n), dtype=wp.float64, device=device)
+        state.surprise = wp.zeros((count, n), dtype=wp.float64, device=device)
         state.max_steps = max_steps
         state.remaining = wp.zeros(1, dtype=wp.int32, device=device)
         self._remaining = state.remaining.numpy() if wp.get_device(device).is_cpu else None

@@ -19,6 +19,7 @@ SMALLEST_RATIO = 0.25  # all eigenvalues of Gamma_new Gamma_old^-1 lie in the di
 LARGEST_RATIO = 4.0  # to this
 RATIO_POWERS = 64.0  # powers by which that is told
 SURPRISE = 0.5  # largest distance of an equilibrium from its extrapolation, relative to its distance from the last
+AGREEMENT = 0.25  # the same from half the way to where twice the step led: half for one that stays a distance away
 MIN_STEP = 1e-7
 f64 = wp.float64
 
@@ -47,6 +48,8 @@ class PathState:
     halved: wp.array[int]  # whether it has just been halved: then it does not grow at once
     goal: wp.array[wp.float64]
     expected: wp.array2d[wp.float64]  # unknowns at the goal by extrapolation
+    surprise: wp.array2d[wp.float64]  # those found instead
+    surprised: wp.array[int]  # whether there are any, at twice the present step
     safe_step: wp.array[wp.float64]  # a step that is short enough wherever it starts
     growth: wp.float64  # a step may be as long as this part of the level, if that is longer
     max_steps: int
@@ -75,18 +78,25 @@ def make_path(n: int, block: int = 0, border: int = 0):
 
     @wp.func
     def expected(state: PathState, t: int) -> bool:
-        """Whether the equilibrium lies where the extrapolation led."""
+        """Whether the equilibrium lies where the extrapolation led, or half as far as that of twice the step, which did not:
+        a branch may turn faster than its last equilibria tell, but what it goes on to shrinks with the step.
+        """
         if state.known[t] < 2:
             return True
         missed = f64(0.0)
+        parted = f64(0.0)
         moved = f64(0.0)
         size = f64(0.0)
         for i in range(n):
             x = state.newton.unknowns[t, i]
+            half = f64(0.5) * (state.points[t, 0, i] + state.surprise[t, i])
             missed += (x - state.expected[t, i]) * (x - state.expected[t, i])
+            parted += (x - half) * (x - half)
             moved += (x - state.points[t, 0, i]) * (x - state.points[t, 0, i])
             size += x * x
-        return wp.sqrt(missed) <= f64(wp.static(SURPRISE)) * wp.sqrt(moved) + f64(1.0e-6) * (f64(1.0) + wp.sqrt(size))
+        if wp.sqrt(missed) <= f64(wp.static(SURPRISE)) * wp.sqrt(moved) + f64(1.0e-6) * (f64(1.0) + wp.sqrt(size)):
+            return True
+        return state.surprised[t] != 0 and wp.sqrt(parted) <= f64(wp.static(AGREEMENT)) * wp.sqrt(moved)
 
     @wp.func
     def keep(state: PathState, t: int, level: f64):
@@ -166,7 +176,9 @@ def make_path(n: int, block: int = 0, border: int = 0):
         """Keep what Newton's method ended with, or halve the step."""
         state.iterations[t] = state.iterations[t] + state.newton.iterations[t]
         reached = state.goal[t] - state.levels[t, 0]
-        if found == wp.static(int(Status.CONVERGED)) and expected(state, t) and same_branch(state, t):
+        alike = found == wp.static(int(Status.CONVERGED)) and same_branch(state, t)
+        if alike and expected(state, t):
+            state.surprised[t] = 0
             keep(state, t, state.goal[t])
             if state.goal[t] >= f64(1.0):
                 return wp.static(int(Status.CONVERGED))
@@ -176,6 +188,9 @@ def make_path(n: int, block: int = 0, border: int = 0):
             state.step[t] = wp.min(step, longest_step(state, t))
             state.halved[t] = 0
             return wp.static(int(Status.NOT_RUN))
+        state.surprised[t] = wp.where(alike, 1, 0)
+        for i in range(n):
+            state.surprise[t, i] = state.newton.unknowns[t, i]
         state.step[t] = f64(0.5) * reached
         state.halved[t] = 1
         if state.step[t] < f64(wp.static(MIN_STEP)):
@@ -228,6 +243,7 @@ def set_out(state: PathState, chosen: wp.array[int], known: int):
     state.steps[t] = 0
     state.known[t] = known
     state.halved[t] = 0
+    state.surprised[t] = 0
     state.status[t] = wp.where(chosen[t] != 0, wp.static(int(Status.NOT_RUN)), wp.static(int(Status.CONVERGED)))
     for k in range(3):
         state.levels[t, k] = f64(0.0)

@@ -1,8 +1,10 @@
 """What keeps a continuation on its branch, and that each instance goes its own way."""
 
 import numpy as np
+import pytest
 import warp as wp
 
+import multirod as mr
 from multirod.solvers.continuation_kernels import LARGEST_RATIO, RATIO_POWERS, SMALLEST_RATIO
 from multirod.solvers.newton_kernels import NewtonState, make_iteration
 
@@ -49,3 +51,23 @@ def test_what_changed_sign_grew_or_is_no_number_is_another_branch():
     centre, radius = 0.5 * (SMALLEST_RATIO + LARGEST_RATIO), 0.5 * (LARGEST_RATIO - SMALLEST_RATIO)
     found = spread(before, after, centre, radius, RATIO_POWERS) < radius
     np.testing.assert_array_equal(found, [0, 1, 0, 1, 0, 1, 1, 0, 0])
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "torsion", "precurvature", "force"),
+    [((5.8, 12.0), 0.071, (1.5, -0.15, 1.3), (46, -230, 140)), ((20.0, 6.5), 0.1, (2.7, 4.9, -0.83), (140, 45, 18))],
+)
+def test_a_branch_that_turns_faster_than_its_last_equilibria_tell_does_not_end(stiffness, torsion, precurvature, force):
+    rod = mr.Rod(length=1, bending_stiffness=stiffness, torsional_stiffness=torsion, precurvature=precurvature)
+    robot = mr.SingleRod(rod)
+    found = mr.solve(robot, robot.inputs(tip_force=force), solver=mr.Shooting(fallback=False))
+    assert found.status == mr.Status.CONVERGED
+    time = np.linspace(0, 1, 2001)
+    level = time**3  # in steps so small that the nearest equilibrium is the same branch's
+    rising = robot.inputs(tip_force=level[:, None] * np.array(force))
+    slow = mr.simulate(robot, rising, time=time, solver=mr.Shooting(predictor="linear", fallback=False))
+    slow.raise_if_failed()
+    steps = np.linalg.norm(np.diff(slow.tip_position, axis=0), axis=-1)
+    assert steps.max() < 0.02, "a jump"
+    # both within 1e-9 of the residual, times what cond(Gamma) makes of it
+    np.testing.assert_allclose(found.tip_position, slow.tip_position[-1], atol=1e-7)
