@@ -17,7 +17,7 @@ from multirod.launch import record
 from multirod.models import backbone_kernels as kernels
 from multirod.models.backbone_segments import BackboneSegments
 from multirod.models.features import Features
-from multirod.models.integrators import Integrator
+from multirod.models.integrators import AdaptiveIntegrator, Integrator
 from multirod.models.second_variation import MOST_NODES, CondensedForm, NodeColumns, condensed_form, segments_needed
 from multirod.problem import Block, BoundaryProblem, Shape
 from multirod.profile import DEGREE, interpolate
@@ -27,6 +27,7 @@ from multirod.stability import Modes
 from multirod.validation import Described, FloatArray, refuse
 
 STEP_LIMIT = 100_000
+FINEST = 1e-12  # relative tolerance of an integration to which rounding leaves its order
 POSES_APART = 64  # instances from which leaving poses out saves more than two kernels cost
 FEWEST_NODES = 9
 MOST_NODES_AT_FIRST = 33
@@ -187,11 +188,21 @@ class BackboneProblem(BoundaryProblem):
     # ---- the interface ----
 
     def part(self, instances: IntArray) -> "BackboneProblem":  # noqa: D102
+        return self._part(instances, self.integrator)
+
+    def finer(self, instances: IntArray) -> "BackboneProblem | None":  # noqa: D102
+        coarse = self.integrator
+        if not isinstance(coarse, AdaptiveIntegrator) or not coarse.adaptive or coarse.rtol <= FINEST:
+            return None
+        return self._part(instances, replace(coarse, rtol=FINEST, atol=min(coarse.atol, 0.01 * FINEST)))
+
+    def _part(self, instances: IntArray, integrator: Integrator) -> "BackboneProblem":
         shape = self.batch_shape
         base = take(self.base, shape, instances, tail=2) if self.base.ndim > 2 else self.base
         arrays = self.arrays.take(shape, instances)
         inputs = self._inputs.take(shape, instances)
-        result = BackboneProblem(self.rods, base, inputs, enabled=tuple(self.enabled), arrays=arrays, **self._options)
+        options = {**self._options, "integrator": integrator}
+        result = BackboneProblem(self.rods, base, inputs, enabled=tuple(self.enabled), arrays=arrays, **options)
         result.stop = self.stop
         for name in ("inputs", "unknowns"):
             result.write(name, self.read(name)[instances])

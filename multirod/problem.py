@@ -244,6 +244,10 @@ class BoundaryProblem(ABC):
         """
         raise NotImplementedError(f"{type(self).__name__} offers no parts")
 
+    def finer(self, instances: IntArray) -> "BoundaryProblem | None":
+        """The same as ``part``, its integration as exact as rounding lets it be; None where that is not offered, or it is so already."""
+        return None
+
     def keep(self, part: "BoundaryProblem", instances: IntArray) -> None:
         """Take over the records of a part of the instances."""
         records = self.snapshot()

@@ -13,6 +13,7 @@ from multirod.solvers.continuation import Paths, natural_branch
 from multirod.solvers.multiple_shooting import MultipleShooting
 from multirod.solvers.multistart import lowest_stable, refuse_unstable
 from multirod.solvers.newton import Newton
+from multirod.solvers.refinement import refine
 from multirod.status import Status, failures
 from multirod.validation import FloatArray, boolean, choice, positive_float, positive_int
 
@@ -76,6 +77,7 @@ class Shooting(Solver):
         """Without a guess: the end of the natural branch, or where it ends early and others are meant, the lowest stable one."""
         with problem.without_poses() if poses_apart else nullcontext():
             outcome = natural_branch(problem, newton, self.max_continuation_steps, chosen)
+            refine(problem, newton, outcome, np.ones(problem.instance_count, dtype=bool) if chosen is None else chosen)
             lowest_stable(problem, newton, outcome, failures(outcome.status))
             refuse_unstable(problem, outcome)
         if self.fallback:
