@@ -107,6 +107,8 @@ class BackboneProblem(BoundaryProblem):
             self.wrench_columns: Any = wp.zeros((self.instance_count, 6, columns), dtype=wp.float64, device=device)
         self._table = self._make_table(inputs)
         self.write("inputs", self.pack(inputs))
+        self.moment_unit = self._moment_unit()
+        self.turn_stiffness = self._stiffness_over_length()
         self._call = self._make_call(0)
         self.launch = self._record(self.features, self._call)
 
@@ -473,6 +475,15 @@ class BackboneProblem(BoundaryProblem):
     def _ends(self) -> FloatArray:
         """Arclength at which each rod ends [m], shape (instance_count, n)."""
         return np.asarray(self.arrays.end[:, :, -1] + self.read("inputs")[:, self.input_slice("translation")])
+
+    def _moment_unit(self) -> FloatArray | None:
+        """(11), (12)."""
+        if len(self.rods) > 1 or self.held or self.features.follower_force:
+            return None
+        unit = np.array(self.arrays.material[:, 0, -1, :3])
+        if not self.features.measured:
+            unit[:, 2] = np.minimum(unit[:, 2], unit[:, :2].max(axis=1))
+        return np.broadcast_to(unit, (self.instance_count, 3)) if np.isfinite(unit).all() else None
 
     def _stiffness_over_length(self) -> FloatArray:
         """What stiffnesses of the tip are counted in [N m], shape (instance_count,): the least of the rods', over the length."""

@@ -34,6 +34,7 @@ from multirod.rod import Rod, Section
 from multirod.simulation import simulate, solve
 from multirod.solution import History, Solution, SolveError
 from multirod.solver import Outcome, Solver, Track, registered_solvers
+from multirod.solvers.energy_descent import EnergyDescent
 from multirod.solvers.multiple_shooting import MultipleShooting
 from multirod.solvers.observer import Observer
 from multirod.solvers.scipy_shooting import ScipyShooting
@@ -56,6 +57,7 @@ __all__ = [
     "BoundaryProblem",
     "ConcentricTubes",
     "CriticalLoad",
+    "EnergyDescent",
     "FixedStepIntegrator",
     "History",
     "InputSpec",

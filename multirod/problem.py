@@ -100,6 +100,10 @@ class BoundaryProblem(ABC):
         guess_integrations: Integrations per rod that ``guess`` takes.
         natural_singular_value: What the smallest singular value of ``Gamma`` is far from any fold, 1 or less: how near one is, is
             judged against it, shape (instance_count,).
+        moment_unit: Where the residual is the moment on a single tip, and nothing else: that of one unit of each component [N m^2], shape
+            (instance_count, n); else None.
+        turn_stiffness: How stiffly such a tip of the unloaded rod resists being turned, ``K/L`` at the first inputs [N m], shape
+            (instance_count,).
         breakpoints: Instances whose equilibrium is known by its states there, not by ``unknowns`` alone; ``shapes``,
             ``modes`` and ``potential`` are of these states.
         fault: 0, or why an evaluation failed (1: not finite, 2: step limit), shape (instance_count,).
@@ -137,6 +141,8 @@ class BoundaryProblem(ABC):
         self.device = device
         self.blocks = tuple(blocks)
         self.arrow: tuple[int, ...] = ()
+        self.moment_unit: FloatArray | None = None
+        self.turn_stiffness: FloatArray = np.ones(count)
         self.breakpoints: dict[int, Breakpoints] = {}
         self.natural_singular_value: FloatArray = np.ones(count)
         # One record an instance holds all that a sample of a time series keeps, so that keeping it is one copy.

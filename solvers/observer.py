@@ -11,10 +11,10 @@ import warp as wp
 from multirod.launch import record
 from multirod.models.integrators import RK45, Integrator
 from multirod.problem import Block, BoundaryProblem
-from multirod.solver import Outcome, Solver, Track
+from multirod.solver import Outcome, Solver
 from multirod.solvers.observer_kernels import ObserverState, make_observer
 from multirod.solvers.observer_lapack import LargeSample
-from multirod.status import Status
+from multirod.solvers.sampled import SampledTrack
 from multirod.validation import FloatArray, array, boolean, choice, positive_float, positive_int, refuse
 
 RICCATI = ("steady", "forward", "horizon")
@@ -149,39 +149,11 @@ class Observer(Solver):
         return ObserverTrack(self, problem, dt)
 
     def _solve(self, problem: BoundaryProblem, guess: FloatArray | None) -> Outcome:
-        count = problem.instance_count
         track = ObserverTrack(self, problem, self.dt)
-        ramp = 1 if guess is not None else self.ramp
-        if guess is not None:
-            track.start(guess)
-        outcome = Outcome.zeros(count)
-        active = np.ones(count, dtype=bool)
-        for iteration in range(self.max_iterations):
-            load = min(1.0, (iteration + 1) / ramp)
-            problem.load_factor.fill_(load)
-            problem.active.assign(active.astype(np.int32))
-            track.step()
-            outcome.integrations[active] += 1
-            status = track.state.status.numpy()
-            done = active & (track.state.size.numpy() <= self.tolerance) & (load == 1.0)
-            outcome.status[done] = Status.CONVERGED
-            outcome.status[active & (status == Status.NONFINITE)] = Status.NONFINITE
-            outcome.status[active & (status == Status.EULER_LIMIT)] = Status.EULER_DIVERGED
-            if guess is None:
-                outcome.status[active & (status == Status.NEAR_FOLD)] = Status.BRANCH_END
-            active = outcome.status == Status.NOT_RUN
-            if not active.any():
-                break
-            if not active.all():
-                # what has ended stays where its residual was taken
-                track.hold(~active)
-        outcome.status[active] = Status.MAX_ITERATIONS
-        outcome.iterations[:] = outcome.integrations
-        problem.load_factor.fill_(1.0)
-        return outcome
+        return track.settle(tolerance=self.tolerance, max_iterations=self.max_iterations, ramp=self.ramp, guess=guess)
 
 
-class ObserverTrack(Track):
+class ObserverTrack(SampledTrack):
     """The observer on the buffers of one problem; ``state`` holds its arrays."""
 
     def __init__(self, options: Observer, problem: BoundaryProblem, dt: float) -> None:
@@ -226,15 +198,8 @@ class ObserverTrack(Track):
             )
         else:
             self._launch = self._record(blocks, sizes, gains, dt)
-        self._previous: FloatArray | None = None
-        self._change: FloatArray | None = None
-        self._ones = np.ones(count, dtype=np.int32)
-        self._host: tuple[Any, ...] | None = None
-        self._directions: FloatArray | None = None
-        if wp.get_device(device).is_cpu:
-            self._host = (state.following.numpy(), state.status.numpy(), state.size.numpy(), state.rates.numpy())
-            self._directions = problem.directions.numpy()
-        self.start(first)
+        self._host_rates = state.rates.numpy() if wp.get_device(device).is_cpu else None
+        self._bind(problem, state, options.feed_forward, first)
 
     def _record(self, blocks: Sequence[Block], sizes: list[int], gains: dict[str, FloatArray], dt: float) -> Any:
         options, state, problem = self.options, self.state, self.problem
@@ -262,45 +227,14 @@ class ObserverTrack(Track):
         variant = (options.riccati, options.update == "exact", options.scaling, options.feed_forward, options.correct_output)
         return record(lambda: make_observer(tuple(sorted(set(sizes))), *variant, alone), count, [state], device)
 
-    def start(self, unknowns: FloatArray) -> None:
-        """Take ``unknowns`` as those of the first sample."""
-        self.state.following.assign(np.ascontiguousarray(unknowns, dtype=np.float64))
-
-    def step(self) -> Outcome:
-        """One sample: integrate at the unknowns that the last sample led to, then update them for the next."""
-        problem, state = self.problem, self.state
-        if self._host is not None:
-            problem.write("unknowns", self._host[0])
-        else:
-            wp.copy(problem.unknowns, state.following)
-        if self.options.feed_forward:
-            self._aim()
-        problem.integrate()
+    def _update(self) -> None:
         if self._large is None:
             self._launch.launch()
         else:
-            self._large.step(problem, state)
-        status, size, rates = self._host[1:] if self._host else (state.status.numpy(), state.size.numpy(), state.rates.numpy())
-        return Outcome(status.copy(), self._ones, self._ones, size.copy(), rates.copy())
+            self._large.step(self.problem, self.state)
 
-    def hold(self, instances: Any) -> None:
-        """Keep the unknowns of some instances (bool, (instance_count,)) as they are in the next sample."""
-        following = np.array(self.state.following.numpy())
-        following[instances] = self.problem.read("unknowns")[instances]
-        self.state.following.assign(following)
-
-    def _aim(self) -> None:
-        """Point the problem's direction along the change of the inputs expected by the next sample: the last two, extrapolated."""
-        inputs = self.problem.read("inputs")
-        if self._previous is not None:
-            change = inputs - self._previous
-            expected = change if self._change is None else 2 * change - self._change
-            self._change = change
-            if self._directions is not None:
-                self._directions[:, 0] = expected
-            else:
-                self.problem.directions.assign(expected[:, None])
-        self._previous = inputs
+    def _rates(self) -> FloatArray:
+        return np.array(self.state.rates.numpy() if self._host_rates is None else self._host_rates)
 
 
 def _places(n: int, blocks: Sequence[Block], what: str) -> Any:

@@ -1,0 +1,106 @@
+"""Energy descent: a trust region on the potential energy, one integration a sample, through folds and snaps."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from multirod.launch import record
+from multirod.models.integrators import RK45, Integrator
+from multirod.problem import BoundaryProblem
+from multirod.solver import Outcome, Solver
+from multirod.solvers.energy_descent_kernels import DescentState, make_descent
+from multirod.solvers.sampled import SampledTrack
+from multirod.validation import FloatArray, boolean, positive_float, positive_int
+
+
+@dataclass(frozen=True, kw_only=True)
+class EnergyDescent(Solver):
+    """Newton's step on the potential energy as a function of how the tip is turned, kept short and downhill.
+
+    Along a motion it takes exactly one integration a sample, as ``Observer``. Where the equilibrium is stable and near, its
+    step is one of Newton's method; where a mode is unstable it goes down along it, so that it passes folds, follows a
+    snap to where the rod comes to rest, and does not stay on what is unstable. The pose is corrected to first order.
+    ``docs/energy_descent.md`` derives it, and says what was measured.
+
+    Attributes:
+        integrator: Of the spatial equations.
+        radius: Largest turn of the tip by one sample [rad], half of it again for what the inputs' change asks for.
+        feed_forward: Whether the unknowns also follow the inputs' rates, extrapolated from the last samples.
+        fold_threshold: ``solution.stability_margin``, with the length at the start, below which the status is ``NEAR_FOLD``: 1 is a straight unloaded rod. It is
+            also that where a step was longer than an eighth of the radius.
+        tolerance: Largest residual for ``solve``, max norm [1/m].
+        max_iterations: Samples allowed for ``solve``.
+        ramp: Samples over which ``solve`` raises the loads.
+
+    Raises:
+        ValueError: If a field is out of range.
+    """
+
+    integrator: Integrator = field(default_factory=RK45)
+    radius: float = 0.4
+    feed_forward: bool = True
+    fold_threshold: float = 0.05
+    tolerance: float = 1e-9
+    max_iterations: int = 1000
+    ramp: int = 100
+
+    def __post_init__(self) -> None:
+        self._check_integrator()
+        for name in ("radius", "fold_threshold", "tolerance"):
+            positive_float(f"EnergyDescent.{name}", getattr(self, name))
+        for name in ("max_iterations", "ramp"):
+            positive_int(f"EnergyDescent.{name}", getattr(self, name))
+        boolean("EnergyDescent.feed_forward", self.feed_forward)
+
+    @property
+    def pose_sensitivities(self) -> bool:  # type: ignore[override]
+        """Whether the problem must carry pose columns: always."""
+        return True
+
+    @property
+    def direction_count(self) -> int:  # type: ignore[override]
+        """Columns along input directions that the problem must carry."""
+        return int(self.feed_forward)
+
+    def unsupported(self, problem: BoundaryProblem) -> tuple[str, ...]:
+        """Problems whose residual is not the moment on one tip that is free to turn."""
+        if problem.moment_unit is None:
+            return ("its residual is not the moment on a single rod's tip alone, which energy descent needs",)
+        return ()
+
+    def track(self, problem: BoundaryProblem, dt: float) -> "EnergyDescentTrack":
+        """Follow a motion, one integration a sample; ``dt`` does not matter."""
+        return EnergyDescentTrack(self, problem)
+
+    def _solve(self, problem: BoundaryProblem, guess: FloatArray | None) -> Outcome:
+        track = EnergyDescentTrack(self, problem)
+        return track.settle(tolerance=self.tolerance, max_iterations=self.max_iterations, ramp=self.ramp, guess=guess)
+
+
+class EnergyDescentTrack(SampledTrack):
+    """Energy descent on the buffers of one problem; ``state`` holds its arrays."""
+
+    def __init__(self, options: EnergyDescent, problem: BoundaryProblem) -> None:
+        count, device = problem.instance_count, problem.device
+        unit: Any = problem.moment_unit
+        first = problem.guess()
+        state: Any = DescentState()
+        problem.share(state, ("active", "fault", "unknowns", "residual", "gamma", "residual_directions"))
+        problem.share(state, ("position", "rotation", "pose_columns"))
+        state.moment_unit = wp.array(np.ascontiguousarray(unit), dtype=wp.float64, device=device)
+        state.stiffness = wp.array(problem.turn_stiffness, dtype=wp.float64, device=device)
+        state.following = wp.zeros((count, problem.unknown_count), dtype=wp.float64, device=device)
+        for name in ("size", "margin"):
+            setattr(state, name, wp.zeros(count, dtype=wp.float64, device=device))
+        state.status = wp.zeros(count, dtype=wp.int32, device=device)
+        state.radius, state.fold_threshold = options.radius, options.fold_threshold
+        self._launch = record(lambda: make_descent(options.feed_forward), count, [state], device)
+        self._bind(problem, state, options.feed_forward, first)
+
+    def _update(self) -> None:
+        self._launch.launch()
+
+    def _settled(self, tolerance: float) -> Any:
+        return super()._settled(tolerance) & (self.state.margin.numpy() > 0)
