@@ -10,6 +10,7 @@ from multirod.inputs import Inputs
 from multirod.models.integrators import RK45, Integrator
 from multirod.models.single_rod import SingleRod
 from multirod.rod import Rod
+from multirod.scenes import Motion
 from multirod.simulation import simulate
 from multirod.solution import History
 from multirod.solver import Solver
@@ -35,25 +36,6 @@ def wire(length: float = LENGTH, *, I: float = TABLE_I, outer_diameter: float = 
         inner_diameter=outer_diameter * 2 / 3,
         name="wire",
     )
-
-
-@dataclass(frozen=True)
-class Motion:
-    """A robot and what is done to it over time.
-
-    Attributes:
-        robot: One rod.
-        inputs: Time as the first axis.
-        time: Of the samples [s], shape (sample_count,).
-    """
-
-    robot: SingleRod
-    inputs: Inputs
-    time: FloatArray
-
-    def first(self, count: int) -> "Motion":
-        """The first ``count`` samples."""
-        return Motion(self.robot, self.inputs[:count], self.time[:count])
 
 
 def motion(
