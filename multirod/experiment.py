@@ -6,7 +6,6 @@ from math import pi
 
 import numpy as np
 
-from multirod.inputs import Inputs
 from multirod.models.integrators import RK45, Integrator
 from multirod.models.single_rod import SingleRod
 from multirod.rod import Rod
@@ -17,7 +16,6 @@ from multirod.solver import Solver
 from multirod.solvers.observer import Observer
 from multirod.solvers.scipy_shooting import ScipyShooting
 from multirod.solvers.shooting import Shooting
-from multirod.validation import FloatArray
 
 LENGTH = 0.4
 TABLE_I = 3.1907e-12  # second moment of area [m^4]; J is twice that

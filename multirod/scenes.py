@@ -105,7 +105,7 @@ SCENES: dict[str, Callable[[], Motion]] = {"paper": paper, "three-tubes": three_
 
 
 def load(name: str) -> Motion:
-    """A scene by its name, or what ``module:function`` returns: an object with ``robot``, ``inputs`` and ``time``, or these three.
+    """A scene by its name, or what ``module:function`` returns: an object with ``robot``, ``inputs`` and ``time``, or these in order.
 
     Modules are looked for in the working directory too.
 
@@ -120,16 +120,16 @@ def load(name: str) -> Motion:
         refuse("scene", name, f"must be one of {', '.join(SCENES)}, or module:function")
     make = _function(name, module, function)
     made = make()
-    parts = made if isinstance(made, tuple) else tuple(getattr(made, part, None) for part in ("robot", "inputs", "time"))
+    parts: tuple[Any, ...] = (
+        made if isinstance(made, tuple) else tuple(getattr(made, n, None) for n in ("robot", "inputs", "time"))
+    )
     if len(parts) != 3:
         refuse("scene", name, f"{function}() must return robot, inputs and time, not {len(parts)} values")
     robot, inputs, time = parts
-    for field, value, kind, wanted in (
-        ("robot", robot, Assembly, "an assembly such as SingleRod(rod)"),
-        ("inputs", inputs, Inputs, "made by robot.inputs(...)"),
-    ):
-        if not isinstance(value, kind):
-            refuse("scene", name, f"{field} of what {function}() returns must be {wanted}, not {type(value).__name__}")
+    if not isinstance(robot, Assembly):
+        refuse("scene", name, f"{function}() must return a robot such as SingleRod(rod) first, not {type(robot).__name__}")
+    if not isinstance(inputs, Inputs):
+        refuse("scene", name, f"{function}() must return inputs made by robot.inputs(...) second, not {type(inputs).__name__}")
     return Motion(robot, robot.accept(inputs), array("time", time))
 
 

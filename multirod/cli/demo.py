@@ -15,9 +15,10 @@ from rich.table import Table
 
 from multirod import experiment
 from multirod.cli.terminal import FULL_WIDTH, count, positive, progress_bar
-from multirod.experiment import SLOW, Comparison, Motion, compare
+from multirod.experiment import SLOW, Comparison, compare
 from multirod.models.integrators import RK4
 from multirod.recording import save
+from multirod.scenes import Motion
 from multirod.simulation import simulate
 from multirod.solution import History
 from multirod.solver import Solver

@@ -45,7 +45,9 @@ def add_parser(commands: Any) -> None:
         "--settle", type=nonnegative, default=0.3, metavar="S", help="errors count from here on [s] (default: 0.3)"
     )
     goal = parser.add_mutually_exclusive_group()
-    goal.add_argument("--error", type=positive, metavar="M", help="also find the fastest setting within this error of the tip [m]")
+    goal.add_argument(
+        "--error", type=positive, metavar="M", help="also find the fastest setting within this error of the tip [m]"
+    )
     goal.add_argument("--rate", type=positive, metavar="HZ", help="also find the most accurate at so many samples a second")
     parser.add_argument("--all", action="store_true", help="show every setting, not only those that no other beats")
     parser.add_argument("--csv", type=file_of(), metavar="FILE", help="write every setting, as it is measured")
@@ -64,9 +66,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     try:
         motion = load(options.scene)
         with console.status("reference"):
-            measurement = Measurement(
-                motion.robot, motion.inputs, time=motion.time, settle=options.settle, budget=options.budget
-            )
+            measurement = Measurement(motion.robot, motion.inputs, time=motion.time, settle=options.settle, budget=options.budget)
     except (TypeError, ValueError) as error:
         console.print(f"[red]{escape(str(error))}[/red]")
         return 2
@@ -90,14 +90,12 @@ def _measure(measurement: Measurement, options: argparse.Namespace, console: Con
     with ExitStack() as stack:
         rows = stack.enter_context(Rows(options.csv)) if options.csv else None
         progress = stack.enter_context(progress_bar(console))
-        task = progress.add_task("", total=len(measurement.settings))
+        task = progress.add_task("trying", total=2 * len(measurement.settings))
         try:
-            for name in measurement.settings:
-                progress.update(task, description=name)
-                row = measurement.measure(name)
+            for name, row in measurement.run():
                 if rows is not None and row is not None:
                     rows.write(row)
-                progress.advance(task)
+                progress.update(task, description=name, advance=1)
         except KeyboardInterrupt:
             return True
     return False
@@ -119,7 +117,13 @@ def _print_rows(table: Tradeoff, scene: str, motion: Motion, console: Console, *
         grid.add_column(header, justify="right", no_wrap=True)
     best = set(map(id, front))
     for row in shown:
-        cells = [_short(row.position), _short(row.shape), f"{1e6 * row.median:.0f}", f"{1e6 * row.slow:.0f}", f"{row.integrations:.2f}"]
+        cells = [
+            _short(row.position),
+            _short(row.shape),
+            f"{1e6 * row.median:.0f}",
+            f"{1e6 * row.slow:.0f}",
+            f"{row.integrations:.2f}",
+        ]
         if wide:
             cells[1:1] = [_short(row.rotation)]
             cells += [str(row.samples)]
@@ -138,7 +142,9 @@ def _print_rows(table: Tradeoff, scene: str, motion: Motion, console: Console, *
 
 def _print_notes(table: Tradeoff, console: Console) -> None:
     for note in table.notes():
-        console.print(escape(note[0].upper() + note[1:] + "."), style="dim" if table.checked or "reference" not in note else "yellow")
+        console.print(
+            escape(note[0].upper() + note[1:] + "."), style="dim" if table.checked or "reference" not in note else "yellow"
+        )
 
 
 def _print_promise(measurement: Measurement, options: argparse.Namespace, console: Console) -> bool:

@@ -88,9 +88,8 @@ def tune(
 def _measure(measurement: Measurement, csv: str | PathLike[str] | None, progress: bool | Callable[[int], Any]) -> Measurement:
     with ExitStack() as stack:
         rows = None if csv is None else stack.enter_context(Rows(csv))
-        watch = stack.enter_context(Watch("settings", len(measurement.settings), progress))
-        for name in measurement.settings:
-            row = measurement.measure(name)
+        watch = stack.enter_context(Watch("settings", len(measurement.settings), progress, shares=2))
+        for _, row in measurement.run():
             if rows is not None and row is not None:
                 rows.write(row)
             watch.advance()

@@ -1,7 +1,8 @@
 """Settings run on a motion one after the other, each within its share of the time."""
 
-from collections.abc import Mapping
-from math import ceil
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from threading import Timer
 from time import monotonic
 from typing import Any
@@ -15,20 +16,22 @@ from multirod.problem import BoundaryProblem
 from multirod.simulation import Runner, as_solver, simulate
 from multirod.solution import History
 from multirod.solver import Outcome, Solver, Track
-from multirod.tradeoffs.reference import Reference
+from multirod.tradeoffs.reference import SHAPE_NODES, Reference
 from multirod.tradeoffs.settings import Setting, grid, registered, settings
 from multirod.tradeoffs.table import Measured, Tradeoff
 from multirod.validation import Described, FloatArray, array, nonnegative_float, positive_float, refuse
 
-START = 3  # samples of a first run
-TRIAL = 20  # samples that say how long all will take
+START = 6  # samples that say how long all will take
+OVERHEAD = 2e-5  # of keeping a sample [s]
 FEWEST = 50  # samples after settling that errors and a 95th percentile may come from
-LARGEST_PART = 0.5  # of the time left, that one setting may take if it needs that much for the fewest
-PATIENCE = 2.0  # times its estimate, after which a run is stopped
+SLOW = 20.0  # times the median of all, beyond which a setting is run on the fewest samples only
+SPENT = 0.8  # of the time left, that is shared out by such estimates
+LARGEST_PART = 0.25  # of the time left, that one setting may take if it needs that much for the fewest
+PATIENCE = 3.0  # times its share, that a setting may take
 
 
 class Measurement:
-    """A grid of settings on a motion: the reference is computed first, then ``measure`` takes one setting after the other.
+    """A grid of settings on a motion: the reference is computed first, ``run`` does the rest.
 
     ``table`` holds what there is at any time: a run that is stopped in between loses nothing that was measured.
 
@@ -92,28 +95,26 @@ class Measurement:
         waiting = {name: "the run ended before" for name in self.settings if name in self._waiting}
         return Tradeoff(self._rows, {**self._skipped, **waiting}, self.reference, self._tips, self._settle)
 
-    def measure(self, name: str) -> Measured | None:
-        """Run one setting, within its share of the time left; None where it gave nothing, ``table.skipped`` then says why."""
-        setting = self.settings[name]
-        share = self._left / len(self._waiting)
-        reason, row, used = "no time was left", None, 0.0
-        if self._left > 0:
-            try:
-                self._compile(setting)
-                begin = monotonic()
-                try:
-                    row, reason = self._run(name, setting, share)
-                finally:
-                    used = monotonic() - begin
-            except Exception as error:  # a solver of someone else may raise anything: the others go on
-                reason = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
-        self._left -= used
-        self._waiting.discard(name)
-        if row is None:
-            self._skipped[name] = reason
-        else:
-            self._rows.append(row)
-        return row
+    def run(self) -> Iterator[tuple[str, Measured | None]]:
+        """Measure all: each setting is tried on a few samples first, then each is run on as many as there is time for.
+
+        Yields:
+            The setting that was tried, or run, and its row if it was run: ``2 * len(settings)`` in all.
+        """
+        trials: dict[str, _Trial] = {}
+        for name in self.settings:
+            with self._guarded(name):
+                trials[name] = self._try(self.settings[name])
+            yield name, None
+        common = self._common(list(trials.values()))
+        for name in self.settings:
+            row = None
+            if name in trials:
+                with self._guarded(name):
+                    row = self._run(name, trials[name], common)
+                    self._rows.append(row)
+            self._waiting.discard(name)
+            yield name, row
 
     def repeat(self, name: str) -> Measured:
         """A setting once more, on the whole motion, however long it takes."""
@@ -121,35 +122,104 @@ class Measurement:
         history = simulate(setting.robot, setting.inputs, time=self._time, solver=setting.solver, progress=False)
         return measured(name, setting, history, self.reference, self._settled)
 
-    def _compile(self, setting: Setting) -> None:
-        """Let kernels be made, which is no part of any time."""
-        inputs = setting.inputs
-        first = inputs[0] if inputs.batch_shape else inputs
-        Runner(setting.robot, setting.solver, first, 1.0, "cpu", inputs.active).problem.integrate()
+    @contextmanager
+    def _guarded(self, name: str) -> Iterator[None]:
+        """Count the time that a setting takes; where it raises, note why and go on: it may be a solver of someone else."""
+        self._compiling, begin = 0.0, monotonic()
+        try:
+            yield
+        except (ValueError, _NoTime) as error:
+            self._skipped[name] = str(error)
+        except Exception as error:  # noqa: BLE001  (whatever it is, the others go on)
+            self._skipped[name] = f"{type(error).__name__}: {error}"
+        finally:
+            self._left -= monotonic() - begin - self._compiling
+            if name in self._skipped:
+                self._waiting.discard(name)
 
-    def _run(self, name: str, setting: Setting, share: float) -> tuple[Measured | None, str]:
-        total, first = len(self._time), int(np.argmax(self._settled))
-        fewest = min(total, first + FEWEST)
-        allowed = max(share, LARGEST_PART * self._left)
+    def _try(self, setting: Setting) -> "_Trial":
+        """Run the first samples."""
         begin = monotonic()
-        trial = _simulate(setting, self._time, min(START, total), allowed)
-        if trial is None:
-            return None, "a sample takes longer than its share of the time"
-        fixed = monotonic() - begin
-        each = float(np.median(trial.step_time))
-        if each * TRIAL < 0.5 * share and total > TRIAL:
-            _simulate(setting, self._time, TRIAL, allowed)
-            # what a sample adds, apart from what a run takes to begin
-            each = max(each, (monotonic() - begin - 2 * fixed) / (TRIAL - START))
-        within = int((share - (monotonic() - begin) - fixed) / each)
-        count = total if total <= within else min(total, max(fewest, within))
-        if each * count > allowed:
-            return None, f"a sample takes {each:.2g} s, which leaves no time for the {fewest} that are needed"
-        history = _simulate(setting, self._time, count, fixed + PATIENCE * max(share, each * count))
+        first = setting.inputs[0] if setting.inputs.batch_shape else setting.inputs
+        # kernels are made or loaded here, which is no part of any time
+        problem = Runner(setting.robot, setting.solver, first, 1.0, "cpu", setting.inputs.active).problem
+        problem.integrate()
+        problem.shapes(SHAPE_NODES)
+        guess = None
+        with suppress(ValueError):  # a model may have other unknowns
+            guess = problem.adopt(self.reference.history.unknowns[:1]) if self.reference.known[0] else None
+        self._compiling = monotonic() - begin
+        if self._left <= 0:
+            raise _NoTime("no time was left")
+        begin = monotonic()
+        history = self._simulate(setting, guess, START, max(self._left / len(self._waiting), LARGEST_PART * self._left))
         if history is None:
-            return None, f"it took longer than its first samples, {each:.2g} s, promised"
+            raise _NoTime("its first samples took longer than its share of the time")
+        each = float(np.median(history.step_time[1:])) + OVERHEAD
+        return _Trial(each, monotonic() - begin)
+
+    def _common(self, trials: "list[_Trial]") -> int:
+        """Samples that all settings but those much slower than most are run on, so that their errors are of the same motion."""
+        total = len(self._time)
+        if not trials:
+            return total
+        usual = SLOW * float(np.median([trial.each for trial in trials]))
+        fast = [trial for trial in trials if trial.each <= usual]
+        slow = sum(trial.fixed + trial.each * self._fewest for trial in trials if trial.each > usual)
+        left = SPENT * self._left - min(slow, LARGEST_PART * self._left) - sum(trial.fixed for trial in fast)
+        return int(np.clip(left / sum(trial.each for trial in fast), self._fewest, total))
+
+    @property
+    def _fewest(self) -> int:
+        return min(len(self._time), int(np.argmax(self._settled)) + FEWEST)
+
+    def _run(self, name: str, trial: "_Trial", common: int) -> Measured:
+        share = self._left / len(self._waiting)
+        allowed = max(share, LARGEST_PART * self._left)
+        count = common if trial.fixed + trial.each * common <= PATIENCE * share else self._fewest
+        if self._left <= 0:
+            raise _NoTime("no time was left")
+        if trial.each * count > allowed:
+            raise _NoTime(f"a sample takes {trial.each:.2g} s, which leaves no time for the {count} that are needed")
+        setting = self.settings[name]
+        # from nothing, as in any run of one's own
+        history = self._simulate(setting, None, count, max(allowed, PATIENCE * share))
+        if history is None:
+            raise _NoTime(f"it took longer than its first samples, {trial.each:.2g} s, promised")
         self._tips[name] = history.tip_position
-        return measured(name, setting, history, self.reference, self._settled), ""
+        return measured(name, setting, history, self.reference, self._settled)
+
+    def _simulate(self, setting: Setting, guess: FloatArray | None, count: int, seconds: float) -> History | None:
+        """The first samples; None where they take longer than that."""
+        count = min(count, len(self._time))
+        inputs = setting.inputs
+        if inputs.batch_shape:
+            # not inputs[:count]: what is zero in the first samples only must be compiled in as for all
+            inputs = inputs.take(inputs.batch_shape, np.arange(count))
+        solver = _Limited(setting.solver, seconds)
+        try:
+            return simulate(setting.robot, inputs, time=self._time[:count], solver=solver, guess=guess, progress=False)
+        except Interrupted:
+            return None
+        finally:
+            solver.cancel()
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """What a setting's first samples told.
+
+    Attributes:
+        each: Time that a sample adds [s].
+        fixed: Time that a run takes to begin [s].
+    """
+
+    each: float
+    fixed: float
+
+
+class _NoTime(Exception):
+    """Why a setting was not run."""
 
 
 def measured(name: str, setting: Setting, history: History, reference: Reference, settled: Any) -> Measured:
@@ -157,19 +227,19 @@ def measured(name: str, setting: Setting, history: History, reference: Reference
     count = len(history.time)
     failed = np.asarray(~np.isfinite(history.tip_position).all(axis=-1))
     counted = settled[:count] & reference.known[:count]
-    errors = reference.errors(history)
+    errors = reference.errors(history, counted)
 
     def largest(values: FloatArray) -> float:
-        return float(np.max(values[counted])) if counted.any() and not failed[counted].any() else np.inf
+        return float(np.max(values)) if counted.any() and not failed[counted].any() else np.inf
 
     warm = slice(2 if count > 2 else 0, None)  # the first start from nothing
     return Measured(
         name=name,
         solver=setting.solver,
-        position=largest(errors.position),
-        rotation=largest(errors.rotation),
+        position=largest(errors.position[counted]),
+        rotation=largest(errors.rotation[counted]),
         shape=largest(errors.shape),
-        residual=largest(np.asarray(history.residual)),
+        residual=largest(np.asarray(history.residual)[counted]),
         median=float(np.median(history.step_time[warm])),
         slow=float(np.percentile(history.step_time[warm], 95)),
         integrations=float(np.mean(history.integrations[warm])),
@@ -179,26 +249,11 @@ def measured(name: str, setting: Setting, history: History, reference: Reference
     )
 
 
-def _simulate(setting: Setting, time: FloatArray, count: int, seconds: float) -> History | None:
-    """The first samples; None where they take longer than that."""
-    inputs = setting.inputs
-    if inputs.batch_shape:
-        # not inputs[:count]: what is zero in the first samples only must be compiled in as for all
-        inputs = inputs.take(inputs.batch_shape, np.arange(count))
-    solver = _Limited(setting.solver, seconds)
-    try:
-        return simulate(setting.robot, inputs, time=time[:count], solver=solver, progress=False)
-    except Interrupted:
-        return None
-    finally:
-        solver.cancel()
-
-
 class _Limited(Solver):
     """A solver whose run along a motion is stopped after some time, at its next integration; its samples cost nothing more."""
 
     def __init__(self, solver: Solver, seconds: float) -> None:
-        self._solver, self._seconds = solver, ceil(1e3 * seconds) / 1e3
+        self._solver, self._seconds = solver, seconds
         self._timer: Timer | None = None
         self.integrator = solver.integrator
         self.pose_sensitivities = solver.pose_sensitivities
@@ -228,4 +283,6 @@ class _Limited(Solver):
 def _one_motion(field: str, robot: Assembly, inputs: Inputs) -> None:
     axes = max(inputs.batch_shape[1:], robot.batch_shape, key=len)
     if axes:
-        refuse(field, Described(f"leading axes {(*inputs.batch_shape[:1], *axes)}"), "there must be one, time: no batch of motions")
+        refuse(
+            field, Described(f"leading axes {(*inputs.batch_shape[:1], *axes)}"), "there must be one, time: no batch of motions"
+        )

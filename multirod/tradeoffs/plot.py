@@ -49,7 +49,7 @@ def plot(table: "Tradeoff", path: str | PathLike[str], *, error: str, time: str,
         families.setdefault(row.family, []).append(row)
     for k, (family, rows) in enumerate(families.items()):
         marker = next(marker for start, marker in MARKERS.items() if family.startswith(start))
-        colour = f"C{k % 10}" if k < 10 else f"C{k % 10}"
+        colour = f"C{k % 10}"
         axes.plot(*points(rows), marker, ms=5, color=colour, mfc=colour if k < 10 else "none", label=family)
     axes.set(xscale="log", yscale="log", xlabel=AXES[time], ylabel=AXES[error], title=title)
     gap = table.reference_gap * (1.0 if error == "rotation" else table.reference.length)

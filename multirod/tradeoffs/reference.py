@@ -2,10 +2,12 @@
 
 from dataclasses import dataclass
 from math import inf
+from typing import Any
 
 import numpy as np
 
 from multirod.assembly import Assembly
+from multirod.batch import IntArray
 from multirod.inputs import Inputs
 from multirod.models.integrators import RK4, RK45
 from multirod.simulation import simulate, solve
@@ -19,16 +21,17 @@ AGREEMENT = 1e-9  # of the length, and of a radian, that both must agree within
 CHECKED_SAMPLES = 20
 START_OFF = 1e-4  # of the largest unknown, that the check starts off the reference
 SHAPE_NODES = 21
+SHAPE_SAMPLES = 25  # a shape costs more than a sample
 
 
 @dataclass(frozen=True)
 class Errors:
-    """How far a history is off, a number a sample; NaN where it or the reference has no result.
+    """How far a history is off; NaN where it or the reference has no result.
 
     Attributes:
-        position: Distance of the tips [m].
-        rotation: Angle between the end effector's frames [rad].
-        shape: Largest distance of two nodes of a rod [m].
+        position: Distance of the tips [m], a number a sample.
+        rotation: Angle between the end effector's frames [rad], a number a sample.
+        shape: Largest distance of two nodes of a rod [m], at some of the samples.
     """
 
     position: FloatArray
@@ -48,7 +51,7 @@ class Reference:
     def __init__(self, robot: Assembly, inputs: Inputs, time: FloatArray) -> None:
         self.history: History = simulate(robot, inputs, time=time, solver=REFERENCE, progress=False)
         self.known = np.asarray(np.isfinite(self.history.tip_position).all(axis=-1))
-        self._nodes = _nodes(self.history)
+        self._nodes: dict[int, FloatArray] = {}
         self.length = max(float(np.max(rod.length)) for rod in robot.rods)
         self.gap = self._gap()
 
@@ -57,21 +60,34 @@ class Reference:
         """Whether both agree to 1e-9, and no sample failed."""
         return bool(self.gap <= AGREEMENT)
 
-    def errors(self, history: History) -> Errors:
-        """How far the first samples, as many as there are, are off."""
+    def errors(self, history: History, settled: Any) -> Errors:
+        """How far the first samples, as many as there are, are off; shapes at some of those that are ``settled``, the worst for the tip among them."""
         count = len(history.time)
         own = self.history
-        shape = np.zeros(count)
-        for here, there in zip(_nodes(history), self._nodes, strict=True):
-            shape = np.maximum(shape, np.linalg.norm(here - there[:count], axis=-1).max(axis=-1))
         position = np.linalg.norm(history.tip_position - own.tip_position[:count], axis=-1)
+        counted = np.flatnonzero(settled[:count])
+        chosen = _spread(counted, SHAPE_SAMPLES)
+        if len(counted):
+            worst = counted[np.argmax(np.nan_to_num(position[counted]))]
+            chosen = np.unique(np.append(chosen, worst))
+        there = self._nodes_at(chosen)
+        shape = np.zeros(len(chosen))
+        for k, here in enumerate(_nodes(history, chosen)):
+            shape = np.maximum(shape, np.linalg.norm(here - there[:, k], axis=-1).max(axis=-1))
         return Errors(position, _angle(own.tip_rotation[:count], history.tip_rotation), shape)
+
+    def _nodes_at(self, chosen: IntArray) -> FloatArray:
+        """Of the rods in some samples, shape (chosen, rod, node, 3), each computed once."""
+        new = np.array([k for k in chosen if k not in self._nodes], dtype=np.intp)
+        for k, nodes in zip(new, np.stack(_nodes(self.history, new), axis=1), strict=True):
+            self._nodes[k] = nodes
+        return np.array([self._nodes[k] for k in chosen]).reshape(len(chosen), -1, SHAPE_NODES, 3)
 
     def _gap(self) -> float:
         if not self.known.all():
             return inf
         own, count = self.history, len(self.history.time)
-        chosen = np.unique(np.linspace(0, count - 1, CHECKED_SAMPLES).astype(int))
+        chosen = _spread(np.arange(count), CHECKED_SAMPLES)
         inputs = own.inputs.take((count,), chosen)
         unknowns = own.unknowns[chosen]
         # off the solution, or one that is within the tolerance of both would be taken as it is, and agree with itself
@@ -82,8 +98,17 @@ class Reference:
         return float(gap.max()) if np.isfinite(gap).all() else inf
 
 
-def _nodes(history: History) -> list[FloatArray]:
-    return [history.rod(k, nodes=SHAPE_NODES).position for k in range(history.assembly.rod_count)]
+def _spread(samples: IntArray, count: int) -> IntArray:
+    """Some of the samples, evenly."""
+    return np.asarray(samples[np.unique(np.linspace(0, len(samples) - 1, count).astype(int))]) if len(samples) else samples
+
+
+def _nodes(history: History, chosen: IntArray) -> list[FloatArray]:
+    """Of each rod, shape (chosen, node, 3)."""
+    if not len(chosen):
+        return [np.zeros((0, SHAPE_NODES, 3)) for _ in history.assembly.rods]
+    some = history[chosen]
+    return [some.rod(k, nodes=SHAPE_NODES).position for k in range(history.assembly.rod_count)]
 
 
 def _angle(one: FloatArray, other: FloatArray) -> FloatArray:

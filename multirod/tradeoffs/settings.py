@@ -20,6 +20,7 @@ OBSERVERS: dict[str, dict[str, Any]] = {
     "observer ff corrected": {"feed_forward": True, "correct_output": True},
     "observer ff newton-scaled": {"feed_forward": True, "scaling": "newton"},
 }
+COUPLED_STEPS = 50
 OWN = (Shooting, Observer, ScipyShooting)  # registered too, but tried in forms of their own
 
 
@@ -53,8 +54,9 @@ def integrators() -> tuple[Integrator, ...]:
 def grid(robot: Assembly, inputs: Inputs | None = None, *, tried: Sequence[Integrator] | None = None) -> dict[str, Solver]:
     """The settings that are tried by default.
 
-    Newton's method with each predictor and four forms of the observer, in the couplings that make a difference to the robot, by
-    all integrators; the paper's three root finders with ``RK4(50)``; every other registered solver as it is made by default.
+    Newton's method with each predictor and four forms of the observer by all integrators; the observer in other couplings, where
+    the robot has several rods to couple, by ``RK4`` at up to 50 steps, as it is the lag that they change; the paper's three root
+    finders with ``RK4(50)``.
 
     Args:
         robot: The assembly: one with a single block of unknowns has one coupling.
@@ -68,19 +70,17 @@ def grid(robot: Assembly, inputs: Inputs | None = None, *, tried: Sequence[Integ
     while first.batch_shape:
         first = first[0]
     problem = robot.problem(first, integrator=RK4(50))
-    forms = []
-    for coupling in COUPLINGS if len(problem.blocks) > 1 else COUPLINGS[:1]:
-        for name, form in OBSERVERS.items():
-            observer = Observer(coupling=coupling, **form)
-            if not observer.unsupported(problem):
-                forms.append((name if coupling == COUPLINGS[0] else f"{name} {coupling}", {"coupling": coupling, **form}))
     result: dict[str, Solver] = {}
     for integrator in integrators() if tried is None else tried:
         name = code(integrator)
         for predictor in PREDICTORS:
             result[f"Newton, {predictor}, {name}"] = Shooting(predictor=predictor, integrator=integrator)
-        for kind, form in forms:
-            result[f"{kind}, {name}"] = Observer(integrator=integrator, **form)
+        few = integrator.steps is not None and integrator.steps <= COUPLED_STEPS and len(problem.blocks) > 1
+        for coupling in COUPLINGS if few else COUPLINGS[:1]:
+            for kind, form in OBSERVERS.items():
+                observer = Observer(coupling=coupling, integrator=integrator, **form)
+                if not observer.unsupported(problem):
+                    result[", ".join([kind if coupling == COUPLINGS[0] else f"{kind} {coupling}", name])] = observer
     for method in METHODS:
         result[f"{method}, {code(RK4(50))}"] = ScipyShooting(method=method, integrator=RK4(50))
     return result
@@ -97,7 +97,7 @@ def registered() -> Iterator[tuple[str, Solver | str]]:
 def _made(point: EntryPoint) -> Solver | str:
     try:
         solver = point.load()()
-    except Exception as error:  # of another package: whatever it is, the others go on
+    except Exception as error:  # noqa: BLE001  (of another package: whatever it is, the others go on)
         return f"{type(error).__name__}: {error}"
     return solver if isinstance(solver, Solver) else f"{point.value} makes no Solver"
 

@@ -65,7 +65,7 @@ class Rows:
     """A file of comma-separated values to which every row is written, and flushed, as it comes: what is stopped leaves it."""
 
     def __init__(self, path: str | PathLike[str]) -> None:
-        self._file = open(path, "w", newline="", encoding="utf-8")
+        self._file = open(path, "w", newline="", encoding="utf-8")  # noqa: SIM115  (closed by ``with Rows(...)``)
         self._writer = csv.writer(self._file)
         self._writer.writerow([*NUMBERS, "solver"])
         self._file.flush()
