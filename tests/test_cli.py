@@ -171,7 +171,7 @@ def test_tradeoff_of_a_scene_of_ones_own(own: Path, capsys: pytest.CaptureFixtur
     with (own / "rows.csv").open(encoding="utf-8") as file:
         rows = {row["name"]: row for row in csv.DictReader(file)}
     assert rows.keys() == FEW.keys()
-    chosen = re.search(r"(.*) keeps within 0.001 m\. Run again on all 81 samples:", printed)[1]
+    chosen = re.search(r"(.*) stays within 0.001 m\. Run again on all 81 samples:", printed)[1]
     assert float(rows[chosen]["position"]) <= 1e-3
     solver = eval(re.search(r"solver = (.*)", printed)[1], {"mr": mr})
     assert solver == FEW[chosen]

@@ -2,7 +2,7 @@
 
 import csv
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import monotonic, sleep
 
 import numpy as np
@@ -213,8 +213,15 @@ def test_the_budget_is_kept():
     assert set(rows) == {"good", "slow"}
     assert rows["good"].samples == len(STUDY.time)
     assert set(result.skipped) == {"slower", "endless"}
-    assert "leaves no time" in result.skipped["slower"]
+    assert "too slow for the time that was left" in result.skipped["slower"]
     assert "longer than its share" in result.skipped["endless"]
+
+
+def test_what_ran_on_less_of_the_motion_is_not_on_the_front(measured):
+    accurate = measured.pareto()[-1]
+    short = replace(accurate, name="short", samples=80, position=0.1 * accurate.position)
+    table = mr.Tradeoff([*measured.rows, short], {}, measured.reference, measured.tips, measured.settle)
+    assert table.pareto() == measured.pareto()
 
 
 def test_what_fails_in_every_sample_is_never_best():
@@ -254,6 +261,22 @@ def test_what_is_stopped_leaves_its_rows(tmp_path):
         list(measurement.run())
     assert [row.name for row in measurement.table.rows] == ["a", "b"]
     assert measurement.table.skipped == {"c": "the run ended before"}
+
+
+def test_rows_are_in_the_file_while_others_run(tmp_path):
+    path, lines = tmp_path / "rows.csv", []
+    mr.tradeoff(**vars(STUDY), solvers=SOLVERS, csv=path, progress=lambda done: lines.append(len(path.read_text().splitlines())))
+    assert lines == [1, 1, 3, 5]  # all are tried first; then two runs for each call, below the header
+
+
+def test_an_assembly_without_shapes_has_the_other_errors(monkeypatch):
+    def shapes(self, node_count):
+        raise NotImplementedError
+
+    monkeypatch.setattr("multirod.models.backbone.BackboneProblem.shapes", shapes)
+    row = measure({"Newton, fine": SOLVERS["Newton, fine"]}).rows[0]
+    assert 0 < row.position < 1e-5
+    assert np.isnan(row.shape)
 
 
 def test_a_model_with_less_is_measured_against_the_full_one():

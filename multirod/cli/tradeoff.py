@@ -104,8 +104,8 @@ def _measure(measurement: Measurement, options: argparse.Namespace, console: Con
 def _print_rows(table: Tradeoff, scene: str, motion: Motion, console: Console, *, every: bool) -> None:
     front = table.pareto()
     shown: Sequence[Measured] = sorted(table.rows, key=lambda row: row.median) if every else front
-    step = motion.time[1] - motion.time[0]
-    title = f"{escape(scene)}: {len(motion.time)} samples at {1 / step:.4g} Hz"
+    rate = f" at {1 / (motion.time[1] - motion.time[0]):.4g} Hz" if len(motion.time) > 1 else ""
+    title = f"{escape(scene)}: {len(motion.time)} samples{rate}"
     grid = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
     grid.add_column("setting", overflow="fold")
     wide = console.width >= 100
@@ -115,7 +115,7 @@ def _print_rows(table: Tradeoff, scene: str, motion: Motion, console: Console, *
         headers += ["samples"]
     for header in headers:
         grid.add_column(header, justify="right", no_wrap=True)
-    best = set(map(id, front))
+    best, longest = set(map(id, front)), max(row.samples for row in table.rows)
     for row in shown:
         cells = [
             _short(row.position),
@@ -127,8 +127,9 @@ def _print_rows(table: Tradeoff, scene: str, motion: Motion, console: Console, *
         if wide:
             cells[1:1] = [_short(row.rotation)]
             cells += [str(row.samples)]
+        less = f" ({row.samples} samples)" if row.samples < longest else ""
         style = "bold" if every and id(row) in best else ""
-        grid.add_row(escape(row.name) + (f" ({row.failed} failed)" if row.failed else ""), *cells, style=style)
+        grid.add_row(escape(row.name) + less + (f" ({row.failed} failed)" if row.failed else ""), *cells, style=style)
     console.print(grid)
     beaten = len(table.rows) - len(front)
     if every:
@@ -155,8 +156,8 @@ def _print_promise(measurement: Measurement, options: argparse.Namespace, consol
     except ValueError as error:
         console.print(f"\n[yellow]{escape(str(error))}[/yellow]")
         return False
-    goal = f"within {options.error:g} m" if options.error else f"at {options.rate:g} samples a second"
-    console.print(f"\n[bold]{escape(row.name)}[/bold] keeps {goal}. Run again on all {row.samples} samples:")
+    goal = f"stays within {options.error:g} m" if options.error else f"keeps up with {options.rate:g} samples a second"
+    console.print(f"\n[bold]{escape(row.name)}[/bold] {goal}. Run again on all {row.samples} samples:")
     console.print(f"  tip within {_short(row.position)} m, frame {_short(row.rotation)} rad, shape {_short(row.shape)} m")
     console.print(f"  {1e6 * row.slow:.0f} µs in 95 of 100 samples, median {1e6 * row.median:.0f} µs")
     console.print(f"  solver = {escape(code(row.solver, prefix='mr.'))}", soft_wrap=True)

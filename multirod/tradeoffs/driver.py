@@ -71,7 +71,7 @@ def tune(
         inputs: With time as the first axis.
         time: Of the samples [s].
         error: Largest distance of the tip from the reference [m].
-        rate: Samples a second that 95 of 100 samples must keep up with, with a fifth of the time to spare.
+        rate: Samples a second that 95 of 100 samples must keep up with, with half of the time to spare.
         options: For ``tradeoff``.
 
     Raises:

@@ -26,7 +26,8 @@ OVERHEAD = 2e-5  # of keeping a sample [s]
 FEWEST = 50  # samples after settling that errors and a 95th percentile may come from
 SLOW = 20.0  # times the median of all, beyond which a setting is run on the fewest samples only
 SPENT = 0.8  # of the time left, that is shared out by such estimates
-LARGEST_PART = 0.25  # of the time left, that one setting may take if it needs that much for the fewest
+LARGEST_PART = 0.5  # of the time left, that one setting may take if it needs that much for the fewest
+TRIAL_PART = 0.2  # the same for its first samples
 PATIENCE = 3.0  # times its share, that a setting may take
 
 
@@ -139,23 +140,24 @@ class Measurement:
 
     def _try(self, setting: Setting) -> "_Trial":
         """Run the first samples."""
+        if self._left <= 0:
+            raise _NoTime("no time was left")
         begin = monotonic()
         first = setting.inputs[0] if setting.inputs.batch_shape else setting.inputs
         # kernels are made or loaded here, which is no part of any time
         problem = Runner(setting.robot, setting.solver, first, 1.0, "cpu", setting.inputs.active).problem
         problem.integrate()
-        problem.shapes(SHAPE_NODES)
+        with suppress(NotImplementedError):
+            problem.shapes(SHAPE_NODES)
         guess = None
         with suppress(ValueError):  # a model may have other unknowns
             guess = problem.adopt(self.reference.history.unknowns[:1]) if self.reference.known[0] else None
         self._compiling = monotonic() - begin
-        if self._left <= 0:
-            raise _NoTime("no time was left")
         begin = monotonic()
-        history = self._simulate(setting, guess, START, max(self._left / len(self._waiting), LARGEST_PART * self._left))
+        history = self._simulate(setting, guess, START, max(self._left / len(self._waiting), TRIAL_PART * self._left))
         if history is None:
             raise _NoTime("its first samples took longer than its share of the time")
-        each = float(np.median(history.step_time[1:])) + OVERHEAD
+        each = float(np.median(history.step_time[-START + 1 :])) + OVERHEAD
         return _Trial(each, monotonic() - begin)
 
     def _common(self, trials: "list[_Trial]") -> int:
@@ -176,16 +178,17 @@ class Measurement:
     def _run(self, name: str, trial: "_Trial", common: int) -> Measured:
         share = self._left / len(self._waiting)
         allowed = max(share, LARGEST_PART * self._left)
-        count = common if trial.fixed + trial.each * common <= PATIENCE * share else self._fewest
+        whole = trial.fixed + trial.each * common
+        count = common if whole <= min(allowed, PATIENCE * share) else self._fewest
         if self._left <= 0:
             raise _NoTime("no time was left")
         if trial.each * count > allowed:
-            raise _NoTime(f"a sample takes {trial.each:.2g} s, which leaves no time for the {count} that are needed")
+            raise _NoTime(f"too slow for the time that was left: {self._fewest} samples are needed")
         setting = self.settings[name]
         # from nothing, as in any run of one's own
         history = self._simulate(setting, None, count, max(allowed, PATIENCE * share))
         if history is None:
-            raise _NoTime(f"it took longer than its first samples, {trial.each:.2g} s, promised")
+            raise _NoTime("it took longer than its first samples promised")
         self._tips[name] = history.tip_position
         return measured(name, setting, history, self.reference, self._settled)
 
@@ -277,7 +280,7 @@ class _Limited(Solver):
             self._timer.cancel()
 
     def _solve(self, problem: BoundaryProblem, guess: FloatArray | None) -> Outcome:
-        return self._solver._solve(problem, guess)
+        return self._solver.solve(problem, guess)
 
 
 def _one_motion(field: str, robot: Assembly, inputs: Inputs) -> None:

@@ -24,6 +24,7 @@ MARKERS = {"Newton": "o", "observer": "s", "": "^"}  # by what a family's name b
 def plot(table: "Tradeoff", path: str | PathLike[str], *, error: str, time: str, title: str) -> None:
     """See ``Tradeoff.plot``."""
     try:
+        from matplotlib import rc_context
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
     except ImportError:
@@ -59,4 +60,5 @@ def plot(table: "Tradeoff", path: str | PathLike[str], *, error: str, time: str,
         axes.set_ylim(low, high)
     axes.grid(True, which="major", alpha=0.3)
     figure.legend(fontsize="x-small", loc="outside right upper")
-    figure.savefig(path, dpi=150)
+    with rc_context({"svg.fonttype": "none", "svg.hashsalt": "multirod"}):  # small, and the same for the same rows
+        figure.savefig(path, dpi=150, metadata={"Date": None} if Path(path).suffix.lower() == ".svg" else None)

@@ -31,7 +31,7 @@ class Errors:
     Attributes:
         position: Distance of the tips [m], a number a sample.
         rotation: Angle between the end effector's frames [rad], a number a sample.
-        shape: Largest distance of two nodes of a rod [m], at some of the samples.
+        shape: Largest distance of two nodes of a rod [m], at some of the samples; NaN where the assembly offers no shapes.
     """
 
     position: FloatArray
@@ -71,15 +71,14 @@ class Reference:
             worst = counted[np.argmax(np.nan_to_num(position[counted]))]
             chosen = np.unique(np.append(chosen, worst))
         there = self._nodes_at(chosen)
-        shape = np.zeros(len(chosen))
-        for k, here in enumerate(_nodes(history, chosen)):
-            shape = np.maximum(shape, np.linalg.norm(here - there[:, k], axis=-1).max(axis=-1))
+        apart = np.linalg.norm(_nodes(history, chosen) - there, axis=-1)
+        shape = apart.max(axis=(1, 2)) if apart.size else np.full(1, np.nan)
         return Errors(position, _angle(own.tip_rotation[:count], history.tip_rotation), shape)
 
     def _nodes_at(self, chosen: IntArray) -> FloatArray:
         """Of the rods in some samples, shape (chosen, rod, node, 3), each computed once."""
         new = np.array([k for k in chosen if k not in self._nodes], dtype=np.intp)
-        for k, nodes in zip(new, np.stack(_nodes(self.history, new), axis=1), strict=True):
+        for k, nodes in zip(new, _nodes(self.history, new), strict=True):
             self._nodes[k] = nodes
         return np.array([self._nodes[k] for k in chosen]).reshape(len(chosen), -1, SHAPE_NODES, 3)
 
@@ -103,12 +102,15 @@ def _spread(samples: IntArray, count: int) -> IntArray:
     return np.asarray(samples[np.unique(np.linspace(0, len(samples) - 1, count).astype(int))]) if len(samples) else samples
 
 
-def _nodes(history: History, chosen: IntArray) -> list[FloatArray]:
-    """Of each rod, shape (chosen, node, 3)."""
+def _nodes(history: History, chosen: IntArray) -> FloatArray:
+    """Of the rods in some samples, shape (chosen, rod, node, 3); no rods where the assembly offers no shapes."""
     if not len(chosen):
-        return [np.zeros((0, SHAPE_NODES, 3)) for _ in history.assembly.rods]
+        return np.zeros((0, history.assembly.rod_count, SHAPE_NODES, 3))
     some = history[chosen]
-    return [some.rod(k, nodes=SHAPE_NODES).position for k in range(history.assembly.rod_count)]
+    try:
+        return np.stack([some.rod(k, nodes=SHAPE_NODES).position for k in range(history.assembly.rod_count)], axis=1)
+    except NotImplementedError:
+        return np.zeros((len(chosen), 0, SHAPE_NODES, 3))
 
 
 def _angle(one: FloatArray, other: FloatArray) -> FloatArray:

@@ -1,6 +1,7 @@
 """What is tried: solvers in the forms that differ in speed or accuracy, by integrators."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
@@ -43,11 +44,14 @@ class Setting:
 
 def integrators() -> tuple[Integrator, ...]:
     """``RK4`` at 10 to 200 steps, ``RK23`` at two and ``RK45`` at three tolerances, in all precisions."""
+    methods: list[tuple[type[Integrator], tuple[float, ...]]] = [(RK4, (steps,)) for steps in (10, 20, 50, 100, 200)]
+    methods += [(RK23, tolerances) for tolerances in ((1e-3, 1e-6), (1e-5, 1e-8))]
+    methods += [(RK45, tolerances) for tolerances in ((1e-4, 1e-7), (1e-6, 1e-9), (1e-8, 1e-10))]
     found: list[Integrator] = []
     for options in PRECISIONS:
-        found += [RK4(steps, **options) for steps in (10, 20, 50, 100, 200)]
-        found += [RK23(rtol, atol, **options) for rtol, atol in ((1e-3, 1e-6), (1e-5, 1e-8))]
-        found += [RK45(rtol, atol, **options) for rtol, atol in ((1e-4, 1e-7), (1e-6, 1e-9), (1e-8, 1e-10))]
+        for kind, numbers in methods:
+            with suppress(ValueError):  # a precision may refuse tolerances that it cannot keep
+                found.append(kind(*numbers, **options))
     return tuple(found)
 
 
@@ -122,7 +126,7 @@ def code(thing: Any, prefix: str = "") -> str:
     for place, part in enumerate(field for field in fields(thing) if field.init):
         value = getattr(thing, part.name)
         default = part.default_factory() if part.default_factory is not MISSING else part.default
-        if isinstance(thing, Integrator) and place == len(parts) and not part.kw_only and value is not None:
+        if isinstance(thing, Integrator) and place == len(parts) and not part.kw_only and isinstance(value, int | float):
             parts.append(f"{value:g}" if isinstance(value, float) else code(value, prefix))
         elif value != default:
             parts.append(f"{part.name}={code(value, prefix)}")

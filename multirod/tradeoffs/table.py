@@ -120,6 +120,9 @@ class Tradeoff:
     def pareto(self, *, error: str = "position", time: str = "median") -> list[Measured]:
         """The settings of which none other is both faster and more accurate, fastest first.
 
+        Settings for which the budget left time for a shorter part of the motion than others ran on are left out: the largest error
+        of less is no better.
+
         Args:
             error: ``"position"``, ``"rotation"`` or ``"shape"``.
             time: ``"median"`` or ``"slow"``.
@@ -127,7 +130,9 @@ class Tradeoff:
         choice("error", error, ERRORS)
         choice("time", time, TIMES)
         best, result = inf, []
-        for row in sorted(self.rows, key=lambda row: (getattr(row, time), getattr(row, error))):
+        longest = max((row.samples for row in self.rows), default=0)
+        compared = [row for row in self.rows if row.samples == longest]
+        for row in sorted(compared, key=lambda row: (getattr(row, time), getattr(row, error))):
             if getattr(row, error) < best:
                 best = getattr(row, error)
                 result.append(row)
@@ -144,6 +149,7 @@ class Tradeoff:
             raise TypeError("best() takes error or time")
         good = [row for row in self.rows if np.isfinite(row.position)]
         field = "error" if time is None else "time"
+        longest = max((row.samples for row in good), default=0)
         if not good:
             refuse(field, error if time is None else time, "no setting has a result in every sample")
         if time is None:
@@ -151,17 +157,18 @@ class Tradeoff:
             least = min(good, key=lambda row: row.position)
             if least.position > limit:
                 refuse("error", error, f"the most accurate setting, {least.name}, is off by {least.position:.2g} m")
-            return sorted((row for row in good if row.position <= limit), key=lambda row: row.median)
+            return sorted((row for row in good if row.position <= limit), key=lambda row: (row.samples < longest, row.median))
         limit = positive_float("time", time)
         fastest = min(good, key=lambda row: row.slow)
         if fastest.slow > limit:
             refuse("time", time, f"the fastest setting, {fastest.name}, takes {fastest.slow:.2g} s")
-        return sorted((row for row in good if row.slow <= limit), key=lambda row: row.position)
+        return sorted((row for row in good if row.slow <= limit), key=lambda row: (row.samples < longest, row.position))
 
     def best(self, *, error: float | None = None, time: float | None = None) -> Measured:
         """The fastest setting whose tip is within ``error`` [m], or the most accurate whose samples are within ``time`` [s].
 
-        Samples count by their median for an error, and by what 95 of 100 stay within for a time.
+        Samples count by their median for an error, and by what 95 of 100 stay within for a time. A setting that ran on a shorter
+        part of the motion than others is taken only where none of these will do.
 
         Raises:
             TypeError: If not exactly one of both is given.
@@ -222,7 +229,7 @@ class Tradeoff:
             reasons.setdefault(reason, []).append(name)
         lines = []
         for reason, names in reasons.items():
-            shown = "; ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+            shown = "; ".join(names[:3]) + (f"; and {len(names) - 3} more" if len(names) > 3 else "")
             lines.append(f"not measured: {shown}: {reason}")
         total = len(self.reference.history.time)
         short = [row.samples for row in self.rows if row.samples < total]
