@@ -204,11 +204,11 @@ class Broken(mr.Solver):
 
 def test_the_budget_is_kept():
     """What is slow runs on fewer samples, what is slower not at all, what does not return is stopped."""
-    solvers = {"good": SOLVERS["Newton, fine"], "slow": Slow(pause=3e-3), "slower": Slow(pause=0.1), "endless": Endless()}
+    solvers = {"good": SOLVERS["Newton, fine"], "slow": Slow(pause=1e-3), "slower": Slow(pause=0.1), "endless": Endless()}
     measure({"good": SOLVERS["Newton, fine"]})  # kernels
     begin = monotonic()
-    result = measure(solvers, budget=4.0)
-    assert monotonic() - begin < 1.5 * 4.0
+    result = measure(solvers, budget=6.0)
+    assert monotonic() - begin < 1.5 * 6.0
     rows = {row.name: row for row in result.rows}
     assert set(rows) == {"good", "slow"}
     assert rows["good"].samples == len(STUDY.time)
@@ -338,7 +338,9 @@ def test_a_promise_that_holds_on_a_part_of_the_motion_only_is_not_made(monkeypat
 
 
 def test_a_rate_that_nothing_keeps_up_with_is_refused_with_what_there_is():
-    with pytest.raises(ValueError, match=r"rate = 200 is not allowed: the fastest setting, slow, takes 1.* samples a second"):
+    with pytest.raises(
+        ValueError, match=r"rate = 200 is not allowed: the fastest setting, slow, takes [0-9]{5,} µs .* samples a second"
+    ):
         mr.tune(STUDY.robot, STUDY.inputs, time=STUDY.time, rate=200, solvers={"slow": Slow()}, progress=False)
 
 

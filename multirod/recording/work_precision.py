@@ -133,7 +133,7 @@ class _Plot:
             where = self.place([1e6 * row.median for row in rows], [self.error(row) for row in rows])
             points = rr.Points2D(
                 where,
-                colors=[color] * len(rows),
+                colors=np.full(len(rows), color, np.uint32),
                 radii=rr.Radius.ui_points(4),
                 labels=[_label(row) for row in rows],
                 show_labels=False,
@@ -172,7 +172,7 @@ class _Plot:
             rr.Points2D(
                 np.concatenate([below, beside, ends]),
                 labels=words,
-                colors=[rgba(_WHITE)] * len(words),
+                colors=np.full(len(words), rgba(_WHITE), np.uint32),
                 radii=[0.0] * len(words),
                 show_labels=True,
             ),

@@ -27,6 +27,7 @@ FEWEST = 50  # samples after settling that errors and a 95th percentile may come
 SLOW = 20.0  # times the median of all, beyond which a setting is run on the fewest samples only
 SPENT = 0.8  # of the time left, that is shared out by such estimates
 LARGEST_PART = 0.5  # of the time left, that one setting may take if it needs that much for the fewest
+TRIED_PART = 0.5  # of the time, after which no more settings are tried but those that were are run
 TRIAL_PART = 0.2  # the same for its first samples
 PATIENCE = 3.0  # times its share, that a setting may take
 
@@ -84,7 +85,7 @@ class Measurement:
         begin = monotonic()
         self.reference = Reference(robot, inputs, samples)
         # however long the reference took, the settings have half
-        self._left = max(limit - (monotonic() - begin), 0.5 * limit)
+        self._left = self._whole = max(limit - (monotonic() - begin), 0.5 * limit)
         self._time, self._settled, self._settle = samples, samples >= settle, settle
         self._waiting = set(self.settings)
         self._rows: list[Measured] = []
@@ -140,7 +141,7 @@ class Measurement:
 
     def _try(self, setting: Setting) -> "_Trial":
         """Run the first samples."""
-        if self._left <= 0:
+        if self._left <= (1 - TRIED_PART) * self._whole:
             raise _NoTime("no time was left")
         begin = monotonic()
         first = setting.inputs[0] if setting.inputs.batch_shape else setting.inputs

@@ -151,7 +151,8 @@ class Tradeoff:
         field = "error" if time is None else "time"
         longest = max((row.samples for row in good), default=0)
         if not good:
-            refuse(field, error if time is None else time, "no setting has a result in every sample")
+            why = "no setting has a result in every sample" if self.rows else "the budget left no time to measure any setting"
+            refuse(field, error if time is None else time, why)
         if time is None:
             limit = positive_float("error", error)
             least = min(good, key=lambda row: row.position)
