@@ -105,7 +105,7 @@ SCENES: dict[str, Callable[[], Motion]] = {"paper": paper, "three-tubes": three_
 
 
 def load(name: str) -> Motion:
-    """A scene by its name, or what ``module:function`` returns: an object with ``robot``, ``inputs`` and ``time``, or these in order.
+    """A scene by its name, or what ``module:function`` returns: an object with ``robot``, ``inputs``, ``time``, or these.
 
     Modules are looked for in the working directory too.
 

@@ -1,7 +1,7 @@
 """Speed against accuracy, measured: settings of a grid on one motion, against a reference that is checked.
 
-``driver`` is where to begin. ``settings`` says what is tried, ``reference`` what errors are measured against, ``measurement`` runs one
-setting after the other, ``table`` holds the result; ``plot`` draws it, ``promise`` chooses from it.
+``driver`` is where to begin. ``settings`` says what is tried, ``reference`` what errors are measured against, ``measurement``
+runs one setting after the other, ``table`` holds the result; ``plot`` draws it, ``promise`` chooses from it.
 """
 
 from multirod.tradeoffs.driver import tradeoff, tune

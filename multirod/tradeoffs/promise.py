@@ -7,11 +7,11 @@ from multirod.tradeoffs.reference import AGREEMENT
 from multirod.tradeoffs.table import Measured
 from multirod.validation import positive_float
 
-MARGIN = 0.5  # of the time that a promised rate leaves: on a busy machine the next process took up to 1.9 times as long (docs/tradeoff.md)
+MARGIN = 0.5  # of the time that a promised rate leaves: the next process took up to 1.9 times as long (docs/tradeoff.md)
 
 
 def kept(measurement: Measurement, *, error: float | None = None, rate: float | None = None) -> Measured:
-    """The best setting that also is within ``error`` [m], or the time that ``rate`` leaves, when it is run again on the whole motion.
+    """The best setting that keeps to ``error`` [m], or the time that ``rate`` leaves, when it is run on the whole motion.
 
     The grid's figures are the best of many, so flattered by luck, and may be of a part of the motion only; these are neither.
 
@@ -21,7 +21,8 @@ def kept(measurement: Measurement, *, error: float | None = None, rate: float | 
     table = measurement.table
     if not table.checked:
         raise ValueError(
-            f"the reference could not be checked: two of them are {table.reference_gap:.1e} of the length apart, not {AGREEMENT:g}"
+            f"the reference could not be checked: two of them are {table.reference_gap:.1e} of the length apart, not "
+            f"{AGREEMENT:g}"
         )
     if rate is None:
         limit = positive_float("error", error)

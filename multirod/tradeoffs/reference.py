@@ -61,7 +61,7 @@ class Reference:
         return bool(self.gap <= AGREEMENT)
 
     def errors(self, history: History, settled: Any) -> Errors:
-        """How far the first samples, as many as there are, are off; shapes at some of those that are ``settled``, the worst for the tip among them."""
+        """How far the first samples are off; shapes at some of those that are ``settled``, the worst for the tip among them."""
         count = len(history.time)
         own = self.history
         position = np.linalg.norm(history.tip_position - own.tip_position[:count], axis=-1)

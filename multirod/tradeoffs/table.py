@@ -120,8 +120,8 @@ class Tradeoff:
     def pareto(self, *, error: str = "position", time: str = "median") -> list[Measured]:
         """The settings of which none other is both faster and more accurate, fastest first.
 
-        Settings for which the budget left time for a shorter part of the motion than others ran on are left out: the largest error
-        of less is no better.
+        Settings for which the budget left time for a shorter part of the motion only are left out: the largest error of less is
+        no better.
 
         Args:
             error: ``"position"``, ``"rotation"`` or ``"shape"``.
@@ -244,7 +244,7 @@ class Tradeoff:
             lines.append(f"two references by other integrators agree within {self.reference_gap:.1e} of the length")
         else:
             lines.append(
-                f"two references by other integrators DO NOT AGREE within {AGREEMENT:g} of the length but are {self.reference_gap:.1e} "
-                "apart: errors below that mean nothing"
+                f"two references by other integrators DO NOT AGREE within {AGREEMENT:g} of the length but are "
+                f"{self.reference_gap:.1e} apart: errors below that mean nothing"
             )
         return lines
