@@ -24,9 +24,9 @@ MARKERS = {"Newton": "o", "observer": "s", "": "^"}  # by what a family's name b
 def plot(table: "Tradeoff", path: str | PathLike[str], *, error: str, time: str, title: str) -> None:
     """See ``Tradeoff.plot``."""
     try:
-        from matplotlib import rc_context
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
+        from matplotlib import rc_context  # type: ignore[import-not-found, unused-ignore]
+        from matplotlib.backends.backend_agg import FigureCanvasAgg  # type: ignore[import-not-found, unused-ignore]
+        from matplotlib.figure import Figure  # type: ignore[import-not-found, unused-ignore]
     except ImportError:
         raise ImportError('plots need matplotlib: pip install "multirod[plot]"') from None
     shown = [row for row in table.rows if np.isfinite(getattr(row, error))]
