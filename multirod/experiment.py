@@ -6,17 +6,16 @@ from math import pi
 
 import numpy as np
 
-from multirod.inputs import Inputs
 from multirod.models.integrators import RK45, Integrator
 from multirod.models.single_rod import SingleRod
 from multirod.rod import Rod
+from multirod.scenes import Motion
 from multirod.simulation import simulate
 from multirod.solution import History
 from multirod.solver import Solver
 from multirod.solvers.observer import Observer
 from multirod.solvers.scipy_shooting import ScipyShooting
 from multirod.solvers.shooting import Shooting
-from multirod.validation import FloatArray
 
 LENGTH = 0.4
 TABLE_I = 3.1907e-12  # second moment of area [m^4]; J is twice that
@@ -35,25 +34,6 @@ def wire(length: float = LENGTH, *, I: float = TABLE_I, outer_diameter: float = 
         inner_diameter=outer_diameter * 2 / 3,
         name="wire",
     )
-
-
-@dataclass(frozen=True)
-class Motion:
-    """A robot and what is done to it over time.
-
-    Attributes:
-        robot: One rod.
-        inputs: Time as the first axis.
-        time: Of the samples [s], shape (sample_count,).
-    """
-
-    robot: SingleRod
-    inputs: Inputs
-    time: FloatArray
-
-    def first(self, count: int) -> "Motion":
-        """The first ``count`` samples."""
-        return Motion(self.robot, self.inputs[:count], self.time[:count])
 
 
 def motion(

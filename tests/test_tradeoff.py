@@ -1,15 +1,23 @@
 """Speed against accuracy: what is measured is so, and what is promised is kept."""
 
 import csv
+import sys
+from dataclasses import dataclass, replace
+from time import monotonic, sleep
 
 import numpy as np
 import pytest
+from rerun.chunk import RrdReader
 
 import multirod as mr
 from multirod.experiment import motion
-from multirod.tradeoffs import grid
+from multirod.scenes import six_legs, three_tubes
+from multirod.tradeoffs import Measurement, grid
+from multirod.tradeoffs.promise import kept
+from multirod.tradeoffs.settings import code, integrators, settings
 
 STUDY = motion(duration=0.5)
+COARSE = mr.RK4(10)
 SOLVERS = {
     "Newton, coarse": mr.Shooting(integrator=mr.RK4(10)),
     "Newton, fine": mr.Shooting(integrator=mr.RK4(50)),
@@ -18,9 +26,13 @@ SOLVERS = {
 }
 
 
+def measure(solvers: dict[str, mr.Solver], **options: object) -> mr.Tradeoff:
+    return mr.tradeoff(STUDY.robot, STUDY.inputs, time=STUDY.time, solvers=solvers, progress=False, **options)
+
+
 @pytest.fixture(scope="module")
 def measured() -> mr.Tradeoff:
-    return mr.tradeoff(STUDY.robot, STUDY.inputs, time=STUDY.time, solvers=SOLVERS, progress=False)
+    return measure(SOLVERS)
 
 
 def test_errors_are_those_of_a_run_of_ones_own(measured):
@@ -62,9 +74,9 @@ def test_the_front_holds_what_nothing_beats(measured):
         assert (row in front) != beaten
     assert measured.best(error=1e-5).position <= 1e-5
     assert measured.best(time=1.0).position == min(row.position for row in measured.rows)
-    with pytest.raises(ValueError, match=r"error = 1e-20 is not allowed: the most accurate setting is off by"):
+    with pytest.raises(ValueError, match=r"error = 1e-20 is not allowed: the most accurate setting, Newton, fine, is off by"):
         measured.best(error=1e-20)
-    with pytest.raises(ValueError, match=r"time = 1e-09 is not allowed: the fastest setting takes"):
+    with pytest.raises(ValueError, match=r"time = 1e-09 is not allowed: the fastest setting, .* takes"):
         measured.best(time=1e-9)
     with pytest.raises(TypeError, match="takes error or time"):
         measured.best()
@@ -85,45 +97,277 @@ def test_a_table_and_a_file_say_the_same(measured, tmp_path):
     assert "agree within" in text
 
 
-def test_a_reference_that_cannot_be_checked_is_said(monkeypatch, measured):
-    monkeypatch.setattr("multirod.tradeoffs.CHECK", mr.Shooting(tolerance=1e-11, integrator=mr.RK4(20)))
+def test_a_reference_that_cannot_be_checked_is_said(monkeypatch):
+    monkeypatch.setattr("multirod.tradeoffs.reference.CHECK", mr.Shooting(tolerance=1e-11, integrator=mr.RK4(20)))
     few = {"Newton, coarse": SOLVERS["Newton, coarse"]}
-    result = mr.tradeoff(STUDY.robot, STUDY.inputs, time=STUDY.time, solvers=few, progress=False)
+    result = measure(few)
     assert not result.checked
     assert "DO NOT AGREE" in str(result)
     with pytest.raises(ValueError, match="the reference could not be checked"):
         mr.tune(STUDY.robot, STUDY.inputs, time=STUDY.time, error=1e-3, solvers=few, progress=False)
 
 
-def test_the_budget_is_kept():
-    """What is left runs on fewer samples, then not at all."""
-    result = mr.tradeoff(STUDY.robot, STUDY.inputs, time=STUDY.time, solvers=SOLVERS, budget=1e-6, progress=False)
-    assert result.skipped
+def test_a_reference_within_tolerance_is_not_compared_with_itself():
+    """Where the pose of the platform is unknown, a check that starts at the reference could return it as it is."""
+    legs = six_legs(duration=0.1)
+    few = {"Newton": mr.Shooting(integrator=mr.RK4(50))}
+    result = mr.tradeoff(legs.robot, legs.inputs, time=legs.time, solvers=few, settle=0, progress=False)
+    assert 0 < result.reference_gap < 1e-9
+
+
+def test_a_motion_that_the_reference_cannot_follow_is_said():
+    """A straight column is pressed beyond the load at which it buckles: up to there errors are told, and promises are refused."""
+    column = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638))
+    time = np.arange(101) / 100
+    buckling = np.pi**2 * 0.2233 / (4 * 0.4**2)
+    inputs = column.inputs(tip_force=np.stack([0 * time, 0 * time, -1.5 * buckling * time], axis=-1))
+    few = {"Newton": SOLVERS["Newton, fine"]}
+    result = mr.tradeoff(column, inputs, time=time, solvers=few, progress=False)
+    lost = int((~result.reference.known).sum())
+    assert 25 <= lost <= 40  # 1 - 1 / 1.5 of 101, or a little more: the branch ends where it can no longer be told
+    assert not result.checked
+    assert f"FAILED in {lost} of 101 samples" in str(result)
+    assert result.rows[0].position < 1e-9
+    with pytest.raises(ValueError, match="the reference could not be checked"):
+        mr.tune(column, inputs, time=time, rate=10, solvers=few, progress=False)
+
+
+def test_no_time_is_no_rows():
+    result = measure(SOLVERS, budget=1e-6)
     assert set(result.skipped) | {row.name for row in result.rows} == set(SOLVERS)
-    assert "no time was left for" in str(result)
+    assert "no time was left" in str(result)
+
+
+@dataclass(frozen=True)
+class Slow(mr.Solver):
+    """Newton's method that takes its time."""
+
+    pause: float = 0.01
+    integrator: mr.Integrator = COARSE
+
+    def _solve(self, problem, guess):
+        sleep(self.pause)
+        return mr.Shooting(integrator=self.integrator).solve(problem, guess)
+
+
+@dataclass(frozen=True)
+class Endless(mr.Solver):
+    """One that never returns by itself."""
+
+    integrator: mr.Integrator = COARSE
+
+    def _solve(self, problem, guess):
+        while True:
+            problem.integrate()
+
+
+@dataclass(frozen=True)
+class Lost(mr.Solver):
+    """One that finds nothing."""
+
+    integrator: mr.Integrator = COARSE
+
+    def _solve(self, problem, guess):
+        problem.integrate()
+        outcome = mr.Outcome.zeros(problem.instance_count)
+        outcome.status[:] = mr.Status.MAX_ITERATIONS
+        return outcome
+
+
+@dataclass(frozen=True)
+class Broken(mr.Solver):
+    """One that raises, after ``good`` samples."""
+
+    error: type[BaseException] = ZeroDivisionError
+    good: int = 0
+    integrator: mr.Integrator = COARSE
+
+    def track(self, problem, dt):
+        inner, count = mr.Shooting(integrator=self.integrator).track(problem, dt), [0]
+
+        class Track(mr.Track):
+            def __init__(self):
+                self.problem = problem
+
+            def step(self):
+                count[0] += 1
+                if count[0] > that.good:
+                    raise that.error("seven")
+                return inner.step()
+
+        that = self
+        return Track()
+
+    def _solve(self, problem, guess):
+        raise self.error("seven")
+
+
+def test_the_budget_is_kept():
+    """What is slow runs on fewer samples, what is slower not at all, what does not return is stopped."""
+    solvers = {"good": SOLVERS["Newton, fine"], "slow": Slow(pause=1e-3), "slower": Slow(pause=0.1), "endless": Endless()}
+    measure({"good": SOLVERS["Newton, fine"]})  # kernels
+    begin = monotonic()
+    result = measure(solvers, budget=6.0)
+    assert monotonic() - begin < 1.5 * 6.0
+    rows = {row.name: row for row in result.rows}
+    assert set(rows) == {"good", "slow"}
+    assert rows["good"].samples == len(STUDY.time)
+    assert set(result.skipped) == {"slower", "endless"}
+    assert "too slow for the time that was left" in result.skipped["slower"]
+    assert "longer than its share" in result.skipped["endless"]
+
+
+def test_what_ran_on_less_of_the_motion_is_not_on_the_front(measured):
+    accurate = measured.pareto()[-1]
+    short = replace(accurate, name="short", samples=80, position=0.1 * accurate.position)
+    table = mr.Tradeoff([*measured.rows, short], {}, measured.reference, measured.tips, measured.settle)
+    assert table.pareto() == measured.pareto()
+
+
+def test_what_fails_in_every_sample_is_never_best():
+    result = measure({"lost": Lost(), "good": SOLVERS["Newton, fine"]})
+    lost = result.rows[0]
+    assert lost.failed == lost.samples == len(STUDY.time)
+    assert lost.position == lost.rotation == lost.shape == np.inf
+    assert [row.name for row in result.pareto()] == ["good"]
+    assert result.best(time=1.0).name == "good"
+    only = measure({"lost": Lost()})
+    with pytest.raises(ValueError, match="no setting has a result in every sample"):
+        only.best(error=1.0)
+    with pytest.raises(ValueError, match="no setting has a result in every sample"):
+        mr.tune(STUDY.robot, STUDY.inputs, time=STUDY.time, rate=1, solvers={"lost": Lost()}, progress=False)
+
+
+def test_solvers_that_raise_or_cannot_take_the_robot_are_said_and_others_go_on():
+    tubes = three_tubes(duration=0.5)
+    solvers = {"broken": Broken(), "multiple": mr.MultipleShooting(), "good": mr.Shooting(integrator=mr.RK4(50))}
+    result = mr.tradeoff(tubes.robot, tubes.inputs, time=tubes.time, solvers=solvers, progress=False)
+    assert [row.name for row in result.rows] == ["good"]
+    assert result.skipped["broken"] == "ZeroDivisionError: seven"
+    assert "it is not a single rod" in result.skipped["multiple"]
+    assert "broken: ZeroDivisionError: seven" in str(result)
+
+
+def test_what_is_stopped_leaves_its_rows(tmp_path):
+    """Ctrl-C in the run of the third setting: two rows stand in the file."""
+    path = tmp_path / "rows.csv"
+    solvers = {"a": SOLVERS["Newton, coarse"], "b": SOLVERS["Newton, fine"], "c": Broken(error=KeyboardInterrupt, good=50)}
+    with pytest.raises(KeyboardInterrupt):
+        measure(solvers, csv=path)
+    with path.open(encoding="utf-8") as file:
+        assert [row["name"] for row in csv.DictReader(file)] == ["a", "b"]
+    measurement = Measurement(STUDY.robot, STUDY.inputs, time=STUDY.time, solvers=solvers)
+    with pytest.raises(KeyboardInterrupt):
+        list(measurement.run())
+    assert [row.name for row in measurement.table.rows] == ["a", "b"]
+    assert measurement.table.skipped == {"c": "the run ended before"}
+
+
+def test_rows_are_in_the_file_while_others_run(tmp_path):
+    path, lines = tmp_path / "rows.csv", []
+    mr.tradeoff(**vars(STUDY), solvers=SOLVERS, csv=path, progress=lambda done: lines.append(len(path.read_text().splitlines())))
+    assert lines == [1, 1, 3, 5]  # all are tried first; then two runs for each call, below the header
+
+
+def test_an_assembly_without_shapes_has_the_other_errors(monkeypatch):
+    def shapes(self, node_count):
+        raise NotImplementedError
+
+    monkeypatch.setattr("multirod.models.backbone.BackboneProblem.shapes", shapes)
+    row = measure({"Newton, fine": SOLVERS["Newton, fine"]}).rows[0]
+    assert 0 < row.position < 1e-5
+    assert np.isnan(row.shape)
+
+
+def test_a_model_with_less_is_measured_against_the_full_one():
+    """Without the force along z: the error is what leaving it out does, on top of the solver's own."""
+    force = STUDY.inputs.tip_force * np.array([1, 1, 0])
+    less = STUDY.robot.inputs(rotation=STUDY.inputs.rotation, translation=STUDY.inputs.translation, tip_force=force)
+    solvers = {"Newton, fine": SOLVERS["Newton, fine"], "observer": SOLVERS["observer, fine"]}
+    result = measure(solvers, models={"without F_z": (STUDY.robot, less)})
+    rows = {row.name: row for row in result.rows}
+    assert list(rows) == ["Newton, fine", "Newton, fine, without F_z", "observer", "observer, without F_z"]
+    assert [row.model for row in result.rows] == ["", "without F_z"] * 2
+    assert rows["observer, without F_z"].family == "observer, without F_z"
+    run = [mr.simulate(STUDY.robot, i, time=STUDY.time, solver=SOLVERS["Newton, fine"]) for i in (STUDY.inputs, less)]
+    apart = np.linalg.norm(run[0].tip_position - run[1].tip_position, axis=1)[STUDY.time >= 0.3].max()
+    assert rows["Newton, fine, without F_z"].position == pytest.approx(apart, rel=1e-2)
+    tubes = three_tubes(duration=0.5)
+    with pytest.raises(ValueError, match=r"models\['tubes'\] = 3 rods is not allowed: must be 1 as the robot's"):
+        measure(solvers, models={"tubes": (tubes.robot, tubes.inputs)})
+
+
+def test_batches_are_refused():
+    inputs = STUDY.robot.inputs(tip_force=np.ones((101, 2, 3)))
+    with pytest.raises(ValueError, match=r"inputs = leading axes \(101, 2\) is not allowed: there must be one, time"):
+        mr.tradeoff(STUDY.robot, inputs, time=STUDY.time, solvers=SOLVERS)
+    two = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=[0.2, 0.3], torsional_stiffness=0.06))
+    with pytest.raises(ValueError, match="there must be one, time"):
+        mr.tradeoff(two, two.inputs(tip_force=np.ones((101, 1, 3))), time=STUDY.time, solvers=SOLVERS)
+    with pytest.raises(TypeError, match="solver must be a Solver such as"):
+        measure({"none": 3})
 
 
 def test_a_tuned_setting_keeps_its_promise():
     setting = mr.tune(STUDY.robot, STUDY.inputs, time=STUDY.time, error=1e-5, solvers=SOLVERS, progress=False)
-    again = mr.tradeoff(STUDY.robot, STUDY.inputs, time=STUDY.time, solvers={"again": setting.solver}, progress=False)
+    again = measure({"again": setting.solver})
     assert again.rows[0].position <= 1e-5
     fast = mr.tune(STUDY.robot, STUDY.inputs, time=STUDY.time, rate=20, solvers=SOLVERS, progress=False)
     assert fast.slow < 1 / 20
-    assert fast.position == min(
-        row.position for row in mr.tradeoff(STUDY.robot, STUDY.inputs, time=STUDY.time, solvers=SOLVERS).rows
-    )
+    # the first samples are not counted, and start elsewhere: from there on it is the same run
+    assert fast.position == pytest.approx(min(row.position for row in measure(SOLVERS).rows), rel=1e-6)
     with pytest.raises(TypeError, match="takes error or rate"):
         mr.tune(STUDY.robot, STUDY.inputs, time=STUDY.time)
 
 
-def test_the_default_grid_has_each_form_with_each_integrator():
-    settings = grid([mr.RK4(10), mr.RK45()])
-    assert len(settings) == 14
-    assert {type(solver) for solver in settings.values()} == {mr.Shooting, mr.Observer}
+def test_a_promise_that_holds_on_a_part_of_the_motion_only_is_not_made(monkeypatch):
+    """The force trebles after 3 s; the grid ran on the calm part. What is promised holds for all of it."""
+    study = motion(duration=4.0)
+    wild = study.inputs.tip_force * np.where(study.time < 3, 1.0, 3.0)[:, None]
+    inputs = study.robot.inputs(rotation=study.inputs.rotation, translation=study.inputs.translation, tip_force=wild)
+    two = {"coarse": SOLVERS["Newton, coarse"], "fine": SOLVERS["Newton, fine"]}
+    monkeypatch.setattr(Measurement, "_common", lambda self, trials: 500)  # as if there were time for so many samples
+    measurement = Measurement(study.robot, inputs, time=study.time, solvers=two)
+    coarse, fine = (row for _, row in measurement.run() if row is not None)
+    assert coarse.samples == fine.samples == 500
+    whole = measurement.repeat("coarse").position
+    promised = 0.5 * (coarse.position + whole)
+    assert coarse.position < promised < whole
+    chosen = kept(measurement, error=promised)
+    assert (chosen.name, chosen.samples) == ("fine", 801)
+
+
+def test_a_rate_that_nothing_keeps_up_with_is_refused_with_what_there_is():
+    with pytest.raises(
+        ValueError, match=r"rate = 200 is not allowed: the fastest setting, slow, takes [0-9]{5,} µs .* samples a second"
+    ):
+        mr.tune(STUDY.robot, STUDY.inputs, time=STUDY.time, rate=200, solvers={"slow": Slow()}, progress=False)
+
+
+def test_the_default_grid_has_the_forms_that_make_a_difference_to_the_robot():
+    tried = [mr.RK4(10), mr.RK45()]
+    wire = grid(STUDY.robot, STUDY.inputs, tried=tried)
+    assert len(wire) == 2 * (3 + 4) + 3
+    assert {type(solver) for solver in wire.values()} == {mr.Shooting, mr.Observer, mr.ScipyShooting}
+    tubes = three_tubes(duration=0.5)
+    couplings = [s.coupling for s in grid(tubes.robot, tubes.inputs, tried=tried).values() if isinstance(s, mr.Observer)]
+    assert [couplings.count(c) for c in ("full", "per-rod", "per-rod-plain")] == [8, 4, 1]
+    registered = settings(STUDY.robot, STUDY.inputs, wire, {})
+    assert registered.keys() == wire.keys()
+    assert any(name.startswith("multiple_shooting") for name in Measurement(**vars(STUDY)).settings)
     with pytest.raises(ValueError, match="solvers = {} is not allowed"):
-        mr.tradeoff(STUDY.robot, STUDY.inputs, time=STUDY.time, solvers={})
+        measure({})
     with pytest.raises(ValueError, match="settle = 3 is not allowed"):
-        mr.tradeoff(STUDY.robot, STUDY.inputs, time=STUDY.time, settle=3)
+        measure(SOLVERS, settle=3)
+
+
+def test_solvers_are_written_as_short_as_they_can_be():
+    for solver in grid(STUDY.robot, STUDY.inputs).values():
+        assert eval(code(solver), vars(mr)) == solver
+    assert code(mr.Shooting(integrator=mr.RK4(20)), "mr.") == "mr.Shooting(integrator=mr.RK4(20))"
+    assert code(mr.RK45(1e-6, 1e-9, steps=7)) == "RK45(1e-06, 1e-09, steps=7)"
+    names = [code(integrator) for integrator in integrators()]
+    assert len(set(names)) == len(names)
 
 
 def test_plots_are_written(measured, tmp_path):
@@ -131,3 +375,41 @@ def test_plots_are_written(measured, tmp_path):
     for ending in ("png", "svg"):
         measured.plot(tmp_path / f"front.{ending}", time="slow")
         assert (tmp_path / f"front.{ending}").stat().st_size > 5000
+    with pytest.raises(ValueError, match="must end in one of"):
+        measured.plot(tmp_path / "front.docx")
+
+
+def test_plots_without_matplotlib_say_what_to_install(measured, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    with pytest.raises(ImportError, match=r'pip install "multirod\[plot\]"'):
+        measured.plot(tmp_path / "front.png")
+
+
+def test_a_recording_shows_every_setting_and_the_errors_of_the_best(measured, tmp_path):
+    path = tmp_path / "tradeoff.rrd"
+    measured.save(path)
+    chunks = list(RrdReader(str(path)).stream().collect().stream())
+    points = {}
+    for chunk in chunks:
+        if str(chunk.entity_path).startswith("/work_precision/settings/"):
+            batch = chunk.to_record_batch()
+            for label in batch.column("Points2D:labels").to_pylist()[0]:
+                points[label.split(":")[0]] = chunk.is_static
+    assert points == dict.fromkeys(SOLVERS, True)
+    front = measured.pareto()
+    errors = {str(chunk.entity_path): chunk for chunk in chunks if str(chunk.entity_path).startswith("/error/tip_log10/")}
+    assert len(errors) == len(front)
+    chunk = next(
+        c
+        for c in chunks
+        if front[-1].name.replace(" ", "\\ ").replace(",", "\\,") in str(c.entity_path)
+        and not c.is_static
+        and str(c.entity_path).startswith("/error")
+    )
+    values = np.array([value[0].as_py() for value in chunk.to_record_batch().column("Scalars:scalars")])
+    tips = measured.tips[front[-1].name] - measured.reference.history.tip_position
+    np.testing.assert_allclose(10 ** values[60:], np.linalg.norm(tips, axis=1)[60:], rtol=1e-9)
+    with pytest.raises(ValueError, match="there is nothing to show"):
+        measure({"lost": Lost()}).save(tmp_path / "none.rrd")
+    with pytest.raises(ValueError, match=r"save.path = .* is not allowed"):
+        measured.save(tmp_path / "no" / "folder.rrd")

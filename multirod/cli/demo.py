@@ -1,49 +1,34 @@
-"""Command line: ``multirod demo``."""
+"""``multirod demo``: the paper's experiment, a table and a recording."""
 
 import argparse
-import math
 import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import warp as wp
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import Progress
 from rich.table import Table
 
 from multirod import experiment
-from multirod.experiment import SLOW, Comparison, Motion, compare
+from multirod.cli.terminal import FULL_WIDTH, count, positive, progress_bar
+from multirod.experiment import SLOW, Comparison, compare
 from multirod.models.integrators import RK4
 from multirod.recording import save
+from multirod.scenes import Motion
 from multirod.simulation import simulate
 from multirod.solution import History
 from multirod.solver import Solver
 from multirod.status import Status
 
-_FULL_WIDTH = 96
 _PAPER_TABLE_II = "paper, Table II: observer 0.0241 / 0.0537, interior point 0.0055 / 0.0053, quasi-Newton 0.0087 / 0.0065, Nelder-Mead 0.0101 / 0.1034"
 
 
-def _positive(text: str) -> float:
-    value = float(text)
-    if not (math.isfinite(value) and value > 0):
-        raise argparse.ArgumentTypeError(f"{text} is not allowed: must be finite and > 0")
-    return value
-
-
-def _count(text: str) -> int:
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"{text} is not allowed: must be an integer >= 1")
-    return value
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="multirod", description="Static equilibria of robots made of slender elastic rods.")
-    commands = parser.add_subparsers(dest="command", required=True)
+def add_parser(commands: Any) -> None:
+    """Add the command to the parser."""
     demo = commands.add_parser(
         "demo",
         help="the paper's experiment: a table and a recording",
@@ -52,33 +37,20 @@ def _parser() -> argparse.ArgumentParser:
     )
     names = list(experiment.solvers(RK4(50)))
     demo.add_argument("--out", type=Path, default=Path("multirod-demo.rrd"), help="the recording to write")
-    demo.add_argument("--time", type=_positive, default=10.0, metavar="S", help="duration of the motion [s]")
-    demo.add_argument("--rate", type=_positive, default=200.0, metavar="HZ", help="samples a second")
-    demo.add_argument("--length", type=_positive, default=experiment.LENGTH, metavar="M", help="length in use at the start [m]")
+    demo.add_argument("--time", type=positive, default=10.0, metavar="S", help="duration of the motion [s]")
+    demo.add_argument("--rate", type=positive, default=200.0, metavar="HZ", help="samples a second")
+    demo.add_argument("--length", type=positive, default=experiment.LENGTH, metavar="M", help="length in use at the start [m]")
     demo.add_argument(
         "--solver", action="append", choices=names, metavar="NAME", help=f"repeatable, all by default: {', '.join(names)}"
     )
-    demo.add_argument("--steps", type=_count, default=50, help="Runge-Kutta steps along the rod")
-    demo.add_argument("--slow-samples", type=_count, default=1000, metavar="N", help="samples for the paper's three root finders")
+    demo.add_argument("--steps", type=count, default=50, help="Runge-Kutta steps along the rod")
+    demo.add_argument("--slow-samples", type=count, default=1000, metavar="N", help="samples for the paper's three root finders")
     demo.add_argument("--table2", action="store_true", help="also 20 further simulations with other rods and rates")
     demo.add_argument("--view", action="store_true", help="open the recording in the Rerun viewer")
-    return parser
+    demo.set_defaults(run=run)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit status."""
-    options = _parser().parse_args(arguments)
-    wp.config.log_level = wp.LOG_ERROR
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console.width = _FULL_WIDTH
-    try:
-        return demo(options, console)
-    except BrokenPipeError:
-        return 1
-
-
-def demo(options: argparse.Namespace, console: Console) -> int:
+def run(options: argparse.Namespace, console: Console) -> int:
     """The paper's experiment; returns the exit status."""
     study = experiment.motion(duration=options.time, rate=options.rate, length=options.length)
     solvers = experiment.solvers(RK4(options.steps))
@@ -93,12 +65,12 @@ def demo(options: argparse.Namespace, console: Console) -> int:
     )
     histories: dict[str, History] = {}
     recorded = next((name for name in chosen if name.startswith("observer")), chosen[0])
-    with _progress(console) as progress:
+    with progress_bar(console) as progress:
         task = progress.add_task("converged solution", total=len(study.time))
         reference = experiment.reference(study, lambda done: progress.update(task, completed=done))
         for name in chosen:
             part = study.first(min(len(study.time), options.slow_samples)) if name in SLOW else study
-            history = histories[name] = _run(progress, name, part, solvers[name])
+            history = histories[name] = _history(progress, name, part, solvers[name])
             if name == recorded:  # at once, so that nothing that runs longer can lose it
                 whole = len(history.time) == len(reference.time)
                 save(options.out, history, reference=reference if whole else None, name=name)
@@ -124,12 +96,7 @@ def demo(options: argparse.Namespace, console: Console) -> int:
     return 0
 
 
-def _progress(console: Console) -> Progress:
-    columns = (TextColumn("{task.description:24}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
-
-
-def _run(progress: Progress, name: str, study: Motion, solver: Solver) -> History:
+def _history(progress: Progress, name: str, study: Motion, solver: Solver) -> History:
     task = progress.add_task(name, total=len(study.time))
     # the first launch compiles or loads the kernels: not part of a sample's time
     simulate(study.robot, study.inputs[:2], time=study.time[:2], solver=solver, progress=False)
@@ -149,7 +116,7 @@ def _further(console: Console, options: argparse.Namespace, chosen: Sequence[str
     motions = experiment.further_motions(rate=options.rate)
     solvers = experiment.solvers(RK4(options.steps))
     rows: dict[str, list[Comparison]] = {name: [] for name in chosen}
-    with _progress(console) as progress:
+    with progress_bar(console) as progress:
         task = progress.add_task("further simulations", total=len(motions))
         for study in motions:
             part = study.first(min(len(study.time), max(2, options.slow_samples // 5)))
@@ -163,7 +130,7 @@ def _further(console: Console, options: argparse.Namespace, chosen: Sequence[str
 
 
 def _table(rows: dict[str, list[Comparison]], title: str, width: int) -> Table:
-    join = " " if width >= _FULL_WIDTH else "\n"
+    join = " " if width >= FULL_WIDTH else "\n"
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
     table.add_column("solver", no_wrap=True)
     for header in (

@@ -1,0 +1,33 @@
+"""Command line: ``multirod demo``, ``multirod tradeoff``; a module a command."""
+
+import argparse
+from collections.abc import Sequence
+
+import warp as wp
+from rich.console import Console
+
+from multirod.cli import demo, tradeoff
+from multirod.cli.terminal import FULL_WIDTH
+
+INTERRUPTED = 130  # as a shell has it
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit status."""
+    parser = argparse.ArgumentParser(prog="multirod", description="Static equilibria of robots made of slender elastic rods.")
+    commands = parser.add_subparsers(dest="command", required=True)
+    for command in (demo, tradeoff):
+        command.add_parser(commands)
+    options = parser.parse_args(arguments)
+    wp.config.log_level = wp.LOG_ERROR
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console.width = FULL_WIDTH
+    try:
+        status: int = options.run(options, console)
+    except BrokenPipeError:
+        return 1
+    except KeyboardInterrupt:
+        console.print("[yellow]stopped[/yellow]")
+        return INTERRUPTED
+    return status
