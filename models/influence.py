@@ -25,6 +25,7 @@ SAMPLES = 65  # of a load along the length
 FORCES = ("tip_force", "follower_force", "distributed_force", "gravity")
 MOMENTS = ("tip_moment", "follower_moment", "distributed_moment")
 LOADS = FORCES + MOMENTS
+ALONG = ("distributed_force", "distributed_moment", "gravity")
 
 _h = 1 / NODES
 _t = (np.arange(NODES) + 0.5) * _h
@@ -86,8 +87,7 @@ class Envelope:
         total = np.zeros(NODES)
         for name in names:
             if name in self.loads:
-                along = name in ("distributed_force", "gravity")
-                total = total + (_to_tip @ self.loads[name] if along else self.loads[name])
+                total = total + (_to_tip @ self.loads[name] if name in ALONG else self.loads[name])
         return total
 
 
@@ -369,5 +369,5 @@ def _loads(own: Inputs, density: FloatArray, unit: FloatArray, length: FloatArra
             value = value * density.sum(axis=1) / (force / length)[:, None]
         else:
             value = value / scale[:, None]
-        result[name] = value.max(axis=0)
+        result[name] = np.broadcast_to(value.max(axis=0), NODES if name in ALONG else 1)
     return result

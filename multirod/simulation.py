@@ -179,7 +179,7 @@ def simulate(
         _with_time(inputs, samples, batch_shape),
         time=time,
         step_time=step_time.sum(axis=0),
-        description=repr(method),
+        description=", ".join([repr(method), *(f"without {term}" for term in dropped)]),
     )
 
 

@@ -1,7 +1,7 @@
 """What a scene asks for, term by term."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from math import inf, isfinite, prod
 from time import perf_counter
 
@@ -35,6 +35,7 @@ RODS = {
     "anisotropy": "bending_stiffness differs between its axes",
     "precurvature_profile": "precurvature is a function of arclength",
 }
+READ_AS = {"frame": "loads_need_frame"}  # with the pose alone it stands beside the equations that are solved
 LAUNCHES = 30
 
 
@@ -46,7 +47,7 @@ class Term:
         name: As ``without`` takes it.
         because: What asks for it.
         droppable: Whether ``without`` takes it; the others are a consequence of terms, or how the robot is built.
-        saves: Whether less is compiled in without it alone.
+        saves: Features that are no longer compiled in without it alone; none where other terms ask for them too.
         group: The dimensionless group that says how much it does, the largest of all instances; NaN where there is none.
         error: What the tip may move by if it is dropped, over the length in use, in the worst of all instances; ``inf`` where
             nothing can be promised, and for what is not droppable.
@@ -56,7 +57,7 @@ class Term:
     name: str
     because: str
     droppable: bool = False
-    saves: bool = False
+    saves: tuple[str, ...] = ()
     group: float = float("nan")
     error: float = inf
     amplification: float = 1.0
@@ -70,7 +71,7 @@ class Term:
         if self.error == 0:
             return f"{group}, of no effect here"
         if not isfinite(self.error):
-            return f"{group}, no promise"
+            return f"{group}: no promise"
         return group if self.amplification < 1.05 else f"{group}, amplified {self.amplification:.1f}"
 
 
@@ -152,11 +153,13 @@ class Explanation:
         scenes = {"": (self.robot, self.inputs)}
         scenes |= {term.name: left_out(self.robot, self.inputs, [term.name]) for term in self.terms if term.saves}
         runs = {name: _launch(robot, inputs, method, batch) for name, (robot, inputs) in scenes.items()}
-        times = {name: [run() for _ in range(1)][:0] for name, run in runs.items()}  # compiled, and warm
-        for _ in range(positive_int("measure.rounds", rounds)):
+        times: dict[str, list[float]] = {name: [] for name in runs}
+        for k in range(positive_int("measure.rounds", rounds) + 1):
             for name, run in runs.items():
-                times[name].append(run())
-        medians = {name: float(np.median(values)) / batch for name, values in times.items()}
+                taken = run()
+                if k:  # the first round compiles
+                    times[name].append(taken / batch)
+        medians = {name: float(np.median(values)) for name, values in times.items()}
         self.cost = Cost(medians.pop(""), medians)
         return self
 
@@ -168,7 +171,7 @@ class Explanation:
             because = self._because(name)
             if not because:
                 continue
-            saves = self.features_without([name]) != self.features
+            saves = _fewer(self.features, self.features_without([name]))
             found = known.get(name)
             estimate = {} if found is None else vars(found)
             yield Term(name, because, droppable=True, saves=saves, **estimate)
@@ -219,14 +222,15 @@ class Explanation:
         count = prod(shape)
         head = f"{type(self.robot).__name__} of {self.robot.rod_count} rod{'s' * (self.robot.rod_count > 1)}"
         head += f", {count} instances" if shape else ""
-        columns = ["term", "asked for by", "tip moves without it", "because"]
+        columns = ["term", "asked for by", "tip moves without it", "because", "that saves"]
         if self.cost is not None:
             head += f"; one integration {1e6 * self.cost.present:.2f} µs"
             columns.append("µs without it")
         rows = [columns]
         for term in self.terms:
             moves = "" if not term.droppable else "?" if not isfinite(term.error) else f"< {term.error:.1e} L"
-            row = [term.name, term.because, moves, term.reason]
+            saved = (", ".join(term.saves) or "nothing") if term.droppable else ""
+            row = [term.name, term.because, moves if term.error else "0", term.reason, saved]
             if self.cost is not None:
                 value = self.cost.without.get(term.name)
                 row.append("" if value is None else f"{1e6 * value:.2f}")
@@ -237,6 +241,19 @@ class Explanation:
 
     def __repr__(self) -> str:
         return f"Explanation({', '.join(term.name for term in self.terms)})"
+
+
+def _fewer(present: Sequence[Features], without: Sequence[Features]) -> tuple[str, ...]:
+    """Names of what differs between kernels."""
+    names = [field.name for field in fields(Features)] + ["moment", "frame"]
+    every = zip(present, without, strict=True)
+    changed = {
+        name
+        for a, b in every
+        for name in names
+        if getattr(a, READ_AS.get(name, name)) != getattr(b, READ_AS.get(name, name)) and not (name == "moment" and a.rod_count == 1)
+    }
+    return tuple(name for name in names if name in changed)
 
 
 def _any(test: Callable[..., bool], *names: str) -> Callable[[Rod], bool]:

@@ -44,17 +44,29 @@ def simplified(robot: Assembly, inputs: Inputs, bound: Any, over: Inputs | None 
     if not 0 < limit < 1:
         refuse("simplify", bound, "must be > 0 and < 1: a bound of the tip's error over the length, or None")
     found = Explanation(robot, inputs if over is None else over)
-    total, names = 0.0, []
-    for term in sorted((term for term in found.terms if term.droppable), key=lambda term: term.error):
-        total += term.error
-        if total >= limit:
-            break
-        names.append(term.name)
-    for name in reversed(names):  # the one that does most first
-        others = [other for other in names if other != name]
-        if found.features_without(others) == found.features_without(names):
-            names = others
+    names = _chosen(found, limit)
     if not names:
         return robot, inputs, ()
     terms = [found[name] for name in names]
     return *left_out(robot, inputs, names), tuple(Dropped(term.name, term.error, term.reason) for term in terms)
+
+
+def _chosen(found: Explanation, limit: float) -> list[str]:
+    """Names of terms, the least first, whose errors together stay below the limit and of which each saves something."""
+    candidates = sorted((term for term in found.terms if term.droppable), key=lambda term: term.error)
+    while True:
+        total, names = 0.0, []
+        for term in candidates:
+            total += term.error
+            if total >= limit:
+                break
+            names.append(term.name)
+        needless = [name for name in names if _without(found, names, name) == found.features_without(names)]
+        if not needless:
+            return names
+        # what it leaves of the limit may serve another
+        candidates = [term for term in candidates if term.name != needless[-1]]
+
+
+def _without(found: Explanation, names: list[str], kept: str) -> Any:
+    return found.features_without([name for name in names if name != kept])
