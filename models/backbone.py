@@ -141,7 +141,7 @@ class BackboneProblem(BoundaryProblem):
 
     def _features(self, inputs: Inputs, pose: bool, pose_sensitivities: bool, direction_count: int) -> Features:
         active = (*inputs.active, *self.enabled)
-        options = {"rod_count": len(self.rods), "transmission": self.transmission, "held": self.held}
+        options: dict[str, Any] = {"rod_count": len(self.rods), "transmission": self.transmission, "held": self.held}
         needed = scene_features(self.arrays, active, inputs.profiles, **options)
         return replace(needed, pose=pose, pose_sensitivities=pose_sensitivities, directions=direction_count)
 
@@ -633,7 +633,7 @@ class BackboneAssembly(Assembly):
 
     def features(self, inputs: Inputs, *, enabled: Iterable[str] = ()) -> tuple[Features, ...]:  # noqa: D102
         active = (*inputs.active, *enabled)
-        options = {"rod_count": self.rod_count, "transmission": self.transmission}
+        options: dict[str, Any] = {"rod_count": self.rod_count, "transmission": self.transmission}
         return (scene_features(self.arrays, active, inputs.profiles, **options),)
 
     def influences(self, inputs: Inputs) -> Mapping[str, Influence]:  # noqa: D102

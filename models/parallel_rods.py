@@ -121,7 +121,7 @@ class ParallelRods(Assembly):
         result.geometry = Geometry(robots, g.base, g.platform, g.joints.tolist(), g.axes, g.mass, g.mass_centre)
         result.legs = tuple(
             robot if isinstance(leg, ConcentricTubes) else robot.rods[0] for leg, robot in zip(self.legs, robots, strict=True)
-        )  # type: ignore[assignment]
+        )
         result.rods = result.geometry.rods
         return result
 
@@ -129,7 +129,7 @@ class ParallelRods(Assembly):
         active = [name for name in kernels.LEG_VECTORS if name in enabled or inputs.is_active(name)]
         found: dict[tuple[int, bool], list[Features]] = {}
         for leg in self.geometry.legs:
-            options = {"rod_count": leg.rod_count, "transmission": leg.transmission, "held": True}
+            options: dict[str, Any] = {"rod_count": leg.rod_count, "transmission": leg.transmission, "held": True}
             own = scene_features(leg.arrays, active, inputs.profiles, **options)
             found.setdefault((leg.rod_count, leg.transmission), []).append(own)
         return tuple(

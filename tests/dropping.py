@@ -171,7 +171,10 @@ def legs(random: np.random.Generator, count: int) -> Family:
             pose[..., :2, 3] = size[..., None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
             poses.append(pose)
         robot = mr.ParallelRods(legs=[rod] * 3, base=poses[0], platform=poses[1])
-        loads = {"gravity": or_zero(gravity[k], kept, "gravity"), "distributed_moment": or_zero(spread[k], kept, "distributed_moment")}
+        loads = {
+            "gravity": or_zero(gravity[k], kept, "gravity"),
+            "distributed_moment": or_zero(spread[k], kept, "distributed_moment"),
+        }
         return robot, robot.inputs(translation=push[k], tip_force=force[k], **loads)
 
     return Family(build, ("gravity", "distributed_moment"), count, length)
@@ -239,7 +242,9 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     wp.config.log_level = wp.LOG_ERROR
-    print("| scenes | bound | solved | something dropped | terms dropped | could have been | bound broken | worst, of the bound |")
+    print(
+        "| scenes | bound | solved | something dropped | terms dropped | could have been | bound broken | worst, of the bound |"
+    )
     print("|---|---|---|---|---|---|---|---|")
     for name, make in FAMILIES.items():
         for bound, m in measure(make(np.random.default_rng(options.seed), options.scenes)).items():

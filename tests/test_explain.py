@@ -9,7 +9,7 @@ from dropping import BOUNDS, FAMILIES, SOLVER, measure
 from test_conformance import SCENES
 
 import multirod as mr
-from multirod.models.influence import LOADS
+from multirod.models.envelope import LOADS
 from multirod.terms import simplified
 
 COUNT = int(os.environ.get("MULTIROD_SCENES", "100"))  # random scenes of a family; 1000 take a minute each
@@ -21,7 +21,9 @@ SHARP = {"rods": 0.65, "columns": 0.4, "tubes": 0.65, "legs": 0.5}
 
 def straight(**options) -> mr.SingleRod:
     """A straight rod of unit length and stiffness."""
-    return mr.SingleRod(mr.Rod(**{"length": 1.0, "bending_stiffness": 1.0, "torsional_stiffness": 0.8, "linear_density": 1.0} | options))
+    return mr.SingleRod(
+        mr.Rod(**{"length": 1.0, "bending_stiffness": 1.0, "torsional_stiffness": 0.8, "linear_density": 1.0} | options)
+    )
 
 
 def moved(robot: mr.Assembly, inputs: mr.Inputs, *names: str) -> float:
@@ -78,7 +80,9 @@ def test_shear_and_extension_count_by_the_force_and_its_moment():
 def test_every_load_is_within_its_bound():
     """All loads at once on a curved, sheared rod with unequal axes; each instance of the batch lacks one of them."""
     random = np.random.default_rng(5)
-    robot = straight(bending_stiffness=(1.0, 1.4), shear_stiffness=(50.0, 80.0), axial_stiffness=100.0, precurvature=(0.8, -0.5, 0.6))
+    robot = straight(
+        bending_stiffness=(1.0, 1.4), shear_stiffness=(50.0, 80.0), axial_stiffness=100.0, precurvature=(0.8, -0.5, 0.6)
+    )
     values = {name: 0.04 * random.standard_normal(3) for name in LOADS}
     present = {name: np.array([1.0] + [float(other != name) for other in LOADS]) for name in LOADS}
     found = mr.explain(robot, robot.inputs(**values))
@@ -92,7 +96,12 @@ def test_every_load_is_within_its_bound():
 
 @pytest.mark.parametrize("translation", [0.0, 0.15])
 def test_a_varying_precurvature_is_within_its_bound(translation):
-    rod = mr.Rod(length=1.0, bending_stiffness=1.0, torsional_stiffness=0.8, precurvature=lambda s: (1 + 0.3 * np.sin(3 * s), 0.2 * s, 0.1 * s))
+    rod = mr.Rod(
+        length=1.0,
+        bending_stiffness=1.0,
+        torsional_stiffness=0.8,
+        precurvature=lambda s: (1 + 0.3 * np.sin(3 * s), 0.2 * s, 0.1 * s),
+    )
     robot = mr.SingleRod(rod)
     inputs = robot.inputs(tip_force=(0.05, 0, 0.1), translation=translation)
     term = mr.explain(robot, inputs)["precurvature_profile"]
@@ -114,14 +123,22 @@ def test_unequal_axes_of_tubes_are_within_their_bound():
 
 def test_torsion_of_tubes_behind_the_plate_counts():
     """What twists there is longer than what is outside."""
-    tubes = [mr.Rod(length=0.5, bending_stiffness=EI, torsional_stiffness=EI, precurvature=(k, 0, 0)) for EI, k in ((0.01, 1.0), (0.02, 1.2))]
+    tubes = [
+        mr.Rod(length=0.5, bending_stiffness=EI, torsional_stiffness=EI, precurvature=(k, 0, 0))
+        for EI, k in ((0.01, 1.0), (0.02, 1.2))
+    ]
     robot = mr.ConcentricTubes(tubes)
     inputs = [robot.inputs(rotation=(0.5, -0.5), translation=(beta, beta), tip_force=(0, 0, 1e-4)) for beta in (-0.4, -0.01)]
     short, long = (mr.explain(robot, i)["torsion"] for i in inputs)
     assert moved(robot, inputs[0], "torsion") / 0.1 < short.error
     assert moved(robot, inputs[1], "torsion") / 0.49 < long.error
     # the same tubes unloaded and outside by a tenth, but held where they come out: nothing twists behind
-    shortened = mr.ConcentricTubes([mr.Rod(length=0.1, bending_stiffness=EI, torsional_stiffness=EI, precurvature=(k, 0, 0)) for EI, k in ((0.01, 1.0), (0.02, 1.2))])
+    shortened = mr.ConcentricTubes(
+        [
+            mr.Rod(length=0.1, bending_stiffness=EI, torsional_stiffness=EI, precurvature=(k, 0, 0))
+            for EI, k in ((0.01, 1.0), (0.02, 1.2))
+        ]
+    )
     held = mr.explain(shortened, shortened.inputs(rotation=(0.5, -0.5), tip_force=(0, 0, 1e-4)))["torsion"]
     assert short.error > 3 * held.error
 
@@ -168,7 +185,13 @@ def test_a_table_says_what_asks_for_what():
     robot = straight(shear_stiffness=1e3)
     found = mr.explain(robot, robot.inputs(tip_force=(0.1, 0, 0), gravity=(0, 0, -9.81e-3)))
     text = str(found)
-    for part in ("inputs.gravity, up to 0.00981 m/s^2", "rods[0]: shear_stiffness", "F L²/EI = 0.1", "distributed_force, frame", "no promise"):
+    for part in (
+        "inputs.gravity, up to 0.00981 m/s^2",
+        "rods[0]: shear_stiffness",
+        "F L²/EI = 0.1",
+        "distributed_force, frame",
+        "no promise",
+    ):
         assert (part in text) == (part != "no promise"), part
     assert [term.name for term in found.terms] == ["tip_force", "gravity", "shear", "torsion", "frame", "pose"]
     assert "follower_force" in found.absent
@@ -183,7 +206,9 @@ def test_only_what_can_be_dropped_is():
     robot = straight()
     found = mr.explain(robot, robot.inputs(tip_force=(0.1, 0, 0)))
     for name in ("shear", "gravity", "pose", "tipforce"):
-        with pytest.raises(ValueError, match=f"without = '{name}' is not allowed: what can be dropped here is tip_force, torsion"):
+        with pytest.raises(
+            ValueError, match=f"without = '{name}' is not allowed: what can be dropped here is tip_force, torsion"
+        ):
             found.without(name)
     same, inputs = found.without()
     assert same is robot

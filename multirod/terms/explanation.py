@@ -9,8 +9,8 @@ import numpy as np
 
 from multirod.assembly import Assembly
 from multirod.inputs import Inputs
+from multirod.models.envelope import LOADS
 from multirod.models.features import Features
-from multirod.models.influence import LOADS
 from multirod.models.integrators import RK4, Integrator
 from multirod.rod import Rod
 from multirod.terms.leaving_out import DROPPABLE, SECTIONS, left_out
@@ -251,7 +251,8 @@ def _fewer(present: Sequence[Features], without: Sequence[Features]) -> tuple[st
         name
         for a, b in every
         for name in names
-        if getattr(a, READ_AS.get(name, name)) != getattr(b, READ_AS.get(name, name)) and not (name == "moment" and a.rod_count == 1)
+        if getattr(a, READ_AS.get(name, name)) != getattr(b, READ_AS.get(name, name))
+        and not (name == "moment" and a.rod_count == 1)
     }
     return tuple(name for name in names if name in changed)
 

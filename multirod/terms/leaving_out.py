@@ -10,7 +10,7 @@ import numpy as np
 
 from multirod.assembly import Assembly
 from multirod.inputs import Inputs
-from multirod.models.influence import LOADS
+from multirod.models.envelope import LOADS
 from multirod.profile import Profile
 from multirod.rod import Rod, Section
 

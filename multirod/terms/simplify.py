@@ -28,7 +28,9 @@ class Dropped:
         return f"{self.name} (tip error < {self.error:.1e} L)"
 
 
-def simplified(robot: Assembly, inputs: Inputs, bound: Any, over: Inputs | None = None) -> tuple[Assembly, Inputs, tuple[Dropped, ...]]:
+def simplified(
+    robot: Assembly, inputs: Inputs, bound: Any, over: Inputs | None = None
+) -> tuple[Assembly, Inputs, tuple[Dropped, ...]]:
     """The scene without the terms that may all be dropped within ``bound``; as it is where that is None.
 
     Terms are taken from the least on while their sum stays below the bound. One whose absence would leave the kernel as it is, is

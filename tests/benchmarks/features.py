@@ -19,7 +19,7 @@ import warp as wp
 
 import multirod as mr
 from multirod.models.backbone import BackboneProblem
-from multirod.models.influence import LOADS
+from multirod.models.envelope import LOADS
 
 INTEGRATOR = mr.RK4(50)
 SOLVER = mr.Shooting(integrator=INTEGRATOR)
@@ -43,7 +43,12 @@ def tubes(count: int = 3, *, uneven: float = 1.0, torsion: float = 1.0) -> mr.Co
 
 def wire(*, shear: float = inf) -> mr.SingleRod:
     """The wire of the paper."""
-    stiffness = {"bending_stiffness": 0.223349, "torsional_stiffness": 0.063814, "shear_stiffness": shear, "axial_stiffness": shear}
+    stiffness = {
+        "bending_stiffness": 0.223349,
+        "torsional_stiffness": 0.063814,
+        "shear_stiffness": shear,
+        "axial_stiffness": shear,
+    }
     return mr.SingleRod(mr.Rod(length=0.4, precurvature=(14, 5, 0), linear_density=0.05, **stiffness))
 
 
@@ -118,10 +123,16 @@ def scenes() -> dict[str, tuple[Side, Side]]:
     one, full_one = tubes(1), tubes(1, uneven=UNEVEN)
     own, full_own = mr.SingleRod(one.rods[0]), wire(shear=STIFF)
     rod = wire()
-    found = {
+    return {
         "three tubes, no load | full": (Side(three, scattered(three)), Side(full_three, scattered(three), LOADS)),
-        "three tubes, no load | one load, a tip force": (Side(three, scattered(three)), Side(three, scattered(three), ["tip_force"])),
-        "three tubes, tip force | full": (Side(three, scattered(three, **force)), Side(full_three, scattered(three, **force), LOADS)),
+        "three tubes, no load | one load, a tip force": (
+            Side(three, scattered(three)),
+            Side(three, scattered(three), ["tip_force"]),
+        ),
+        "three tubes, tip force | full": (
+            Side(three, scattered(three, **force)),
+            Side(full_three, scattered(three, **force), LOADS),
+        ),
         "three tubes, tip force | and gravity": (
             Side(three, scattered(three, **force)),
             Side(three, scattered(three, **force), ["gravity"]),
@@ -152,7 +163,6 @@ def scenes() -> dict[str, tuple[Side, Side]]:
             Side(rod, scattered(rod, **force)),
         ),
     }
-    return found
 
 
 def main() -> None:
@@ -175,7 +185,9 @@ def main() -> None:
             sample = [run() for run in four]
             if k:  # the first compiles
                 times[name].append(sample)
-    print("| scene | against | integration [µs] | against [µs] | ratio | quartiles | cold solve, ratio | quartiles | tips apart / L |")
+    print(
+        "| scene | against | integration [µs] | against [µs] | ratio | quartiles | cold solve, ratio | quartiles | tips apart / L |"
+    )
     print("|---|---|---|---|---|---|---|---|---|")
     for name, samples in times.items():
         values = np.array(samples)
