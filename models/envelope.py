@@ -16,6 +16,7 @@ from multirod.inputs import Inputs
 from multirod.rod import RodArrays
 from multirod.validation import FloatArray
 
+SAME_PLACE = 1e-12  # [m]: ends this close are at the same place
 NODES = 20  # midpoints of as many equal parts of the length
 GROUPS = 16  # of a batch, each of which is bounded as a whole
 LARGEST_GROUP = 4096
@@ -107,52 +108,67 @@ def _envelope(
         translation = translation[:1]  # the rods are the same in all
     ends = arrays.end + translation[:, :, None]
     length = ends[..., -1].max(axis=1)
-    s = T * length[:, None, None]
-    section = (s[..., None] >= ends[:, :, None, :]).sum(axis=-1)
-    present = section < ends.shape[2]
-    section = np.minimum(section, ends.shape[2] - 1)
-    if arrays.degree:  # of what is pushed out of the base too, the piece that it continues
-        rod = np.arange(ends.shape[1])[:, None]
-        section = section + (arrays.end[np.arange(len(arrays.end))[:, None, None], rod, section] == 0)
-    every = (np.arange(len(arrays.end))[:, None, None], np.arange(ends.shape[1])[:, None], section)
-    material = arrays.material[every]
-    EI = material[..., :2] * present[..., None]
-    unit = EI.max(axis=-1)[:, :, 0].sum(axis=1)[:, None]
-    with np.errstate(divide="ignore"):
-        bending = unit / EI.min(axis=-1).sum(axis=1)
-        least = unit / material[:, 0, :, :3].min(axis=-1)
-    moment_unit = unit[:, 0] / length
-    torsion = material[..., 5] * present * unit[:, None]
-    behind = np.zeros(ends.shape[:2])
-    if transmission:
-        behind = _behind(arrays, translation) * moment_unit[:, None]
-    mean, varied = _precurvature(arrays, every, s - translation[:, :, None])
     size = length[:, None, None]
-    curved = EI.max(axis=-1) / unit[:, None] * np.linalg.norm(mean[..., :2], axis=-1) * size
-    departs = np.stack([np.linalg.norm(varied[..., :2], axis=-1), np.abs(varied[..., 2])]) * size * present
-    compliance = material[:, 0, :, 6:9] * unit[:, :, None] / length[:, None, None] ** 2
-    loads = _loads(own, material[..., 9] * present, unit[:, 0], length)
+    high, low, rod = _materials(arrays, ends, length)
+    unit = high[:, :, 0].sum(axis=1)[:, None]
+    departs = np.zeros((2, *high.shape))
+    if arrays.degree:
+        mean, varied = _precurvature(arrays, T * size - translation[:, :, None])
+        departs = np.stack([np.linalg.norm(varied[..., :2], axis=-1), np.abs(varied[..., 2])]) * size
+        rod["curved"] = high * np.linalg.norm(mean[..., :2], axis=-1)
+    stiffness = high / unit[:, None]
     measured = 0.0
     if "tip_curvature" in own.given:
         gap = np.linalg.norm(own.tip_curvature - arrays.precurvature[:, 0, -1, :3], axis=-1)
-        measured = float((gap / moment_unit * material[:, 0, -1, :3].max(axis=-1)).max())
-    stiffness = EI.max(axis=-1) / unit[:, None]
-    curved = curved + stiffness * departs[0]
+        measured = float((gap * length / unit[:, 0] * arrays.material[:, 0, -1, :3].max(axis=-1)).max())
+    behind = _behind(arrays, translation) * (unit / length[:, None]) if transmission else np.zeros((1, high.shape[1]))
     return Envelope(
-        loads=loads,
+        loads=_loads(own, rod["density"], unit[:, 0], length),
         measured=measured,
-        bending=bending.max(axis=0),
-        least=least.max(axis=0),
-        torsion=torsion.max(axis=0),
+        bending=(unit / low.sum(axis=1)).max(axis=0),
+        least=(unit * rod["least"][:, 0]).max(axis=0),
+        torsion=(rod["torsion"] * unit[:, None]).max(axis=0),
         transmission=behind.max(axis=0),
-        anisotropy=((EI.max(axis=-1) - EI.min(axis=-1)) / unit[:, None]).max(axis=0),
-        shear=compliance.max(axis=-1).max(axis=0),
-        shear_anisotropy=np.abs(compliance[..., 0] - compliance[..., 1]).max(axis=0),
-        curved=curved.max(axis=0),
+        anisotropy=(rod["uneven"] / unit[:, None]).max(axis=0),
+        shear=(rod["shear"][:, 0] * unit / length[:, None] ** 2).max(axis=0),
+        shear_anisotropy=(rod["across"][:, 0] * unit / length[:, None] ** 2).max(axis=0),
+        curved=(rod["curved"] / unit[:, None] * size + stiffness * departs[0]).max(axis=0),
         varied=departs.max(axis=1),
         stiffness=stiffness.max(axis=0),
-        furthest=(ends[..., -1] >= length[:, None] - 1e-12).any(axis=0),
+        furthest=(ends[..., -1] >= length[:, None] - SAME_PLACE).any(axis=0),
     )
+
+
+def _materials(arrays: RodArrays, ends: FloatArray, length: FloatArray) -> tuple[FloatArray, FloatArray, dict[str, FloatArray]]:
+    """Largest and least bending stiffness of each rod about each node, and the largest of other quantities, (instances, n, NODES).
+
+    Of all sections that reach into a node's part of the length, however short they are.
+    """
+    EI, material = arrays.material[..., :2], arrays.material
+    quantities = {
+        "high": EI.max(axis=-1),
+        "uneven": EI.max(axis=-1) - EI.min(axis=-1),
+        "torsion": material[..., 5],
+        "least": 1 / material[..., :3].min(axis=-1),
+        "shear": material[..., 6:9].max(axis=-1),
+        "across": np.abs(material[..., 6] - material[..., 7]),
+        "density": material[..., 9],
+        "curved": EI.max(axis=-1) * np.linalg.norm(arrays.precurvature[..., :2], axis=-1),
+    }
+    edges = np.arange(NODES + 1) / NODES * length[:, None, None]
+    left, right = edges[..., :-1] + SAME_PLACE, edges[..., 1:] - SAME_PLACE
+    shape = (*ends.shape[:2], NODES)
+    found = {name: np.zeros(shape) for name in quantities}
+    low = np.where(ends[..., -1:] < right, 0.0, inf)  # a rod that ends there
+    begins = np.full(ends.shape[:2], -inf)
+    for k in range(ends.shape[2]):
+        stops = ends[..., k]
+        inside = (stops[..., None] > left) & (begins[..., None] < right) & (stops > begins)[..., None]
+        for name, values in quantities.items():
+            np.maximum(found[name], np.where(inside, values[..., k, None], 0.0), out=found[name])
+        low = np.minimum(low, np.where(inside, EI[..., k, :].min(axis=-1)[..., None], inf))
+        begins = np.where(stops > begins, stops, begins)
+    return found.pop("high"), np.where(np.isfinite(low), low, 0.0), found
 
 
 def _behind(arrays: RodArrays, translation: FloatArray) -> FloatArray:
@@ -162,16 +178,17 @@ def _behind(arrays: RodArrays, translation: FloatArray) -> FloatArray:
     return np.asarray((np.maximum(stops - starts, 0.0) * arrays.material[..., 5]).sum(axis=-1))
 
 
-def _precurvature(arrays: RodArrays, every: tuple[IntArray, ...], x: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _precurvature(arrays: RodArrays, x: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Mean of ``u*`` over the piece at arclengths ``x`` of the rods, and how far it is from that [1/m], (instances, n, NODES, 3)."""
-    coefficients = arrays.precurvature[every]
+    rows = (np.arange(len(arrays.end))[:, None, None], np.arange(arrays.end.shape[1])[:, None])
+    piece = np.minimum((x[..., None] >= arrays.end[:, :, None, :]).sum(axis=-1), arrays.end.shape[2] - 1)
+    piece = piece + (arrays.end[*rows, piece] == 0)  # what is pushed out of the base continues the first
+    coefficients = arrays.precurvature[*rows, piece]
     coefficients = coefficients.reshape(*coefficients.shape[:-1], arrays.degree + 1, 3)
-    if arrays.degree == 0:
-        return coefficients[..., 0, :], np.zeros_like(coefficients[..., 0, :])
     powers = np.arange(arrays.degree + 1)
     mean = (coefficients * ((powers % 2 == 0) / (powers + 1))[:, None]).sum(axis=-2)
-    ends = arrays.end[every]
-    starts = np.concatenate([np.zeros_like(arrays.end[..., :1]), arrays.end[..., :-1]], axis=-1)[every]
+    ends = arrays.end[*rows, piece]
+    starts = np.where(piece > 0, arrays.end[*rows, np.maximum(piece - 1, 0)], 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         local = np.clip(np.nan_to_num((2 * x - starts - ends) / (ends - starts)), -1, 1)
     value = (coefficients * (local[..., None] ** powers)[..., None]).sum(axis=-2)

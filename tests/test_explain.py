@@ -109,6 +109,18 @@ def test_a_varying_precurvature_is_within_its_bound(translation):
     assert "precurvature_degree" in term.saves
 
 
+def test_a_short_soft_section_is_not_overlooked():
+    """A hinge much shorter than what the bound looks at."""
+    parts = [(0.26, 1.0), (0.002, 1e-3), (0.738, 1.0)]
+    rod = mr.Rod(
+        sections=[mr.Section(length=l, bending_stiffness=EI, torsional_stiffness=EI, linear_density=1.0) for l, EI in parts]
+    )
+    robot = mr.SingleRod(rod)
+    inputs = robot.inputs(tip_force=(0.01, 0, 0), gravity=(1e-3, 0, 0))
+    assert moved(robot, inputs, "gravity") < mr.explain(robot, inputs)["gravity"].error
+    assert moved(robot, inputs, "gravity") > 2 * 1e-3 / 8  # the hinge is what moves it
+
+
 def test_unequal_axes_of_tubes_are_within_their_bound():
     tubes = [
         mr.Rod(length=length, bending_stiffness=(EI, 1.05 * EI), torsional_stiffness=EI / 1.3, precurvature=(curved, 0, 0))
