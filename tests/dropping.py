@@ -7,7 +7,7 @@ import argparse
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import chain, combinations
-from time import perf_counter
+from time import process_time
 from typing import Any
 
 import numpy as np
@@ -227,9 +227,9 @@ def measure(family: Family) -> dict[float, Measured]:
         worst, times = 0.0, []
         for k in sound:
             robot, inputs = family.build(int(k))
-            begin = perf_counter()
+            begin = process_time()
             names = frozenset(term.name for term in simplified(robot, inputs, bound)[2])
-            times.append(perf_counter() - begin)
+            times.append(process_time() - begin)
             error = moved[names][k]
             possible += max(len(others) for others, size in moved.items() if size[k] <= bound)
             dropped += bool(names)

@@ -103,7 +103,8 @@ class Explanation:
     def __init__(self, robot: Assembly, inputs: Inputs) -> None:
         self.robot = robot
         self.inputs = inputs
-        self.features = robot.features(inputs)
+        self._kernels: dict[frozenset[str], tuple[Features, ...]] = {}
+        self.features = self.features_without(())
         self.terms = tuple(self._terms())
         names = [term.name for term in self.terms]
         self.absent = tuple(name for name in DROPPABLE if name not in names and self._takes(name))
@@ -135,10 +136,13 @@ class Explanation:
                 refuse("without", name, "what can be dropped here is " + (", ".join(options) or "nothing"))
         return left_out(self.robot, self.inputs, names)
 
-    def features_without(self, names: Sequence[str]) -> tuple[Features, ...]:
+    def features_without(self, names: Iterable[str]) -> tuple[Features, ...]:
         """What would be compiled in without these terms."""
-        robot, inputs = left_out(self.robot, self.inputs, names)
-        return robot.features(inputs)
+        key = frozenset(names)
+        if key not in self._kernels:
+            robot, inputs = left_out(self.robot, self.inputs, tuple(key))
+            self._kernels[key] = robot.features(inputs)
+        return self._kernels[key]
 
     def measure(self, *, integrator: Integrator | None = None, batch: int = 64, rounds: int = 7) -> "Explanation":
         """Measure what each droppable term costs, rounds interleaved, and return ``self``; kernels are compiled where they must.
