@@ -23,8 +23,8 @@ from multirod.models.envelope import LOADS
 
 INTEGRATOR = mr.RK4(50)
 SOLVER = mr.Shooting(integrator=INTEGRATOR)
-BATCH = 256
-LAUNCHES = 15
+BATCH = 64
+LAUNCHES = 12
 SAME = 1e-7  # of the length; what is compiled in as nearly rigid still gives way by 1e-9
 EVERY_TUBE = [(0.00387, 0.00301, 0.431, 0.103, 9.0), (0.01717, 0.01402, 0.332, 0.113, 6.0), (0.03977, 0.05022, 0.174, 0.134, 3.5)]
 DEAD = [name for name in LOADS if name != "follower_force"]
