@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields
 from math import inf, isfinite, prod
-from time import perf_counter
+from time import process_time
 
 import numpy as np
 
@@ -77,7 +77,7 @@ class Term:
 
 @dataclass(frozen=True)
 class Cost:
-    """Measured time of one integration of one instance with residual and ``Gamma`` [s].
+    """Measured processor time of one integration of one instance with residual and ``Gamma`` [s].
 
     Attributes:
         present: Of the scene as it is.
@@ -278,7 +278,7 @@ ASKS: dict[str, Callable[[Rod], bool]] = {
 
 
 def _launch(robot: Assembly, inputs: Inputs, integrator: Integrator, batch: int) -> Callable[[], float]:
-    """Time of one evaluation of a batch [s]."""
+    """Processor time of one evaluation of a batch [s]."""
     count = prod(np.broadcast_shapes(inputs.batch_shape, robot.batch_shape))
     problem = robot.problem(inputs, integrator=integrator, instances=np.arange(batch) % count)
     problem.write("unknowns", problem.guess())
@@ -286,9 +286,9 @@ def _launch(robot: Assembly, inputs: Inputs, integrator: Integrator, batch: int)
     def measure() -> float:
         times = []
         for _ in range(LAUNCHES):
-            begin = perf_counter()
+            begin = process_time()
             problem.integrate()
-            times.append(perf_counter() - begin)
+            times.append(process_time() - begin)
         return float(np.median(times))
 
     return measure
