@@ -1,10 +1,11 @@
 """One backbone: its inputs, and its boundary problem, the buffers and launches of its kernels."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from copy import copy
 from dataclasses import replace
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import warp as wp
@@ -17,6 +18,7 @@ from multirod.launch import record
 from multirod.models import backbone_kernels as kernels
 from multirod.models.backbone_segments import BackboneSegments
 from multirod.models.features import Features
+from multirod.models.influence import Influence, influences
 from multirod.models.integrators import AdaptiveIntegrator, Integrator
 from multirod.models.second_variation import MOST_NODES, CondensedForm, NodeColumns, condensed_form, segments_needed
 from multirod.problem import Block, BoundaryProblem, Shape
@@ -34,7 +36,7 @@ MOST_NODES_AT_FIRST = 33
 RIGID = 1e6  # torsional over bending stiffness, of a rod rigid in torsion, where its modes are counted
 _PARTS = 64  # of the length, over which starts are bounded
 _CROWDING = 1.5  # most equilibria are far inside the bounds
-_FEATURE_INPUTS = {
+FEATURE_INPUTS = {
     "force": ("tip_force", "follower_force", "distributed_force", "gravity"),
     "tip_moment": ("tip_moment",),
     "distributed_force": ("distributed_force", "gravity"),
@@ -43,6 +45,32 @@ _FEATURE_INPUTS = {
     "follower_moment": ("follower_moment",),
     "measured": ("tip_curvature",),
 }
+
+
+def scene_features(
+    arrays: RodArrays,
+    active: Iterable[str],
+    profiles: Collection[str],
+    *,
+    rod_count: int,
+    transmission: bool,
+    held: bool = False,
+) -> Features:
+    """The terms that rods ask for, and inputs by the names of those that act and of those that are functions of arclength."""
+    acting = set(active)
+    needs = {feature: not acting.isdisjoint(names) for feature, names in FEATURE_INPUTS.items()}
+    needs["force"] |= held or "distributed_force" in profiles
+    return Features(
+        rod_count=rod_count,
+        precurvature_degree=arrays.degree,
+        profile_degree=DEGREE if profiles else -1,
+        shear=arrays.shear,
+        transmission=transmission,
+        anisotropic=arrays.anisotropic and rod_count > 1,
+        torsion=rod_count > 1 and (held or arrays.torsion),
+        held=held,
+        **needs,
+    )
 
 
 class BackboneProblem(BoundaryProblem):
@@ -115,23 +143,10 @@ class BackboneProblem(BoundaryProblem):
     # ---- what is compiled in ----
 
     def _features(self, inputs: Inputs, pose: bool, pose_sensitivities: bool, direction_count: int) -> Features:
-        active = {*inputs.active, *self.enabled}
-        needs = {feature: any(name in active for name in names) for feature, names in _FEATURE_INPUTS.items()}
-        needs["force"] |= self.held or "distributed_force" in inputs.profiles
-        return Features(
-            rod_count=len(self.rods),
-            precurvature_degree=self.arrays.degree,
-            profile_degree=DEGREE if inputs.profiles else -1,
-            shear=self.arrays.shear,
-            transmission=self.transmission,
-            anisotropic=self.arrays.anisotropic and len(self.rods) > 1,
-            torsion=len(self.rods) > 1 and (self.held or self.arrays.torsion),
-            pose=pose,
-            pose_sensitivities=pose_sensitivities,
-            directions=direction_count,
-            held=self.held,
-            **needs,
-        )
+        active = (*inputs.active, *self.enabled)
+        options: dict[str, Any] = {"rod_count": len(self.rods), "transmission": self.transmission, "held": self.held}
+        needed = scene_features(self.arrays, active, inputs.profiles, **options)
+        return replace(needed, pose=pose, pose_sensitivities=pose_sensitivities, directions=direction_count)
 
     # ---- arrays ----
 
@@ -212,7 +227,7 @@ class BackboneProblem(BoundaryProblem):
         return result
 
     def takes(self, name: str) -> bool:  # noqa: D102
-        needed = [feature for feature, names in _FEATURE_INPUTS.items() if name in names]
+        needed = [feature for feature, names in FEATURE_INPUTS.items() if name in names]
         return all(getattr(self.features, feature) for feature in needed)
 
     def pack(self, inputs: Inputs) -> FloatArray:  # noqa: D102
@@ -631,6 +646,21 @@ class BackboneAssembly(Assembly):
     def arrays(self) -> RodArrays:
         """The rods as kernels read them."""
         return lower(self.rods)
+
+    def with_rods(self, rods: Sequence[Rod]) -> Self:  # noqa: D102
+        result = copy(self)
+        result.rods = tuple(rods)
+        result.__dict__.pop("arrays", None)
+        return result
+
+    def features(self, inputs: Inputs, *, enabled: Iterable[str] = ()) -> tuple[Features, ...]:  # noqa: D102
+        active = (*inputs.active, *enabled)
+        options: dict[str, Any] = {"rod_count": self.rod_count, "transmission": self.transmission}
+        return (scene_features(self.arrays, active, inputs.profiles, **options),)
+
+    def influences(self, inputs: Inputs) -> Mapping[str, Influence]:  # noqa: D102
+        whole = np.broadcast_shapes(inputs.batch_shape, self.batch_shape)
+        return influences(self.arrays, inputs, whole, transmission=self.transmission)
 
     def problem(  # noqa: D102
         self, inputs: Inputs, *, instances: IntArray | None = None, **options: Any

@@ -1,8 +1,11 @@
 """Parallel rods: several rods, or concentric tubes, that hold one platform."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from copy import copy
+from dataclasses import replace
 from itertools import pairwise
-from typing import Any
+from math import inf
+from typing import Any, Self
 
 import numpy as np
 
@@ -10,14 +13,19 @@ from multirod.assembly import Assembly, pose
 from multirod.batch import IntArray
 from multirod.inputs import Inputs, InputSpec
 from multirod.models import parallel_kernels as kernels
-from multirod.models.backbone import BackboneAssembly
+from multirod.models.backbone import BackboneAssembly, scene_features
 from multirod.models.concentric_tubes import ConcentricTubes
+from multirod.models.features import Features
+from multirod.models.influence import Influence, influences
 from multirod.models.parallel_problem import LEG_INPUTS, PLATFORM_INPUTS, Geometry, ParallelProblem
 from multirod.models.single_rod import SingleRod
 from multirod.rod import Rod
 from multirod.validation import Described, FloatArray, array, nonnegative_float, refuse
 
 JOINTS = {"clamped": kernels.CLAMPED, "revolute": kernels.REVOLUTE, "spherical": kernels.SPHERICAL}
+
+PLATFORM_WEIGHT = 8 / 3  # a weight on the tip against the same spread along the rod
+CLOSURE = ("shear", "torsion", "anisotropy", "precurvature_profile")  # what these do depends on how the legs hold each other
 
 
 class ParallelRods(Assembly):
@@ -106,6 +114,63 @@ class ParallelRods(Assembly):
             geometry, inputs = geometry.take(whole, instances), inputs.take(whole, instances)
         return ParallelProblem(geometry, inputs, **options)
 
+    def with_rods(self, rods: Sequence[Rod]) -> Self:  # noqa: D102
+        result = copy(self)
+        robots = [leg.with_rods(rods[own]) for leg, own in zip(self.geometry.legs, self._own_rods, strict=True)]
+        g = self.geometry
+        result.geometry = Geometry(robots, g.base, g.platform, g.joints.tolist(), g.axes, g.mass, g.mass_centre)
+        result.legs = tuple(
+            robot if isinstance(leg, ConcentricTubes) else robot.rods[0] for leg, robot in zip(self.legs, robots, strict=True)
+        )
+        result.rods = result.geometry.rods
+        return result
+
+    def features(self, inputs: Inputs, *, enabled: Iterable[str] = ()) -> tuple[Features, ...]:  # noqa: D102
+        active = [name for name in kernels.LEG_VECTORS if name in enabled or inputs.is_active(name)]
+        found: dict[tuple[int, bool], list[Features]] = {}
+        for leg in self.geometry.legs:
+            options: dict[str, Any] = {"rod_count": leg.rod_count, "transmission": leg.transmission, "held": True}
+            own = scene_features(leg.arrays, active, inputs.profiles, **options)
+            found.setdefault((leg.rod_count, leg.transmission), []).append(own)
+        return tuple(
+            replace(
+                same[0],
+                precurvature_degree=max(f.precurvature_degree for f in same),
+                shear=any(f.shear for f in same),
+                anisotropic=any(f.anisotropic for f in same),
+            )
+            for same in found.values()
+        )
+
+    def influences(self, inputs: Inputs) -> Mapping[str, Influence]:
+        """An estimate, not a bound (``docs/explain.md``): each leg a cantilever that carries its share of the platform's loads."""
+        geometry, legs = self.geometry, len(self.legs)
+        if (geometry.joints != kernels.CLAMPED).any():
+            return {}
+        found: dict[str, Influence] = {}
+        for k, (leg, own) in enumerate(zip(geometry.legs, self._own_rods, strict=True)):
+            values: dict[str, Any] = {name: inputs.profile(name) for name in inputs.profiles}
+            values |= {name: getattr(inputs, name) for name in kernels.LEG_VECTORS if name not in values}
+            values |= {name: getattr(inputs, name) / legs for name in kernels.PLATFORM_VECTORS[:4]}
+            values |= {name: getattr(inputs, name)[..., own] for name in ("rotation", "translation")}
+            reach = np.linalg.norm(geometry.platform[..., k, :3, 3], axis=-1).max()
+            arm = float(np.linalg.norm(inputs.force_point, axis=-1).max()) + reach
+            force = (np.linalg.norm(values[name], axis=-1) for name in ("tip_force", "follower_force"))
+            values["follower_moment"] = values["follower_moment"] + arm * sum(force)[..., None] * [1, 0, 0]
+            arrays = leg.arrays
+            length = arrays.end[:, :, -1].max(axis=1)
+            material = np.array(arrays.material)
+            material[..., 0, :, 9] += (PLATFORM_WEIGHT * geometry.mass / (legs * length))[:, None]
+            longest = max((p.ends[-1] for p in inputs.profiles.values()), default=0.0)
+            loads = Inputs(leg.input_specs, leg.rod_count, values, longest)
+            whole = np.broadcast_shapes(inputs.batch_shape, arrays.batch_shape)
+            alone = influences(replace(arrays, material=material), loads, whole, transmission=leg.transmission)
+            farther = (1 + reach / float(length.min())) ** 3
+            for name, value in alone.items():
+                known = replace(value, error=value.error * farther if name not in CLOSURE or not value.error else inf)
+                found[name] = known if name not in found else found[name].joined(known)
+        return found
+
     def inverse(self) -> "InverseParallelRods":
         """The same robot with the platform's pose given, and the legs' translations to be found.
 
@@ -154,6 +219,12 @@ class InverseParallelRods(Assembly):
 
     def problem(self, inputs: Inputs, **options: Any) -> ParallelProblem:  # noqa: D102
         return self.robot.problem(inputs, inverse=True, **options)
+
+    def features(self, inputs: Inputs, *, enabled: Iterable[str] = ()) -> tuple[Features, ...]:  # noqa: D102
+        return self.robot.features(inputs, enabled=enabled)
+
+    def with_rods(self, rods: Sequence[Rod]) -> "InverseParallelRods":  # noqa: D102
+        return InverseParallelRods(self.robot.with_rods(rods))
 
     def translations(self, solution: Any) -> FloatArray:
         """Translation of each leg [m], shape (..., 6); NaN where the solution failed."""

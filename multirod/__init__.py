@@ -42,6 +42,7 @@ from multirod.solvers.shooting import Shooting
 from multirod.stability import Stability
 from multirod.status import Status
 from multirod.sweeps import Study, sweep
+from multirod.terms import Dropped, Explanation, Term, explain
 from multirod.tracker import Tracker
 from multirod.tradeoffs import Measured, Tradeoff, tradeoff, tune
 
@@ -57,7 +58,9 @@ __all__ = [
     "BoundaryProblem",
     "ConcentricTubes",
     "CriticalLoad",
+    "Dropped",
     "EnergyDescent",
+    "Explanation",
     "FixedStepIntegrator",
     "History",
     "InputSpec",
@@ -83,11 +86,13 @@ __all__ = [
     "Status",
     "Study",
     "Tableau",
+    "Term",
     "Track",
     "Tracker",
     "Tradeoff",
     "critical_loads",
     "equilibria",
+    "explain",
     "registered_solvers",
     "simulate",
     "solve",

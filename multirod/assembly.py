@@ -1,8 +1,8 @@
 """What every robot made of rods has in common."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -13,6 +13,8 @@ from multirod.rod import Rod
 from multirod.validation import FloatArray, array, refuse, unknown_names
 
 if TYPE_CHECKING:
+    from multirod.models.features import Features
+    from multirod.models.influence import Influence
     from multirod.models.integrators import Integrator
 
 
@@ -54,6 +56,18 @@ class Assembly(ABC):
             instances: Numbers, in the flattened batch, of the only ones to be solved, shape (instance_count,); all by default.
                 What is compiled in is the same as for all. An assembly that does not take this is solved in one piece.
         """
+
+    def features(self, inputs: Inputs, *, enabled: Iterable[str] = ()) -> tuple["Features", ...]:
+        """What is compiled in for ``inputs``, and for those named in ``enabled``: the features of each kernel."""
+        raise NotImplementedError(f"{type(self).__name__} does not say what is compiled in")
+
+    def influences(self, inputs: Inputs) -> Mapping[str, "Influence"]:
+        """What dropping each term does to the end effector, in the worst of all instances; what is not named is not known."""
+        return {}
+
+    def with_rods(self, rods: Sequence[Rod]) -> Self:
+        """The same assembly of other rods, as many, and as long."""
+        raise NotImplementedError(f"{type(self).__name__} cannot change its rods")
 
     @property
     def rod_count(self) -> int:

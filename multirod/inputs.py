@@ -113,6 +113,15 @@ class Inputs:
         result.batch_shape = np.broadcast_shapes(*(a.shape[:-1] for a in arrays.values()))
         return result
 
+    def without(self, names: Sequence[str]) -> "Inputs":
+        """The same, with some of the inputs zero; leading axes stay."""
+        zero = {name: np.zeros_like(self._arrays[name]) for name in names if name in self._arrays}
+        result = self.with_arrays(self._arrays | zero)
+        result._profiles = {name: value for name, value in self._profiles.items() if name not in names}
+        result.given = tuple(name for name in self.given if name in result._arrays or name in result._profiles)
+        result.batch_shape = self.batch_shape
+        return result
+
     def __getitem__(self, index: Any) -> "Inputs":
         """The inputs of some instances: ``inputs[k]`` takes the k-th along the first batch axis."""
         arrays = {name: np.broadcast_to(a, (*self.batch_shape, a.shape[-1]))[index] for name, a in self._arrays.items()}

@@ -18,6 +18,7 @@ from multirod.segments import Breakpoints, placed
 from multirod.solution import History, Scene, Solution
 from multirod.solver import Outcome, Solver
 from multirod.solvers.shooting import Shooting
+from multirod.terms.simplify import simplified
 from multirod.validation import Described, FloatArray, array, refuse
 
 _BLOCK = 2**20  # numbers: inputs are made ready for as many samples at once
@@ -51,6 +52,7 @@ def solve(
     device: str = "cpu",
     threads: int | None = None,
     instances: Any = None,
+    simplify: float | None = None,
     progress: bool | Callable[[int], Any] = True,
 ) -> Solution:
     """Static equilibrium of every instance of ``inputs`` and of the robot's own leading axes.
@@ -66,6 +68,8 @@ def solve(
         device: Warp device.
         threads: That share the parts of a batch on the CPU; one for each core by default.
         instances: Numbers, in the flattened batch, of the only ones to be solved, shape (k,): the result has that shape.
+        simplify: Drop the terms that together move no tip by more than this times the length in use (``docs/explain.md``); the
+            solution is then of the robot and inputs without them, and ``solution.dropped`` names them.
         progress: Whether to show a bar on a terminal where it takes more than two seconds; or a function that is called with
             the number of instances done.
 
@@ -76,7 +80,7 @@ def solve(
         TypeError, ValueError: If an argument is not what it must be.
     """
     method = as_solver(robot, solver)
-    inputs = robot.accept(inputs)
+    robot, inputs, dropped = simplified(robot, robot.accept(inputs), simplify)
     whole = np.broadcast_shapes(inputs.batch_shape, robot.batch_shape)
     chosen = None if instances is None else _numbers(instances, prod(whole))
     batch_shape = whole if chosen is None else chosen.shape
@@ -97,7 +101,7 @@ def solve(
 
     with Watch("solving", count, progress) as watch:
         run(work, pieces, workers)
-    scene = Scene(robot, batch_shape, method.integrator, device, results.fields, threads=workers)
+    scene = Scene(robot, batch_shape, method.integrator, device, results.fields, threads=workers, dropped=dropped)
     return Solution(scene, results.records[0], results.outcome(), inputs, chosen)
 
 
@@ -110,6 +114,7 @@ def simulate(
     guess: Any = None,
     device: str = "cpu",
     threads: int | None = None,
+    simplify: float | None = None,
     progress: bool | Callable[[int], Any] = True,
 ) -> History:
     """Follow a motion from sample to sample, or a batch of motions.
@@ -122,6 +127,7 @@ def simulate(
         guess: Unknowns at the first sample, as for ``solve``.
         device: Warp device.
         threads: That share the parts of a batch on the CPU; one for each core by default.
+        simplify: As for ``solve``: a term is dropped only where it may be in all samples.
         progress: Whether to show a bar on a terminal where it takes more than two seconds; or a function that is called with
             the number of samples done.
 
@@ -138,6 +144,7 @@ def simulate(
     if inputs.batch_shape and inputs.batch_shape[0] not in (1, samples):
         refuse("inputs", Described(f"leading axes {inputs.batch_shape}"), f"the first must be time, {samples} samples")
     batch_shape = np.broadcast_shapes(inputs.batch_shape[1:], robot.batch_shape)
+    robot, inputs, dropped = simplified(robot, inputs, simplify, _with_time(inputs, samples, batch_shape))
     first = inputs[0] if inputs.batch_shape else inputs
     count = prod(batch_shape)
     workers = thread_count(threads)
@@ -166,13 +173,13 @@ def simulate(
     with Watch("samples", samples, progress, shares=len(pieces)) as watch:
         run(work, pieces, workers)
     return History(
-        Scene(robot, (samples, *batch_shape), method.integrator, device, results.fields, threads=workers),
+        Scene(robot, (samples, *batch_shape), method.integrator, device, results.fields, threads=workers, dropped=dropped),
         results.records.reshape(samples * count, -1),
         results.outcome(),
         _with_time(inputs, samples, batch_shape),
         time=time,
         step_time=step_time.sum(axis=0),
-        description=repr(method),
+        description=", ".join([repr(method), *(f"without {term}" for term in dropped)]),
     )
 
 

@@ -24,6 +24,8 @@ from multirod.validation import FloatArray, positive_int, refuse
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from multirod.terms.simplify import Dropped
+
 DEFAULT_NODE_COUNT = 51
 
 
@@ -43,6 +45,7 @@ class Scene:
         fields: Where the fields of a record stand.
         unpack: Inputs from their rows, where the records hold them.
         threads: That share what is computed later.
+        dropped: The terms that were left out of the robot and inputs that were given.
     """
 
     assembly: Assembly
@@ -52,6 +55,7 @@ class Scene:
     fields: dict[str, slice]
     unpack: Callable[[FloatArray], Inputs] | None = None
     threads: int = 1
+    dropped: tuple["Dropped", ...] = ()
 
 
 class Solution:
@@ -87,6 +91,11 @@ class Solution:
         chosen = flat if self._instances is None else self._instances[flat]
         scene = replace(self._scene, batch_shape=rows.shape)
         return Solution(scene, self._records[flat], self._outcome.take(flat), self._whole, chosen)
+
+    @property
+    def dropped(self) -> tuple["Dropped", ...]:
+        """The terms that ``simplify`` left out of ``assembly`` and ``inputs``; none by default."""
+        return self._scene.dropped
 
     @property
     def assembly(self) -> Assembly:
@@ -420,8 +429,12 @@ class Solution:
 
     def __repr__(self) -> str:
         if not self.batch_shape:
-            return f"{type(self).__name__}({self.status.name}, residual {float(self.residual):.2g} 1/m)"
-        return f"{type(self).__name__}(batch {self.batch_shape}: {self._counts(slice(None))})"
+            return f"{type(self).__name__}({self.status.name}, residual {float(self.residual):.2g} 1/m{self._without})"
+        return f"{type(self).__name__}(batch {self.batch_shape}: {self._counts(slice(None))}{self._without})"
+
+    @property
+    def _without(self) -> str:
+        return f"; dropped {', '.join(map(str, self.dropped))}" if self.dropped else ""
 
     def _counts(self, chosen: Any) -> str:
         values, counts = np.unique(self._outcome.status.reshape(-1)[chosen], return_counts=True)
