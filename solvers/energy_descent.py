@@ -21,7 +21,7 @@ class EnergyDescent(Solver):
 
     Along a motion it takes exactly one integration a sample, as ``Observer``. Where the equilibrium is stable and near, its
     step is one of Newton's method; where a mode is unstable it goes down along it, so that it passes folds, follows a
-    snap to where the rod comes to rest, and does not stay on what is unstable. The pose is corrected to first order.
+    snap to where the rod comes to rest, and does not stay on what is unstable. Along a motion the pose is corrected to first order.
     ``docs/energy_descent.md`` derives it, and says what was measured.
 
     Attributes:
@@ -66,23 +66,25 @@ class EnergyDescent(Solver):
 
     def unsupported(self, problem: BoundaryProblem) -> tuple[str, ...]:
         """Problems whose residual is not the moment on one tip that is free to turn."""
+        if not problem.pose_sensitivities or problem.direction_count < self.direction_count:
+            return ("it carries no columns of the pose, or of the inputs' change",)
         if problem.moment_unit is None:
             return ("its residual is not the moment on a single rod's tip alone, which energy descent needs",)
         return ()
 
     def track(self, problem: BoundaryProblem, dt: float) -> "EnergyDescentTrack":
         """Follow a motion, one integration a sample; ``dt`` does not matter."""
-        return EnergyDescentTrack(self, problem)
+        return EnergyDescentTrack(self, problem, corrected=True)
 
     def _solve(self, problem: BoundaryProblem, guess: FloatArray | None) -> Outcome:
-        track = EnergyDescentTrack(self, problem)
+        track = EnergyDescentTrack(self, problem, corrected=False)
         return track.settle(tolerance=self.tolerance, max_iterations=self.max_iterations, ramp=self.ramp, guess=guess)
 
 
 class EnergyDescentTrack(SampledTrack):
     """Energy descent on the buffers of one problem; ``state`` holds its arrays."""
 
-    def __init__(self, options: EnergyDescent, problem: BoundaryProblem) -> None:
+    def __init__(self, options: EnergyDescent, problem: BoundaryProblem, *, corrected: bool) -> None:
         count, device = problem.instance_count, problem.device
         unit: Any = problem.moment_unit
         first = problem.guess()
@@ -95,6 +97,7 @@ class EnergyDescentTrack(SampledTrack):
         for name in ("size", "margin"):
             setattr(state, name, wp.zeros(count, dtype=wp.float64, device=device))
         state.status = wp.zeros(count, dtype=wp.int32, device=device)
+        state.corrected = int(corrected)
         state.radius, state.fold_threshold = options.radius, options.fold_threshold
         self._launch = record(lambda: make_descent(options.feed_forward), count, [state], device)
         self._bind(problem, state, options.feed_forward, first)

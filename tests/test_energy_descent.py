@@ -77,7 +77,7 @@ def test_along_the_papers_motion_it_has_no_lag():
     lag = np.linalg.norm(lagging.tip_position - exact.tip_position, axis=1)[60:]
     assert error.max() < 1e-7  # of the second order in what the inputs do by surprise in 5 ms, corrected
     assert lag.max() > 3e-4
-    assert (found.status == mr.Status.TRACKING).all()
+    assert (found.status[1:] == mr.Status.TRACKING).all()  # the first starts far off
 
 
 def test_it_follows_a_snap_and_says_so():
