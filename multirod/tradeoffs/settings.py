@@ -10,6 +10,7 @@ from multirod.assembly import Assembly
 from multirod.inputs import Inputs
 from multirod.models.integrators import RK4, RK23, RK45, Integrator
 from multirod.solver import Solver
+from multirod.solvers.energy_descent import EnergyDescent
 from multirod.solvers.observer import COUPLINGS, Observer
 from multirod.solvers.scipy_shooting import METHODS, ScipyShooting
 from multirod.solvers.shooting import PREDICTORS, Shooting
@@ -22,7 +23,7 @@ OBSERVERS: dict[str, dict[str, Any]] = {
     "observer ff newton-scaled": {"feed_forward": True, "scaling": "newton"},
 }
 COUPLED_STEPS = 50
-OWN = (Shooting, Observer, ScipyShooting)  # registered too, but tried in forms of their own
+OWN = (Shooting, Observer, EnergyDescent, ScipyShooting)  # registered too, but tried in forms of their own
 
 
 @dataclass(frozen=True)
@@ -58,8 +59,8 @@ def integrators() -> tuple[Integrator, ...]:
 def grid(robot: Assembly, inputs: Inputs | None = None, *, tried: Sequence[Integrator] | None = None) -> dict[str, Solver]:
     """The settings that are tried by default.
 
-    Newton's method with each predictor and four forms of the observer by all integrators; the observer in other couplings, where
-    the robot has several rods to couple, by ``RK4`` at up to 50 steps, as it is the lag that they change; the paper's three root
+    Newton's method with each predictor, four forms of the observer, and energy descent where it takes the robot, by all integrators; the observer in other
+    couplings, where the robot has several rods to couple, by ``RK4`` at up to 50 steps, as it is the lag that they change; the paper's three root
     finders with ``RK4(50)``.
 
     Args:
@@ -74,11 +75,15 @@ def grid(robot: Assembly, inputs: Inputs | None = None, *, tried: Sequence[Integ
     while first.batch_shape:
         first = first[0]
     problem = robot.problem(first, integrator=RK4(50))
+    columns = robot.problem(first, integrator=RK4(50), pose_sensitivities=True, direction_count=1)
     result: dict[str, Solver] = {}
     for integrator in integrators() if tried is None else tried:
         name = code(integrator)
         for predictor in PREDICTORS:
             result[f"Newton, {predictor}, {name}"] = Shooting(predictor=predictor, integrator=integrator)
+        descent = EnergyDescent(integrator=integrator)
+        if not descent.unsupported(columns):
+            result[f"energy descent, {name}"] = descent
         few = integrator.steps is not None and integrator.steps <= COUPLED_STEPS and len(problem.blocks) > 1
         for coupling in COUPLINGS if few else COUPLINGS[:1]:
             for kind, form in OBSERVERS.items():

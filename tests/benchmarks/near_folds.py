@@ -89,10 +89,12 @@ def reference(robot, inputs, samples, radius):
     tip, margin, guess = [], [], None
     lost = np.zeros(robot.batch_shape, dtype=bool)
     for k in range(samples):
-        found = mr.solve(robot, inputs[k], solver=solver, guess=guess, instances=np.flatnonzero(~lost), progress=False)
+        there = np.flatnonzero(~lost)
+        start = None if guess is None else guess[there]
+        found = mr.solve(robot, inputs[k], solver=solver, guess=start, instances=there, progress=False)
         if guess is None:
             guess = np.zeros((*lost.shape, found.unknowns.shape[-1]))
-        there, failed = np.flatnonzero(~lost), np.isnan(found.tip_position).any(axis=-1)
+        failed = np.isnan(found.tip_position).any(axis=-1)
         guess[there] = np.where(failed[:, None], guess[there], found.unknowns)
         tip.append(np.full((*lost.shape, 3), np.nan))
         margin.append(np.full(lost.shape, np.nan))
