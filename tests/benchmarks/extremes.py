@@ -1,0 +1,85 @@
+"""The package at the extremes: random scenes judged by equations of their own, and a table of extremes against solvers.
+
+python tests/benchmarks/extremes.py                        the table of docs/extremes.md
+python tests/benchmarks/extremes.py --scenes 2000 --seed 0 random scenes; --kinds, --references N for a part of them
+"""
+
+import argparse
+import sys
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import warp as wp
+
+sys.path.insert(0, str(Path(__file__).parent.parent))
+
+from random_scenes import KINDS, draw
+from scene_check import SAME, Verdict, check
+
+
+def faults(verdict: Verdict) -> list[str]:
+    """What is wrong with a verdict, in words."""
+    found = {
+        "wrong": verdict.wrong,
+        "unstable, not flagged": verdict.unstable and not verdict.flagged,
+        "another number of unstable modes": bool(verdict.missed),
+        "another branch": verdict.reference is not None and verdict.reference > SAME,
+        "not solved though the branch goes on": verdict.status.failed and verdict.ends == 1,
+    }
+    return [name for name, true in found.items() if true]
+
+
+def random_scenes(options: argparse.Namespace) -> None:
+    """Judge scenes, print what is wrong with any at once, and the table at the end."""
+    rows: dict[str, list[Verdict]] = {}
+    for kind in options.kinds:
+        check(draw(kind, 10**6))  # compiles most of what is needed
+        rows[kind] = []
+        for k in range(options.scenes // len(options.kinds)):
+            seed = options.seed + k
+            verdict = check(draw(kind, seed), reference=options.references > 0 and k % options.references == 0)
+            rows[kind].append(verdict)
+            if faults(verdict) or verdict.seconds > options.slow:
+                print(f"{kind}, seed {seed}: {', '.join(faults(verdict)) or 'slow'}: {verdict}", file=sys.stderr, flush=True)
+        print_table(rows)
+
+
+def print_table(rows: dict[str, list[Verdict]]) -> None:
+    """Markdown, one row a kind, the last kinds of which may still be missing."""
+    print("\n| scenes | number | solved | failed | wrong | worst tip / L | worst gap | worst shape | unstable: flagged, not | "
+          "compared: same branch, another, not solved | CPU s: median, 95 %, most |")  # fmt: skip
+    print("|---|---|---|---|---|---|---|---|---|---|---|")
+    for kind, verdicts in rows.items():
+        solved = [v for v in verdicts if not v.status.failed]
+        failed = Counter(v.status.name for v in verdicts if v.status.failed)
+        worst = [max((getattr(v, name) for v in solved), default=np.nan) for name in ("error", "gap", "shape")]
+        unstable = [v.flagged for v in solved if v.unstable]
+        followed = [v for v in verdicts if v.ends == 1]
+        same = sum(v.reference is not None and v.reference <= SAME for v in followed)
+        other = sum(v.reference is not None and v.reference > SAME for v in followed)
+        seconds = np.percentile([v.seconds for v in verdicts], (50, 95, 100))
+        print(
+            f"| {kind} | {len(verdicts)} | {len(solved)} | {', '.join(f'{n} {name}' for name, n in failed.items())} "
+            f"| {sum(v.wrong for v in solved)} | {worst[0]:.0e} | {worst[1]:.0e} | {worst[2]:.0e} "
+            f"| {sum(unstable)}, {len(unstable) - sum(unstable)} | {same}, {other}, {len(followed) - same - other} "
+            f"| {', '.join(f'{s:.2g}' for s in seconds)} |",
+            flush=True,
+        )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scenes", type=int, default=0, help="random scenes to judge, of all kinds together")
+    parser.add_argument("--seed", type=int, default=0, help="the first of each kind")
+    parser.add_argument("--kinds", nargs="+", choices=list(KINDS), default=list(KINDS), metavar="KIND", help=", ".join(KINDS))
+    parser.add_argument("--references", type=int, default=4, help="follow the branch of every N-th anew; 0 for none")
+    parser.add_argument("--slow", type=float, default=10.0, help="seconds from which a scene is named")
+    options = parser.parse_args()
+    wp.config.log_level = wp.LOG_ERROR
+    if options.scenes:
+        random_scenes(options)
+
+
+if __name__ == "__main__":
+    main()
