@@ -17,7 +17,7 @@ class Scene:
         robot: Of the package.
         inputs: Of the package.
         rods: Sections of each rod, dictionaries of ``mr.Section``'s arguments.
-        loads: What acts, named as the inputs.
+        loads: What acts, named as the inputs, and what else places the rods.
         load: Largest load in units of the softest bending stiffness and the length.
     """
 
@@ -100,7 +100,94 @@ def single_rod(kind, rng):
     return Scene(kind, robot, robot.inputs(**loads), [sections], loads, largest)
 
 
-KINDS = dict.fromkeys(SINGLE, single_rod)
+TUBES = {"two tubes": (2, True), "two tubes, no load": (2, False), "three tubes": (3, True), "four tubes, no load": (4, False)}
+
+
+def concentric_tubes(kind, rng):
+    """Tubes precurved by up to three turns, many nearly opposite, some that end 1e-10 m apart."""
+    count, loaded = TUBES[kind]
+    length = log_uniform(rng, 1e-3, 10)
+    EI = log_uniform(rng, 1e-6, 1e2) * np.cumprod([1.0, *(log_uniform(rng, 0.5, 10) for _ in range(count - 1))])
+    beta = -np.sort(rng.uniform(0, 0.3, count))[::-1] * length
+    if rng.random() < 0.2:
+        beta = beta * 1e-9  # hardly any room to twist behind the plate
+    reach = np.sort(rng.uniform(0.1, 1, count))[::-1] * length
+    if rng.random() < 0.2:
+        reach[-1] = reach[-2] - log_uniform(rng, 1e-12, 1e-6) * length
+    rods = []
+    for k in range(count):
+        bend = log_uniform(rng, 0.1, 20) / length
+        precurvature = (bend, rng.uniform(-0.3, 0.3) * bend, rng.uniform(-1, 1) * bend * (rng.random() < 0.3))
+        stiffness = {"bending_stiffness": float(EI[k]), "torsional_stiffness": float(EI[k] * log_uniform(rng, 0.2, 2))}
+        whole = reach[k] - beta[k]
+        straight = whole * rng.uniform(0.05, 0.9)
+        rods.append(
+            [
+                {"length": float(straight), "precurvature": (0.0, 0.0, 0.0)} | stiffness,
+                {"length": float(whole - straight), "precurvature": precurvature} | stiffness,
+            ]
+        )
+    alpha = rng.uniform(-np.pi, np.pi, count)
+    if rng.random() < 0.3:
+        alpha[1] = alpha[0] + np.pi - log_uniform(rng, 1e-8, 0.3)
+    load = log_uniform(rng, 1e-3, 30) if loaded else 0.0
+    force = load * EI[0] / length**2 * direction(rng)
+    robot = mr.ConcentricTubes([mr.Rod(sections=[mr.Section(**s) for s in sections]) for sections in rods])
+    inputs = {"rotation": alpha, "translation": beta} | ({"tip_force": force} if loaded else {})
+    return Scene(kind, robot, robot.inputs(**inputs), rods, {"tip_force": force, "rotation": alpha, "translation": beta}, load)
+
+
+LEGS = {"two legs": 2, "three legs": 3, "six legs": 6, "eight legs": 8}
+
+
+def parallel_rods(kind, rng):
+    """Legs on a platform, from soft to stiff by up to 1e6 to 1, under a wrench."""
+    count = LEGS[kind]
+    length = log_uniform(rng, 1e-2, 10)
+    EI = log_uniform(rng, 1e-6, 1e2)
+    spread = log_uniform(rng, 1, 1e6) if rng.random() < 0.4 else 3.0
+    rods = []
+    for _ in range(count):
+        bending = EI * log_uniform(rng, 1, spread) * np.array([1.0, log_uniform(rng, 0.5, 2)])
+        EA = bending.max() * log_uniform(rng, 20, 1e3) ** 2 / length**2
+        section = {
+            "length": float(length * rng.uniform(0.8, 1.2)),
+            "bending_stiffness": tuple(bending),
+            "torsional_stiffness": float(bending.mean() * log_uniform(rng, 0.3, 1)),
+            "precurvature": tuple(rng.uniform(-1, 1, 3) * log_uniform(rng, 1e-2, 2) / length),
+            "shear_stiffness": EA / 2.6,
+            "axial_stiffness": EA,
+        }
+        rods.append([section])
+    poses = []
+    for radius, tilt in ((rng.uniform(0.1, 0.5), 0.2), (rng.uniform(0.05, 0.5), 0.2)):
+        pose = np.tile(np.eye(4), (count, 1, 1))
+        for k in range(count):
+            angle = 2 * np.pi * k / count + rng.uniform(-0.3, 0.3)
+            pose[k, :3, :3] = _turn(2, angle) @ _turn(1, rng.uniform(-tilt, tilt))
+            pose[k, :3, 3] = radius * length * np.array([np.cos(angle), np.sin(angle), 0])
+        poses.append(pose)
+    load = log_uniform(rng, 1e-2, 100)
+    stiff = sum(rod[0]["bending_stiffness"][0] for rod in rods)
+    loads = {
+        "tip_force": load * stiff / length**2 * direction(rng),
+        "tip_moment": (rng.random() < 0.5) * min(load, 2.0) * rng.random() * stiff / length * direction(rng),
+    }
+    robot = mr.ParallelRods(
+        legs=[mr.Rod(sections=[mr.Section(**s) for s in sections]) for sections in rods], base=poses[0], platform=poses[1]
+    )
+    return Scene(kind, robot, robot.inputs(**loads), rods, loads | {"base": poses[0], "platform": poses[1]}, load)
+
+
+def _turn(axis, angle):
+    c, s = np.cos(angle), np.sin(angle)
+    R = np.eye(3)
+    i, j = ((1, 2), (2, 0), (0, 1))[axis]
+    R[i, i], R[i, j], R[j, i], R[j, j] = c, -s, s, c
+    return R
+
+
+KINDS = dict.fromkeys(SINGLE, single_rod) | dict.fromkeys(TUBES, concentric_tubes) | dict.fromkeys(LEGS, parallel_rods)
 
 
 def draw(kind, seed):

@@ -31,6 +31,16 @@ def test_single_rods(kind):
     assert sum(not v.status.failed for v in verdicts) >= 0.9 * len(verdicts)
 
 
+@pytest.mark.parametrize("kind", ["two tubes", "three legs"])
+def test_robots_of_several_rods(kind):
+    """Whatever is solved is an equilibrium, and no unstable one is called stable; how many are solved is for the command to say."""
+    verdicts = [check(draw(kind, seed)) for seed in range(8)]
+    assert not [v for v in verdicts if v.wrong]
+    assert not [v for v in verdicts if v.unstable and not v.flagged]
+    assert not [v for v in verdicts if v.missed]
+    assert sum(not v.status.failed for v in verdicts) >= 5
+
+
 @pytest.fixture(scope="module")
 def loaded():
     """A rod under 31 EI/L^2, its solution and its equations."""
