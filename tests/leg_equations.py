@@ -49,8 +49,6 @@ class LegEquations:
             tips = self.tips(cases)
             gap = self.gaps(tips[:, 0], p, R)
             first = gap if first is None else first
-            if np.abs(gap).max() < 1e-10 * max(1.0, np.abs(wrenches / unit).max()):
-                return p, R, first
             J = np.zeros((len(gap), len(gap)))
             for k in range(legs):
                 for j in range(6):
@@ -65,4 +63,6 @@ class LegEquations:
             wrenches = wrenches + step[: 6 * legs].reshape(legs, 6) * unit
             p = p + step[-6:-3] * self.length
             R = Rotation.from_rotvec(step[-3:]).as_matrix() @ R
+            if np.abs(step[-6:]).max() < 1e-9:  # gaps are what rounding makes of them at the far end of strongly loaded legs
+                return p, R, first
         return None

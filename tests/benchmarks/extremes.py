@@ -14,8 +14,12 @@ import warp as wp
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
+from extreme_cases import CASES, Case, solvers
+from observer_scenes import GAINS, MOTIONS, MOVING, TIMES, follow
 from random_scenes import KINDS, draw
 from scene_check import SAME, Verdict, check
+
+import multirod as mr
 
 
 def faults(verdict: Verdict) -> list[str]:
@@ -68,6 +72,44 @@ def print_table(rows: dict[str, list[Verdict]]) -> None:
         )
 
 
+def cell(case: Case, solver: mr.Solver) -> str:
+    """Distance of the tip over the length, or the status that says why there is none, or a dash where a solver refuses."""
+    try:
+        solution = mr.solve(case.robot, case.inputs, solver=solver, progress=False)
+    except (TypeError, ValueError):
+        return "-"
+    if solution.status.failed:
+        return f"`{solution.status}`"
+    error = float(np.linalg.norm(solution.tip_position - case.tip) / case.length)
+    return f"**{error:.0e}**" if error > SAME else f"{error:.0e}"
+
+
+def extremes_against_solvers() -> None:
+    """One row an extreme, one column a solver."""
+    columns = solvers()
+    print("| extreme | reference | " + " | ".join(columns) + " |")
+    print("|---" * (len(columns) + 2) + "|")
+    for make in CASES:
+        case = make()
+        cells = [cell(case, solver) for solver in columns.values()]
+        print(f"| {case.name} | {case.source} | " + " | ".join(cells) + " |", flush=True)
+
+
+def observers() -> None:
+    """How far the observer is off when the motion stops, and how far 30 samples later."""
+    print("\n| motion | `R` = `Q` | " + " | ".join(f"{dt:g} s" for dt in TIMES) + " |")
+    print("|---" * (len(TIMES) + 2) + "|")
+    for name in MOTIONS:
+        for gain in (gain for gain in GAINS if gain[0] == gain[1]):
+            cells = []
+            for dt in TIMES:
+                history = follow(name, gain, dt)
+                error = np.linalg.norm(history.boundary_residual, axis=1)
+                warned = "" if (history.status == mr.Status.TRACKING).all() else " (`NEAR_FOLD`)"
+                cells.append(f"{error[MOVING]:.1g}, {error[-1]:.1g}{warned}")
+            print(f"| {name} | {gain[0]:g} | " + " | ".join(cells) + " |", flush=True)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenes", type=int, default=0, help="random scenes to judge, of all kinds together")
@@ -79,6 +121,9 @@ def main() -> None:
     wp.config.log_level = wp.LOG_ERROR
     if options.scenes:
         random_scenes(options)
+        return
+    extremes_against_solvers()
+    observers()
 
 
 if __name__ == "__main__":
