@@ -63,6 +63,6 @@ class LegEquations:
             wrenches = wrenches + step[: 6 * legs].reshape(legs, 6) * unit
             p = p + step[-6:-3] * self.length
             R = Rotation.from_rotvec(step[-3:]).as_matrix() @ R
-            if np.abs(step[-6:]).max() < 1e-9:  # gaps are what rounding makes of them at the far end of strongly loaded legs
+            if np.abs(step[-6:]).max() < 1e-7:  # gaps are what rounding makes of them at the far end of strongly loaded legs
                 return p, R, first
         return None

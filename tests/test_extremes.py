@@ -10,6 +10,7 @@ import pytest
 from random_scenes import draw
 from rod_equations import RodEquations
 from scene_check import RIGHT, SAME, check, violations
+from tube_equations import TubeEquations, base_of
 
 import multirod as mr
 
@@ -81,3 +82,32 @@ def test_the_check_sees_another_branch(loaded):
     sections, loads = rod.given
     gap, error, _ = violations(solution, RodEquations(sections, {"tip_force": -loads["tip_force"]}))
     assert gap > 1e-3 or error > SAME
+
+
+def test_the_second_variation_counts_the_modes_of_columns():
+    """Clamped-free: pi^2 EI/(4 L^2) (2 k + 1)^2, here about two axes that differ by 1.3; the straight column is an equilibrium at any load."""
+    section = {"length": 1.0, "bending_stiffness": (1.0, 1.3), "torsional_stiffness": 0.8}
+    robot = mr.SingleRod(mr.Rod(sections=[mr.Section(**section)]))
+    for load, modes in ((0.99, 0), (1.01, 1), (1.29, 1), (1.31, 2), (8.9, 2), (9.1, 3)):
+        force = (0, 0, -load * np.pi**2 / 4)
+        solution = mr.solve(robot, robot.inputs(tip_force=force), guess=(0.0, 0.0, 0.0))
+        assert RodEquations([section], {"tip_force": force}).index(solution.rod(0, nodes=401))[0] == modes == solution.index
+
+
+def test_the_second_variation_counts_the_modes_of_tubes():
+    """Opposite tubes under 8 N against their tips have equilibria with 0, 2 and 3 unstable modes: the package's count at each."""
+    rods = []
+    for length, EI, curvature in ((0.4, 0.01, (6, 1, 0.3)), (0.3, 0.03, (3, 1, 0.3))):
+        stiffness = {"bending_stiffness": EI, "torsional_stiffness": 0.7 * EI}
+        rods.append([{"length": 0.2, "precurvature": (0, 0, 0)} | stiffness, {"length": length - 0.2, "precurvature": curvature} | stiffness])
+    robot = mr.ConcentricTubes([mr.Rod(sections=[mr.Section(**s) for s in sections]) for sections in rods])
+    alpha, beta, force = (0.3, 3.1), (-0.1, -0.05), (0, 0, -8)
+    found = mr.equilibria(robot, robot.inputs(rotation=alpha, translation=beta, tip_force=force))
+    tubes = TubeEquations(rods, alpha, beta, force)
+    counts = []
+    for k in range(found.batch_shape[0]):
+        start, tip, _ = tubes.solve(*base_of(found[k], 2))
+        np.testing.assert_allclose(tip[:3], found[k].tip_position, rtol=0, atol=RIGHT * tubes.length)
+        counts.append(tubes.index(start)[0])
+        assert counts[-1] == found[k].index
+    assert max(counts) >= 2
