@@ -28,10 +28,16 @@ def turned_back(R, a):
     return np.einsum("...ji,...j->...i", R, a)
 
 
+def twice_turned(a, b):
+    """Matrices (..., 3, 3) of the form ``-a . (phi x (phi x b))`` in ``phi``."""
+    outer = np.einsum("...i,...j->...ij", a, b)
+    return np.einsum("...i,...i->...", a, b)[..., None, None] * np.eye(3) - (outer + np.swapaxes(outer, -1, -2)) / 2
+
+
 class RodEquations:
     """World position, rotation, force and moment along a rod: ``y = (p, R, n, m)``, as rows of 18 numbers.
 
-        p' = R (e3 + S^-1 R^T n),  R' = R [u]x,  u = u* + K^-1 R^T m,  n' = -f,  m' = -p' x n - l
+    p' = R (e3 + S^-1 R^T n),  R' = R [u]x,  u = u* + K^-1 R^T m,  n' = -f,  m' = -p' x n - l
     """
 
     def __init__(self, sections, loads):
@@ -128,15 +134,12 @@ class RodEquations:
         h = s[2::2] - s[:-2:2]
         k = self.section(s[1::2])
         n, m = turned(R, shape.force[1::2]), turned(R, shape.moment[1::2])
-        eye, count = np.eye(3), len(h)
+        count = len(h)
         C = np.einsum("eij,ej,ekj->eik", R, self.K[k], R)
         couple = hat(m)  # m . (phi x phi') = phi' . (m x phi)
         t = R[:, :, 2]
-        V = -(np.einsum("ei,ej->eij", n, t) + np.einsum("ei,ej->eij", t, n)) / 2 + np.einsum("ei,ei->e", n, t)[:, None, None] * eye
         S = np.einsum("eij,ej,ekj->eik", R, self.compliance[k], R)
-        w = turned(S, n)
-        V -= np.swapaxes(hat(n), 1, 2) @ S @ hat(n)
-        V -= (np.einsum("ei,ej->eij", n, w) + np.einsum("ei,ej->eij", w, n)) / 2 - np.einsum("ei,ei->e", n, w)[:, None, None] * eye
+        V = twice_turned(n, t) + twice_turned(n, turned(S, n)) - np.swapaxes(hat(n), 1, 2) @ S @ hat(n)
         # phi = (a + b) / 2, phi' = (b - a) / h
         off = -(couple + np.swapaxes(couple, 1, 2)) / 2
         mixed = -(couple - np.swapaxes(couple, 1, 2)) / 2
@@ -157,4 +160,3 @@ class RodEquations:
                 band[3 + i - j, j : size - 3 : 3] += ba[1:, i, j]
         values = eigvals_banded(band, lower=True)
         return int((values < 0).sum()), float(np.abs(values).min() / np.abs(values).max())
-

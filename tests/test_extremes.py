@@ -99,7 +99,8 @@ def test_the_second_variation_counts_the_modes_of_tubes():
     rods = []
     for length, EI, curvature in ((0.4, 0.01, (6, 1, 0.3)), (0.3, 0.03, (3, 1, 0.3))):
         stiffness = {"bending_stiffness": EI, "torsional_stiffness": 0.7 * EI}
-        rods.append([{"length": 0.2, "precurvature": (0, 0, 0)} | stiffness, {"length": length - 0.2, "precurvature": curvature} | stiffness])
+        straight = {"length": 0.2, "precurvature": (0, 0, 0)} | stiffness
+        rods.append([straight, {"length": length - 0.2, "precurvature": curvature} | stiffness])
     robot = mr.ConcentricTubes([mr.Rod(sections=[mr.Section(**s) for s in sections]) for sections in rods])
     alpha, beta, force = (0.3, 3.1), (-0.1, -0.05), (0, 0, -8)
     found = mr.equilibria(robot, robot.inputs(rotation=alpha, translation=beta, tip_force=force))

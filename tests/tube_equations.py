@@ -7,7 +7,7 @@ pushed out of the plate.
 from itertools import pairwise
 
 import numpy as np
-from rod_equations import hat
+from rod_equations import hat, twice_turned
 from scipy.integrate import solve_ivp
 
 PERTURBATION = 1e-6
@@ -28,6 +28,8 @@ class TubeEquations:
         inside = {end for own in self.sections for end, _ in own if 0 < end < self.length}
         self.breaks = [0.0, *sorted(inside), self.length]
         self.EI = self.at(0.0)[0].sum()
+        twists = np.repeat([1.0, self.EI], self.count - 1)
+        self.units = np.concatenate([np.full(3, self.length), np.ones(9), np.full(3, self.EI), twists])
 
     def at(self, s):
         """EI, GJ and precurvature of each tube in the stretch that goes on from ``s``; zero where it has ended."""
@@ -35,7 +37,8 @@ class TubeEquations:
         for i, own in enumerate(self.sections):
             for end, section in own:
                 if s < end:
-                    EI[i], GJ[i], u_star[i] = section["bending_stiffness"], section["torsional_stiffness"], section["precurvature"]
+                    EI[i], GJ[i] = section["bending_stiffness"], section["torsional_stiffness"]
+                    u_star[i] = section["precurvature"]
                     break
         return EI, GJ, u_star
 
@@ -103,10 +106,9 @@ class TubeEquations:
                 y,
                 method="DOP853",
                 rtol=1e-12,
-                atol=1e-13 * np.concatenate([np.full(3, self.length), np.ones(9), np.full(3, self.EI), np.ones(self.count - 1),
-                                             np.full(self.count - 1, self.EI)]),
+                atol=1e-13 * self.units,
                 t_eval=np.concatenate([inside, [b]]),
-            )  # fmt: skip
+            )
             states += list(result.y.T[:-1])
             y = result.y[:, -1]
             tau = self.split(y)[3]
@@ -165,8 +167,7 @@ class TubeEquations:
             couple = phi.T @ hat(m) @ rates[:3]  # -m . (phi x phi')
             local += (couple + couple.T) / 2
             t, F = R[:, 2], self.force
-            V = -(np.outer(F, t) + np.outer(t, F)) / 2 + (F @ t) * np.eye(3)
-            local += phi.T @ V @ phi
+            local += phi.T @ twice_turned(F, t) @ phi
             place = slice(width * k, width * (k + 2))
             Q[place, place] += h[k] * local
         # the numbers of node 0 from the angle of each tube
