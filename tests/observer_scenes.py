@@ -76,3 +76,13 @@ def follow(name, gain, dt, **options):
     scaling = {"scaling": "newton"} if name == "six legs" else {}
     solver = mr.Observer(R=gain[0], Q=gain[1], integrator=INTEGRATOR, **scaling, **options)
     return mr.simulate(robot, inputs, time=dt * np.arange(MOVING + STILL), solver=solver, guess=start.unknowns)
+
+
+def measure(amplitude, gain):
+    """The single rod's motion with a tip curvature that is measured with white noise of up to ``amplitude`` [1/m], sampled at 1 Hz."""
+    robot, motion = single_rod()
+    noise = np.random.default_rng(0).uniform(-1, 1, (MOVING + STILL, 3))
+    inputs = robot.inputs(rotation=phase(), tip_force=motion.tip_force, tip_curvature=(14, 5, 0) + amplitude * noise)
+    start = mr.solve(robot, inputs[0], solver=mr.Shooting(integrator=INTEGRATOR)).raise_if_failed()
+    solver = mr.Observer(R=gain, Q=gain, integrator=INTEGRATOR)
+    return mr.simulate(robot, inputs, time=np.arange(MOVING + STILL), solver=solver, guess=start.unknowns)

@@ -15,7 +15,7 @@ import warp as wp
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from extreme_cases import CASES, Case, solvers
-from observer_scenes import GAINS, MOTIONS, MOVING, TIMES, follow
+from observer_scenes import GAINS, MOTIONS, MOVING, TIMES, follow, measure
 from random_scenes import KINDS, draw
 from scene_check import SAME, Verdict, check
 
@@ -120,6 +120,17 @@ def observers() -> None:
             print(f"| {name} | {gain[0]:g} | " + " | ".join(cells) + " |", flush=True)
 
 
+def noise() -> None:
+    """How far noise on a measured tip curvature moves the tip."""
+    amplitudes = (1e-6, 1e-4, 1e-2, 1.0)
+    print("\n| `R` = `Q` | " + " | ".join(f"{amplitude:g} 1/m" for amplitude in amplitudes) + " |")
+    print("|---" * (len(amplitudes) + 1) + "|")
+    for gain in (1e-2, 1.0, 1e2):
+        clean = measure(0.0, gain).tip_position
+        moved = [np.linalg.norm(measure(amplitude, gain).tip_position - clean, axis=1).max() for amplitude in amplitudes]
+        print(f"| {gain:g} | " + " | ".join(f"{value:.1e}" for value in moved) + " |", flush=True)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenes", type=int, default=0, help="random scenes to judge, of all kinds together")
@@ -134,6 +145,7 @@ def main() -> None:
         return
     extremes_against_solvers()
     observers()
+    noise()
 
 
 if __name__ == "__main__":
