@@ -5,6 +5,7 @@ from rod_equations import RodEquations
 from scipy.spatial.transform import Rotation
 
 PERTURBATION = 1e-6
+NEARBY = 0.01  # lengths, and radians, that the platform may move
 
 
 class LegEquations:
@@ -60,6 +61,8 @@ class LegEquations:
                 J[:, 6 * legs + j] = (self.gaps(tips[:, 0], p + e * self.length, R) - gap) / PERTURBATION
                 J[:, 6 * legs + 3 + j] = (self.gaps(tips[:, 0], p, Rotation.from_rotvec(e).as_matrix() @ R) - gap) / PERTURBATION
             step = -np.linalg.solve(J, gap)
+            if not np.abs(step[-6:]).max() < NEARBY:
+                return None
             wrenches = wrenches + step[: 6 * legs].reshape(legs, 6) * unit
             p = p + step[-6:-3] * self.length
             R = Rotation.from_rotvec(step[-3:]).as_matrix() @ R
