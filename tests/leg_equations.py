@@ -1,0 +1,71 @@
+"""Rods clamped to one platform, by the equations of ``rod_equations``: joints, balance, and the equilibrium nearby."""
+
+import numpy as np
+from rod_equations import RodEquations
+from scipy.spatial.transform import Rotation
+
+PERTURBATION = 1e-6
+NEARBY = 0.01  # lengths, and radians, that the platform may move
+
+
+class LegEquations:
+    """Legs (section lists) from ``base`` to ``platform`` poses (leg, 4, 4), a dead force and moment at the platform's origin."""
+
+    def __init__(self, rods, loads):
+        self.legs = [RodEquations(sections, {}) for sections in rods]
+        self.base, self.platform = loads["base"], loads["platform"]
+        self.force, self.moment = loads["tip_force"], loads["tip_moment"]
+        self.length = np.mean([leg.length for leg in self.legs])
+        self.units = [np.repeat([leg.K[0, 0] / leg.length**2, leg.K[0, 0] / leg.length], 3) for leg in self.legs]
+
+    def tips(self, wrenches):
+        """Tip states (leg, case, 18) from base forces and moments (leg, case, 6) in the world."""
+        result = []
+        for leg, pose, values in zip(self.legs, self.base, wrenches, strict=True):
+            count = len(values)
+            start = np.concatenate([pose[:3, 3], pose[:3, :3].ravel()])
+            y = np.hstack([np.tile(start, (count, 1)), values])
+            result.append(leg.carry(np.zeros(count), np.full(count, leg.length), y, rtol=1e-12))
+        return np.array(result)
+
+    def gaps(self, tips, p, R):
+        """What joints and platform lack, dimensionless: six a leg, then force and moment."""
+        lacks, force, moment = [], -self.force, -self.moment
+        for tip, A in zip(tips, self.platform, strict=True):
+            arm = R @ A[:3, 3]
+            lacks.append((tip[:3] - p - arm) / self.length)
+            lacks.append(Rotation.from_matrix((R @ A[:3, :3]).T @ tip[3:12].reshape(3, 3)).as_rotvec())
+            force = force + tip[12:15]
+            moment = moment + tip[15:] + np.cross(arm, tip[12:15])
+        unit = sum(self.units)
+        return np.concatenate([*lacks, force / unit[:3], moment / unit[3:]])
+
+    def solve(self, wrenches, p, R):
+        """Newton's method from base wrenches (leg, 6) and the platform's pose: its pose, and the first gaps; None if it fails."""
+        wrenches, first = np.array(wrenches), None
+        legs, unit = len(self.legs), np.array(self.units)
+        for _ in range(8):
+            steps = PERTURBATION * unit[:, :, None] * np.eye(6)
+            cases = np.concatenate([wrenches[:, None], wrenches[:, None] + steps], axis=1)
+            tips = self.tips(cases)
+            gap = self.gaps(tips[:, 0], p, R)
+            first = gap if first is None else first
+            J = np.zeros((len(gap), len(gap)))
+            for k in range(legs):
+                for j in range(6):
+                    varied = tips[:, 0].copy()
+                    varied[k] = tips[k, 1 + j]
+                    J[:, 6 * k + j] = (self.gaps(varied, p, R) - gap) / PERTURBATION
+            for j in range(3):
+                e = np.eye(3)[j] * PERTURBATION
+                J[:, 6 * legs + j] = (self.gaps(tips[:, 0], p + e * self.length, R) - gap) / PERTURBATION
+                J[:, 6 * legs + 3 + j] = (self.gaps(tips[:, 0], p, Rotation.from_rotvec(e).as_matrix() @ R) - gap) / PERTURBATION
+            step = -np.linalg.solve(J, gap)
+            if not np.abs(step[-6:]).max() < NEARBY:
+                return None
+            wrenches = wrenches + step[: 6 * legs].reshape(legs, 6) * unit
+            p = p + step[-6:-3] * self.length
+            R = Rotation.from_rotvec(step[-3:]).as_matrix() @ R
+            if np.abs(step[-6:]).max() < 1e-7:  # gaps are what rounding makes of them at the far end of strongly loaded legs
+                return p, R, first
+        return None
