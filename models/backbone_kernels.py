@@ -40,8 +40,8 @@ from multirod.models.backbone_layout_kernels import (
     RodTable,
     input_size,
 )
+from multirod.models.backbone_precision_kernels import make_walk_functions
 from multirod.models.backbone_rates_kernels import make_rate_functions
-from multirod.models.backbone_step_kernels import make_step_functions
 from multirod.models.backbone_stretch_kernels import make_stretch_functions
 from multirod.models.features import Features
 from multirod.models.integrators import Tableau
@@ -59,6 +59,7 @@ __all__ = [
 ]
 
 f64 = wp.float64
+SCALARS = {"float64": wp.float64, "float32": wp.float32}
 
 
 def compiler_flags(features: Features) -> str | None:
@@ -73,7 +74,7 @@ def compiler_flags(features: Features) -> str | None:
 
 
 @cache
-def make_kernel(features: Features, tableau: Tableau):
+def make_kernel(features: Features, tableau: Tableau, precision: str = "float64"):
     """Kernel for one set of features and one integrator; arguments ``(RodTable, Call)``, one thread an instance."""
     layout = Layout(features)
     stretch = make_stretch_functions(layout)
@@ -85,7 +86,7 @@ def make_kernel(features: Features, tableau: Tableau):
     load_instance, first_node, next_node, walk_to = grid.load_instance, grid.first_node, grid.next_node, grid.walk_to
     load_stretch, force_at_end, output_arclength = grid.load_stretch, grid.force_at_end, grid.output_arclength
     at_base = make_base_functions(layout, features, grid).at_base
-    over_stretch = make_step_functions(layout, tableau, rate.rates).over_stretch
+    over_stretch = make_walk_functions(layout, features, tableau, rate.rates, SCALARS[precision]).over_stretch
     write_end = make_held_functions(layout, features, rate, tip).write_end if features.held else tip.write_end
     write_tip, write_node = tip.write_tip, tip.write_node
     write_node_columns, write_tip_columns = tip.write_node_columns, tip.write_tip_columns

@@ -10,7 +10,7 @@ from scipy.integrate import quad_vec, solve_ivp
 import multirod as mr
 from multirod.inputs import Inputs
 from multirod.models.backbone import BackboneProblem
-from multirod.models.backbone_equation_kernels import cosine_and_sine
+from multirod.models.backbone_equation_kernels import make_equation_functions
 from multirod.models.single_rod import BACKBONE_INPUTS
 
 TIGHT = mr.RK45(rtol=1e-12, atol=1e-14)
