@@ -35,7 +35,7 @@ class MultipleShooting(Solver):
 
     Attributes:
         tolerance: Largest residual of the boundary conditions, and gap between two segments, max norm [1/m].
-        integrator: Of the spatial equations.
+        integrator: Of the spatial equations, in double precision: what is asked for in ``"float32"`` is made so.
         max_iterations: Newton iterations allowed in each continuation step, or from a guess.
         max_continuation_steps: Load steps allowed.
 
@@ -50,6 +50,7 @@ class MultipleShooting(Solver):
 
     def __post_init__(self) -> None:
         self._check_integrator()
+        object.__setattr__(self, "integrator", self.integrator.in_double())
         positive_float("MultipleShooting.tolerance", self.tolerance)
         positive_int("MultipleShooting.max_iterations", self.max_iterations)
         positive_int("MultipleShooting.max_continuation_steps", self.max_continuation_steps)
@@ -80,7 +81,7 @@ class MultipleShooting(Solver):
         if not len(places):
             return
         before = problem.snapshot()[places]
-        part = problem.part(places)
+        part = problem.part(places, double=True)
         mine = self._solve(part, None)
         found = ~failures(mine.status)
         part.restore(np.where(found[:, None], part.snapshot(), before))
