@@ -243,6 +243,9 @@ def test_columns_are_derivatives(difference):
         check(columns, found, pose, lambda t, d=direction: outputs(X[None], row + t * d), 0.02, name)
 
 
+cosine_and_sine = make_equation_functions().cosine_and_sine
+
+
 @wp.kernel(enable_backward=False)
 def turn_all(angle: wp.array[wp.float64], out: wp.array2d[wp.float64]):
     t = wp.tid()
