@@ -32,9 +32,7 @@ def make_equation_functions(real=wp.float64) -> SimpleNamespace:
     def tangent(q: vec4) -> vec3:
         """(1) ``R(q) e3``."""
         s = real(2.0) / wp.dot(q, q)
-        return vec3(
-            s * (q[0] * q[2] + q[3] * q[1]), s * (q[1] * q[2] - q[3] * q[0]), real(1.0) - s * (q[0] * q[0] + q[1] * q[1])
-        )
+        return vec3(s * (q[0] * q[2] + q[3] * q[1]), s * (q[1] * q[2] - q[3] * q[0]), real(1.0) - s * (q[0] * q[0] + q[1] * q[1]))
 
     @wp.func
     def rotation_matrix(q: vec4) -> mat33:

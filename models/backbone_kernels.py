@@ -15,11 +15,16 @@ one kernel thread integrates one instance with its own grid, steps and status. I
 - ``backbone_tube_kernels``: what several rods add, (7) and (8);
 - ``backbone_rates_kernels``: the rates of the state and its columns, (1) to (5) and (14) to (20);
 - ``backbone_step_kernels``: Runge-Kutta steps;
+- ``backbone_precision_kernels``: a stretch from its one end to the other, by steps in either precision;
 - ``backbone_grid_kernels``: loads, nodes, and the stretches between them, (3a);
 - ``backbone_end_kernels``: the base (9), (10), the residual at the tip (11) to (13), outputs;
 - ``backbone_held_kernels``: the tip's wrench (22), where something else holds the tip.
 
-Each part is a factory: what a scene does not need is pruned by ``wp.static`` when the code is generated.
+Each part is a factory: what a scene does not need is pruned by ``wp.static`` when the code is generated. Scalar and vector types
+are those of a ``Layout``, ``real``, ``vec3`` and so on: the equations, rates and steps of an integrator in ``"float32"`` are made
+from a second one. All that is loaded, the walk from node to node, base, tip and what is written are double precision always, so
+arrays are the same for both, and no place along the rod is told from another by rounded numbers. A state is converted at both
+ends of each stretch.
 """
 
 from functools import cache
@@ -79,7 +84,7 @@ def compiler_flags(features: Features, precision: str) -> str | None:
 
 @cache
 def make_kernel(features: Features, tableau: Tableau, precision: str = "float64"):
-    """Kernel for one set of features and one integrator; arguments ``(RodTable, Call)``, one thread an instance."""
+    """Kernel for one set of features, one integrator and the precision of its steps; arguments ``(RodTable, Call)``, one thread an instance."""
     layout = Layout(features)
     stretch = make_stretch_functions(layout)
     rate = make_rate_functions(layout, features, stretch)

@@ -166,9 +166,7 @@ def make_rate_functions(layout: Layout, features: Features, stretch: SimpleNames
         return du
 
     @wp.func
-    def column_moment_rate(
-        z: Stretch, a: Point, column: Column, dphi: vec3, dN: vec3, du: vec3, given: Given
-    ) -> vec3:
+    def column_moment_rate(z: Stretch, a: Point, column: Column, dphi: vec3, dN: vec3, du: vec3, given: Given) -> vec3:
         """(18) dM' of a column."""
         rate = moment_rate_variation(a.M, vec3(column[0], column[1], column[2]), a.u, du, dN)
         if wp.static(SHEAR):

@@ -154,7 +154,9 @@ def natural_start(robot: Assembly, begin: Inputs, inputs: Inputs, method: Shooti
     problem.write("inputs", last - first)
     unit = 1 / (float(problem.load_scale()[0]) or float(np.abs(last - first).max()))
     length = max(float(np.max(rod.length)) for rod in robot.rods)
-    branch = Branch(problem, first, last - first, length=length, unit=unit, tolerance=float(problem.tolerance(method.tolerance)[0]))
+    branch = Branch(
+        problem, first, last - first, length=length, unit=unit, tolerance=float(problem.tolerance(method.tolerance)[0])
+    )
     return branch, branch.first(unknowns)
 
 
