@@ -21,6 +21,7 @@ lint: $(VENV)/.installed-dev
 bench: $(VENV)/.installed
 	$(BIN)/python tests/benchmarks/single_rod.py $(ARGS)
 	$(BIN)/python tests/benchmarks/concentric_tubes.py $(ARGS)
+	$(BIN)/python tests/benchmarks/precision.py $(ARGS)
 	$(BIN)/python tests/benchmarks/parallel_rods.py $(ARGS)
 	$(BIN)/python tests/benchmarks/batches.py $(ARGS)
 	$(BIN)/python tests/benchmarks/sweep.py

@@ -133,6 +133,7 @@ class BackboneProblem(BoundaryProblem):
             columns = n + direction_count
             self.tip_wrench: Any = wp.zeros((self.instance_count, 6), dtype=wp.float64, device=device)
             self.wrench_columns: Any = wp.zeros((self.instance_count, 6, columns), dtype=wp.float64, device=device)
+        self.rounding = float(np.finfo(integrator.precision).eps)
         self._table = self._make_table(inputs)
         self.write("inputs", self.pack(inputs))
         self.moment_unit = self._moment_unit()
@@ -197,18 +198,21 @@ class BackboneProblem(BoundaryProblem):
         return call
 
     def _record(self, features: Features, call: Any, table: Any = None) -> Any:
+        # what looks at a solution, or judges it, is double precision whatever the solve's own integrations are
+        precision = "float64" if features.nodes else self.integrator.precision
+
         def make() -> Any:
-            return kernels.make_kernel(features, self.integrator.tableau)
+            return kernels.make_kernel(features, self.integrator.tableau, precision)
 
         return record(make, self.instance_count, [table or self._table, call], self.device)
 
     # ---- the interface ----
 
-    def part(self, instances: IntArray) -> "BackboneProblem":  # noqa: D102
-        return self._part(instances, self.integrator)
+    def part(self, instances: IntArray, *, double: bool = False) -> "BackboneProblem":  # noqa: D102
+        return self._part(instances, self.integrator.in_double() if double else self.integrator)
 
     def finer(self, instances: IntArray) -> "BackboneProblem | None":  # noqa: D102
-        coarse = self.integrator
+        coarse = self.integrator.in_double()
         if not isinstance(coarse, AdaptiveIntegrator) or not coarse.adaptive or coarse.rtol <= FINEST:
             return None
         return self._part(instances, replace(coarse, rtol=FINEST, atol=min(coarse.atol, 0.01 * FINEST)))
@@ -302,6 +306,10 @@ class BackboneProblem(BoundaryProblem):
         call = self._node_pass(2, unknowns=unknowns, follower_force=False)
         scale = self._table.length_scale.numpy() / self.arrays.material[:, 0, 0, :2].max(axis=-1)
         return np.asarray(call.node_force.numpy()[:, 0] * scale[:, None])
+
+    def curvature_scale(self) -> FloatArray:  # noqa: D102
+        bent = np.abs(self.arrays.precurvature).reshape(*self.arrays.precurvature.shape[:3], -1, 3).sum(axis=(3, 4))
+        return self._each(np.maximum(1 / self.arrays.end[:, 0, -1], bent.max(axis=(1, 2))))
 
     def load_scale(self) -> FloatArray:  # noqa: D102
         inputs = self.read("inputs")

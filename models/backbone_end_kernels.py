@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from multirod.models.backbone_equation_kernels import rotate, rotate_inverse, rotation_matrix, turn_base, turned_about_z
+from multirod.models.backbone_equation_kernels import make_equation_functions
 from multirod.models.backbone_layout_kernels import Call, InputOffsets, Layout, RodTable
 from multirod.models.features import Features
 
@@ -36,6 +36,8 @@ def make_base_functions(layout: Layout, features: Features, grid: SimpleNamespac
     FIRST_FORCE = layout.UNKNOWNS - 3
     ROTATION = InputOffsets(n).ROTATION
     total_load = grid.total_load
+    equation = make_equation_functions(layout.real)
+    rotate, rotate_inverse, turn_base = equation.rotate, equation.rotate_inverse, equation.turn_base
 
     @wp.struct
     class Transmission:
@@ -330,6 +332,9 @@ def make_tip_functions(
     frame, point_at, column_of, column_rotation = rate.frame, rate.point_at, rate.column_of, rate.column_rotation
     inner_torque, turn_into_rod_1 = rate.inner_torque, rate.turn_into_rod_1
     load_vector, direction_vector, section_end = grid.load_vector, grid.direction_vector, grid.section_end
+    equation = make_equation_functions(layout.real)
+    rotate, rotate_inverse = equation.rotate, equation.rotate_inverse
+    rotation_matrix, turned_about_z = equation.rotation_matrix, equation.turned_about_z
 
     @wp.func
     def moment_unit(z: Stretch, i: int) -> wp.vec3d:

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from multirod.models.backbone_equation_kernels import rotate
+from multirod.models.backbone_equation_kernels import make_equation_functions
 from multirod.models.backbone_layout_kernels import Call, Layout, RodTable
 from multirod.models.features import Features
 
@@ -23,6 +23,7 @@ def make_held_functions(layout: Layout, features: Features, rate: SimpleNamespac
     TAU_AT, STATICS, COLUMN_SIZE = layout.TAU_AT, layout.STATICS, layout.COLUMN_SIZE
     frame, column_of, column_rotation = rate.frame, rate.column_of, rate.column_rotation
     outer_torque, torque_unit, write_column = tip.outer_torque, tip.torque_unit, tip.write_column
+    rotate = make_equation_functions(layout.real).rotate
     POSE_ROWS = 6  # of the residual, before the torques
 
     @wp.func

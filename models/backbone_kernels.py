@@ -15,11 +15,16 @@ one kernel thread integrates one instance with its own grid, steps and status. I
 - ``backbone_tube_kernels``: what several rods add, (7) and (8);
 - ``backbone_rates_kernels``: the rates of the state and its columns, (1) to (5) and (14) to (20);
 - ``backbone_step_kernels``: Runge-Kutta steps;
+- ``backbone_precision_kernels``: a stretch from its one end to the other, by steps in either precision;
 - ``backbone_grid_kernels``: loads, nodes, and the stretches between them, (3a);
 - ``backbone_end_kernels``: the base (9), (10), the residual at the tip (11) to (13), outputs;
 - ``backbone_held_kernels``: the tip's wrench (22), where something else holds the tip.
 
-Each part is a factory: what a scene does not need is pruned by ``wp.static`` when the code is generated.
+Each part is a factory: what a scene does not need is pruned by ``wp.static`` when the code is generated. Scalar and vector types
+are those of a ``Layout``, ``real``, ``vec3`` and so on: the equations, rates and steps of an integrator in ``"float32"`` are made
+from a second one. All that is loaded, the walk from node to node, base, tip and what is written are double precision always, so
+arrays are the same for both, and no place along the rod is told from another by rounded numbers. A state is converted at both
+ends of each stretch.
 """
 
 from functools import cache
@@ -40,8 +45,8 @@ from multirod.models.backbone_layout_kernels import (
     RodTable,
     input_size,
 )
+from multirod.models.backbone_precision_kernels import make_walk_functions
 from multirod.models.backbone_rates_kernels import make_rate_functions
-from multirod.models.backbone_step_kernels import make_step_functions
 from multirod.models.backbone_stretch_kernels import make_stretch_functions
 from multirod.models.features import Features
 from multirod.models.integrators import Tableau
@@ -59,22 +64,27 @@ __all__ = [
 ]
 
 f64 = wp.float64
+SCALARS = {"float64": wp.float64, "float32": wp.float32}
 
 
-def compiler_flags(features: Features) -> str | None:
+def compiler_flags(features: Features, precision: str) -> str | None:
     """Warp's own for one rod; for several, multiplications and additions are fused across functions, in shorter vectors.
 
     That saves a quarter of the time. One rod is left out, so that an instance without a load stays bitwise the same in the
-    kernel of a batch that has the load's terms; of several, an unloaded one has fewer unknowns alone.
+    kernel of a batch that has the load's terms; of several, an unloaded one has fewer unknowns alone. In single precision the
+    compiler's vectors cost more shuffling than they save: without them a rod with its pose takes a fifth less.
     """
-    if features.rod_count == 1:
-        return None
-    return f"{wp.config.cpu_compiler_flags or ''} -ffp-contract=fast -mprefer-vector-width=256"
+    flags = [wp.config.cpu_compiler_flags or ""]
+    if features.rod_count > 1:
+        flags.append("-ffp-contract=fast -mprefer-vector-width=256")
+    if precision == "float32":
+        flags.append("-fno-slp-vectorize")
+    return " ".join(flags) if len(flags) > 1 else None
 
 
 @cache
-def make_kernel(features: Features, tableau: Tableau):
-    """Kernel for one set of features and one integrator; arguments ``(RodTable, Call)``, one thread an instance."""
+def make_kernel(features: Features, tableau: Tableau, precision: str = "float64"):
+    """Kernel for one set of features, one integrator and the precision of its steps; arguments ``(RodTable, Call)``, one thread an instance."""
     layout = Layout(features)
     stretch = make_stretch_functions(layout)
     rate = make_rate_functions(layout, features, stretch)
@@ -85,13 +95,13 @@ def make_kernel(features: Features, tableau: Tableau):
     load_instance, first_node, next_node, walk_to = grid.load_instance, grid.first_node, grid.next_node, grid.walk_to
     load_stretch, force_at_end, output_arclength = grid.load_stretch, grid.force_at_end, grid.output_arclength
     at_base = make_base_functions(layout, features, grid).at_base
-    over_stretch = make_step_functions(layout, tableau, rate.rates).over_stretch
+    over_stretch = make_walk_functions(layout, features, tableau, rate.rates, SCALARS[precision]).over_stretch
     write_end = make_held_functions(layout, features, rate, tip).write_end if features.held else tip.write_end
     write_tip, write_node = tip.write_tip, tip.write_node
     write_node_columns, write_tip_columns = tip.write_node_columns, tip.write_tip_columns
     NODE_COLUMNS = features.nodes and features.sensitivities
 
-    options = {"cpu_compiler_flags": compiler_flags(features)}
+    options = {"cpu_compiler_flags": compiler_flags(features, precision)}
 
     @wp.kernel(module="unique", enable_backward=False, module_options=options)
     def integrate(rods: RodTable, call: Call):

@@ -12,6 +12,9 @@ FAULT_NONE = 0
 FAULT_NONFINITE = 1
 FAULT_STEPS = 2
 
+# vectors and matrix of a scalar type
+VECTORS = {wp.float64: (wp.vec3d, wp.vec4d, wp.mat33d), wp.float32: (wp.vec3f, wp.vec4f, wp.mat33f)}
+
 MATERIAL_SIZE = 10  # EI_x, EI_y, GJ, their inverses, 1/GA_x, 1/GA_y, 1/EA, mass per length
 INPUT_VECTORS = (
     "tip_force",
@@ -91,15 +94,16 @@ class Call:
 
 
 class Layout:
-    """How the state of a backbone with certain features is packed, and the types that follow.
+    """How the state of a backbone with certain features is packed, and the types that follow, all of the scalar type ``real``.
 
     The state is ``[M], [N], theta_i, [tau_i] (i >= 2), columns, [q], [p], [energy, work]``; a column, the derivative of the
     state by one unknown or direction, is ``[dM], [dN], dtheta_i, [dtau_i], [dq], [dp]``. What is in brackets is there when a feature
     needs it. Names that end in ``_AT`` are offsets. The unknowns' columns come first, then those of the directions.
     """
 
-    def __init__(self, features: Features) -> None:
-        f64 = wp.float64
+    def __init__(self, features: Features, real=wp.float64) -> None:
+        self.real = real
+        self.vec3, self.vec4, self.mat33 = VECTORS[real]
         self.n = n = features.rod_count
         self.UNKNOWNS = features.unknown_count
         self.NX = features.unknown_count if features.sensitivities else 0  # columns by unknowns
@@ -134,22 +138,23 @@ class Layout:
         size = self.ENERGY_AT + (2 if features.nodes else 0)
         size += -size % 8  # whole vector registers: measured 15 % faster
 
-        self.State = wp.types.vector(length=size, dtype=f64)
-        self.Column = wp.types.vector(length=self.COLUMN_SIZE, dtype=f64)
-        self.PerRod = wp.types.vector(length=n, dtype=f64)
-        self.PerDirection = wp.types.vector(length=max(self.ND, 1), dtype=f64)
-        self.RodVectors = wp.types.matrix(shape=(n, 3), dtype=f64)
-        self.ColumnVectors = wp.types.matrix(shape=(max(columns, 1), 3), dtype=f64)
-        self.DirectionVectors = wp.types.matrix(shape=(max(self.ND, 1), 3), dtype=f64)
-        self.DirectionRods = wp.types.matrix(shape=(max(self.ND, 1), n), dtype=f64)
+        self.State = wp.types.vector(length=size, dtype=real)
+        self.Column = wp.types.vector(length=self.COLUMN_SIZE, dtype=real)
+        self.PerRod = wp.types.vector(length=n, dtype=real)
+        self.PerDirection = wp.types.vector(length=max(self.ND, 1), dtype=real)
+        self.RodVectors = wp.types.matrix(shape=(n, 3), dtype=real)
+        self.ColumnVectors = wp.types.matrix(shape=(max(columns, 1), 3), dtype=real)
+        self.DirectionVectors = wp.types.matrix(shape=(max(self.ND, 1), 3), dtype=real)
+        self.DirectionRods = wp.types.matrix(shape=(max(self.ND, 1), n), dtype=real)
         self.Stretch = self._make_stretch()
         self.Instance = self._make_instance()
         self.Node = self._make_node()
 
     def _make_stretch(self):
-        Material = wp.types.matrix(shape=(self.n, MATERIAL_SIZE), dtype=wp.float64)
-        Precurvature = wp.types.matrix(shape=(self.n, 3 * self.CURVATURE_TERMS), dtype=wp.float64)
-        Profile = wp.types.matrix(shape=(6, self.PROFILE_TERMS), dtype=wp.float64)
+        real, vec3 = self.real, self.vec3
+        Material = wp.types.matrix(shape=(self.n, MATERIAL_SIZE), dtype=real)
+        Precurvature = wp.types.matrix(shape=(self.n, 3 * self.CURVATURE_TERMS), dtype=real)
+        Profile = wp.types.matrix(shape=(6, self.PROFILE_TERMS), dtype=real)
         PerRod, PerDirection, DirectionRods = self.PerRod, self.PerDirection, self.DirectionRods
         ColumnVectors, DirectionVectors = self.ColumnVectors, self.DirectionVectors
 
@@ -157,22 +162,22 @@ class Layout:
         class Stretch:
             """One stretch of backbone between two nodes: what is constant on it."""
 
-            start: wp.float64
-            length: wp.float64
+            start: real
+            length: real
             present: PerRod  # 1 if the rod reaches this far, else 0
             bending: PerRod  # of several rods: EI_x of each, zero where it has ended
-            softness: wp.float64  # 1 / their sum
+            softness: real  # 1 / their sum
             torsion: PerRod  # of several rods: 1/GJ of each, zero where it has ended
             material: Material
             precurvature: Precurvature
             section_centre: PerRod
             section_slope: PerRod  # of the section's coordinate -1 to 1: 1 / half length
-            force: wp.vec3d  # n at the start of the stretch
-            distributed_force: wp.vec3d  # uniform part, weight included
-            distributed_moment: wp.vec3d  # uniform part
+            force: vec3  # n at the start of the stretch
+            distributed_force: vec3  # uniform part, weight included
+            distributed_moment: vec3  # uniform part
             profile: Profile
-            profile_centre: wp.float64
-            profile_slope: wp.float64
+            profile_centre: real
+            profile_slope: real
             # variations
             force_columns: ColumnVectors  # of n at the start
             distributed_force_rate: DirectionVectors
@@ -185,6 +190,7 @@ class Layout:
         return Stretch
 
     def _make_instance(self):
+        real, vec3, mat33 = self.real, self.vec3, self.mat33
         PerRod, PerDirection, DirectionRods = self.PerRod, self.PerDirection, self.DirectionRods
 
         @wp.struct
@@ -194,25 +200,26 @@ class Layout:
             index: int  # in the batch
             rods: int  # row of ``RodTable``
             direction: int  # row of ``Call.directions``
-            base_position: wp.vec3d
-            base_rotation: wp.mat33d
-            to_base: wp.mat33d  # its transpose
-            length: wp.float64
+            base_position: vec3
+            base_rotation: mat33
+            to_base: mat33  # its transpose
+            length: real
             length_rate: PerDirection
             longest: int  # the rod that ends at the tip
-            scale: wp.float64  # what counts as one in positions
+            scale: real  # what counts as one in positions
             shift: PerRod  # the inputs ``translation``
             shift_rate: DirectionRods
-            tip_force: wp.vec3d
-            tip_moment: wp.vec3d
-            distributed_force: wp.vec3d
-            distributed_moment: wp.vec3d
-            gravity: wp.vec3d
-            profile_factor: wp.float64
+            tip_force: vec3
+            tip_moment: vec3
+            distributed_force: vec3
+            distributed_moment: vec3
+            gravity: vec3
+            profile_factor: real
 
         return Instance
 
     def _make_node(self):
+        real = self.real
         Sections = wp.types.vector(length=self.n, dtype=wp.int32)
         PerDirection = self.PerDirection
 
@@ -220,7 +227,7 @@ class Layout:
         class Node:
             """A node of the grid: where the walk along the backbone stands."""
 
-            s: wp.float64
+            s: real
             rate: PerDirection  # of s
             section: Sections  # of each rod, that begins here or goes on; their number where the rod has ended
             piece: int  # of the load profiles

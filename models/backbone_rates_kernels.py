@@ -9,26 +9,16 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from multirod.models.backbone_equation_kernels import (
-    body_rotation,
-    force_rate,
-    moment_rate,
-    moment_rate_variation,
-    quaternion_rate,
-    rotate,
-    rotate_inverse,
-    tangent,
-)
+from multirod.models.backbone_equation_kernels import make_equation_functions
 from multirod.models.backbone_layout_kernels import Layout
 from multirod.models.backbone_tube_kernels import make_point_types, make_tube_functions
 from multirod.models.features import Features
-
-f64 = wp.float64
 
 
 def make_rate_functions(layout: Layout, features: Features, stretch: SimpleNamespace) -> SimpleNamespace:
     """The rates of the state and its columns."""
     n, C, NX, ND = layout.n, layout.C, layout.NX, layout.ND
+    real, vec3, vec4 = layout.real, layout.vec3, layout.vec4
     State, Column, Stretch = layout.State, layout.Column, layout.Stretch
     types = make_point_types(layout)
     Point, Given = types.Point, types.Given
@@ -44,6 +34,15 @@ def make_rate_functions(layout: Layout, features: Features, stretch: SimpleNames
     GIVEN_MOMENT = ND > 0 and COLUMN_FRAME
     GIVEN_CURVATURE = ND > 0 and layout.CURVATURE_TERMS > 1
 
+    equation = make_equation_functions(real)
+    rotate, rotate_inverse, tangent, body_rotation = (
+        equation.rotate,
+        equation.rotate_inverse,
+        equation.tangent,
+        equation.body_rotation,
+    )
+    quaternion_rate, moment_rate, force_rate = equation.quaternion_rate, equation.moment_rate, equation.force_rate
+    moment_rate_variation = equation.moment_rate_variation
     precurvature, compliance, shear_compliance = stretch.precurvature, stretch.compliance, stretch.shear_compliance
     spread_moment, world_force, growth = stretch.spread_moment, stretch.world_force, stretch.growth
     world_force_rate, spread_moment_rate = stretch.world_force_rate, stretch.spread_moment_rate
@@ -56,28 +55,28 @@ def make_rate_functions(layout: Layout, features: Features, stretch: SimpleNames
     shared_curvature_variation = tube.shared_curvature_variation
 
     @wp.func
-    def frame(y: State) -> wp.vec4d:
+    def frame(y: State) -> vec4:
         """q; where nothing depends on the frame, that of no rotation."""
         if wp.static(FRAME):
-            return wp.vec4d(y[Q_AT], y[Q_AT + 1], y[Q_AT + 2], y[Q_AT + 3])
-        return wp.vec4d(f64(0.0), f64(0.0), f64(0.0), f64(1.0))
+            return vec4(y[Q_AT], y[Q_AT + 1], y[Q_AT + 2], y[Q_AT + 3])
+        return vec4(real(0.0), real(0.0), real(0.0), real(1.0))
 
     @wp.func
-    def body_force(y: State, z: Stretch, x: f64) -> wp.vec3d:
+    def body_force(y: State, z: Stretch, x: real) -> vec3:
         """N: a state (3b), or from the frame (3a)."""
         if wp.static(FORCE_STATE):
-            return wp.vec3d(y[N_AT], y[N_AT + 1], y[N_AT + 2])
+            return vec3(y[N_AT], y[N_AT + 1], y[N_AT + 2])
         if wp.static(FORCE and not FORCE_STATE):
             return rotate_inverse(frame(y), world_force(z, x))
-        return wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
+        return vec3(real(0.0), real(0.0), real(0.0))
 
     @wp.func
-    def point_at(y: State, z: Stretch, x: f64) -> Point:
+    def point_at(y: State, z: Stretch, x: real) -> Point:
         """Force (3a) and strains (5) to (7) at x from the start of the stretch."""
         a = Point()
         a.q = frame(y)
         if wp.static(MOMENT):
-            a.M = wp.vec3d(y[0], y[1], y[2])
+            a.M = vec3(y[0], y[1], y[2])
         a.N = body_force(y, z, x)
         a.u_star = precurvature(z, 0, x)
         if wp.static(TUBES):
@@ -94,7 +93,7 @@ def make_rate_functions(layout: Layout, features: Features, stretch: SimpleNames
         return a
 
     @wp.func
-    def moment_rate_at(a: Point) -> wp.vec3d:
+    def moment_rate_at(a: Point) -> vec3:
         """(4) M'."""
         rate = moment_rate(a.M, a.u, a.N)
         if wp.static(SHEAR):
@@ -104,7 +103,7 @@ def make_rate_functions(layout: Layout, features: Features, stretch: SimpleNames
         return rate
 
     @wp.func
-    def position_rate(a: Point) -> wp.vec3d:
+    def position_rate(a: Point) -> vec3:
         """(1) p'."""
         rate = tangent(a.q)
         if wp.static(SHEAR):
@@ -112,17 +111,17 @@ def make_rate_functions(layout: Layout, features: Features, stretch: SimpleNames
         return rate
 
     @wp.func
-    def energy_rate(y: State, z: Stretch, x: f64, a: Point) -> f64:
+    def energy_rate(y: State, z: Stretch, x: real, a: Point) -> real:
         """(14) Energy per length."""
         energy = wp.dot(a.N, a.extension)
         if wp.static(TUBES):
             energy += tube_energy(y, z, x, a)
         else:
             energy += wp.dot(a.M, a.u - a.u_star)
-        return f64(0.5) * energy
+        return real(0.5) * energy
 
     @wp.func
-    def given_by_direction(z: Stretch, x: f64, a: Point, k: int) -> Given:
+    def given_by_direction(z: Stretch, x: real, a: Point, k: int) -> Given:
         """What direction k imposes on its column, the force aside."""
         given = Given()
         if wp.static(GIVEN_MOMENT):
@@ -137,19 +136,19 @@ def make_rate_functions(layout: Layout, features: Features, stretch: SimpleNames
         return given
 
     @wp.func
-    def column_rotation(q: wp.vec4d, column: Column) -> wp.vec3d:
+    def column_rotation(q: vec4, column: Column) -> vec3:
         """(15) dphi of a column."""
         if wp.static(COLUMN_FRAME):
             j = wp.static(COLUMN_Q_AT)
-            return body_rotation(q, wp.vec4d(column[j], column[j + 1], column[j + 2], column[j + 3]))
-        return wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
+            return body_rotation(q, vec4(column[j], column[j + 1], column[j + 2], column[j + 3]))
+        return vec3(real(0.0), real(0.0), real(0.0))
 
     @wp.func
-    def column_force(a: Point, column: Column, dphi: wp.vec3d, given: Given) -> wp.vec3d:
+    def column_force(a: Point, column: Column, dphi: vec3, given: Given) -> vec3:
         """(16) dN of a column."""
-        dN = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
+        dN = vec3(real(0.0), real(0.0), real(0.0))
         if wp.static(FORCE_STATE):
-            dN = wp.vec3d(column[N_AT], column[N_AT + 1], column[N_AT + 2])
+            dN = vec3(column[N_AT], column[N_AT + 1], column[N_AT + 2])
         elif wp.static(FORCE):
             dN = wp.cross(a.N, dphi)
         if wp.static(GIVEN_FORCE):
@@ -157,21 +156,19 @@ def make_rate_functions(layout: Layout, features: Features, stretch: SimpleNames
         return dN
 
     @wp.func
-    def column_curvature(z: Stretch, a: Point, column: Column, given: Given) -> wp.vec3d:
+    def column_curvature(z: Stretch, a: Point, column: Column, given: Given) -> vec3:
         """(17) du of a column."""
         if wp.static(TUBES):
             return shared_curvature_variation(z, a, column, given)
-        du = wp.cw_mul(compliance(z), wp.vec3d(column[0], column[1], column[2]))
+        du = wp.cw_mul(compliance(z), vec3(column[0], column[1], column[2]))
         if wp.static(GIVEN_CURVATURE):
-            du += wp.vec3d(given.u_star[0, 0], given.u_star[0, 1], given.u_star[0, 2])
+            du += vec3(given.u_star[0, 0], given.u_star[0, 1], given.u_star[0, 2])
         return du
 
     @wp.func
-    def column_moment_rate(
-        z: Stretch, a: Point, column: Column, dphi: wp.vec3d, dN: wp.vec3d, du: wp.vec3d, given: Given
-    ) -> wp.vec3d:
+    def column_moment_rate(z: Stretch, a: Point, column: Column, dphi: vec3, dN: vec3, du: vec3, given: Given) -> vec3:
         """(18) dM' of a column."""
-        rate = moment_rate_variation(a.M, wp.vec3d(column[0], column[1], column[2]), a.u, du, dN)
+        rate = moment_rate_variation(a.M, vec3(column[0], column[1], column[2]), a.u, du, dN)
         if wp.static(SHEAR):
             rate += wp.cross(dN, a.extension) + wp.cross(a.N, wp.cw_mul(shear_compliance(z), dN))
         if wp.static(SPREAD_MOMENT):
@@ -181,9 +178,9 @@ def make_rate_functions(layout: Layout, features: Features, stretch: SimpleNames
         return rate
 
     @wp.func
-    def column_position_rate(z: Stretch, a: Point, dphi: wp.vec3d, dN: wp.vec3d) -> wp.vec3d:
+    def column_position_rate(z: Stretch, a: Point, dphi: vec3, dN: vec3) -> vec3:
         """(19) dp' of a column."""
-        e3 = wp.vec3d(f64(0.0), f64(0.0), f64(1.0))
+        e3 = vec3(real(0.0), real(0.0), real(1.0))
         if wp.static(SHEAR):
             return rotate(a.q, wp.cross(dphi, e3 + a.extension) + wp.cw_mul(shear_compliance(z), dN))
         return rotate(a.q, wp.cross(dphi, e3))
@@ -209,7 +206,7 @@ def make_rate_functions(layout: Layout, features: Features, stretch: SimpleNames
             d[wp.static(TAU_AT) + i - 1] = torque_rate_variation(a, column, du, given, i)
         if wp.static(COLUMN_FRAME):
             k = wp.static(COLUMN_Q_AT)
-            dq = wp.vec4d(column[k], column[k + 1], column[k + 2], column[k + 3])
+            dq = vec4(column[k], column[k + 1], column[k + 2], column[k + 3])
             dq_s = quaternion_rate(dq, a.u) + quaternion_rate(a.q, du)
             for j in range(4):
                 d[COLUMN_Q_AT + j] = dq_s[j]
@@ -240,7 +237,7 @@ def make_rate_functions(layout: Layout, features: Features, stretch: SimpleNames
         return column
 
     @wp.func
-    def rates(y: State, z: Stretch, x: f64) -> State:
+    def rates(y: State, z: Stretch, x: real) -> State:
         """(1) to (8), (14), and for each column (15) to (20)."""
         a = point_at(y, z, x)
         d = State()
@@ -272,7 +269,7 @@ def make_rate_functions(layout: Layout, features: Features, stretch: SimpleNames
             if wp.static(c >= NX):
                 given = given_by_direction(z, x, a, c - NX)
             if wp.static(GIVEN_FORCE and c < NX):
-                given.force = rotate_inverse(a.q, wp.vec3d(z.force_columns[c, 0], z.force_columns[c, 1], z.force_columns[c, 2]))
+                given.force = rotate_inverse(a.q, vec3(z.force_columns[c, 0], z.force_columns[c, 1], z.force_columns[c, 2]))
             if wp.static(GIVEN_FORCE and c >= NX):
                 given.force = rotate_inverse(a.q, world_force_rate(z, x, c - NX))
             column_s = column_rate(z, a, column_of(y, c), given)

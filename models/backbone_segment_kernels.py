@@ -12,11 +12,11 @@ from functools import cache
 import warp as wp
 
 from multirod.models.backbone_end_kernels import make_base_functions, make_tip_functions
-from multirod.models.backbone_equation_kernels import rotate_inverse
+from multirod.models.backbone_equation_kernels import make_equation_functions
 from multirod.models.backbone_grid_kernels import make_grid_functions
 from multirod.models.backbone_layout_kernels import FAULT_NONE, FAULT_NONFINITE, Call, Layout, RodTable
+from multirod.models.backbone_precision_kernels import make_walk_functions
 from multirod.models.backbone_rates_kernels import make_rate_functions
-from multirod.models.backbone_step_kernels import make_step_functions
 from multirod.models.backbone_stretch_kernels import make_stretch_functions
 from multirod.models.features import Features
 from multirod.models.integrators import Tableau
@@ -72,8 +72,9 @@ def make_segment_kernel(features: SegmentFeatures, tableau: Tableau):
     load_stretch, force_at_end, output_arclength = grid.load_stretch, grid.force_at_end, grid.output_arclength
     base = make_base_functions(layout, features, grid)
     at_base, unknown_unit = base.at_base, base.unknown_unit
-    step = make_step_functions(layout, tableau, rate.rates)
-    over_stretch, fixed_steps = step.over_stretch, step.fixed_steps
+    walk = make_walk_functions(layout, features, tableau, rate.rates, layout.real)
+    over_stretch, fixed_steps = walk.over_stretch, walk.fixed_steps
+    rotate_inverse = make_equation_functions(layout.real).rotate_inverse
     frame, column_of, column_rotation = rate.frame, rate.column_of, rate.column_rotation
     write_end, write_node = tip.write_end, tip.write_node
 
@@ -180,7 +181,7 @@ def make_segment_kernel(features: SegmentFeatures, tableau: Tableau):
                     write_node(call, case, 0, y, z, f64(0.0), f64(0.0))
             if seg.steps[t] > 0:
                 count = int(wp.ceil(f64(seg.steps[t]) * z.length / (stop - start) - f64(1.0e-9)))
-                y = fixed_steps(y, z, wp.max(1, count))
+                y = fixed_steps(y, z, wp.max(1, count), case.scale)
             else:
                 y, h, step_count, fault = over_stretch(y, z, h, step_count, case, call)
             if wp.static(NODES):

@@ -8,13 +8,11 @@ import warp as wp
 from multirod.models.backbone_layout_kernels import FAULT_NONE, FAULT_NONFINITE, FAULT_STEPS, Call, Layout
 from multirod.models.integrators import Tableau
 
-f64 = wp.float64
-
 
 def make_step_functions(layout: Layout, tableau: Tableau, rates) -> SimpleNamespace:
     """Functions that carry a state over one stretch."""
-    n = layout.n
-    State, Stretch, Instance = layout.State, layout.Stretch, layout.Instance
+    n, real = layout.n, layout.real
+    State, Stretch = layout.State, layout.Stretch
     N_AT, THETA_AT, TAU_AT, Q_AT, P_AT = layout.N_AT, layout.THETA_AT, layout.TAU_AT, layout.Q_AT, layout.P_AT
     MOMENT, TORQUES = layout.MOMENT, layout.TORQUES
     FORCE_STATE, FRAME, POSE = layout.FORCE_STATE, layout.FRAME, layout.POSE
@@ -23,7 +21,7 @@ def make_step_functions(layout: Layout, tableau: Tableau, rates) -> SimpleNamesp
     A, B, PLACES, ERROR = tableau.a, tableau.b, tableau.c, tableau.error
     STAGES = len(B)
     ADAPTIVE = len(ERROR) > 0
-    Stages = wp.types.matrix(shape=(STAGES, len(State())), dtype=f64)
+    Stages = wp.types.matrix(shape=(STAGES, len(State())), dtype=real)
 
     def a_of(i: int, j: int) -> float:
         """Coefficient of stage j in stage i, also where the tableau has none: all pairs are looked up at code generation."""
@@ -34,143 +32,131 @@ def make_step_functions(layout: Layout, tableau: Tableau, rates) -> SimpleNamesp
         return ERROR[j] if ADAPTIVE else 0.0
 
     @wp.func
-    def stages(y: State, z: Stretch, x: f64, h: f64) -> Stages:
+    def stages(y: State, z: Stretch, x: real, h: real) -> Stages:
         """Slopes of one step of size h from x."""
         k = Stages()
         for i in range(wp.static(STAGES)):
             w = y
             for j in range(wp.static(STAGES)):
                 if wp.static(a_of(i, j) != 0.0):
-                    w += (h * wp.static(f64(a_of(i, j)))) * k[j]
-            k[i] = rates(w, z, x + wp.static(f64(PLACES[i])) * h)
+                    w += (h * wp.static(real(a_of(i, j)))) * k[j]
+            k[i] = rates(w, z, x + wp.static(real(PLACES[i])) * h)
         return k
 
     @wp.func
-    def advance(y: State, k: Stages, h: f64) -> State:
+    def advance(y: State, k: Stages, h: real) -> State:
         """The state after the step."""
         w = y
         for j in range(wp.static(STAGES)):
             if wp.static(B[j] != 0.0):
-                w += (h * wp.static(f64(B[j]))) * k[j]
+                w += (h * wp.static(real(B[j]))) * k[j]
         return w
 
     @wp.func
-    def block(y: State, first: int, count: int) -> f64:
+    def block(y: State, first: int, count: int) -> real:
         """Largest magnitude in a block of the state."""
-        size = f64(0.0)
+        size = real(0.0)
         for k in range(count):
             size = wp.max(size, wp.abs(y[first + k]))
         return size
 
     @wp.func
-    def block_error(e: State, y: State, first: int, count: int, unit: f64, call: Call) -> f64:
+    def block_error(e: State, y: State, first: int, count: int, unit: real, call: Call) -> real:
         """Error of a block of the state over what is allowed."""
-        return block(e, first, count) / (call.atol * unit + call.rtol * block(y, first, count))
+        return block(e, first, count) / (real(call.atol) * unit + real(call.rtol) * block(y, first, count))
 
     @wp.func
-    def step_error(k: Stages, y: State, h: f64, z: Stretch, scale: f64, call: Call) -> f64:
+    def step_error(k: Stages, y: State, h: real, z: Stretch, scale: real, call: Call) -> real:
         """Largest error of a step over what is allowed, of the state but not of its columns."""
         e = State()
         for j in range(wp.static(STAGES)):
             if wp.static(error_of(j) != 0.0):
-                e += (h * wp.static(f64(error_of(j)))) * k[j]
-        EI = f64(0.0)
+                e += (h * wp.static(real(error_of(j)))) * k[j]
+        EI = real(0.0)
         for i in range(wp.static(n)):
             EI += z.present[i] * wp.max(z.material[i, 0], z.material[i, 1])
         error = block_error(e, y, MOMENT_AT, MOMENT_SIZE, EI / scale, call)
         if wp.static(FORCE_STATE):
             error = wp.max(error, block_error(e, y, N_AT, 3, EI / (scale * scale), call))
         if wp.static(n > 1):
-            error = wp.max(error, block_error(e, y, THETA_AT, wp.static(n - 1), f64(1.0), call))
+            error = wp.max(error, block_error(e, y, THETA_AT, wp.static(n - 1), real(1.0), call))
         if wp.static(MOMENT and TORQUES > 0):
             error = wp.max(error, block_error(e, y, TAU_AT, TORQUES, EI / scale, call))
         if wp.static(FRAME):
-            error = wp.max(error, block_error(e, y, Q_AT, 4, f64(1.0), call))
+            error = wp.max(error, block_error(e, y, Q_AT, 4, real(1.0), call))
         if wp.static(POSE):
             error = wp.max(error, block_error(e, y, P_AT, 3, scale, call))
         return error
 
     @wp.func
-    def fixed_steps(y: State, z: Stretch, count: int) -> State:
-        """The state at the end of the stretch, by equal steps."""
+    def fixed_steps(y: State, z: Stretch, count: int, scale: real) -> State:
+        """The state at the end of the stretch, by equal steps; ``scale`` is what counts as one in positions."""
         w = y
-        h = z.length / f64(count)
+        h = z.length / real(count)
         for j in range(count):
-            w = advance(w, stages(w, z, f64(j) * h, h), h)
+            w = advance(w, stages(w, z, real(j) * h, h), h)
         return w
 
     @wp.func
-    def first_step(y: State, z: Stretch, case: Instance) -> f64:
+    def first_step(y: State, z: Stretch, scale: real, length: real) -> real:
         """A step over which the moment changes little; 1e-3 N m keeps it finite without a moment."""
-        d = rates(y, z, f64(0.0))
-        w = wp.sqrt(block(d, MOMENT_AT, MOMENT_SIZE) * case.scale / (block(y, MOMENT_AT, MOMENT_SIZE) + f64(1.0e-3)))
-        return wp.min(f64(0.1) * case.length, case.length / (f64(1.0) + w))
+        d = rates(y, z, real(0.0))
+        w = wp.sqrt(block(d, MOMENT_AT, MOMENT_SIZE) * scale / (block(y, MOMENT_AT, MOMENT_SIZE) + real(1.0e-3)))
+        return wp.min(real(0.1) * length, length / (real(1.0) + w))
 
     @wp.func
-    def step_factor(error: f64, rejected: int) -> f64:
+    def step_factor(error: real, rejected: int) -> real:
         """How much longer or shorter the next step may be: by 5 at most, and no longer just after a rejected step."""
-        factor = f64(0.2)
-        if error <= f64(1.0):
-            factor = f64(5.0)
-            if error > f64(1.0e-8):
-                factor = wp.min(f64(5.0), f64(0.9) * wp.pow(error, wp.static(f64(-1.0 / tableau.order))))
+        factor = real(0.2)
+        if error <= real(1.0):
+            factor = real(5.0)
+            if error > real(1.0e-8):
+                factor = wp.min(real(5.0), real(0.9) * wp.pow(error, wp.static(real(-1.0 / tableau.order))))
             if rejected == 1:
-                factor = wp.min(factor, f64(1.0))
+                factor = wp.min(factor, real(1.0))
         else:
-            if error < f64(1.0e30):  # false for NaN
-                factor = wp.max(factor, f64(0.9) * wp.pow(error, wp.static(f64(-1.0 / tableau.order))))
+            if error < real(1.0e30):  # false for NaN
+                factor = wp.max(factor, real(0.9) * wp.pow(error, wp.static(real(-1.0 / tableau.order))))
         return factor
 
     @wp.func
-    def adaptive_steps(y: State, z: Stretch, h0: f64, used: int, case: Instance, call: Call):
+    def adaptive_steps(y: State, z: Stretch, h0: real, used: int, scale: real, length: real, call: Call):
         """State at the end of the stretch, next step, steps used in all, fault; ``h0`` is 0 on the first stretch."""
         w = y
         h = h0
-        if h <= f64(0.0):
-            h = first_step(y, z, case)
-        x = f64(0.0)
+        if h <= real(0.0):
+            h = first_step(y, z, scale, length)
+        x = real(0.0)
         count = used + int(0)
         rejected = int(0)
         fault = int(wp.static(FAULT_NONE))
         while x < z.length and fault == wp.static(FAULT_NONE):
             last = int(0)
             step = h
-            if x + f64(1.01) * step >= z.length:
+            if x + real(1.01) * step >= z.length:
                 step = z.length - x
                 last = int(1)
             slopes = stages(w, z, x, step)
             trial = advance(w, slopes, step)
-            error = step_error(slopes, trial, step, z, case.scale, call)
+            error = step_error(slopes, trial, step, z, scale, call)
             factor = step_factor(error, rejected)
             count += int(1)
-            if error <= f64(1.0):
+            if error <= real(1.0):
                 w = trial
                 x += step
                 if last == 1:
                     x = z.length
                 rejected = int(0)
                 # a step cut short by a node says little about how long the next may be
-                if last == 0 or step * factor > h or factor < f64(1.0):
+                if last == 0 or step * factor > h or factor < real(1.0):
                     h = step * factor
             else:
                 h = step * factor
                 rejected = int(1)
             if count >= call.step_limit:
                 fault = int(wp.static(FAULT_STEPS))
-            if not (wp.isfinite(block(w, MOMENT_AT, MOMENT_SIZE)) and h > f64(0.0)):
+            if not (wp.isfinite(block(w, MOMENT_AT, MOMENT_SIZE)) and h > real(0.0)):
                 fault = int(wp.static(FAULT_NONFINITE))
         return w, h, count, fault
 
-    @wp.func
-    def over_stretch(y: State, z: Stretch, h: f64, used: int, case: Instance, call: Call):
-        """State at the end of the stretch, next step, steps used in all, fault."""
-        if call.steps > f64(0.0):
-            # its share of the steps of the whole length, rounded up to a multiple (see ``step_multiple``)
-            share = call.steps / call.step_multiple * (z.length / case.length)
-            count = wp.max(int(1), int(wp.ceil(share - f64(1.0e-9)))) * int(call.step_multiple)
-            return fixed_steps(y, z, count), h, used + count, wp.static(FAULT_NONE)
-        if wp.static(ADAPTIVE):
-            return adaptive_steps(y, z, h, used, case, call)
-        return y, h, used, wp.static(FAULT_NONE)
-
-    return SimpleNamespace(over_stretch=over_stretch, fixed_steps=fixed_steps)
+    return SimpleNamespace(fixed_steps=fixed_steps, adaptive_steps=adaptive_steps)

@@ -9,38 +9,37 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from multirod.models.backbone_equation_kernels import cosine_and_sine
+from multirod.models.backbone_equation_kernels import make_equation_functions
 from multirod.models.backbone_layout_kernels import Layout
 from multirod.models.features import Features
-
-f64 = wp.float64
 
 
 def make_point_types(layout: Layout) -> SimpleNamespace:
     """What is known of one place before the rates are."""
-    Tubes = wp.types.matrix(shape=(layout.n, 9), dtype=f64)  # columns: see turned_tube
+    real, vec3, vec4 = layout.real, layout.vec3, layout.vec4
+    Tubes = wp.types.matrix(shape=(layout.n, 9), dtype=real)  # columns: see turned_tube
     RodVectors = layout.RodVectors
 
     @wp.struct
     class Point:
         """The backbone at one place, in the frame of rod 1."""
 
-        q: wp.vec4d
-        M: wp.vec3d
-        N: wp.vec3d
-        u: wp.vec3d
-        u_star: wp.vec3d  # of rod 1
-        extension: wp.vec3d  # v - e3
-        moment_load: wp.vec3d  # R^T l
+        q: vec4
+        M: vec3
+        N: vec3
+        u: vec3
+        u_star: vec3  # of rod 1
+        extension: vec3  # v - e3
+        moment_load: vec3  # R^T l
         tubes: Tubes
-        flexibility: wp.vec3d  # xx, xy, yy of (sum K_i)^-1
+        flexibility: vec3  # xx, xy, yy of (sum K_i)^-1
 
     @wp.struct
     class Given:
         """What a direction in input space imposes on a column at one place; zero for an unknown."""
 
-        force: wp.vec3d  # R^T dn
-        moment_load: wp.vec3d  # R^T dl
+        force: vec3  # R^T dn
+        moment_load: vec3  # R^T dl
         u_star: RodVectors  # du*_i, turned into the frame of rod 1
 
     return SimpleNamespace(Tubes=Tubes, Point=Point, Given=Given)
@@ -48,24 +47,25 @@ def make_point_types(layout: Layout) -> SimpleNamespace:
 
 def make_tube_functions(layout: Layout, features: Features, types: SimpleNamespace, stretch: SimpleNamespace) -> SimpleNamespace:
     """Equations (7) and (8) of several rods, and their variations."""
-    n = layout.n
+    n, real, vec3 = layout.n, layout.real, layout.vec3
     State, Column, Stretch = layout.State, layout.Column, layout.Stretch
     Tubes, Point, Given = types.Tubes, types.Point, types.Given
     THETA_AT, TAU_AT, TORQUES, MOMENT = layout.THETA_AT, layout.TAU_AT, layout.TORQUES, layout.MOMENT
     ANISOTROPIC = features.anisotropic
     VARIED_GIVEN = layout.ND > 0 and layout.CURVATURE_TERMS > 1
     precurvature = stretch.precurvature
-    TubeRow = wp.types.vector(length=9, dtype=f64)
+    cosine_and_sine = make_equation_functions(real).cosine_and_sine
+    TubeRow = wp.types.vector(length=9, dtype=real)
 
     @wp.func
-    def turned_tube(z: Stretch, i: int, x: f64, theta: f64) -> TubeRow:
+    def turned_tube(z: Stretch, i: int, x: real, theta: real) -> TubeRow:
         """(7) What rod i brings in where it is turned by theta; nothing where it has ended.
 
         ``K_i`` as xx, xy, yy; ``b_i = K_i Rz(theta) u*_i``, and its derivative by theta at constant u; cos and sin of theta.
         Unequal bending stiffness changes places 3 to 6 later, ``with_turned_stiffness``.
         """
-        c = f64(1.0)
-        s = f64(0.0)
+        c = real(1.0)
+        s = real(0.0)
         if wp.static(n > 1):
             if i > 0:  # rod 1 is not turned
                 c, s = cosine_and_sine(theta)
@@ -92,11 +92,11 @@ def make_tube_functions(layout: Layout, features: Features, types: SimpleNamespa
         return row
 
     @wp.func
-    def turned_tubes(y: State, z: Stretch, x: f64) -> Tubes:
+    def turned_tubes(y: State, z: Stretch, x: real) -> Tubes:
         """(7) The rows of all rods."""
         tubes = Tubes()
         for i in range(wp.static(n)):
-            theta = f64(0.0)
+            theta = real(0.0)
             if wp.static(i > 0):
                 theta = y[wp.static(THETA_AT) + i - 1]
             row = turned_tube(z, i, x, theta)
@@ -105,28 +105,28 @@ def make_tube_functions(layout: Layout, features: Features, types: SimpleNamespa
         return tubes
 
     @wp.func
-    def flexibility(z: Stretch, tubes: Tubes) -> wp.vec3d:
+    def flexibility(z: Stretch, tubes: Tubes) -> vec3:
         """(7) (sum K_i)^-1 as xx, xy, yy."""
         if wp.static(not ANISOTROPIC):
-            return wp.vec3d(z.softness, f64(0.0), z.softness)
-        xx = f64(0.0)
-        xy = f64(0.0)
-        yy = f64(0.0)
+            return vec3(z.softness, real(0.0), z.softness)
+        xx = real(0.0)
+        xy = real(0.0)
+        yy = real(0.0)
         for i in range(wp.static(n)):
             xx += tubes[i, 0]
             xy += tubes[i, 1]
             yy += tubes[i, 2]
-        return wp.vec3d(yy, -xy, xx) / (xx * yy - xy * xy)
+        return vec3(yy, -xy, xx) / (xx * yy - xy * xy)
 
     @wp.func
-    def bent_by(a: Point, gx: f64, gy: f64, u_z: f64) -> wp.vec3d:
+    def bent_by(a: Point, gx: real, gy: real, u_z: real) -> vec3:
         """(7) u or its variation: (sum K_i)^-1 (gx, gy), and u_z."""
         if wp.static(ANISOTROPIC):
-            return wp.vec3d(a.flexibility[0] * gx + a.flexibility[1] * gy, a.flexibility[1] * gx + a.flexibility[2] * gy, u_z)
-        return wp.vec3d(a.flexibility[0] * gx, a.flexibility[0] * gy, u_z)
+            return vec3(a.flexibility[0] * gx + a.flexibility[1] * gy, a.flexibility[1] * gx + a.flexibility[2] * gy, u_z)
+        return vec3(a.flexibility[0] * gx, a.flexibility[0] * gy, u_z)
 
     @wp.func
-    def inner_torque(y: State, z: Stretch, M_z: f64) -> f64:
+    def inner_torque(y: State, z: Stretch, M_z: real) -> real:
         """(7) tau_1: what the other rods leave of M_z."""
         tau = M_z
         for i in range(1, wp.static(TORQUES + 1)):
@@ -134,7 +134,7 @@ def make_tube_functions(layout: Layout, features: Features, types: SimpleNamespa
         return tau
 
     @wp.func
-    def shared_curvature(y: State, z: Stretch, a: Point) -> wp.vec3d:
+    def shared_curvature(y: State, z: Stretch, a: Point) -> vec3:
         """(7) u of the backbone."""
         gx = a.M[0]
         gy = a.M[1]
@@ -161,7 +161,7 @@ def make_tube_functions(layout: Layout, features: Features, types: SimpleNamespa
         return tubes
 
     @wp.func
-    def angle_rate(y: State, z: Stretch, x: f64, a: Point, i: int) -> f64:
+    def angle_rate(y: State, z: Stretch, x: real, a: Point, i: int) -> real:
         """(8) theta_i'; zero where the rod has ended."""
         u_star = precurvature(z, i, x)
         rate = z.present[i] * (u_star[2] - a.u[2])
@@ -170,12 +170,12 @@ def make_tube_functions(layout: Layout, features: Features, types: SimpleNamespa
         return rate
 
     @wp.func
-    def torque_rate(a: Point, i: int) -> f64:
+    def torque_rate(a: Point, i: int) -> real:
         """(8) tau_i'; zero where the rod has ended."""
         return a.u[0] * a.tubes[i, 4] - a.u[1] * a.tubes[i, 3]
 
     @wp.func
-    def tube_energy(y: State, z: Stretch, x: f64, a: Point) -> f64:
+    def tube_energy(y: State, z: Stretch, x: real, a: Point) -> real:
         """(14) Twice the energy per length of all rods, shear and extension aside."""
         tau = inner_torque(y, z, a.M[2])
         energy = z.torsion[0] * tau * tau
@@ -190,19 +190,19 @@ def make_tube_functions(layout: Layout, features: Features, types: SimpleNamespa
         return energy
 
     @wp.func
-    def turn_into_rod_1(a: Point, i: int, b: wp.vec3d) -> wp.vec3d:
+    def turn_into_rod_1(a: Point, i: int, b: vec3) -> vec3:
         """Rz(theta_i) b."""
         c = a.tubes[i, 7]
         s = a.tubes[i, 8]
-        return wp.vec3d(c * b[0] - s * b[1], s * b[0] + c * b[1], b[2])
+        return vec3(c * b[0] - s * b[1], s * b[0] + c * b[1], b[2])
 
     @wp.func
-    def shared_curvature_variation(z: Stretch, a: Point, column: Column, given: Given) -> wp.vec3d:
+    def shared_curvature_variation(z: Stretch, a: Point, column: Column, given: Given) -> vec3:
         """(17) Variation of (7)."""
-        gx = f64(0.0)
-        gy = f64(0.0)
-        dtau_1 = f64(0.0)
-        du_z = f64(0.0)
+        gx = real(0.0)
+        gy = real(0.0)
+        dtau_1 = real(0.0)
+        du_z = real(0.0)
         if wp.static(MOMENT):
             gx = column[0]
             gy = column[1]
@@ -223,7 +223,7 @@ def make_tube_functions(layout: Layout, features: Features, types: SimpleNamespa
         return bent_by(a, gx, gy, du_z)
 
     @wp.func
-    def angle_rate_variation(z: Stretch, column: Column, du: wp.vec3d, given: Given, i: int) -> f64:
+    def angle_rate_variation(z: Stretch, column: Column, du: vec3, given: Given, i: int) -> real:
         """Variation of (8), theta_i'."""
         rate = -z.present[i] * du[2]
         if wp.static(TORQUES > 0):
@@ -233,7 +233,7 @@ def make_tube_functions(layout: Layout, features: Features, types: SimpleNamespa
         return rate
 
     @wp.func
-    def torque_rate_variation(a: Point, column: Column, du: wp.vec3d, given: Given, i: int) -> f64:
+    def torque_rate_variation(a: Point, column: Column, du: vec3, given: Given, i: int) -> real:
         """Variation of (8), tau_i'."""
         dtheta = column[wp.static(THETA_AT) + i - 1]
         gx = a.tubes[i, 5] * dtheta

@@ -1,10 +1,15 @@
 """How the spatial equations are integrated: explicit Runge-Kutta methods given by their Butcher tableau."""
 
+from copy import copy
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import ClassVar
+from typing import ClassVar, Self
 
-from multirod.validation import finite_float, positive_float, positive_int
+from multirod.validation import choice, finite_float, positive_float, positive_int, refuse
+
+PRECISIONS = ("float64", "float32")
+SINGLE_RTOL = 1e-6  # the finest that step control can keep in single precision, which rounds to 6e-8: measured, docs/solvers.md
+SINGLE_ATOL = 1e-7
 
 
 @dataclass(frozen=True)
@@ -47,6 +52,9 @@ class Integrator:
 
     The grid has a node wherever a section ends or a load profile changes, so piecewise properties cost no order.
 
+    Unknowns, residual and ``Gamma`` are double precision whatever ``precision`` is, and so is everything but the solver's own
+    integrations: shapes, energies, stability, multiple shooting (``docs/solvers.md``, Single precision).
+
     Attributes:
         tableau: The method's coefficients.
         steps: Number of equal steps over the whole length; each stretch between nodes gets its share, rounded up so that
@@ -54,20 +62,32 @@ class Integrator:
             ``None``: steps are chosen by the embedded error estimate.
         rtol: Largest local error of a step relative to the state, when ``steps`` is None.
         atol: The same, absolute, in natural units: 1 for rotations, the rod's length for positions, its inverse for curvatures.
+        precision: Of the arithmetic along the rods, ``"float64"`` or ``"float32"``.
     """
 
     tableau: ClassVar[Tableau]
     steps: int | None
     rtol: float
     atol: float
+    precision: str = "float64"
 
     @property
     def adaptive(self) -> bool:
         """Whether steps are chosen by the error estimate."""
         return self.steps is None
 
+    def in_double(self) -> Self:
+        """The same in double precision."""
+        if self.precision == "float64":
+            return self
+        result = copy(self)
+        object.__setattr__(result, "precision", "float64")
+        return result
+
     def __str__(self) -> str:
         detail = f"rtol={self.rtol:g}, atol={self.atol:g}" if self.adaptive else f"{self.steps}"
+        if self.precision != "float64":
+            detail += f", {self.precision}"
         return f"{type(self).__name__}({detail})"
 
 
@@ -76,15 +96,18 @@ class FixedStepIntegrator(Integrator):
     """An explicit Runge-Kutta method at fixed steps: a subclass only names its ``tableau``.
 
     Raises:
-        ValueError: If ``steps`` is not an integer >= 1.
+        ValueError: If ``steps`` is not an integer >= 1, or ``precision`` is none that there is.
     """
 
     steps: int = 50
     rtol: float = field(default=0.0, init=False, repr=False)
     atol: float = field(default=0.0, init=False, repr=False)
+    precision: str = field(default="float64", kw_only=True)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "steps", positive_int(f"{type(self).__name__}.steps", self.steps))
+        name = type(self).__name__
+        object.__setattr__(self, "steps", positive_int(f"{name}.steps", self.steps))
+        choice(f"{name}.precision", self.precision, PRECISIONS)
 
 
 @dataclass(frozen=True)
@@ -92,17 +115,28 @@ class AdaptiveIntegrator(Integrator):
     """An embedded Runge-Kutta pair with step control, or at fixed ``steps``: a subclass names its ``tableau``.
 
     Raises:
-        ValueError: If a field is out of range, or step control is asked of a tableau without an error estimate.
+        ValueError: If a field is out of range, step control is asked of a tableau without an error estimate, or of
+            ``"float32"`` an accuracy that it has not.
     """
 
     rtol: float = 1e-6
     atol: float = 1e-9
     steps: int | None = field(default=None, kw_only=True)
+    precision: str = field(default="float64", kw_only=True)
 
     def __post_init__(self) -> None:
         name = type(self).__name__
         object.__setattr__(self, "rtol", positive_float(f"{name}.rtol", self.rtol))
         object.__setattr__(self, "atol", positive_float(f"{name}.atol", self.atol))
+        choice(f"{name}.precision", self.precision, PRECISIONS)
+        if self.adaptive and self.precision == "float32":
+            for field_name, finest in (("rtol", SINGLE_RTOL), ("atol", SINGLE_ATOL)):
+                if getattr(self, field_name) < finest:
+                    refuse(
+                        f"{name}.{field_name}",
+                        getattr(self, field_name),
+                        f"must be >= {finest:g} in float32, which rounds every number to 6e-8 of itself",
+                    )
         if self.steps is not None:
             object.__setattr__(self, "steps", positive_int(f"{name}.steps", self.steps))
         elif not self.tableau.error:
@@ -146,7 +180,8 @@ class RK23(AdaptiveIntegrator):
 class RK45(AdaptiveIntegrator):
     """Dormand and Prince's 5(4) pair (J. Comput. Appl. Math. 6, 1980): the default.
 
-    The default tolerances keep the tip within 1e-6 of the length (measured: ``docs/model.md``).
+    The default tolerances, 1e-8 and 1e-10, keep the tip within 1e-6 of the length (measured: ``docs/model.md``). In float32 they
+    are the finest that it can keep, 1e-6 and 1e-7.
     """
 
     tableau: ClassVar[Tableau] = Tableau(
@@ -164,5 +199,13 @@ class RK45(AdaptiveIntegrator):
         c=(0.0, 0.2, 0.3, 0.8, 8 / 9, 1.0, 1.0),
         error=_floats(_F(71, 57600), 0, _F(-71, 16695), _F(71, 1920), _F(-17253, 339200), _F(22, 525), _F(-1, 40)),
     )
-    rtol: float = 1e-8
-    atol: float = 1e-10
+    # None, until they are chosen by the precision
+    rtol: float = None  # type: ignore[assignment]
+    atol: float = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        single = self.precision == "float32"
+        for name, value in (("rtol", SINGLE_RTOL if single else 1e-8), ("atol", SINGLE_ATOL if single else 1e-10)):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, value)
+        super().__post_init__()

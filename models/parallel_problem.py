@@ -210,6 +210,7 @@ class ParallelProblem(BoundaryProblem):
         for k, leg in enumerate(geometry.legs):
             builds.setdefault((leg.rod_count, leg.transmission), []).append(k)
         self.groups = [LegGroup(self, members, inputs, options) for members in builds.values()]
+        self.rounding = self.groups[0].backbones.rounding
         self._robots = self._make_robots()
         self._launches = self._record()
         self.write("inputs", self.pack(inputs))
@@ -393,6 +394,10 @@ class ParallelProblem(BoundaryProblem):
         arm = np.broadcast_to(self._robots.attachment_position.numpy(), (count, legs, 3))
         frame = np.broadcast_to(self._robots.attachment_rotation.numpy(), (count, legs, 3, 3))
         return Attachments(arm, frame, self.geometry.joints, self.geometry.axes)
+
+    def curvature_scale(self) -> FloatArray:  # noqa: D102
+        own = [group.backbones.curvature_scale().reshape(self.instance_count, -1) for group in self.groups]
+        return np.asarray(np.concatenate(own, axis=1).max(axis=1))
 
     def load_scale(self) -> FloatArray:  # noqa: D102
         inputs = self.read("inputs")

@@ -78,7 +78,7 @@ def critical_loads(
         up_to: Load factor where the search ends.
         max_steps: Steps along the branch.
         solver: ``Shooting(tolerance=1e-10, integrator=RK45(rtol=1e-10, atol=1e-12))`` by default: of it the tolerance and the
-            integrator are used.
+            integrator are used, the latter in double precision.
         device: Warp device.
 
     Returns:
@@ -93,6 +93,7 @@ def critical_loads(
     method = PRECISE if solver is None else solver
     if not isinstance(method, Shooting):
         raise TypeError(f"critical_loads() needs Shooting(), not {type(method).__name__}")
+    method = method.in_double()
     positive_int("count", count), positive_int("max_steps", max_steps)
     if up_to != np.inf:
         positive_float("up_to", up_to)
@@ -153,7 +154,9 @@ def natural_start(robot: Assembly, begin: Inputs, inputs: Inputs, method: Shooti
     problem.write("inputs", last - first)
     unit = 1 / (float(problem.load_scale()[0]) or float(np.abs(last - first).max()))
     length = max(float(np.max(rod.length)) for rod in robot.rods)
-    branch = Branch(problem, first, last - first, length=length, unit=unit, tolerance=method.tolerance)
+    branch = Branch(
+        problem, first, last - first, length=length, unit=unit, tolerance=float(problem.tolerance(method.tolerance)[0])
+    )
     return branch, branch.first(unknowns)
 
 

@@ -27,7 +27,7 @@ def equilibria(
         robot: The assembly.
         inputs: Made by ``robot.inputs(...)``, without leading axes; none are all zero.
         starts: Starts at most.
-        solver: ``Shooting()`` by default, of which the tolerance, the iteration limit and the integrator are used.
+        solver: ``Shooting()`` by default, of which the tolerance, the iteration limit and the integrator, in double precision, are used.
         device: Warp device.
 
     Returns:
@@ -43,6 +43,7 @@ def equilibria(
     method = Shooting() if solver is None else solver
     if not isinstance(method, Shooting):
         raise TypeError(f"equilibria() needs Shooting(), not {type(method).__name__}")
+    method = method.in_double()
     inputs = robot.accept(inputs)
     batch = np.broadcast_shapes(inputs.batch_shape, robot.batch_shape)
     if batch:

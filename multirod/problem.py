@@ -18,6 +18,10 @@ from multirod.segments import Breakpoints, Segments
 from multirod.stability import Modes
 from multirod.validation import Described, FloatArray, refuse
 
+TOLERANCE = 1e-9  # default of solvers, of the residual [1/m]
+ROUNDED = 1e-12  # the least that is asked for, of the curvature scale
+SINGLE_TOLERANCE = 1e-5  # the same where rods are integrated in single precision, of the curvature scale
+DOUBLE_ROUNDING = float(np.finfo(np.float64).eps)
 BUFFERS = (
     "order",
     "active",
@@ -115,6 +119,7 @@ class BoundaryProblem(ABC):
         pose_columns: Its derivative by the unknowns and directions, position rows then rotation-vector rows, both in the
             world, shape (instance_count, 6, n + direction_count).
         directions: Directions in input space, shape (instance_count, direction_count, input_count).
+        rounding: What a number is rounded by, relative to itself, along the rods: numpy's ``eps`` of the integrator's precision.
         stop: Once it is set, ``integrate`` raises ``Interrupted``: how a batch on several threads is brought to an end.
     """
 
@@ -145,6 +150,7 @@ class BoundaryProblem(ABC):
         self.turn_stiffness: FloatArray = np.ones(count)
         self.breakpoints: dict[int, Breakpoints] = {}
         self.natural_singular_value: FloatArray = np.ones(count)
+        self.rounding = DOUBLE_ROUNDING
         # One record an instance holds all that a sample of a time series keeps, so that keeping it is one copy.
         sizes = {"unknowns": n, "residual": n, "gamma": n * n, "position": 3, "rotation": 9, "inputs": input_count}
         self.record_fields: dict[str, slice] = {}
@@ -243,8 +249,8 @@ class BoundaryProblem(ABC):
         self.order.assign(listed)
         self.listed = len(chosen)
 
-    def part(self, instances: IntArray) -> "BoundaryProblem":
-        """A problem of some of the instances, (k,), at their present inputs and unknowns.
+    def part(self, instances: IntArray, *, double: bool = False) -> "BoundaryProblem":
+        """A problem of some of the instances, (k,), at their present inputs and unknowns; with ``double`` in double precision.
 
         What takes long for a few takes no time for the others there. ``keep`` brings back what came of it.
         """
@@ -282,6 +288,23 @@ class BoundaryProblem(ABC):
     @abstractmethod
     def input_slice(self, name: str) -> slice:
         """Where an input stands in a row of ``inputs`` and ``directions``."""
+
+    def curvature_scale(self) -> FloatArray:
+        """Size of the curvatures that arise [1/m], shape (instance_count,): the rods' own, or one over the length."""
+        return np.ones(self.instance_count)
+
+    def tolerance(self, given: float | None) -> FloatArray:
+        """Largest residual of a solution [1/m], shape (instance_count,): what is given, or the default of the precision.
+
+        That is ``TOLERANCE`` in double precision. Rounding sets a floor that is proportional to curvature: ``ROUNDED`` of ``curvature_scale``, which
+        rods of less than a millimetre come to, and in single precision ``SINGLE_TOLERANCE`` of it (measured: ``docs/solvers.md``, Single
+        precision).
+        """
+        if given is not None:
+            return np.full(self.instance_count, float(given))
+        if self.rounding == DOUBLE_ROUNDING:
+            return np.maximum(TOLERANCE, ROUNDED * self.curvature_scale())
+        return SINGLE_TOLERANCE * self.curvature_scale()
 
     def load_scale(self) -> FloatArray:
         """Size of the loads against the stiffness, ``F L^2/EI`` and its like, shape (instance_count,).

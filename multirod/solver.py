@@ -2,9 +2,10 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -129,6 +130,14 @@ class Solver(ABC):
     def track(self, problem: BoundaryProblem, dt: float) -> Track:
         """Follow ``problem`` at samples ``dt`` apart [s]."""
         return _WarmStarted(self, problem)
+
+    def in_double(self) -> Self:
+        """The same with an integrator in double precision."""
+        if self.integrator.precision == "float64":
+            return self
+        result = copy(self)
+        object.__setattr__(result, "integrator", self.integrator.in_double())
+        return result
 
     def _check_integrator(self) -> None:
         if not isinstance(self.integrator, Integrator):

@@ -16,6 +16,7 @@ from multirod.status import Status
 from multirod.validation import FloatArray
 
 SAFE_LOAD = 5.0  # in F L^2/EI: no equilibrium loses and regains stability within such a step (Euler: 2.5 and 22)
+SINGULAR = 0.05  # largest singular value, in units of what is natural, that vanishes where a branch ends; within 1e-7 of there
 GROWTH = 0.5  # of the load reached, that the next step may be if that is more
 
 BoolArray = NDArray[np.bool_]
@@ -115,7 +116,15 @@ class Paths:
         counts: dict[str, Any] = {
             name: np.array(getattr(state, name).numpy()) for name in ("status", "iterations", "integrations")
         }
+        self._doubt_ends(counts["status"])
         return Outcome(**counts, reached=np.array(state.levels.numpy()[:, 0]))
+
+    def _doubt_ends(self, status: Any) -> None:
+        """Where no mode of ``Gamma`` is near zero, it is no fold and no bifurcation that steps became small at."""
+        ended = np.flatnonzero(status == Status.BRANCH_END)
+        if len(ended):
+            least = np.linalg.svd(self.state.reference.numpy()[ended], compute_uv=False)[:, -1]
+            status[ended[least > SINGULAR * self.problem.natural_singular_value[ended]]] = Status.STALLED
 
 
 def natural_branch(problem: BoundaryProblem, newton: Newton, max_steps: int, chosen: BoolArray | None = None) -> Outcome:

@@ -156,7 +156,7 @@ def make_path(n: int, block: int = 0, border: int = 0):
             largest = wp.max(largest, wp.abs(state.points[t, 0, i]))
             for j in range(n):
                 size += state.reference[t, i, j] * state.reference[t, i, j]
-        if f64(2.0e-15) * wp.sqrt(size) * largest > state.newton.tolerance:
+        if f64(2.0e-15) * state.newton.rounding * wp.sqrt(size) * largest > state.newton.tolerance[t]:
             return wp.static(int(Status.STALLED))
         return wp.static(int(Status.BRANCH_END))
 

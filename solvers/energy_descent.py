@@ -30,7 +30,7 @@ class EnergyDescent(Solver):
         feed_forward: Whether the unknowns also follow the inputs' rates, extrapolated from the last samples.
         fold_threshold: ``solution.stability_margin``, with the length at the start, below which the status is ``NEAR_FOLD``: 1 is a straight unloaded rod. It is
             also that where a step was longer than an eighth of the radius.
-        tolerance: Largest residual for ``solve``, max norm [1/m].
+        tolerance: Largest residual for ``solve``, max norm [1/m]; None is that of ``Shooting``.
         max_iterations: Samples allowed for ``solve``.
         ramp: Samples over which ``solve`` raises the loads.
 
@@ -42,14 +42,16 @@ class EnergyDescent(Solver):
     radius: float = 0.4
     feed_forward: bool = True
     fold_threshold: float = 0.05
-    tolerance: float = 1e-9
+    tolerance: float | None = None
     max_iterations: int = 1000
     ramp: int = 100
 
     def __post_init__(self) -> None:
         self._check_integrator()
-        for name in ("radius", "fold_threshold", "tolerance"):
+        for name in ("radius", "fold_threshold"):
             positive_float(f"EnergyDescent.{name}", getattr(self, name))
+        if self.tolerance is not None:
+            positive_float("EnergyDescent.tolerance", self.tolerance)
         for name in ("max_iterations", "ramp"):
             positive_int(f"EnergyDescent.{name}", getattr(self, name))
         boolean("EnergyDescent.feed_forward", self.feed_forward)
@@ -105,5 +107,5 @@ class EnergyDescentTrack(SampledTrack):
     def _update(self) -> None:
         self._launch.launch()
 
-    def _settled(self, tolerance: float) -> Any:
+    def _settled(self, tolerance: FloatArray) -> Any:
         return super()._settled(tolerance) & (self.state.margin.numpy() > 0)

@@ -34,8 +34,8 @@ class MultipleShooting(Solver):
     natural branch, by the tests that ``Shooting`` makes (``docs/solvers.md``).
 
     Attributes:
-        tolerance: Largest residual of the boundary conditions, and gap between two segments, max norm [1/m].
-        integrator: Of the spatial equations.
+        tolerance: Largest residual of the boundary conditions, and gap between two segments, max norm [1/m]; None is that of ``Shooting``.
+        integrator: Of the spatial equations, in double precision: what is asked for in ``"float32"`` is made so.
         max_iterations: Newton iterations allowed in each continuation step, or from a guess.
         max_continuation_steps: Load steps allowed.
 
@@ -43,14 +43,16 @@ class MultipleShooting(Solver):
         ValueError: If a field is out of range.
     """
 
-    tolerance: float = 1e-9
+    tolerance: float | None = None
     integrator: Integrator = field(default_factory=RK45)
     max_iterations: int = 30
     max_continuation_steps: int = 1000
 
     def __post_init__(self) -> None:
         self._check_integrator()
-        positive_float("MultipleShooting.tolerance", self.tolerance)
+        object.__setattr__(self, "integrator", self.integrator.in_double())
+        if self.tolerance is not None:
+            positive_float("MultipleShooting.tolerance", self.tolerance)
         positive_int("MultipleShooting.max_iterations", self.max_iterations)
         positive_int("MultipleShooting.max_continuation_steps", self.max_continuation_steps)
 
@@ -80,13 +82,15 @@ class MultipleShooting(Solver):
         if not len(places):
             return
         before = problem.snapshot()[places]
-        part = problem.part(places)
+        part = problem.part(places, double=True)
         mine = self._solve(part, None)
         found = ~failures(mine.status)
         part.restore(np.where(found[:, None], part.snapshot(), before))
         problem.keep(part, places)
         said = found | (mine.status == Status.BRANCH_END)
-        outcome.status[places[said]] = mine.status[said]
+        outcome.status[places] = np.where(said, mine.status, outcome.status[places])
+        doubtful = places[~said & (outcome.status[places] == Status.BRANCH_END)]
+        outcome.status[doubtful] = Status.STALLED  # rounding hides whether it ends
         if outcome.reached is not None and mine.reached is not None:
             outcome.reached[places[said]] = mine.reached[said]
         outcome.iterations[places] += mine.iterations
@@ -104,7 +108,8 @@ class MultipleShooting(Solver):
     def _run(self, problem: BoundaryProblem, starts: Mapping[int, Callable[[Branch], Run]]) -> dict[int, _Ended]:
         """Run instances together, each by what it is started with."""
         segments = self._segments(problem)
-        branches = {instance: self._branch(segments, instance) for instance in starts}
+        limit = problem.tolerance(self.tolerance)
+        branches = {instance: self._branch(segments, instance, float(limit[instance])) for instance in starts}
         results = run_together(segments, {instance: start(branches[instance]) for instance, start in starts.items()})
         return {instance: (result, branches[instance]) for instance, result in results.items()}
 
@@ -114,11 +119,11 @@ class MultipleShooting(Solver):
         assert segments is not None  # or the problem was refused
         return segments
 
-    def _branch(self, segments: Segments, instance: int) -> Branch:
+    def _branch(self, segments: Segments, instance: int, tolerance: float) -> Branch:
         return Branch(
             segments,
             instance,
-            tolerance=self.tolerance,
+            tolerance=tolerance,
             max_iterations=self.max_iterations,
             max_steps=self.max_continuation_steps,
             integrator=self.integrator,

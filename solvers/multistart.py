@@ -101,12 +101,13 @@ def refuse_unstable(problem: BoundaryProblem, outcome: Outcome) -> None:
 def lowest_stable(problem: BoundaryProblem, newton: Newton, outcome: Outcome, lost: NDArray[np.bool_]) -> None:
     """Put the instances ``lost`` on their stable equilibrium of lowest potential energy, if one is found.
 
-    Their status is then ``LOWEST_ENERGY``; what is unstable, neutral or cannot be said is never taken.
+    Their status is then ``LOWEST_ENERGY``; what is unstable, neutral or cannot be said is never taken. They are told apart in
+    double precision, and left so.
     """
     if not problem.multistable or not lost.any() or not len(problem.starts(1)):
         return
     for places in np.split(np.flatnonzero(lost), range(TOGETHER, int(lost.sum()), TOGETHER)):
-        part = problem.part(places)
+        part = problem.part(places, double=True)
         found = _search(part, newton.of(part))
         outcome.iterations[places] += found.iterations
         outcome.integrations[places] += found.integrations

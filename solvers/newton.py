@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from multirod.launch import record
-from multirod.problem import BoundaryProblem
+from multirod.problem import DOUBLE_ROUNDING, BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.bordered_kernels import front_width
 from multirod.solvers.newton_kernels import LARGE_CHANGE, PROBES, NewtonState, make_newton, restart
@@ -18,6 +18,7 @@ from multirod.validation import FloatArray
 _CONVERGED = int(Status.CONVERGED)
 
 
+LARGEST_NOISE = 1e-4  # in steps of Newton's method, relative: a longer one says how the iteration contracts
 FEWER = 0.7  # of the instances that launches pass over, below which those that have ended leave
 
 
@@ -31,9 +32,16 @@ def leave(problem: BoundaryProblem, remaining: int) -> None:
 
 
 class Newton:
-    """Newton's iteration on the buffers of one problem; launches are recorded once."""
+    """Newton's iteration on the buffers of one problem; launches are recorded once.
 
-    def __init__(self, problem: BoundaryProblem, *, tolerance: float, max_iterations: int, line_search: bool) -> None:
+    Args:
+        problem: The problem.
+        tolerance: Largest residual [1/m]; None is the problem's own.
+        max_iterations: Iterations allowed.
+        line_search: Whether steps that do not reduce the residual are halved.
+    """
+
+    def __init__(self, problem: BoundaryProblem, *, tolerance: float | None, max_iterations: int, line_search: bool) -> None:
         self.problem = problem
         n, count, device = problem.unknown_count, problem.instance_count, problem.device
         state: Any = NewtonState()
@@ -50,7 +58,10 @@ class Newton:
         self.shape = self._shape()
         self._dim = count
         state.remaining = wp.zeros(1, dtype=wp.int32, device=device)
-        state.tolerance = tolerance
+        self._given_tolerance = tolerance
+        state.tolerance = wp.array(problem.tolerance(tolerance), dtype=wp.float64, device=device)
+        state.rounding = problem.rounding / DOUBLE_ROUNDING
+        state.noise = min(1e-10 * state.rounding, LARGEST_NOISE)
         state.max_iterations = max_iterations
         state.line_search = int(line_search)
         on_cpu = wp.get_device(device).is_cpu
@@ -92,13 +103,8 @@ class Newton:
         """The same on another problem."""
         state = self.state
         return Newton(
-            problem, tolerance=state.tolerance, max_iterations=state.max_iterations, line_search=bool(state.line_search)
+            problem, tolerance=self._given_tolerance, max_iterations=state.max_iterations, line_search=bool(state.line_search)
         )
-
-    @property
-    def tolerance(self) -> float:
-        """Largest residual [1/m]."""
-        return float(self.state.tolerance)
 
     def doubtful(self) -> bool:
         """Whether any instance of the last run failed or may have strayed."""

@@ -41,9 +41,11 @@ class NewtonState:
     arrow: Arrow
     remaining: wp.array[int]  # (1,): instances still active
     # options
-    tolerance: wp.float64
+    tolerance: wp.array[wp.float64]  # (instance,)
     max_iterations: int
     line_search: int
+    rounding: wp.float64  # of an integration, in multiples of that of double precision
+    noise: wp.float64  # relative size of steps that rounding makes
 
 
 PROBES = 4
@@ -195,11 +197,11 @@ def make_iteration(n: int, block: int = 0, border: int = 0) -> SimpleNamespace:
         sound = state.fault[t] == 0 and wp.isfinite(merit)
         first = state.merit[t] < f64(0.0)
 
-        good = sound and (first or size <= state.tolerance)
+        good = sound and (first or size <= state.tolerance[t])
         if sound and not first:
             good = good or line_search == 0 or merit <= (f64(1.0) - f64(1.0e-4) * state.damping[t]) * state.merit[t]
         if good:
-            if size <= state.tolerance:
+            if size <= state.tolerance[t]:
                 status = int(wp.static(int(Status.CONVERGED)))
                 if state.has_reference[t] != 0:
                     state.change[t] = spread(state, t, state.reference, f64(1.0), f64(wp.static(LARGE_CHANGE)), f64(8.0))
@@ -215,11 +217,11 @@ def make_iteration(n: int, block: int = 0, border: int = 0) -> SimpleNamespace:
                     status = int(wp.static(int(Status.SINGULAR_JACOBIAN)))
                 elif state.iterations[t] >= state.max_iterations:
                     status = int(wp.static(int(Status.MAX_ITERATIONS)))
-                elif length <= f64(4.0e-16) * base:
+                elif length <= f64(4.0e-16) * state.rounding * base:
                     status = int(wp.static(int(Status.STALLED)))
                 else:
                     # a step of rounding size says nothing about contraction
-                    if not first and length > f64(1.0e-10) * (base + f64(1.0e-3) * before):
+                    if not first and length > state.noise * (base + f64(1.0e-3) * before):
                         state.contraction[t] = wp.max(state.contraction[t], length / before)
                     if state.contraction[t] > max_contraction:
                         status = int(wp.static(int(Status.STALLED)))

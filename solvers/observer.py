@@ -55,7 +55,7 @@ class Observer(Solver):
         fold_threshold: Smallest singular value of the scaled Gamma (of Gamma for ``"newton"``) below which the status is
             ``NEAR_FOLD``, and of a pivot below which it is ``SINGULAR_PIVOT``; in units of what is natural to the problem, 1
             but for parallel rods, whose Gamma has small singular values where nothing is near a fold.
-        tolerance: Largest residual for ``solve``, max norm [1/m].
+        tolerance: Largest residual for ``solve``, max norm [1/m]; None is that of ``Shooting``.
         max_iterations: Samples allowed for ``solve``.
         ramp: Samples over which ``solve`` raises the loads.
         dt: Sample time for ``solve`` [s].
@@ -76,7 +76,7 @@ class Observer(Solver):
     feed_forward: bool = False
     correct_output: bool = False
     fold_threshold: float = 0.05
-    tolerance: float = 1e-9
+    tolerance: float | None = None
     max_iterations: int = 5000
     ramp: int = 100
     dt: float = 0.005
@@ -94,7 +94,9 @@ class Observer(Solver):
         choice("Observer.scaling", self.scaling, SCALINGS)
         choice("Observer.riccati", self.riccati, RICCATI)
         choice("Observer.update", self.update, UPDATES)
-        for name in ("horizon", "tolerance", "dt", "fold_threshold"):
+        if self.tolerance is not None:
+            positive_float("Observer.tolerance", self.tolerance)
+        for name in ("horizon", "dt", "fold_threshold"):
             positive_float(f"Observer.{name}", getattr(self, name))
         for name in ("feed_forward", "correct_output"):
             boolean(f"Observer.{name}", getattr(self, name))

@@ -43,7 +43,7 @@ class SampledTrack(Track):
         """Closed-loop rates of the last sample [1/s], where the solver has such."""
         return None
 
-    def _settled(self, tolerance: float) -> Any:
+    def _settled(self, tolerance: FloatArray) -> Any:
         """Which instances are where they are to come to rest; bool, shape (instance_count,)."""
         return self.state.size.numpy() <= tolerance
 
@@ -65,11 +65,11 @@ class SampledTrack(Track):
         status, size = self._host[1:] if self._host else (state.status.numpy(), state.size.numpy())
         return Outcome(status.copy(), self._ones, self._ones, size.copy(), self._rates())
 
-    def settle(self, *, tolerance: float, max_iterations: int, ramp: int, guess: FloatArray | None) -> Outcome:
+    def settle(self, *, tolerance: float | None, max_iterations: int, ramp: int, guess: FloatArray | None) -> Outcome:
         """Take samples at fixed inputs until the residual is within ``tolerance``.
 
         Args:
-            tolerance: Largest residual, max norm [1/m].
+            tolerance: Largest residual, max norm [1/m]; None is that of the problem.
             max_iterations: Samples allowed.
             ramp: Samples over which the loads are raised from zero, without a ``guess``; what comes near a fold then has left the natural
                 branch: ``BRANCH_END``.
@@ -79,6 +79,7 @@ class SampledTrack(Track):
         if guess is not None:
             self.start(guess)
             ramp = 1
+        limit = problem.tolerance(tolerance)
         outcome = Outcome.zeros(count)
         active = np.ones(count, dtype=bool)
         for iteration in range(max_iterations):
@@ -88,7 +89,7 @@ class SampledTrack(Track):
             self.step()
             outcome.integrations[active] += 1
             status = self.state.status.numpy()
-            done = active & self._settled(tolerance) & (load == 1.0)
+            done = active & self._settled(limit) & (load == 1.0)
             outcome.status[done] = Status.CONVERGED
             outcome.status[active & (status == Status.NONFINITE)] = Status.NONFINITE
             outcome.status[active & (status == Status.EULER_LIMIT)] = Status.EULER_DIVERGED

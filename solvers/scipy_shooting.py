@@ -12,7 +12,7 @@ from multirod.models.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome, Solver
 from multirod.status import Status
-from multirod.validation import FloatArray, boolean, choice, positive_float, positive_int
+from multirod.validation import FloatArray, boolean, choice, positive_float, positive_int, refuse
 
 _SIMPLEX = 0.01
 METHODS = ("interior-point", "quasi-newton", "nelder-mead")
@@ -28,7 +28,7 @@ class ScipyShooting(Solver):
     Attributes:
         method: ``"interior-point"`` (SciPy's ``trust-constr``), ``"quasi-newton"`` (``BFGS``) or ``"nelder-mead"``.
         tolerance: The minimiser's tolerance on the gradient or on the simplex; the paper's is 1e-3.
-        integrator: Of the spatial equations.
+        integrator: Of the spatial equations; in ``"float32"`` only where nothing is differentiated by differences.
         exact_gradient: Whether the gradient comes from ``Gamma``, at no integration, rather than from differences, at one
             integration for each unknown, as in the paper.
         max_residual: Residual above which a result is called STALLED, max norm [1/m].
@@ -51,6 +51,12 @@ class ScipyShooting(Solver):
         positive_float("ScipyShooting.tolerance", self.tolerance)
         positive_float("ScipyShooting.max_residual", self.max_residual)
         boolean("ScipyShooting.exact_gradient", self.exact_gradient)
+        if self.integrator.precision != "float64" and not self.exact_gradient and self.method != "nelder-mead":
+            refuse(
+                "ScipyShooting.integrator",
+                self.integrator,
+                "must be in float64, whose differences are gradients: give exact_gradient=True or method='nelder-mead' for float32",
+            )
         positive_int("ScipyShooting.max_iterations", self.max_iterations)
 
     def _solve(self, problem: BoundaryProblem, guess: FloatArray | None) -> Outcome:

@@ -30,7 +30,8 @@ class Shooting(Solver):
     little, else by load continuation in steps that pass these tests and one more (``docs/solvers.md``).
 
     Attributes:
-        tolerance: Largest residual, max norm [1/m].
+        tolerance: Largest residual, max norm [1/m]; None is 1e-9, and for an integrator in ``"float32"`` 1e-5 of the largest
+            precurvature, or of one over the length (``docs/solvers.md``, Single precision).
         integrator: Of the spatial equations.
         max_iterations: Newton iterations allowed, in each continuation step and in all of a warm start.
         predictor: How a motion's next sample is guessed: from the last one (``"none"``), or by ``"linear"`` (default) or
@@ -43,7 +44,7 @@ class Shooting(Solver):
         ValueError: If a field is out of range.
     """
 
-    tolerance: float = 1e-9
+    tolerance: float | None = None
     integrator: Integrator = field(default_factory=RK45)
     max_iterations: int = 30
     predictor: str = "linear"
@@ -53,7 +54,8 @@ class Shooting(Solver):
 
     def __post_init__(self) -> None:
         self._check_integrator()
-        positive_float("Shooting.tolerance", self.tolerance)
+        if self.tolerance is not None:
+            positive_float("Shooting.tolerance", self.tolerance)
         positive_int("Shooting.max_iterations", self.max_iterations)
         choice("Shooting.predictor", self.predictor, PREDICTORS)
         boolean("Shooting.line_search", self.line_search)
@@ -83,7 +85,9 @@ class Shooting(Solver):
         if self.fallback:
             # the poses that it finds are not those of the unknowns: nothing may integrate these again
             MultipleShooting(
-                tolerance=self.tolerance, integrator=self.integrator, max_continuation_steps=self.max_continuation_steps
+                tolerance=self.tolerance,
+                integrator=self.integrator,
+                max_continuation_steps=self.max_continuation_steps,
             ).rescue(problem, outcome)
         return outcome
 

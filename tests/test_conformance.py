@@ -9,6 +9,7 @@ import pytest
 
 import multirod as mr
 from multirod.models.integrators import Integrator
+from multirod.problem import TOLERANCE
 
 SOLVERS = mr.registered_solvers()
 
@@ -104,7 +105,8 @@ CASES = [pytest.param(scene, inputs, id=f"{scene}-{inputs}") for scene, given in
 
 def reach(solver: mr.Solver) -> float:
     """Largest residual that a result of this solver may have, as its options say [1/m]."""
-    return getattr(solver, "max_residual", solver.tolerance)
+    given = getattr(solver, "max_residual", solver.tolerance)
+    return TOLERANCE if given is None else given
 
 
 def problem_for(solver: mr.Solver, robot: mr.Assembly, inputs: mr.Inputs) -> mr.BoundaryProblem:

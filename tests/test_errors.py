@@ -297,12 +297,13 @@ def test_unknown_attribute_of_inputs(robot: mr.SingleRod) -> None:
 # ---- options of solvers and integrators ----
 
 FLOATS = (0, 0.0, -1.0, NAN, INF, "1", None, True, [1.0, 2.0])
+BY_PRECISION = tuple(value for value in FLOATS if value is not None)  # None is the default of the precision
 COUNTS = (0, -1, 2.0, NAN, "3", None, True)
 FLAGS = (0, 1, "yes", None)
 NAMES = ("", "Quadratic", None, 1, True)
 OPTIONS: dict[Callable[..., Any], dict[str, tuple[tuple[Any, ...], str]]] = {
     mr.Shooting: {
-        "tolerance": (FLOATS, POSITIVE),
+        "tolerance": (BY_PRECISION, POSITIVE),
         "max_iterations": (COUNTS, "integer >= 1"),
         "max_continuation_steps": (COUNTS, "integer >= 1"),
         "line_search": (FLAGS, "True or False"),
@@ -324,15 +325,21 @@ OPTIONS: dict[Callable[..., Any], dict[str, tuple[tuple[Any, ...], str]]] = {
         },
         "riccati": (NAMES, "'steady', 'forward', 'horizon'"),
         "update": (NAMES, "'exact', 'euler'"),
-        **{name: (FLOATS, POSITIVE) for name in ("horizon", "tolerance", "dt", "fold_threshold")},
+        **{name: (FLOATS, POSITIVE) for name in ("horizon", "dt", "fold_threshold")},
+        "tolerance": (BY_PRECISION, POSITIVE),
         **{name: (FLAGS, "True or False") for name in ("feed_forward", "correct_output")},
         **{name: (COUNTS, "integer >= 1") for name in ("max_iterations", "ramp")},
         "integrator": ((None, "RK4", 50), "Integrator"),
     },
-    mr.RK4: {"steps": (COUNTS, "integer >= 1")},
+    mr.RK4: {"steps": (COUNTS, "integer >= 1"), "precision": (NAMES, "'float64', 'float32'")},
     **{
-        owner: {"rtol": (FLOATS, POSITIVE), "atol": (FLOATS, POSITIVE), "steps": ((0, -1, 2.0, "3", True), "integer >= 1")}
-        for owner in (mr.RK23, mr.RK45)
+        owner: {
+            "rtol": (floats, POSITIVE),
+            "atol": (floats, POSITIVE),
+            "steps": ((0, -1, 2.0, "3", True), "integer >= 1"),
+            "precision": (NAMES, "'float64', 'float32'"),
+        }
+        for owner, floats in ((mr.RK23, FLOATS), (mr.RK45, BY_PRECISION))
     },
 }
 OPTION_CASES = [

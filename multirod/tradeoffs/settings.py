@@ -15,7 +15,7 @@ from multirod.solvers.observer import COUPLINGS, Observer
 from multirod.solvers.scipy_shooting import METHODS, ScipyShooting
 from multirod.solvers.shooting import PREDICTORS, Shooting
 
-PRECISIONS: tuple[dict[str, Any], ...] = ({},)  # options that every integrator of the grid is tried with
+PRECISIONS: tuple[dict[str, Any], ...] = ({}, {"precision": "float32"})  # options that every integrator of the grid is tried with
 OBSERVERS: dict[str, dict[str, Any]] = {
     "observer": {},
     "observer ff": {"feed_forward": True},
