@@ -47,6 +47,7 @@ class SprungProblem(mr.BoundaryProblem):
             device=inner.device,
         )
         self.inner = inner
+        self.rounding = inner.rounding
         rod = inner.rods[0]
         self.give = float(rod.sections[0].torsional_stiffness) / spring  # angle of the spring per twist at the base
         self.write("inputs", inner.read("inputs"))
@@ -56,6 +57,9 @@ class SprungProblem(mr.BoundaryProblem):
 
     def guess(self) -> np.ndarray:
         return self.inner.guess()
+
+    def curvature_scale(self) -> np.ndarray:
+        return self.inner.curvature_scale()
 
     def input_slice(self, name: str) -> slice:
         return self.inner.input_slice(name)
