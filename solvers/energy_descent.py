@@ -21,7 +21,8 @@ class EnergyDescent(Solver):
 
     Along a motion it takes exactly one integration a sample, as ``Observer``. Where the equilibrium is stable and near, its
     step is one of Newton's method; where a mode is unstable it goes down along it, so that it passes folds, follows a
-    snap to where the rod comes to rest, and does not stay on what is unstable. Along a motion the pose is corrected to first order.
+    snap to where the rod comes to rest, and does not stay on what is unstable. Along a motion the pose, and the unknowns, are
+    those after the step, to first order; the residual is that before it.
     ``docs/energy_descent.md`` derives it, and says what was measured.
 
     Attributes:

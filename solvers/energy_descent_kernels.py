@@ -36,7 +36,7 @@ class DescentState:
     margin: wp.array[wp.float64]  # smallest eigenvalue of H over that of the unloaded rod
     stiffness: wp.array[wp.float64]  # K_min / L [N m]
     # options
-    corrected: int  # whether the pose is to be that after the step
+    corrected: int  # whether the pose and the unknowns are to be those after the step
     radius: wp.float64
     fold_threshold: wp.float64
 
@@ -161,6 +161,8 @@ def make_descent(feed_forward: bool):
             state.following[t, i] = state.unknowns[t, i] + dx[i] + ahead[i]
         if state.corrected != 0:
             correct_pose(state, t, dx)
+            for i in range(3):
+                state.unknowns[t, i] = state.unknowns[t, i] + dx[i]
         status = int(wp.static(int(Status.TRACKING)))
         if state.margin[t] < state.fold_threshold or wp.length(turn) >= f64(wp.static(LARGE)) * state.radius:
             status = int(wp.static(int(Status.NEAR_FOLD)))
