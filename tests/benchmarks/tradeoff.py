@@ -64,18 +64,19 @@ def table(name: str, budget: float, images: Path, tables: Path | None) -> Measur
 
 
 def print_within(rows: Sequence[mr.Measured]) -> None:
-    """For each error, the fastest observer and the fastest of Newton's method, at the tip and along the rods."""
+    """For each error, the fastest of each kind of solver, at the tip and along the rods."""
     longest = max(row.samples for row in rows)
-    kinds = {"observer": mr.Observer, "Newton": mr.Shooting}
+    kinds = {"observer": mr.Observer, "energy descent": mr.EnergyDescent, "Newton": mr.Shooting}
+    kinds = {name: kind for name, kind in kinds.items() if any(isinstance(row.solver, kind) for row in rows)}
     print("| within [m] | " + " | ".join(f"{kind}, {error} | µs" for error in ("tip", "shape") for kind in kinds) + " |")
-    print("|---|" + 4 * "---|---|")
+    print("|---|" + 2 * len(kinds) * "---|---|")
     for limit in LIMITS:
         cells = []
         for error in ("position", "shape"):
-            for kind in kinds.values():
+            for name, kind in kinds.items():
                 fit = [r for r in rows if isinstance(r.solver, kind) and r.samples == longest and getattr(r, error) <= limit]
                 best = min(fit, key=lambda row: row.median, default=None)
-                cells += ["none", ""] if best is None else [best.name, f"{1e6 * best.median:.0f}"]
+                cells += ["none", ""] if best is None else [best.name.removeprefix(name).lstrip(", "), f"{1e6 * best.median:.0f}"]
         print(f"| {limit:.0e} | " + " | ".join(cells) + " |")
     print()
 
