@@ -5,9 +5,11 @@ from typing import Any
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome, Track
+from multirod.solvers.continuation_kernels import LARGEST_RATIO, RATIO_POWERS, SMALLEST_RATIO
 from multirod.status import Status
 from multirod.validation import FloatArray
 
@@ -71,8 +73,8 @@ class SampledTrack(Track):
         Args:
             tolerance: Largest residual, max norm [1/m]; None is that of the problem.
             max_iterations: Samples allowed.
-            ramp: Samples over which the loads are raised from zero, without a ``guess``; what comes near a fold then has left the natural
-                branch: ``BRANCH_END``.
+            ramp: Samples over which the loads are raised from zero, without a ``guess``; what comes near a fold then, or whose ``Gamma`` changes
+                from one sample to the next as it does between two branches, may have left the natural branch: ``BRANCH_END``.
             guess: Unknowns to start from (instance_count, n).
         """
         problem, count = self.problem, self.problem.instance_count
@@ -82,6 +84,8 @@ class SampledTrack(Track):
         limit = problem.tolerance(tolerance)
         outcome = Outcome.zeros(count)
         active = np.ones(count, dtype=bool)
+        strayed = np.zeros(count, dtype=bool)
+        before: FloatArray | None = None
         for iteration in range(max_iterations):
             load = min(1.0, (iteration + 1) / ramp)
             problem.load_factor.fill_(load)
@@ -94,7 +98,12 @@ class SampledTrack(Track):
             outcome.status[active & (status == Status.NONFINITE)] = Status.NONFINITE
             outcome.status[active & (status == Status.EULER_LIMIT)] = Status.EULER_DIVERGED
             if guess is None:
+                gamma = problem.read("gamma").reshape(count, problem.unknown_count, -1)
+                if before is not None:
+                    strayed[active] |= ~same_branch(gamma[active], before[active])
+                before = gamma
                 outcome.status[active & (status == Status.NEAR_FOLD)] = Status.BRANCH_END
+                outcome.status[done & strayed] = Status.BRANCH_END
             active = outcome.status == Status.NOT_RUN
             if not active.any():
                 break
@@ -123,3 +132,21 @@ class SampledTrack(Track):
             else:
                 self.problem.directions.assign(expected[:, None])
         self._previous = inputs
+
+
+def same_branch(gamma: FloatArray, before: FloatArray) -> NDArray[np.bool_]:
+    """Whether all eigenvalues of ``gamma before^-1``, both (k, n, n), lie in the disc that one branch's do; shape (k,).
+
+    As in ``continuation_kernels``: no mode of ``Gamma`` came near zero or changed sign in between.
+    """
+    n = gamma.shape[-1]
+    regular = np.linalg.det(before) != 0
+    start = np.where(regular[:, None, None], before, np.eye(n))
+    centre, radius = 0.5 * (SMALLEST_RATIO + LARGEST_RATIO), 0.5 * (LARGEST_RATIO - SMALLEST_RATIO)
+    power, bound = 1.0, np.full(len(gamma), np.inf)
+    with np.errstate(all="ignore"):
+        E = gamma @ np.linalg.inv(start) - centre * np.eye(n)
+        while power <= RATIO_POWERS:
+            bound = np.fmin(bound, np.linalg.norm(E, axis=(1, 2)) ** (1 / power))
+            E, power = E @ E, 2 * power
+    return np.asarray(regular & (bound < radius))

@@ -16,6 +16,7 @@ RIGHT = 1e-6  # of the units of ``RodEquations.units``: what the default integra
 SAME = 1e-3  # of the length: two tips of one branch; another branch leads elsewhere
 NEUTRAL = 1e-4  # of EI/L: a margin below which a stability is not told from the other
 STRONGEST = 2e3  # load in EI/L^2 up to which the branch is followed anew
+FINER = (1, 2, 4)  # intervals of the branch that is followed anew: soft torsion needs more; another branch stays another
 MOST_TURNS = 40.0
 MOST_INTERVALS = 24000
 
@@ -94,9 +95,13 @@ def _judge_rod(scene: Scene, solution: mr.Solution, verdict: Verdict, reference:
     turns = rod.length * np.abs(rod.u_star).max() / (2 * np.pi)
     if reference and scene.load <= STRONGEST and turns <= MOST_TURNS:
         intervals = int(max(80, 12 * (np.sqrt(scene.load) + 2 * np.pi * turns)))
-        states, verdict.ends = ReferenceBranch(*rod.given, intervals).follow(min(1.0, 0.5 / scene.load))
-        if states is not None and not solution.status.failed:
+        for finer in FINER:
+            states, verdict.ends = ReferenceBranch(*rod.given, finer * intervals).follow(min(1.0, 0.5 / scene.load))
+            if states is None or solution.status.failed:
+                break
             verdict.reference = float(np.linalg.norm(states[-1, :3] - solution.tip_position) / rod.length)
+            if verdict.reference <= SAME:
+                break
 
 
 def _judge_tubes(scene: Scene, solution: mr.Solution, verdict: Verdict) -> None:
