@@ -104,11 +104,23 @@ def test_it_follows_a_snap_and_says_so():
     assert (found.status[fold + 20 :] == mr.Status.TRACKING).all()
 
 
+def test_a_step_in_the_inputs_is_said(robot):
+    time = np.arange(12) / 200
+    force = np.where(time[:, None] < time[6], 0.0, (0.6, 0, 0.4))
+    rising = robot.inputs(tip_force=force)
+    found = mr.simulate(robot, rising, time=time, solver=DESCENT)
+    exact = mr.simulate(robot, rising, time=time, solver=mr.Shooting(integrator=INTEGRATOR))
+    wrong = np.linalg.norm(found.tip_position - exact.tip_position, axis=1) > 1e-4
+    assert wrong.any(), "followed at once: the test tests nothing"
+    assert (found.status[wrong] == mr.Status.NEAR_FOLD).all()
+    assert (found.status[-3:] == mr.Status.TRACKING).all()
+
+
 def test_it_leaves_what_is_unstable():
     """A straight column beyond Euler's load is an equilibrium, and Newton's method stays on it."""
     rod = mr.Rod(length=1, bending_stiffness=(1, 1.5), torsional_stiffness=0.8)
     robot = mr.SingleRod(rod)
-    pressed = robot.inputs(tip_force=(0, 1e-6, -4))
+    pressed = robot.inputs(tip_force=(0, 0, -4))
     newton = mr.solve(robot, pressed, guess=(0, 0, 0), solver=mr.Shooting(integrator=INTEGRATOR))
     assert newton.stability == mr.Stability.UNSTABLE
     descent = mr.solve(robot, pressed, guess=newton, solver=DESCENT).raise_if_failed()

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 from scipy.integrate import solve_ivp
+from test_cases import robot_and_inputs
 
 import multirod as mr
 from multirod import experiment
@@ -437,3 +438,12 @@ def test_static_observer_ends_where_the_branch_ends() -> None:
     )
     assert solution.status[0] == mr.Status.CONVERGED
     assert solution.status[1] == mr.Status.BRANCH_END
+
+
+def test_a_solve_by_samples_says_where_it_may_have_left_its_branch(reference_cases, make_pose):
+    """A stretched spring of 32 loops: in 100 samples the loads rise faster than the estimate follows, to another equilibrium."""
+    case = next(case for case in reference_cases("single_rod") if case["id"] == "14e_many_loops_2")
+    robot, inputs = robot_and_inputs(case, make_pose)
+    found = mr.solve(robot, inputs, solver=mr.Observer())
+    assert found.status == mr.Status.BRANCH_END
+    assert np.isnan(found.tip_position).all()
