@@ -71,3 +71,39 @@ def test_a_branch_that_turns_faster_than_its_last_equilibria_tell_does_not_end(s
     assert steps.max() < 0.02, "a jump"
     # both within 1e-9 of the residual, times what cond(Gamma) makes of it
     np.testing.assert_allclose(found.tip_position, slow.tip_position[-1], atol=1e-7)
+
+
+def test_steps_that_become_small_where_no_mode_vanishes_are_no_end_of_the_branch():
+    rod = mr.Rod(length=0.5, bending_stiffness=0.02, torsional_stiffness=0.013)
+    robot = mr.SingleRod(rod)
+    pulled = robot.inputs(tip_force=(0, 0, 1e5 * 0.02 / 0.5**2))
+    found = mr.solve(robot, pulled, solver=mr.Shooting(fallback=False))
+    assert found.status == mr.Status.STALLED  # straight and stable at any tension; Gamma overflows the digits
+    pressed = robot.inputs(tip_force=(0, 0, -4 * 0.02 / 0.5**2))
+    assert mr.solve(robot, pressed, solver=mr.Shooting(fallback=False)).status == mr.Status.BRANCH_END
+
+
+@pytest.mark.parametrize("length", [1e-6, 1e-3, 1e3])
+def test_the_size_of_a_rod_does_not_matter(length):
+    def tip(scale):
+        rod = mr.Rod(length=scale, bending_stiffness=0.3, torsional_stiffness=0.2, precurvature=(3 / scale, 0, 0))
+        robot = mr.SingleRod(rod)
+        found = mr.solve(robot, robot.inputs(tip_force=np.array([3.0, 9.0, 1.0]) / scale**2)).raise_if_failed()
+        return found.tip_position / scale
+
+    np.testing.assert_allclose(tip(length), tip(1.0), rtol=0, atol=1e-8)
+
+
+def test_no_step_jumps_past_an_imperfect_bifurcation():
+    """A column with a small side load buckles to that side; the mirror image is stable too, and as near the smaller the load."""
+    random = np.random.default_rng(4)
+    count = 400
+    aside = 10 ** random.uniform(-5, -1, count) * random.choice([-1, 1], count)
+    along = random.uniform(2.6, 8, count)
+    robot = mr.SingleRod(mr.Rod(length=1, bending_stiffness=(1, 1.5), torsional_stiffness=0.8))
+    loads = robot.inputs(tip_force=np.stack([0.3 * np.abs(aside), aside, -along], axis=-1))
+    found = mr.solve(robot, loads, solver=mr.Shooting(fallback=False))
+    done = found.status == mr.Status.CONVERGED
+    assert done.mean() > 0.9
+    np.testing.assert_array_equal(np.sign(found.tip_position[done, 1]), np.sign(aside[done]))
+    assert (found.stability[done] == mr.Stability.STABLE).all()
