@@ -16,6 +16,8 @@ from multirod.status import Status
 from multirod.validation import FloatArray
 
 CONTRACTION = 0.3  # largest ratio of successive Newton steps
+PACE = 100  # steps over which it is told
+HOPELESS = 5.0  # times the steps that are left: more than that is given up
 SURPRISE = 0.5  # largest distance of an equilibrium from where the tangent leads, relative to its distance from the last
 SAFE_LOAD = 5.0  # first step, in F L^2/EI
 LOAD_RATIO = 0.5  # later steps, relative to the load reached
@@ -91,7 +93,9 @@ class Branch:
         return found
 
     def gaps(self, points: Breakpoints, found: Propagation) -> FloatArray:
-        """(1) What segments and boundary conditions lack."""
+        """(1) What segments and boundary conditions lack; NaN where an integration failed."""
+        if found.fault:
+            return np.full(self.segments.variation_size * (len(points.states) - 1) + len(found.residual), np.nan)
         inner = self.segments.difference(self.instance, found.end[:-1], points.states[1:])
         return np.concatenate([inner.ravel(), found.residual])
 
@@ -245,9 +249,11 @@ class Branch:
         points, found = settled
         level, step = 0.0, 1.0
         system, tangent = yield from self.tangent(points, found, level, SAFE_LOAD / scale)
-        for _ in range(self.max_steps):
-            if level >= 1.0:
+        passed: list[float] = []
+        for done in range(self.max_steps):
+            if level >= 1.0 or (done >= PACE and self._hopeless(passed[-PACE], level, self.max_steps - done)):
                 break
+            passed.append(level)
             goal = min(1.0, level + min(step, max(SAFE_LOAD / scale, LOAD_RATIO * level)))
             taken = goal - level
             expected = self.moved(points, taken * tangent)
@@ -268,6 +274,16 @@ class Branch:
             return Result(Status.MAX_ITERATIONS, points, level=level)
         result = yield from self._settled(points, level)
         return result
+
+    @staticmethod
+    def _hopeless(before: float, level: float, left: int) -> bool:
+        """Whether the steps that are left lead nowhere near the full load, at the pace since the level ``PACE`` steps before."""
+        if level <= before:
+            return True
+        steps = (1.0 - level) / (level - before)
+        if before > 0.0:
+            steps = min(steps, np.log(1.0 / level) / np.log(level / before))
+        return PACE * steps > HOPELESS * left
 
     def _on_branch(self, system: System, reached: Any, points: Breakpoints, expected: Breakpoints) -> bool:
         """Whether an equilibrium is on the branch of the last: ``J`` stays itself, and no surprise."""
