@@ -414,3 +414,14 @@ def test_a_recording_shows_every_setting_and_the_errors_of_the_best(measured, tm
         measure({"lost": Lost()}).save(tmp_path / "none.rrd")
     with pytest.raises(ValueError, match=r"save.path = .* is not allowed"):
         measured.save(tmp_path / "no" / "folder.rrd")
+
+
+def test_models_leave_out_what_a_scene_can_do_without():
+    rod = mr.Rod(length=0.4, bending_stiffness=0.2, torsional_stiffness=0.15, linear_density=0.002)
+    robot = mr.SingleRod(rod)
+    inputs = robot.inputs(tip_force=(0.4, 0, 0), gravity=(0, 0, -9.81))
+    models = mr.explain(robot, inputs).models()
+    assert models.keys() == {"without gravity"}
+    lighter, given = models["without gravity"]
+    assert lighter.rods == robot.rods
+    assert given.active == ("tip_force",)

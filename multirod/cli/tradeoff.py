@@ -13,6 +13,7 @@ from rich.table import Table
 
 from multirod.cli.terminal import duration, file_of, nonnegative, positive, progress_bar
 from multirod.scenes import SCENES, Motion, load
+from multirod.terms import explain
 from multirod.tradeoffs import Measured, Measurement, Rows, Tradeoff
 from multirod.tradeoffs.promise import kept
 from multirod.tradeoffs.settings import code
@@ -49,6 +50,7 @@ def add_parser(commands: Any) -> None:
         "--error", type=positive, metavar="M", help="also find the fastest setting within this error of the tip [m]"
     )
     goal.add_argument("--rate", type=positive, metavar="HZ", help="also find the most accurate at so many samples a second")
+    parser.add_argument("--models", action="store_true", help="also try the robot without each term that can be left out")
     parser.add_argument("--all", action="store_true", help="show every setting, not only those that no other beats")
     parser.add_argument("--csv", type=file_of(), metavar="FILE", help="write every setting, as it is measured")
     parser.add_argument(
@@ -66,10 +68,15 @@ def run(options: argparse.Namespace, console: Console) -> int:
     try:
         motion = load(options.scene)
         with console.status("reference"):
-            measurement = Measurement(motion.robot, motion.inputs, time=motion.time, settle=options.settle, budget=options.budget)
+            models = explain(motion.robot, motion.inputs).models() if options.models else {}
+            measurement = Measurement(
+                motion.robot, motion.inputs, time=motion.time, settle=options.settle, budget=options.budget, models=models
+            )
     except (TypeError, ValueError) as error:
         console.print(f"[red]{escape(str(error))}[/red]")
         return 2
+    if options.models and not models:
+        console.print("No term of this scene can be left out.", style="dim")
     stopped = _measure(measurement, options, console)
     table = measurement.table
     if not table.rows:

@@ -35,6 +35,13 @@ RODS = {
     "anisotropy": "bending_stiffness differs between its axes",
     "precurvature_profile": "precurvature is a function of arclength",
 }
+MODELLED = (
+    "gravity",
+    "shear",
+    "torsion",
+    "anisotropy",
+    "precurvature_profile",
+)  # not what is done to the robot, but how it is seen
 READ_AS = {"frame": "loads_need_frame"}  # with the pose alone it stands beside the equations that are solved
 LAUNCHES = 30
 
@@ -120,6 +127,14 @@ class Explanation:
             if term.name == name:
                 return term
         raise KeyError(f"the scene has no term {name!r}: it has " + ", ".join(term.name for term in self.terms))
+
+    def models(self) -> dict[str, tuple[Assembly, Inputs]]:
+        """The scene without each term that can be left out and saves something, as ``tradeoff`` takes them.
+
+        Of loads other than weight, only those whose error is known to be finite: without the others it is another scene.
+        """
+        terms = [term for term in self.terms if term.droppable and term.saves and (term.name in MODELLED or isfinite(term.error))]
+        return {f"without {term.name}": self.without(term.name) for term in terms}
 
     def without(self, *names: str) -> tuple[Assembly, Inputs]:
         """The robot and the inputs without these terms, ready to be solved.

@@ -13,12 +13,10 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
 import warp as wp
 
 import multirod as mr
-from multirod.assembly import Assembly
-from multirod.scenes import SCENES, Motion
+from multirod.scenes import SCENES
 from multirod.tradeoffs import Measurement
 from multirod.tradeoffs.promise import MARGIN, kept
 from multirod.tradeoffs.settings import code
@@ -29,19 +27,11 @@ ERROR = 1e-5
 LIMITS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)
 
 
-def models(motion: Motion) -> dict[str, tuple[Assembly, mr.Inputs]]:
-    """The scene without each term that can be left out at an error that is known, where the package can tell them."""
-    if not hasattr(mr, "explain"):
-        return {}
-    found = mr.explain(motion.robot, motion.inputs)
-    terms = [term for term in found.terms if term.droppable and term.saves and np.isfinite(term.error)]
-    return {f"without {term.name}": found.without(term.name) for term in terms}
-
-
 def table(name: str, budget: float, images: Path, tables: Path | None) -> Measurement:
     """Measure a scene, print what no other setting beats, and the best of each family; write plot and rows."""
     motion = SCENES[name]()
-    measurement = Measurement(motion.robot, motion.inputs, time=motion.time, budget=budget, models=models(motion))
+    models = mr.explain(motion.robot, motion.inputs).models()
+    measurement = Measurement(motion.robot, motion.inputs, time=motion.time, budget=budget, models=models)
     for _ in measurement.run():
         pass
     found = measurement.table
