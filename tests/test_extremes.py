@@ -42,6 +42,13 @@ def test_robots_of_several_rods(kind):
     assert sum(not v.status.failed for v in verdicts) >= 5
 
 
+def test_a_segment_that_cannot_be_integrated_fails_its_step_alone():
+    """Torsion 6e-5 times as stiff as bending, under 3e4 EI/L^2 of the softest section: on the way a trial overflows, which once raised."""
+    verdict = check(draw("force and shear", 11004))
+    assert not verdict.status.failed
+    assert not verdict.wrong
+
+
 @pytest.fixture(scope="module")
 def loaded():
     """A rod under 31 EI/L^2, its solution and its equations."""
