@@ -86,12 +86,12 @@ _MESSAGES = {
     "of the robot; lead it there from where it is stable (simulate), or give a guess",
     Status.LOWEST_ENERGY: "the residual is within the tolerance; raising precurvature, loads and the angles between tubes in proportion ends before the full "
     "load, so this is the stable equilibrium of lowest potential energy that was found from many starts: equilibria() lists all",
-    Status.TRACKING: "an estimate of the observer; residual says how far it is",
+    Status.TRACKING: "an estimate by one integration; residual says how far it is",
     Status.EULER_LIMIT: "the observer's explicit Euler update left its stability limit: use update='exact', a shorter time "
     "step, or lower gains",
     Status.EULER_DIVERGED: "the observer's explicit Euler update left its stability limit before the residual was within the "
     "tolerance: use update='exact', a shorter dt, or lower gains",
-    Status.NEAR_FOLD: "an estimate near a fold: the smallest singular value of Gamma is small, so the shape may be far off "
+    Status.NEAR_FOLD: "an estimate near a fold or on its way through a snap: a mode of Gamma is near zero, so the shape may be far off "
     "although the residual is not",
     Status.SINGULAR_PIVOT: "an estimate of the observer whose elimination meets a nearly singular pivot while Gamma is regular: use "
     "coupling='full', or another order of the blocks",
