@@ -174,14 +174,17 @@ class TubeEquations:
         base = np.zeros((width, n))
         base[2, 0] = 1.0
         base[3:, 0], base[3:, 1:] = -1.0, np.eye(n - 1)
-        free = [i for i in range(n) if self.beta[i] < 0]
+        ones = np.ones(self.count)
+        give = self.angles(ones) - self.angles(
+            0 * ones
+        )  # behind the plate; nothing where it is too short for a digit of the angle
+        free = [i for i in range(n) if give[i] != 0]
         T = np.zeros((len(Q), len(free) + len(Q) - width))
         T[:width, : len(free)] = base[:, free]
         T[width:, len(free) :] = np.eye(len(Q) - width)
         Q = T.T @ Q @ T
         for at, i in enumerate(free):
-            ones = np.ones(self.count)
-            Q[at, at] += 1 / (self.angles(ones)[i] - self.angles(0 * ones)[i])
+            Q[at, at] += 1 / give[i]
         values = np.linalg.eigvalsh(Q)
         return int((values < 0).sum()), float(np.abs(values).min() / np.abs(values).max())
 
