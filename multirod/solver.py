@@ -14,7 +14,7 @@ from multirod.models.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
 from multirod.segments import Breakpoints, placed, taken
 from multirod.status import failures
-from multirod.validation import FloatArray, refuse
+from multirod.validation import FloatArray, positive_float, refuse
 
 IntArray = NDArray[np.int32]
 
@@ -138,6 +138,12 @@ class Solver(ABC):
         result = copy(self)
         object.__setattr__(result, "integrator", self.integrator.in_double())
         return result
+
+    def _check_tolerance(self) -> None:
+        """Refuse a tolerance that is neither None nor a number > 0."""
+        tolerance = getattr(self, "tolerance", None)
+        if tolerance is not None:
+            positive_float(f"{type(self).__name__}.tolerance", tolerance)
 
     def _check_integrator(self) -> None:
         if not isinstance(self.integrator, Integrator):

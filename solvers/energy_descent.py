@@ -51,8 +51,7 @@ class EnergyDescent(Solver):
         self._check_integrator()
         for name in ("radius", "fold_threshold"):
             positive_float(f"EnergyDescent.{name}", getattr(self, name))
-        if self.tolerance is not None:
-            positive_float("EnergyDescent.tolerance", self.tolerance)
+        self._check_tolerance()
         for name in ("max_iterations", "ramp"):
             positive_int(f"EnergyDescent.{name}", getattr(self, name))
         boolean("EnergyDescent.feed_forward", self.feed_forward)

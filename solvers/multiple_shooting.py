@@ -16,7 +16,7 @@ from multirod.solvers.multiple_shooting_system import System
 from multirod.solvers.newton import Newton
 from multirod.stability import Stability
 from multirod.status import Status, failures
-from multirod.validation import FloatArray, positive_float, positive_int
+from multirod.validation import FloatArray, positive_int
 
 NOISY = 1e2  # norm of Gamma from which the integrator's noise may look like the end of a branch
 POLISH = 5  # iterations on the unknowns alone
@@ -51,8 +51,7 @@ class MultipleShooting(Solver):
     def __post_init__(self) -> None:
         self._check_integrator()
         object.__setattr__(self, "integrator", self.integrator.in_double())
-        if self.tolerance is not None:
-            positive_float("MultipleShooting.tolerance", self.tolerance)
+        self._check_tolerance()
         positive_int("MultipleShooting.max_iterations", self.max_iterations)
         positive_int("MultipleShooting.max_continuation_steps", self.max_continuation_steps)
 

@@ -94,8 +94,7 @@ class Observer(Solver):
         choice("Observer.scaling", self.scaling, SCALINGS)
         choice("Observer.riccati", self.riccati, RICCATI)
         choice("Observer.update", self.update, UPDATES)
-        if self.tolerance is not None:
-            positive_float("Observer.tolerance", self.tolerance)
+        self._check_tolerance()
         for name in ("horizon", "dt", "fold_threshold"):
             positive_float(f"Observer.{name}", getattr(self, name))
         for name in ("feed_forward", "correct_output"):

@@ -15,7 +15,7 @@ from multirod.solvers.multistart import lowest_stable, refuse_unstable
 from multirod.solvers.newton import Newton
 from multirod.solvers.refinement import refine
 from multirod.status import Status, failures
-from multirod.validation import FloatArray, boolean, choice, positive_float, positive_int
+from multirod.validation import FloatArray, boolean, choice, positive_int
 
 PREDICTORS = ("none", "linear", "quadratic")
 _CONVERGED = int(Status.CONVERGED)
@@ -55,8 +55,7 @@ class Shooting(Solver):
 
     def __post_init__(self) -> None:
         self._check_integrator()
-        if self.tolerance is not None:
-            positive_float("Shooting.tolerance", self.tolerance)
+        self._check_tolerance()
         positive_int("Shooting.max_iterations", self.max_iterations)
         choice("Shooting.predictor", self.predictor, PREDICTORS)
         boolean("Shooting.line_search", self.line_search)

@@ -53,6 +53,22 @@ def description(stage: Stage, title: str, solver: str, total: int) -> str:
     return "\n".join(lines)
 
 
+def scene_view(stage: Stage, name: str, **options: Any) -> Any:
+    """The robot in space, seen from where the stage stands."""
+    import rerun.blueprint as rrb
+
+    return rrb.Spatial3DView(
+        origin="/world",
+        name=name,
+        background=rrb.Background(color=rgba(0x15191F), kind=rrb.BackgroundKind.SolidColor),
+        line_grid=rrb.LineGrid3D(visible=True, spacing=stage.grid, stroke_width=0.5, color=rgba(0x3A414A, 0x90)),
+        eye_controls=rrb.EyeControls3D(
+            kind=rrb.Eye3DKind.Orbital, position=stage.eye, look_target=stage.centre, eye_up=(0, 0, 1)
+        ),
+        **options,
+    )
+
+
 def blueprint(stage: Stage) -> Any:
     """The views that a recording opens with."""
     import rerun.blueprint as rrb
@@ -64,16 +80,7 @@ def blueprint(stage: Stage) -> Any:
         ]
     )
     paths = [stage.world(f"{kind}tip_path", k) for kind in ("", "reference/") for k in range(stage.count)]
-    scene = rrb.Spatial3DView(
-        origin="/world",
-        name="Shape",
-        background=rrb.Background(color=rgba(0x15191F), kind=rrb.BackgroundKind.SolidColor),
-        line_grid=rrb.LineGrid3D(visible=True, spacing=stage.grid, stroke_width=0.5, color=rgba(0x3A414A, 0x90)),
-        eye_controls=rrb.EyeControls3D(
-            kind=rrb.Eye3DKind.Orbital, position=stage.eye, look_target=stage.centre, eye_up=(0, 0, 1)
-        ),
-        overrides={path: [up_to_now] for path in paths},
-    )
+    scene = scene_view(stage, "Shape", overrides={path: [up_to_now] for path in paths})
 
     def plot(name: str, *contents: str, legend: bool = False) -> Any:
         return rrb.TimeSeriesView(

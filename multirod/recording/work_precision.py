@@ -24,6 +24,7 @@ import numpy as np
 from multirod.recording import columns
 from multirod.recording.columns import rgba
 from multirod.recording.figure import PALETTE
+from multirod.recording.layout import scene_view
 from multirod.recording.recorder import _file, _name
 from multirod.recording.writer import Writer
 from multirod.validation import FloatArray, refuse
@@ -243,15 +244,7 @@ def _blueprint(stage: Any, shown: "list[Measured]") -> Any:
     w, h = _WIDTH, _HEIGHT
     bounds = rrb.VisualBounds2D(x_range=(-0.13 * w, 1.08 * w), y_range=(-0.12 * h, 1.15 * h))
     precision = rrb.Spatial2DView(origin="/work_precision", name="Work against precision", visual_bounds=bounds)
-    scene = rrb.Spatial3DView(
-        origin="/world",
-        name="Motion: the reference, and tips of settings",
-        background=rrb.Background(color=rgba(0x15191F), kind=rrb.BackgroundKind.SolidColor),
-        line_grid=rrb.LineGrid3D(visible=True, spacing=stage.grid, stroke_width=0.5, color=rgba(0x3A414A, 0x90)),
-        eye_controls=rrb.EyeControls3D(
-            kind=rrb.Eye3DKind.Orbital, position=stage.eye, look_target=stage.centre, eye_up=(0, 0, 1)
-        ),
-    )
+    scene = scene_view(stage, "Motion: the reference, and tips of settings")
     errors = rrb.TimeSeriesView(
         origin="/",
         name="Error of the tip, log10 [m]",
