@@ -3,6 +3,10 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 ARGS ?=
+# make test CPU=x86-64-v3 CORES=1: as on another machine (tests/machine), by the names of LLVM; native and all cores by default
+CPU ?=
+CORES ?=
+AS_MACHINE := $(if $(CPU)$(CORES),PYTHONPATH="$(CURDIR)/tests/machine" MULTIROD_TEST_CPU=$(CPU) MULTIROD_TEST_CORES=$(CORES) )
 
 .PHONY: demo test lint bench clean
 
@@ -10,7 +14,7 @@ demo: $(VENV)/.installed
 	$(BIN)/multirod demo $(ARGS)
 
 test: $(VENV)/.installed-test
-	$(BIN)/pytest --numprocesses auto --dist loadfile $(ARGS)
+	$(AS_MACHINE)$(BIN)/pytest --numprocesses auto --dist loadfile $(ARGS)
 
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check .

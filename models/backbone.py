@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from multirod.assembly import Assembly, pose
 from multirod.batch import IntArray, take
 from multirod.inputs import Inputs, InputSpec
-from multirod.launch import record
+from multirod.launch import LONGEST, Portions, record
 from multirod.models import backbone_kernels as kernels
 from multirod.models.backbone_segments import BackboneSegments
 from multirod.models.features import Features
@@ -204,7 +204,11 @@ class BackboneProblem(BoundaryProblem):
         def make() -> Any:
             return kernels.make_kernel(features, self.integrator.tableau, precision)
 
-        return record(make, self.instance_count, [table or self._table, call], self.device)
+        launch = record(make, self.instance_count, [table or self._table, call], self.device)
+        longest = max(1, LONGEST // len(self.rods))
+        if self.instance_count <= longest or not launch.device.is_cpu:
+            return launch
+        return Portions(launch, call, longest, self.heed_stop)
 
     # ---- the interface ----
 

@@ -290,6 +290,8 @@ class ParallelProblem(BoundaryProblem):
         next(launches).set_dim(self.listed)
 
     def _integrate(self) -> None:
+        for group in self.groups:
+            group.backbones.stop = self.stop
         for launch in self._launches:
             launch.launch()
 

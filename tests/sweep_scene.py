@@ -2,8 +2,9 @@
 
 import os
 import signal
+import struct
 import sys
-import time
+from argparse import ArgumentParser
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
@@ -44,16 +45,31 @@ class Refusing(mr.Shooting):
 
 @dataclass(frozen=True, kw_only=True)
 class Dying(mr.Shooting):
-    """Newton's method that kills its process, once, when the first rod is turned by this much."""
+    """Newton's method that sends its process a signal, once, when the first rod is turned by this much.
+
+    With ``midway``, when half of a result is in the pipe of the pool whose worker it is.
+    """
 
     angle: float
     died: str
+    how: int = signal.SIGKILL
+    midway: bool = False
 
     def _solve(self, problem: mr.BoundaryProblem, guess: Any) -> mr.Outcome:
         if (problem.read("inputs")[:, 0] == self.angle).any() and not Path(self.died).exists():
-            Path(self.died).touch()
-            os.kill(os.getpid(), signal.SIGKILL)
+            Path(self.died).write_text(str(os.getpid()))
+            if self.midway:
+                write_half_a_result()
+            os.kill(os.getpid(), self.how)
         return super()._solve(problem, guess)
+
+
+def write_half_a_result() -> None:
+    """Four bytes of a message of a thousand, where the worker of a process pool writes its results."""
+    frame = sys._getframe()
+    while "result_queue" not in frame.f_locals:
+        frame = frame.f_back
+    os.write(frame.f_locals["result_queue"]._writer.fileno(), struct.pack("!i", 1000) + b"half")
 
 
 def wire() -> mr.SingleRod:
@@ -71,8 +87,10 @@ def pool() -> ProcessPoolExecutor:
     return ProcessPoolExecutor(2, mp_context=get_context("spawn"))
 
 
-def main(out: str, log: str, count: int, chunk: int, executor: str) -> None:
+def main(out: str, log: str, count: int, chunk: int, executor: str, died: str, how: int, midway: bool) -> None:
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # who starts this may ignore it
     robot, inputs = scene(count)
+    solver = Dying(angle=1.0, died=died, how=how, midway=midway) if died else Logged(log=log)
 
     def report(done: int) -> None:
         print(done, flush=True)
@@ -83,15 +101,24 @@ def main(out: str, log: str, count: int, chunk: int, executor: str) -> None:
             inputs,
             out=out,
             chunk=chunk,
-            solver=Logged(log=log),
+            solver=solver,
             quantities=QUANTITIES,
             executor=pool if executor == "pool" else None,
             progress=report,
         )
     except KeyboardInterrupt:
-        print("stopped", time.time(), sorted(p.name for p in Path(out).iterdir()), flush=True)
+        print("stopped", sorted(p.name for p in Path(out).iterdir()), flush=True)
         raise SystemExit(3) from None
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], sys.argv[2], int(sys.argv[3]), int(sys.argv[4]), sys.argv[5])
+    parser = ArgumentParser()
+    parser.add_argument("out")
+    parser.add_argument("log")
+    parser.add_argument("count", type=int)
+    parser.add_argument("chunk", type=int)
+    parser.add_argument("--executor", default="here")
+    parser.add_argument("--died", default="")
+    parser.add_argument("--how", type=int, default=int(signal.SIGKILL))
+    parser.add_argument("--midway", action="store_true")
+    main(**vars(parser.parse_args()))

@@ -2,11 +2,11 @@
 
 import csv
 import re
-import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
+import programs
 import pytest
 from rerun.chunk import RrdReader
 
@@ -100,7 +100,7 @@ def test_a_command_is_required(arguments: list[str], capsys: pytest.CaptureFixtu
 
 
 def test_module_is_the_command(tmp_path: Path) -> None:
-    done = subprocess.run([sys.executable, "-m", "multirod", "--help"], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    done = programs.run("-m", "multirod", "--help", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("usage: multirod")
     assert "demo" in done.stdout

@@ -2,14 +2,13 @@
 
 import json
 import pickle
-import subprocess
-import sys
 from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from threading import Lock, Timer
 
 import numpy as np
+import programs
 import pyarrow.parquet as pq
 import pytest
 import sweep_scene
@@ -382,7 +381,7 @@ with ThreadPoolExecutor(4) as executor:
 
 def test_threads_of_one_process_that_has_loaded_no_kernel(tmp_path):
     """Warp loads kernels for one thread at a time: others that come along with it crash the process."""
-    run = subprocess.run([sys.executable, "-c", COLD, str(tmp_path / "study")], capture_output=True, text=True)
+    run = programs.run("-c", COLD, str(tmp_path / "study"))
     assert run.returncode == 0, run.stderr
     assert "CONVERGED: 1>: 40" in run.stdout
 

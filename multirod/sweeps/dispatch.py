@@ -4,12 +4,16 @@ from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
 from contextlib import contextmanager
+from math import inf
+from time import monotonic
 from typing import Any
 
 from multirod.sweeps.chunk import Chunk, Raised, run
 from multirod.sweeps.table import Arrays
+from multirod.sweeps.workers import Workers
 
 ATTEMPTS = 4  # of a chunk, that its executor loses
+PATIENCE = 5.0  # [s] with a pool: to notice that a worker has died, and for idle workers to end
 _POLL = 0.2  # [s]; where waiting cannot be interrupted, it is at least short
 
 Executors = Executor | Callable[[], Executor]
@@ -46,7 +50,7 @@ class Source:
         """Put another in the place of a broken one; False if that cannot be."""
         if self._make is None:
             return False
-        self.executor.shutdown(wait=False)
+        self.abandon()
         self.executor = self._made()
         return True
 
@@ -57,18 +61,21 @@ class Source:
                 future.cancel()
 
     def close(self) -> None:
-        """Shut down what was made here."""
+        """Shut down what was made here, once all is done: workers that do not end are killed."""
         if self._make is not None:
-            self.executor.shutdown()
+            workers = Workers(self.executor)
+            try:
+                self.executor.shutdown(wait=not workers)
+                workers.wait(PATIENCE)
+            finally:
+                workers.kill()
 
     def abandon(self) -> None:
         """The same, without waiting for what still runs where that can be stopped: in the processes of a pool."""
         if self._make is not None:
-            # from Python 3.14 on, this is ProcessPoolExecutor.terminate_workers
-            processes = list((getattr(self.executor, "_processes", None) or {}).values())
+            # first the workers: a broken pool's thread holds the lock of shutdown while it waits for them
+            Workers(self.executor).kill()
             self.executor.shutdown(wait=False, cancel_futures=True)
-            for process in processes:
-                process.terminate()
 
 
 @contextmanager
@@ -94,6 +101,7 @@ def results(
     waiting = deque(missing)
     lost: Counter[int] = Counter()
     flying: dict[Future[Any], int] = {}
+    unnoticed_since = inf  # when a worker was first seen dead
     limit = 1 if isinstance(source.executor, _Here) else in_flight
     try:
         while waiting or flying:
@@ -105,7 +113,13 @@ def results(
                 except BrokenExecutor as refusal:
                     broken, flying[_failed(refusal)] = refusal, k
             done = wait(flying, timeout=_POLL, return_when=FIRST_COMPLETED).done
-            if any(isinstance(_error(future), BrokenExecutor) for future in done):
+            unnoticed_since = inf if done or not Workers(source.executor).dead() else min(unnoticed_since, monotonic())
+            if monotonic() - unnoticed_since > PATIENCE:
+                # the pool's thread waits for the rest of what that one was handing over
+                unnoticed = BrokenExecutor("a worker died while it handed over a result")
+                flying = {_failed(unnoticed): k for k in flying.values()}
+                done = set(flying)
+            elif any(isinstance(_error(future), BrokenExecutor) for future in done):
                 done = wait(flying).done  # all that it had is lost with it
             problem: RuntimeError | None = None
             for future in done:
