@@ -107,7 +107,8 @@ def test_one_tube_is_the_single_rod(wire):
     force = {"rotation": 0.4, "tip_force": (0.3, 0.2, 0.1)}
     tubes, rod = mr.ConcentricTubes([wire]), mr.SingleRod(wire)
     one, other = mr.solve(tubes, tubes.inputs(**force)), mr.solve(rod, rod.inputs(**force))
-    np.testing.assert_array_equal(one.tip_position, other.tip_position)
+    # two kernels, as a tube has a transmission: what residuals of 1e-9 1/m leave open
+    np.testing.assert_allclose(one.tip_position, other.tip_position, rtol=0, atol=1e-9 * 0.4**2)
 
 
 def test_identical_aligned_tubes_are_one_of_the_summed_stiffness():
