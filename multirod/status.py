@@ -33,6 +33,7 @@ class Status(IntEnum):
     UNSTABLE_COUPLING = 14
     UNSTABLE = 15
     MULTIPLE_SHOOTING = 16
+    INTEGRATION_LIMIT = 17
 
     def __str__(self) -> str:
         return self.name
@@ -75,6 +76,8 @@ _MESSAGES = {
     Status.CONVERGED: "the residual is within the tolerance",
     Status.MAX_ITERATIONS: "the iteration limit was reached: raise max_iterations (or, without a guess, max_continuation_steps), "
     "start nearer, or loosen the tolerance",
+    Status.INTEGRATION_LIMIT: "the integrations allowed for one solve, fallbacks included, were used up before it was decided: raise "
+    "max_integrations, start nearer by a guess, or follow a motion (simulate) from where a solution is known",
     Status.SINGULAR_JACOBIAN: "the Jacobian is singular here (a fold or a bifurcation): start elsewhere or change the load",
     Status.NONFINITE: "the integration overflowed: start nearer, or apply the load in smaller steps",
     Status.STEP_LIMIT: "the integrator reached its step limit: loosen rtol, or the rod is far longer than its curvature allows",

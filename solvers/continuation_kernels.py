@@ -208,12 +208,15 @@ def make_path(n: int, block: int = 0, border: int = 0):
             status = arrive(state, t)
         else:
             found = iterate(state.newton, t, 0, f64(wp.static(CONTRACTION)))
-            if found == wp.static(int(Status.NOT_RUN)):
+            if found != wp.static(int(Status.NOT_RUN)):
+                status = advance(state, t, found)
+            elif state.integrations[t] < state.newton.allowed[t]:
                 wp.atomic_add(state.remaining, 0, 1)
                 return
-            status = advance(state, t, found)
         if status == wp.static(int(Status.NOT_RUN)) and state.steps[t] >= state.max_steps:
             status = int(wp.static(int(Status.MAX_ITERATIONS)))
+        if status == wp.static(int(Status.NOT_RUN)) and state.integrations[t] >= state.newton.allowed[t]:
+            status = int(wp.static(int(Status.INTEGRATION_LIMIT)))
         state.status[t] = status
         if status == wp.static(int(Status.NOT_RUN)):
             aim(state, t)

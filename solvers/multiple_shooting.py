@@ -1,6 +1,6 @@
 """Multiple shooting: the rod in segments short enough that none amplifies an error by much, along the natural branch."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -15,11 +15,12 @@ from multirod.solvers.multiple_shooting_branch import Branch, Result, Run, run_t
 from multirod.solvers.multiple_shooting_system import System
 from multirod.solvers.newton import Newton
 from multirod.stability import Stability
-from multirod.status import Status, failures
+from multirod.status import IntArray, Status, failures
 from multirod.validation import FloatArray, positive_int
 
 NOISY = 1e2  # norm of Gamma from which the integrator's noise may look like the end of a branch
 POLISH = 5  # iterations on the unknowns alone
+MAX_INTEGRATIONS = 4000  # some seconds; the hardest loads of docs/solvers.md take 700
 SAME_POSE = 1e-7  # of the length, and of a rotation: how near these lead to the tip that the segments lead to
 
 _Ended = tuple[Result, Branch]
@@ -38,6 +39,8 @@ class MultipleShooting(Solver):
         integrator: Of the spatial equations, in double precision: what is asked for in ``"float32"`` is made so.
         max_iterations: Newton iterations allowed in each continuation step, or from a guess.
         max_continuation_steps: Load steps allowed.
+        max_integrations: Integrations of a rod allowed in all; what has taken them without a result ends as
+            ``INTEGRATION_LIMIT``. The few that tell what is left of the residual come on top.
 
     Raises:
         ValueError: If a field is out of range.
@@ -47,6 +50,7 @@ class MultipleShooting(Solver):
     integrator: Integrator = field(default_factory=RK45)
     max_iterations: int = 30
     max_continuation_steps: int = 1000
+    max_integrations: int = MAX_INTEGRATIONS
 
     def __post_init__(self) -> None:
         self._check_integrator()
@@ -54,26 +58,31 @@ class MultipleShooting(Solver):
         self._check_tolerance()
         positive_int("MultipleShooting.max_iterations", self.max_iterations)
         positive_int("MultipleShooting.max_continuation_steps", self.max_continuation_steps)
+        positive_int("MultipleShooting.max_integrations", self.max_integrations)
 
     def unsupported(self, problem: BoundaryProblem) -> tuple[str, ...]:
         """Every reason why this solver cannot take ``problem``; empty if it can."""
         return () if problem.segments() is not None else ("it offers no segments: it is not a single rod",)
 
     def _solve(self, problem: BoundaryProblem, guess: FloatArray | None) -> Outcome:
-        chosen = np.arange(problem.instance_count)
+        allowed = np.full(problem.instance_count, self.max_integrations)
         if guess is None:
-            return self._report(problem, self._natural(problem, chosen), natural=True)
-        starts = {int(k): partial(Branch.solve_from, unknowns=guess[k]) for k in chosen}
-        return self._report(problem, self._run(problem, starts), natural=False)
+            return self._anew(problem, allowed)
+        return self._report(problem, self._run(problem, _from(guess), allowed), natural=False)
+
+    def _anew(self, problem: BoundaryProblem, allowed: IntArray) -> Outcome:
+        """All instances along their natural branches, each by as many integrations as it is allowed."""
+        return self._report(problem, self._natural(problem, range(problem.instance_count), allowed), natural=True)
 
     def track(self, problem: BoundaryProblem, dt: float) -> Track:
         """Follow a motion, each sample from the states of the last, or anew along its natural branch where that might leave it."""
         return _Resumed(self, problem)
 
-    def rescue(self, problem: BoundaryProblem, outcome: Outcome) -> None:
+    def rescue(self, problem: BoundaryProblem, outcome: Outcome, left: IntArray) -> None:
         """Solve, apart from the others, the instances that rounding kept ``Shooting`` from following to the end of their branch.
 
-        What is found goes into the problem's buffers and the outcome, and that a branch ends; all else stays as it was.
+        What is found goes into the problem's buffers and the outcome, and that a branch ends; all else stays as it was. An
+        instance takes no more integrations than are ``left``, (instance_count,), nor than this solver may.
         """
         if self.unsupported(problem):
             return
@@ -82,11 +91,11 @@ class MultipleShooting(Solver):
             return
         before = problem.snapshot()[places]
         part = problem.part(places, double=True)
-        mine = self._solve(part, None)
+        mine = self._anew(part, np.minimum(left[places], self.max_integrations))
         found = ~failures(mine.status)
         part.restore(np.where(found[:, None], part.snapshot(), before))
         problem.keep(part, places)
-        said = found | (mine.status == Status.BRANCH_END)
+        said = found | np.isin(mine.status, (Status.BRANCH_END, Status.INTEGRATION_LIMIT))
         outcome.status[places] = np.where(said, mine.status, outcome.status[places])
         doubtful = places[~said & (outcome.status[places] == Status.BRANCH_END)]
         outcome.status[doubtful] = Status.STALLED  # rounding hides whether it ends
@@ -96,19 +105,21 @@ class MultipleShooting(Solver):
         outcome.integrations[places] += mine.integrations
         outcome.breakpoints |= placed(mine.breakpoints, places)
 
-    def _natural(self, problem: BoundaryProblem, chosen: Any) -> dict[int, _Ended]:
+    def _natural(self, problem: BoundaryProblem, chosen: Iterable[int], allowed: IntArray) -> dict[int, _Ended]:
         guess, scale = problem.guess(), np.maximum(problem.load_scale(), 1e-300)
-        starts = {int(k): partial(Branch.follow, unknowns=guess[k], scale=float(scale[k])) for k in chosen}
-        ended = self._run(problem, starts)
+        starts = {k: partial(Branch.follow, unknowns=guess[k], scale=float(scale[k])) for k in chosen}
+        ended = self._run(problem, starts, allowed)
         for _, branch in ended.values():
             branch.integrations += problem.guess_integrations
         return ended
 
-    def _run(self, problem: BoundaryProblem, starts: Mapping[int, Callable[[Branch], Run]]) -> dict[int, _Ended]:
-        """Run instances together, each by what it is started with."""
+    def _run(
+        self, problem: BoundaryProblem, starts: Mapping[int, Callable[[Branch], Run]], allowed: IntArray
+    ) -> dict[int, _Ended]:
+        """Run instances together, each by what it is started with, and by as many integrations as it is allowed."""
         segments = self._segments(problem)
         limit = problem.tolerance(self.tolerance)
-        branches = {instance: self._branch(segments, instance, float(limit[instance])) for instance in starts}
+        branches = {k: self._branch(segments, k, float(limit[k]), int(allowed[k])) for k in starts}
         results = run_together(segments, {instance: start(branches[instance]) for instance, start in starts.items()})
         return {instance: (result, branches[instance]) for instance, result in results.items()}
 
@@ -118,13 +129,14 @@ class MultipleShooting(Solver):
         assert segments is not None  # or the problem was refused
         return segments
 
-    def _branch(self, segments: Segments, instance: int, tolerance: float) -> Branch:
+    def _branch(self, segments: Segments, instance: int, tolerance: float, allowed: int) -> Branch:
         return Branch(
             segments,
             instance,
             tolerance=tolerance,
             max_iterations=self.max_iterations,
             max_steps=self.max_continuation_steps,
+            max_integrations=allowed,
             integrator=self.integrator,
         )
 
@@ -209,17 +221,28 @@ class _Resumed(Track):
     def step(self) -> Outcome:
         solver, problem = self.solver, self.problem
         first, self.first = self.first, None
+        allowed = np.full(problem.instance_count, solver.max_integrations)
         if first is not None:
-            starts = {k: partial(Branch.solve_from, unknowns=first[k]) for k in range(problem.instance_count)}
-            ended = solver._run(problem, starts)
+            ended = solver._run(problem, _from(first), allowed)
         else:
             resumed = {k: partial(Branch.resume, points=points, before=system) for k, (points, system) in self.last.items()}
-            ended = {k: end for k, end in solver._run(problem, resumed).items() if end[0] is not None}
-            ended |= solver._natural(problem, [k for k in range(problem.instance_count) if k not in ended])
+            ended = solver._run(problem, resumed, allowed)
+            spent = {k: branch.integrations for k, (result, branch) in ended.items() if result is None}
+            for k, integrations in spent.items():
+                allowed[k] -= integrations
+            again = [k for k in range(problem.instance_count) if k not in ended or k in spent]
+            ended |= solver._natural(problem, again, allowed)
+            for k, integrations in spent.items():
+                ended[k][1].integrations += integrations
         for k, (result, _) in ended.items():
             if result.found is not None:
                 self.last[k] = (result.points, System(result.found, self.places))
         return solver._report(problem, ended, natural=self.natural)
+
+
+def _from(guess: FloatArray) -> dict[int, Callable[[Branch], Run]]:
+    """How instances start from a guess (instance_count, n)."""
+    return {k: partial(Branch.solve_from, unknowns=unknowns) for k, unknowns in enumerate(guess)}
 
 
 def _ill_conditioned(problem: BoundaryProblem, outcome: Outcome) -> Any:

@@ -29,6 +29,7 @@ MOST_STEPS = 128
 MOST_SEGMENTS = 20_000
 MOST_ROUNDS = 10
 COLUMN_ERROR = 1e-6  # of a segment's transition, relative
+COUNTED_AS_ONE = 256  # segments integrated
 LEAST_PART = 1e-6  # of a Newton step
 PROBE = 1e-4  # step in the load, relative to the present, by which the tangent is found
 
@@ -54,6 +55,10 @@ class Result:
     level: float = 0.0
 
 
+class Spent(Exception):
+    """An instance has taken the integrations that it may."""
+
+
 class Branch:
     """One instance on its way. What integrates is a generator: it yields segments, and is sent where they lead.
 
@@ -65,20 +70,31 @@ class Branch:
         tolerance: Largest gap [1/m].
         max_iterations: Newton iterations allowed at one load.
         max_steps: Load steps allowed.
+        max_integrations: Integrations of the whole rod allowed, in all.
         integrator: Of the spatial equations.
     """
 
     def __init__(
-        self, segments: Segments, instance: int, *, tolerance: float, max_iterations: int, max_steps: int, integrator: Integrator
+        self,
+        segments: Segments,
+        instance: int,
+        *,
+        tolerance: float,
+        max_iterations: int,
+        max_steps: int,
+        max_integrations: int,
+        integrator: Integrator,
     ) -> None:
         self.segments = segments
         self.instance = instance
         self.tolerance = tolerance
         self.max_iterations = max_iterations
         self.max_steps = max_steps
+        self.max_integrations = max_integrations
         self.integrator = integrator
         self.iterations = 0
         self.integrations = 0
+        self.level = 0.0  # part of the load that was reached
         self.contraction = 0.0
         self.fault = 0
         self.stalled = False
@@ -87,10 +103,26 @@ class Branch:
 
     def evaluate(self, points: Breakpoints, level: float) -> Run:
         """All segments, once."""
-        self.integrations += 1
-        found = yield Request.all_of(self.instance, points, level)
+        found = yield from self._ask(Request.all_of(self.instance, points, level))
         self.fault = found.fault
         return found
+
+    def _ask(self, request: Request) -> Run:
+        """Where segments lead; ``Spent`` where that would be one integration too many."""
+        if self.integrations >= self.max_integrations:
+            raise Spent
+        # more segments than that are more steps than an integration from base to tip takes
+        self.integrations += max(1, len(request.start) // COUNTED_AS_ONE)
+        found = yield request
+        return found
+
+    def _bounded(self, run: Run, unknowns: FloatArray) -> Run:
+        """What a run returns, or that it had to be given up."""
+        try:
+            result = yield from run
+        except Spent:
+            return Result(Status.INTEGRATION_LIMIT, self.start(unknowns), level=self.level)
+        return result
 
     def gaps(self, points: Breakpoints, found: Propagation) -> FloatArray:
         """(1) What segments and boundary conditions lack; NaN where an integration failed."""
@@ -199,8 +231,7 @@ class Branch:
                     self.fault = 2
                     return points, found
                 half = points.halves(self.instance, long, level)
-                self.integrations += 1
-                led = yield half
+                led = yield from self._ask(half)
                 points = points.halved(long, half, led.end)
             found = yield from self.evaluate(points, level)
 
@@ -240,6 +271,10 @@ class Branch:
 
     def follow(self, unknowns: FloatArray, scale: float) -> Run:
         """From the equilibrium without loads to the full load, whose size against the stiffness is ``scale``: a ``Result``."""
+        result = yield from self._bounded(self._follow(unknowns, scale), unknowns)
+        return result
+
+    def _follow(self, unknowns: FloatArray, scale: float) -> Run:
         points = self.start(unknowns)
         found = yield from self.evaluate(points, 0.0)
         points, found = yield from self.refine(points, found, 0.0)
@@ -259,7 +294,7 @@ class Branch:
             expected = self.moved(points, taken * tangent)
             reached = yield from self.correct(expected, goal)
             if reached is not None and self._on_branch(system, reached, points, expected):
-                level = goal
+                level = self.level = goal
                 points, found = yield from self.refine(reached[0], reached[1], level)
                 if self.fault:
                     return Result(self._why(Status.STALLED), points, level=level)
@@ -295,6 +330,10 @@ class Branch:
 
     def solve_from(self, unknowns: FloatArray) -> Run:
         """Damped Newton at the full load, from the states that integration from the base leads to: a ``Result``."""
+        result = yield from self._bounded(self._solve_from(unknowns), unknowns)
+        return result
+
+    def _solve_from(self, unknowns: FloatArray) -> Run:
         points = self.start(unknowns)
         found = yield from self.evaluate(points, 1.0)
         points, found = yield from self.refine(points, found, 1.0)
@@ -306,6 +345,10 @@ class Branch:
 
     def resume(self, points: Breakpoints, before: System) -> Run:
         """Damped Newton at the full load from the last equilibrium under other loads: a ``Result``, or None off its branch."""
+        result = yield from self._bounded(self._resume(points, before), points.unknowns)
+        return result
+
+    def _resume(self, points: Breakpoints, before: System) -> Run:
         found = yield from self.evaluate(points, 1.0)
         reached = yield from self.descend(points, found)
         if reached is None or not same_branch(before, reached[2]):

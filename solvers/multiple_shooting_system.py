@@ -45,30 +45,34 @@ class System:
         """Diagonals above it."""
         return self.n + self.d - 1 if self.segments > 1 else self.n - 1
 
-    def _pieces(self) -> list[tuple[int, int, FloatArray]]:
-        """Dense blocks, each with its first row and column."""
+    def _entries(self) -> list[tuple[NDArray[np.intp], NDArray[np.intp], FloatArray]]:
+        """All that is not zero: rows, columns and values, which broadcast to one shape."""
         n, d, count = self.n, self.d, self.segments
+        i, j = np.arange(d)[:, None], np.arange(d)
         if count == 1:
-            return [(0, 0, self.last)]
-        pieces = [(0, 0, self.first)]
-        pieces += [(d * (k + 1), n + d * k, block) for k, block in enumerate(self.blocks)]
-        pieces += [(d * k, n + d * k, -np.eye(d)) for k in range(count - 1)]
-        return [*pieces, (d * (count - 1), n + d * (count - 2), self.last)]
+            return [(np.arange(n)[:, None], np.arange(n), self.last)]
+        k = d * np.arange(count - 2)[:, None, None]
+        inner = np.arange(d * (count - 1))
+        return [
+            (i, np.arange(n), self.first),
+            (d + k + i, n + k + j, self.blocks),
+            (inner, n + inner, np.array(-1.0)),
+            (d * (count - 1) + np.arange(n)[:, None], n + d * (count - 2) + j, self.last),
+        ]
 
     def banded(self) -> FloatArray:
         """The matrix as LAPACK keeps bands, with room for the fill."""
         low, up = self.below, self.above
         result = np.zeros((2 * low + up + 1, self.size), order="F")
-        for row, column, block in self._pieces():
-            i, j = np.indices(block.shape)
-            result[low + up + (row + i) - (column + j), column + j] = block
+        for rows, columns, values in self._entries():
+            result[low + up + rows - columns, columns] = values
         return result
 
     def dense(self) -> FloatArray:
         """The whole matrix."""
         result = np.zeros((self.size, self.size))
-        for row, column, block in self._pieces():
-            result[row : row + block.shape[0], column : column + block.shape[1]] += block
+        for rows, columns, values in self._entries():
+            result[rows, columns] = values
         return result
 
     @property

@@ -108,24 +108,34 @@ def lowest_stable(problem: BoundaryProblem, newton: Newton, outcome: Outcome, lo
         return
     for places in np.split(np.flatnonzero(lost), range(TOGETHER, int(lost.sum()), TOGETHER)):
         part = problem.part(places, double=True)
-        found = _search(part, newton.of(part))
+        found = _search(part, newton.of(part, places))
         outcome.iterations[places] += found.iterations
         outcome.integrations[places] += found.integrations
         outcome.status[places[found.status == Status.CONVERGED]] = Status.LOWEST_ENERGY
+        outcome.status[places[found.status == Status.INTEGRATION_LIMIT]] = Status.INTEGRATION_LIMIT
         problem.keep(part, places)
 
 
 def _search(problem: BoundaryProblem, newton: Newton) -> Outcome:
-    """Leave every instance on the stable equilibrium of lowest potential energy that is found; where none is, as it was."""
+    """Leave every instance on the stable equilibrium of lowest potential energy that is found; where none is, as it was.
+
+    What may not take all integrations of a round ends before it, undecided: fewer starts might miss the lowest.
+    """
     outcome = Outcome.zeros(problem.instance_count)
+    allowed = newton.allowed()
     before = problem.read("unknowns")
     catalogues = [Catalogue(degree) for degree in degrees(problem)]
     limit = limits(problem.starts(ROUND))
     open_ = np.arange(problem.instance_count)
     for first in range(0, STARTS, ROUND):
+        spent = outcome.integrations[open_] + ROUND * PATIENCE > allowed[open_]
+        outcome.status[open_[spent]] = Status.INTEGRATION_LIMIT
+        open_ = open_[~spent]
+        if not len(open_):
+            break
         rows = np.repeat(open_, ROUND)
         trial = problem.part(rows)
-        method = newton.of(trial)
+        method = newton.of(trial, rows)
         guesses = np.swapaxes(problem.starts(ROUND, first)[:, open_], 0, 1).reshape(len(rows), -1)
         reached = converge(trial, method, guesses, np.ones(len(rows), dtype=bool), limit[rows])
         counts = method.outcome()
@@ -137,19 +147,25 @@ def _search(problem: BoundaryProblem, newton: Newton) -> Outcome:
         for i in open_:
             catalogues[i].end_round()
         open_ = open_[[not catalogues[i].settled for i in open_]]
-        if not len(open_):
-            break
-    best, chosen = _lowest(problem, catalogues, before)
-    problem.write("unknowns", best)
+    best, chosen = _lowest(problem, catalogues, before, outcome)
+    chosen &= outcome.status != Status.INTEGRATION_LIMIT
+    problem.write("unknowns", np.where(chosen[:, None], best, before))
     newton.run(chosen)
-    outcome.status[chosen] = newton.outcome().status[chosen]
+    last = newton.outcome()
+    outcome.status[chosen] = last.status[chosen]
+    outcome.integrations += chosen * last.integrations
     problem.active.fill_(1)
     problem.integrate()  # the buffers hold every instance again
     return outcome
 
 
-def _lowest(problem: BoundaryProblem, catalogues: Sequence[Catalogue], unknowns: FloatArray) -> tuple[FloatArray, Any]:
-    """The stable equilibria of lowest potential energy in place of ``unknowns``, and of which instances there is one."""
+def _lowest(
+    problem: BoundaryProblem, catalogues: Sequence[Catalogue], unknowns: FloatArray, outcome: Outcome
+) -> tuple[FloatArray, Any]:
+    """The stable equilibria of lowest potential energy in place of ``unknowns``, and of which instances there is one.
+
+    The integrations that tell are counted in ``outcome``.
+    """
     problem.active.fill_(1)
     best = np.array(unknowns)
     least = np.full(len(catalogues), np.inf)
@@ -161,6 +177,7 @@ def _lowest(problem: BoundaryProblem, catalogues: Sequence[Catalogue], unknowns:
         problem.write("unknowns", trial)
         stability = problem.modes().stability
         potential = problem.potential()
+        outcome.integrations += having
         # of mirror images, whose energies differ by rounding, the first
         better = having & (stability == Stability.STABLE) & (potential < least - 1e-9 * np.abs(potential))
         best[better], least[better] = trial[better], potential[better]

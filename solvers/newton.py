@@ -12,13 +12,14 @@ from multirod.problem import DOUBLE_ROUNDING, BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.bordered_kernels import front_width
 from multirod.solvers.newton_kernels import LARGE_CHANGE, PROBES, NewtonState, make_newton, restart
-from multirod.status import Status
+from multirod.status import IntArray, Status
 from multirod.validation import FloatArray
 
 _CONVERGED = int(Status.CONVERGED)
 
 
 LARGEST_NOISE = 1e-4  # in steps of Newton's method, relative: a longer one says how the iteration contracts
+UNLIMITED = 2**31 - 1
 FEWER = 0.7  # of the instances that launches pass over, below which those that have ended leave
 
 
@@ -60,6 +61,7 @@ class Newton:
         state.remaining = wp.zeros(1, dtype=wp.int32, device=device)
         self._given_tolerance = tolerance
         state.tolerance = wp.array(problem.tolerance(tolerance), dtype=wp.float64, device=device)
+        state.allowed = wp.full(count, UNLIMITED, dtype=wp.int32, device=device)
         state.rounding = problem.rounding / DOUBLE_ROUNDING
         state.noise = min(1e-10 * state.rounding, LARGEST_NOISE)
         state.max_iterations = max_iterations
@@ -70,6 +72,7 @@ class Newton:
         self._doubts = (state.change.numpy(), state.contraction.numpy()) if on_cpu else None
         self._reference = state.reference.numpy().reshape(count, n * n) if on_cpu else None
         self._has_reference = state.has_reference.numpy() if on_cpu else None
+        self._allowed = state.allowed.numpy() if on_cpu else None
 
     def _shape(self) -> tuple[int, ...]:
         """Largest block and border of ``Gamma`` where it is an arrow, with its room to work; nothing where it is dense."""
@@ -99,12 +102,25 @@ class Newton:
     def _record(self, make: Callable[[], Any]) -> Any:
         return record(make, self.problem.instance_count, [self.state], self.problem.device)
 
-    def of(self, problem: BoundaryProblem) -> "Newton":
-        """The same on another problem."""
+    def of(self, problem: BoundaryProblem, instances: IntArray) -> "Newton":
+        """The same on another problem, whose instances are these, (k,), of this one."""
         state = self.state
-        return Newton(
+        other = Newton(
             problem, tolerance=self._given_tolerance, max_iterations=state.max_iterations, line_search=bool(state.line_search)
         )
+        other.allow(self.allowed()[instances])
+        return other
+
+    def allow(self, integrations: IntArray | int) -> None:
+        """End what has taken so many integrations, (instance_count,) or for all, in the runs and paths from now on."""
+        if self._allowed is not None:
+            self._allowed[:] = integrations
+        else:
+            self.state.allowed.assign(np.broadcast_to(np.asarray(integrations, dtype=np.int32), self.problem.instance_count))
+
+    def allowed(self) -> IntArray:
+        """Integrations that a run or path may take, shape (instance_count,)."""
+        return np.array(self.state.allowed.numpy())
 
     def doubtful(self) -> bool:
         """Whether any instance of the last run failed or may have strayed."""

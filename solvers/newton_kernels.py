@@ -42,6 +42,7 @@ class NewtonState:
     remaining: wp.array[int]  # (1,): instances still active
     # options
     tolerance: wp.array[wp.float64]  # (instance,)
+    allowed: wp.array[int]  # (instance,): integrations
     max_iterations: int
     line_search: int
     rounding: wp.float64  # of an integration, in multiples of that of double precision
@@ -261,6 +262,8 @@ def make_newton(n: int, block: int = 0, border: int = 0):
             return
         state.integrations[t] = state.integrations[t] + 1
         status = iterate(state, t, state.line_search, f64(1.0e300))
+        if status == wp.static(int(Status.NOT_RUN)) and state.integrations[t] >= state.allowed[t]:
+            status = int(wp.static(int(Status.INTEGRATION_LIMIT)))
         state.status[t] = status
         if status != wp.static(int(Status.NOT_RUN)):
             state.active[t] = 0

@@ -23,12 +23,14 @@ def refine(problem: BoundaryProblem, newton: Newton, outcome: Outcome, chosen: N
     part = problem.finer(places) if len(places) else None
     if part is None:
         return
-    again = newton.of(part)
+    again = newton.of(part, places)
     again.run()
     counts = again.outcome()
     signs = (np.sign(np.linalg.det(g.reshape(gamma[places].shape))) for g in (gamma[places], part.read("gamma")))
     found = (counts.status == Status.CONVERGED) & np.equal(*signs)
-    outcome.status[places[~found]] = Status.BRANCH_END
+    outcome.status[places[~found]] = np.where(
+        counts.status[~found] == Status.INTEGRATION_LIMIT, Status.INTEGRATION_LIMIT, Status.BRANCH_END
+    )
     outcome.iterations[places] += counts.iterations
     outcome.integrations[places] += counts.integrations
     problem.keep(part, places)

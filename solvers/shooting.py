@@ -14,7 +14,7 @@ from multirod.solvers.multiple_shooting import MultipleShooting
 from multirod.solvers.multistart import lowest_stable, refuse_unstable
 from multirod.solvers.newton import Newton
 from multirod.solvers.refinement import refine
-from multirod.status import Status, failures
+from multirod.status import IntArray, Status, failures
 from multirod.validation import FloatArray, boolean, choice, positive_int
 
 PREDICTORS = ("none", "linear", "quadratic")
@@ -39,6 +39,9 @@ class Shooting(Solver):
             ``"quadratic"`` extrapolation in time.
         line_search: Whether steps that do not reduce the residual are halved.
         max_continuation_steps: Load steps allowed.
+        max_integrations: Integrations of a rod allowed in all that one solve does for an instance, or one sample of a motion: continuation, the
+            search for a stable equilibrium and ``MultipleShooting`` (no more there than its own default). What has taken them without a
+            result ends as ``INTEGRATION_LIMIT``. The few that judge a result, or tell what is left of the residual, come on top.
         fallback: Whether ``MultipleShooting`` goes on where rounding or these steps end the natural branch.
 
     Raises:
@@ -51,6 +54,7 @@ class Shooting(Solver):
     predictor: str = "linear"
     line_search: bool = True
     max_continuation_steps: int = 1000
+    max_integrations: int = 50_000
     fallback: bool = True
 
     def __post_init__(self) -> None:
@@ -60,6 +64,7 @@ class Shooting(Solver):
         choice("Shooting.predictor", self.predictor, PREDICTORS)
         boolean("Shooting.line_search", self.line_search)
         positive_int("Shooting.max_continuation_steps", self.max_continuation_steps)
+        positive_int("Shooting.max_integrations", self.max_integrations)
         boolean("Shooting.fallback", self.fallback)
 
     def newton(self, problem: BoundaryProblem) -> Newton:
@@ -71,6 +76,7 @@ class Shooting(Solver):
         if guess is None:
             return self._first(problem, newton, poses_apart=True)
         problem.write("unknowns", guess)
+        newton.allow(self.max_integrations)
         with problem.without_poses():
             newton.run()
         return newton.outcome()
@@ -78,8 +84,11 @@ class Shooting(Solver):
     def _first(self, problem: BoundaryProblem, newton: Newton, chosen: Any = None, *, poses_apart: bool = False) -> Outcome:
         """Without a guess: the end of the natural branch, or where it ends early and others are meant, the lowest stable one."""
         with problem.without_poses() if poses_apart else nullcontext():
+            newton.allow(self.max_integrations)
             outcome = natural_branch(problem, newton, self.max_continuation_steps, chosen)
+            newton.allow(self._left(outcome))
             refine(problem, newton, outcome, np.ones(problem.instance_count, dtype=bool) if chosen is None else chosen)
+            newton.allow(self._left(outcome))
             lowest_stable(problem, newton, outcome, failures(outcome.status))
             refuse_unstable(problem, outcome)
         if self.fallback:
@@ -88,8 +97,12 @@ class Shooting(Solver):
                 tolerance=self.tolerance,
                 integrator=self.integrator,
                 max_continuation_steps=self.max_continuation_steps,
-            ).rescue(problem, outcome)
+            ).rescue(problem, outcome, self._left(outcome))
         return outcome
+
+    def _left(self, outcome: Outcome) -> IntArray:
+        """Integrations that each instance may still take, shape (instance_count,)."""
+        return np.maximum(self.max_integrations - outcome.integrations, 0)
 
     def track(self, problem: BoundaryProblem, dt: float) -> Track:
         """Follow a motion, each sample from the last or from its extrapolation."""
@@ -140,6 +153,7 @@ class NewtonTrack(Track):
         if first is not None:
             guess = np.where(self.known[:, None], guess, problem.read("unknowns"))
         problem.write("unknowns", guess)
+        newton.allow(self.options.max_integrations)
         newton.run(None if first is None else self.known)
         outcome = newton.outcome()
         if first is not None:
@@ -159,6 +173,7 @@ class NewtonTrack(Track):
     def _continue(self, doubtful: Any, outcome: Outcome, before: FloatArray) -> None:
         """Solve the doubtful instances again, from the last good sample, in steps of the inputs."""
         n = self.problem.unknown_count
+        self.newton.allow(self.options._left(outcome))
         paths = Paths(self.problem, self.newton, self.options.max_continuation_steps)
         again = paths.change_inputs(doubtful, before, self.history[0], self.newton.reference().reshape(-1, n, n))
         outcome.status[doubtful] = again.status[doubtful]

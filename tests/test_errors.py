@@ -306,6 +306,7 @@ OPTIONS: dict[Callable[..., Any], dict[str, tuple[tuple[Any, ...], str]]] = {
         "tolerance": (BY_PRECISION, POSITIVE),
         "max_iterations": (COUNTS, "integer >= 1"),
         "max_continuation_steps": (COUNTS, "integer >= 1"),
+        "max_integrations": (COUNTS, "integer >= 1"),
         "line_search": (FLAGS, "True or False"),
         "predictor": (NAMES, "'none', 'linear', 'quadratic'"),
         "integrator": ((None, "RK4", 50, mr.RK4), "Integrator"),

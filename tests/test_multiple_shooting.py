@@ -177,7 +177,7 @@ def test_segments_lead_where_one_integration_leads(given, monkeypatch):
     truth = mr.solve(robot, inputs).raise_if_failed()
     problem = robot.problem(inputs, integrator=mr.RK45())
     segments = problem.segments()
-    branch = Branch(segments, 0, tolerance=1e-9, max_iterations=30, max_steps=100, integrator=mr.RK45())
+    branch = Branch(segments, 0, tolerance=1e-9, max_iterations=30, max_steps=100, max_integrations=1000, integrator=mr.RK45())
     result = run_together(segments, {0: branch.follow(problem.guess()[0], float(problem.load_scale()[0]))})[0]
     assert not result.status.failed
     assert len(result.points.steps) > 10
@@ -296,7 +296,9 @@ def test_an_unstable_end_is_refused(soft, monkeypatch):
 def test_slow_contraction_is_refused(soft):
     """The unloaded shape is no start for 64 EI/L^2: it is left after the second step, where Newton would wander on."""
     problem = soft.problem(soft.inputs(tip_force=(8.0, 0.0, 0.0)), integrator=mr.RK45())
-    branch = Branch(problem.segments(), 0, tolerance=1e-9, max_iterations=30, max_steps=1, integrator=mr.RK45())
+    branch = Branch(
+        problem.segments(), 0, tolerance=1e-9, max_iterations=30, max_steps=1, max_integrations=1000, integrator=mr.RK45()
+    )
 
     def attempt():
         points = branch.start(problem.guess()[0])
@@ -485,7 +487,7 @@ def test_steps_are_short_enough_for_columns_along_a_straight_rod():
     load = 400.0
     problem = robot.problem(robot.inputs(tip_force=(0, 0, load * 0.02 / 0.25)), integrator=mr.RK45())
     segments = problem.segments()
-    branch = Branch(segments, 0, tolerance=1e-9, max_iterations=30, max_steps=100, integrator=mr.RK45())
+    branch = Branch(segments, 0, tolerance=1e-9, max_iterations=30, max_steps=100, max_integrations=1000, integrator=mr.RK45())
     found = run_together(segments, {0: branch.follow(np.zeros(3), load)})[0].found
     product = np.eye(6)
     for transition in found.transition:
@@ -541,7 +543,7 @@ def test_errors(soft, monkeypatch):
     tubes = mr.ConcentricTubes([mr.Rod(length=0.3, bending_stiffness=0.02, torsional_stiffness=0.015)] * 2)
     with pytest.raises(ValueError, match="MultipleShooting cannot take this problem: it offers no segments"):
         mr.solve(tubes, solver=mr.MultipleShooting())
-    for field, value in {"tolerance": 0.0, "max_iterations": 0, "max_continuation_steps": 0}.items():
+    for field, value in {"tolerance": 0.0, "max_iterations": 0, "max_continuation_steps": 0, "max_integrations": 0}.items():
         with pytest.raises(ValueError, match=rf"MultipleShooting\.{field} = 0"):
             mr.MultipleShooting(**{field: value})
     with pytest.raises(ValueError, match=r"Shooting\.fallback"):

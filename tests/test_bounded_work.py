@@ -1,0 +1,120 @@
+"""Whatever a solve does, it ends within ``max_integrations`` of a rod, and says so where that is why it ended."""
+
+import numpy as np
+import pytest
+
+import multirod as mr
+
+CHECKS = 10  # integrations on top, that judge a result or tell what is left of the residual
+LIMIT = mr.Status.INTEGRATION_LIMIT
+
+
+@pytest.fixture(scope="module")
+def wire() -> mr.SingleRod:
+    return mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.02, torsional_stiffness=0.015, precurvature=(14, 5, 0)))
+
+
+@pytest.fixture(scope="module")
+def tubes() -> mr.ConcentricTubes:
+    """Two tubes far beyond where they snap."""
+    tube = mr.Rod(length=1.0, bending_stiffness=1.0, torsional_stiffness=1.0, precurvature=(3.0, 0, 0))
+    return mr.ConcentricTubes([tube, tube])
+
+
+def refused(solution: mr.Solution, limit: int) -> None:
+    assert solution.status == LIMIT
+    assert solution.status.failed
+    assert limit <= solution.integrations <= limit + CHECKS
+    for name in ("unknowns", "tip_position", "tip_rotation", "energy"):
+        assert np.isnan(getattr(solution, name)).all()
+    with pytest.raises(mr.SolveError, match="raise max_integrations"):
+        solution.raise_if_failed()
+
+
+@pytest.mark.parametrize("limit", [1, 2, 7, 30])
+def test_the_natural_branch(wire: mr.SingleRod, limit: int) -> None:
+    """Its 40 integrations and more end anywhere: at its start, within a step, between two."""
+    inputs = wire.inputs(tip_force=(0, 5.0, 0))
+    free = mr.solve(wire, inputs).raise_if_failed()
+    assert free.integrations > 30
+    refused(mr.solve(wire, inputs, solver=mr.Shooting(max_integrations=limit)), limit)
+
+
+def test_just_enough_changes_nothing(wire: mr.SingleRod) -> None:
+    inputs = wire.inputs(tip_force=(0, 5.0, 0))
+    free = mr.solve(wire, inputs)
+    enough = mr.solve(wire, inputs, solver=mr.Shooting(max_integrations=int(free.integrations)))
+    assert enough.status == mr.Status.CONVERGED
+    np.testing.assert_array_equal(enough.unknowns, free.unknowns)
+    assert enough.integrations == free.integrations
+
+
+def test_from_a_guess(wire: mr.SingleRod) -> None:
+    inputs, guess = wire.inputs(tip_force=(0, 10.0, 0)), (0, 20, 0)
+    assert mr.solve(wire, inputs, guess=guess).integrations > 3
+    refused(mr.solve(wire, inputs, guess=guess, solver=mr.Shooting(max_integrations=3)), 3)
+
+
+def test_the_search_for_the_lowest_energy(tubes: mr.ConcentricTubes) -> None:
+    """It ends before a round of starts that it might not finish: what fewer starts find need not be the lowest."""
+    inputs = tubes.inputs(rotation=(0, 6.0))
+    free = mr.solve(tubes, inputs)
+    assert free.status == mr.Status.LOWEST_ENERGY
+    limited = mr.solve(tubes, inputs, solver=mr.Shooting(max_integrations=2000))
+    assert limited.status == LIMIT
+    assert limited.integrations <= 2000 + CHECKS
+    assert np.isnan(limited.unknowns).all()
+
+
+def test_multiple_shooting_as_a_fallback_and_alone() -> None:
+    rod = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.02, torsional_stiffness=0.015))
+    inputs = rod.inputs(tip_force=(60.0, 0.0, 0.0))
+    free = mr.solve(rod, inputs)
+    assert free.status == mr.Status.MULTIPLE_SHOOTING
+    limit = int(free.integrations) - 40
+    refused(mr.solve(rod, inputs, solver=mr.Shooting(max_integrations=limit)), limit)
+    for guess in (None, (0.0, 40.0, 0.0)):
+        refused(mr.solve(rod, inputs, guess=guess, solver=mr.MultipleShooting(max_integrations=5)), 5)
+
+
+def test_a_sample_of_a_motion(wire: mr.SingleRod) -> None:
+    """A jump that only many steps of the inputs can follow; the sample after it, back where the first was, starts from there."""
+    force = np.array([(0, 1.0, 0), (0, 5.0, 0), (0, 1.0, 0)])
+    inputs, time = wire.inputs(tip_force=force), np.arange(3)
+    free = mr.simulate(wire, inputs, time=time)
+    assert free.status.tolist() == [1, 1, 1]
+    limit = int(free.integrations[0])
+    assert free.integrations[1] > limit
+    limited = mr.simulate(wire, inputs, time=time, solver=mr.Shooting(max_integrations=limit))
+    assert limited.status.tolist() == [1, LIMIT, 1]
+    assert limit <= limited.integrations[1] <= limit + CHECKS
+
+
+@pytest.mark.parametrize("solver", [mr.Shooting, mr.MultipleShooting])
+def test_a_motion_that_multiple_shooting_cannot_resume_counts_both_ways(solver: type) -> None:
+    """A sample that loses its branch is solved anew: together they take no more than one sample may."""
+    rod = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.02, torsional_stiffness=0.015))
+    force = np.array([(60.0, 0, 0), (0, 60.0, 0), (0, 0, 60.0)])
+    solver = solver(max_integrations=300)
+    history = mr.simulate(rod, rod.inputs(tip_force=force), time=np.arange(3), solver=solver)
+    assert (history.integrations <= 300 + CHECKS).all()
+
+
+def test_the_others_of_a_batch_are_unaffected(wire: mr.SingleRod) -> None:
+    force = np.array([(0, 5.0, 0), (0, 0.1, 0), (0.2, 0.1, 0)])
+    free = mr.solve(wire, wire.inputs(tip_force=force))
+    limited = mr.solve(wire, wire.inputs(tip_force=force), solver=mr.Shooting(max_integrations=12))
+    assert limited.status.tolist() == [LIMIT, 1, 1]
+    np.testing.assert_array_equal(limited.unknowns[1:], free.unknowns[1:])
+
+
+def test_legs() -> None:
+    leg = mr.Rod(length=0.4, bending_stiffness=0.02, torsional_stiffness=0.015)
+    pose = np.tile(np.eye(4), (3, 1, 1))
+    pose[:, :2, 3] = 0.1 * np.array([(np.cos(a), np.sin(a)) for a in 2 * np.pi * np.arange(3) / 3])
+    robot = mr.ParallelRods(legs=[leg] * 3, base=pose, platform=0.5 * pose + 0.5 * np.eye(4))
+    inputs = robot.inputs(tip_force=(0.2, 0.1, 0))
+    assert mr.solve(robot, inputs).raise_if_failed().integrations > 4
+    limited = mr.solve(robot, inputs, solver=mr.Shooting(max_integrations=4))
+    assert limited.status == LIMIT
+    assert limited.integrations <= 4 + CHECKS
