@@ -15,6 +15,7 @@ from multirod.models.rotation_kernels import (
     rotation_vector,
     swing,
 )
+from multirod.problem import Loading
 
 f64 = wp.float64
 
@@ -74,6 +75,7 @@ class Robots:
     spread: int  # LEG_VECTORS
     # of the path from open to closed joints
     opening: wp.array2d[wp.float64]  # (instance, unknown): residual of the unloaded robot where the path begins
+    loading: wp.array[int]  # ``Loading``: how loads act while joints close
     # what each leg hands to the platform
     law: wp.array2d[wp.float64]  # (leg of all instances, DIRECTIONS_AT + 6 directions)
     leg_fault: wp.array[int]
@@ -140,6 +142,16 @@ def stiffness_of(robots: Robots, b: int, leg: int) -> f64:
     return robots.stiffness[b * robots.stride, leg]
 
 
+@wp.func
+def load_of(robots: Robots, b: int) -> f64:
+    """What multiplies all loads of an instance."""
+    if robots.loading[b] == wp.static(int(Loading.NONE)):
+        return f64(0.0)
+    if robots.loading[b] == wp.static(int(Loading.FULL)):
+        return f64(1.0)
+    return robots.load_factor[b]
+
+
 @wp.kernel(module="unique", enable_backward=False)
 def spread(robots: Robots, legs: Legs):
     """Unknowns, inputs and directions of the robots to their legs."""
@@ -150,7 +162,7 @@ def spread(robots: Robots, legs: Legs):
     if robots.active[b] == 0:
         return
     leg = legs.leg[place]
-    legs.load_factor[t] = robots.load_factor[b]
+    legs.load_factor[t] = load_of(robots, b)
     for i in range(legs.unknown_count):
         legs.unknowns[t, i] = robots.unknowns[b, legs.first_unknown[place] + i]
     for i in range(legs.rods):
@@ -423,7 +435,8 @@ def balance(robots: Robots):
         fault = wp.max(fault, robots.leg_fault[q])
         steps += robots.leg_step_count[q]
 
-    load = robots.load_factor[b]
+    load = load_of(robots, b)
+    open = f64(1.0) - robots.load_factor[b]
     first = robots.loads
     tip_force = load * vector(robots.inputs, b, first)
     tip_moment = load * vector(robots.inputs, b, first + 3)
@@ -437,7 +450,6 @@ def balance(robots: Robots):
     force -= pushed + weight
     moment -= tip_moment + follower_moment + wp.cross(point, pushed) + wp.cross(centre, weight)
     for j in range(3):
-        open = f64(1.0) - load
         robots.residual[b, platform + j] = pull * force[j] - open * robots.opening[b, platform + j]
         robots.residual[b, platform + 3 + j] = bent * moment[j] - open * robots.opening[b, platform + 3 + j]
         total += wp.abs(force[j]) + wp.abs(moment[j])

@@ -28,7 +28,7 @@ from multirod.models.parallel_guess import (
 )
 from multirod.models.parallel_stability import HeldLeg, PlatformLoads, platform_modes
 from multirod.models.second_variation import CondensedForm
-from multirod.problem import Block, BoundaryProblem, Shape
+from multirod.problem import Block, BoundaryProblem, Loading, Shape
 from multirod.rod import RodArrays, stack
 from multirod.stability import Modes
 from multirod.validation import FloatArray
@@ -200,6 +200,15 @@ class ParallelProblem(BoundaryProblem):
             device=device,
         )
         self.arrow = (*first, self.unknown_count)
+        self.integrator = integrator
+        self._inputs = inputs
+        self._options: dict[str, Any] = {
+            "device": device,
+            "inverse": inverse,
+            "pose_sensitivities": pose_sensitivities,
+            "direction_count": direction_count,
+            "enabled": tuple(enabled),
+        }
         options = {
             "integrator": integrator,
             "device": device,
@@ -255,6 +264,7 @@ class ParallelProblem(BoundaryProblem):
         robots.loads = self._places[kernels.PLATFORM_VECTORS[0]].start
         robots.spread = self._places[kernels.LEG_VECTORS[0]].start
         robots.opening = wp.zeros((count, self.unknown_count), dtype=wp.float64, device=device)
+        robots.loading = wp.zeros(count, dtype=wp.int32, device=device)
         size = kernels.DIRECTIONS_AT + 6 * self.direction_count
         robots.law = wp.zeros((count * legs, size), dtype=wp.float64, device=device)
         robots.leg_fault = wp.zeros(count * legs, dtype=wp.int32, device=device)
@@ -295,6 +305,15 @@ class ParallelProblem(BoundaryProblem):
         for launch in self._launches:
             launch.launch()
 
+    def part(self, instances: IntArray, *, double: bool = False) -> "ParallelProblem":  # noqa: D102
+        integrator = self.integrator.in_double() if double else self.integrator
+        geometry, inputs = self.geometry.take(self.batch_shape, instances), self._inputs.take(self.batch_shape, instances)
+        result = ParallelProblem(geometry, inputs, integrator=integrator, **self._options)
+        result.stop = self.stop
+        for name in ("inputs", "unknowns"):
+            result.write(name, self.read(name)[instances])
+        return result
+
     def takes(self, name: str) -> bool:  # noqa: D102
         if name in kernels.LEG_VECTORS:
             return all(group.backbones.takes(name) for group in self.groups)
@@ -325,6 +344,52 @@ class ParallelProblem(BoundaryProblem):
         self.active.assign(switches[0])
         self.load_factor.assign(switches[1])
         return x
+
+    @property
+    def comes_apart(self) -> bool:  # noqa: D102
+        return True
+
+    def apart(self, numbers: IntArray | None = None) -> FloatArray:
+        """Legs that nothing holds, and a platform as near to their tips as it can be, or around there (``docs/parallel.md``).
+
+        The mismatch of each joint is remembered and closes as ``load_factor`` goes from 0 to 1, (9).
+        """
+        x, legs, at = self._unloaded_legs()
+        if not self.inverse:
+            position, rotation = fitted_platform(legs, at)
+            if numbers is not None:
+                aside = self._around(numbers)
+                position = position + np.broadcast_to(self._length[:, -1:], (self.instance_count, 1)) * aside[:, :3]
+                rotation = Rotation.from_rotvec(aside[:, 3:]).as_matrix() @ rotation
+            x[:, self._platform] = self._pose_unknowns(position, rotation)
+        self.open_joints(x)
+        return x
+
+    def open_joints(self, unknowns: FloatArray) -> None:  # noqa: D102
+        self._robots.opening.zero_()
+        self.load_factor.zero_()
+        self._robots.opening.assign(self.evaluate(unknowns)[0])
+
+    def close_joints(self, loading: Loading) -> None:  # noqa: D102
+        self._robots.loading.fill_(int(loading))
+
+    def shut_joints(self) -> None:  # noqa: D102
+        self._robots.opening.zero_()
+
+    def unloaded_inputs(self) -> FloatArray | None:  # noqa: D102
+        if self._inputs.profiles:
+            return None
+        rows = self.read("inputs")
+        for name in (*kernels.PLATFORM_VECTORS[:4], *kernels.LEG_VECTORS):
+            rows[:, self._places[name]] = 0.0
+        return rows
+
+    @staticmethod
+    def _around(numbers: IntArray) -> FloatArray:
+        """Displacements, in lengths, and rotation vectors by number, crowded towards none, which is the first; shape (k, 6)."""
+        points = spread(numbers, POSE)
+        points = np.sign(points) * np.abs(points) ** CROWDING * np.repeat(REACH, 3)
+        return np.where(numbers[:, None] == 0, 0.0, points)
 
     def _unloaded_legs(self) -> tuple[FloatArray, Legs, Attachments]:
         """Unknowns of legs that nothing holds, and what they say of how the legs bend; the problem is left unloaded."""
@@ -362,14 +427,18 @@ class ParallelProblem(BoundaryProblem):
             reach, added = beam_reach(legs, at, pose[:, :3], Rotation.from_rotvec(pose[:, 3:]).as_matrix())
             x[:, self._platform] = reach / legs.length**2
         else:
-            length = np.broadcast_to(self._length[:, -1:], (self.instance_count, 1))
             position, rotation, added = beam_equilibrium(legs, at, *fitted_platform(legs, at))
-            turn = rotation_vectors(rotation @ np.swapaxes(self._reference[1], 1, 2))
-            move = position - self._reference[0]
-            x[:, self._platform] = np.concatenate([move / length**2, turn / length], axis=1)
+            x[:, self._platform] = self._pose_unknowns(position, rotation)
         for own, values in zip(self._own, added, strict=True):
             x[:, own] += values
         return x
+
+    def _pose_unknowns(self, position: FloatArray, rotation: FloatArray) -> FloatArray:
+        """The platform's unknowns (instance_count, 6) at a pose: (1), (2) solved for them."""
+        length = np.broadcast_to(self._length[:, -1:], (self.instance_count, 1))
+        turn = rotation_vectors(rotation @ np.swapaxes(self._reference[1], 1, 2))
+        move = position - self._reference[0]
+        return np.concatenate([move / length**2, turn / length], axis=1)
 
     def _legs(self) -> Legs:
         """What the last integration says of the legs."""
@@ -474,6 +543,10 @@ class ParallelProblem(BoundaryProblem):
         ):
             total -= (force * (position + arm - origin - local[1])).sum(axis=1)
         return np.where(self.has_potential, total, np.nan)
+
+    @property
+    def multistable(self) -> bool:  # noqa: D102
+        return not self.inverse
 
     @property
     def guess_is_stable(self) -> bool:  # noqa: D102

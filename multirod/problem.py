@@ -5,6 +5,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from enum import IntEnum
 from threading import Event
 from typing import Any
 
@@ -38,6 +39,14 @@ BUFFERS = (
     "rotation",
     "pose_columns",
 )
+
+
+class Loading(IntEnum):
+    """How loads act while an assembly is put together, ``load_factor`` from 0 to 1: in proportion, not at all, or all of them."""
+
+    RISING = 0
+    NONE = 1
+    FULL = 2
 
 
 @dataclass(frozen=True)
@@ -201,6 +210,37 @@ class BoundaryProblem(ABC):
         It takes ``guess_integrations`` integrations.
         """
 
+    @property
+    def comes_apart(self) -> bool:
+        """Whether ``apart`` offers another way to the natural branch, from legs that nothing holds."""
+        return False
+
+    def apart(self, numbers: IntArray | None = None) -> FloatArray:
+        """Unknowns [1/m] of an assembly taken apart, shape (instance_count, n), an equilibrium where ``load_factor`` is 0.
+
+        As ``load_factor`` goes to 1 it is put together. ``load_factor`` is left at 0, and all instances active.
+
+        Args:
+            numbers: Of an endless sequence of places to put it together at, 0 the best, shape (instance_count,); 0 by default.
+        """
+        raise NotImplementedError(f"{type(self).__name__} does not come apart")
+
+    def open_joints(self, unknowns: FloatArray) -> None:
+        """Make ``unknowns`` (instance_count, n) an equilibrium at a ``load_factor`` of 0: the residual there closes on the way to 1."""
+        raise NotImplementedError(f"{type(self).__name__} does not come apart")
+
+    def close_joints(self, loading: Loading) -> None:
+        """How loads act from now on while ``load_factor`` goes to 1."""
+        raise NotImplementedError(f"{type(self).__name__} does not come apart")
+
+    def shut_joints(self) -> None:
+        """Forget what the residual was: the assembly is together whatever ``load_factor`` is."""
+        raise NotImplementedError(f"{type(self).__name__} does not come apart")
+
+    def unloaded_inputs(self) -> FloatArray | None:
+        """Rows of ``inputs`` without their loads, shape (instance_count, input_count); None where rows cannot say that."""
+        return None
+
     def adopt(self, unknowns: FloatArray) -> FloatArray:
         """Unknowns (instance_count, m) of a problem of the same assembly, as those of this one, (instance_count, n).
 
@@ -260,10 +300,10 @@ class BoundaryProblem(ABC):
         """The same as ``part``, its integration as exact as rounding lets it be; None where that is not offered, or it is so already."""
         return None
 
-    def keep(self, part: "BoundaryProblem", instances: IntArray) -> None:
-        """Take over the records of a part of the instances."""
+    def keep(self, part: "BoundaryProblem", instances: IntArray, rows: IntArray | None = None) -> None:
+        """Take over the records of a part of the instances, of its ``rows`` (k,) or all."""
         records = self.snapshot()
-        records[instances] = part.snapshot()
+        records[instances] = part.snapshot()[slice(None) if rows is None else rows]
         self.restore(records)
 
     def takes(self, name: str) -> bool:
@@ -326,6 +366,11 @@ class BoundaryProblem(ABC):
     def multistable(self) -> bool:
         """Whether there are several equilibria even unloaded, so that where the natural branch ends, another stable one is meant."""
         return False
+
+    @property
+    def has_potential(self) -> NDArray[np.bool_]:
+        """Whether the loads derive from a potential, shape (instance_count,); not known to by default."""
+        return np.zeros(self.instance_count, dtype=bool)
 
     @property
     def guess_is_stable(self) -> bool:

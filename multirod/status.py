@@ -87,8 +87,9 @@ _MESSAGES = {
     "bifurcation: the rod snaps or buckles); give a guess to follow another branch",
     Status.UNSTABLE: "the equilibrium reached by raising the loads in proportion is unstable, as where the search began was no equilibrium "
     "of the robot; lead it there from where it is stable (simulate), or give a guess",
-    Status.LOWEST_ENERGY: "the residual is within the tolerance; raising precurvature, loads and the angles between tubes in proportion ends before the full "
-    "load, so this is the stable equilibrium of lowest potential energy that was found from many starts: equilibria() lists all",
+    Status.LOWEST_ENERGY: "the residual is within the tolerance; raising loads (of tubes also precurvature and the angles between them) in "
+    "proportion ends before the full load, so this is the stable equilibrium of lowest potential energy that was found from many starts (for a "
+    "parallel robot whose loads have no potential, where raising these leads from there): equilibria() lists all",
     Status.TRACKING: "an estimate by one integration; residual says how far it is",
     Status.EULER_LIMIT: "the observer's explicit Euler update left its stability limit: use update='exact', a shorter time "
     "step, or lower gains",

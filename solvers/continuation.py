@@ -60,16 +60,25 @@ class Paths:
 
     def raise_loads(self, chosen: BoolArray) -> Outcome:
         """From the unloaded equilibrium to the full load, all loads in proportion."""
+        problem = self.problem
+        safe_step = SAFE_LOAD / np.maximum(problem.load_scale(), 1e-300)
+        outcome = self.raise_from(chosen, problem.guess(), safe_step)
+        outcome.integrations += chosen * problem.guess_integrations
+        return outcome
+
+    def raise_from(self, chosen: BoolArray, unknowns: FloatArray, safe_step: FloatArray) -> Outcome:
+        """From the equilibrium ``unknowns`` (instance_count, n) where the load factor is 0, to where it is 1.
+
+        ``safe_step`` (instance_count,) is a step that is short enough wherever it starts. What is not ``chosen`` is left as it is.
+        """
         problem, state = self.problem, self.state
-        scale = np.maximum(problem.load_scale(), 1e-300)
         state.by_inputs = 0
-        state.safe_step.assign(SAFE_LOAD / scale)
+        state.safe_step.assign(safe_step)
         state.growth = GROWTH
         problem.load_factor.assign(np.where(chosen, 0.0, 1.0))
-        problem.write("unknowns", np.where(chosen[:, None], problem.guess(), problem.read("unknowns")))
+        problem.write("unknowns", np.where(chosen[:, None], unknowns, problem.read("unknowns")))
         self._set_out(chosen, known=0)
         outcome = self._follow()
-        outcome.integrations += chosen * problem.guess_integrations
         problem.load_factor.fill_(1.0)
         return outcome
 

@@ -1,6 +1,7 @@
 """Equilibria from many starts: Newton's method from each, what they reach told apart, and the stable ones of it."""
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,8 @@ from numpy.typing import NDArray
 
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
+from multirod.solvers.assembling import settle
+from multirod.solvers.continuation import Paths
 from multirod.solvers.newton import Newton
 from multirod.stability import Stability
 from multirod.status import Status, failures
@@ -21,6 +24,8 @@ SAME = (
     1e-5  # largest distance of two results that are one equilibrium, relative; near a fold Newton's error is the residual's root
 )
 WANDERING = 2.0  # times the largest start: an instance beyond goes no further
+SETTLED, SETTLED_ROUND = 16, 4  # places at which what comes apart is put together, until a stable equilibrium is found
+LAST = 50  # integrations of a place that come after its branch is followed, or tell what it leads to: as many are kept back
 PATIENCE = 25  # integrations from a start: what converges takes 5 to 15
 
 
@@ -89,31 +94,58 @@ def limits(starts: FloatArray) -> FloatArray:
     return np.where(largest > 0, WANDERING * size + largest, np.inf)
 
 
-def refuse_unstable(problem: BoundaryProblem, outcome: Outcome) -> None:
-    """Say so where a search that did not begin at a stable equilibrium led to an unstable one."""
-    found = ~failures(outcome.status)
+def refuse_unstable(problem: BoundaryProblem, outcome: Outcome, chosen: NDArray[np.bool_]) -> None:
+    """Say so where a search for the ``chosen`` that did not begin at a stable equilibrium led to an unstable one."""
+    found = chosen & ~failures(outcome.status)
     if problem.guess_is_stable or not found.any():
         return
     outcome.status[found & (problem.modes().stability == Stability.UNSTABLE)] = Status.UNSTABLE
     outcome.integrations += found
 
 
-def lowest_stable(problem: BoundaryProblem, newton: Newton, outcome: Outcome, lost: NDArray[np.bool_]) -> None:
+def lowest_stable(problem: BoundaryProblem, newton: Newton, outcome: Outcome, lost: NDArray[np.bool_], max_steps: int) -> None:
     """Put the instances ``lost`` on their stable equilibrium of lowest potential energy, if one is found.
 
     Their status is then ``LOWEST_ENERGY``; what is unstable, neutral or cannot be said is never taken. They are told apart in
-    double precision, and left so.
+    double precision, and left so. Newton's method starts from many points; what comes apart is put together at several places
+    (``settle``), and where its loads have no potential, that is done without them: then they are raised, in ``max_steps`` at most.
     """
     if not problem.multistable or not lost.any() or not len(problem.starts(1)):
         return
-    for places in np.split(np.flatnonzero(lost), range(TOGETHER, int(lost.sum()), TOGETHER)):
-        part = problem.part(places, double=True)
-        found = _search(part, newton.of(part, places))
-        outcome.iterations[places] += found.iterations
-        outcome.integrations[places] += found.integrations
-        outcome.status[places[found.status == Status.CONVERGED]] = Status.LOWEST_ENERGY
-        outcome.status[places[found.status == Status.INTEGRATION_LIMIT]] = Status.INTEGRATION_LIMIT
-        problem.keep(part, places)
+    raised = lost & ~problem.has_potential if problem.comes_apart else np.zeros_like(lost)
+    for chosen, search in ((lost & ~raised, _search), (raised, partial(_search_unloaded, max_steps=max_steps))):
+        for places in np.split(np.flatnonzero(chosen), range(TOGETHER, int(chosen.sum()), TOGETHER)):
+            if not len(places):
+                continue
+            part = problem.part(places, double=True)
+            found = search(part, newton.of(part, places))
+            outcome.iterations[places] += found.iterations
+            outcome.integrations[places] += found.integrations
+            outcome.status[places[found.status == Status.CONVERGED]] = Status.LOWEST_ENERGY
+            outcome.status[places[found.status == Status.INTEGRATION_LIMIT]] = Status.INTEGRATION_LIMIT
+            problem.keep(part, places)
+
+
+def _search_unloaded(problem: BoundaryProblem, newton: Newton, *, max_steps: int) -> Outcome:
+    """The same as ``_search`` without loads, then where raising them leads, unless that is unstable."""
+    after, before = problem.read("inputs"), problem.unloaded_inputs()
+    if before is None:
+        return Outcome.zeros(problem.instance_count)
+    problem.write("inputs", before)
+    outcome = _search(problem, newton)
+    unknowns, gamma = problem.read("unknowns"), problem.read("gamma")
+    problem.write("inputs", after)
+    resting = outcome.status == Status.CONVERGED
+    newton.allow(np.maximum(newton.allowed() - outcome.integrations - 2, 0))
+    raised = Paths(problem, newton, max_steps).change_inputs(resting, before, unknowns, gamma)
+    problem.active.fill_(1)
+    problem.integrate()
+    there = resting & (raised.status == Status.CONVERGED)
+    there &= problem.modes().stability != Stability.UNSTABLE
+    outcome.iterations += raised.iterations
+    outcome.integrations += raised.integrations + 1 + resting
+    outcome.status[resting & ~there] = Status.BRANCH_END
+    return outcome
 
 
 def _search(problem: BoundaryProblem, newton: Newton) -> Outcome:
@@ -122,10 +154,51 @@ def _search(problem: BoundaryProblem, newton: Newton) -> Outcome:
     What may not take all integrations of a round ends before it, undecided: fewer starts might miss the lowest.
     """
     outcome = Outcome.zeros(problem.instance_count)
-    allowed = newton.allowed()
     before = problem.read("unknowns")
+    catalogues = (_settled if problem.comes_apart else _converged)(problem, newton, outcome)
+    best, chosen = _lowest(problem, catalogues, before, outcome)
+    chosen &= outcome.status != Status.INTEGRATION_LIMIT
+    problem.write("unknowns", np.where(chosen[:, None], best, before))
+    newton.run(chosen)
+    last = newton.outcome()
+    outcome.status[chosen] = last.status[chosen]
+    outcome.integrations += chosen * last.integrations
+    problem.active.fill_(1)
+    problem.integrate()  # the buffers hold every instance again
+    return outcome
+
+
+def _settled(problem: BoundaryProblem, newton: Newton, outcome: Outcome) -> list[Catalogue]:
+    """Stable equilibria that each instance comes to rest at; what is counted is added to ``outcome``."""
+    catalogues = [Catalogue(None) for _ in range(problem.instance_count)]
+    allowed = newton.allowed()
+    open_ = np.arange(problem.instance_count)
+    for first in range(0, SETTLED, SETTLED_ROUND):
+        share = (allowed - outcome.integrations) // SETTLED_ROUND - LAST
+        outcome.status[open_[share[open_] <= 0]] = Status.INTEGRATION_LIMIT
+        open_ = open_[share[open_] > 0]
+        if not len(open_):
+            break
+        rows = np.repeat(open_, SETTLED_ROUND)
+        trial = problem.part(rows)
+        method = newton.of(trial, rows)
+        method.allow(share[rows])
+        counts = settle(trial, method, np.tile(np.arange(first, first + SETTLED_ROUND), len(open_)))
+        np.add.at(outcome.iterations, rows, counts.iterations)
+        np.add.at(outcome.integrations, rows, counts.integrations)
+        unknowns, gamma = trial.read("unknowns"), trial.read("gamma").reshape(len(rows), problem.unknown_count, -1)
+        stable = (counts.status == Status.CONVERGED) & (trial.modes().stability == Stability.STABLE)
+        for row in np.flatnonzero(stable):
+            catalogues[rows[row]].add(unknowns[row], gamma[row])
+        open_ = open_[[not catalogues[i].unknowns for i in open_]]
+    return catalogues
+
+
+def _converged(problem: BoundaryProblem, newton: Newton, outcome: Outcome) -> list[Catalogue]:
+    """Equilibria of each instance by Newton's method from many starts; what is counted is added to ``outcome``."""
     catalogues = [Catalogue(degree) for degree in degrees(problem)]
     limit = limits(problem.starts(ROUND))
+    allowed = newton.allowed()
     open_ = np.arange(problem.instance_count)
     for first in range(0, STARTS, ROUND):
         spent = outcome.integrations[open_] + ROUND * PATIENCE > allowed[open_]
@@ -147,16 +220,7 @@ def _search(problem: BoundaryProblem, newton: Newton) -> Outcome:
         for i in open_:
             catalogues[i].end_round()
         open_ = open_[[not catalogues[i].settled for i in open_]]
-    best, chosen = _lowest(problem, catalogues, before, outcome)
-    chosen &= outcome.status != Status.INTEGRATION_LIMIT
-    problem.write("unknowns", np.where(chosen[:, None], best, before))
-    newton.run(chosen)
-    last = newton.outcome()
-    outcome.status[chosen] = last.status[chosen]
-    outcome.integrations += chosen * last.integrations
-    problem.active.fill_(1)
-    problem.integrate()  # the buffers hold every instance again
-    return outcome
+    return catalogues
 
 
 def _lowest(

@@ -9,6 +9,7 @@ import numpy as np
 from multirod.models.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome, Solver, Track
+from multirod.solvers.assembling import assemble
 from multirod.solvers.continuation import Paths, natural_branch
 from multirod.solvers.multiple_shooting import MultipleShooting
 from multirod.solvers.multistart import lowest_stable, refuse_unstable
@@ -82,15 +83,20 @@ class Shooting(Solver):
         return newton.outcome()
 
     def _first(self, problem: BoundaryProblem, newton: Newton, chosen: Any = None, *, poses_apart: bool = False) -> Outcome:
-        """Without a guess: the end of the natural branch, or where it ends early and others are meant, the lowest stable one."""
+        """Without a guess: the end of the natural branch, by one of two ways where there are two, or where it ends early and others are meant,
+        the lowest stable one.
+        """
+        chosen = np.ones(problem.instance_count, dtype=bool) if chosen is None else chosen
         with problem.without_poses() if poses_apart else nullcontext():
             newton.allow(self.max_integrations)
             outcome = natural_branch(problem, newton, self.max_continuation_steps, chosen)
             newton.allow(self._left(outcome))
-            refine(problem, newton, outcome, np.ones(problem.instance_count, dtype=bool) if chosen is None else chosen)
+            refine(problem, newton, outcome, chosen)
+            refuse_unstable(problem, outcome, chosen)
             newton.allow(self._left(outcome))
-            lowest_stable(problem, newton, outcome, failures(outcome.status))
-            refuse_unstable(problem, outcome)
+            assemble(problem, newton, outcome, chosen & failures(outcome.status), self.max_continuation_steps)
+            newton.allow(self._left(outcome))
+            lowest_stable(problem, newton, outcome, chosen & failures(outcome.status), self.max_continuation_steps)
         if self.fallback:
             # the poses that it finds are not those of the unknowns: nothing may integrate these again
             MultipleShooting(

@@ -1,4 +1,4 @@
-"""Rods clamped to one platform, by the equations of ``rod_equations``: joints, balance, and the equilibrium nearby."""
+"""Rods that hold one platform, by the equations of ``rod_equations``: joints, balance, and the equilibrium nearby."""
 
 import numpy as np
 from rod_equations import RodEquations
@@ -9,9 +9,14 @@ NEARBY = 0.01  # lengths, and radians, that the platform may move
 
 
 class LegEquations:
-    """Legs (section lists) from ``base`` to ``platform`` poses (leg, 4, 4), a dead force and moment at the platform's origin."""
+    """Legs (section lists) from ``base`` to ``platform`` poses (leg, 4, 4), a dead force and moment at the platform's origin.
 
-    def __init__(self, rods, loads):
+    ``joints`` name the kind of each leg's joint, all clamped by default; ``axes`` are those of revolute ones, in the attachment's frame.
+    """
+
+    def __init__(self, rods, loads, joints=None, axes=None):
+        self.joints = ["clamped"] * len(rods) if joints is None else joints
+        self.axes = np.tile([0.0, 0.0, 1.0], (len(rods), 1)) if axes is None else axes
         self.legs = [RodEquations(sections, {}) for sections in rods]
         self.base, self.platform = loads["base"], loads["platform"]
         self.force, self.moment = loads["tip_force"], loads["tip_moment"]
@@ -31,10 +36,16 @@ class LegEquations:
     def gaps(self, tips, p, R):
         """What joints and platform lack, dimensionless: six a leg, then force and moment."""
         lacks, force, moment = [], -self.force, -self.moment
-        for tip, A in zip(tips, self.platform, strict=True):
-            arm = R @ A[:3, 3]
+        for tip, A, joint, axis, leg in zip(tips, self.platform, self.joints, self.axes, self.units, strict=True):
+            arm, frame, tip_frame = R @ A[:3, 3], R @ A[:3, :3], tip[3:12].reshape(3, 3)
             lacks.append((tip[:3] - p - arm) / self.length)
-            lacks.append(Rotation.from_matrix((R @ A[:3, :3]).T @ tip[3:12].reshape(3, 3)).as_rotvec())
+            if joint == "clamped":
+                lacks.append(Rotation.from_matrix(frame.T @ tip_frame).as_rotvec())
+            elif joint == "spherical":
+                lacks.append(tip[15:] / leg[3:])
+            else:  # the axis is one of both bodies, and no moment acts about it
+                across = np.linalg.svd(axis[None])[2][1:]
+                lacks.append(np.append(across @ (frame.T @ tip_frame @ axis), axis @ (tip_frame.T @ tip[15:]) / leg[3]))
             force = force + tip[12:15]
             moment = moment + tip[15:] + np.cross(arm, tip[12:15])
         unit = sum(self.units)

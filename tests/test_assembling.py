@@ -1,0 +1,108 @@
+"""Parallel robots that the first search loses: put together from legs at rest, and at several places."""
+
+import numpy as np
+import pytest
+from random_legs import draw, violation
+
+import multirod as mr
+from multirod.problem import Loading
+from multirod.solvers import shooting
+from multirod.solvers.continuation import natural_branch
+from multirod.status import failures
+
+AGAIN = 46  # numbers of robots that are solved by putting them together anew,
+SEVERAL = 69  # at several places,
+AT_ONCE = 40  # and that the first search solves
+
+
+def lost_at_first(drawn):
+    """Whether the first search ends before the load, or at an unstable state."""
+    problem = drawn.robot.problem(drawn.inputs, integrator=mr.RK45())
+    outcome = natural_branch(problem, mr.Shooting().newton(problem), 1000)
+    return failures(outcome.status)[0] or problem.modes().stability[0] == mr.Stability.UNSTABLE
+
+
+@pytest.mark.parametrize(("number", "status"), [(AGAIN, mr.Status.CONVERGED), (SEVERAL, mr.Status.LOWEST_ENERGY)])
+def test_robots_that_the_first_search_loses(number, status):
+    drawn = draw(number)
+    assert lost_at_first(drawn)
+    solution = mr.solve(drawn.robot, drawn.inputs)
+    assert solution.status is status
+    assert solution.stability == mr.Stability.STABLE
+    assert violation(drawn, solution) <= 1e-6  # of the length: what the default integrator promises
+
+
+def test_what_the_first_search_solves_pays_nothing(monkeypatch):
+    drawn = draw(AT_ONCE)
+    assert not lost_at_first(drawn)
+    found = mr.solve(drawn.robot, drawn.inputs)
+    monkeypatch.setattr(shooting, "assemble", lambda *_: None)
+    monkeypatch.setattr(shooting, "lowest_stable", lambda *_: None)
+    without = mr.solve(drawn.robot, drawn.inputs)
+    assert found.integrations == without.integrations
+    np.testing.assert_array_equal(found.unknowns, without.unknowns)
+
+
+@pytest.mark.parametrize("number", [AGAIN, SEVERAL])
+def test_in_a_batch_only_what_is_lost_goes_on(number):
+    """Under three forces, the middle one its own: each is what it is alone."""
+    drawn = draw(number)
+    first = drawn.sections[0][0][0]
+    unit = len(drawn.joints) * first["bending_stiffness"][0] / first["length"] ** 2
+    forces = drawn.loads.get("tip_force", 0.0) + unit * np.array([[0.5, 0.2, -0.3], [0, 0, 0], [-0.4, 0.1, 0.6]])
+    batch = mr.solve(drawn.robot, with_force(drawn, forces))
+    assert len(set(batch.integrations.tolist())) > 1
+    for k, force in enumerate(forces):
+        alone = mr.solve(drawn.robot, with_force(drawn, force))
+        assert batch.status[k] == alone.status
+        assert batch.integrations[k] == alone.integrations
+        np.testing.assert_array_equal(batch.unknowns[k], alone.unknowns)
+        np.testing.assert_array_equal(batch.tip_position[k], alone.tip_position)
+
+
+def with_force(drawn, force):
+    """The inputs with another force."""
+    return drawn.robot.inputs(**drawn.loads | {"tip_force": force})
+
+
+def test_motions_begin_there():
+    drawn = draw(AGAIN)
+    alone = mr.solve(drawn.robot, drawn.inputs)
+    force = np.zeros((3, 3))
+    history = mr.simulate(drawn.robot, with_force(drawn, force), time=np.arange(3.0))
+    assert (history.status == mr.Status.CONVERGED).all()
+    np.testing.assert_allclose(history.tip_position, np.tile(alone.tip_position, (3, 1)), atol=1e-9)
+    tracker = mr.Tracker(drawn.robot, solver=mr.Shooting(), dt=0.01)
+    step = tracker.step(drawn.inputs)
+    np.testing.assert_array_equal(step.tip_position, alone.tip_position)
+
+
+@pytest.mark.parametrize("number", [AT_ONCE, 25, 41])  # joints of all kinds, tubes
+def test_apart_is_an_equilibrium_and_together_the_robot(number):
+    drawn = draw(number)
+    problem = drawn.robot.problem(drawn.inputs, integrator=mr.RK45())
+    for place in (0, 3):
+        x = problem.apart(np.array([place]))
+        residual, gamma = problem.evaluate(x)
+        np.testing.assert_allclose(residual, 0.0, atol=1e-14 * np.abs(gamma).max())
+        assert np.isfinite(gamma).all()
+    problem.load_factor.fill_(1.0)
+    together = problem.evaluate(x)[0]
+    problem.shut_joints()
+    np.testing.assert_array_equal(problem.evaluate(x)[0], together)
+    for loading, factor in ((Loading.NONE, 0.0), (Loading.FULL, 1.0)):
+        problem.load_factor.fill_(factor)
+        problem.close_joints(Loading.RISING)
+        same = problem.evaluate(x)[0]
+        problem.close_joints(loading)
+        problem.load_factor.fill_(0.3)
+        np.testing.assert_array_equal(problem.evaluate(x)[0], same)
+
+
+def test_problems_that_do_not_come_apart_say_so():
+    rod = mr.Rod(length=0.3, bending_stiffness=0.02, torsional_stiffness=0.015)
+    robot = mr.SingleRod(rod)
+    problem = robot.problem(robot.inputs(), integrator=mr.RK45())
+    assert not problem.comes_apart
+    with pytest.raises(NotImplementedError, match="does not come apart"):
+        problem.apart()
