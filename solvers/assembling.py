@@ -1,5 +1,7 @@
 """Assemblies put together from legs that nothing holds: another way to the natural branch, and to stable equilibria."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
