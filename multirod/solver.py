@@ -1,5 +1,6 @@
 """What every solver has in common, and where third parties add theirs."""
 
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from copy import copy
@@ -172,5 +173,20 @@ class _WarmStarted(Track):
 
 
 def registered_solvers() -> dict[str, Any]:
-    """Solver classes by name, of this package and of others that register in the group ``multirod.solvers``."""
-    return {point.name: point.load() for point in entry_points(group="multirod.solvers")}
+    """Solver classes by name, of this package and of others that register in the group ``multirod.solvers``.
+
+    What cannot be loaded, or is no ``Solver``, is left out and named in a ``RuntimeWarning``: a broken package takes no other along.
+    """
+    solvers: dict[str, Any] = {}
+    for point in entry_points(group="multirod.solvers"):
+        where = f"solver {point.name!r} of {'an unknown package' if point.dist is None else point.dist.name} ({point.value})"
+        try:
+            found = point.load()
+        except Exception as error:  # whatever a package raises as it is imported
+            warnings.warn(f"{where} is left out: {type(error).__name__}: {error}", RuntimeWarning, stacklevel=2)
+            continue
+        if isinstance(found, type) and issubclass(found, Solver):
+            solvers[point.name] = found
+        else:
+            warnings.warn(f"{where} is left out: it is {found!r}, not a subclass of Solver", RuntimeWarning, stacklevel=2)
+    return solvers
