@@ -13,6 +13,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from multirod.batch import IntArray, Interrupted
+from multirod.exclusive import Exclusive, Uncopied
 from multirod.inputs import Inputs
 from multirod.segments import Breakpoints, Segments
 from multirod.stability import Modes
@@ -81,11 +82,12 @@ class Shape:
         return f"Shape({', '.join(f'{name} {value.shape}' for name, value in vars(self).items())})"
 
 
-class BoundaryProblem(ABC):
+class BoundaryProblem(Uncopied, ABC):
     """An assembly at some inputs, discretised: unknowns ``x`` to residual ``eps`` and ``Gamma = d(eps)/d(x)``.
 
     Everything is batched: the first axis of every array is the instance. Solvers written with Warp kernels read and
-    write the arrays below and call ``integrate``; solvers written with NumPy call ``evaluate``.
+    write the arrays below and call ``integrate``; solvers written with NumPy call ``evaluate``. One thread works on a problem at a
+    time: ``Solver.solve`` and ``evaluate`` refuse another.
 
     Attributes:
         unknown_count: Unknowns ``n`` of an instance, and residuals.
@@ -120,9 +122,11 @@ class BoundaryProblem(ABC):
             world, shape (instance_count, 6, n + direction_count).
         directions: Directions in input space, shape (instance_count, direction_count, input_count).
         rounding: What a number is rounded by, relative to itself, along the rods: numpy's ``eps`` of the integrator's precision.
+        alone: What the thread that works on the problem holds.
         stop: Once it is set, ``integrate`` raises ``Interrupted``: how a batch on several threads is brought to an end.
     """
 
+    instead = "ask the assembly for another problem"
     guess_integrations: int = 0
 
     def __init__(
@@ -139,6 +143,7 @@ class BoundaryProblem(ABC):
         self.unknown_count = n = unknown_count
         self.batch_shape = batch_shape
         self.stop: Event | None = None
+        self.alone = Exclusive("this problem is in use on another thread: make a problem for each thread")
         self.instance_count = count = math.prod(batch_shape)
         self.input_count = input_count
         self.direction_count = direction_count
@@ -356,11 +361,17 @@ class BoundaryProblem(ABC):
         return np.full(self.instance_count, np.nan)
 
     def evaluate(self, unknowns: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """``(eps, Gamma)`` at ``unknowns`` (instance_count, n), as new NumPy arrays; NaN where the integration failed."""
-        self.write("unknowns", unknowns)
-        self.integrate()
-        residual, gamma = self.read("residual"), self.read("gamma").reshape(self.instance_count, self.unknown_count, -1)
-        failed = self.fault.numpy() != 0
+        """``(eps, Gamma)`` at ``unknowns`` (instance_count, n), as new NumPy arrays; NaN where the integration failed.
+
+        Raises:
+            Interrupted: If ``stop`` is set.
+            RuntimeError: If another thread works on the problem.
+        """
+        with self.alone:
+            self.write("unknowns", unknowns)
+            self.integrate()
+            residual, gamma = self.read("residual"), self.read("gamma").reshape(self.instance_count, self.unknown_count, -1)
+            failed = self.fault.numpy() != 0
         residual[failed] = np.nan
         gamma[failed] = np.nan
         return residual, gamma

@@ -79,6 +79,7 @@ class Solution:
         self._outcome = outcome
         self._inputs = inputs  # of the whole batch
         self._instances = instances  # of it, in the order of the records; None is all
+        self._last_shapes: tuple[int, tuple[tuple[Shape, ...], FloatArray]] | None = None
 
     def __getitem__(self, index: Any) -> "Solution":
         """The solution of some instances: ``index`` as for an array with the leading axes ``batch_shape``.
@@ -409,12 +410,11 @@ class Solution:
         return [np.concatenate(arrays) if len(arrays) > 1 else arrays[0] for arrays in zip(*ordered, strict=True)]
 
     def _shape_pass(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:
-        kept: dict[int, Any] = self.__dict__.setdefault("_shapes", {})
-        if node_count not in kept:
-            kept.clear()
-            kept[node_count] = self._all_shapes(node_count)
-        result: tuple[tuple[Shape, ...], FloatArray] = kept[node_count]
-        return result
+        """Shapes of all rods and the energy; the last pass is kept, whatever other threads ask for meanwhile."""
+        kept = self._last_shapes
+        if kept is None or kept[0] != node_count:
+            self._last_shapes = kept = node_count, self._all_shapes(node_count)
+        return kept[1]
 
     def _all_shapes(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:
         names = [field.name for field in fields(Shape)]

@@ -11,6 +11,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod.exclusive import Uncopied
 from multirod.models.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
 from multirod.segments import Breakpoints, placed, taken
@@ -77,9 +78,10 @@ class Outcome:
         )
 
 
-class Track(ABC):
+class Track(Uncopied, ABC):
     """A solver that follows one problem from sample to sample, its inputs changed in between."""
 
+    instead = "make another problem and track that"
     problem: BoundaryProblem
 
     @abstractmethod
@@ -118,11 +120,13 @@ class Solver(ABC):
 
         Raises:
             ValueError: If the problem is not supported; the message gives every reason.
+            RuntimeError: If another thread works on the problem.
         """
         reasons = self.unsupported(problem)
         if reasons:
             raise ValueError(f"{type(self).__name__} cannot take this problem: " + "; ".join(reasons))
-        return self._solve(problem, guess)
+        with problem.alone:
+            return self._solve(problem, guess)
 
     @abstractmethod
     def _solve(self, problem: BoundaryProblem, guess: FloatArray | None) -> Outcome:

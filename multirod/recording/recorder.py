@@ -4,12 +4,14 @@ import math
 import os
 import uuid
 from pathlib import Path
+from threading import RLock
 from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
 
 from multirod.assembly import Assembly
+from multirod.exclusive import Uncopied
 from multirod.recording.samples import first_instances, stack, stackable
 from multirod.recording.writer import Writer
 from multirod.solution import History, Solution
@@ -71,7 +73,7 @@ def save(
         writer.write(block, other, np.arange(len(history.time)))
 
 
-class Recorder:
+class Recorder(Uncopied):
     """Records a control loop sample by sample, to a file, to a viewer, or to both.
 
     Samples are kept until there are ``flush_every`` of them, then written together: shapes are integrated as one batch
@@ -82,7 +84,8 @@ class Recorder:
     SIGKILL loses at most the last ``flush_every`` samples, and so does SIGTERM, unless the program turns it into an
     exception: ``signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))``.
 
-    The layout is made for the first sample: give it a ``reference`` if later ones have it.
+    The layout is made for the first sample: give it a ``reference`` if later ones have it. Threads may share a recorder: they log one
+    after another, and the times of their samples increase all the same.
 
     Example::
 
@@ -106,6 +109,8 @@ class Recorder:
         TypeError: If neither ``path`` nor ``address`` is given.
         ValueError: If an argument is out of range.
     """
+
+    instead = "make a new Recorder with a path of its own"
 
     def __init__(
         self,
@@ -140,6 +145,7 @@ class Recorder:
         self._assembly: Assembly | None = None
         self._batch_shape: tuple[int, ...] = ()
         self._closed = False
+        self._lock = RLock()
         # Not one stream with two sinks: flushing the file would then wait for a viewer that may not be there.
         identity = uuid.uuid4()
         self._file_stream: Any = None
@@ -170,6 +176,10 @@ class Recorder:
             ValueError: If ``time`` does not increase, or the robot or its batch axes are not those of the first sample.
             RuntimeError: If the recorder is closed.
         """
+        with self._lock:
+            self._log(time, solution, step_time, reference)
+
+    def _log(self, time: float, solution: Solution, step_time: float | None, reference: Solution | None) -> None:
         if self._closed:
             raise RuntimeError("Recorder.log: the recorder is closed")
         now = finite_float("Recorder.log.time", time)
@@ -196,6 +206,10 @@ class Recorder:
 
     def flush(self) -> None:
         """Write the samples that are pending."""
+        with self._lock:
+            self._flush()
+
+    def _flush(self) -> None:
         if self._pending:
             times = np.array([sample[0] for sample in self._pending])
             durations = np.array([sample[2] for sample in self._pending])
