@@ -134,6 +134,7 @@ class BackboneProblem(BoundaryProblem):
             self.tip_wrench: Any = wp.zeros((self.instance_count, 6), dtype=wp.float64, device=device)
             self.wrench_columns: Any = wp.zeros((self.instance_count, 6, columns), dtype=wp.float64, device=device)
         self.rounding = float(np.finfo(integrator.precision).eps)
+        self.measured = inputs.measured
         self._table = self._make_table(inputs)
         self.write("inputs", self.pack(inputs))
         self.moment_unit = self._moment_unit()

@@ -211,6 +211,7 @@ class ParallelProblem(BoundaryProblem):
             builds.setdefault((leg.rod_count, leg.transmission), []).append(k)
         self.groups = [LegGroup(self, members, inputs, options) for members in builds.values()]
         self.rounding = self.groups[0].backbones.rounding
+        self.measured = inputs.measured
         self._robots = self._make_robots()
         self._launches = self._record()
         self.write("inputs", self.pack(inputs))

@@ -21,6 +21,7 @@ class InputSpec:
         unit: SI unit.
         function: Whether it may be a function of arclength.
         optional: Whether leaving it out differs from zero.
+        measured: A measurement: noise is part of it, and what comes next is not known. Its change is never extrapolated.
         dead_twin: For a load that follows the tip frame, the dead load that it equals to first order where it is zero.
         description: What it is, frame included.
     """
@@ -31,6 +32,7 @@ class InputSpec:
     per_rod: bool = False
     function: bool = False
     optional: bool = False
+    measured: bool = False
     dead_twin: str = ""
 
 
@@ -98,6 +100,11 @@ class Inputs:
         if self._specs[name].optional:
             return name in self._arrays
         return name in self._profiles or bool(np.any(self._arrays.get(name, 0.0)))
+
+    @property
+    def measured(self) -> tuple[str, ...]:
+        """Names of the inputs that are measurements, given or not."""
+        return tuple(spec.name for spec in self._specs.values() if spec.measured)
 
     @property
     def active(self) -> tuple[str, ...]:

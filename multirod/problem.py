@@ -120,6 +120,7 @@ class BoundaryProblem(Uncopied, ABC):
         rotation: Of the end effector, body to world, (instance_count,) of mat33d.
         pose_columns: Its derivative by the unknowns and directions, position rows then rotation-vector rows, both in the
             world, shape (instance_count, 6, n + direction_count).
+        measured: Names of the inputs that are measurements: a solver that follows a motion may extrapolate the others.
         directions: Directions in input space, shape (instance_count, direction_count, input_count).
         rounding: What a number is rounded by, relative to itself, along the rods: numpy's ``eps`` of the integrator's precision.
         alone: What the thread that works on the problem holds.
@@ -154,6 +155,7 @@ class BoundaryProblem(Uncopied, ABC):
         self.moment_unit: FloatArray | None = None
         self.turn_stiffness: FloatArray = np.ones(count)
         self.breakpoints: dict[int, Breakpoints] = {}
+        self.measured: tuple[str, ...] = ()
         self.natural_singular_value: FloatArray = np.ones(count)
         self.rounding = DOUBLE_ROUNDING
         # One record an instance holds all that a sample of a time series keeps, so that keeping it is one copy.
