@@ -1,7 +1,9 @@
 """Several backbones that hold one platform: the boundary problem, its buffers and launches."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from copy import copy
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -113,6 +115,23 @@ class Geometry:
         return length, np.concatenate([stiffness, stiffness.sum(axis=1, keepdims=True)], axis=1)
 
 
+@dataclass(frozen=True)
+class Closed:
+    """The unloaded robot at certain inputs.
+
+    Attributes:
+        inputs: Packed, shape (instance_count, input_count).
+        unknowns: [1/m], shape (instance_count, n).
+        residual: What is left of it there [1/m], shape (instance_count, n).
+        singular_value: Smallest of ``Gamma`` there, 1 at most, shape (instance_count,).
+    """
+
+    inputs: FloatArray
+    unknowns: FloatArray
+    residual: FloatArray
+    singular_value: FloatArray
+
+
 class LegGroup:
     """Legs of one build, integrated in one launch."""
 
@@ -212,6 +231,7 @@ class ParallelProblem(BoundaryProblem):
         self.groups = [LegGroup(self, members, inputs, options) for members in builds.values()]
         self.rounding = self.groups[0].backbones.rounding
         self.measured = inputs.measured
+        self._found: Closed | None = None
         self._robots = self._make_robots()
         self._launches = self._record()
         self.write("inputs", self.pack(inputs))
@@ -314,24 +334,53 @@ class ParallelProblem(BoundaryProblem):
 
         What its residual is there is remembered and closes as ``load_factor`` goes from 0 to 1, (9).
         """
-        records, switches = self.snapshot(), [np.array(array.numpy()) for array in (self.active, self.load_factor)]
-        opening = self._robots.opening
-        x, legs, at = self._unloaded_legs()
-        x, residual, gamma = self._best([self._bent(x, legs.softened(compliance), at) for compliance in COMPLIANCES])
-        opening.assign(residual)
-        # legs that are long and thin answer a force along themselves by bending alone
-        sound = np.isfinite(gamma).all(axis=(1, 2))
-        self.natural_singular_value[sound] = np.minimum(1.0, np.linalg.svd(gamma[sound], compute_uv=False)[:, -1])
-        self.restore(records)
-        self.active.assign(switches[0])
-        self.load_factor.assign(switches[1])
-        return x
+        closed = self._closed()
+        self._robots.opening.assign(closed.residual)
+        return np.array(closed.unknowns)
 
-    def _unloaded_legs(self) -> tuple[FloatArray, Legs, Attachments]:
-        """Unknowns of legs that nothing holds, and what they say of how the legs bend; the problem is left unloaded."""
+    @property
+    def natural_singular_value(self) -> FloatArray:
+        """That at ``guess``: legs that are long and thin answer a force along themselves by bending alone."""
+        return self._closed().singular_value
+
+    def _closed(self) -> "Closed":
+        """The unloaded robot at the present inputs; found once for all who ask."""
+        inputs = self.read("inputs")
+        if self._found is None or not np.array_equal(self._found.inputs, inputs):
+            with self._unloaded():
+                x, legs, at = self._unloaded_legs()
+                candidates = [self._bent(x, legs.softened(compliance), at) for compliance in COMPLIANCES]
+                x, residual, gamma = self._best(candidates)
+            sound = np.isfinite(gamma).all(axis=(1, 2))
+            least = np.ones(self.instance_count)
+            least[sound] = np.minimum(1.0, np.linalg.svd(gamma[sound], compute_uv=False)[:, -1])
+            self._found = Closed(inputs, x, residual, least)
+        return self._found
+
+    @contextmanager
+    def _unloaded(self) -> Iterator[None]:
+        """Within it, all instances may be evaluated without loads; everything is as it was afterwards."""
+        records, listed = self.snapshot(), self.order.numpy()[: self.listed].copy()
+        outputs = (self.fault, self.step_count, self.residual_directions, self.pose_columns)
+        kept = (self.active, self.load_factor, self._robots.opening, *outputs)
+        values = [np.array(array.numpy()) for array in kept]
+        everything = len(listed) == self.instance_count
+        if not everything:
+            self.focus()
         self._robots.opening.zero_()
         self.active.fill_(1)
         self.load_factor.zero_()
+        try:
+            yield
+        finally:
+            self.restore(records)
+            for array, before in zip(kept, values, strict=True):
+                array.assign(before)
+            if not everything:
+                self.focus(listed)
+
+    def _unloaded_legs(self) -> tuple[FloatArray, Legs, Attachments]:
+        """Unknowns of legs that nothing holds, and what they say of how the legs bend; the problem is unloaded."""
         x = np.zeros((self.instance_count, self.unknown_count))
         for group in self.groups:
             unloaded = group.backbones.guess().reshape(self.instance_count, len(group.members), -1)
@@ -416,7 +465,7 @@ class ParallelProblem(BoundaryProblem):
         return np.asarray(total)
 
     def shapes(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:  # noqa: D102
-        self.integrate()
+        self._spread()
         count = self.instance_count
         found: list[Shape | None] = [None] * len(self.geometry.rods)
         energy = np.zeros(count)
@@ -488,15 +537,9 @@ class ParallelProblem(BoundaryProblem):
         """Poses of the platform around that of the unloaded robot, its legs taken for beams that reach there."""
         if self.inverse:
             return super().starts(count, first)
-        records, switches = (
-            self.snapshot(),
-            [np.array(array.numpy()) for array in (self.active, self.load_factor, self._robots.opening)],
-        )
-        middle = self.guess()
-        x, legs, at = self._unloaded_legs()
-        self.restore(records)
-        for array, values in zip((self.active, self.load_factor, self._robots.opening), switches, strict=True):
-            array.assign(values)
+        middle = self._closed().unknowns
+        with self._unloaded():
+            x, legs, at = self._unloaded_legs()
         legs = legs.softened(COMPLIANCES[-1])
         points = spread(np.arange(first, first + count), POSE)
         points = np.sign(points) * np.abs(points) ** CROWDING * np.repeat(REACH, 3)

@@ -104,8 +104,6 @@ class BoundaryProblem(Uncopied, ABC):
         load_factor: What multiplies all loads of an instance, and the part of the way from ``guess`` to the robot as it is,
             shape (instance_count,).
         guess_integrations: Integrations per rod that ``guess`` takes.
-        natural_singular_value: What the smallest singular value of ``Gamma`` is far from any fold, 1 or less: how near one is, is
-            judged against it, shape (instance_count,).
         moment_unit: Where the residual is the moment on a single tip, and nothing else: that of one unit of each component [N m^2], shape
             (instance_count, n); else None.
         turn_stiffness: How stiffly such a tip of the unloaded rod resists being turned, ``K/L`` at the first inputs [N m], shape
@@ -156,7 +154,6 @@ class BoundaryProblem(Uncopied, ABC):
         self.turn_stiffness: FloatArray = np.ones(count)
         self.breakpoints: dict[int, Breakpoints] = {}
         self.measured: tuple[str, ...] = ()
-        self.natural_singular_value: FloatArray = np.ones(count)
         self.rounding = DOUBLE_ROUNDING
         # One record an instance holds all that a sample of a time series keeps, so that keeping it is one copy.
         sizes = {"unknowns": n, "residual": n, "gamma": n * n, "position": 3, "rotation": 9, "inputs": input_count}
@@ -207,6 +204,15 @@ class BoundaryProblem(Uncopied, ABC):
 
         It takes ``guess_integrations`` integrations.
         """
+
+    @property
+    def natural_singular_value(self) -> FloatArray:
+        """What the smallest singular value of ``Gamma`` is far from any fold, 1 or less, shape (instance_count,).
+
+        How near a fold is, is judged against it: at the present inputs, whether or not ``guess`` was called. It may take
+        ``guess_integrations`` integrations too.
+        """
+        return np.ones(self.instance_count)
 
     def adopt(self, unknowns: FloatArray) -> FloatArray:
         """Unknowns (instance_count, m) of a problem of the same assembly, as those of this one, (instance_count, n).

@@ -380,7 +380,7 @@ class Solution:
         return self
 
     def _problem(self, piece: slice | None = None, **options: Any) -> BoundaryProblem:
-        """A problem of a part of the instances at their inputs and unknowns, at the unloaded ones where an instance failed."""
+        """A problem of a part of the instances at their inputs and unknowns; an instance that failed has zeros, and no answers."""
         scene, instances = self._scene, self._instances
         if piece is not None:
             instances = np.arange(piece.start, piece.stop) if instances is None else instances[piece]
@@ -389,7 +389,7 @@ class Solution:
         )
         rows = slice(None) if piece is None else piece
         unknowns = problem.adopt(self._records[rows, scene.fields["unknowns"]])
-        problem.write("unknowns", np.where(self._failed[rows, None], problem.guess(), unknowns))
+        problem.write("unknowns", np.where(self._failed[rows, None], 0.0, unknowns))
         problem.breakpoints = taken(self._outcome.breakpoints, np.arange(len(self._records))[rows])
         return problem
 
