@@ -33,7 +33,7 @@ from multirod.models.second_variation import CondensedForm
 from multirod.problem import Block, BoundaryProblem, Shape
 from multirod.rod import RodArrays, stack
 from multirod.stability import Modes
-from multirod.validation import FloatArray
+from multirod.validation import FloatArray, frozen
 
 POSE = kernels.POSE
 LEG_INPUTS = tuple(
@@ -77,15 +77,15 @@ class Geometry:
         self.arrays: tuple[RodArrays, ...] = tuple(leg.arrays for leg in legs)
         self.base = base
         self.platform = platform
-        self.joints = np.array(joints, dtype=np.int32)
+        self.joints = frozen(np.array(joints, dtype=np.int32))
         self.axes = axes
         self.mass = mass
         self.mass_centre = mass_centre
         shapes = [arrays.batch_shape for arrays in self.arrays]
         self.batch_shape = np.broadcast_shapes(*shapes, base.shape[:-3], platform.shape[:-3])
         self.rods = tuple(rod for leg in self.legs for rod in leg.rods)
-        self.first_rod = np.cumsum([0] + [leg.rod_count for leg in self.legs])
-        self.first_unknown = np.cumsum([0] + [leg.rod_count + 5 for leg in self.legs])
+        self.first_rod: NDArray[np.intp] = frozen(np.cumsum([0] + [leg.rod_count for leg in self.legs]))
+        self.first_unknown: NDArray[np.intp] = frozen(np.cumsum([0] + [leg.rod_count + 5 for leg in self.legs]))
 
     def reference(self) -> tuple[FloatArray, FloatArray]:
         """Position [m] and rotation where the unknown pose is zero, shapes (..., 3), (..., 3, 3): the same whatever the inputs."""

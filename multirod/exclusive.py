@@ -15,7 +15,9 @@ class Uncopied:
 
     def __reduce_ex__(self, protocol: Any) -> NoReturn:
         """Refuse ``copy.copy``, ``copy.deepcopy`` and ``pickle``, by a ``TypeError``."""
-        raise TypeError(f"a {type(self).__name__} cannot be copied or pickled, a copy would share what it works on: {self.instead}")
+        raise TypeError(
+            f"a {type(self).__name__} cannot be copied or pickled, a copy would share what it works on: {self.instead}"
+        )
 
 
 class Exclusive:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -39,7 +40,8 @@ class InputSpec:
 class Inputs:
     """Values of an assembly's inputs; made by ``Assembly.inputs(...)``, never changed afterwards.
 
-    Each input is an attribute: ``inputs.tip_force`` has shape ``(*inputs.batch_shape, 3)``; what was not given is zero.
+    Each input is an attribute: ``inputs.tip_force`` has shape ``(*inputs.batch_shape, 3)``; what was not given is zero. They are
+    copies of what was given, and read-only.
 
     Attributes:
         batch_shape: Leading axes of all inputs together.
@@ -91,7 +93,7 @@ class Inputs:
     @property
     def profiles(self) -> Mapping[str, Profile]:
         """All inputs that were given as functions of arclength."""
-        return self._profiles
+        return MappingProxyType(self._profiles)
 
     def is_active(self, name: str) -> bool:
         """Whether an input was given and is not zero everywhere, or was not in the batch that these inputs were taken from."""
@@ -156,7 +158,7 @@ def per_rod(name: str, value: Any, rod_count: int) -> FloatArray:
     """An input per rod as (..., rod_count): numbers are the same for all rods, and one rod needs no axis of its own."""
     result = array(name, value)
     if result.ndim == 0:
-        return np.broadcast_to(result, (rod_count,)).copy()
+        return np.broadcast_to(result, (rod_count,))
     if result.shape[-1] == rod_count:
         return result
     if rod_count == 1:

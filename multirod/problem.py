@@ -17,7 +17,7 @@ from multirod.exclusive import Exclusive, Uncopied
 from multirod.inputs import Inputs
 from multirod.segments import Breakpoints, Segments
 from multirod.stability import Modes
-from multirod.validation import Described, FloatArray, refuse
+from multirod.validation import Described, FloatArray, frozen, refuse
 
 TOLERANCE = 1e-9  # default of solvers, of the residual [1/m]
 ROUNDED = 1e-12  # the least that is asked for, of the curvature scale
@@ -60,7 +60,7 @@ class Block:
 
 @dataclass(frozen=True)
 class Shape:
-    """Rods of all instances on nodes along their arclength; axes (batch, node, ...) of one rod.
+    """Rods of all instances on nodes along their arclength; axes (batch, node, ...) of one rod, read-only.
 
     Attributes:
         arclength: From the base [m], shape (batch, node_count).
@@ -77,6 +77,10 @@ class Shape:
     curvature: FloatArray
     moment: FloatArray
     force: FloatArray
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            object.__setattr__(self, name, frozen(value))
 
     def __repr__(self) -> str:
         return f"Shape({', '.join(f'{name} {value.shape}' for name, value in vars(self).items())})"

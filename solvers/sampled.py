@@ -11,7 +11,7 @@ from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome, Track
 from multirod.solvers.continuation_kernels import LARGEST_RATIO, RATIO_POWERS, SMALLEST_RATIO
 from multirod.status import Status
-from multirod.validation import FloatArray
+from multirod.validation import FloatArray, frozen
 
 
 class SampledTrack(Track):
@@ -32,7 +32,7 @@ class SampledTrack(Track):
         self._foreseen = np.ones(problem.input_count)
         for name in problem.measured:
             self._foreseen[problem.input_slice(name)] = 0.0
-        self._ones = np.ones(problem.instance_count, dtype=np.int32)
+        self._ones: Any = frozen(np.ones(problem.instance_count, dtype=np.int32))  # all samples' outcomes share it
         self._host: tuple[Any, ...] | None = None
         self._directions: FloatArray | None = None
         if wp.get_device(problem.device).is_cpu:

@@ -152,7 +152,9 @@ def test_a_broken_solver_of_another_package_is_named_and_the_others_are_listed(t
         (tmp_path / "broken_solver.py").write_text(module)
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.delitem(sys.modules, "broken_solver", raising=False)
-    with pytest.warns(RuntimeWarning, match=rf"solver 'broken' of broken-solver \(broken_solver:Solver\) is left out: .*{reason}"):
+    with pytest.warns(
+        RuntimeWarning, match=rf"solver 'broken' of broken-solver \(broken_solver:Solver\) is left out: .*{reason}"
+    ):
         found = mr.registered_solvers()
     assert found == expected
     sys.modules.pop("broken_solver", None)

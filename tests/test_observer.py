@@ -407,7 +407,10 @@ def test_known_inputs_beside_a_measurement_are_fed_forward(long_rod: experiment.
 
     def lag(noise: Any, **options: Any) -> Any:
         inputs = study.robot.inputs(
-            rotation=given.rotation, translation=given.translation, tip_force=given.tip_force, tip_curvature=np.array((14, 5, 0)) + noise
+            rotation=given.rotation,
+            translation=given.translation,
+            tip_force=given.tip_force,
+            tip_curvature=np.array((14, 5, 0)) + noise,
         )
         found = run(experiment.Motion(study.robot, inputs, study.time), observer(**options), guess=truth.unknowns[0])
         return np.linalg.norm(found.tip_position - truth.tip_position, axis=1)[20:]
