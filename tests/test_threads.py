@@ -142,10 +142,9 @@ def test_samples_logged_by_several_threads_are_all_recorded(robot: mr.SingleRod,
     def log(k: int) -> None:
         try:
             recorder.log(0.01 * k, solution)
-        except ValueError as refusal:  # another thread was first with a later time
-            assert "must be later than the sample before" in str(refusal)
-        else:
-            taken.append(k)
+        except ValueError:  # another thread was first with a later time
+            return
+        taken.append(k)
 
     with ThreadPoolExecutor(4) as pool:
         list(pool.map(log, range(200)))

@@ -13,6 +13,7 @@ import numpy as np
 from multirod.assembly import Assembly
 from multirod.exclusive import Uncopied
 from multirod.recording.samples import first_instances, stack, stackable
+from multirod.recording.viewer import ViewerStream
 from multirod.recording.writer import Writer
 from multirod.solution import History, Solution
 from multirod.validation import finite_float, positive_float, positive_int, refuse
@@ -96,14 +97,15 @@ class Recorder(Uncopied):
 
     Args:
         path: File to write (``.rrd``); an existing one is replaced.
-        address: Viewer to stream to, such as ``"rerun+http://127.0.0.1:9876/proxy"``. If none listens, the loop goes on,
-            and leaving ``with`` can take some seconds.
+        address: Viewer to stream to, such as ``"rerun+http://127.0.0.1:9876/proxy"``. If none listens there, or it does not
+            answer, the loop goes on; what it does not take is lost, and a ``RuntimeWarning`` says so.
         name: What the viewer calls the recording; by default the file's name.
         description: What is run, such as ``repr(solver)``, for the description panel.
         flush_every: Samples that are written together.
         nodes: Nodes that a rod is drawn with.
         instances: How many instances of a batch are recorded.
         force_scale: Length of force arrows [m/N]; by default half of the length in use for ``EI/L^2``, ``EI`` of all rods.
+        close_timeout: How long ``close`` waits for the viewer to take what is left [s].
 
     Raises:
         TypeError: If neither ``path`` nor ``address`` is given.
@@ -123,6 +125,7 @@ class Recorder(Uncopied):
         nodes: int = 51,
         instances: int = 4,
         force_scale: float | None = None,
+        close_timeout: float = 10.0,
     ) -> None:
         import rerun as rr
 
@@ -139,6 +142,7 @@ class Recorder(Uncopied):
         self._instances = positive_int("Recorder.instances", instances)
         node_count = positive_int("Recorder.nodes", nodes, 2)
         scale = None if force_scale is None else positive_float("Recorder.force_scale", force_scale)
+        patience = positive_float("Recorder.close_timeout", close_timeout)
         self._pending: list[tuple[float, Solution, float, Solution | None]] = []
         self._count = 0
         self._last_time = -math.inf
@@ -152,14 +156,13 @@ class Recorder(Uncopied):
         self._streams: list[Any] = []
         if file is not None:
             self._file_stream = rr.RecordingStream("multirod", recording_id=identity)
+            self._file_stream.set_log_time_enabled(False)
             self._file_stream.save(file)
             self._streams.append(self._file_stream)
         if address is not None:
             viewer_stream = rr.RecordingStream("multirod", recording_id=identity)
-            viewer_stream.connect_grpc(address)
-            self._streams.append(viewer_stream)
-        for stream in self._streams:
-            stream.set_log_time_enabled(False)
+            viewer_stream.set_log_time_enabled(False)
+            self._streams.append(ViewerStream(viewer_stream, address, patience))
         self._writer = Writer(self._streams, node_count=node_count, instances=self._instances, force_scale=scale, live=True)
 
     def log(self, time: float, solution: Solution, *, step_time: float | None = None, reference: Solution | None = None) -> None:
@@ -232,15 +235,16 @@ class Recorder(Uncopied):
             self._file_stream.flush()
 
     def close(self) -> None:
-        """Write what is pending and finish the file."""
-        if self._closed:
-            return
-        self._closed = True
-        try:
-            self.flush()
-        finally:
-            for stream in self._streams:
-                stream.disconnect()
+        """Write what is pending and finish the file; wait for a viewer no longer than ``close_timeout``."""
+        with self._lock:
+            if self._closed:
+                return
+            self._closed = True
+            try:
+                self._flush()
+            finally:
+                for stream in self._streams:
+                    stream.disconnect()
 
     def __enter__(self) -> Self:
         return self
