@@ -186,7 +186,7 @@ def registered_solvers() -> dict[str, Any]:
         where = f"solver {point.name!r} of {'an unknown package' if point.dist is None else point.dist.name} ({point.value})"
         try:
             found = point.load()
-        except Exception as error:  # whatever a package raises as it is imported
+        except Exception as error:  # noqa: BLE001  (of another package: whatever it is, the others go on)
             warnings.warn(f"{where} is left out: {type(error).__name__}: {error}", RuntimeWarning, stacklevel=2)
             continue
         if isinstance(found, type) and issubclass(found, Solver):

@@ -2,7 +2,6 @@
 
 import pickle
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 import pytest
