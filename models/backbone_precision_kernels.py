@@ -21,8 +21,8 @@ from multirod.models.integrators import Tableau
 
 f64 = wp.float64
 
-# An entry {a} of each field of a stretch in natural units; i and j are its row and column. Arclengths are counted from the start of
-# the stretch, which keeps their differences.
+# An entry {a} of each field of a stretch in natural units; i and j are its row and column. Arclengths are counted from the start
+# of the stretch, which keeps their differences.
 IN_NATURAL_UNITS = {
     "start": "{a} - z.start",
     "length": "{a} / u.length",

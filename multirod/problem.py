@@ -90,8 +90,8 @@ class BoundaryProblem(Uncopied, ABC):
     """An assembly at some inputs, discretised: unknowns ``x`` to residual ``eps`` and ``Gamma = d(eps)/d(x)``.
 
     Everything is batched: the first axis of every array is the instance. Solvers written with Warp kernels read and
-    write the arrays below and call ``integrate``; solvers written with NumPy call ``evaluate``. One thread works on a problem at a
-    time: ``Solver.solve`` and ``evaluate`` refuse another.
+    write the arrays below and call ``integrate``; solvers written with NumPy call ``evaluate``. One thread works on a problem
+    at a time: ``Solver.solve`` and ``evaluate`` refuse another.
 
     Attributes:
         unknown_count: Unknowns ``n`` of an instance, and residuals.

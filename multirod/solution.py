@@ -380,7 +380,7 @@ class Solution:
         return self
 
     def _problem(self, piece: slice | None = None, **options: Any) -> BoundaryProblem:
-        """A problem of a part of the instances at their inputs and unknowns; an instance that failed has zeros, and no answers."""
+        """A problem of a part of the instances at their inputs and unknowns; what failed has zeros, and no answers."""
         scene, instances = self._scene, self._instances
         if piece is not None:
             instances = np.arange(piece.start, piece.stop) if instances is None else instances[piece]

@@ -179,7 +179,7 @@ class _WarmStarted(Track):
 def registered_solvers() -> dict[str, Any]:
     """Solver classes by name, of this package and of others that register in the group ``multirod.solvers``.
 
-    What cannot be loaded, or is no ``Solver``, is left out and named in a ``RuntimeWarning``: a broken package takes no other along.
+    What cannot be loaded, or is no ``Solver``, is left out and named in a ``RuntimeWarning``: the others are there.
     """
     solvers: dict[str, Any] = {}
     for point in entry_points(group="multirod.solvers"):

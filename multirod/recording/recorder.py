@@ -85,8 +85,8 @@ class Recorder(Uncopied):
     SIGKILL loses at most the last ``flush_every`` samples, and so does SIGTERM, unless the program turns it into an
     exception: ``signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))``.
 
-    The layout is made for the first sample: give it a ``reference`` if later ones have it. Threads may share a recorder: they log one
-    after another, and the times of their samples increase all the same.
+    The layout is made for the first sample: give it a ``reference`` if later ones have it. Threads may share a recorder: they
+    log one after another, and the times of their samples increase all the same.
 
     Example::
 

@@ -12,8 +12,8 @@ WAITING = 20_000  # calls that wait to be sent at most; a sample of a few rods m
 class ViewerStream:
     """A Rerun stream to a viewer, fed by a thread of its own.
 
-    The SDK's calls wait for a viewer that has stopped to read, without end: once 50 MB are under way, when it disconnects, and as the
-    process ends. Here nobody waits: what does not fit in is left out, ``disconnect`` gives up after a while, and both say so.
+    The SDK's calls wait without end for a viewer that does not read: once 50 MB are under way, when it disconnects, and as
+    the process ends. Here nobody waits: what does not fit in is left out, ``disconnect`` gives up after a while, and both say so.
 
     Args:
         stream: The ``rerun.RecordingStream``, not connected yet.
