@@ -48,6 +48,7 @@ class SprungProblem(mr.BoundaryProblem):
         )
         self.inner = inner
         self.rounding = inner.rounding
+        self.measured = inner.measured
         rod = inner.rods[0]
         self.give = float(rod.sections[0].torsional_stiffness) / spring  # angle of the spring per twist at the base
         self.write("inputs", inner.read("inputs"))

@@ -134,6 +134,7 @@ class BackboneProblem(BoundaryProblem):
             self.tip_wrench: Any = wp.zeros((self.instance_count, 6), dtype=wp.float64, device=device)
             self.wrench_columns: Any = wp.zeros((self.instance_count, 6, columns), dtype=wp.float64, device=device)
         self.rounding = float(np.finfo(integrator.precision).eps)
+        self.measured = inputs.measured
         self._table = self._make_table(inputs)
         self.write("inputs", self.pack(inputs))
         self.moment_unit = self._moment_unit()
@@ -339,7 +340,7 @@ class BackboneProblem(BoundaryProblem):
     def shapes(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:  # noqa: D102
         fields = ("arclength", "position", "rotation", "curvature", "moment", "force")
         calls = [self._node_pass(node_count, rod=rod) for rod in range(len(self.rods))]
-        shapes = [Shape(**{name: getattr(call, f"node_{name}").numpy() for name in fields}) for call in calls]
+        shapes = [{name: getattr(call, f"node_{name}").numpy() for name in fields} for call in calls]
         energy = np.array(calls[0].energy.numpy())
         if self.breakpoints:
             others, stored, _ = self._cut.shapes(self.breakpoints, node_count)
@@ -347,8 +348,8 @@ class BackboneProblem(BoundaryProblem):
                 energy[k] = stored[k]
                 for shape, other in zip(shapes, others, strict=True):
                     for name in fields:
-                        getattr(shape, name)[k] = getattr(other, name)[k]
-        return tuple(shapes), energy
+                        shape[name][k] = getattr(other, name)[k]
+        return tuple(Shape(**shape) for shape in shapes), energy
 
     def segments(self) -> Segments | None:  # noqa: D102
         return self._cut if len(self.rods) == 1 and not self.held else None

@@ -6,6 +6,8 @@ thin rods leave: its steps are taken in natural units, the rod's length and its 
 size. Back and forth between two stretches, nothing is lost: what was single precision rounds to itself.
 """
 
+import hashlib
+import linecache
 from types import SimpleNamespace
 
 import warp as wp
@@ -18,6 +20,34 @@ from multirod.models.features import Features
 from multirod.models.integrators import Tableau
 
 f64 = wp.float64
+
+# An entry {a} of each field of a stretch in natural units; i and j are its row and column. Arclengths are counted from the start
+# of the stretch, which keeps their differences.
+IN_NATURAL_UNITS = {
+    "start": "{a} - z.start",
+    "length": "{a} / u.length",
+    "present": "{a}",
+    "bending": "{a} / u.stiffness",
+    "softness": "{a} * u.stiffness",
+    "torsion": "{a} * u.stiffness",
+    "material": "natural_material({a}, j, u)",
+    "precurvature": "{a} * u.length",
+    "section_centre": "({a} - z.start) / u.length",
+    "section_slope": "{a} * u.length",
+    "force": "{a} / u.force",
+    "distributed_force": "{a} * u.length / u.force",
+    "distributed_moment": "{a} / u.force",
+    "profile": "natural_profile({a}, i, u)",
+    "profile_centre": "({a} - z.start) / u.length",
+    "profile_slope": "{a} * u.length",
+    "force_columns": "{a} / (u.force * column_unit(i, u))",
+    "distributed_force_rate": "{a} * u.length / (u.force * direction_unit(i, u))",
+    "distributed_moment_rate": "{a} / (u.force * direction_unit(i, u))",
+    "profile_rate": "{a} / direction_unit(i, u)",
+    "start_rate": "{a} / (u.length * direction_unit(i, u))",
+    "end_rate": "{a} / (u.length * direction_unit(i, u))",
+    "shift_rate": "{a} / (u.length * direction_unit(i, u))",
+}
 
 
 def make_walk_functions(layout: Layout, features: Features, tableau: Tableau, rates, real) -> SimpleNamespace:
@@ -54,8 +84,7 @@ def make_converted_steps(layout: Layout, features: Features, tableau: Tableau, r
     own = Layout(features, real)
     step = make_step_functions(own, tableau, make_rate_functions(own, features, make_stretch_functions(own)).rates)
     own_fixed_steps, own_adaptive_steps = step.fixed_steps, step.adaptive_steps
-    State, Stretch, OwnState, OwnStretch = layout.State, layout.Stretch, own.State, own.Stretch
-    own_vec3 = own.vec3
+    State, Stretch, OwnState = layout.State, layout.Stretch, own.State
     n, C, NX, ND = layout.n, layout.C, layout.NX, layout.ND
     N_AT, THETA_AT, TAU_AT, STATICS = layout.N_AT, layout.THETA_AT, layout.TAU_AT, layout.STATICS
     COLUMN_SIZE, COLUMN_P_AT, Q_AT, P_AT, END = (
@@ -65,20 +94,7 @@ def make_converted_steps(layout: Layout, features: Features, tableau: Tableau, r
         layout.P_AT,
         layout.ENERGY_AT,
     )
-    CURVATURE_TERMS, PROFILE_TERMS = layout.CURVATURE_TERMS, layout.PROFILE_TERMS
-    Rows = wp.types.vector(length=COLUMN_SIZE, dtype=f64)
-    PerColumn = wp.types.vector(length=max(C, 1), dtype=f64)
-
-    @wp.struct
-    class Units:
-        """What counts as one, and what a column is counted in."""
-
-        length: f64  # [m]
-        moment: f64  # [N m]
-        force: f64  # [N]
-        stiffness: f64  # [N m^2]
-        rows: Rows  # of a column
-        columns: PerColumn
+    Units = make_units(layout)
 
     @wp.func
     def magnitude(a: wp.vec3d) -> f64:
@@ -156,52 +172,7 @@ def make_converted_steps(layout: Layout, features: Features, tableau: Tableau, r
             out[j] = f64(y[j]) * u.length
         return out
 
-    @wp.func
-    def narrowed(a: wp.vec3d, unit: f64) -> own_vec3:
-        return own_vec3(real(a[0] / unit), real(a[1] / unit), real(a[2] / unit))
-
-    @wp.func
-    def narrowed_stretch(z: Stretch, u: Units) -> OwnStretch:
-        """Arclengths are counted from its start, which keeps their differences."""
-        out = OwnStretch()
-        out.length = real(z.length / u.length)
-        out.softness = real(z.softness * u.stiffness)
-        shear = u.stiffness / (u.length * u.length)
-        for i in range(wp.static(n)):
-            out.present[i] = real(z.present[i])
-            out.bending[i] = real(z.bending[i] / u.stiffness)
-            out.torsion[i] = real(z.torsion[i] * u.stiffness)
-            for j in range(3):
-                out.material[i, j] = real(z.material[i, j] / u.stiffness)
-                out.material[i, 3 + j] = real(z.material[i, 3 + j] * u.stiffness)
-                out.material[i, 6 + j] = real(z.material[i, 6 + j] * shear)
-            for j in range(wp.static(3 * CURVATURE_TERMS)):
-                out.precurvature[i, j] = real(z.precurvature[i, j] * u.length)
-            out.section_centre[i] = real((z.section_centre[i] - z.start) / u.length)
-            out.section_slope[i] = real(z.section_slope[i] * u.length)
-        out.force = narrowed(z.force, u.force)
-        out.distributed_force = narrowed(z.distributed_force, u.force / u.length)
-        out.distributed_moment = narrowed(z.distributed_moment, u.force)
-        for j in range(wp.static(PROFILE_TERMS)):
-            for k in range(3):
-                out.profile[k, j] = real(z.profile[k, j] * u.length / u.force)
-                out.profile[3 + k, j] = real(z.profile[3 + k, j] / u.force)
-        out.profile_centre = real((z.profile_centre - z.start) / u.length)
-        out.profile_slope = real(z.profile_slope * u.length)
-        for c in range(wp.static(C)):
-            for j in range(3):
-                out.force_columns[c, j] = real(z.force_columns[c, j] / (u.force * u.columns[c]))
-        for k in range(wp.static(ND)):
-            w = u.columns[wp.static(NX) + k]
-            for j in range(3):
-                out.distributed_force_rate[k, j] = real(z.distributed_force_rate[k, j] * u.length / (u.force * w))
-                out.distributed_moment_rate[k, j] = real(z.distributed_moment_rate[k, j] / (u.force * w))
-            out.profile_rate[k] = real(z.profile_rate[k] / w)
-            out.start_rate[k] = real(z.start_rate[k] / (u.length * w))
-            out.end_rate[k] = real(z.end_rate[k] / (u.length * w))
-            for i in range(wp.static(n)):
-                out.shift_rate[k, i] = real(z.shift_rate[k, i] / (u.length * w))
-        return out
+    narrowed_stretch = make_narrowed_stretch(layout, own, Units)
 
     @wp.func
     def fixed_steps(y: State, z: Stretch, count: int, scale: f64) -> State:
@@ -219,3 +190,92 @@ def make_converted_steps(layout: Layout, features: Features, tableau: Tableau, r
         return widened_state(end, u), f64(next_h), steps, fault
 
     return SimpleNamespace(fixed_steps=fixed_steps, adaptive_steps=adaptive_steps if len(tableau.error) > 0 else None)
+
+
+def make_units(layout: Layout):
+    """Type of the units of one stretch."""
+    Rows = wp.types.vector(length=layout.COLUMN_SIZE, dtype=f64)
+    PerColumn = wp.types.vector(length=max(layout.C, 1), dtype=f64)
+
+    @wp.struct
+    class Units:
+        """What counts as one, and what a column is counted in."""
+
+        length: f64  # [m]
+        moment: f64  # [N m]
+        force: f64  # [N]
+        stiffness: f64  # [N m^2]
+        rows: Rows  # of a column
+        columns: PerColumn
+
+    return Units
+
+
+def make_narrowed_stretch(layout: Layout, own: Layout, Units):
+    """The function that turns a stretch of ``layout`` into one of ``own``, in the units given.
+
+    It is written out from the fields that the type of a stretch has: one that ``IN_NATURAL_UNITS`` does not name is refused here,
+    where left out it would be zero.
+
+    Raises:
+        TypeError: If a field has no natural unit.
+    """
+    C, NX = layout.C, layout.NX
+
+    @wp.func
+    def natural_material(a: f64, j: int, u: Units) -> f64:
+        if j < 3:
+            return a / u.stiffness
+        if j < 6:
+            return a * u.stiffness
+        if j < 9:
+            return a * (u.stiffness / (u.length * u.length))
+        return a * u.length / u.force  # the weight under an acceleration of one
+
+    @wp.func
+    def natural_profile(a: f64, i: int, u: Units) -> f64:
+        if i < 3:
+            return a * u.length / u.force
+        return a / u.force
+
+    @wp.func
+    def column_unit(k: int, u: Units) -> f64:
+        if k < wp.static(C):
+            return u.columns[k]
+        return f64(1.0)  # rows that only make the type's size
+
+    @wp.func
+    def direction_unit(k: int, u: Units) -> f64:
+        return column_unit(k + wp.static(NX), u)
+
+    lines = ["def narrowed_stretch(z: Stretch, u: Units) -> OwnStretch:", "    out = OwnStretch()"]
+    for name, field in layout.Stretch.vars.items():
+        if name not in IN_NATURAL_UNITS:
+            raise TypeError(f"Stretch.{name} has no natural unit: name it in IN_NATURAL_UNITS")
+        shape = getattr(field.type, "_shape_", ())
+        index = "".join(["[", ", ".join("ij"[: len(shape)]), "]"]) if shape else ""
+        for depth, (letter, size) in enumerate(zip("ij", shape, strict=False)):
+            lines.append(f"{'    ' * (depth + 1)}for {letter} in range({size}):")
+        entry = IN_NATURAL_UNITS[name].format(a=f"z.{name}{index}")
+        lines.append(f"{'    ' * (len(shape) + 1)}out.{name}{index} = real({entry})")
+    lines.append("    return out")
+    scope = {
+        "Stretch": layout.Stretch,
+        "OwnStretch": own.Stretch,
+        "Units": Units,
+        "real": own.real,
+        "natural_material": natural_material,
+        "natural_profile": natural_profile,
+        "column_unit": column_unit,
+        "direction_unit": direction_unit,
+    }
+    return wp.func(_written("narrowed_stretch", "\n".join(lines) + "\n", scope))
+
+
+def _written(name: str, source: str, scope: dict):
+    """A function of a source that is in no file: Warp reads it from Python's cache of source lines."""
+    place = f"<{name} {hashlib.sha256(source.encode()).hexdigest()[:16]}>"
+    linecache.cache[place] = (len(source), None, source.splitlines(keepends=True), place)
+    scope["__name__"] = __name__
+    exec(compile(source, place, "exec"), scope)  # noqa: S102  (made here, of the fields of a type)
+    return scope[name]

@@ -1,7 +1,9 @@
 """Several backbones that hold one platform: the boundary problem, its buffers and launches."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from copy import copy
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -31,7 +33,7 @@ from multirod.models.second_variation import CondensedForm
 from multirod.problem import Block, BoundaryProblem, Loading, Shape
 from multirod.rod import RodArrays, stack
 from multirod.stability import Modes
-from multirod.validation import FloatArray
+from multirod.validation import FloatArray, frozen
 
 POSE = kernels.POSE
 LEG_INPUTS = tuple(
@@ -75,15 +77,15 @@ class Geometry:
         self.arrays: tuple[RodArrays, ...] = tuple(leg.arrays for leg in legs)
         self.base = base
         self.platform = platform
-        self.joints = np.array(joints, dtype=np.int32)
+        self.joints = frozen(np.array(joints, dtype=np.int32))
         self.axes = axes
         self.mass = mass
         self.mass_centre = mass_centre
         shapes = [arrays.batch_shape for arrays in self.arrays]
         self.batch_shape = np.broadcast_shapes(*shapes, base.shape[:-3], platform.shape[:-3])
         self.rods = tuple(rod for leg in self.legs for rod in leg.rods)
-        self.first_rod = np.cumsum([0] + [leg.rod_count for leg in self.legs])
-        self.first_unknown = np.cumsum([0] + [leg.rod_count + 5 for leg in self.legs])
+        self.first_rod: NDArray[np.intp] = frozen(np.cumsum([0] + [leg.rod_count for leg in self.legs]))
+        self.first_unknown: NDArray[np.intp] = frozen(np.cumsum([0] + [leg.rod_count + 5 for leg in self.legs]))
 
     def reference(self) -> tuple[FloatArray, FloatArray]:
         """Position [m] and rotation where the unknown pose is zero, shapes (..., 3), (..., 3, 3): the same whatever the inputs."""
@@ -111,6 +113,29 @@ class Geometry:
         stiffness = np.stack([a.material[:, :, 0, :2].max(axis=2).sum(axis=1) for a in arrays], axis=1)
         length = np.concatenate([length, length.mean(axis=1, keepdims=True)], axis=1)
         return length, np.concatenate([stiffness, stiffness.sum(axis=1, keepdims=True)], axis=1)
+
+
+@dataclass(frozen=True)
+class Closed:
+    """The unloaded robot at certain inputs.
+
+    Attributes:
+        inputs: Packed, shape (instance_count, input_count).
+        unknowns: [1/m], shape (instance_count, n).
+        residual: What is left of it there [1/m], shape (instance_count, n).
+        singular_value: Smallest of ``Gamma`` there, 1 at most, shape (instance_count,).
+    """
+
+    inputs: FloatArray
+    unknowns: FloatArray
+    residual: FloatArray
+    singular_value: FloatArray
+
+
+def crowded(numbers: IntArray) -> FloatArray:
+    """Displacements, in lengths, and rotation vectors by number, that lie the closer the nearer they are to none; shape (k, 6)."""
+    points = spread(numbers, POSE)
+    return np.asarray(np.sign(points) * np.abs(points) ** CROWDING * np.repeat(REACH, 3))
 
 
 class LegGroup:
@@ -220,6 +245,8 @@ class ParallelProblem(BoundaryProblem):
             builds.setdefault((leg.rod_count, leg.transmission), []).append(k)
         self.groups = [LegGroup(self, members, inputs, options) for members in builds.values()]
         self.rounding = self.groups[0].backbones.rounding
+        self.measured = inputs.measured
+        self._found: Closed | None = None
         self._robots = self._make_robots()
         self._launches = self._record()
         self.write("inputs", self.pack(inputs))
@@ -332,18 +359,28 @@ class ParallelProblem(BoundaryProblem):
 
         What its residual is there is remembered and closes as ``load_factor`` goes from 0 to 1, (9).
         """
-        records, switches = self.snapshot(), [np.array(array.numpy()) for array in (self.active, self.load_factor)]
-        opening = self._robots.opening
-        x, legs, at = self._unloaded_legs()
-        x, residual, gamma = self._best([self._bent(x, legs.softened(compliance), at) for compliance in COMPLIANCES])
-        opening.assign(residual)
-        # legs that are long and thin answer a force along themselves by bending alone
-        sound = np.isfinite(gamma).all(axis=(1, 2))
-        self.natural_singular_value[sound] = np.minimum(1.0, np.linalg.svd(gamma[sound], compute_uv=False)[:, -1])
-        self.restore(records)
-        self.active.assign(switches[0])
-        self.load_factor.assign(switches[1])
-        return x
+        closed = self._closed()
+        self._robots.opening.assign(closed.residual)
+        return np.array(closed.unknowns)
+
+    @property
+    def natural_singular_value(self) -> FloatArray:
+        """That at ``guess``: legs that are long and thin answer a force along themselves by bending alone."""
+        return self._closed().singular_value
+
+    def _closed(self) -> "Closed":
+        """The unloaded robot at the present inputs; found once for all who ask."""
+        inputs = self.read("inputs")
+        if self._found is None or not np.array_equal(self._found.inputs, inputs):
+            with self._unloaded():
+                x, legs, at = self._unloaded_legs()
+                candidates = [self._bent(x, legs.softened(compliance), at) for compliance in COMPLIANCES]
+                x, residual, gamma = self._best(candidates)
+            sound = np.isfinite(gamma).all(axis=(1, 2))
+            least = np.ones(self.instance_count)
+            least[sound] = np.minimum(1.0, np.linalg.svd(gamma[sound], compute_uv=False)[:, -1])
+            self._found = Closed(inputs, x, residual, least)
+        return self._found
 
     @property
     def comes_apart(self) -> bool:  # noqa: D102
@@ -354,7 +391,8 @@ class ParallelProblem(BoundaryProblem):
 
         The mismatch of each joint is remembered and closes as ``load_factor`` goes from 0 to 1, (9).
         """
-        x, legs, at = self._unloaded_legs()
+        with self._unloaded():
+            x, legs, at = self._unloaded_legs()
         if not self.inverse:
             position, rotation = fitted_platform(legs, at)
             if numbers is not None:
@@ -362,6 +400,7 @@ class ParallelProblem(BoundaryProblem):
                 position = position + np.broadcast_to(self._length[:, -1:], (self.instance_count, 1)) * aside[:, :3]
                 rotation = Rotation.from_rotvec(aside[:, 3:]).as_matrix() @ rotation
             x[:, self._platform] = self._pose_unknowns(position, rotation)
+        self.active.fill_(1)
         self.open_joints(x)
         return x
 
@@ -386,16 +425,34 @@ class ParallelProblem(BoundaryProblem):
 
     @staticmethod
     def _around(numbers: IntArray) -> FloatArray:
-        """Displacements, in lengths, and rotation vectors by number, crowded towards none, which is the first; shape (k, 6)."""
-        points = spread(numbers, POSE)
-        points = np.sign(points) * np.abs(points) ** CROWDING * np.repeat(REACH, 3)
-        return np.where(numbers[:, None] == 0, 0.0, points)
+        """Those of ``crowded``, but none for the first; shape (k, 6)."""
+        return np.where(numbers[:, None] == 0, 0.0, crowded(numbers))
 
-    def _unloaded_legs(self) -> tuple[FloatArray, Legs, Attachments]:
-        """Unknowns of legs that nothing holds, and what they say of how the legs bend; the problem is left unloaded."""
+    @contextmanager
+    def _unloaded(self) -> Iterator[None]:
+        """Within it, all instances may be evaluated without loads; everything is as it was afterwards."""
+        records, listed = self.snapshot(), self.order.numpy()[: self.listed].copy()
+        outputs = (self.fault, self.step_count, self.residual_directions, self.pose_columns)
+        kept = (self.active, self.load_factor, self._robots.opening, self._robots.loading, *outputs)
+        values = [np.array(array.numpy()) for array in kept]
+        everything = len(listed) == self.instance_count
+        if not everything:
+            self.focus()
         self._robots.opening.zero_()
+        self._robots.loading.fill_(int(Loading.RISING))
         self.active.fill_(1)
         self.load_factor.zero_()
+        try:
+            yield
+        finally:
+            self.restore(records)
+            for array, before in zip(kept, values, strict=True):
+                array.assign(before)
+            if not everything:
+                self.focus(listed)
+
+    def _unloaded_legs(self) -> tuple[FloatArray, Legs, Attachments]:
+        """Unknowns of legs that nothing holds, and what they say of how the legs bend; the problem is unloaded."""
         x = np.zeros((self.instance_count, self.unknown_count))
         for group in self.groups:
             unloaded = group.backbones.guess().reshape(self.instance_count, len(group.members), -1)
@@ -484,7 +541,7 @@ class ParallelProblem(BoundaryProblem):
         return np.asarray(total)
 
     def shapes(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:  # noqa: D102
-        self.integrate()
+        self._spread()
         count = self.instance_count
         found: list[Shape | None] = [None] * len(self.geometry.rods)
         energy = np.zeros(count)
@@ -560,18 +617,11 @@ class ParallelProblem(BoundaryProblem):
         """Poses of the platform around that of the unloaded robot, its legs taken for beams that reach there."""
         if self.inverse:
             return super().starts(count, first)
-        records, switches = (
-            self.snapshot(),
-            [np.array(array.numpy()) for array in (self.active, self.load_factor, self._robots.opening)],
-        )
-        middle = self.guess()
-        x, legs, at = self._unloaded_legs()
-        self.restore(records)
-        for array, values in zip((self.active, self.load_factor, self._robots.opening), switches, strict=True):
-            array.assign(values)
+        middle = self._closed().unknowns
+        with self._unloaded():
+            x, legs, at = self._unloaded_legs()
         legs = legs.softened(COMPLIANCES[-1])
-        points = spread(np.arange(first, first + count), POSE)
-        points = np.sign(points) * np.abs(points) ** CROWDING * np.repeat(REACH, 3)
+        points = crowded(np.arange(first, first + count))
         length = np.broadcast_to(self._length[:, -1:], (self.instance_count, 1))
         result = np.empty((count, *x.shape))
         for k, point in enumerate(points):

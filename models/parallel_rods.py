@@ -20,7 +20,7 @@ from multirod.models.influence import Influence, influences
 from multirod.models.parallel_problem import LEG_INPUTS, PLATFORM_INPUTS, Geometry, ParallelProblem
 from multirod.models.single_rod import SingleRod
 from multirod.rod import Rod
-from multirod.validation import Described, FloatArray, array, nonnegative_float, refuse
+from multirod.validation import Described, FloatArray, array, frozen, nonnegative_float, refuse
 
 JOINTS = {"clamped": kernels.CLAMPED, "revolute": kernels.REVOLUTE, "spherical": kernels.SPHERICAL}
 
@@ -257,4 +257,4 @@ def _axes(value: Any, count: int) -> FloatArray:
     size = np.linalg.norm(axes, axis=1)
     if (size == 0).any():
         refuse("ParallelRods.joint_axes", value, "must not be zero")
-    return np.asarray(axes / size[:, None])
+    return np.asarray(frozen(axes / size[:, None]))

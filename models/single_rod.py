@@ -37,7 +37,11 @@ class SingleRod(BackboneAssembly):
     @property
     def input_specs(self) -> tuple[InputSpec, ...]:  # noqa: D102
         measured = InputSpec(
-            name="tip_curvature", unit="1/m", optional=True, description="measured curvature at the tip, tip frame"
+            name="tip_curvature",
+            unit="1/m",
+            optional=True,
+            measured=True,
+            description="measured curvature at the tip, tip frame",
         )
         return (*BACKBONE_INPUTS, measured)
 

@@ -138,7 +138,7 @@ class Assembly(ABC):
 def pose(field: str, value: Any) -> FloatArray:
     """A checked pose (..., 4, 4); None is the identity."""
     if value is None:
-        return np.eye(4)
+        value = np.eye(4)
     result = array(field, value, (4, 4))
     R = result[..., :3, :3]
     if np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max() > 1e-8 or (np.linalg.det(R) < 0).any():

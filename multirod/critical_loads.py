@@ -14,7 +14,7 @@ from multirod.solvers.branch import Branch, BranchLost, Change, Point
 from multirod.solvers.shooting import Shooting
 from multirod.stability import Stability
 from multirod.status import Status, failures
-from multirod.validation import Described, FloatArray, positive_float, positive_int, refuse
+from multirod.validation import Described, FloatArray, frozen, positive_float, positive_int, refuse
 
 LOAD_UNITS = frozenset({"N", "N m", "N/m", "m/s^2"})  # of inputs that are loads: rotation, translation and places are not
 
@@ -41,6 +41,9 @@ class CriticalLoad:
     index_after: int
     mode: FloatArray
     solution: Solution
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "mode", frozen(self.mode))
 
     @property
     def multiplicity(self) -> int:

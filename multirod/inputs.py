@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ class InputSpec:
         unit: SI unit.
         function: Whether it may be a function of arclength.
         optional: Whether leaving it out differs from zero.
+        measured: A measurement: noise is part of it, and what comes next is not known. Its change is never extrapolated.
         dead_twin: For a load that follows the tip frame, the dead load that it equals to first order where it is zero.
         description: What it is, frame included.
     """
@@ -31,13 +33,15 @@ class InputSpec:
     per_rod: bool = False
     function: bool = False
     optional: bool = False
+    measured: bool = False
     dead_twin: str = ""
 
 
 class Inputs:
     """Values of an assembly's inputs; made by ``Assembly.inputs(...)``, never changed afterwards.
 
-    Each input is an attribute: ``inputs.tip_force`` has shape ``(*inputs.batch_shape, 3)``; what was not given is zero.
+    Each input is an attribute: ``inputs.tip_force`` has shape ``(*inputs.batch_shape, 3)``; what was not given is zero. They are
+    copies of what was given, and read-only.
 
     Attributes:
         batch_shape: Leading axes of all inputs together.
@@ -89,7 +93,7 @@ class Inputs:
     @property
     def profiles(self) -> Mapping[str, Profile]:
         """All inputs that were given as functions of arclength."""
-        return self._profiles
+        return MappingProxyType(self._profiles)
 
     def is_active(self, name: str) -> bool:
         """Whether an input was given and is not zero everywhere, or was not in the batch that these inputs were taken from."""
@@ -98,6 +102,11 @@ class Inputs:
         if self._specs[name].optional:
             return name in self._arrays
         return name in self._profiles or bool(np.any(self._arrays.get(name, 0.0)))
+
+    @property
+    def measured(self) -> tuple[str, ...]:
+        """Names of the inputs that are measurements, given or not."""
+        return tuple(spec.name for spec in self._specs.values() if spec.measured)
 
     @property
     def active(self) -> tuple[str, ...]:
@@ -149,7 +158,7 @@ def per_rod(name: str, value: Any, rod_count: int) -> FloatArray:
     """An input per rod as (..., rod_count): numbers are the same for all rods, and one rod needs no axis of its own."""
     result = array(name, value)
     if result.ndim == 0:
-        return np.broadcast_to(result, (rod_count,)).copy()
+        return np.broadcast_to(result, (rod_count,))
     if result.shape[-1] == rod_count:
         return result
     if rod_count == 1:

@@ -14,10 +14,11 @@ import warp as wp
 from numpy.typing import NDArray
 
 from multirod.batch import IntArray, Interrupted
+from multirod.exclusive import Exclusive, Uncopied
 from multirod.inputs import Inputs
 from multirod.segments import Breakpoints, Segments
 from multirod.stability import Modes
-from multirod.validation import Described, FloatArray, refuse
+from multirod.validation import Described, FloatArray, frozen, refuse
 
 TOLERANCE = 1e-9  # default of solvers, of the residual [1/m]
 ROUNDED = 1e-12  # the least that is asked for, of the curvature scale
@@ -68,7 +69,7 @@ class Block:
 
 @dataclass(frozen=True)
 class Shape:
-    """Rods of all instances on nodes along their arclength; axes (batch, node, ...) of one rod.
+    """Rods of all instances on nodes along their arclength; axes (batch, node, ...) of one rod, read-only.
 
     Attributes:
         arclength: From the base [m], shape (batch, node_count).
@@ -86,15 +87,20 @@ class Shape:
     moment: FloatArray
     force: FloatArray
 
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            object.__setattr__(self, name, frozen(value))
+
     def __repr__(self) -> str:
         return f"Shape({', '.join(f'{name} {value.shape}' for name, value in vars(self).items())})"
 
 
-class BoundaryProblem(ABC):
+class BoundaryProblem(Uncopied, ABC):
     """An assembly at some inputs, discretised: unknowns ``x`` to residual ``eps`` and ``Gamma = d(eps)/d(x)``.
 
     Everything is batched: the first axis of every array is the instance. Solvers written with Warp kernels read and
-    write the arrays below and call ``integrate``; solvers written with NumPy call ``evaluate``.
+    write the arrays below and call ``integrate``; solvers written with NumPy call ``evaluate``. One thread works on a problem
+    at a time: ``Solver.solve`` and ``evaluate`` refuse another.
 
     Attributes:
         unknown_count: Unknowns ``n`` of an instance, and residuals.
@@ -111,8 +117,6 @@ class BoundaryProblem(ABC):
         load_factor: What multiplies all loads of an instance, and the part of the way from ``guess`` to the robot as it is,
             shape (instance_count,).
         guess_integrations: Integrations per rod that ``guess`` takes.
-        natural_singular_value: What the smallest singular value of ``Gamma`` is far from any fold, 1 or less: how near one is, is
-            judged against it, shape (instance_count,).
         moment_unit: Where the residual is the moment on a single tip, and nothing else: that of one unit of each component [N m^2], shape
             (instance_count, n); else None.
         turn_stiffness: How stiffly such a tip of the unloaded rod resists being turned, ``K/L`` at the first inputs [N m], shape
@@ -127,11 +131,14 @@ class BoundaryProblem(ABC):
         rotation: Of the end effector, body to world, (instance_count,) of mat33d.
         pose_columns: Its derivative by the unknowns and directions, position rows then rotation-vector rows, both in the
             world, shape (instance_count, 6, n + direction_count).
+        measured: Names of the inputs that are measurements: a solver that follows a motion may extrapolate the others.
         directions: Directions in input space, shape (instance_count, direction_count, input_count).
         rounding: What a number is rounded by, relative to itself, along the rods: numpy's ``eps`` of the integrator's precision.
+        alone: What the thread that works on the problem holds.
         stop: Once it is set, ``integrate`` raises ``Interrupted``: how a batch on several threads is brought to an end.
     """
 
+    instead = "ask the assembly for another problem"
     guess_integrations: int = 0
 
     def __init__(
@@ -148,6 +155,7 @@ class BoundaryProblem(ABC):
         self.unknown_count = n = unknown_count
         self.batch_shape = batch_shape
         self.stop: Event | None = None
+        self.alone = Exclusive("this problem is in use on another thread: make a problem for each thread")
         self.instance_count = count = math.prod(batch_shape)
         self.input_count = input_count
         self.direction_count = direction_count
@@ -158,7 +166,7 @@ class BoundaryProblem(ABC):
         self.moment_unit: FloatArray | None = None
         self.turn_stiffness: FloatArray = np.ones(count)
         self.breakpoints: dict[int, Breakpoints] = {}
-        self.natural_singular_value: FloatArray = np.ones(count)
+        self.measured: tuple[str, ...] = ()
         self.rounding = DOUBLE_ROUNDING
         # One record an instance holds all that a sample of a time series keeps, so that keeping it is one copy.
         sizes = {"unknowns": n, "residual": n, "gamma": n * n, "position": 3, "rotation": 9, "inputs": input_count}
@@ -209,6 +217,15 @@ class BoundaryProblem(ABC):
 
         It takes ``guess_integrations`` integrations.
         """
+
+    @property
+    def natural_singular_value(self) -> FloatArray:
+        """What the smallest singular value of ``Gamma`` is far from any fold, 1 or less, shape (instance_count,).
+
+        How near a fold is, is judged against it: at the present inputs, whether or not ``guess`` was called. It may take
+        ``guess_integrations`` integrations too.
+        """
+        return np.ones(self.instance_count)
 
     @property
     def comes_apart(self) -> bool:
@@ -401,11 +418,17 @@ class BoundaryProblem(ABC):
         return np.full(self.instance_count, np.nan)
 
     def evaluate(self, unknowns: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """``(eps, Gamma)`` at ``unknowns`` (instance_count, n), as new NumPy arrays; NaN where the integration failed."""
-        self.write("unknowns", unknowns)
-        self.integrate()
-        residual, gamma = self.read("residual"), self.read("gamma").reshape(self.instance_count, self.unknown_count, -1)
-        failed = self.fault.numpy() != 0
+        """``(eps, Gamma)`` at ``unknowns`` (instance_count, n), as new NumPy arrays; NaN where the integration failed.
+
+        Raises:
+            Interrupted: If ``stop`` is set.
+            RuntimeError: If another thread works on the problem.
+        """
+        with self.alone:
+            self.write("unknowns", unknowns)
+            self.integrate()
+            residual, gamma = self.read("residual"), self.read("gamma").reshape(self.instance_count, self.unknown_count, -1)
+            failed = self.fault.numpy() != 0
         residual[failed] = np.nan
         gamma[failed] = np.nan
         return residual, gamma

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from multirod.validation import FloatArray, array, refuse
+from multirod.validation import FloatArray, array, frozen, refuse
 
 DEGREE = 7
 _POWERS = np.arange(DEGREE + 1)
@@ -33,6 +33,10 @@ class Profile:
     coefficients: FloatArray
     function: Callable[[float], Any]
 
+    def __post_init__(self) -> None:
+        for name in ("ends", "coefficients"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
     def __call__(self, s: float) -> FloatArray:
         """Value at arclength ``s``; past either end, the nearest polynomial."""
         piece = min(int(np.searchsorted(self.ends, s)), len(self.ends) - 1)
@@ -46,6 +50,7 @@ class Profile:
     def __setstate__(self, state: dict[str, Any]) -> None:
         for name, value in {**state, "function": _left_behind}.items():
             object.__setattr__(self, name, value)
+        self.__post_init__()
 
 
 def _left_behind(s: float) -> Any:

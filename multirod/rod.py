@@ -9,7 +9,7 @@ import numpy as np
 
 from multirod import profile
 from multirod.batch import take
-from multirod.validation import FloatArray, array, nonnegative_float, number, positive_array, positive_float, refuse
+from multirod.validation import FloatArray, array, frozen, nonnegative_float, number, positive_array, positive_float, refuse
 
 
 def _pair(name: str, value: Any, *, infinite: bool) -> FloatArray:
@@ -220,7 +220,7 @@ class Rod:
     @property
     def length(self) -> FloatArray:
         """Arclength of the whole rod [m], shape (...)."""
-        return np.asarray(sum(section.length for section in self.sections), dtype=np.float64)
+        return np.asarray(frozen(np.asarray(sum(section.length for section in self.sections), dtype=np.float64)))
 
     @property
     def has_mass(self) -> bool:
@@ -290,6 +290,10 @@ class RodArrays:
     anisotropic: bool
     torsion: bool
     batch_shape: tuple[int, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        for name in ("end", "material", "precurvature"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     def take(self, batch_shape: tuple[int, ...], instances: Any = None) -> "RodArrays":
         """The arrays of some instances, along one axis, of a batch to whose leading axes these broadcast.

@@ -19,7 +19,7 @@ from multirod.solver import Outcome
 from multirod.solvers.multiple_shooting_system import pose_jacobian
 from multirod.stability import Modes, Stability
 from multirod.status import Status, failures
-from multirod.validation import FloatArray, positive_int, refuse
+from multirod.validation import FloatArray, frozen, positive_int, refuse
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -59,7 +59,7 @@ class Scene:
 
 
 class Solution:
-    """Equilibria of all instances; every array has the batch's leading axes ``...``.
+    """Equilibria of all instances; every array has the batch's leading axes ``...`` and is read-only: change a copy of it.
 
     An instance that failed has NaN in every array but ``status``, ``residual``, ``iterations`` and ``integrations``,
     which say how it ended. Shapes, energy, stability and Jacobians are computed when they are first asked for: of a large batch,
@@ -79,6 +79,7 @@ class Solution:
         self._outcome = outcome
         self._inputs = inputs  # of the whole batch
         self._instances = instances  # of it, in the order of the records; None is all
+        self._last_shapes: tuple[int, tuple[tuple[Shape, ...], FloatArray]] | None = None
 
     def __getitem__(self, index: Any) -> "Solution":
         """The solution of some instances: ``index`` as for an array with the leading axes ``batch_shape``.
@@ -131,7 +132,7 @@ class Solution:
         return np.broadcast_shapes(self._whole.batch_shape, self.assembly.batch_shape)
 
     def _shaped(self, values: Any, tail: tuple[int, ...] = ()) -> Any:
-        return np.reshape(values, (*self.batch_shape, *tail))
+        return frozen(np.reshape(values, (*self.batch_shape, *tail)))
 
     @cached_property
     def _failed(self) -> NDArray[np.bool_]:
@@ -142,7 +143,7 @@ class Solution:
         if failed.any():
             values = np.array(values)
             values[failed] = np.nan
-        return np.reshape(values, (*self.batch_shape, *tail))
+        return np.asarray(self._shaped(values, tail))
 
     def _record(self, name: str, tail: tuple[int, ...]) -> FloatArray:
         return self._masked(self._records[:, self._scene.fields[name]], tail)
@@ -232,7 +233,7 @@ class Solution:
     def determinant(self) -> FloatArray:
         """Determinant of ``gamma``, shape (...)."""
         with np.errstate(invalid="ignore"):
-            return np.asarray(np.linalg.det(self.gamma))
+            return np.asarray(frozen(np.linalg.det(self.gamma)))
 
     @cached_property
     def tip_position(self) -> FloatArray:
@@ -330,7 +331,7 @@ class Solution:
         twin = specs[name].dead_twin
         if twin and not self.inputs.is_active(name):
             # a follower force is an unknown's worth of equations more, but to first order only its direction counts
-            return np.asarray(self.jacobian(twin) @ self.tip_rotation)
+            return np.asarray(frozen(self.jacobian(twin) @ self.tip_rotation))
         count = len(self.assembly.rods) if specs[name].per_rod else 3
 
         def columns(problem: BoundaryProblem) -> tuple[FloatArray]:
@@ -379,7 +380,7 @@ class Solution:
         return self
 
     def _problem(self, piece: slice | None = None, **options: Any) -> BoundaryProblem:
-        """A problem of a part of the instances at their inputs and unknowns, at the unloaded ones where an instance failed."""
+        """A problem of a part of the instances at their inputs and unknowns; what failed has zeros, and no answers."""
         scene, instances = self._scene, self._instances
         if piece is not None:
             instances = np.arange(piece.start, piece.stop) if instances is None else instances[piece]
@@ -388,7 +389,7 @@ class Solution:
         )
         rows = slice(None) if piece is None else piece
         unknowns = problem.adopt(self._records[rows, scene.fields["unknowns"]])
-        problem.write("unknowns", np.where(self._failed[rows, None], problem.guess(), unknowns))
+        problem.write("unknowns", np.where(self._failed[rows, None], 0.0, unknowns))
         problem.breakpoints = taken(self._outcome.breakpoints, np.arange(len(self._records))[rows])
         return problem
 
@@ -409,12 +410,11 @@ class Solution:
         return [np.concatenate(arrays) if len(arrays) > 1 else arrays[0] for arrays in zip(*ordered, strict=True)]
 
     def _shape_pass(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:
-        kept: dict[int, Any] = self.__dict__.setdefault("_shapes", {})
-        if node_count not in kept:
-            kept.clear()
-            kept[node_count] = self._all_shapes(node_count)
-        result: tuple[tuple[Shape, ...], FloatArray] = kept[node_count]
-        return result
+        """Shapes of all rods and the energy; the last pass is kept, whatever other threads ask for meanwhile."""
+        kept = self._last_shapes
+        if kept is None or kept[0] != node_count:
+            self._last_shapes = kept = node_count, self._all_shapes(node_count)
+        return kept[1]
 
     def _all_shapes(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:
         names = [field.name for field in fields(Shape)]
@@ -462,8 +462,8 @@ class History(Solution):
         description: str = "",
     ) -> None:
         super().__init__(scene, records, outcome, inputs)
-        self.time = time
-        self.step_time = step_time
+        self.time: FloatArray = frozen(time)
+        self.step_time: FloatArray = frozen(step_time)
         self.description = description
 
     def save(self, path: "str | Path", **options: Any) -> None:

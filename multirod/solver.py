@@ -1,5 +1,6 @@
 """What every solver has in common, and where third parties add theirs."""
 
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from copy import copy
@@ -10,6 +11,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod.exclusive import Uncopied
 from multirod.models.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
 from multirod.segments import Breakpoints, placed, taken
@@ -76,9 +78,10 @@ class Outcome:
         )
 
 
-class Track(ABC):
+class Track(Uncopied, ABC):
     """A solver that follows one problem from sample to sample, its inputs changed in between."""
 
+    instead = "make another problem and track that"
     problem: BoundaryProblem
 
     @abstractmethod
@@ -117,11 +120,13 @@ class Solver(ABC):
 
         Raises:
             ValueError: If the problem is not supported; the message gives every reason.
+            RuntimeError: If another thread works on the problem.
         """
         reasons = self.unsupported(problem)
         if reasons:
             raise ValueError(f"{type(self).__name__} cannot take this problem: " + "; ".join(reasons))
-        return self._solve(problem, guess)
+        with problem.alone:
+            return self._solve(problem, guess)
 
     @abstractmethod
     def _solve(self, problem: BoundaryProblem, guess: FloatArray | None) -> Outcome:
@@ -172,5 +177,20 @@ class _WarmStarted(Track):
 
 
 def registered_solvers() -> dict[str, Any]:
-    """Solver classes by name, of this package and of others that register in the group ``multirod.solvers``."""
-    return {point.name: point.load() for point in entry_points(group="multirod.solvers")}
+    """Solver classes by name, of this package and of others that register in the group ``multirod.solvers``.
+
+    What cannot be loaded, or is no ``Solver``, is left out and named in a ``RuntimeWarning``: the others are there.
+    """
+    solvers: dict[str, Any] = {}
+    for point in entry_points(group="multirod.solvers"):
+        where = f"solver {point.name!r} of {'an unknown package' if point.dist is None else point.dist.name} ({point.value})"
+        try:
+            found = point.load()
+        except Exception as error:  # noqa: BLE001  (of another package: whatever it is, the others go on)
+            warnings.warn(f"{where} is left out: {type(error).__name__}: {error}", RuntimeWarning, stacklevel=2)
+            continue
+        if isinstance(found, type) and issubclass(found, Solver):
+            solvers[point.name] = found
+        else:
+            warnings.warn(f"{where} is left out: it is {found!r}, not a subclass of Solver", RuntimeWarning, stacklevel=2)
+    return solvers

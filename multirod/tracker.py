@@ -1,11 +1,13 @@
 """One sample at a time: a solver in a control loop."""
 
 from math import inf
+from threading import Lock
 from typing import Any
 
 import numpy as np
 
 from multirod.assembly import Assembly
+from multirod.exclusive import Uncopied
 from multirod.inputs import Inputs
 from multirod.simulation import Runner, as_solver
 from multirod.solution import Scene, Solution
@@ -22,8 +24,10 @@ def _broadcasts(shape: tuple[int, ...], target: tuple[int, ...]) -> bool:
         return False
 
 
-class Tracker:
+class Tracker(Uncopied):
     """A solver in a control loop: one sample a call, buffers and launches made once.
+
+    One thread steps it at a time: each sample starts from the last. Several loops need a tracker each.
 
     Args:
         robot: The assembly.
@@ -37,6 +41,8 @@ class Tracker:
     Raises:
         TypeError, ValueError: If an argument is not what it must be.
     """
+
+    instead = "make a new Tracker(robot, solver=..., dt=..., inputs=tracker.inputs, guess=solution)"
 
     def __init__(
         self,
@@ -55,6 +61,7 @@ class Tracker:
         self._inputs = robot.accept(inputs)
         self._enabled: set[str] = set()
         self._started = guess is not None
+        self._lock = Lock()
         self._prepare(guess)
 
     def _prepare(self, guess: Any) -> None:
@@ -90,7 +97,23 @@ class Tracker:
 
     @property
     def inputs(self) -> Inputs:
-        """The present inputs."""
+        """The present inputs.
+
+        Raises:
+            RuntimeError: If another thread is in ``step``.
+        """
+        self._take()
+        try:
+            return self._present()
+        finally:
+            self._lock.release()
+
+    def _take(self) -> None:
+        """Keep other threads out: waiting would order their samples, but each counts on the one before being its own."""
+        if not self._lock.acquire(False):
+            raise RuntimeError("this Tracker is in use on another thread: make a Tracker for each thread")
+
+    def _present(self) -> Inputs:
         return self._unpack(self._problem.read("inputs"))
 
     def step(self, inputs: Inputs | None = None, **changes: Any) -> Solution:
@@ -106,12 +129,17 @@ class Tracker:
         Raises:
             TypeError: If a name is not an input of the robot, or both forms are used.
             ValueError: If a value is out of range, not finite, or changes the batch shape.
+            RuntimeError: If another thread is in ``step`` or reads ``inputs``; nothing is changed.
         """
-        if inputs is not None or not self._write(changes):
-            self._apply(inputs, changes)
-        outcome = self._track.step()
-        self._started = True
-        return Solution(self._scene, self._problem.snapshot(), outcome)
+        self._take()
+        try:
+            if inputs is not None or not self._write(changes):
+                self._apply(inputs, changes)
+            outcome = self._track.step()
+            self._started = True
+            return Solution(self._scene, self._problem.snapshot(), outcome)
+        finally:
+            self._lock.release()
 
     def _write(self, changes: dict[str, Any]) -> bool:
         """Write finite numbers straight into the kernel's inputs; False where a change needs to be checked or compiled in."""
@@ -143,7 +171,7 @@ class Tracker:
             new = self._robot.accept(inputs)
         else:
             unknown_names("Tracker.step()", changes, (spec.name for spec in self._robot.input_specs))
-            present = self.inputs
+            present = self._present()
             held: dict[str, Any] = {name: getattr(present, name) for name in present.given if name not in present.profiles}
             held |= dict(present.profiles)
             new = self._robot.inputs(**{**held, **changes})

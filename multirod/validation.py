@@ -78,8 +78,18 @@ def choice(field: str, value: object, allowed: Iterable[str]) -> str:
     return value
 
 
+def frozen(values: Any) -> Any:
+    """A read-only view of an array: what a result or a robot hands out, so that writing to it changes neither."""
+    view = np.asarray(values).view()
+    view.flags.writeable = False
+    return view
+
+
 def array(field: str, value: Any, tail: tuple[int, ...] = (), *, finite: bool = True) -> FloatArray:
-    """``value`` as a float array whose last axes have the shape ``tail``; leading axes are batch axes."""
+    """``value`` as a float array whose last axes have the shape ``tail``; leading axes are batch axes.
+
+    It is a copy that cannot be written to: neither changes what ``value`` is made of, nor is changed by it.
+    """
     wanted = "a number" if not tail else f"shape (..., {', '.join(str(size) for size in tail)})"
     try:
         given = np.asarray(value)
@@ -92,6 +102,7 @@ def array(field: str, value: Any, tail: tuple[int, ...] = (), *, finite: bool = 
         refuse(field, value if result.size < 20 else Described(f"array of shape {result.shape}"), f"must have {wanted}")
     if finite and not np.isfinite(result).all():
         refuse(field, value if result.size < 20 else Described(f"array of shape {result.shape}"), "must be finite")
+    result.flags.writeable = False
     return result
 
 

@@ -125,15 +125,17 @@ class Paths:
         counts: dict[str, Any] = {
             name: np.array(getattr(state, name).numpy()) for name in ("status", "iterations", "integrations")
         }
-        self._doubt_ends(counts["status"])
+        self._doubt_ends(counts["status"], counts["integrations"])
         return Outcome(**counts, reached=np.array(state.levels.numpy()[:, 0]))
 
-    def _doubt_ends(self, status: Any) -> None:
+    def _doubt_ends(self, status: Any, integrations: Any) -> None:
         """Where no mode of ``Gamma`` is near zero, it is no fold and no bifurcation that steps became small at."""
         ended = np.flatnonzero(status == Status.BRANCH_END)
         if len(ended):
             least = np.linalg.svd(self.state.reference.numpy()[ended], compute_uv=False)[:, -1]
             status[ended[least > SINGULAR * self.problem.natural_singular_value[ended]]] = Status.STALLED
+            if self.state.by_inputs:
+                integrations[ended] += self.problem.guess_integrations  # which what is natural here takes
 
 
 def natural_branch(problem: BoundaryProblem, newton: Newton, max_steps: int, chosen: BoolArray | None = None) -> Outcome:

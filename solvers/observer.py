@@ -86,10 +86,10 @@ class Observer(Solver):
         for name in ("R", "Q", "P0"):
             value = getattr(self, name)
             if isinstance(value, tuple):
-                for k, part in enumerate(value):
-                    _definite(f"Observer.{name}[{k}]", part)
+                value = tuple(_definite(f"Observer.{name}[{k}]", part) for k, part in enumerate(value))
             else:
-                _definite(f"Observer.{name}", value)
+                value = _definite(f"Observer.{name}", value)
+            object.__setattr__(self, name, value)
         choice("Observer.coupling", self.coupling, COUPLINGS)
         choice("Observer.scaling", self.scaling, SCALINGS)
         choice("Observer.riccati", self.riccati, RICCATI)
@@ -253,12 +253,14 @@ def _matrix(value: Any, parts: Sequence[Any], n: int) -> FloatArray:
     return result
 
 
-def _definite(name: str, value: Any) -> None:
+def _definite(name: str, value: Any) -> Any:
+    """A checked gain: the number as it was given, or a copy of the matrix."""
     matrix = array(name, value, finite=False)
     if matrix.ndim == 0 and not isinstance(value, bool):
-        positive_float(name, value)
-        return
+        gain = positive_float(name, value)
+        return gain if isinstance(value, np.ndarray) else value
     if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not matrix.size or not np.isfinite(matrix).all():
         refuse(name, value, "must be a number > 0 or a symmetric positive definite matrix")
     if np.abs(matrix - matrix.T).max() > 1e-12 * np.abs(matrix).max() or np.linalg.eigvalsh(matrix).min() <= 0:
         refuse(name, value, "must be symmetric positive definite")
+    return matrix

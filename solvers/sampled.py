@@ -11,7 +11,7 @@ from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome, Track
 from multirod.solvers.continuation_kernels import LARGEST_RATIO, RATIO_POWERS, SMALLEST_RATIO
 from multirod.status import Status
-from multirod.validation import FloatArray
+from multirod.validation import FloatArray, frozen
 
 
 class SampledTrack(Track):
@@ -29,7 +29,10 @@ class SampledTrack(Track):
         self.problem, self.state, self.feed_forward = problem, state, feed_forward
         self._previous: FloatArray | None = None
         self._change: FloatArray | None = None
-        self._ones = np.ones(problem.instance_count, dtype=np.int32)
+        self._foreseen = np.ones(problem.input_count)
+        for name in problem.measured:
+            self._foreseen[problem.input_slice(name)] = 0.0
+        self._ones: Any = frozen(np.ones(problem.instance_count, dtype=np.int32))  # all samples' outcomes share it
         self._host: tuple[Any, ...] | None = None
         self._directions: FloatArray | None = None
         if wp.get_device(problem.device).is_cpu:
@@ -121,10 +124,13 @@ class SampledTrack(Track):
         self.state.following.assign(following)
 
     def _aim(self) -> None:
-        """Point the problem's direction along the change of the inputs expected by the next sample: the last two, extrapolated."""
+        """Point the problem's direction along the change of the inputs expected by the next sample: the last two, extrapolated.
+
+        What is measured is expected to stay: the difference of two samples is mostly noise, and extrapolated it is noise doubled.
+        """
         inputs = self.problem.read("inputs")
         if self._previous is not None:
-            change = inputs - self._previous
+            change = (inputs - self._previous) * self._foreseen
             expected = change if self._change is None else 2 * change - self._change
             self._change = change
             if self._directions is not None:

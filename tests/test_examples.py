@@ -131,6 +131,35 @@ def test_solver_of_another_package_is_found_by_entry_point(tmp_path, monkeypatch
     assert (history.status == mr.Status.CONVERGED).all()
 
 
+@pytest.mark.parametrize(
+    ("module", "reason"),
+    [
+        (None, "ModuleNotFoundError: No module named 'broken_solver'"),
+        ("raise OSError('no licence')", "OSError: no licence"),
+        ("Other = 1", "AttributeError: .* has no attribute 'Solver'"),
+        ("class Solver: pass", "not a subclass of Solver"),
+        ("Solver = 3", "it is 3, not a subclass of Solver"),
+    ],
+    ids=["not there", "raises", "no such name", "another class", "no class"],
+)
+def test_a_broken_solver_of_another_package_is_named_and_the_others_are_listed(tmp_path, monkeypatch, module, reason):
+    expected = mr.registered_solvers()
+    info = tmp_path / "broken_solver-0.1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: broken-solver\nVersion: 0.1.0\n")
+    (info / "entry_points.txt").write_text("[multirod.solvers]\nbroken = broken_solver:Solver\n")
+    if module is not None:
+        (tmp_path / "broken_solver.py").write_text(module)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.delitem(sys.modules, "broken_solver", raising=False)
+    with pytest.warns(
+        RuntimeWarning, match=rf"solver 'broken' of broken-solver \(broken_solver:Solver\) is left out: .*{reason}"
+    ):
+        found = mr.registered_solvers()
+    assert found == expected
+    sys.modules.pop("broken_solver", None)
+
+
 def test_documented_batch_runs():
     page = (ROOT / "docs" / "batches.md").read_text()
     scope = {"np": np, "mr": mr}

@@ -383,6 +383,45 @@ def test_measured_tip_curvature_shows_a_hidden_moment(robot: mr.SingleRod, solve
     assert np.linalg.norm(unaware.tip_position - hidden.tip_position) > 0.1 * size
 
 
+@pytest.mark.parametrize("solver", [mr.Observer, mr.EnergyDescent])
+def test_noise_of_a_measurement_is_not_fed_forward(robot: mr.SingleRod, solver: Any) -> None:
+    """Of inputs that stand still but for what is measured, there is nothing to feed forward."""
+    noise = np.random.default_rng(0).uniform(-0.2, 0.2, (100, 3))
+    inputs = robot.inputs(rotation=0.3, tip_force=(0.5, 1, 0.3), tip_curvature=(14, 5, 0) + noise)
+    start = mr.solve(robot, inputs[0], solver=NEWTON).raise_if_failed()
+    time = np.arange(100) / 200
+    plain, aided = (
+        mr.simulate(robot, inputs, time=time, solver=solver(integrator=INTEGRATOR, feed_forward=aid), guess=start)
+        for aid in (False, True)
+    )
+    assert np.array_equal(aided.status, plain.status)
+    # one column more in the same integration, rounded otherwise; extrapolated, the noise moved the unknowns by 1/m and more
+    np.testing.assert_allclose(aided.unknowns, plain.unknowns, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(aided.tip_position, plain.tip_position, rtol=0, atol=1e-10)
+
+
+def test_known_inputs_beside_a_measurement_are_fed_forward(long_rod: experiment.Motion) -> None:
+    study = long_rod.first(200)
+    given = study.inputs
+    truth = run(study, NEWTON)
+
+    def lag(noise: Any, **options: Any) -> Any:
+        inputs = study.robot.inputs(
+            rotation=given.rotation,
+            translation=given.translation,
+            tip_force=given.tip_force,
+            tip_curvature=np.array((14, 5, 0)) + noise,
+        )
+        found = run(experiment.Motion(study.robot, inputs, study.time), observer(**options), guess=truth.unknowns[0])
+        return np.linalg.norm(found.tip_position - truth.tip_position, axis=1)[20:]
+
+    # a perfect measurement: only the known inputs move, and what feeding them forward is worth is all there
+    assert lag(0.0, feed_forward=True).mean() < 0.02 * lag(0.0).mean()
+    noise = np.random.default_rng(0).normal(0, 0.2, (200, 3))
+    # with noise, what is left of the lag is small beside it
+    assert lag(noise, feed_forward=True).max() < 1.1 * lag(noise).max()
+
+
 # ---- as a static solver ----
 
 

@@ -5,6 +5,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import multirod as mr
+from multirod.models.backbone import BackboneProblem
+from multirod.models.parallel_problem import ParallelProblem
+from multirod.solvers.continuation import SINGULAR, Paths
 
 ROD = mr.Rod(
     length=0.3, bending_stiffness=(0.02, 0.03), torsional_stiffness=0.015, precurvature=(1.0, 0.4, 0), linear_density=0.05
@@ -459,3 +462,117 @@ def test_plain_gains_of_six_legs_are_announced(reference_cases, make_pose):
     solver = mr.Observer(coupling="per-rod-plain", integrator=mr.RK4(30))
     history = mr.simulate(parallel, inputs, time=0.005 * np.arange(5), solver=solver)
     assert (history.status == mr.Status.UNSTABLE_COUPLING).all()
+
+
+# ---- what a question costs, and changes ----
+
+
+def count_integrations(monkeypatch) -> list[int]:
+    """Of robots, by solvers and by questions; and passes along the rods, for shapes and modes, which are integrations too."""
+    counts = [0, 0]
+
+    def counted(kind, method, place):
+        def call(self, *arguments, **options):
+            counts[place] += isinstance(self, ParallelProblem) or place
+            return method(self, *arguments, **options)
+
+        monkeypatch.setattr(kind, method.__name__, call)
+
+    counted(mr.BoundaryProblem, mr.BoundaryProblem.integrate, 0)
+    counted(BackboneProblem, BackboneProblem._node_pass, 1)
+    return counts
+
+
+QUESTIONS = {
+    "rod": (lambda solution: solution.rod(0).position, 0, 1),
+    "energy": (lambda solution: solution.energy, 0, 1),
+    "potential": (lambda solution: solution.potential, 0, 1),
+    "stability": (lambda solution: solution.stability, 0, 1),
+    "jacobian": (lambda solution: solution.jacobian("tip_force"), 1, 0),
+}
+
+
+@pytest.mark.parametrize("failed", [False, True])
+@pytest.mark.parametrize("question", QUESTIONS)
+def test_a_question_to_a_solution_costs_one_integration(monkeypatch, question, failed):
+    """Legs of one build are integrated together: one pass answers for all of them."""
+    parallel = SCENES["two rods"]()
+    force = [(0, 0, 0.01), (0, 0, 1e9)] if failed else [(0, 0, 0.01), (0, 0, 0.02)]
+    solution = mr.solve(parallel, parallel.inputs(tip_force=force), solver=mr.Shooting(integrator=mr.RK4(12)))
+    assert [mr.Status(int(status)).failed for status in solution.status] == [False, failed]
+    ask, integrations, passes = QUESTIONS[question]
+    counts = count_integrations(monkeypatch)
+    answer = np.asarray(ask(solution))
+    assert counts == [integrations, passes]
+    if question not in ("stability", "potential"):
+        assert np.isfinite(answer[0]).all()
+        assert np.isnan(answer[1]).all() == failed
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_what_is_natural_does_not_depend_on_what_was_asked_before(scene, monkeypatch):
+    parallel = SCENES[scene]()
+    inputs = parallel.inputs(**LOADS, translation=-0.01)
+
+    def fresh():
+        return parallel.problem(inputs, integrator=mr.RK4(12), pose_sensitivities=True, direction_count=1)
+
+    problem, other = fresh(), fresh()
+    guess = other.guess()
+    natural = problem.natural_singular_value
+    assert natural.max() < 0.5  # it says something of this robot
+    assert np.array_equal(natural, other.natural_singular_value)
+    assert np.array_equal(natural, [min(1, np.linalg.svd(_unloaded_gamma(fresh(), guess), compute_uv=False)[-1])])
+    assert np.array_equal(problem.guess(), guess)
+    # found once, and anew where the robot has moved
+    counts = count_integrations(monkeypatch)
+    problem.guess()
+    _ = problem.natural_singular_value
+    assert counts == [0, 0]
+    moved = parallel.inputs(**LOADS, translation=0.0)
+    problem.write("inputs", problem.pack(moved))
+    expected = parallel.problem(moved, integrator=mr.RK4(12)).natural_singular_value
+    np.testing.assert_allclose(problem.natural_singular_value, expected, rtol=1e-12, atol=0)  # of another kernel
+    assert counts[0] == 2 * problem.guess_integrations
+
+
+def _unloaded_gamma(problem, unknowns):
+    problem.load_factor.zero_()
+    return problem.evaluate(unknowns)[1][0]
+
+
+def test_asking_what_is_natural_changes_nothing():
+    parallel = SCENES["two rods"]()
+    inputs = parallel.inputs(**LOADS)
+    problem = parallel.problem(inputs, integrator=mr.RK4(12), pose_sensitivities=True, direction_count=1)
+    x = np.random.default_rng(3).standard_normal((1, problem.unknown_count))
+    problem.directions.assign(np.ones(problem.directions.shape))
+    problem.load_factor.fill_(0.5)
+    problem.active.zero_()
+    problem.evaluate(x)
+    problem.active.fill_(1)
+    problem.evaluate(x)
+    problem.active.zero_()
+    names = ("active", "load_factor", "fault", "step_count", "residual_directions", "pose_columns", "records")
+    before = {name: np.array(getattr(problem, name).numpy()) for name in names}
+    _ = problem.natural_singular_value
+    for name, values in before.items():
+        np.testing.assert_array_equal(getattr(problem, name).numpy(), values, err_msg=name)
+    problem.active.fill_(1)
+    again = problem.evaluate(x)
+    assert np.array_equal(again[0].ravel(), before["records"][0, problem.record_fields["residual"]])
+
+
+def test_a_stalled_step_of_a_robot_tracked_from_a_guess_is_not_the_end_of_its_branch():
+    parallel = SCENES["two rods"]()
+    solver = mr.Shooting(integrator=mr.RK4(12))
+    inputs = parallel.inputs(tip_force=(0, 0, 0.01))
+    solution = mr.solve(parallel, inputs, solver=solver).raise_if_failed()
+    problem = parallel.problem(inputs, integrator=solver.integrator)  # nobody has called guess()
+    paths = Paths(problem, solver.newton(problem), 100)
+    paths.state.reference.assign(np.ascontiguousarray(solution.gamma[None]))
+    least = float(solution.smallest_singular_value)
+    assert SINGULAR * float(problem.natural_singular_value[0]) < least < SINGULAR  # an ordinary state of this robot
+    status, integrations = np.array([mr.Status.BRANCH_END]), np.zeros(1, dtype=int)
+    paths._doubt_ends(status, integrations)
+    assert status[0] == mr.Status.STALLED

@@ -10,6 +10,9 @@ import warp as wp
 
 import multirod as mr
 from multirod.models.backbone_equation_kernels import make_equation_functions
+from multirod.models.backbone_layout_kernels import Layout
+from multirod.models.backbone_precision_kernels import IN_NATURAL_UNITS, make_narrowed_stretch, make_units
+from multirod.models.features import Features
 from multirod.problem import SINGLE_TOLERANCE
 
 EPS = float(np.finfo(np.float32).eps)
@@ -255,3 +258,67 @@ def test_cosine_and_sine():
     wp.launch(turn_single, len(angle), inputs=[wp.array(angle, dtype=wp.float32), out])
     exact = np.stack([np.cos(angle.astype(float)), np.sin(angle.astype(float))], axis=1)
     assert np.abs(out.numpy() - exact).max() < EPS
+
+
+# ---- from double to single precision ----
+
+EVERYTHING = Features(
+    rod_count=3,
+    precurvature_degree=2,
+    profile_degree=2,
+    shear=True,
+    transmission=False,
+    anisotropic=True,
+    torsion=True,
+    held=False,
+    directions=2,
+    pose_sensitivities=True,
+    force=True,
+    tip_moment=True,
+    distributed_force=True,
+    distributed_moment=True,
+)
+
+
+def test_every_field_of_a_stretch_reaches_its_single_precision():
+    """With all units one, each entry arrives as it is, but for arclengths, which are counted from the start."""
+    layout, own = Layout(EVERYTHING), Layout(EVERYTHING, wp.float32)
+    Units = make_units(layout)
+    narrowed_stretch = make_narrowed_stretch(layout, own, Units)
+    assert layout.Stretch.vars.keys() == own.Stretch.vars.keys()
+
+    @wp.kernel(module="unique")
+    def narrow(z: wp.array(dtype=layout.Stretch), u: wp.array(dtype=Units), out: wp.array(dtype=own.Stretch)):
+        out[0] = narrowed_stretch(z[0], u[0])
+
+    rng = np.random.default_rng(0)
+
+    def filled(kind, draw):
+        values = np.zeros(1, dtype=kind.numpy_dtype())
+        for name in values.dtype.names:
+            values[name] = draw(values[name].shape)
+        return values
+
+    stretch = filled(layout.Stretch, lambda shape: rng.uniform(1, 2, shape))
+    found = {}
+    for kind, draw in (("ones", np.ones), ("units", lambda shape: rng.uniform(3, 9, shape))):
+        out = wp.zeros(1, dtype=own.Stretch, device="cpu")
+        units = wp.array(filled(Units, draw), dtype=Units, device="cpu")
+        wp.launch(narrow, 1, inputs=[wp.array(stretch, dtype=layout.Stretch, device="cpu"), units], outputs=[out], device="cpu")
+        found[kind] = out.numpy()
+    for name in stretch.dtype.names:
+        expected = stretch[name].astype(float)
+        if name in ("start", "section_centre", "profile_centre"):
+            expected = expected - stretch["start"].item()
+        np.testing.assert_allclose(found["ones"][name], expected, rtol=EPS, atol=0 if name != "start" else EPS, err_msg=name)
+        # whatever has a unit is counted in it, entry by entry
+        if name not in ("start", "present"):
+            assert (found["units"][name] != found["ones"][name]).all(), name
+            assert (found["units"][name] != 0).all(), name
+
+
+def test_a_field_without_a_natural_unit_is_refused(monkeypatch):
+    monkeypatch.delitem(IN_NATURAL_UNITS, "torsion")
+    layout = Layout(EVERYTHING)
+    with pytest.raises(TypeError, match=r"Stretch\.torsion has no natural unit"):
+        make_narrowed_stretch(layout, Layout(EVERYTHING, wp.float32), make_units(layout))

@@ -4,13 +4,16 @@ import math
 import os
 import uuid
 from pathlib import Path
+from threading import RLock
 from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
 
 from multirod.assembly import Assembly
+from multirod.exclusive import Uncopied
 from multirod.recording.samples import first_instances, stack, stackable
+from multirod.recording.viewer import ViewerStream
 from multirod.recording.writer import Writer
 from multirod.solution import History, Solution
 from multirod.validation import finite_float, positive_float, positive_int, refuse
@@ -71,7 +74,7 @@ def save(
         writer.write(block, other, np.arange(len(history.time)))
 
 
-class Recorder:
+class Recorder(Uncopied):
     """Records a control loop sample by sample, to a file, to a viewer, or to both.
 
     Samples are kept until there are ``flush_every`` of them, then written together: shapes are integrated as one batch
@@ -82,7 +85,8 @@ class Recorder:
     SIGKILL loses at most the last ``flush_every`` samples, and so does SIGTERM, unless the program turns it into an
     exception: ``signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))``.
 
-    The layout is made for the first sample: give it a ``reference`` if later ones have it.
+    The layout is made for the first sample: give it a ``reference`` if later ones have it. Threads may share a recorder: they
+    log one after another, and the times of their samples increase all the same.
 
     Example::
 
@@ -93,19 +97,22 @@ class Recorder:
 
     Args:
         path: File to write (``.rrd``); an existing one is replaced.
-        address: Viewer to stream to, such as ``"rerun+http://127.0.0.1:9876/proxy"``. If none listens, the loop goes on,
-            and leaving ``with`` can take some seconds.
+        address: Viewer to stream to, such as ``"rerun+http://127.0.0.1:9876/proxy"``. If none listens there, or it does not
+            answer, the loop goes on; what it does not take is lost, and a ``RuntimeWarning`` says so.
         name: What the viewer calls the recording; by default the file's name.
         description: What is run, such as ``repr(solver)``, for the description panel.
         flush_every: Samples that are written together.
         nodes: Nodes that a rod is drawn with.
         instances: How many instances of a batch are recorded.
         force_scale: Length of force arrows [m/N]; by default half of the length in use for ``EI/L^2``, ``EI`` of all rods.
+        close_timeout: How long ``close`` waits for the viewer to take what is left [s].
 
     Raises:
         TypeError: If neither ``path`` nor ``address`` is given.
         ValueError: If an argument is out of range.
     """
+
+    instead = "make a new Recorder with a path of its own"
 
     def __init__(
         self,
@@ -118,6 +125,7 @@ class Recorder:
         nodes: int = 51,
         instances: int = 4,
         force_scale: float | None = None,
+        close_timeout: float = 10.0,
     ) -> None:
         import rerun as rr
 
@@ -134,26 +142,27 @@ class Recorder:
         self._instances = positive_int("Recorder.instances", instances)
         node_count = positive_int("Recorder.nodes", nodes, 2)
         scale = None if force_scale is None else positive_float("Recorder.force_scale", force_scale)
+        patience = positive_float("Recorder.close_timeout", close_timeout)
         self._pending: list[tuple[float, Solution, float, Solution | None]] = []
         self._count = 0
         self._last_time = -math.inf
         self._assembly: Assembly | None = None
         self._batch_shape: tuple[int, ...] = ()
         self._closed = False
+        self._lock = RLock()
         # Not one stream with two sinks: flushing the file would then wait for a viewer that may not be there.
         identity = uuid.uuid4()
         self._file_stream: Any = None
         self._streams: list[Any] = []
         if file is not None:
             self._file_stream = rr.RecordingStream("multirod", recording_id=identity)
+            self._file_stream.set_log_time_enabled(False)
             self._file_stream.save(file)
             self._streams.append(self._file_stream)
         if address is not None:
             viewer_stream = rr.RecordingStream("multirod", recording_id=identity)
-            viewer_stream.connect_grpc(address)
-            self._streams.append(viewer_stream)
-        for stream in self._streams:
-            stream.set_log_time_enabled(False)
+            viewer_stream.set_log_time_enabled(False)
+            self._streams.append(ViewerStream(viewer_stream, address, patience))
         self._writer = Writer(self._streams, node_count=node_count, instances=self._instances, force_scale=scale, live=True)
 
     def log(self, time: float, solution: Solution, *, step_time: float | None = None, reference: Solution | None = None) -> None:
@@ -170,6 +179,10 @@ class Recorder:
             ValueError: If ``time`` does not increase, or the robot or its batch axes are not those of the first sample.
             RuntimeError: If the recorder is closed.
         """
+        with self._lock:
+            self._log(time, solution, step_time, reference)
+
+    def _log(self, time: float, solution: Solution, step_time: float | None, reference: Solution | None) -> None:
         if self._closed:
             raise RuntimeError("Recorder.log: the recorder is closed")
         now = finite_float("Recorder.log.time", time)
@@ -196,6 +209,10 @@ class Recorder:
 
     def flush(self) -> None:
         """Write the samples that are pending."""
+        with self._lock:
+            self._flush()
+
+    def _flush(self) -> None:
         if self._pending:
             times = np.array([sample[0] for sample in self._pending])
             durations = np.array([sample[2] for sample in self._pending])
@@ -218,15 +235,16 @@ class Recorder:
             self._file_stream.flush()
 
     def close(self) -> None:
-        """Write what is pending and finish the file."""
-        if self._closed:
-            return
-        self._closed = True
-        try:
-            self.flush()
-        finally:
-            for stream in self._streams:
-                stream.disconnect()
+        """Write what is pending and finish the file; wait for a viewer no longer than ``close_timeout``."""
+        with self._lock:
+            if self._closed:
+                return
+            self._closed = True
+            try:
+                self._flush()
+            finally:
+                for stream in self._streams:
+                    stream.disconnect()
 
     def __enter__(self) -> Self:
         return self

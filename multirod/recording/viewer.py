@@ -1,0 +1,97 @@
+"""A stream to a viewer that may take what it is sent slowly, or not at all."""
+
+import atexit
+import warnings
+from queue import Full, Queue
+from threading import Thread
+from typing import Any
+
+WAITING = 20_000  # calls that wait to be sent at most; a sample of a few rods makes some tens when it is flushed
+
+
+class ViewerStream:
+    """A Rerun stream to a viewer, fed by a thread of its own.
+
+    The SDK's calls wait without end for a viewer that does not read: once 50 MB are under way, when it disconnects, and as
+    the process ends. Here nobody waits: what does not fit in is left out, ``disconnect`` gives up after a while, and both say so.
+
+    Args:
+        stream: The ``rerun.RecordingStream``, not connected yet.
+        address: Of the viewer.
+        patience: That ``disconnect`` has with the viewer [s].
+    """
+
+    def __init__(self, stream: Any, address: str, patience: float) -> None:
+        self._stream, self._address, self._patience = stream, address, patience
+        self._calls: Queue[tuple[str, tuple[Any, ...], dict[str, Any]]] = Queue(WAITING)
+        self._left_out = False
+        stream.connect_grpc(address)
+        self._thread = Thread(target=self._feed, name="multirod viewer", daemon=True)
+        self._thread.start()
+
+    def _feed(self) -> None:
+        name = ""
+        while name != "disconnect":
+            name, arguments, options = self._calls.get()
+            getattr(self._stream, name)(*arguments, **options)
+
+    def _call(self, name: str, *arguments: Any, **options: Any) -> None:
+        try:
+            self._calls.put_nowait((name, arguments, options))
+        except Full:
+            if not self._left_out:
+                self._left_out = True
+                warnings.warn(
+                    f"the viewer at {self._address} does not keep up: samples are left out", RuntimeWarning, stacklevel=2
+                )
+
+    def log(self, *arguments: Any, **options: Any) -> None:
+        """As the stream's own."""
+        self._call("log", *arguments, **options)
+
+    def send_columns(self, *arguments: Any) -> None:
+        """As the stream's own."""
+        self._call("send_columns", *arguments)
+
+    def send_recording_name(self, name: str) -> None:
+        """As the stream's own."""
+        self._call("send_recording_name", name)
+
+    def send_blueprint(self, blueprint: Any) -> None:
+        """As the stream's own."""
+        self._call("send_blueprint", blueprint)
+
+    def disconnect(self) -> None:
+        """Wait until the viewer has everything, at most as long as there is patience for."""
+        try:
+            self._calls.put(("disconnect", (), {}), timeout=self._patience)
+        except Full:
+            pass
+        else:
+            self._thread.join(self._patience)
+        if self._thread.is_alive():
+            _exit_without_waiting(self._patience)
+            warnings.warn(
+                f"the viewer at {self._address} has not taken the whole recording within {self._patience:g} s: "
+                "its last samples, or all of them, are lost there",
+                RuntimeWarning,
+                stacklevel=2,
+            )
+
+
+def _exit_without_waiting(patience: float) -> None:
+    """Let the process end though a viewer does not answer: the SDK's own end waits for it."""
+    import rerun as rr
+
+    rr.unregister_shutdown()
+    atexit.unregister(_flush_other)
+    atexit.register(_flush_other, patience)
+
+
+def _flush_other(patience: float) -> None:
+    """What the SDK's end would do for the program's own recording; those of recorders are written when they are closed."""
+    import rerun as rr
+
+    other = rr.get_global_data_recording()
+    if other is not None:
+        other.flush(timeout_sec=patience)
