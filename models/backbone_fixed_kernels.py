@@ -31,27 +31,36 @@ def make_fixed_rates(layout: Layout, features: Features, stretch: SimpleNamespac
     C, NX = layout.C, layout.NX
     real, vec3 = layout.real, layout.vec3
     State, Stretch = layout.State, layout.Stretch
-    STATICS, COLUMN_SIZE = layout.STATICS, layout.COLUMN_SIZE
+    STATICS, COLUMN_SIZE, COLUMN_Q_AT = layout.STATICS, layout.COLUMN_SIZE, layout.COLUMN_Q_AT
     FORCE, SHEAR, SPREAD_MOMENT = layout.FORCE, features.shear, layout.SPREAD_MOMENT
     FORCE_COLUMNS = features.base_force_unknown
     equation = make_equation_functions(real)
     rotate, rotate_inverse, tangent = equation.rotate, equation.rotate_inverse, equation.tangent
-    frame, column_of, column_rotation, body_rates = rate.frame, rate.column_of, rate.column_rotation, rate.rates
+    rotation_matrix = equation.rotation_matrix
+    frame, body_rates = rate.frame, rate.rates
     shear_compliance, world_force, world_force_rate = stretch.shear_compliance, stretch.world_force, stretch.world_force_rate
     spread_moment, spread_moment_rate, growth = stretch.spread_moment, stretch.spread_moment_rate, stretch.growth
+
+    @wp.func
+    def turn_of(y: State, c: int) -> vec3:
+        """(15) Rotation vector of column c along the base's axes, ``2 vec(dq o conj(q)) / |q|^2``."""
+        j = wp.static(STATICS + COLUMN_Q_AT) + c * wp.static(COLUMN_SIZE)
+        q = frame(y)
+        r = vec3(q[0], q[1], q[2])
+        dr = vec3(y[j], y[j + 1], y[j + 2])
+        return (real(2.0) / wp.dot(q, q)) * (q[3] * dr - y[j + 3] * r + wp.cross(r, dr))
 
     @wp.func
     def in_axes(y: State) -> State:
         """(4b), (18b) A state whose moment stands in the frame, with it along the base's axes."""
         out = y
-        q = frame(y)
-        M = vec3(y[0], y[1], y[2])
-        m = rotate(q, M)
+        R = rotation_matrix(frame(y))
+        m = R * vec3(y[0], y[1], y[2])
         for j in range(3):
             out[j] = m[j]
         for c in range(wp.static(C)):
             o = wp.static(STATICS + c * COLUMN_SIZE)
-            dm = rotate(q, vec3(y[o], y[o + 1], y[o + 2]) + wp.cross(column_rotation(q, column_of(y, c)), M))
+            dm = R * vec3(y[o], y[o + 1], y[o + 2]) + wp.cross(turn_of(y, c), m)
             for j in range(3):
                 out[o + j] = dm[j]
         return out
@@ -60,13 +69,14 @@ def make_fixed_rates(layout: Layout, features: Features, stretch: SimpleNamespac
     def in_frame(y: State) -> State:
         """(4b), (18b) The reverse."""
         out = y
-        q = frame(y)
-        M = rotate_inverse(q, vec3(y[0], y[1], y[2]))
+        to_frame = wp.transpose(rotation_matrix(frame(y)))
+        m = vec3(y[0], y[1], y[2])
+        M = to_frame * m
         for j in range(3):
             out[j] = M[j]
         for c in range(wp.static(C)):
             o = wp.static(STATICS + c * COLUMN_SIZE)
-            dM = rotate_inverse(q, vec3(y[o], y[o + 1], y[o + 2])) + wp.cross(M, column_rotation(q, column_of(y, c)))
+            dM = to_frame * (vec3(y[o], y[o + 1], y[o + 2]) + wp.cross(m, turn_of(y, c)))
             for j in range(3):
                 out[o + j] = dM[j]
         return out
@@ -112,7 +122,7 @@ def make_fixed_rates(layout: Layout, features: Features, stretch: SimpleNamespac
         for c in range(wp.static(C)):
             dm_s = vec3(real(0.0), real(0.0), real(0.0))
             if wp.static(FORCE):
-                turn = rotate(q, column_rotation(q, column_of(y, c)))
+                turn = turn_of(y, c)
                 dn = force_column(z, x, c)
                 dp_s = wp.cross(turn, tangent(q))
                 if wp.static(SHEAR):
