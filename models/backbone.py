@@ -20,7 +20,14 @@ from multirod.models.backbone_segments import BackboneSegments
 from multirod.models.features import Features
 from multirod.models.influence import Influence, influences
 from multirod.models.integrators import AdaptiveIntegrator, Integrator
-from multirod.models.second_variation import MOST_NODES, CondensedForm, NodeColumns, condensed_form, segments_needed
+from multirod.models.second_variation import (
+    MOST_NODES,
+    CondensedForm,
+    NodeColumns,
+    certain_determinant,
+    condensed_form,
+    segments_needed,
+)
 from multirod.problem import Block, BoundaryProblem, Shape
 from multirod.profile import DEGREE, interpolate
 from multirod.rod import Rod, RodArrays, lower
@@ -138,6 +145,7 @@ class BackboneProblem(BoundaryProblem):
         self._table = self._make_table(inputs)
         self.write("inputs", self.pack(inputs))
         self.moment_unit = self._moment_unit()
+        self.moment_axes = self._moment_axes()
         self.turn_stiffness = self._stiffness_over_length()
         self._call = self._make_call(0)
         self.launch = self._record(self.features, self._call)
@@ -454,7 +462,8 @@ class BackboneProblem(BoundaryProblem):
         return modes
 
     def condensed_form(self) -> tuple[CondensedForm, FloatArray]:
-        """The second variation at ``unknowns``, condensed to the tip, and ``det Gamma`` (instance_count,), NaN of breakpoints.
+        """The second variation at ``unknowns``, condensed to the tip, and ``det Gamma`` (instance_count,), NaN of breakpoints and
+        where rounding hides its sign.
 
         One integration over as many nodes as the loads call for; where the moments found call for more, another one.
         """
@@ -481,7 +490,7 @@ class BackboneProblem(BoundaryProblem):
             if done.any():
                 found = condensed_form(self._node_columns(call, done), unit[done])
                 form.put(done, found)
-                determinant[done] = np.linalg.det(np.nan_to_num(call.gamma.numpy()[done]))
+                determinant[done] = certain_determinant(call.gamma.numpy()[done])
             more = chosen & ~done & (needed < MOST_NODES - 1)
             nodes[more] = _nodes(needed[more])
             open_ &= ~chosen | more
@@ -512,6 +521,12 @@ class BackboneProblem(BoundaryProblem):
         if not self.features.measured:
             unit[:, 2] = np.minimum(unit[:, 2], unit[:, :2].max(axis=1))
         return np.broadcast_to(unit, (self.instance_count, 3)) if np.isfinite(unit).all() else None
+
+    def _moment_axes(self) -> FloatArray | None:
+        """(11b): those of the base."""
+        if not self.features.fixed_moment or self.features.measured:
+            return None
+        return np.broadcast_to(self._table.base_rotation.numpy(), (self.instance_count, 3, 3))
 
     def _stiffness_over_length(self) -> FloatArray:
         """What stiffnesses of the tip are counted in [N m], shape (instance_count,): the least of the rods', over the length."""

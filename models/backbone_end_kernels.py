@@ -651,7 +651,12 @@ def make_tip_functions(
 
     return SimpleNamespace(
         outer_torque=outer_torque,
+        moment_unit=moment_unit,
         torque_unit=torque_unit,
+        force_unit=force_unit,
+        force_gap=force_gap,
+        force_gap_column=force_gap_column,
+        total_magnitude=total_magnitude,
         write_column=write_column,
         write_end=write_end,
         write_tip=write_tip,

@@ -79,4 +79,4 @@ def make_held_functions(layout: Layout, features: Features, rate: SimpleNamespac
                         write_column(call, case, free_row(case, i), k, torque_unit(z, i) * torque)
         return total
 
-    return SimpleNamespace(write_end=write_end)
+    return SimpleNamespace(write_end=write_end, free_torque=free_torque)

@@ -18,7 +18,8 @@ one kernel thread integrates one instance with its own grid, steps and status. I
 - ``backbone_precision_kernels``: a stretch from its one end to the other, by steps in either precision;
 - ``backbone_grid_kernels``: loads, nodes, and the stretches between them, (3a);
 - ``backbone_end_kernels``: the base (9), (10), the residual at the tip (11) to (13), outputs;
-- ``backbone_held_kernels``: the tip's wrench (22), where something else holds the tip.
+- ``backbone_held_kernels``: the tip's wrench (22), where something else holds the tip;
+- ``backbone_fixed_kernels``: the moment along fixed axes (4b), (11b), where one acts that is fixed in the world.
 
 Each part is a factory: what a scene does not need is pruned by ``wp.static`` when the code is generated. Scalar and vector types
 are those of a ``Layout``, ``real``, ``vec3`` and so on: the equations, rates and steps of an integrator in ``"float32"`` are made
@@ -32,6 +33,7 @@ from functools import cache
 import warp as wp
 
 from multirod.models.backbone_end_kernels import make_base_functions, make_tip_functions
+from multirod.models.backbone_fixed_kernels import make_fixed_ends, make_fixed_rates
 from multirod.models.backbone_grid_kernels import make_grid_functions
 from multirod.models.backbone_held_kernels import make_held_functions
 from multirod.models.backbone_layout_kernels import (
@@ -89,14 +91,20 @@ def make_kernel(features: Features, tableau: Tableau, precision: str = "float64"
     stretch = make_stretch_functions(layout)
     rate = make_rate_functions(layout, features, stretch)
     grid = make_grid_functions(layout, features, stretch)
+    base = make_base_functions(layout, features, grid)
     tip = make_tip_functions(layout, features, stretch, rate, grid)
+    write_end, at_base = tip.write_end, base.at_base
+    if features.fixed_moment:
+        rate = make_fixed_rates(layout, features, stretch, rate)
+        tip = make_fixed_ends(layout, features, rate, base, grid, tip)
+        write_end, at_base = tip.write_end, tip.at_base
+    elif features.held:
+        write_end = make_held_functions(layout, features, rate, tip).write_end
 
     Stretch, NODES = layout.Stretch, features.nodes
     load_instance, first_node, next_node, walk_to = grid.load_instance, grid.first_node, grid.next_node, grid.walk_to
     load_stretch, force_at_end, output_arclength = grid.load_stretch, grid.force_at_end, grid.output_arclength
-    at_base = make_base_functions(layout, features, grid).at_base
     over_stretch = make_walk_functions(layout, features, tableau, rate.rates, SCALARS[precision]).over_stretch
-    write_end = make_held_functions(layout, features, rate, tip).write_end if features.held else tip.write_end
     write_tip, write_node = tip.write_tip, tip.write_node
     write_node_columns, write_tip_columns = tip.write_node_columns, tip.write_tip_columns
     NODE_COLUMNS = features.nodes and features.sensitivities

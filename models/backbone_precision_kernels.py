@@ -12,8 +12,8 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from multirod.models.backbone_fixed_kernels import make_scene_rates
 from multirod.models.backbone_layout_kernels import FAULT_NONE, Call, Layout
-from multirod.models.backbone_rates_kernels import make_rate_functions
 from multirod.models.backbone_step_kernels import make_step_functions
 from multirod.models.backbone_stretch_kernels import make_stretch_functions
 from multirod.models.features import Features
@@ -82,7 +82,7 @@ def make_walk_functions(layout: Layout, features: Features, tableau: Tableau, ra
 def make_converted_steps(layout: Layout, features: Features, tableau: Tableau, real) -> SimpleNamespace:
     """The step functions of ``layout``, by steps in ``real``."""
     own = Layout(features, real)
-    step = make_step_functions(own, tableau, make_rate_functions(own, features, make_stretch_functions(own)).rates)
+    step = make_step_functions(own, tableau, make_scene_rates(own, features, make_stretch_functions(own)).rates)
     own_fixed_steps, own_adaptive_steps = step.fixed_steps, step.adaptive_steps
     State, Stretch, OwnState = layout.State, layout.Stretch, own.State
     n, C, NX, ND = layout.n, layout.C, layout.NX, layout.ND

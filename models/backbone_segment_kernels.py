@@ -13,6 +13,7 @@ import warp as wp
 
 from multirod.models.backbone_end_kernels import make_base_functions, make_tip_functions
 from multirod.models.backbone_equation_kernels import make_equation_functions
+from multirod.models.backbone_fixed_kernels import make_fixed_ends, make_fixed_rates
 from multirod.models.backbone_grid_kernels import make_grid_functions
 from multirod.models.backbone_layout_kernels import FAULT_NONE, FAULT_NONFINITE, Call, Layout, RodTable
 from multirod.models.backbone_precision_kernels import make_walk_functions
@@ -62,6 +63,12 @@ def make_segment_kernel(features: SegmentFeatures, tableau: Tableau):
     rate = make_rate_functions(layout, features, stretch)
     grid = make_grid_functions(layout, features, stretch)
     tip = make_tip_functions(layout, features, stretch, rate, grid)
+    base = make_base_functions(layout, features, grid)
+    FIXED = features.fixed_moment
+    if FIXED:
+        rate = make_fixed_rates(layout, features, stretch, rate)
+        tip = make_fixed_ends(layout, features, rate, base, grid, tip)
+        in_axes, in_frame = rate.in_axes, rate.in_frame
     State, Stretch, Instance = layout.State, layout.Stretch, layout.Instance
     PerDirection = layout.PerDirection
     NX, C = layout.NX, layout.C
@@ -70,7 +77,6 @@ def make_segment_kernel(features: SegmentFeatures, tableau: Tableau):
     FORCE_STATE, NODES = layout.FORCE_STATE, features.nodes
     load_instance, first_node, next_node, walk_to = grid.load_instance, grid.first_node, grid.next_node, grid.walk_to
     load_stretch, force_at_end, output_arclength = grid.load_stretch, grid.force_at_end, grid.output_arclength
-    base = make_base_functions(layout, features, grid)
     at_base, unknown_unit = base.at_base, base.unknown_unit
     walk = make_walk_functions(layout, features, tableau, rate.rates, layout.real)
     over_stretch, fixed_steps = walk.over_stretch, walk.fixed_steps
@@ -166,6 +172,8 @@ def make_segment_kernel(features: SegmentFeatures, tableau: Tableau):
             y = from_state(seg, t, y, n)
         if wp.static(NX > 0):
             y = with_rotation_columns(case, y)
+        if wp.static(FIXED):
+            y = in_axes(y)
         h = f64(0.0)
         step_count = int(0)
         fault = int(wp.static(FAULT_NONE))
@@ -191,7 +199,10 @@ def make_segment_kernel(features: SegmentFeatures, tableau: Tableau):
             n, dn = force_at_end(z)
             node = walk_to(rods, case, node, end, end_rate)
 
-        total = write_segment(rods, seg, case, t, y)
+        if wp.static(FIXED):
+            total = write_segment(rods, seg, case, t, in_frame(y))
+        else:
+            total = write_segment(rods, seg, case, t, y)
         if seg.at_tip[t] == 1:
             total += write_end(rods, call, case, y, z, n, dn)
         if wp.static(NODES):

@@ -71,6 +71,11 @@ class Features:
         )
 
     @property
+    def fixed_moment(self) -> bool:
+        """Whether a moment acts that is fixed in the world: then the state carries the moment along fixed axes, equation (4b)."""
+        return self.tip_moment or self.distributed_moment
+
+    @property
     def loaded(self) -> bool:
         """Whether anything acts on the rods but their own precurvature."""
         return self.force or self.loads_need_frame or self.follower_moment or self.measured

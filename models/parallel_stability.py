@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from multirod.models.parallel_guess import cross_matrix
 from multirod.models.parallel_kernels import POSE, REVOLUTE, SPHERICAL
-from multirod.models.second_variation import CondensedForm, symmetric_eigenvalues
+from multirod.models.second_variation import CondensedForm, certain_determinant, symmetric_eigenvalues
 from multirod.stability import Modes
 from multirod.validation import FloatArray
 
@@ -63,8 +63,7 @@ def platform_modes(
     known = np.all([leg.form.known for leg in legs], axis=0) & np.isfinite(form).all(axis=(1, 2))
     values, uncertainty = symmetric_eigenvalues(form, known & potential)
     # without a potential the form is not symmetric; its determinant still has the sign of the number of modes that grow
-    sign = np.ones(len(form))
-    sign[known] = np.linalg.slogdet(form[known])[0]
+    sign = np.sign(certain_determinant(form))
     diverging = known & ~potential & (sign * (-1.0) ** hidden < 0)
     return Modes(values, hidden.astype(np.int32), uncertainty, known & potential, diverging)
 

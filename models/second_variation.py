@@ -96,6 +96,16 @@ def symmetric_eigenvalues(form: FloatArray, known: NDArray[np.bool_]) -> tuple[F
     return values, uncertainty
 
 
+def certain_determinant(matrices: FloatArray) -> FloatArray:
+    """Determinants (batch,) of matrices (batch, n, n); NaN where they are so ill conditioned that rounding hides the sign."""
+    result = np.full(len(matrices), np.nan)
+    finite = np.isfinite(matrices).all(axis=(1, 2))
+    sizes = np.linalg.svd(matrices[finite], compute_uv=False)
+    determinants = np.linalg.det(matrices[finite])
+    result[finite] = np.where(sizes[:, -1] * WORST_CONDITION > sizes[:, 0], determinants, np.nan)
+    return result
+
+
 def segments_needed(
     length: FloatArray, stiffness: FloatArray, velocity_coupling: FloatArray, potential: FloatArray
 ) -> FloatArray:
@@ -187,7 +197,9 @@ def _of_pattern(
         k = np.arange(s.shape[1] - 1)
         inside = (k >= first[:, None]) & (k < last[:, None])
         known &= (sound[:, :-1] | ~inside).all(axis=1)
-        conjugate += np.where(inside, _negative(Y[:, 1:, :, : len(rows)] @ inverse[:, :-1]), 0).sum(axis=1)
+        with np.errstate(all="ignore"):  # what is not sound need not be finite
+            ratio = Y[:, 1:, :, : len(rows)] @ inverse[:, :-1]
+        conjugate += np.where(inside, _negative(ratio), 0).sum(axis=1)
         here = inverse[every, last]
         known &= sound[every, last]
         if rod < 0:

@@ -119,6 +119,8 @@ class BoundaryProblem(Uncopied, ABC):
         guess_integrations: Integrations per rod that ``guess`` takes.
         moment_unit: Where the residual is the moment on a single tip, and nothing else: that of one unit of each component [N m^2], shape
             (instance_count, n); else None.
+        moment_axes: Along which axes of the world such a residual stands where ``rotation`` is zero, with which they turn, shape
+            (instance_count, 3, 3); None where it stands along those of the tip.
         turn_stiffness: How stiffly such a tip of the unloaded rod resists being turned, ``K/L`` at the first inputs [N m], shape
             (instance_count,).
         breakpoints: Instances whose equilibrium is known by its states there, not by ``unknowns`` alone; ``shapes``,
@@ -164,6 +166,7 @@ class BoundaryProblem(Uncopied, ABC):
         self.blocks = tuple(blocks)
         self.arrow: tuple[int, ...] = ()
         self.moment_unit: FloatArray | None = None
+        self.moment_axes: FloatArray | None = None
         self.turn_stiffness: FloatArray = np.ones(count)
         self.breakpoints: dict[int, Breakpoints] = {}
         self.measured: tuple[str, ...] = ()

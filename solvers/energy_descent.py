@@ -91,8 +91,13 @@ class EnergyDescentTrack(SampledTrack):
         unit: Any = problem.moment_unit
         first = problem.guess()
         state: Any = DescentState()
-        problem.share(state, ("active", "fault", "unknowns", "residual", "gamma", "residual_directions"))
+        problem.share(state, ("active", "fault", "inputs", "unknowns", "residual", "gamma", "residual_directions"))
         problem.share(state, ("position", "rotation", "pose_columns"))
+        axes: Any = problem.moment_axes
+        state.fixed_axes = int(axes is not None)
+        axes = np.zeros((0, 3, 3)) if axes is None else axes
+        state.base_axes = wp.array(np.ascontiguousarray(axes), dtype=wp.mat33d, device=device)
+        state.rotation_at = problem.input_slice("rotation").start
         state.moment_unit = wp.array(np.ascontiguousarray(unit), dtype=wp.float64, device=device)
         state.stiffness = wp.array(problem.turn_stiffness, dtype=wp.float64, device=device)
         state.following = wp.zeros((count, problem.unknown_count), dtype=wp.float64, device=device)

@@ -21,6 +21,7 @@ class DescentState:
     # of the problem
     active: wp.array[int]
     fault: wp.array[int]
+    inputs: wp.array2d[wp.float64]
     unknowns: wp.array2d[wp.float64]
     residual: wp.array2d[wp.float64]
     gamma: wp.array3d[wp.float64]
@@ -29,6 +30,9 @@ class DescentState:
     rotation: wp.array[wp.mat33d]
     pose_columns: wp.array3d[wp.float64]
     moment_unit: wp.array2d[wp.float64]  # moment of one unit of each residual [N m^2]
+    fixed_axes: int  # whether the residual stands along these, turned by the input, or along the tip's
+    base_axes: wp.array[wp.mat33d]
+    rotation_at: int
     # of the descent
     following: wp.array2d[wp.float64]  # unknowns of the next sample
     status: wp.array[int]
@@ -48,10 +52,18 @@ def make_descent(feed_forward: bool):
     solve, eigen, Vector, Matrix, Eigen = algebra.solve, algebra.eigen, algebra.Vector, algebra.Matrix, algebra.Eigen
 
     @wp.func
+    def to_axes(state: DescentState, t: int) -> wp.mat33d:
+        """From the world to the axes along which the residual stands."""
+        if state.fixed_axes == 0:
+            return wp.transpose(state.rotation[t])
+        turn = rotation_from_vector(wp.vec3d(f64(0.0), f64(0.0), state.inputs[t, state.rotation_at]))
+        return wp.transpose(state.base_axes[t] * turn)
+
+    @wp.func
     def turned_columns(state: DescentState, t: int) -> Matrix:
-        """Y: how the tip turns with the unknowns, in its own frame."""
+        """Y: how the tip turns with the unknowns, along these axes."""
         Y = Matrix()
-        R = wp.transpose(state.rotation[t])
+        R = to_axes(state, t)
         for k in range(3):
             phi = wp.vec3d(state.pose_columns[t, 3, k], state.pose_columns[t, 4, k], state.pose_columns[t, 5, k])
             phi = R * phi
@@ -112,7 +124,7 @@ def make_descent(feed_forward: bool):
     def by_inputs(state: DescentState, t: int, Y: Matrix, A: Matrix, modes: Eigen) -> Vector:
         """(6) What the expected change of the inputs asks for: the tip held in the world, then turned by the moment this takes."""
         turn = wp.vec3d(state.pose_columns[t, 3, 3], state.pose_columns[t, 4, 3], state.pose_columns[t, 5, 3])
-        turn = wp.transpose(state.rotation[t]) * turn
+        turn = to_axes(state, t) * turn
         held = -solve(Y, Vector(turn[0], turn[1], turn[2]))
         g = Vector()
         for i in range(3):

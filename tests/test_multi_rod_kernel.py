@@ -134,7 +134,7 @@ def precurvature(i, s, middle):
 
 
 def integrate_bishop(unknowns):
-    """DESIGN's equations in the Bishop frame by SciPy: tip pose, M at the tip in tube 1's frame, torques at the ends."""
+    """DESIGN's equations in the Bishop frame by SciPy: tip pose, what the moment at the tip lacks, torques at the ends."""
     EI, GJ = np.array(STIFFNESS)[:, :2], np.array(STIFFNESS)[:, 2]
     ends = np.array([sum(pair) for pair in LENGTHS]) + BETA
     inner = np.array([pair[0] for pair in LENGTHS]) + BETA
@@ -182,7 +182,7 @@ def integrate_bishop(unknowns):
         y[15] += y[16:18][ends[1:] == b].sum()
     R1 = y[3:12].reshape(3, 3) @ turn(y[12])
     M1 = np.append(turn(-y[12])[:2, :2] @ y[18:20], y[15])
-    gap = M1 - R1.T @ moment
+    gap = (BASE[:3, :3] @ turn(ALPHA[0])).T @ (R1 @ M1 - moment)
     scale = np.array([1 / EI[0].max(), 1 / EI[0].max(), 1 / min(GJ[0], EI[0].max())])
     return y[:3], R1, np.concatenate([scale * gap, torque_at_end[1:] / np.minimum(GJ, EI.max(axis=1))[1:]])
 
