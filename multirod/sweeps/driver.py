@@ -7,6 +7,7 @@ from concurrent.futures import Executor
 from contextlib import closing
 from pathlib import Path
 from typing import Any
+from warnings import warn
 
 import numpy as np
 
@@ -41,8 +42,9 @@ def sweep(
 ) -> Study:
     """Solve every instance of a large batch, chunk by chunk, into a folder; go on where an earlier call stopped.
 
-    Each chunk that is done is one file, there as a whole or not at all, whatever ends the process; it is never solved again. The
-    arrays equal those of ``solve``, bitwise, whatever the chunk and the executor (``docs/sweep.md``).
+    Each chunk that is done is one file, there as a whole or not at all, whatever ends the process; it is never solved again unless
+    its checksum says that it is no longer what was written: then a ``RuntimeWarning`` names it. The arrays equal those of ``solve``,
+    bitwise, whatever the chunk and the executor (``docs/sweep.md``).
 
     Args:
         robot: The assembly.
@@ -96,6 +98,8 @@ def sweep(
     with folder.locked():
         folder.begin(manifest)
         study = Study(out)
+        for k, path in folder.remove_broken().items():
+            warn(f"{path} was broken, its checksum not that in its name: chunk {k} is solved again", RuntimeWarning, stacklevel=2)
         finished = set(study.finished_chunks)
         missing = [k for k in range(study.chunk_count) if k not in finished]
 
@@ -129,6 +133,7 @@ def _identity(robot: Assembly, inputs: Inputs, solver: Solver) -> dict[str, Any]
 
 def _keep(folder: Folder, study: Study, inputs: Inputs, k: int, arrays: Arrays) -> None:
     """Write a chunk: where in the batch each instance stands, its inputs, its results."""
+    import pyarrow as pa  # type: ignore[import-untyped]
     import pyarrow.parquet as pq  # type: ignore[import-untyped]
 
     instances = study.instances(k)
@@ -138,5 +143,6 @@ def _keep(folder: Folder, study: Study, inputs: Inputs, k: int, arrays: Arrays) 
     own = inputs.take(study.batch_shape, instances)
     given = {name: np.asarray(getattr(own, name)) for name in own.given if name not in own.profiles}
     table = to_table(axes, {**given, **arrays})
-    with folder.written(folder.chunk_path(k)) as part:
-        pq.write_table(table, part)
+    content = pa.BufferOutputStream()
+    pq.write_table(table, content)
+    folder.keep(k, content.getvalue().to_pybytes())
