@@ -30,7 +30,8 @@ from multirod.models.parallel_stability import HeldLeg, PlatformLoads, platform_
 from multirod.models.second_variation import CondensedForm
 from multirod.problem import Block, BoundaryProblem, Shape
 from multirod.rod import RodArrays, stack
-from multirod.stability import Modes
+from multirod.stability import Modes, Stability
+from multirod.status import Status
 from multirod.validation import FloatArray
 
 POSE = kernels.POSE
@@ -179,12 +180,14 @@ class ParallelProblem(BoundaryProblem):
         integrator: Integrator,
         device: str = "cpu",
         inverse: bool = False,
+        limits: FloatArray | None = None,
         pose_sensitivities: bool = False,
         direction_count: int = 0,
         enabled: Sequence[str] = (),
     ) -> None:
         self.geometry = geometry
         self.inverse = inverse
+        self._limits = np.array([-np.inf, np.inf])[:, None] if limits is None else limits
         self._places = input_places(len(geometry.rods), inverse)
         first = [int(k) for k in geometry.first_unknown]
         # what each leg's unknowns are: its own, in the order of the arrow
@@ -475,7 +478,25 @@ class ParallelProblem(BoundaryProblem):
 
     @property
     def guess_is_stable(self) -> bool:  # noqa: D102
-        return False
+        return self.inverse  # where every result is tested, whatever it began at
+
+    @property
+    def results_are_tested(self) -> bool:
+        """Of the inverse problem: with the platform held, no mode of ``Gamma`` vanishes where the robot loses stability."""
+        return self.inverse
+
+    def refusals(self, settled: NDArray[np.bool_]) -> NDArray[np.int32]:  # noqa: D102
+        result = super().refusals(settled)
+        if not self.inverse:
+            return result
+        if settled.any():
+            result[settled & (self.modes().stability == Stability.UNSTABLE)] = Status.UNSTABLE
+        length = self._length[:, :-1]
+        translation = self.read("inputs")[:, self._places["translation"]] + length**2 * self.read("unknowns")[:, self._platform]
+        low, high = self._limits
+        outside = (translation < low) | (translation > high) | (length + translation <= 0)
+        result[outside.any(axis=1)] = Status.OUT_OF_LIMITS
+        return result
 
     @property
     def signs_add_up(self) -> bool:  # noqa: D102

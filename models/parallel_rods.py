@@ -171,13 +171,17 @@ class ParallelRods(Assembly):
                 found[name] = known if name not in found else found[name].joined(known)
         return found
 
-    def inverse(self) -> "InverseParallelRods":
+    def inverse(self, *, limits: Any = None) -> "InverseParallelRods":
         """The same robot with the platform's pose given, and the legs' translations to be found.
 
+        Args:
+            limits: ``(low, high)``: least and greatest translation [m], each a number or one for each leg; ``inf`` is no limit.
+
         Raises:
-            ValueError: If there are not six legs, each a single rod: then the pose does not determine the translations.
+            ValueError: If there are not six legs, each a single rod: then the pose does not determine the translations; or if
+                ``limits`` are no such pair.
         """
-        return InverseParallelRods(self)
+        return InverseParallelRods(self, limits=limits)
 
     def __repr__(self) -> str:
         return f"ParallelRods(legs={list(self.legs)!r})"
@@ -188,13 +192,24 @@ class InverseParallelRods(Assembly):
 
     The pose is given by the inputs ``platform_position`` [m] and ``platform_rotation`` (rotation vector in the world [rad]); the
     loads are those of ``ParallelRods``. An input ``translation`` is where the search begins. ``translations`` reads the result.
+
+    Every equilibrium that is found, also from a guess and along a motion, is tested: an unstable one is a failure with the status
+    ``UNSTABLE``, one whose translations are beyond ``limits`` or leave no leg in use is ``OUT_OF_LIMITS``.
+
+    Args:
+        robot: The robot.
+        limits: As for ``ParallelRods.inverse``.
+
+    Attributes:
+        limits: Least and greatest translation of each leg [m], shape (2, 6).
     """
 
-    def __init__(self, robot: ParallelRods) -> None:
+    def __init__(self, robot: ParallelRods, *, limits: Any = None) -> None:
         legs = robot.legs
         if len(legs) != 6 or not all(isinstance(leg, Rod) for leg in legs):
             refuse("ParallelRods.legs", list(legs), "the inverse problem needs 6 legs, each a Rod: a pose has 6 numbers")
         self.robot = robot
+        self.limits = _limits(limits, len(legs))
         self.geometry = robot.geometry
         self.rods = robot.rods
 
@@ -218,13 +233,13 @@ class InverseParallelRods(Assembly):
         return self.robot.surely_takes(name, values)
 
     def problem(self, inputs: Inputs, **options: Any) -> ParallelProblem:  # noqa: D102
-        return self.robot.problem(inputs, inverse=True, **options)
+        return self.robot.problem(inputs, inverse=True, limits=self.limits, **options)
 
     def features(self, inputs: Inputs, *, enabled: Iterable[str] = ()) -> tuple[Features, ...]:  # noqa: D102
         return self.robot.features(inputs, enabled=enabled)
 
     def with_rods(self, rods: Sequence[Rod]) -> "InverseParallelRods":  # noqa: D102
-        return InverseParallelRods(self.robot.with_rods(rods))
+        return InverseParallelRods(self.robot.with_rods(rods), limits=self.limits)
 
     def translations(self, solution: Any) -> FloatArray:
         """Translation of each leg [m], shape (..., 6); NaN where the solution failed."""
@@ -232,7 +247,8 @@ class InverseParallelRods(Assembly):
         return np.asarray(solution.inputs.translation + length**2 * solution.unknowns[..., -6:])
 
     def __repr__(self) -> str:
-        return f"{self.robot!r}.inverse()"
+        limits = f"limits={self.limits.tolist()}" if np.isfinite(self.limits).any() else ""
+        return f"{self.robot!r}.inverse({limits})"
 
 
 def _poses(field: str, value: Any, count: int) -> FloatArray:
@@ -250,6 +266,18 @@ def _joints(value: str | Sequence[str], count: int) -> list[int]:
         if name not in JOINTS:
             refuse("ParallelRods.joints", name, "must be one of " + ", ".join(JOINTS))
     return [JOINTS[name] for name in names]
+
+
+def _limits(value: Any, count: int) -> FloatArray:
+    """Least and greatest translation of each leg [m], shape (2, count)."""
+    if value is None:
+        return np.repeat([[-inf], [inf]], count, axis=1)
+    if not isinstance(value, (list, tuple, np.ndarray)) or len(value) != 2:
+        refuse("inverse.limits", value, "must be a pair (low, high)")
+    ends = [array("inverse.limits", end, finite=False) for end in value]
+    if any(end.shape not in ((), (count,)) or np.isnan(end).any() for end in ends) or (ends[0] > ends[1]).any():
+        refuse("inverse.limits", value, f"must be (low, high), each a number or {count}, with low <= high")
+    return np.stack([np.broadcast_to(end, count) for end in ends])
 
 
 def _axes(value: Any, count: int) -> FloatArray:

@@ -333,6 +333,18 @@ class BoundaryProblem(ABC):
         return True
 
     @property
+    def results_are_tested(self) -> bool:
+        """Whether ``refusals`` tests what any solver finds, because ``Gamma`` does not tell where stability is lost, or results have limits."""
+        return False
+
+    def refusals(self, settled: NDArray[np.bool_]) -> NDArray[np.int32]:
+        """The ``Status`` by which what is at ``unknowns`` is no result, shape (instance_count,); ``NOT_RUN`` where it is one.
+
+        What is ``settled`` is an equilibrium within the tolerance, the others are estimates or have failed.
+        """
+        return np.zeros(self.instance_count, dtype=np.int32)
+
+    @property
     def signs_add_up(self) -> bool:
         """Whether the signs of ``det Gamma`` over all equilibria add up to that of the unloaded one (``docs/stability.md``)."""
         return True

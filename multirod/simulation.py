@@ -16,7 +16,7 @@ from multirod.problem import BoundaryProblem
 from multirod.progress import Watch
 from multirod.segments import Breakpoints, placed
 from multirod.solution import History, Scene, Solution
-from multirod.solver import Outcome, Solver
+from multirod.solver import Outcome, Solver, Tested
 from multirod.solvers.shooting import Shooting
 from multirod.terms.simplify import simplified
 from multirod.validation import Described, FloatArray, array, refuse
@@ -201,7 +201,8 @@ class Runner:
         reasons = solver.unsupported(self.problem)
         if reasons:
             raise ValueError(f"{type(solver).__name__} cannot take this problem: " + "; ".join(reasons))
-        self.track = solver.track(self.problem, dt)
+        track = solver.track(self.problem, dt)
+        self.track = Tested(track) if self.problem.results_are_tested else track
 
     def start(self, guess: Any, count: int, piece: slice) -> None:
         """Start from a guess of ``count`` instances, of which the problem's are a piece; None is no guess."""

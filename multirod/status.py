@@ -33,6 +33,7 @@ class Status(IntEnum):
     UNSTABLE_COUPLING = 14
     UNSTABLE = 15
     MULTIPLE_SHOOTING = 16
+    OUT_OF_LIMITS = 17
 
     def __str__(self) -> str:
         return self.name
@@ -82,8 +83,10 @@ _MESSAGES = {
     "minimum; loosen the tolerance, tighten the integrator, or start nearer",
     Status.BRANCH_END: "the equilibrium reached by raising the loads in proportion ends before the full load (a fold or a "
     "bifurcation: the rod snaps or buckles); give a guess to follow another branch",
-    Status.UNSTABLE: "the equilibrium reached by raising the loads in proportion is unstable, as where the search began was no equilibrium "
-    "of the robot; lead it there from where it is stable (simulate), or give a guess",
+    Status.UNSTABLE: "the equilibrium that was found is unstable: the robot would leave it. Lead it there from where it is stable (simulate), or give "
+    "another guess; of an inverse problem, ask for another pose",
+    Status.OUT_OF_LIMITS: "the translations that lead to this pose are beyond the limits that inverse() was given, or leave nothing of a leg in use: ask "
+    "for another pose, give wider limits, or begin at another translation or guess",
     Status.LOWEST_ENERGY: "the residual is within the tolerance; raising precurvature, loads and the angles between tubes in proportion ends before the full "
     "load, so this is the stable equilibrium of lowest potential energy that was found from many starts: equilibria() lists all",
     Status.TRACKING: "an estimate by one integration; residual says how far it is",

@@ -1,7 +1,9 @@
 """Checks of user input. Every error names the field, the value and what is allowed."""
 
 import math
+import os
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
@@ -102,6 +104,22 @@ def positive_array(field: str, value: Any, tail: tuple[int, ...] = (), *, infini
         allowed = "must be > 0 (inf is rigid)" if infinite else "must be finite and > 0"
         refuse(field, value if result.size < 20 else Described(f"array with minimum {result.min()}"), allowed)
     return result
+
+
+def file_path(field: str, value: object, *endings: str) -> Path:
+    """A file to be written, in a folder that exists, with one of these endings (any, if none is named)."""
+    try:
+        path = Path(os.fsdecode(value)) if isinstance(value, (str, os.PathLike)) and os.fspath(value) else None
+        usable = path is not None and not path.is_dir() and path.parent.is_dir()
+    except (TypeError, ValueError, OSError):  # a null character, or longer than the system allows
+        path, usable = None, False
+    if path is None:
+        refuse(field, value, "must be a path")
+    if endings and path.suffix.lower() not in endings:
+        refuse(field, str(path), f"must end in {' or '.join(endings)}")
+    if not usable:
+        refuse(field, str(path), "must be a file in a folder that exists")
+    return path
 
 
 def unknown_names(owner: str, given: Iterable[str], allowed: Iterable[str]) -> None:

@@ -12,7 +12,8 @@ from rerun.chunk import RrdReader
 import multirod as mr
 from multirod.experiment import motion
 from multirod.scenes import six_legs, three_tubes
-from multirod.tradeoffs import Measurement, grid
+from multirod.simulation import Runner
+from multirod.tradeoffs import Measurement, grid, limit, measurement
 from multirod.tradeoffs.promise import kept
 from multirod.tradeoffs.settings import code, integrators, settings
 
@@ -27,7 +28,8 @@ SOLVERS = {
 
 
 def measure(solvers: dict[str, mr.Solver], **options: object) -> mr.Tradeoff:
-    return mr.tradeoff(STUDY.robot, STUDY.inputs, time=STUDY.time, solvers=solvers, progress=False, **options)
+    given = {"budget": 1e4, **options}  # also where all kernels are compiled, on a busy machine
+    return mr.tradeoff(STUDY.robot, STUDY.inputs, time=STUDY.time, solvers=solvers, progress=False, **given)
 
 
 @pytest.fixture(scope="module")
@@ -132,10 +134,82 @@ def test_a_motion_that_the_reference_cannot_follow_is_said():
         mr.tune(column, inputs, time=time, rate=10, solvers=few, progress=False)
 
 
-def test_no_time_is_no_rows():
-    result = measure(SOLVERS, budget=1e-6)
+class Clock:
+    """Time that integrations and compiling take, and nothing else."""
+
+    def __init__(self, monkeypatch):
+        self.time = self.integration = self.compiling = 0.0
+        that, heed_stop = self, mr.BoundaryProblem.heed_stop
+
+        def heed(problem):
+            that.time += that.integration
+            heed_stop(problem)
+
+        class Compiled(Runner):
+            def __init__(self, *arguments, **options):
+                that.time += that.compiling
+                super().__init__(*arguments, **options)
+
+        monkeypatch.setattr(limit, "now", lambda: self.time)
+        monkeypatch.setattr(mr.BoundaryProblem, "heed_stop", heed)
+        monkeypatch.setattr(measurement, "Runner", Compiled)
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    return Clock(monkeypatch)
+
+
+@pytest.fixture
+def reference_cost(clock):
+    """Integrations of the reference, a second each."""
+    clock.integration = 1.0
+    Measurement(STUDY.robot, STUDY.inputs, time=STUDY.time, solvers=SOLVERS, budget=1e9)
+    cost, clock.time = clock.time, 0.0
+    return cost
+
+
+@pytest.mark.parametrize("part", [1.0, 1.5, 3.0])
+@pytest.mark.parametrize("compiling", [0.0, 0.3, 10.0])
+def test_all_of_it_is_over_after_twice_the_budget(clock, reference_cost, part, compiling):
+    budget = part * reference_cost
+    clock.compiling = compiling * budget
+    result = measure(SOLVERS, budget=budget)
+    assert clock.time <= 2 * budget + clock.compiling + 10  # a sample's integrations
+    assert result.rows
     assert set(result.skipped) | {row.name for row in result.rows} == set(SOLVERS)
-    assert "no time was left" in str(result)
+    if compiling or part == 1.0:
+        assert "no time was left" in str(result)
+    else:
+        assert part < 3 or not result.skipped
+
+
+def test_a_reference_that_takes_longer_than_the_budget_is_an_error_and_ends_in_time(clock, reference_cost, tmp_path):
+    budget = 0.5 * reference_cost
+    path = tmp_path / "rows.csv"
+    with pytest.raises(ValueError, match=rf"budget = .* the reference alone takes longer: \d+ of {len(STUDY.time)} samples"):
+        measure(SOLVERS, budget=budget, csv=path)
+    assert clock.time <= budget + 10
+    assert path.read_text().startswith("name,position,")
+
+
+def test_what_a_promise_runs_again_is_within_twice_the_budget(clock, reference_cost):
+    budget = 1.1 * reference_cost
+    options = {"solvers": {"good": SOLVERS["Newton, fine"]}, "progress": False}
+    mr.tune(STUDY.robot, STUDY.inputs, time=STUDY.time, error=1.0, budget=budget, **options)
+    assert clock.time <= 2 * budget + 10
+    measured = Measurement(STUDY.robot, STUDY.inputs, time=STUDY.time, solvers=SOLVERS, budget=budget)
+    clock.time += 2 * budget
+    with pytest.raises(ValueError, match="budget = .* is not allowed: twice as many seconds were over before Newton, fine"):
+        measured.repeat("Newton, fine")
+
+
+@pytest.mark.parametrize("name", ["rows.txt", "rows", "rows.csv.gz"])
+def test_rows_are_written_to_csv_only(tmp_path, measured, name):
+    for write in (lambda path: measure(SOLVERS, csv=path), measured.to_csv):
+        with pytest.raises(ValueError, match=r"csv = .* is not allowed: must end in \.csv"):
+            write(tmp_path / name)
+    assert not list(tmp_path.iterdir())
 
 
 @dataclass(frozen=True)

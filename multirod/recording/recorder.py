@@ -3,7 +3,6 @@
 import math
 import os
 import uuid
-from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
@@ -13,7 +12,9 @@ from multirod.assembly import Assembly
 from multirod.recording.samples import first_instances, stack, stackable
 from multirod.recording.writer import Writer
 from multirod.solution import History, Solution
-from multirod.validation import finite_float, positive_float, positive_int, refuse
+from multirod.validation import file_path, finite_float, positive_float, positive_int, refuse
+
+ENDING = ".rrd"
 
 
 def save(
@@ -44,7 +45,7 @@ def save(
     """
     import rerun as rr
 
-    file = _file("save.path", path)
+    file = file_path("save.path", path, ENDING)
     if not isinstance(history, History):
         raise TypeError(f"save takes a History, not {type(history).__name__}")
     if reference is not None:
@@ -123,7 +124,7 @@ class Recorder:
 
         if path is None and address is None:
             raise TypeError("Recorder needs a path, an address, or both")
-        file = None if path is None else _file("Recorder.path", path)
+        file = None if path is None else file_path("Recorder.path", path, ENDING)
         if address is not None and not (isinstance(address, str) and address.startswith(("rerun://", "rerun+http"))):
             refuse("Recorder.address", address, "must be a viewer's address such as 'rerun+http://127.0.0.1:9876/proxy'")
         if not isinstance(description, str):
@@ -233,15 +234,6 @@ class Recorder:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.close()
-
-
-def _file(field: str, path: object) -> Path:
-    if not isinstance(path, (str, os.PathLike)) or not os.fspath(path):
-        refuse(field, path, "must be a path")
-    file = Path(os.fspath(path))
-    if file.is_dir() or not file.parent.is_dir():
-        refuse(field, str(path), "must be a file in a folder that exists")
-    return file
 
 
 def _name(field: str, name: object, default: str) -> str:

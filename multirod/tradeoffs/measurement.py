@@ -3,8 +3,6 @@
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from threading import Timer
-from time import monotonic
 from typing import Any
 
 import numpy as np
@@ -12,11 +10,12 @@ import numpy as np
 from multirod.assembly import Assembly
 from multirod.batch import Interrupted
 from multirod.inputs import Inputs
-from multirod.problem import BoundaryProblem
 from multirod.simulation import Runner, as_solver, simulate
 from multirod.solution import History
-from multirod.solver import Outcome, Solver, Track
-from multirod.tradeoffs.reference import SHAPE_NODES, Reference
+from multirod.solver import Solver
+from multirod.tradeoffs import limit as clock
+from multirod.tradeoffs.limit import Limited
+from multirod.tradeoffs.reference import SHAPE_NODES, Reference, load_kernels
 from multirod.tradeoffs.settings import Setting, grid, registered, settings
 from multirod.tradeoffs.table import Measured, Tradeoff
 from multirod.validation import Described, FloatArray, array, nonnegative_float, positive_float, refuse
@@ -29,6 +28,8 @@ SPENT = 0.8  # of the time left, that is shared out by such estimates
 LARGEST_PART = 0.5  # of the time left, that one setting may take if it needs that much for the fewest
 TRIED_PART = 0.5  # of the time, after which no more settings are tried but those that were are run
 TRIAL_PART = 0.2  # the same for its first samples
+RUN_PART = 0.25  # of the time, that those that were tried are run for, even if compiling them has taken all
+TOTAL = 2.0  # times the budget, that the reference, all settings and what is run again may take
 PATIENCE = 3.0  # times its share, that a setting may take
 
 
@@ -58,7 +59,7 @@ class Measurement:
         settle: float = 0.3,
         budget: float = 60.0,
     ) -> None:
-        limit = positive_float("budget", budget)
+        self._limit = limit = positive_float("budget", budget)
         if solvers is not None and not solvers:
             refuse("solvers", solvers, "there must be one")
         as_solver(robot, None)
@@ -82,10 +83,12 @@ class Measurement:
         for solver in solvers.values():
             as_solver(robot, solver)
         self.settings = settings(robot, inputs, solvers, models or {})
-        begin = monotonic()
-        self.reference = Reference(robot, inputs, samples)
-        # however long the reference took, the settings have half
-        self._left = self._whole = max(limit - (monotonic() - begin), 0.5 * limit)
+        started = clock.now()
+        load_kernels(robot, inputs)
+        self._begin = clock.now()
+        self.reference = Reference(robot, inputs, samples, budget=limit)
+        # however long the reference and its kernels took, the settings have half
+        self._left = self._whole = max(limit - (clock.now() - started), 0.5 * limit)
         self._time, self._settled, self._settle = samples, samples >= settle, settle
         self._waiting = set(self.settings)
         self._rows: list[Measured] = []
@@ -106,8 +109,9 @@ class Measurement:
         trials: dict[str, _Trial] = {}
         for name in self.settings:
             with self._guarded(name):
-                trials[name] = self._try(self.settings[name])
+                trials[name] = self._try(self.settings[name], first=not trials)
             yield name, None
+        self._left = max(self._left, RUN_PART * self._whole)
         common = self._common(list(trials.values()))
         for name in self.settings:
             row = None
@@ -119,15 +123,22 @@ class Measurement:
             yield name, row
 
     def repeat(self, name: str) -> Measured:
-        """A setting once more, on the whole motion, however long it takes."""
+        """A setting once more, on the whole motion.
+
+        Raises:
+            ValueError: If twice the budget is over before it ends.
+        """
         setting = self.settings[name]
-        history = simulate(setting.robot, setting.inputs, time=self._time, solver=setting.solver, progress=False)
+        seconds = TOTAL * self._limit - (clock.now() - self._begin)
+        history = self._simulate(setting, None, len(self._time), seconds) if seconds > 0 else None
+        if history is None:
+            refuse("budget", self._limit, f"twice as many seconds were over before {name} had run again on the whole motion")
         return measured(name, setting, history, self.reference, self._settled)
 
     @contextmanager
     def _guarded(self, name: str) -> Iterator[None]:
         """Count the time that a setting takes; where it raises, note why and go on: it may be a solver of someone else."""
-        self._compiling, begin = 0.0, monotonic()
+        begin = clock.now()
         try:
             yield
         except (ValueError, _NoTime) as error:
@@ -135,31 +146,34 @@ class Measurement:
         except Exception as error:  # noqa: BLE001  (whatever it is, the others go on)
             self._skipped[name] = f"{type(error).__name__}: {error}"
         finally:
-            self._left -= monotonic() - begin - self._compiling
+            self._left -= clock.now() - begin
             if name in self._skipped:
                 self._waiting.discard(name)
 
-    def _try(self, setting: Setting) -> "_Trial":
-        """Run the first samples."""
-        if self._left <= (1 - TRIED_PART) * self._whole:
+    def _try(self, setting: Setting, *, first: bool) -> "_Trial":
+        """Run the first samples; of the first setting, however long it takes to compile, or there might be no row at all."""
+        if self._left <= (1 - TRIED_PART) * self._whole and not first:
             raise _NoTime("no time was left")
-        begin = monotonic()
-        first = setting.inputs[0] if setting.inputs.batch_shape else setting.inputs
+        begin = clock.now()
+        one = setting.inputs[0] if setting.inputs.batch_shape else setting.inputs
         # kernels are made or loaded here, which is no part of any time
-        problem = Runner(setting.robot, setting.solver, first, 1.0, "cpu", setting.inputs.active).problem
+        problem = Runner(setting.robot, setting.solver, one, 1.0, "cpu", setting.inputs.active).problem
         problem.integrate()
         with suppress(NotImplementedError):
             problem.shapes(SHAPE_NODES)
         guess = None
         with suppress(ValueError):  # a model may have other unknowns
             guess = problem.adopt(self.reference.history.unknowns[:1]) if self.reference.known[0] else None
-        self._compiling = monotonic() - begin
-        begin = monotonic()
-        history = self._simulate(setting, guess, START, max(self._left / len(self._waiting), TRIAL_PART * self._left))
+        left = self._left - (clock.now() - begin)
+        begin = clock.now()
+        seconds = max(left / len(self._waiting), TRIAL_PART * left, TRIAL_PART * self._whole if first else 0.0)
+        if seconds <= 0:
+            raise _NoTime("no time was left once its kernels were compiled")
+        history = self._simulate(setting, guess, START, seconds)
         if history is None:
             raise _NoTime("its first samples took longer than its share of the time")
         each = float(np.median(history.step_time[-START + 1 :])) + OVERHEAD
-        return _Trial(each, monotonic() - begin)
+        return _Trial(each, clock.now() - begin)
 
     def _common(self, trials: "list[_Trial]") -> int:
         """Samples that all settings but those much slower than most are run on, so that their errors are of the same motion."""
@@ -187,7 +201,7 @@ class Measurement:
             raise _NoTime(f"too slow for the time that was left: {self._fewest} samples are needed")
         setting = self.settings[name]
         # from nothing, as in any run of one's own
-        history = self._simulate(setting, None, count, max(allowed, PATIENCE * share))
+        history = self._simulate(setting, None, count, min(self._left, max(allowed, PATIENCE * share)))
         if history is None:
             raise _NoTime("it took longer than its first samples promised")
         self._tips[name] = history.tip_position
@@ -200,13 +214,11 @@ class Measurement:
         if inputs.batch_shape:
             # not inputs[:count]: what is zero in the first samples only must be compiled in as for all
             inputs = inputs.take(inputs.batch_shape, np.arange(count))
-        solver = _Limited(setting.solver, seconds)
+        solver = Limited(setting.solver, seconds)
         try:
             return simulate(setting.robot, inputs, time=self._time[:count], solver=solver, guess=guess, progress=False)
         except Interrupted:
             return None
-        finally:
-            solver.cancel()
 
 
 @dataclass(frozen=True)
@@ -251,37 +263,6 @@ def measured(name: str, setting: Setting, history: History, reference: Reference
         failed=int(failed.sum()),
         model=setting.model,
     )
-
-
-class _Limited(Solver):
-    """A solver whose run along a motion is stopped after some time, at its next integration; its samples cost nothing more."""
-
-    def __init__(self, solver: Solver, seconds: float) -> None:
-        self._solver, self._seconds = solver, seconds
-        self._timer: Timer | None = None
-        self.integrator = solver.integrator
-        self.pose_sensitivities = solver.pose_sensitivities
-        self.direction_count = solver.direction_count
-
-    def unsupported(self, problem: BoundaryProblem) -> tuple[str, ...]:
-        return self._solver.unsupported(problem)
-
-    def track(self, problem: BoundaryProblem, dt: float) -> Track:
-        def stop() -> None:
-            if problem.stop is not None:
-                problem.stop.set()
-
-        self._timer = Timer(self._seconds, stop)
-        self._timer.daemon = True
-        self._timer.start()
-        return self._solver.track(problem, dt)
-
-    def cancel(self) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
-
-    def _solve(self, problem: BoundaryProblem, guess: FloatArray | None) -> Outcome:
-        return self._solver.solve(problem, guess)
 
 
 def _one_motion(field: str, robot: Assembly, inputs: Inputs) -> None:
