@@ -17,13 +17,14 @@ from multirod.models.backbone import BackboneAssembly, scene_features
 from multirod.models.concentric_tubes import ConcentricTubes
 from multirod.models.features import Features
 from multirod.models.influence import Influence, influences
-from multirod.models.parallel_problem import LEG_INPUTS, PLATFORM_INPUTS, Geometry, ParallelProblem
+from multirod.models.parallel_problem import LEG_INPUTS, PER_ROD, PLATFORM_INPUTS, Geometry, ParallelProblem
 from multirod.models.single_rod import SingleRod
 from multirod.rod import Rod
-from multirod.validation import Described, FloatArray, array, nonnegative_float, refuse
+from multirod.validation import Described, FloatArray, array, choice, instance, nonnegative_float, refuse
 
 JOINTS = {"clamped": kernels.CLAMPED, "revolute": kernels.REVOLUTE, "spherical": kernels.SPHERICAL}
 
+SMALLEST_AXIS = 1e-100  # whose square still is a number
 PLATFORM_WEIGHT = 8 / 3  # a weight on the tip against the same spread along the rod
 CLOSURE = ("shear", "torsion", "anisotropy", "precurvature_profile")  # what these do depends on how the legs hold each other
 
@@ -99,6 +100,12 @@ class ParallelRods(Assembly):
                 raise ValueError(f"legs[{k}]: {error}") from None
         if inputs.is_active("gravity") and not (self.geometry.mass > 0 or any(rod.has_mass for rod in self.rods)):
             refuse("gravity", inputs.gravity.tolist(), "must be zero: no rod has a linear_density, and the platform no mass")
+
+    def input_directions(self, name: str) -> dict[str, int]:
+        """Directions for the derivatives by an input: rods of different legs share one, and what acts on the platform touches no leg."""
+        most = max(leg.rod_count for leg in self.geometry.legs)
+        count = most if name in PER_ROD else 3
+        return {"direction_count": count, "leg_direction_count": count if name in (*PER_ROD, *kernels.LEG_VECTORS) else 0}
 
     def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102
         if name != "translation":
@@ -205,6 +212,7 @@ class InverseParallelRods(Assembly):
     """
 
     def __init__(self, robot: ParallelRods, *, limits: Any = None) -> None:
+        instance("InverseParallelRods.robot", robot, ParallelRods, "ParallelRods")
         legs = robot.legs
         if len(legs) != 6 or not all(isinstance(leg, Rod) for leg in legs):
             refuse("ParallelRods.legs", list(legs), "the inverse problem needs 6 legs, each a Rod: a pose has 6 numbers")
@@ -228,6 +236,9 @@ class InverseParallelRods(Assembly):
 
     def check(self, inputs: Inputs) -> None:  # noqa: D102
         self.robot.check(inputs)
+
+    def input_directions(self, name: str) -> dict[str, int]:  # noqa: D102
+        return self.robot.input_directions(name)
 
     def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102
         return self.robot.surely_takes(name, values)
@@ -259,12 +270,11 @@ def _poses(field: str, value: Any, count: int) -> FloatArray:
 
 
 def _joints(value: str | Sequence[str], count: int) -> list[int]:
-    names = [value] * count if isinstance(value, str) else list(value)
-    if len(names) != count:
+    names = [value] * count if isinstance(value, str) else value
+    if not isinstance(names, (list, tuple)) or len(names) != count:
         refuse("ParallelRods.joints", value, f"must be one joint, or one for each of {count} legs")
     for name in names:
-        if name not in JOINTS:
-            refuse("ParallelRods.joints", name, "must be one of " + ", ".join(JOINTS))
+        choice("ParallelRods.joints", name, JOINTS)
     return [JOINTS[name] for name in names]
 
 
@@ -272,17 +282,22 @@ def _limits(value: Any, count: int) -> FloatArray:
     """Least and greatest translation of each leg [m], shape (2, count)."""
     if value is None:
         return np.repeat([[-inf], [inf]], count, axis=1)
-    if not isinstance(value, (list, tuple, np.ndarray)) or len(value) != 2:
+    pair = list(value) if isinstance(value, (list, tuple)) or (type(value) is np.ndarray and value.ndim) else []
+    if len(pair) != 2:
         refuse("inverse.limits", value, "must be a pair (low, high)")
-    ends = [array("inverse.limits", end, finite=False) for end in value]
+    ends = [array("inverse.limits", end, finite=False) for end in pair]
     if any(end.shape not in ((), (count,)) or np.isnan(end).any() for end in ends) or (ends[0] > ends[1]).any():
         refuse("inverse.limits", value, f"must be (low, high), each a number or {count}, with low <= high")
     return np.stack([np.broadcast_to(end, count) for end in ends])
 
 
 def _axes(value: Any, count: int) -> FloatArray:
-    axes = np.broadcast_to(array("ParallelRods.joint_axes", value, (3,)), (count, 3))
-    size = np.linalg.norm(axes, axis=1)
-    if (size == 0).any():
-        refuse("ParallelRods.joint_axes", value, "must not be zero")
+    axes = array("ParallelRods.joint_axes", value, (3,))
+    if axes.shape not in ((3,), (count, 3)):
+        refuse("ParallelRods.joint_axes", value, f"must have shape (3,) or ({count}, 3)")
+    axes = np.broadcast_to(axes, (count, 3))
+    with np.errstate(over="ignore"):
+        size = np.linalg.norm(axes, axis=1)
+    if not ((size > SMALLEST_AXIS) & (size < 1 / SMALLEST_AXIS)).all():
+        refuse("ParallelRods.joint_axes", value, f"must have lengths from {SMALLEST_AXIS:g} to {1 / SMALLEST_AXIS:g}")
     return np.asarray(axes / size[:, None])

@@ -77,8 +77,8 @@ def critical_loads(
         count: How many changes of stability to look for, along the branch.
         up_to: Load factor where the search ends.
         max_steps: Steps along the branch.
-        solver: ``Shooting(tolerance=1e-10, integrator=RK45(rtol=1e-10, atol=1e-12))`` by default: of it the tolerance and the
-            integrator are used, the latter in double precision.
+        solver: ``Shooting(tolerance=1e-10, integrator=RK4(400))`` by default: of it the tolerance and the integrator are used, the
+            latter in double precision.
         device: Warp device.
 
     Returns:

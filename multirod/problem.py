@@ -289,6 +289,23 @@ class BoundaryProblem(ABC):
     def input_slice(self, name: str) -> slice:
         """Where an input stands in a row of ``inputs`` and ``directions``."""
 
+    def input_columns(self, name: str) -> tuple[FloatArray, FloatArray]:
+        """Derivatives by each component of an input, the unknowns fixed; takes one integration.
+
+        The problem was made with ``Assembly.input_directions(name)``, and with ``pose_sensitivities``.
+
+        Returns:
+            Of the residual, shape (instance_count, n, k), and of the end effector's pose, as in ``pose_columns``,
+            shape (instance_count, 6, k).
+        """
+        place = self.input_slice(name)
+        directions = np.zeros(self.directions.shape)
+        for k in range(place.stop - place.start):
+            directions[:, k, place.start + k] = 1.0
+        self.directions.assign(directions)
+        self.integrate()
+        return np.array(self.residual_directions.numpy()), np.array(self.pose_columns.numpy()[:, :, self.unknown_count :])
+
     def curvature_scale(self) -> FloatArray:
         """Size of the curvatures that arise [1/m], shape (instance_count,): the rods' own, or one over the length."""
         return np.ones(self.instance_count)

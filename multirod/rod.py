@@ -9,7 +9,7 @@ import numpy as np
 
 from multirod import profile
 from multirod.batch import take
-from multirod.validation import FloatArray, array, nonnegative_float, number, positive_array, positive_float, refuse
+from multirod.validation import Described, FloatArray, array, nonnegative_float, number, positive_array, positive_float, refuse
 
 
 def _pair(name: str, value: Any, *, infinite: bool) -> FloatArray:
@@ -83,6 +83,10 @@ class Section:
             put("precurvature", profile.fit(f"{owner}.precurvature", self.precurvature, float(self.length)))
         else:
             put("precurvature", array(f"{owner}.precurvature", self.precurvature, (3,)))
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if isinstance(value, np.ndarray) and not value.size:
+                refuse(f"{owner}.{item.name}", Described(f"array of shape {value.shape}"), "must have a value")
         _ = self.batch_shape  # refuses axes that do not broadcast
 
     @property
@@ -205,13 +209,25 @@ class Rod:
         E = positive_array("Rod.young_modulus", young_modulus)
         G = positive_array("Rod.shear_modulus", shear_modulus)
         rho = nonnegative_float("Rod.density", density)
-        I = math.pi / 64 * (outer**4 - inner**4)
+        with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+            I = math.pi / 64 * (np.float64(outer) ** 4 - np.float64(inner) ** 4)
+            A = math.pi / 4 * (np.float64(outer) ** 2 - np.float64(inner) ** 2)
+            EI, GJ, mass = E * I, G * 2 * I, rho * A
+        for name, given, result, least in (
+            ("outer_diameter", outer, I, "its fourth power a finite number > 0"),
+            ("young_modulus", young_modulus, EI, "EI a finite number > 0"),
+            ("shear_modulus", shear_modulus, GJ, "GJ a finite number > 0"),
+        ):
+            if not ((result > 0) & np.isfinite(result)).all():
+                refuse(f"Rod.{name}", given, f"must make {least}")
+        if not np.isfinite(mass):
+            refuse("Rod.density", density, "must make the mass per length finite")
         return cls(
             length=length,
-            bending_stiffness=(E * I)[..., None],
-            torsional_stiffness=G * 2 * I,
+            bending_stiffness=EI[..., None],
+            torsional_stiffness=GJ,
             precurvature=precurvature,
-            linear_density=rho * math.pi / 4 * (outer**2 - inner**2),
+            linear_density=float(mass),
             outer_diameter=outer,
             inner_diameter=inner,
             name=name,

@@ -334,27 +334,23 @@ class Solution:
         count = len(self.assembly.rods) if specs[name].per_rod else 3
 
         def columns(problem: BoundaryProblem) -> tuple[FloatArray]:
-            place = problem.input_slice(name)
-            directions = np.zeros(problem.directions.shape)
-            for k in range(count):
-                directions[:, k, place.start + k] = 1.0
-            problem.directions.assign(directions)
-            problem.integrate()
+            slopes, moved = problem.input_columns(name)
             n = problem.unknown_count
             gamma = problem.read("gamma").reshape(-1, n, n)
-            slopes, pose = np.array(problem.residual_directions.numpy()), np.array(problem.pose_columns.numpy())
+            pose = np.array(problem.pose_columns.numpy()[:, :, :n])
             result = np.full((len(gamma), 6, count), np.nan)
             with np.errstate(over="ignore"):
                 sound = np.linalg.det(np.nan_to_num(gamma)) != 0
             shift = np.linalg.solve(gamma[sound], slopes[sound])
-            result[sound] = pose[sound][:, :, n:] - pose[sound][:, :, :n] @ shift
+            result[sound] = moved[sound] - pose[sound] @ shift
             for k, points in problem.breakpoints.items():
                 segments = problem.segments()
                 assert segments is not None
                 result[k] = pose_jacobian(segments, k, points)
             return (result,)
 
-        (result,) = self._gather(columns, pose_sensitivities=True, direction_count=count, enabled=(name,))
+        options = self.assembly.input_directions(name)
+        (result,) = self._gather(columns, pose_sensitivities=True, enabled=(name,), **options)
         return self._masked(result, (6, count))
 
     def raise_if_failed(self) -> "Solution":

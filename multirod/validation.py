@@ -3,6 +3,7 @@
 import math
 import os
 from collections.abc import Iterable
+from numbers import Real
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -10,6 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+
+LARGEST_INT = 2**31 - 1  # counts are kept in 32 bits
+LONGEST = 500  # characters of a value that an error shows
 
 
 class Described(str):
@@ -21,17 +25,29 @@ class Described(str):
 
 def refuse(field: str, value: object, allowed: str) -> NoReturn:
     """Raise the ``ValueError`` that every refused input ends in."""
-    raise ValueError(f"{field} = {value!r} is not allowed: {allowed}")
+    raise ValueError(f"{field} = {shown(value)} is not allowed: {allowed}")
+
+
+def shown(value: object) -> str:
+    """``repr`` of a value, cut short where it is long; of one that has none, its type."""
+    try:
+        text = repr(value)
+    except Exception:  # noqa: BLE001  (whatever someone's object raises, or an integer of more digits than Python prints)
+        return f"<{type(value).__name__}>"
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]}... ({len(text)} characters)"
 
 
 def number(field: str, value: object) -> float:
     """``value`` as a float."""
-    if isinstance(value, (bool, str, bytes)) or value is None:
+    if isinstance(value, np.ndarray) and not isinstance(value, np.ma.MaskedArray) and value.ndim == 0:
+        value = value[()]
+    if isinstance(value, (bool, np.bool_, np.timedelta64)) or not isinstance(value, Real):
         refuse(field, value, "must be a number")
     try:
-        return float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
-        refuse(field, value, "must be a number")
+        with np.errstate(over="ignore"):
+            return float(value)
+    except OverflowError:
+        refuse(field, value, "must be a number that is finite in double precision")
 
 
 def finite_float(field: str, value: object) -> float:
@@ -60,9 +76,12 @@ def nonnegative_float(field: str, value: object) -> float:
 
 def positive_int(field: str, value: object, minimum: int = 1) -> int:
     """An integer, at least ``minimum``."""
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < minimum:
+    whole = isinstance(value, (int, np.integer)) and not isinstance(value, (bool, np.timedelta64))
+    if not whole or value < minimum:  # type: ignore[operator]
         refuse(field, value, f"must be an integer >= {minimum}")
-    return int(value)
+    if value > LARGEST_INT:  # type: ignore[operator]
+        refuse(field, value, f"must be an integer >= {minimum} and <= {LARGEST_INT}")
+    return int(value)  # type: ignore[call-overload, no-any-return]
 
 
 def boolean(field: str, value: object) -> bool:
@@ -70,6 +89,19 @@ def boolean(field: str, value: object) -> bool:
     if not isinstance(value, (bool, np.bool_)):
         refuse(field, value, "must be True or False")
     return bool(value)
+
+
+def instance(field: str, value: object, kind: type | tuple[type, ...], allowed: str) -> None:
+    """Refuse, by a ``TypeError``, what is not of a kind."""
+    if not isinstance(value, kind):
+        raise TypeError(f"{field} = {shown(value)} is not allowed: must be {allowed}, not {type(value).__name__}")
+
+
+def sequence(field: str, value: object, kind: type | tuple[type, ...], allowed: str) -> tuple[Any, ...]:
+    """A list or tuple of one kind of object, as a tuple; refused by a ``TypeError``."""
+    if not isinstance(value, (list, tuple)) or not all(isinstance(item, kind) for item in value):
+        raise TypeError(f"{field} = {shown(value)} is not allowed: must be a list of {allowed}")
+    return tuple(value)
 
 
 def choice(field: str, value: object, allowed: Iterable[str]) -> str:
@@ -83,13 +115,16 @@ def choice(field: str, value: object, allowed: Iterable[str]) -> str:
 def array(field: str, value: Any, tail: tuple[int, ...] = (), *, finite: bool = True) -> FloatArray:
     """``value`` as a float array whose last axes have the shape ``tail``; leading axes are batch axes."""
     wanted = "a number" if not tail else f"shape (..., {', '.join(str(size) for size in tail)})"
+    if _hides(value):
+        refuse(field, value, f"must be numeric, {wanted}, without booleans and masks")
     try:
         given = np.asarray(value)
-    except (TypeError, ValueError):  # ragged
+    except Exception:  # noqa: BLE001  (ragged, or whatever someone's object raises)
         refuse(field, value, f"must be numeric, {wanted}")
-    if given.dtype.kind not in "fiu":
+    if given.dtype.kind not in "fiu" or isinstance(value, (bytearray, memoryview)):
         refuse(field, value, f"must be numeric, {wanted}")
-    result = given.astype(np.float64)
+    with np.errstate(over="ignore"):  # from longer floats
+        result = given.astype(np.float64)
     if tail and result.shape[-len(tail) :] != tail:
         refuse(field, value if result.size < 20 else Described(f"array of shape {result.shape}"), f"must have {wanted}")
     if finite and not np.isfinite(result).all():
@@ -97,9 +132,18 @@ def array(field: str, value: Any, tail: tuple[int, ...] = (), *, finite: bool = 
     return result
 
 
+def _hides(value: object) -> bool:
+    """Whether there are booleans or masks in a value, which numpy would turn into numbers."""
+    if isinstance(value, (list, tuple)):
+        return any(_hides(item) for item in value)
+    return isinstance(value, (bool, np.bool_, np.ma.MaskedArray))
+
+
 def positive_array(field: str, value: Any, tail: tuple[int, ...] = (), *, infinite: bool = False) -> FloatArray:
     """A positive array; with ``infinite``, ``inf`` (rigid) is allowed."""
     result = array(field, value, tail, finite=False)
+    if not result.size:
+        refuse(field, Described(f"array of shape {result.shape}"), "must have a value")
     if np.isnan(result).any() or (result <= 0).any() or (not infinite and np.isinf(result).any()):
         allowed = "must be > 0 (inf is rigid)" if infinite else "must be finite and > 0"
         refuse(field, value if result.size < 20 else Described(f"array with minimum {result.min()}"), allowed)

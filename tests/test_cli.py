@@ -204,7 +204,9 @@ def test_ctrl_c_leaves_what_has_been_measured(
         return whole(self, name, *rest)
 
     monkeypatch.setattr(Measurement, "_run", interrupted)
-    assert main(["tradeoff", "own_scene:scene", "--budget", "10min", "--csv", "rows.csv", "--out", "run.rrd", "--error", "1"]) == 130
+    assert (
+        main(["tradeoff", "own_scene:scene", "--budget", "10min", "--csv", "rows.csv", "--out", "run.rrd", "--error", "1"]) == 130
+    )
     printed = capsys.readouterr().out
     assert "stopped after 1 of 2 settings" in printed
     assert "Newton, RK4(10)" in printed

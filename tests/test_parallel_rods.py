@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import multirod as mr
+from multirod.problem import BoundaryProblem
 
 ROD = mr.Rod(
     length=0.3, bending_stiffness=(0.02, 0.03), torsional_stiffness=0.015, precurvature=(1.0, 0.4, 0), linear_density=0.05
@@ -226,6 +227,41 @@ def test_the_inverse_problem_undoes_the_forward_one():
     np.testing.assert_allclose(found.tip_rotation, forward.tip_rotation, atol=1e-14)
     for k in range(6):
         np.testing.assert_allclose(found.rod(k).position, forward.rod(k).position, atol=1e-8)
+
+
+def columns_integrated(monkeypatch, robot, compute):
+    """Directions that each leg integrates beside its unknowns, by each problem that was made on the way."""
+    made, whole = [], type(robot).problem
+
+    def problem(self, *arguments, **options):
+        made.append(whole(self, *arguments, **options))
+        return made[-1]
+
+    with monkeypatch.context() as patch:
+        patch.setattr(type(robot), "problem", problem)
+        result = compute()
+    return result, [[group.backbones.direction_count for group in one.groups] for one in made]
+
+
+@pytest.mark.parametrize(
+    ("name", "columns"),
+    [("translation", 1), ("rotation", 1), ("tip_force", 0), ("tip_moment", 0), ("force_point", 0), ("gravity", 3)],
+)
+def test_a_leg_integrates_the_directions_that_touch_it_alone(monkeypatch, name, columns):
+    robot = hexapod(platform_mass=0.1)
+    inputs = robot.inputs(tip_force=(0.5, -0.3, -1.0), force_point=(0.01, 0, 0), gravity=(0, 0, -9.81))
+    solution = mr.solve(robot, inputs, solver=EXACT).raise_if_failed()
+    found, counts = columns_integrated(monkeypatch, robot, lambda: solution.jacobian(name))
+    assert counts == [[columns]]
+    assert found.shape == (6, 6 if columns == 1 else 3)
+    # all columns on every leg, as a solver's direction is integrated
+    problem = robot.problem(inputs, integrator=EXACT.integrator, pose_sensitivities=True, direction_count=found.shape[1])
+    problem.write("unknowns", solution.unknowns[None])
+    slopes, pose = BoundaryProblem.input_columns(problem, name)
+    gamma, n = problem.read("gamma").reshape(problem.unknown_count, -1), problem.unknown_count
+    whole = pose[0] - problem.pose_columns.numpy()[0, :, :n] @ np.linalg.solve(gamma, slopes[0])
+    # the same sums less zeros, and Gamma's condition of 3e3 on their rounding
+    np.testing.assert_allclose(found, whole, rtol=0, atol=1e-11 * np.abs(whole).max())
 
 
 def inverse_inputs(inverse, pose, **loads):
