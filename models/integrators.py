@@ -36,7 +36,12 @@ class Tableau:
     def __post_init__(self) -> None:
         positive_int("Tableau.order", self.order)
         for name in ("a", "b", "c", "error"):
-            sequence(f"Tableau.{name}", getattr(self, name), (list, tuple) if name == "a" else object, "rows" if name == "a" else "numbers")
+            sequence(
+                f"Tableau.{name}",
+                getattr(self, name),
+                (list, tuple) if name == "a" else object,
+                "rows" if name == "a" else "numbers",
+            )
         for name, values in {"a": [v for row in self.a for v in row], "b": self.b, "c": self.c, "error": self.error}.items():
             for value in values:
                 finite_float(f"Tableau.{name}", value)

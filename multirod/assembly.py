@@ -101,8 +101,8 @@ class Assembly(ABC):
         self.check(result)
         return result
 
-    def accept(self, inputs: Inputs | None) -> Inputs:
-        """``inputs`` if they fit this assembly; None is all zero.
+    def accept(self, inputs: Inputs | None, field: str = "inputs") -> Inputs:
+        """``inputs`` if they fit this assembly; None is all zero. An error calls them ``field``.
 
         Raises:
             TypeError: If they are not made by ``inputs(...)``, or name inputs that this assembly does not take.
@@ -111,7 +111,7 @@ class Assembly(ABC):
         if inputs is None:
             return self.inputs()
         if not isinstance(inputs, Inputs):
-            raise TypeError(f"inputs must be made by robot.inputs(...), not {type(inputs).__name__}")
+            raise TypeError(f"{field} must be made by robot.inputs(...), not {type(inputs).__name__}")
         unknown_names("the robot", inputs.given, (spec.name for spec in self.input_specs))
         self._check_axes(inputs)
         self.check(inputs)

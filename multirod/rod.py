@@ -213,13 +213,13 @@ class Rod:
             I = math.pi / 64 * (np.float64(outer) ** 4 - np.float64(inner) ** 4)
             A = math.pi / 4 * (np.float64(outer) ** 2 - np.float64(inner) ** 2)
             EI, GJ, mass = E * I, G * 2 * I, rho * A
-        for name, given, result, least in (
+        for field_name, given, result, least in (
             ("outer_diameter", outer, I, "its fourth power a finite number > 0"),
             ("young_modulus", young_modulus, EI, "EI a finite number > 0"),
             ("shear_modulus", shear_modulus, GJ, "GJ a finite number > 0"),
         ):
             if not ((result > 0) & np.isfinite(result)).all():
-                refuse(f"Rod.{name}", given, f"must make {least}")
+                refuse(f"Rod.{field_name}", given, f"must make {least}")
         if not np.isfinite(mass):
             refuse("Rod.density", density, "must make the mass per length finite")
         return cls(

@@ -104,6 +104,33 @@ def sequence(field: str, value: object, kind: type | tuple[type, ...], allowed: 
     return tuple(value)
 
 
+def integers(field: str, value: Any) -> NDArray[np.intp]:
+    """Integers of shape (k,)."""
+    try:
+        given = np.asarray(value) if not _hides(value) else None
+    except Exception:  # noqa: BLE001  (ragged, or whatever someone's object raises)
+        given = None
+    if given is not None and given.shape == (0,):
+        return np.zeros(0, dtype=np.intp)
+    if given is None or given.ndim != 1 or given.dtype.kind not in "iu":
+        size = value if given is None else Described(f"{given.dtype} array of shape {given.shape}")
+        refuse(field, size, "must be integers of shape (k,)")
+    if given.dtype.kind == "u" and given.max() > np.iinfo(np.intp).max:
+        refuse(field, value, f"must be at most {np.iinfo(np.intp).max}")
+    return given.astype(np.intp)
+
+
+def device_name(field: str, value: object) -> str:
+    """The name of a device that there is."""
+    import warp as wp
+
+    names = [device.alias for device in wp.get_devices()]
+    # "cuda" is the present one of several
+    if isinstance(value, str) and (value in names or (value == "cuda" and wp.is_cuda_available())):
+        return value
+    refuse(field, value, "must be one of Warp's devices here, " + ", ".join(map(repr, names)))
+
+
 def choice(field: str, value: object, allowed: Iterable[str]) -> str:
     """One of the names in ``allowed``."""
     options = tuple(allowed)
@@ -150,15 +177,24 @@ def positive_array(field: str, value: Any, tail: tuple[int, ...] = (), *, infini
     return result
 
 
+def path_of(field: str, value: object) -> Path:
+    """A path."""
+    try:
+        text = os.fsdecode(value) if isinstance(value, (str, os.PathLike)) else ""
+    except Exception:  # noqa: BLE001  (whatever someone's path raises)
+        text = ""
+    if not text or "\0" in text:
+        refuse(field, value, "must be a path")
+    return Path(text)
+
+
 def file_path(field: str, value: object, *endings: str) -> Path:
     """A file to be written, in a folder that exists, with one of these endings (any, if none is named)."""
+    path = path_of(field, value)
     try:
-        path = Path(os.fsdecode(value)) if isinstance(value, (str, os.PathLike)) and os.fspath(value) else None
-        usable = path is not None and not path.is_dir() and path.parent.is_dir()
-    except (TypeError, ValueError, OSError):  # a null character, or longer than the system allows
-        path, usable = None, False
-    if path is None:
-        refuse(field, value, "must be a path")
+        usable = not path.is_dir() and path.parent.is_dir()
+    except OSError:  # longer than the system allows
+        usable = False
     if endings and path.suffix.lower() not in endings:
         refuse(field, str(path), f"must end in {' or '.join(endings)}")
     if not usable:

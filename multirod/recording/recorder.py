@@ -15,6 +15,8 @@ from multirod.solution import History, Solution
 from multirod.validation import file_path, finite_float, positive_float, positive_int, refuse
 
 ENDING = ".rrd"
+LONGEST = 9e9  # seconds: nanoseconds are counted in 64 bits
+LARGEST_SCALE = 1e30  # geometry is single precision
 
 
 def save(
@@ -55,7 +57,9 @@ def save(
             refuse("save.reference", reference, f"must have the samples of the history, {history!r}")
     node_count = positive_int("save.nodes", nodes, 2)
     count = positive_int("save.instances", instances)
-    scale = None if force_scale is None else positive_float("save.force_scale", force_scale)
+    scale = _force_scale("save.force_scale", force_scale)
+    if np.abs(history.time).max() > LONGEST:
+        refuse("save.history", history, f"its times must be within {LONGEST:g} s of zero")
     title = _name("save.name", name, file.stem)
 
     block = first_instances(history, count)
@@ -134,7 +138,7 @@ class Recorder:
         self._flush_every = positive_int("Recorder.flush_every", flush_every)
         self._instances = positive_int("Recorder.instances", instances)
         node_count = positive_int("Recorder.nodes", nodes, 2)
-        scale = None if force_scale is None else positive_float("Recorder.force_scale", force_scale)
+        scale = _force_scale("Recorder.force_scale", force_scale)
         self._pending: list[tuple[float, Solution, float, Solution | None]] = []
         self._count = 0
         self._last_time = -math.inf
@@ -177,6 +181,9 @@ class Recorder:
         if now <= self._last_time:
             refuse("Recorder.log.time", time, f"must be later than the sample before, {self._last_time:g} s")
         duration = math.nan if step_time is None else positive_float("Recorder.log.step_time", step_time)
+        for field, number in (("time", now), ("step_time", duration)):
+            if abs(number) > LONGEST:
+                refuse(f"Recorder.log.{field}", number, f"must be within {LONGEST:g} s of zero")
         for field, value in (("solution", solution), ("reference", reference)):
             if value is None and field == "reference":
                 continue
@@ -234,6 +241,13 @@ class Recorder:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.close()
+
+
+def _force_scale(field: str, value: object) -> float | None:
+    scale = None if value is None else positive_float(field, value)
+    if scale is not None and scale > LARGEST_SCALE:
+        refuse(field, value, f"must be > 0 and <= {LARGEST_SCALE:g}")
+    return scale
 
 
 def _name(field: str, name: object, default: str) -> str:

@@ -5,7 +5,6 @@ import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import Executor
 from contextlib import closing
-from pathlib import Path
 from typing import Any
 from warnings import warn
 
@@ -23,7 +22,7 @@ from multirod.sweeps.dispatch import Executors, executors, results
 from multirod.sweeps.folder import FORMAT, Folder
 from multirod.sweeps.study import Study
 from multirod.sweeps.table import Arrays, to_table
-from multirod.validation import Described, choice, positive_int, refuse
+from multirod.validation import Described, choice, device_name, path_of, positive_int, refuse
 
 
 def sweep(
@@ -72,8 +71,9 @@ def sweep(
     method = as_solver(robot, solver)
     inputs = robot.accept(inputs)
     chunk, in_flight = positive_int("chunk", chunk), positive_int("in_flight", in_flight)
-    if isinstance(quantities, str):
+    if isinstance(quantities, str) or not isinstance(quantities, (list, tuple, set, frozenset)):
         refuse("quantities", quantities, "must be a list of names")
+    device = device_name("device", device)
     further = tuple(sorted({choice("quantities", name, FURTHER) for name in quantities}))
     if executor is not None and not isinstance(executor, Executor) and not callable(executor):
         refuse("executor", executor, "must be a concurrent.futures.Executor, or a function that makes one")
@@ -94,7 +94,7 @@ def sweep(
         "quantities": list(named),
         "device": device.split(":")[0],
     }
-    folder = Folder(Path(out))
+    folder = Folder(path_of("out", out))
     with folder.locked():
         folder.begin(manifest)
         study = Study(out)

@@ -32,12 +32,17 @@ class Folder:
     A chunk's file has its checksum in its name: both are there by one rename, or neither is. The checksum is keyed by that of the
     manifest, so that a chunk of another study is not taken for one of this.
 
+    Args:
+        path: The folder.
+        field: What errors call it.
+
     Attributes:
         path: The folder.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, field: str = "out") -> None:
         self.path = path
+        self._field = field
         self.chunks = path / "chunks"
         self.manifest_path = path / "study.json"
         self._key: bytes | None = None
@@ -108,13 +113,13 @@ class Folder:
         try:
             manifest = json.loads(self.manifest_path.read_text(encoding="utf-8"))
         except (FileNotFoundError, NotADirectoryError):
-            refuse("out", str(self.path), "it holds no study.json")
+            refuse(self._field, str(self.path), "it holds no study.json")
         except ValueError:
             manifest = None
         if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
-            refuse("out", str(self.path), f"its study.json is not of a {FORMAT!r}")
+            refuse(self._field, str(self.path), f"its study.json is not of a {FORMAT!r}")
         if manifest.get("checksum") != _sealed(manifest)["checksum"]:
-            refuse("out", str(self.path), "its study.json is broken, its checksum not that of what it says: restore it")
+            refuse(self._field, str(self.path), "its study.json is broken, its checksum not that of what it says: restore it")
         return manifest
 
     def begin(self, manifest: Mapping[str, Any]) -> None:
@@ -127,12 +132,12 @@ class Folder:
             there = {key: value for key, value in self.manifest().items() if key != "checksum"}
             differences = list(_differences(there, manifest))
             if differences:
-                refuse("out", str(self.path), "it holds another study; there differ " + "; ".join(differences))
+                refuse(self._field, str(self.path), "it holds another study; there differ " + "; ".join(differences))
         else:
             strangers = sorted(p.name for p in self.path.iterdir() if p.name not in (_LOCK, _PART, self.chunks.name))
             strangers += [str(p.relative_to(self.path)) for p in self.chunks.glob("*")]
             if strangers:
-                refuse("out", str(self.path), f"it holds no study.json, but {strangers[0]!r}: give a new or empty folder")
+                refuse(self._field, str(self.path), f"it holds no study.json, but {strangers[0]!r}: give a new or empty folder")
             self.chunks.mkdir(exist_ok=True)
             with self.written(self.manifest_path) as part:
                 part.write_text(json.dumps(_sealed(manifest), indent=2) + "\n", encoding="utf-8")
@@ -163,7 +168,7 @@ class Folder:
             RuntimeError: If another holds it.
         """
         if self.path.exists() and not self.path.is_dir():
-            refuse("out", str(self.path), "must be a folder")
+            refuse(self._field, str(self.path), "must be a folder")
         self.path.mkdir(parents=True, exist_ok=True)
         # closed when a worker is started, so that no worker outlives the lock's owner with it
         with (self.path / _LOCK).open("a+", encoding="utf-8") as file:

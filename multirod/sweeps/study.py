@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from multirod.status import Status
 from multirod.sweeps.folder import Broken, Folder
 from multirod.sweeps.table import Arrays, Tails, blank, column_names, from_table, tails_in
-from multirod.validation import unknown_names
+from multirod.validation import path_of, unknown_names
 
 
 class Study:
@@ -41,7 +41,7 @@ class Study:
     """
 
     def __init__(self, folder: str | os.PathLike[str]) -> None:
-        self._folder = Folder(Path(folder))
+        self._folder = Folder(path_of("folder", folder), "folder")
         self.path = self._folder.path
         self.manifest = self._folder.manifest()
         self.batch_shape: tuple[int, ...] = tuple(self.manifest["batch_shape"])

@@ -12,6 +12,7 @@ from multirod.solver import Solver
 from multirod.tradeoffs.measurement import Measurement
 from multirod.tradeoffs.promise import kept
 from multirod.tradeoffs.table import Measured, Rows, Tradeoff
+from multirod.validation import positive_float
 
 
 def tradeoff(
@@ -80,6 +81,9 @@ def tune(
     """
     if (error is None) == (rate is None):
         raise TypeError("tune() takes error or rate")
+    for name, value in (("error", error), ("rate", rate)):
+        if value is not None:
+            positive_float(name, value)
     csv, progress = options.pop("csv", None), options.pop("progress", True)
     return kept(_measure(csv, progress, robot, inputs, time=time, **options), error=error, rate=rate)
 

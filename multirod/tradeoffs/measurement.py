@@ -10,7 +10,7 @@ import numpy as np
 from multirod.assembly import Assembly
 from multirod.batch import Interrupted
 from multirod.inputs import Inputs
-from multirod.simulation import Runner, as_solver, simulate
+from multirod.simulation import Runner, as_solver, even_times, simulate
 from multirod.solution import History
 from multirod.solver import Solver
 from multirod.tradeoffs import limit as clock
@@ -18,7 +18,7 @@ from multirod.tradeoffs.limit import Limited
 from multirod.tradeoffs.reference import SHAPE_NODES, Reference, load_kernels
 from multirod.tradeoffs.settings import Setting, grid, registered, settings
 from multirod.tradeoffs.table import Measured, Tradeoff
-from multirod.validation import Described, FloatArray, array, nonnegative_float, positive_float, refuse
+from multirod.validation import Described, FloatArray, instance, nonnegative_float, positive_float, refuse
 
 START = 6  # samples that say how long all will take
 OVERHEAD = 2e-5  # of keeping a sample [s]
@@ -60,17 +60,25 @@ class Measurement:
         budget: float = 60.0,
     ) -> None:
         self._limit = limit = positive_float("budget", budget)
-        if solvers is not None and not solvers:
-            refuse("solvers", solvers, "there must be one")
+        if solvers is not None:
+            instance("solvers", solvers, Mapping, "solvers by name")
+            if not solvers:
+                refuse("solvers", solvers, "there must be one")
+            for name, solver in solvers.items():
+                instance("solvers", name, str, "solvers by name")
+                instance(f"solvers[{name!r}]", solver, Solver, "a Solver such as Shooting()")
         as_solver(robot, None)
-        inputs, samples = robot.accept(inputs), array("time", time)
+        inputs, samples = robot.accept(inputs), even_times(time)[0]
+        models = {} if models is None else models
+        _check_models(models)
         _one_motion("inputs", robot, inputs)
-        for name, (other, given) in (models or {}).items():
-            as_solver(other, None)
-            _one_motion(f"models[{name!r}]", other, other.accept(given))
+        for name, (other, given) in models.items():
+            _one_motion(f"models[{name!r}]", other, other.accept(given, f"models[{name!r}]"))
             if other.rod_count != robot.rod_count:
                 refuse(f"models[{name!r}]", Described(f"{other.rod_count} rods"), f"must be {robot.rod_count} as the robot's")
-        if samples.ndim != 1 or not (samples >= nonnegative_float("settle", settle)).any():
+        if not len(samples):
+            refuse("time", time, "there must be a sample")
+        if not (samples >= nonnegative_float("settle", settle)).any():
             refuse("settle", settle, f"must be before the last sample, {np.max(samples, initial=0):g} s")
         self._skipped: dict[str, str] = {}
         if solvers is None:
@@ -80,9 +88,7 @@ class Measurement:
                     solvers[name] = made
                 else:
                     self._skipped[name] = made
-        for solver in solvers.values():
-            as_solver(robot, solver)
-        self.settings = settings(robot, inputs, solvers, models or {})
+        self.settings = settings(robot, inputs, solvers, models)
         started = clock.now()
         load_kernels(robot, inputs)
         self._begin = clock.now()
@@ -210,7 +216,12 @@ class Measurement:
         return measured(name, setting, history, self.reference, self._settled)
 
     def _simulate(
-        self, setting: Setting, guess: FloatArray | None, count: int, seconds: float, progress: bool | Callable[[int], Any] = False
+        self,
+        setting: Setting,
+        guess: FloatArray | None,
+        count: int,
+        seconds: float,
+        progress: bool | Callable[[int], Any] = False,
     ) -> History | None:
         """The first samples; None where they take longer than that."""
         count = min(count, len(self._time))
@@ -267,6 +278,15 @@ def measured(name: str, setting: Setting, history: History, reference: Reference
         failed=int(failed.sum()),
         model=setting.model,
     )
+
+
+def _check_models(models: Any) -> None:
+    instance("models", models, Mapping, "robots and inputs by name")
+    for name, model in models.items():
+        instance("models", name, str, "robots and inputs by name")
+        if not isinstance(model, (list, tuple)) or len(model) != 2:
+            refuse(f"models[{name!r}]", model, "must be a pair, robot and inputs")
+        instance(f"models[{name!r}]", model[0], Assembly, "a pair, robot and inputs")
 
 
 def _one_motion(field: str, robot: Assembly, inputs: Inputs) -> None:
