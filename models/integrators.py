@@ -47,7 +47,7 @@ class Tableau:
                 finite_float(f"Tableau.{name}", value)
         count = len(self.b)
         if len(self.a) != count or len(self.c) != count or any(len(row) != i for i, row in enumerate(self.a)):
-            raise ValueError(f"Tableau: {count} weights b need {count} nodes c and rows of a of lengths 0 to {count - 1}")
+            raise ValueError(f"Tableau.a, b, c: {count} weights need {count} nodes and rows of lengths 0 to {count - 1}")
         if self.error and len(self.error) != count:
             raise ValueError(f"Tableau.error has length {len(self.error)}: must be {count} or empty")
         if any(abs(sum(row) - c) > 1e-12 for row, c in zip(self.a, self.c, strict=True)) or abs(sum(self.b) - 1) > 1e-12:

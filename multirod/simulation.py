@@ -285,7 +285,9 @@ def _guess(guess: Any, problem: BoundaryProblem, count: int, piece: slice) -> Fl
     """A guess of the problem's unknowns, (instance_count, n), from a solution or an array of all ``count`` instances."""
     if guess is None:
         return None
-    values = guess.unknowns if isinstance(guess, Solution) else array("guess", guess)
+    values = guess.unknowns if isinstance(guess, Solution) else array("guess", guess, finite=False)
+    if not (isinstance(guess, Solution) or np.isfinite(values).all()):
+        refuse("guess", Described(f"array of shape {values.shape}"), "must be finite")
     if not values.size and count:
         refuse("guess", Described(f"array of shape {values.shape}"), f"must have shape (..., {problem.unknown_count})")
     flat = values.reshape(-1, values.shape[-1] if values.ndim else 1)

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 LARGEST_INT = 2**31 - 1  # counts are kept in 32 bits
+LARGEST = 1e50  # in SI units: products of several such numbers are still floats, and no robot is larger
+SMALLEST = 1 / LARGEST
 LONGEST = 500  # characters of a value that an error shows
 
 
@@ -156,6 +158,12 @@ def array(field: str, value: Any, tail: tuple[int, ...] = (), *, finite: bool = 
         refuse(field, value if result.size < 20 else Described(f"array of shape {result.shape}"), f"must have {wanted}")
     if finite and not np.isfinite(result).all():
         refuse(field, value if result.size < 20 else Described(f"array of shape {result.shape}"), "must be finite")
+    if finite and (np.abs(result) > LARGEST).any():
+        refuse(
+            field,
+            Described(f"array with entries of {np.abs(result).max():g}"),
+            f"must be finite, and at most {LARGEST:g} in SI units",
+        )
     return result
 
 
@@ -166,14 +174,19 @@ def _hides(value: object) -> bool:
     return isinstance(value, (bool, np.bool_, np.ma.MaskedArray))
 
 
-def positive_array(field: str, value: Any, tail: tuple[int, ...] = (), *, infinite: bool = False) -> FloatArray:
-    """A positive array; with ``infinite``, ``inf`` (rigid) is allowed."""
+def positive_array(
+    field: str, value: Any, tail: tuple[int, ...] = (), *, infinite: bool = False, smallest: float = SMALLEST
+) -> FloatArray:
+    """A positive array, of at least ``smallest``; with ``infinite``, ``inf`` (rigid) is allowed."""
     result = array(field, value, tail, finite=False)
     if not result.size:
         refuse(field, Described(f"array of shape {result.shape}"), "must have a value")
     if np.isnan(result).any() or (result <= 0).any() or (not infinite and np.isinf(result).any()):
         allowed = "must be > 0 (inf is rigid)" if infinite else "must be finite and > 0"
         refuse(field, value if result.size < 20 else Described(f"array with minimum {result.min()}"), allowed)
+    if (result < smallest).any() or (result[np.isfinite(result)] > LARGEST).any():
+        given = value if result.size < 20 else Described(f"array from {result.min()} to {result.max()}")
+        refuse(field, given, f"must be from {smallest:g} to {LARGEST:g} in SI units" + (", or inf" if infinite else ""))
     return result
 
 
@@ -185,7 +198,12 @@ def path_of(field: str, value: object) -> Path:
         text = ""
     if not text or "\0" in text:
         refuse(field, value, "must be a path")
-    return Path(text)
+    path = Path(text)
+    try:
+        path.exists()
+    except OSError:
+        refuse(field, value, "must be a path of a length that the system allows")
+    return path
 
 
 def file_path(field: str, value: object, *endings: str) -> Path:

@@ -402,12 +402,12 @@ def test_functions(label: str, name: str, tmp_path: Path, stubbed: None, monkeyp
     assert not wrong, "\n".join(wrong)
 
 
-EXTREMES = [{name: value} for name in PROPERTIES for value in (5e-324, 1e-300, 1e-154, 1e154, 1e300)]
-EXTREMES += [{"precurvature": (value, 0, 0)} for value in (5e-324, 1e154, 1e300)]
+EXTREMES = [{name: value} for name in PROPERTIES for value in (1e-50, 1e-25, 1e25, 1e50)]
+EXTREMES += [{"precurvature": (value, 0, 0)} for value in (5e-324, 1e25, 1e50)]
 
 
 @pytest.mark.parametrize("changes", EXTREMES, ids=str)
-@pytest.mark.parametrize("force", [0.0, 0.1, 1e300])
+@pytest.mark.parametrize("force", [0.0, 0.1, 1e50])
 def test_what_is_legal_does_not_crash_later(changes: dict[str, Any], force: float) -> None:
     """There is a result, or a status that says why there is none."""
     robot = mr.SingleRod(wire(**changes))
