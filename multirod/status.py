@@ -83,7 +83,7 @@ _MESSAGES = {
     "minimum; loosen the tolerance, tighten the integrator, or start nearer",
     Status.BRANCH_END: "the equilibrium reached by raising the loads in proportion ends before the full load (a fold or a "
     "bifurcation: the rod snaps or buckles); give a guess to follow another branch",
-    Status.UNSTABLE: "the equilibrium that was found is unstable: the robot would leave it. Lead it there from where it is stable (simulate), or give "
+    Status.UNSTABLE: "the equilibrium that was found is unstable: the robot would leave it; lead it there from where it is stable (simulate), or give "
     "another guess; of an inverse problem, ask for another pose",
     Status.OUT_OF_LIMITS: "the translations that lead to this pose are beyond the limits that inverse() was given, or leave nothing of a leg in use: ask "
     "for another pose, give wider limits, or begin at another translation or guess",
