@@ -151,7 +151,7 @@ class Tracker:
             new = self._robot.inputs(**{**held, **changes})
         if not _broadcasts(new.batch_shape, self._batch_shape):
             refuse(
-                ", ".join(changes) or "inputs",
+                f"inputs ({', '.join(changes)})" if changes else "inputs",
                 Described(f"leading axes {new.batch_shape}"),
                 f"must broadcast to those at the start, {self._batch_shape}",
             )
