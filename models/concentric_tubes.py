@@ -10,7 +10,7 @@ import numpy as np
 from multirod.inputs import Inputs
 from multirod.models.backbone import BackboneAssembly
 from multirod.rod import Rod
-from multirod.validation import FloatArray, refuse
+from multirod.validation import FloatArray, refuse, sequence
 
 SAME_PLACE = 1e-12  # [m]: bases this close are at the same place
 
@@ -35,8 +35,7 @@ class ConcentricTubes(BackboneAssembly):
     transmission = True
 
     def __init__(self, tubes: Sequence[Rod], *, base: Any = None) -> None:
-        if not isinstance(tubes, (list, tuple)) or not all(isinstance(tube, Rod) for tube in tubes):
-            raise TypeError("ConcentricTubes takes a list of Rod, innermost first")
+        sequence("ConcentricTubes.tubes", tubes, Rod, "Rod, innermost first")
         if not 1 <= len(tubes) <= 6:
             refuse("ConcentricTubes.tubes", f"{len(tubes)} tubes", "must be 1 to 6")
         for j, k in combinations(range(len(tubes)), 2):

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import ClassVar, Self
 
-from multirod.validation import choice, finite_float, positive_float, positive_int, refuse
+from multirod.validation import choice, finite_float, positive_float, positive_int, refuse, sequence
 
 PRECISIONS = ("float64", "float32")
 SINGLE_RTOL = 1e-6  # the finest that step control can keep in single precision, which rounds to 6e-8: measured, docs/solvers.md
@@ -35,12 +35,19 @@ class Tableau:
 
     def __post_init__(self) -> None:
         positive_int("Tableau.order", self.order)
+        for name in ("a", "b", "c", "error"):
+            sequence(
+                f"Tableau.{name}",
+                getattr(self, name),
+                (list, tuple) if name == "a" else object,
+                "rows" if name == "a" else "numbers",
+            )
         for name, values in {"a": [v for row in self.a for v in row], "b": self.b, "c": self.c, "error": self.error}.items():
             for value in values:
                 finite_float(f"Tableau.{name}", value)
         count = len(self.b)
         if len(self.a) != count or len(self.c) != count or any(len(row) != i for i, row in enumerate(self.a)):
-            raise ValueError(f"Tableau: {count} weights need {count} nodes and rows of lengths 0 to {count - 1}")
+            raise ValueError(f"Tableau.a, b, c: {count} weights need {count} nodes and rows of lengths 0 to {count - 1}")
         if self.error and len(self.error) != count:
             raise ValueError(f"Tableau.error has length {len(self.error)}: must be {count} or empty")
         if any(abs(sum(row) - c) > 1e-12 for row, c in zip(self.a, self.c, strict=True)) or abs(sum(self.b) - 1) > 1e-12:
@@ -204,7 +211,7 @@ class RK45(AdaptiveIntegrator):
     atol: float = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
-        single = self.precision == "float32"
+        single = choice("RK45.precision", self.precision, PRECISIONS) == "float32"
         for name, value in (("rtol", SINGLE_RTOL if single else 1e-8), ("atol", SINGLE_ATOL if single else 1e-10)):
             if getattr(self, name) is None:
                 object.__setattr__(self, name, value)

@@ -41,6 +41,7 @@ class Robots:
     rod_count: int
     unknown_count: int
     direction_count: int
+    leg_direction_count: int  # the first of them, that touch legs: they have columns for these
     inverse: int  # whether the pose is given and the legs' translations are unknown
     # unknowns, inputs, results
     order: wp.array[int]  # instances that a launch passes over
@@ -169,19 +170,19 @@ def spread(robots: Robots, legs: Legs):
         rod = legs.first_rod[place] + i
         legs.inputs[t, i] = robots.inputs[b, rod]
         legs.inputs[t, legs.rods + i] = robots.inputs[b, robots.rod_count + rod]
-        for k in range(robots.direction_count):
+        for k in range(robots.leg_direction_count):
             legs.directions[t, k, i] = robots.directions[b, k, rod]
             legs.directions[t, k, legs.rods + i] = robots.directions[b, k, robots.rod_count + rod]
     for i in range(9):
         legs.inputs[t, legs.vectors + i] = robots.inputs[b, robots.spread + i]
-        for k in range(robots.direction_count):
+        for k in range(robots.leg_direction_count):
             legs.directions[t, k, legs.vectors + i] = robots.directions[b, k, robots.spread + i]
     if robots.inverse != 0:
         # (10) the unknown translation, and its own column
         L = length_of(robots, b, leg)
         x = robots.unknowns[b, robots.unknown_count - wp.static(POSE) + leg]
         legs.inputs[t, legs.rods] = legs.inputs[t, legs.rods] + L * L * x
-        legs.directions[t, robots.direction_count, legs.rods] = L * L
+        legs.directions[t, robots.leg_direction_count, legs.rods] = L * L
 
 
 @wp.struct
@@ -347,7 +348,7 @@ def attach(robots: Robots, legs: Legs):
 
     bent = f64(1.0) / stiffness_of(robots, b, robots.leg_count)
     pull = pose.length * bent
-    extra = robots.direction_count
+    extra = robots.leg_direction_count
     if robots.inverse != 0:
         extra += 1
     for k in range(m + extra):
@@ -357,7 +358,7 @@ def attach(robots: Robots, legs: Legs):
         dm = column(legs.wrench_columns, t, 3, k)
         move = zero
         turn = zero
-        if k >= m and k - m < robots.direction_count:
+        if k >= m and k - m < robots.leg_direction_count:
             move, turn = pose_direction(robots, b, k - m, pose)
         gap = to_gap * (dp - move - wp.cross(turn, joint.arm))
         rows = joint_rows_variation(joint, tip_turn, turn, dm, moment)
@@ -369,7 +370,7 @@ def attach(robots: Robots, legs: Legs):
             write_rows(robots.gamma, b, platform, first + k, push, twist)
             for i in range(wp.static(POSE), m):
                 robots.gamma[b, first + i, first + k] = legs.gamma[t, i, k]
-        elif k - m < robots.direction_count:
+        elif k - m < robots.leg_direction_count:
             write_rows(robots.residual_directions, b, first, k - m, gap, rows)
             for i in range(wp.static(POSE), m):
                 robots.residual_directions[b, first + i, k - m] = legs.residual_directions[t, i, k - m]
@@ -378,6 +379,12 @@ def attach(robots: Robots, legs: Legs):
             write_rows(robots.gamma, b, platform, platform + leg, push, twist)
             for i in range(wp.static(POSE), m):
                 robots.gamma[b, first + i, platform + leg] = legs.residual_directions[t, i, k - m]
+    for k in range(robots.leg_direction_count, robots.direction_count):
+        move, turn = pose_direction(robots, b, k, pose)
+        gap = -(to_gap * (move + wp.cross(turn, joint.arm)))
+        write_rows(robots.residual_directions, b, first, k, gap, joint_rows_variation(joint, zero, turn, zero, moment))
+        for i in range(wp.static(POSE), m):
+            robots.residual_directions[b, first + i, k] = f64(0.0)
     if robots.inverse == 0:
         for k in range(3):
             move = zero
@@ -395,7 +402,7 @@ def attach(robots: Robots, legs: Legs):
         robots.law[q, wp.static(MOMENT_AT) + j] = total[j]
         for k in range(3):
             robots.law[q, wp.static(TURN_AT) + 3 * j + k] = turned[j, k]
-    for k in range(robots.direction_count):
+    for k in range(robots.leg_direction_count):
         dn = column(legs.wrench_columns, t, 0, m + k)
         dm = column(legs.wrench_columns, t, 3, m + k)
         dm += wp.cross(joint.arm, dn)
@@ -474,6 +481,8 @@ def balance(robots: Robots):
         dn = zero
         dm = zero
         for leg in range(legs):
+            if k >= robots.leg_direction_count:
+                break
             q = b * legs + leg
             dn += vector(robots.law, q, wp.static(DIRECTIONS_AT) + 6 * k)
             dm += vector(robots.law, q, wp.static(DIRECTIONS_AT) + 6 * k + 3)

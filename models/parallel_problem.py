@@ -32,10 +32,12 @@ from multirod.models.parallel_stability import HeldLeg, PlatformLoads, platform_
 from multirod.models.second_variation import CondensedForm
 from multirod.problem import Block, BoundaryProblem, Loading, Shape
 from multirod.rod import RodArrays, stack
-from multirod.stability import Modes
+from multirod.stability import Modes, Stability
+from multirod.status import Status
 from multirod.validation import FloatArray, frozen
 
 POSE = kernels.POSE
+PER_ROD = ("rotation", "translation")
 LEG_INPUTS = tuple(
     spec for spec in BACKBONE_INPUTS if spec.per_rod or spec.name in kernels.LEG_VECTORS
 )  # what acts on a leg itself
@@ -204,12 +206,16 @@ class ParallelProblem(BoundaryProblem):
         integrator: Integrator,
         device: str = "cpu",
         inverse: bool = False,
+        limits: FloatArray | None = None,
         pose_sensitivities: bool = False,
         direction_count: int = 0,
+        leg_direction_count: int | None = None,
         enabled: Sequence[str] = (),
     ) -> None:
+        self.leg_direction_count = direction_count if leg_direction_count is None else leg_direction_count
         self.geometry = geometry
         self.inverse = inverse
+        self._limits = np.array([-np.inf, np.inf])[:, None] if limits is None else limits
         self._places = input_places(len(geometry.rods), inverse)
         first = [int(k) for k in geometry.first_unknown]
         # what each leg's unknowns are: its own, in the order of the arrow
@@ -237,7 +243,7 @@ class ParallelProblem(BoundaryProblem):
         options = {
             "integrator": integrator,
             "device": device,
-            "direction_count": direction_count + int(inverse),
+            "direction_count": self.leg_direction_count + int(inverse),
             "enabled": [name for name in kernels.LEG_VECTORS if name in enabled or inputs.is_active(name)],
         }
         builds: dict[tuple[int, bool], list[int]] = {}
@@ -259,6 +265,7 @@ class ParallelProblem(BoundaryProblem):
         robots.rod_count = len(geometry.rods)
         robots.unknown_count = self.unknown_count
         robots.direction_count = self.direction_count
+        robots.leg_direction_count = self.leg_direction_count
         robots.inverse = int(self.inverse)
         self.share(robots)
 
@@ -292,7 +299,7 @@ class ParallelProblem(BoundaryProblem):
         robots.spread = self._places[kernels.LEG_VECTORS[0]].start
         robots.opening = wp.zeros((count, self.unknown_count), dtype=wp.float64, device=device)
         robots.loading = wp.zeros(count, dtype=wp.int32, device=device)
-        size = kernels.DIRECTIONS_AT + 6 * self.direction_count
+        size = kernels.DIRECTIONS_AT + 6 * self.leg_direction_count
         robots.law = wp.zeros((count * legs, size), dtype=wp.float64, device=device)
         robots.leg_fault = wp.zeros(count * legs, dtype=wp.int32, device=device)
         robots.leg_step_count = wp.zeros(count * legs, dtype=wp.int32, device=device)
@@ -554,6 +561,30 @@ class ParallelProblem(BoundaryProblem):
                     found[self.geometry.first_rod[leg] + i] = Shape(**values)
         return tuple(shape for shape in found if shape is not None), energy
 
+    def input_columns(self, name: str) -> tuple[FloatArray, FloatArray]:
+        """What ``BoundaryProblem.input_columns`` says; what acts on one leg alone shares its column with the same of all other legs."""
+        geometry, place = self.geometry, self._places[name]
+        if name not in PER_ROD:
+            return super().input_columns(name)
+        first, legs, rods = geometry.first_rod, len(geometry.legs), len(geometry.rods)
+        directions = np.zeros(self.directions.shape)
+        for leg in range(legs):
+            for k in range(first[leg + 1] - first[leg]):
+                directions[:, k, place.start + first[leg] + k] = 1.0
+        self.directions.assign(directions)
+        self.integrate()
+        count = self.instance_count
+        columns = self.residual_directions.numpy()
+        law = self._robots.law.numpy().reshape(count, legs, -1)[:, :, kernels.DIRECTIONS_AT :].reshape(count, legs, -1, 2, 3)
+        # (8) of one leg's pull and twist on the platform
+        scale = np.stack([self._length[:, -1], np.ones(len(self._length))], axis=1) / self._stiffness[:, -1:]
+        slopes = np.zeros((count, self.unknown_count, rods))
+        for leg, own in enumerate(self._own):
+            for k in range(first[leg + 1] - first[leg]):
+                slopes[:, own, first[leg] + k] = columns[:, own, k]
+                slopes[:, self._platform, first[leg] + k] = (scale[:, :, None] * law[:, leg, k]).reshape(count, POSE)
+        return slopes, np.zeros((count, POSE, rods))
+
     # ---- stability ----
 
     def modes(self) -> Modes:  # noqa: D102
@@ -607,7 +638,25 @@ class ParallelProblem(BoundaryProblem):
 
     @property
     def guess_is_stable(self) -> bool:  # noqa: D102
-        return False
+        return self.inverse  # where every result is tested, whatever it began at
+
+    @property
+    def results_are_tested(self) -> bool:
+        """Of the inverse problem: with the platform held, no mode of ``Gamma`` vanishes where the robot loses stability."""
+        return self.inverse
+
+    def refusals(self, settled: NDArray[np.bool_]) -> NDArray[np.int32]:  # noqa: D102
+        result = super().refusals(settled)
+        if not self.inverse:
+            return result
+        if settled.any():
+            result[settled & (self.modes().stability == Stability.UNSTABLE)] = Status.UNSTABLE
+        length = self._length[:, :-1]
+        translation = self.read("inputs")[:, self._places["translation"]] + length**2 * self.read("unknowns")[:, self._platform]
+        low, high = self._limits
+        outside = (translation < low) | (translation > high) | (length + translation <= 0)
+        result[outside.any(axis=1)] = Status.OUT_OF_LIMITS
+        return result
 
     @property
     def signs_add_up(self) -> bool:  # noqa: D102

@@ -17,13 +17,14 @@ from multirod.models.backbone import BackboneAssembly, scene_features
 from multirod.models.concentric_tubes import ConcentricTubes
 from multirod.models.features import Features
 from multirod.models.influence import Influence, influences
-from multirod.models.parallel_problem import LEG_INPUTS, PLATFORM_INPUTS, Geometry, ParallelProblem
+from multirod.models.parallel_problem import LEG_INPUTS, PER_ROD, PLATFORM_INPUTS, Geometry, ParallelProblem
 from multirod.models.single_rod import SingleRod
 from multirod.rod import Rod
-from multirod.validation import Described, FloatArray, array, frozen, nonnegative_float, refuse
+from multirod.validation import Described, FloatArray, array, choice, frozen, instance, nonnegative_float, refuse
 
 JOINTS = {"clamped": kernels.CLAMPED, "revolute": kernels.REVOLUTE, "spherical": kernels.SPHERICAL}
 
+SMALLEST_AXIS = 1e-100  # whose square still is a number
 PLATFORM_WEIGHT = 8 / 3  # a weight on the tip against the same spread along the rod
 CLOSURE = ("shear", "torsion", "anisotropy", "precurvature_profile")  # what these do depends on how the legs hold each other
 
@@ -100,6 +101,12 @@ class ParallelRods(Assembly):
         if inputs.is_active("gravity") and not (self.geometry.mass > 0 or any(rod.has_mass for rod in self.rods)):
             refuse("gravity", inputs.gravity.tolist(), "must be zero: no rod has a linear_density, and the platform no mass")
 
+    def input_directions(self, name: str) -> dict[str, int]:
+        """Directions for the derivatives by an input: rods of different legs share one, and what acts on the platform touches no leg."""
+        most = max(leg.rod_count for leg in self.geometry.legs)
+        count = most if name in PER_ROD else 3
+        return {"direction_count": count, "leg_direction_count": count if name in (*PER_ROD, *kernels.LEG_VECTORS) else 0}
+
     def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102
         if name != "translation":
             return True
@@ -171,13 +178,17 @@ class ParallelRods(Assembly):
                 found[name] = known if name not in found else found[name].joined(known)
         return found
 
-    def inverse(self) -> "InverseParallelRods":
+    def inverse(self, *, limits: Any = None) -> "InverseParallelRods":
         """The same robot with the platform's pose given, and the legs' translations to be found.
 
+        Args:
+            limits: ``(low, high)``: least and greatest translation [m], each a number or one for each leg; ``inf`` is no limit.
+
         Raises:
-            ValueError: If there are not six legs, each a single rod: then the pose does not determine the translations.
+            ValueError: If there are not six legs, each a single rod: then the pose does not determine the translations; or if
+                ``limits`` are no such pair.
         """
-        return InverseParallelRods(self)
+        return InverseParallelRods(self, limits=limits)
 
     def __repr__(self) -> str:
         return f"ParallelRods(legs={list(self.legs)!r})"
@@ -188,13 +199,25 @@ class InverseParallelRods(Assembly):
 
     The pose is given by the inputs ``platform_position`` [m] and ``platform_rotation`` (rotation vector in the world [rad]); the
     loads are those of ``ParallelRods``. An input ``translation`` is where the search begins. ``translations`` reads the result.
+
+    Every equilibrium that is found, also from a guess and along a motion, is tested: an unstable one is a failure with the status
+    ``UNSTABLE``, one whose translations are beyond ``limits`` or leave no leg in use is ``OUT_OF_LIMITS``.
+
+    Args:
+        robot: The robot.
+        limits: As for ``ParallelRods.inverse``.
+
+    Attributes:
+        limits: Least and greatest translation of each leg [m], shape (2, 6).
     """
 
-    def __init__(self, robot: ParallelRods) -> None:
+    def __init__(self, robot: ParallelRods, *, limits: Any = None) -> None:
+        instance("InverseParallelRods.robot", robot, ParallelRods, "ParallelRods")
         legs = robot.legs
         if len(legs) != 6 or not all(isinstance(leg, Rod) for leg in legs):
             refuse("ParallelRods.legs", list(legs), "the inverse problem needs 6 legs, each a Rod: a pose has 6 numbers")
         self.robot = robot
+        self.limits = _limits(limits, len(legs))
         self.geometry = robot.geometry
         self.rods = robot.rods
 
@@ -214,17 +237,20 @@ class InverseParallelRods(Assembly):
     def check(self, inputs: Inputs) -> None:  # noqa: D102
         self.robot.check(inputs)
 
+    def input_directions(self, name: str) -> dict[str, int]:  # noqa: D102
+        return self.robot.input_directions(name)
+
     def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102
         return self.robot.surely_takes(name, values)
 
     def problem(self, inputs: Inputs, **options: Any) -> ParallelProblem:  # noqa: D102
-        return self.robot.problem(inputs, inverse=True, **options)
+        return self.robot.problem(inputs, inverse=True, limits=self.limits, **options)
 
     def features(self, inputs: Inputs, *, enabled: Iterable[str] = ()) -> tuple[Features, ...]:  # noqa: D102
         return self.robot.features(inputs, enabled=enabled)
 
     def with_rods(self, rods: Sequence[Rod]) -> "InverseParallelRods":  # noqa: D102
-        return InverseParallelRods(self.robot.with_rods(rods))
+        return InverseParallelRods(self.robot.with_rods(rods), limits=self.limits)
 
     def translations(self, solution: Any) -> FloatArray:
         """Translation of each leg [m], shape (..., 6); NaN where the solution failed."""
@@ -232,7 +258,8 @@ class InverseParallelRods(Assembly):
         return np.asarray(solution.inputs.translation + length**2 * solution.unknowns[..., -6:])
 
     def __repr__(self) -> str:
-        return f"{self.robot!r}.inverse()"
+        limits = f"limits={self.limits.tolist()}" if np.isfinite(self.limits).any() else ""
+        return f"{self.robot!r}.inverse({limits})"
 
 
 def _poses(field: str, value: Any, count: int) -> FloatArray:
@@ -243,18 +270,34 @@ def _poses(field: str, value: Any, count: int) -> FloatArray:
 
 
 def _joints(value: str | Sequence[str], count: int) -> list[int]:
-    names = [value] * count if isinstance(value, str) else list(value)
-    if len(names) != count:
+    names = [value] * count if isinstance(value, str) else value
+    if not isinstance(names, (list, tuple)) or len(names) != count:
         refuse("ParallelRods.joints", value, f"must be one joint, or one for each of {count} legs")
     for name in names:
-        if name not in JOINTS:
-            refuse("ParallelRods.joints", name, "must be one of " + ", ".join(JOINTS))
+        choice("ParallelRods.joints", name, JOINTS)
     return [JOINTS[name] for name in names]
 
 
+def _limits(value: Any, count: int) -> FloatArray:
+    """Least and greatest translation of each leg [m], shape (2, count)."""
+    if value is None:
+        return np.repeat([[-inf], [inf]], count, axis=1)
+    pair = list(value) if isinstance(value, (list, tuple)) or (type(value) is np.ndarray and value.ndim) else []
+    if len(pair) != 2:
+        refuse("inverse.limits", value, "must be a pair (low, high)")
+    ends = [array("inverse.limits", end, finite=False) for end in pair]
+    if any(end.shape not in ((), (count,)) or np.isnan(end).any() for end in ends) or (ends[0] > ends[1]).any():
+        refuse("inverse.limits", value, f"must be (low, high), each a number or {count}, with low <= high")
+    return np.stack([np.broadcast_to(end, count) for end in ends])
+
+
 def _axes(value: Any, count: int) -> FloatArray:
-    axes = np.broadcast_to(array("ParallelRods.joint_axes", value, (3,)), (count, 3))
-    size = np.linalg.norm(axes, axis=1)
-    if (size == 0).any():
-        refuse("ParallelRods.joint_axes", value, "must not be zero")
+    axes = array("ParallelRods.joint_axes", value, (3,))
+    if axes.shape not in ((3,), (count, 3)):
+        refuse("ParallelRods.joint_axes", value, f"must have shape (3,) or ({count}, 3)")
+    axes = np.broadcast_to(axes, (count, 3))
+    with np.errstate(over="ignore"):
+        size = np.linalg.norm(axes, axis=1)
+    if not ((size > SMALLEST_AXIS) & (size < 1 / SMALLEST_AXIS)).all():
+        refuse("ParallelRods.joint_axes", value, f"must have lengths from {SMALLEST_AXIS:g} to {1 / SMALLEST_AXIS:g}")
     return np.asarray(frozen(axes / size[:, None]))

@@ -10,7 +10,7 @@ from multirod.batch import IntArray
 from multirod.inputs import Inputs, InputSpec
 from multirod.problem import BoundaryProblem
 from multirod.rod import Rod
-from multirod.validation import FloatArray, array, refuse, unknown_names
+from multirod.validation import Described, FloatArray, array, refuse, unknown_names
 
 if TYPE_CHECKING:
     from multirod.models.features import Features
@@ -65,6 +65,11 @@ class Assembly(ABC):
         """What dropping each term does to the end effector, in the worst of all instances; what is not named is not known."""
         return {}
 
+    def input_directions(self, name: str) -> dict[str, int]:
+        """Options of ``problem`` that give it the directions which ``BoundaryProblem.input_columns`` needs for an input."""
+        per_rod = {spec.name: spec.per_rod for spec in self.input_specs}[name]
+        return {"direction_count": self.rod_count if per_rod else 3}
+
     def with_rods(self, rods: Sequence[Rod]) -> Self:
         """The same assembly of other rods, as many, and as long."""
         raise NotImplementedError(f"{type(self).__name__} cannot change its rods")
@@ -96,8 +101,8 @@ class Assembly(ABC):
         self.check(result)
         return result
 
-    def accept(self, inputs: Inputs | None) -> Inputs:
-        """``inputs`` if they fit this assembly; None is all zero.
+    def accept(self, inputs: Inputs | None, field: str = "inputs") -> Inputs:
+        """``inputs`` if they fit this assembly; None is all zero. An error calls them ``field``.
 
         Raises:
             TypeError: If they are not made by ``inputs(...)``, or name inputs that this assembly does not take.
@@ -106,7 +111,7 @@ class Assembly(ABC):
         if inputs is None:
             return self.inputs()
         if not isinstance(inputs, Inputs):
-            raise TypeError(f"inputs must be made by robot.inputs(...), not {type(inputs).__name__}")
+            raise TypeError(f"{field} must be made by robot.inputs(...), not {type(inputs).__name__}")
         unknown_names("the robot", inputs.given, (spec.name for spec in self.input_specs))
         self._check_axes(inputs)
         self.check(inputs)
@@ -140,8 +145,10 @@ def pose(field: str, value: Any) -> FloatArray:
     if value is None:
         value = np.eye(4)
     result = array(field, value, (4, 4))
+    if not result.size:
+        refuse(field, Described(f"array of shape {result.shape}"), "there must be a pose")
     R = result[..., :3, :3]
-    if np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max() > 1e-8 or (np.linalg.det(R) < 0).any():
+    if np.abs(R).max() > 2 or np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max() > 1e-8 or (np.linalg.det(R) < 0).any():
         refuse(field, value, "the upper left 3 x 3 block must be a rotation")
     if np.abs(result[..., 3, :] - [0, 0, 0, 1]).max() > 0:
         refuse(field, value, "the last row must be 0, 0, 0, 1")

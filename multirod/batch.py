@@ -74,7 +74,7 @@ def run(work: Callable[[slice, Event], None], pieces: Sequence[slice], threads: 
     What a part raises is raised here once no thread works any more.
     """
     stop = Event()
-    if threads == 1 or len(pieces) == 1:
+    if threads == 1 or len(pieces) <= 1:
         for piece in pieces:
             work(piece, stop)
         return

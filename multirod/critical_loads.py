@@ -14,7 +14,7 @@ from multirod.solvers.branch import Branch, BranchLost, Change, Point
 from multirod.solvers.shooting import Shooting
 from multirod.stability import Stability
 from multirod.status import Status, failures
-from multirod.validation import Described, FloatArray, frozen, positive_float, positive_int, refuse
+from multirod.validation import Described, FloatArray, device_name, frozen, number, positive_float, positive_int, refuse
 
 LOAD_UNITS = frozenset({"N", "N m", "N/m", "m/s^2"})  # of inputs that are loads: rotation, translation and places are not
 
@@ -80,8 +80,8 @@ def critical_loads(
         count: How many changes of stability to look for, along the branch.
         up_to: Load factor where the search ends.
         max_steps: Steps along the branch.
-        solver: ``Shooting(tolerance=1e-10, integrator=RK45(rtol=1e-10, atol=1e-12))`` by default: of it the tolerance and the
-            integrator are used, the latter in double precision.
+        solver: ``Shooting(tolerance=1e-10, integrator=RK4(400))`` by default: of it the tolerance and the integrator are used, the
+            latter in double precision.
         device: Warp device.
 
     Returns:
@@ -95,13 +95,14 @@ def critical_loads(
         raise TypeError(f"robot must be an assembly such as SingleRod(rod), not {type(robot).__name__}")
     method = PRECISE if solver is None else solver
     if not isinstance(method, Shooting):
-        raise TypeError(f"critical_loads() needs Shooting(), not {type(method).__name__}")
+        raise TypeError(f"solver: critical_loads() needs Shooting(), not {type(method).__name__}")
     method = method.in_double()
     positive_int("count", count), positive_int("max_steps", max_steps)
-    if up_to != np.inf:
+    if number("up_to", up_to) != np.inf:
         positive_float("up_to", up_to)
+    device = device_name("device", device)
     inputs = robot.accept(inputs)
-    begin = unloaded(robot, inputs) if start is None else robot.accept(start)
+    begin = unloaded(robot, inputs) if start is None else robot.accept(start, "start")
     for name, given in (("inputs", inputs), ("start", begin)):
         batch = np.broadcast_shapes(given.batch_shape, robot.batch_shape)
         if batch:

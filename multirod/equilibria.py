@@ -11,7 +11,7 @@ from multirod.simulation import solve
 from multirod.solution import Solution, SolveError
 from multirod.solvers.multistart import ROUND, STARTS, Catalogue, converge, degrees, limits
 from multirod.solvers.shooting import Shooting
-from multirod.validation import Described, FloatArray, positive_int, refuse
+from multirod.validation import Described, FloatArray, device_name, positive_int, refuse
 
 
 def equilibria(
@@ -42,8 +42,9 @@ def equilibria(
         raise TypeError(f"robot must be an assembly such as SingleRod(rod), not {type(robot).__name__}")
     method = Shooting() if solver is None else solver
     if not isinstance(method, Shooting):
-        raise TypeError(f"equilibria() needs Shooting(), not {type(method).__name__}")
+        raise TypeError(f"solver: equilibria() needs Shooting(), not {type(method).__name__}")
     method = method.in_double()
+    device = device_name("device", device)
     inputs = robot.accept(inputs)
     batch = np.broadcast_shapes(inputs.batch_shape, robot.batch_shape)
     if batch:

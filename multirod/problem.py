@@ -349,6 +349,23 @@ class BoundaryProblem(Uncopied, ABC):
     def input_slice(self, name: str) -> slice:
         """Where an input stands in a row of ``inputs`` and ``directions``."""
 
+    def input_columns(self, name: str) -> tuple[FloatArray, FloatArray]:
+        """Derivatives by each component of an input, the unknowns fixed; takes one integration.
+
+        The problem was made with ``Assembly.input_directions(name)``, and with ``pose_sensitivities``.
+
+        Returns:
+            Of the residual, shape (instance_count, n, k), and of the end effector's pose, as in ``pose_columns``,
+            shape (instance_count, 6, k).
+        """
+        place = self.input_slice(name)
+        directions = np.zeros(self.directions.shape)
+        for k in range(place.stop - place.start):
+            directions[:, k, place.start + k] = 1.0
+        self.directions.assign(directions)
+        self.integrate()
+        return np.array(self.residual_directions.numpy()), np.array(self.pose_columns.numpy()[:, :, self.unknown_count :])
+
     def curvature_scale(self) -> FloatArray:
         """Size of the curvatures that arise [1/m], shape (instance_count,): the rods' own, or one over the length."""
         return np.ones(self.instance_count)
@@ -396,6 +413,18 @@ class BoundaryProblem(Uncopied, ABC):
     def guess_is_stable(self) -> bool:
         """Whether ``guess`` is a stable equilibrium of the unloaded assembly; where not, what it leads to is tested."""
         return True
+
+    @property
+    def results_are_tested(self) -> bool:
+        """Whether ``refusals`` tests what any solver finds, because ``Gamma`` does not tell where stability is lost, or results have limits."""
+        return False
+
+    def refusals(self, settled: NDArray[np.bool_]) -> NDArray[np.int32]:
+        """The ``Status`` by which what is at ``unknowns`` is no result, shape (instance_count,); ``NOT_RUN`` where it is one.
+
+        What is ``settled`` is an equilibrium within the tolerance, the others are estimates or have failed.
+        """
+        return np.zeros(self.instance_count, dtype=np.int32)
 
     @property
     def signs_add_up(self) -> bool:

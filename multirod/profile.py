@@ -73,7 +73,10 @@ def fit(field: str, function: Callable[[float], Any], length: float, width: int 
     source = function.function if isinstance(function, Profile) else function
 
     def sample(s: float) -> FloatArray:
-        value = source(float(s))
+        try:
+            value = source(float(s))
+        except Exception as error:
+            raise ValueError(f"{field}({s:g}) raised {type(error).__name__}: {error}") from error
         try:
             result = array(f"{field}({s:g})", value)
         except ValueError:

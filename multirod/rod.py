@@ -9,7 +9,22 @@ import numpy as np
 
 from multirod import profile
 from multirod.batch import take
-from multirod.validation import FloatArray, array, frozen, nonnegative_float, number, positive_array, positive_float, refuse
+from multirod.validation import (
+    LARGEST,
+    SMALLEST,
+    Described,
+    FloatArray,
+    array,
+    frozen,
+    nonnegative_float,
+    number,
+    positive_array,
+    positive_float,
+    refuse,
+)
+
+SHORTEST_SECTION = 1e-300  # m: as good as none
+LARGEST_DIAMETER = 1e12  # m, whose fourth power no modulus makes too large
 
 
 def _pair(name: str, value: Any, *, infinite: bool) -> FloatArray:
@@ -68,7 +83,7 @@ class Section:
         def put(name: str, value: Any) -> None:
             object.__setattr__(self, name, value)
 
-        put("length", positive_array(f"{owner}.length", self.length))
+        put("length", positive_array(f"{owner}.length", self.length, smallest=SHORTEST_SECTION))
         put("bending_stiffness", _pair(f"{owner}.bending_stiffness", self.bending_stiffness, infinite=False))
         put("torsional_stiffness", positive_array(f"{owner}.torsional_stiffness", self.torsional_stiffness, infinite=True))
         put("shear_stiffness", _pair(f"{owner}.shear_stiffness", self.shear_stiffness, infinite=True))
@@ -83,6 +98,10 @@ class Section:
             put("precurvature", profile.fit(f"{owner}.precurvature", self.precurvature, float(self.length)))
         else:
             put("precurvature", array(f"{owner}.precurvature", self.precurvature, (3,)))
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if isinstance(value, np.ndarray) and not value.size:
+                refuse(f"{owner}.{item.name}", Described(f"array of shape {value.shape}"), "must have a value")
         _ = self.batch_shape  # refuses axes that do not broadcast
 
     @property
@@ -162,6 +181,12 @@ class Rod:
                 if key not in properties:
                     raise TypeError(f"Rod needs {key} (or sections)")
             self.sections = _by_section(properties)
+        if (self.length < SMALLEST).any():
+            refuse(
+                "Rod.length",
+                Described(self.length.tolist()),
+                f"must be from {SMALLEST:g} to {LARGEST:g} m, all sections together",
+            )
         self.outer_diameter, self.inner_diameter = _diameters(outer_diameter, inner_diameter)
         if not isinstance(name, str):
             refuse("Rod.name", name, "must be a string")
@@ -205,13 +230,23 @@ class Rod:
         E = positive_array("Rod.young_modulus", young_modulus)
         G = positive_array("Rod.shear_modulus", shear_modulus)
         rho = nonnegative_float("Rod.density", density)
-        I = math.pi / 64 * (outer**4 - inner**4)
+        with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+            I = math.pi / 64 * (np.float64(outer) ** 4 - np.float64(inner) ** 4)
+            A = math.pi / 4 * (np.float64(outer) ** 2 - np.float64(inner) ** 2)
+            EI, GJ, mass = E * I, G * 2 * I, rho * A
+        if not I > 0:
+            refuse("Rod.outer_diameter", outer, "must be > inner_diameter by more than rounding, its fourth power no zero")
+        for field_name, given, result in (("young_modulus", young_modulus, EI), ("shear_modulus", shear_modulus, GJ)):
+            if not ((result >= SMALLEST) & (result <= LARGEST)).all():
+                refuse(f"Rod.{field_name}", given, f"must make EI and GJ from {SMALLEST:g} to {LARGEST:g} N m^2")
+        if not mass <= LARGEST:
+            refuse("Rod.density", density, f"must make the mass per length at most {LARGEST:g} kg/m")
         return cls(
             length=length,
-            bending_stiffness=(E * I)[..., None],
-            torsional_stiffness=G * 2 * I,
+            bending_stiffness=EI[..., None],
+            torsional_stiffness=GJ,
             precurvature=precurvature,
-            linear_density=rho * math.pi / 4 * (outer**2 - inner**2),
+            linear_density=float(mass),
             outer_diameter=outer,
             inner_diameter=inner,
             name=name,
@@ -236,6 +271,8 @@ class Rod:
 def _diameters(outer: float | None, inner: float | None) -> tuple[float | None, float | None]:
     if outer is not None:
         outer = positive_float("Rod.outer_diameter", outer)
+        if outer > LARGEST_DIAMETER:
+            refuse("Rod.outer_diameter", outer, f"must be finite and > 0, and at most {LARGEST_DIAMETER:g} m")
     if inner is not None:
         value = number("Rod.inner_diameter", inner)
         limit = math.inf if outer is None else outer
@@ -257,7 +294,7 @@ def _by_section(properties: dict[str, Any]) -> tuple[Section, ...]:
     total = positive_array("Rod.length", properties["length"])
     sections = []
     for length, curvature in properties["precurvature"]:
-        positive_array("Rod.precurvature section length", length)
+        positive_array("Rod.precurvature section length", length, smallest=SHORTEST_SECTION)
         sections.append(_by_section({**properties, "length": length, "precurvature": curvature})[0])
     summed = np.asarray(sum(section.length for section in sections))
     if np.any(np.abs(summed - total) > 1e-9 * total):

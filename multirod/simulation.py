@@ -15,11 +15,11 @@ from multirod.inputs import Inputs
 from multirod.problem import BoundaryProblem
 from multirod.progress import Watch
 from multirod.segments import Breakpoints, placed
-from multirod.solution import History, Scene, Solution
-from multirod.solver import Outcome, Solver
+from multirod.solution import History, Scene, Solution, stand_in
+from multirod.solver import Outcome, Solver, Tested
 from multirod.solvers.shooting import Shooting
 from multirod.terms.simplify import simplified
-from multirod.validation import Described, FloatArray, array, refuse
+from multirod.validation import Described, FloatArray, array, device_name, integers, refuse
 
 _BLOCK = 2**20  # numbers: inputs are made ready for as many samples at once
 
@@ -80,6 +80,7 @@ def solve(
         TypeError, ValueError: If an argument is not what it must be.
     """
     method = as_solver(robot, solver)
+    device = device_name("device", device)
     robot, inputs, dropped = simplified(robot, robot.accept(inputs), simplify)
     whole = np.broadcast_shapes(inputs.batch_shape, robot.batch_shape)
     chosen = None if instances is None else _numbers(instances, prod(whole))
@@ -88,6 +89,8 @@ def solve(
     workers = thread_count(threads)
     pieces = _pieces(robot, count, workers, device)
     results, lock = _Results(1, count), Lock()
+    if not count:
+        results.put_none(stand_in(robot, inputs, device=device, **_needs(method)))
 
     def work(piece: slice, stop: Event) -> None:
         some = _some(chosen, piece, count)
@@ -138,19 +141,24 @@ def simulate(
         ValueError: If ``time`` is not evenly spaced and increasing, or the inputs' first axis is not time.
     """
     method = as_solver(robot, solver)
+    device = device_name("device", device)
     inputs = robot.accept(inputs)
-    time, dt = _even(time)
+    time, dt = even_times(time)
     samples = len(time)
     if inputs.batch_shape and inputs.batch_shape[0] not in (1, samples):
         refuse("inputs", Described(f"leading axes {inputs.batch_shape}"), f"the first must be time, {samples} samples")
     batch_shape = np.broadcast_shapes(inputs.batch_shape[1:], robot.batch_shape)
     robot, inputs, dropped = simplified(robot, inputs, simplify, _with_time(inputs, samples, batch_shape))
-    first = inputs[0] if inputs.batch_shape else inputs
     count = prod(batch_shape)
     workers = thread_count(threads)
     pieces = _pieces(robot, count, workers, device)
     results, lock = _Results(samples, count), Lock()
     step_time = np.zeros((len(pieces), samples))
+    if count * samples:
+        first = inputs[0] if inputs.batch_shape else inputs
+    else:
+        results.put_none(stand_in(robot, inputs, device=device, **_needs(method)))
+        pieces = []
 
     def work(piece: slice, stop: Event) -> None:
         some = _some(None, piece, count)
@@ -174,7 +182,7 @@ def simulate(
         run(work, pieces, workers)
     return History(
         Scene(robot, (samples, *batch_shape), method.integrator, device, results.fields, threads=workers, dropped=dropped),
-        results.records.reshape(samples * count, -1),
+        results.records.reshape(samples * count, results.records.shape[-1]),
         results.outcome(),
         _with_time(inputs, samples, batch_shape),
         time=time,
@@ -201,7 +209,8 @@ class Runner:
         reasons = solver.unsupported(self.problem)
         if reasons:
             raise ValueError(f"{type(solver).__name__} cannot take this problem: " + "; ".join(reasons))
-        self.track = solver.track(self.problem, dt)
+        track = solver.track(self.problem, dt)
+        self.track = Tested(track) if self.problem.results_are_tested else track
 
     def start(self, guess: Any, count: int, piece: slice) -> None:
         """Start from a guess of ``count`` instances, of which the problem's are a piece; None is no guess."""
@@ -220,6 +229,13 @@ class _Results:
         self._breakpoints: dict[int, Breakpoints] = {}
         self.fields: dict[str, slice] = {}
         self.records: FloatArray = np.zeros(0)
+
+    def put_none(self, problem: BoundaryProblem) -> None:
+        """Take the shapes of a problem, where there is nothing to be solved."""
+        outcome = Outcome.zeros(0)
+        self.fields = {name: field for name, field in problem.record_fields.items() if name != "inputs"}
+        self.records = np.empty((*self._shape, max(field.stop for field in self.fields.values())))
+        self._outcome = {name: value.reshape(self._shape) for name, value in outcome.arrays.items()}
 
     def put(self, sample: int, piece: slice, records: FloatArray, outcome: Outcome, problem: BoundaryProblem) -> None:
         """Take in what one part of the instances came to; on any thread."""
@@ -246,6 +262,8 @@ class _Results:
 
 def _pieces(robot: Assembly, count: int, threads: int, device: str) -> list[slice]:
     """Parts of a batch; on a GPU, which runs everything at once, all of it."""
+    if not count:
+        return []
     return parts(count, threads, robot.rod_count) if wp.get_device(device).is_cpu else [slice(0, count)]
 
 
@@ -257,19 +275,21 @@ def _some(chosen: IntArray | None, piece: slice, count: int) -> IntArray | None:
 
 
 def _numbers(instances: Any, count: int) -> IntArray:
-    values = np.asarray(instances)
-    if values.ndim != 1 or not np.issubdtype(values.dtype, np.integer):
-        refuse("instances", Described(f"{values.dtype} array of shape {values.shape}"), "must be integers of shape (k,)")
+    values = integers("instances", instances)
     if values.size and not (values.min() >= 0 and values.max() < count):
         refuse("instances", Described(f"{values.min()} to {values.max()}"), f"must be from 0 to {count - 1}")
-    return values.astype(np.intp)
+    return values
 
 
 def _guess(guess: Any, problem: BoundaryProblem, count: int, piece: slice) -> FloatArray | None:
     """A guess of the problem's unknowns, (instance_count, n), from a solution or an array of all ``count`` instances."""
     if guess is None:
         return None
-    values = guess.unknowns if isinstance(guess, Solution) else array("guess", guess)
+    values = guess.unknowns if isinstance(guess, Solution) else array("guess", guess, finite=False)
+    if not (isinstance(guess, Solution) or np.isfinite(values).all()):
+        refuse("guess", Described(f"array of shape {values.shape}"), "must be finite")
+    if not values.size and count:
+        refuse("guess", Described(f"array of shape {values.shape}"), f"must have shape (..., {problem.unknown_count})")
     flat = values.reshape(-1, values.shape[-1] if values.ndim else 1)
     if len(flat) not in (1, count):
         refuse("guess", Described(f"array of shape {values.shape}"), f"must broadcast to {count} instances")
@@ -277,10 +297,10 @@ def _guess(guess: Any, problem: BoundaryProblem, count: int, piece: slice) -> Fl
     return np.array(problem.adopt(np.broadcast_to(rows, (problem.instance_count, rows.shape[1]))))
 
 
-def _even(time: Any) -> tuple[FloatArray, float]:
+def even_times(time: Any) -> tuple[FloatArray, float]:
     """Checked times of samples, and their distance."""
     time = array("time", time)
-    if time.ndim != 1 or len(time) < 1:
+    if time.ndim != 1:
         refuse("time", Described(f"array of shape {time.shape}"), "must have shape (sample_count,)")
     steps = np.diff(time)
     if len(steps) and not (steps.min() > 0 and np.allclose(steps, steps.mean(), rtol=1e-6, atol=0)):

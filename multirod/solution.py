@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from math import prod
 from threading import Event, Lock
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +20,7 @@ from multirod.solver import Outcome
 from multirod.solvers.multiple_shooting_system import pose_jacobian
 from multirod.stability import Modes, Stability
 from multirod.status import Status, failures
-from multirod.validation import FloatArray, frozen, positive_int, refuse
+from multirod.validation import FloatArray, frozen, positive_int, refuse, shown
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -56,6 +57,14 @@ class Scene:
     unpack: Callable[[FloatArray], Inputs] | None = None
     threads: int = 1
     dropped: tuple["Dropped", ...] = ()
+
+
+def stand_in(robot: Assembly, inputs: Inputs, **options: Any) -> BoundaryProblem:
+    """A problem of some instances in the place of one of none: what is empty has its shapes."""
+    if prod(np.broadcast_shapes(inputs.batch_shape, robot.batch_shape)):
+        return robot.problem(inputs, instances=np.zeros(1, dtype=np.intp), **options)
+    names = [name for name in inputs.given if name not in inputs.profiles]
+    return robot.problem(inputs.with_arrays({name: np.zeros(getattr(inputs, name).shape[-1]) for name in names}), **options)
 
 
 class Solution:
@@ -303,7 +312,7 @@ class Solution:
         """
         names = [r.name for r in self.assembly.rods]
         index = names.index(rod) if isinstance(rod, str) and rod in names else rod
-        if not isinstance(index, (int, np.integer)) or not -len(names) <= index < len(names):
+        if isinstance(index, bool) or not isinstance(index, (int, np.integer)) or not -len(names) <= index < len(names):
             refuse("rod", rod, f"must be an index below {len(names)} or one of the names {[n for n in names if n]}")
         count = self._default_node_count if nodes is None else positive_int("nodes", nodes, 2)
         shape = self._shape_pass(count)[0][index]
@@ -326,8 +335,8 @@ class Solution:
             TypeError: If the assembly takes no such input.
         """
         specs = {spec.name: spec for spec in self.assembly.input_specs}
-        if name not in specs:
-            raise TypeError(f"jacobian() takes no {name!r}: it takes " + ", ".join(specs))
+        if not isinstance(name, str) or name not in specs:
+            raise TypeError(f"jacobian(name) takes no {shown(name)}: it takes " + ", ".join(specs))
         twin = specs[name].dead_twin
         if twin and not self.inputs.is_active(name):
             # a follower force is an unknown's worth of equations more, but to first order only its direction counts
@@ -335,27 +344,23 @@ class Solution:
         count = len(self.assembly.rods) if specs[name].per_rod else 3
 
         def columns(problem: BoundaryProblem) -> tuple[FloatArray]:
-            place = problem.input_slice(name)
-            directions = np.zeros(problem.directions.shape)
-            for k in range(count):
-                directions[:, k, place.start + k] = 1.0
-            problem.directions.assign(directions)
-            problem.integrate()
+            slopes, moved = problem.input_columns(name)
             n = problem.unknown_count
             gamma = problem.read("gamma").reshape(-1, n, n)
-            slopes, pose = np.array(problem.residual_directions.numpy()), np.array(problem.pose_columns.numpy())
+            pose = np.array(problem.pose_columns.numpy()[:, :, :n])
             result = np.full((len(gamma), 6, count), np.nan)
             with np.errstate(over="ignore"):
                 sound = np.linalg.det(np.nan_to_num(gamma)) != 0
             shift = np.linalg.solve(gamma[sound], slopes[sound])
-            result[sound] = pose[sound][:, :, n:] - pose[sound][:, :, :n] @ shift
+            result[sound] = moved[sound] - pose[sound] @ shift
             for k, points in problem.breakpoints.items():
                 segments = problem.segments()
                 assert segments is not None
                 result[k] = pose_jacobian(segments, k, points)
             return (result,)
 
-        (result,) = self._gather(columns, pose_sensitivities=True, direction_count=count, enabled=(name,))
+        options = self.assembly.input_directions(name)
+        (result,) = self._gather(columns, pose_sensitivities=True, enabled=(name,), **options)
         return self._masked(result, (6, count))
 
     def raise_if_failed(self) -> "Solution":
@@ -395,6 +400,12 @@ class Solution:
 
     def _gather(self, compute: Callable[[BoundaryProblem], tuple[Any, ...]], **options: Any) -> list[Any]:
         """Arrays that ``compute`` makes of problems, joined: of a large batch in parts, on the threads that solved it."""
+        if not len(self._records):
+            problem = stand_in(
+                self.assembly, self._whole, integrator=self._scene.integrator, device=self._scene.device, **options
+            )
+            problem.write("unknowns", problem.guess())
+            return [array[:0] for array in compute(problem)]
         pieces = parts(len(self._records), self._scene.threads, self.assembly.rod_count)
         found: dict[int, tuple[Any, ...]] = {}
         lock = Lock()

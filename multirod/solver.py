@@ -15,7 +15,7 @@ from multirod.exclusive import Uncopied
 from multirod.models.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
 from multirod.segments import Breakpoints, placed, taken
-from multirod.status import failures
+from multirod.status import Status, failures
 from multirod.validation import FloatArray, positive_float, refuse
 
 IntArray = NDArray[np.int32]
@@ -78,6 +78,20 @@ class Outcome:
         )
 
 
+SETTLED = (Status.CONVERGED, Status.LOWEST_ENERGY, Status.MULTIPLE_SHOOTING)
+
+
+def refuse_unfit(problem: BoundaryProblem, outcome: Outcome) -> None:
+    """Say so where what a solver found is no result, for a problem that tests this."""
+    if not problem.results_are_tested:
+        return
+    found, settled = ~failures(outcome.status), np.isin(outcome.status, SETTLED)
+    refusals = problem.refusals(settled)
+    refused = found & (refusals != Status.NOT_RUN)
+    outcome.status[refused] = refusals[refused]
+    outcome.integrations += settled
+
+
 class Track(Uncopied, ABC):
     """A solver that follows one problem from sample to sample, its inputs changed in between."""
 
@@ -126,7 +140,9 @@ class Solver(ABC):
         if reasons:
             raise ValueError(f"{type(self).__name__} cannot take this problem: " + "; ".join(reasons))
         with problem.alone:
-            return self._solve(problem, guess)
+            outcome = self._solve(problem, guess)
+            refuse_unfit(problem, outcome)
+        return outcome
 
     @abstractmethod
     def _solve(self, problem: BoundaryProblem, guess: FloatArray | None) -> Outcome:
@@ -153,6 +169,22 @@ class Solver(ABC):
     def _check_integrator(self) -> None:
         if not isinstance(self.integrator, Integrator):
             refuse(f"{type(self).__name__}.integrator", self.integrator, "must be an Integrator such as RK4(50) or RK45()")
+
+
+class Tested(Track):
+    """Another track, whose results are tested as those of ``Solver.solve`` are."""
+
+    def __init__(self, track: Track) -> None:
+        self.problem = track.problem
+        self._track = track
+
+    def start(self, unknowns: FloatArray) -> None:  # noqa: D102
+        self._track.start(unknowns)
+
+    def step(self) -> Outcome:  # noqa: D102
+        outcome = self._track.step()
+        refuse_unfit(self.problem, outcome)
+        return outcome
 
 
 class _WarmStarted(Track):

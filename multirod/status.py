@@ -34,6 +34,7 @@ class Status(IntEnum):
     UNSTABLE = 15
     MULTIPLE_SHOOTING = 16
     INTEGRATION_LIMIT = 17
+    OUT_OF_LIMITS = 18
 
     def __str__(self) -> str:
         return self.name
@@ -85,8 +86,10 @@ _MESSAGES = {
     "minimum; loosen the tolerance, tighten the integrator, or start nearer",
     Status.BRANCH_END: "the equilibrium reached by raising the loads in proportion ends before the full load (a fold or a "
     "bifurcation: the rod snaps or buckles); give a guess to follow another branch",
-    Status.UNSTABLE: "the equilibrium reached by raising the loads in proportion is unstable, as where the search began was no equilibrium "
-    "of the robot; lead it there from where it is stable (simulate), or give a guess",
+    Status.UNSTABLE: "the equilibrium that was found is unstable: the robot would leave it; lead it there from where it is stable (simulate), or give "
+    "another guess; of an inverse problem, ask for another pose",
+    Status.OUT_OF_LIMITS: "the translations that lead to this pose are beyond the limits that inverse() was given, or leave nothing of a leg in use: ask "
+    "for another pose, give wider limits, or begin at another translation or guess",
     Status.LOWEST_ENERGY: "the residual is within the tolerance; raising loads (of tubes also precurvature and the angles between them) in "
     "proportion ends before the full load, so this is the stable equilibrium of lowest potential energy that was found from many starts (for a "
     "parallel robot whose loads have no potential, where raising these leads from there): equilibria() lists all",

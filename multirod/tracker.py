@@ -1,6 +1,5 @@
 """One sample at a time: a solver in a control loop."""
 
-from math import inf
 from threading import Lock
 from typing import Any
 
@@ -12,9 +11,10 @@ from multirod.inputs import Inputs
 from multirod.simulation import Runner, as_solver
 from multirod.solution import Scene, Solution
 from multirod.solver import Solver
-from multirod.validation import Described, FloatArray, positive_float, refuse, unknown_names
+from multirod.validation import Described, FloatArray, device_name, positive_float, refuse, unknown_names
 
 _PLAIN_NUMBERS = (float, int, np.float64)
+LARGEST = 1e300  # an integer may be larger than any float
 
 
 def _broadcasts(shape: tuple[int, ...], target: tuple[int, ...]) -> bool:
@@ -57,7 +57,7 @@ class Tracker(Uncopied):
         self._solver = as_solver(robot, solver)
         self._robot = robot
         self._dt = positive_float("Tracker.dt", dt)
-        self._device = device
+        self._device = device_name("Tracker.device", device)
         self._inputs = robot.accept(inputs)
         self._enabled: set[str] = set()
         self._started = guess is not None
@@ -66,6 +66,8 @@ class Tracker(Uncopied):
 
     def _prepare(self, guess: Any) -> None:
         inputs = self._inputs
+        if 0 in inputs.batch_shape:
+            refuse("Tracker.inputs", Described(f"leading axes {inputs.batch_shape}"), "there must be an instance")
         self._enabled |= set(inputs.active)
         runner = Runner(self._robot, self._solver, inputs, self._dt, self._device, self._enabled)
         count = runner.problem.instance_count
@@ -148,15 +150,15 @@ class Tracker(Uncopied):
             row = self._rows.get(name)
             if row is None:
                 return False
-            listed = type(value) in (tuple, list) or (isinstance(value, np.ndarray) and value.ndim == 1)
+            listed = type(value) in (tuple, list) or (type(value) is np.ndarray and value.ndim == 1)
             numbers = value if listed else (value,)
             if len(numbers) != len(row):
                 return False
-            total = numbers[0]
-            for number in numbers[1:]:
-                total = total + number
-            # not a plain number, NaN, infinite or out of range: the checked path says so
-            if type(total) not in _PLAIN_NUMBERS or not -inf < total < inf or not self._robot.surely_takes(name, numbers):
+            for number in numbers:
+                # not a plain number, NaN, infinite or out of range: the checked path says so
+                if type(number) not in _PLAIN_NUMBERS or not -LARGEST < number < LARGEST:
+                    return False
+            if not self._robot.surely_takes(name, numbers):
                 return False
             staged.append((row, value))
         for row, value in staged:
@@ -177,7 +179,7 @@ class Tracker(Uncopied):
             new = self._robot.inputs(**{**held, **changes})
         if not _broadcasts(new.batch_shape, self._batch_shape):
             refuse(
-                "inputs",
+                f"inputs ({', '.join(changes)})" if changes else "inputs",
                 Described(f"leading axes {new.batch_shape}"),
                 f"must broadcast to those at the start, {self._batch_shape}",
             )

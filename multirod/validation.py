@@ -1,13 +1,21 @@
 """Checks of user input. Every error names the field, the value and what is allowed."""
 
 import math
+import os
 from collections.abc import Iterable
+from numbers import Real
+from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+
+LARGEST_INT = 2**31 - 1  # counts are kept in 32 bits
+LARGEST = 1e50  # in SI units: products of several such numbers are still floats, and no robot is larger
+SMALLEST = 1 / LARGEST
+LONGEST = 500  # characters of a value that an error shows
 
 
 class Described(str):
@@ -19,17 +27,29 @@ class Described(str):
 
 def refuse(field: str, value: object, allowed: str) -> NoReturn:
     """Raise the ``ValueError`` that every refused input ends in."""
-    raise ValueError(f"{field} = {value!r} is not allowed: {allowed}")
+    raise ValueError(f"{field} = {shown(value)} is not allowed: {allowed}")
+
+
+def shown(value: object) -> str:
+    """``repr`` of a value, cut short where it is long; of one that has none, its type."""
+    try:
+        text = repr(value)
+    except Exception:  # noqa: BLE001  (whatever someone's object raises, or an integer of more digits than Python prints)
+        return f"<{type(value).__name__}>"
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]}... ({len(text)} characters)"
 
 
 def number(field: str, value: object) -> float:
     """``value`` as a float."""
-    if isinstance(value, (bool, str, bytes)) or value is None:
+    if isinstance(value, np.ndarray) and not isinstance(value, np.ma.MaskedArray) and value.ndim == 0:
+        value = value[()]
+    if isinstance(value, (bool, np.bool_, np.timedelta64)) or not isinstance(value, Real):
         refuse(field, value, "must be a number")
     try:
-        return float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
-        refuse(field, value, "must be a number")
+        with np.errstate(over="ignore"):
+            return float(value)
+    except OverflowError:
+        refuse(field, value, "must be a number that is finite in double precision")
 
 
 def finite_float(field: str, value: object) -> float:
@@ -58,9 +78,12 @@ def nonnegative_float(field: str, value: object) -> float:
 
 def positive_int(field: str, value: object, minimum: int = 1) -> int:
     """An integer, at least ``minimum``."""
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < minimum:
+    whole = isinstance(value, (int, np.integer)) and not isinstance(value, (bool, np.timedelta64))
+    if not whole or value < minimum:  # type: ignore[operator]
         refuse(field, value, f"must be an integer >= {minimum}")
-    return int(value)
+    if value > LARGEST_INT:  # type: ignore[operator]
+        refuse(field, value, f"must be an integer >= {minimum} and <= {LARGEST_INT}")
+    return int(value)  # type: ignore[call-overload, no-any-return]
 
 
 def boolean(field: str, value: object) -> bool:
@@ -68,6 +91,46 @@ def boolean(field: str, value: object) -> bool:
     if not isinstance(value, (bool, np.bool_)):
         refuse(field, value, "must be True or False")
     return bool(value)
+
+
+def instance(field: str, value: object, kind: type | tuple[type, ...], allowed: str) -> None:
+    """Refuse, by a ``TypeError``, what is not of a kind."""
+    if not isinstance(value, kind):
+        raise TypeError(f"{field} = {shown(value)} is not allowed: must be {allowed}, not {type(value).__name__}")
+
+
+def sequence(field: str, value: object, kind: type | tuple[type, ...], allowed: str) -> tuple[Any, ...]:
+    """A list or tuple of one kind of object, as a tuple; refused by a ``TypeError``."""
+    if not isinstance(value, (list, tuple)) or not all(isinstance(item, kind) for item in value):
+        raise TypeError(f"{field} = {shown(value)} is not allowed: must be a list of {allowed}")
+    return tuple(value)
+
+
+def integers(field: str, value: Any) -> NDArray[np.intp]:
+    """Integers of shape (k,)."""
+    try:
+        given = np.asarray(value) if not _hides(value) else None
+    except Exception:  # noqa: BLE001  (ragged, or whatever someone's object raises)
+        given = None
+    if given is not None and given.shape == (0,):
+        return np.zeros(0, dtype=np.intp)
+    if given is None or given.ndim != 1 or given.dtype.kind not in "iu":
+        size = value if given is None else Described(f"{given.dtype} array of shape {given.shape}")
+        refuse(field, size, "must be integers of shape (k,)")
+    if given.dtype.kind == "u" and given.max() > np.iinfo(np.intp).max:
+        refuse(field, value, f"must be at most {np.iinfo(np.intp).max}")
+    return given.astype(np.intp)
+
+
+def device_name(field: str, value: object) -> str:
+    """The name of a device that there is."""
+    import warp as wp
+
+    names = [device.alias for device in wp.get_devices()]
+    # "cuda" is the present one of several
+    if isinstance(value, str) and (value in names or (value == "cuda" and wp.is_cuda_available())):
+        return value
+    refuse(field, value, "must be one of Warp's devices here, " + ", ".join(map(repr, names)))
 
 
 def choice(field: str, value: object, allowed: Iterable[str]) -> str:
@@ -91,28 +154,81 @@ def array(field: str, value: Any, tail: tuple[int, ...] = (), *, finite: bool = 
     It is a copy that cannot be written to: neither changes what ``value`` is made of, nor is changed by it.
     """
     wanted = "a number" if not tail else f"shape (..., {', '.join(str(size) for size in tail)})"
+    if _hides(value):
+        refuse(field, value, f"must be numeric, {wanted}, without booleans and masks")
     try:
         given = np.asarray(value)
-    except (TypeError, ValueError):  # ragged
+    except Exception:  # noqa: BLE001  (ragged, or whatever someone's object raises)
         refuse(field, value, f"must be numeric, {wanted}")
-    if given.dtype.kind not in "fiu":
+    if given.dtype.kind not in "fiu" or isinstance(value, (bytearray, memoryview)):
         refuse(field, value, f"must be numeric, {wanted}")
-    result = given.astype(np.float64)
+    with np.errstate(over="ignore"):  # from longer floats
+        result = given.astype(np.float64)
     if tail and result.shape[-len(tail) :] != tail:
         refuse(field, value if result.size < 20 else Described(f"array of shape {result.shape}"), f"must have {wanted}")
     if finite and not np.isfinite(result).all():
         refuse(field, value if result.size < 20 else Described(f"array of shape {result.shape}"), "must be finite")
+    if finite and (np.abs(result) > LARGEST).any():
+        refuse(
+            field,
+            Described(f"array with entries of {np.abs(result).max():g}"),
+            f"must be finite, and at most {LARGEST:g} in SI units",
+        )
     result.flags.writeable = False
     return result
 
 
-def positive_array(field: str, value: Any, tail: tuple[int, ...] = (), *, infinite: bool = False) -> FloatArray:
-    """A positive array; with ``infinite``, ``inf`` (rigid) is allowed."""
+def _hides(value: object) -> bool:
+    """Whether there are booleans or masks in a value, which numpy would turn into numbers."""
+    if isinstance(value, (list, tuple)):
+        return any(_hides(item) for item in value)
+    return isinstance(value, (bool, np.bool_, np.ma.MaskedArray))
+
+
+def positive_array(
+    field: str, value: Any, tail: tuple[int, ...] = (), *, infinite: bool = False, smallest: float = SMALLEST
+) -> FloatArray:
+    """A positive array, of at least ``smallest``; with ``infinite``, ``inf`` (rigid) is allowed."""
     result = array(field, value, tail, finite=False)
+    if not result.size:
+        refuse(field, Described(f"array of shape {result.shape}"), "must have a value")
     if np.isnan(result).any() or (result <= 0).any() or (not infinite and np.isinf(result).any()):
         allowed = "must be > 0 (inf is rigid)" if infinite else "must be finite and > 0"
         refuse(field, value if result.size < 20 else Described(f"array with minimum {result.min()}"), allowed)
+    if (result < smallest).any() or (result[np.isfinite(result)] > LARGEST).any():
+        given = value if result.size < 20 else Described(f"array from {result.min()} to {result.max()}")
+        refuse(field, given, f"must be from {smallest:g} to {LARGEST:g} in SI units" + (", or inf" if infinite else ""))
     return result
+
+
+def path_of(field: str, value: object) -> Path:
+    """A path."""
+    try:
+        text = os.fsdecode(value) if isinstance(value, (str, os.PathLike)) else ""
+    except Exception:  # noqa: BLE001  (whatever someone's path raises)
+        text = ""
+    if not text or "\0" in text:
+        refuse(field, value, "must be a path")
+    path = Path(text)
+    try:
+        path.exists()
+    except OSError:
+        refuse(field, value, "must be a path of a length that the system allows")
+    return path
+
+
+def file_path(field: str, value: object, *endings: str) -> Path:
+    """A file to be written, in a folder that exists, with one of these endings (any, if none is named)."""
+    path = path_of(field, value)
+    try:
+        usable = not path.is_dir() and path.parent.is_dir()
+    except OSError:  # longer than the system allows
+        usable = False
+    if endings and path.suffix.lower() not in endings:
+        refuse(field, str(path), f"must end in {' or '.join(endings)}")
+    if not usable:
+        refuse(field, str(path), "must be a file in a folder that exists")
+    return path
 
 
 def unknown_names(owner: str, given: Iterable[str], allowed: Iterable[str]) -> None:

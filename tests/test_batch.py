@@ -69,3 +69,58 @@ def test_an_impossible_instance_leaves_the_others_as_they_are():
         np.testing.assert_array_equal(batch.jacobian("tip_force")[k], alone.jacobian("tip_force"))
     with pytest.raises(mr.SolveError, match=r"1 of 3 instances failed \(1 BRANCH_END\); the first is 1: BRANCH_END"):
         batch.raise_if_failed()
+
+
+# ---- nothing ----
+
+ARRAYS = {
+    **dict.fromkeys(("status", "residual", "iterations", "integrations", "condition", "determinant", "index", "stability"), ()),
+    **dict.fromkeys(("energy", "potential", "stability_margin", "smallest_singular_value"), ()),
+    "tip_position": (3,),
+    "tip_rotation": (3, 3),
+}
+FEW = mr.Shooting(integrator=mr.RK4(10))
+
+
+def nothing(axes, kind):
+    """Solutions of no instance, with these axes."""
+    robot = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.2, torsional_stiffness=0.06))
+    count = max(1, int(np.prod([size for size in axes if size])))
+    some = robot.inputs(tip_force=np.full((count, 3), 0.1))
+    if kind == "solve":
+        return mr.solve(robot, robot.inputs(tip_force=np.zeros((*axes, 3))), solver=FEW)
+    if kind == "simulate":
+        return mr.simulate(robot, robot.inputs(tip_force=np.zeros((*axes, 3))), time=np.arange(axes[0]), solver=FEW)
+    if kind == "instances":
+        return mr.solve(robot, some, solver=FEW, instances=[])
+    return mr.solve(robot, some, solver=FEW)[[]]
+
+
+@pytest.mark.parametrize(
+    ("axes", "kind"),
+    [((0,), "solve"), ((2, 0), "solve"), ((0, 2), "solve"), ((0,), "simulate"), ((3, 0), "simulate"), ((0, 2), "simulate")]
+    + [((0,), "instances"), ((0,), "index")],
+)
+def test_a_batch_of_none_has_results_of_none(axes, kind):
+    found = nothing(axes, kind)
+    assert found.batch_shape == axes
+    for name, tail in ARRAYS.items():
+        assert np.shape(getattr(found, name)) == (*axes, *tail), name
+    assert found.unknowns.shape == (*axes, found.unknown_count)
+    assert found.rod(0, nodes=5).position.shape == (*axes, 5, 3)
+    assert found.jacobian("tip_force").shape == (*axes, 6, 3)
+    assert found.inputs.tip_force.shape == (*axes, 3)
+    assert found.raise_if_failed() is found
+    assert repr(found)
+
+
+@pytest.mark.parametrize("solver", [mr.Observer(), mr.EnergyDescent(), mr.ScipyShooting(), mr.MultipleShooting()], ids=repr)
+def test_every_solver_takes_a_batch_of_none(solver, wire):
+    robot = mr.SingleRod(wire)
+    assert mr.solve(robot, robot.inputs(tip_force=np.zeros((0, 3))), solver=solver).tip_position.shape == (0, 3)
+
+
+def test_a_control_loop_of_none_is_refused(wire):
+    robot = mr.SingleRod(wire)
+    with pytest.raises(ValueError, match=r"Tracker\.inputs = leading axes \(0,\) is not allowed: there must be an instance"):
+        mr.Tracker(robot, dt=0.01, inputs=robot.inputs(tip_force=np.zeros((0, 3))))

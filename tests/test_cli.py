@@ -38,6 +38,7 @@ def test_demo_compares_every_solver_and_writes_a_recording(tmp_path: Path, capsy
         name: row[-2] for name, row in table.items()
     }.items()
     assert table["observer"][-1] == "1"  # times are relative to it
+    assert re.search(r"ratio to *\n.*\bobserver *\n", printed)
     assert "failed" not in printed
     assert str(out) in printed.replace("\n", "")
 
@@ -51,6 +52,9 @@ def test_solver_selects(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> N
     assert main([*SHORT, "--out", str(out), "--solver", "newton", "--solver", "observer-ff", "--steps", "20"]) == 0
     printed = capsys.readouterr().out
     assert tuple(rows(printed)) == ("newton", "observer-ff")
+    # the column says what its ratios are to: the first row where the observer was not asked for
+    assert re.search(r"ratio to *\n.*\bnewton *\n", printed)
+    assert rows(printed)["newton"][-1] == "1"
     assert "RK4 with 20 steps" in printed.replace("\n", " ")
     assert "Recording of observer-ff" in printed.replace("\n", " ")
     assert out.stat().st_size > 1000
@@ -69,6 +73,7 @@ def test_solver_selects(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> N
         (["--steps", "0"], "argument --steps: 0 is not allowed: must be an integer >= 1"),
         (["--steps", "2.5"], "argument --steps: .*'2.5'"),
         (["--slow-samples", "0"], "argument --slow-samples: 0 is not allowed: must be an integer >= 1"),
+        (["--out", "x.txt"], "argument --out: x.txt is not allowed: must end in .rrd"),
         (["--solver", "neuton"], "argument --solver: invalid choice: 'neuton'.*newton"),
         (["--sovler", "newton"], "unrecognized arguments: --sovler"),
     ],
@@ -84,10 +89,10 @@ def test_bad_options_exit_with_2_and_a_message(options: list[str], message: str,
 
 def test_missing_folder_is_refused_before_anything_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "no" / "run.rrd"
-    assert main([*SHORT, "--out", str(out)]) == 2
-    printed = capsys.readouterr()
-    assert "--out" in printed.out + printed.err
-    assert "does not exist" in (printed.out + printed.err).replace("\n", " ")
+    with pytest.raises(SystemExit) as exit_info:
+        main([*SHORT, "--out", str(out)])
+    assert exit_info.value.code == 2
+    assert re.search("argument --out: .* must be a file in a folder that exists", capsys.readouterr().err.replace("\n", " "))
     assert not out.parent.exists()
 
 
@@ -154,7 +159,7 @@ def test_tradeoff_of_a_scene_of_ones_own(own: Path, capsys: pytest.CaptureFixtur
         "tradeoff",
         "own_scene:scene",
         "--budget",
-        "20s",
+        "10min",
         "--all",
         "--csv",
         "rows.csv",
@@ -182,7 +187,7 @@ def test_tradeoff_of_a_scene_of_ones_own(own: Path, capsys: pytest.CaptureFixtur
 def test_a_promise_that_cannot_be_kept_exits_with_1_and_writes_what_there_is(
     own: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["tradeoff", "own_scene:scene", "--rate", "1e7", "--csv", "rows.csv"]) == 1
+    assert main(["tradeoff", "own_scene:scene", "--budget", "10min", "--rate", "1e7", "--csv", "rows.csv"]) == 1
     printed = " ".join(capsys.readouterr().out.split())
     assert re.search(r"rate = 1e\+07 is not allowed: the fastest setting, .*, takes \d+ µs in 95 of 100 samples", printed)
     assert len((own / "rows.csv").read_text().splitlines()) == 3
@@ -199,7 +204,9 @@ def test_ctrl_c_leaves_what_has_been_measured(
         return whole(self, name, *rest)
 
     monkeypatch.setattr(Measurement, "_run", interrupted)
-    assert main(["tradeoff", "own_scene:scene", "--csv", "rows.csv", "--out", "run.rrd", "--error", "1"]) == 130
+    assert (
+        main(["tradeoff", "own_scene:scene", "--budget", "10min", "--csv", "rows.csv", "--out", "run.rrd", "--error", "1"]) == 130
+    )
     printed = capsys.readouterr().out
     assert "stopped after 1 of 2 settings" in printed
     assert "Newton, RK4(10)" in printed
@@ -234,8 +241,8 @@ def test_scenes_that_are_none_exit_with_2_and_say_why(
         (["--budget", "-3"], "argument --budget: .*-3"),
         (["--budget", "3 years"], "argument --budget: 3 years is not allowed"),
         (["--plot", "front.docx"], r"argument --plot: front.docx is not allowed: must end in .png or .svg"),
-        (["--out", "no/run.rrd"], "argument --out: no/run.rrd is not allowed: the folder no does not exist"),
-        (["--csv", "."], "argument --csv: . is not allowed: it is a folder"),
+        (["--out", "no/run.rrd"], "argument --out: no/run.rrd is not allowed: must be a file in a folder that exists"),
+        (["--csv", "rows.txt"], "argument --csv: rows.txt is not allowed: must end in .csv"),
         (["--error", "1e-5", "--rate", "1000"], "argument --rate: not allowed with argument --error"),
         (["--error", "0"], "argument --error: 0 is not allowed"),
     ],

@@ -502,7 +502,6 @@ def test_guess(robot: mr.SingleRod, guess: Any) -> None:
         [0.0, 0.1, 0.3],
         [0.0, NAN, 0.2],
         [0.0, INF, 0.2],
-        [],
         0.0,
         [[0.0, 0.1]],
         "0 1 2",

@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 import multirod as mr
 from multirod.models.backbone import BackboneProblem
 from multirod.models.parallel_problem import ParallelProblem
+from multirod.problem import BoundaryProblem
 from multirod.solvers.continuation import SINGULAR, Paths
 
 ROD = mr.Rod(
@@ -229,6 +230,115 @@ def test_the_inverse_problem_undoes_the_forward_one():
     np.testing.assert_allclose(found.tip_rotation, forward.tip_rotation, atol=1e-14)
     for k in range(6):
         np.testing.assert_allclose(found.rod(k).position, forward.rod(k).position, atol=1e-8)
+
+
+def columns_integrated(monkeypatch, robot, compute):
+    """Directions that each leg integrates beside its unknowns, by each problem that was made on the way."""
+    made, whole = [], type(robot).problem
+
+    def problem(self, *arguments, **options):
+        made.append(whole(self, *arguments, **options))
+        return made[-1]
+
+    with monkeypatch.context() as patch:
+        patch.setattr(type(robot), "problem", problem)
+        result = compute()
+    return result, [[group.backbones.direction_count for group in one.groups] for one in made]
+
+
+@pytest.mark.parametrize(
+    ("name", "columns"),
+    [("translation", 1), ("rotation", 1), ("tip_force", 0), ("tip_moment", 0), ("force_point", 0), ("gravity", 3)],
+)
+def test_a_leg_integrates_the_directions_that_touch_it_alone(monkeypatch, name, columns):
+    robot = hexapod(platform_mass=0.1)
+    inputs = robot.inputs(tip_force=(0.5, -0.3, -1.0), force_point=(0.01, 0, 0), gravity=(0, 0, -9.81))
+    solution = mr.solve(robot, inputs, solver=EXACT).raise_if_failed()
+    found, counts = columns_integrated(monkeypatch, robot, lambda: solution.jacobian(name))
+    assert counts == [[columns]]
+    assert found.shape == (6, 6 if columns == 1 else 3)
+    # all columns on every leg, as a solver's direction is integrated
+    problem = robot.problem(inputs, integrator=EXACT.integrator, pose_sensitivities=True, direction_count=found.shape[1])
+    problem.write("unknowns", solution.unknowns[None])
+    slopes, pose = BoundaryProblem.input_columns(problem, name)
+    gamma, n = problem.read("gamma").reshape(problem.unknown_count, -1), problem.unknown_count
+    whole = pose[0] - problem.pose_columns.numpy()[0, :, :n] @ np.linalg.solve(gamma, slopes[0])
+    # the same sums less zeros, and Gamma's condition of 3e3 on their rounding
+    np.testing.assert_allclose(found, whole, rtol=0, atol=1e-11 * np.abs(whole).max())
+
+
+def inverse_inputs(inverse, pose, **loads):
+    turn = Rotation.from_matrix(pose.tip_rotation).as_rotvec()
+    return inverse.inputs(platform_position=pose.tip_position, platform_rotation=turn, **loads)
+
+
+@pytest.fixture(scope="module")
+def pressed():
+    """A hexapod pressed down until it has lost its stability: each leg buckles between clamps at 4 pi^2 EI/L^2, 232 N for six."""
+    robot, found = hexapod(), None
+    for force in (0.0, 50.0, 100.0, 150.0, 200.0, 220.0, 240.0):
+        found = mr.solve(robot, robot.inputs(tip_force=(0, 0, -force)), guess=found).raise_if_failed()
+    assert found.stability is mr.Stability.UNSTABLE
+    return robot, found
+
+
+def test_the_inverse_problem_returns_no_unstable_equilibrium_from_a_guess(pressed):
+    robot, there = pressed
+    inverse = robot.inverse()
+    inputs = inverse_inputs(inverse, there, tip_force=there.inputs.tip_force)
+    guess = np.concatenate([there.unknowns[:-6], np.zeros(6)])
+    found = mr.solve(inverse, inputs, guess=guess)
+    assert found.status is mr.Status.UNSTABLE
+    assert np.isnan(inverse.translations(found)).all()
+    assert np.isnan(found.tip_position).all()
+    # the residual does not tell
+    assert found.residual < 1e-9
+    tracker = mr.Tracker(inverse, dt=0.01, inputs=inputs, guess=guess)
+    assert tracker.step().status is mr.Status.UNSTABLE
+    motion = mr.simulate(inverse, inputs, time=[0.0, 0.01], guess=guess)
+    assert (motion.status == mr.Status.UNSTABLE).all()
+
+
+def test_the_inverse_problem_keeps_to_limits():
+    robot = hexapod()
+    centre = mr.solve(robot).tip_position
+    heights = np.array([-0.02, 0.0, 0.03, 0.08])[:, None] * [0, 0, 1]
+    free = robot.inverse()
+    inputs = free.inputs(platform_position=centre + heights)
+    known = mr.solve(free, inputs).raise_if_failed()
+    lengths = free.translations(known)
+    limits = (-0.01, [0.05] * 5 + [0.1])
+    within = ((lengths >= -0.01) & (lengths <= np.array(limits[1]))).all(axis=1)
+    assert within.tolist() == [False, True, True, False]
+    inverse = robot.inverse(limits=limits)
+    for guess in (None, known):
+        found = mr.solve(inverse, inputs, guess=guess)
+        assert (found.status == np.where(within, mr.Status.CONVERGED, mr.Status.OUT_OF_LIMITS)).all()
+        assert (np.isfinite(inverse.translations(found)).all(axis=1) == within).all()
+    assert inverse.with_rods(inverse.rods).limits.tolist() == inverse.limits.tolist()
+    assert "limits=[[-0.01" in repr(inverse)
+    assert (robot.inverse(limits=(-np.inf, np.inf)).limits == free.limits).all()
+
+
+@pytest.mark.parametrize(
+    "limits",
+    [
+        0.1,
+        (0.1,),
+        (0.2, 0.1),
+        (np.nan, 0.1),
+        ("a", 1),
+        (0, [0.1] * 5),
+        (0, np.ones((2, 6))),
+        (None, 0.1),
+        {0: 1, 1: 2},
+        (0, 1, 2),
+    ],
+    ids=repr,
+)
+def test_bad_limits_are_refused(limits):
+    with pytest.raises(ValueError, match=r"(?s)^inverse\.limits = .* is not allowed: must be"):
+        hexapod().inverse(limits=limits)
 
 
 def test_gamma_of_the_inverse_problem(difference):

@@ -359,7 +359,12 @@ def test_save_refuses_bad_arguments(history, tmp_path):
     for path in (tmp_path / "absent" / "run.rrd", tmp_path, 3, ""):
         with pytest.raises(ValueError, match=r"save\.path = .* is not allowed"):
             save(path, history)
-    assert not file.exists()
+    for name in ("x.npz", "x.txt", "x", "x.rrd.gz"):
+        with pytest.raises(ValueError, match=r"save\.path = .* is not allowed: must end in \.rrd"):
+            history.save(tmp_path / name)
+        with pytest.raises(ValueError, match=r"Recorder\.path = .* is not allowed: must end in \.rrd"):
+            Recorder(tmp_path / name)
+    assert not list(tmp_path.iterdir())
 
 
 def test_recorder_refuses_bad_arguments(history, tmp_path):

@@ -2,6 +2,7 @@
 
 import json
 import pickle
+import re
 from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
@@ -17,7 +18,7 @@ import multirod as mr
 from multirod.sweeps.chunk import FURTHER, RESULTS
 from multirod.sweeps.digest import digest
 from multirod.sweeps.dispatch import ATTEMPTS
-from multirod.sweeps.folder import Folder
+from multirod.sweeps.folder import FORMAT, Folder
 
 
 def assert_as_solved(study, solution):
@@ -174,8 +175,8 @@ def test_an_exception_is_raised_with_the_chunks_number_and_keeps_the_others(scen
 
 def test_what_is_being_written_is_not_among_the_chunks(tmp_path):
     folder = Folder(tmp_path)
-    folder.begin({})
-    target = folder.chunk_path(0)
+    folder.begin({"format": FORMAT})
+    target = tmp_path / "chunks" / "target"
 
     def interrupted():
         with folder.written(target) as part:
@@ -188,9 +189,10 @@ def test_what_is_being_written_is_not_among_the_chunks(tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["chunks", "study.json"]
     with folder.written(target) as part:
         part.write_bytes(b"whole")
-        assert folder.finished() == []
+        assert not target.exists()
     assert target.read_bytes() == b"whole"
-    assert folder.finished() == [0]
+    folder.keep(3, b"a chunk")
+    assert folder.finished() == [3]
 
 
 def test_what_a_kill_left_half_written_is_in_nobodys_way(scene, tmp_path):
@@ -268,7 +270,7 @@ def test_a_folder_of_something_else_is_refused_and_left_alone(scene, tmp_path):
         mr.Study(tmp_path)
     (tmp_path / "study.json").write_text('{"format": "of my own"}')
     for use in (lambda: mr.sweep(*scene, out=tmp_path), lambda: mr.Study(tmp_path)):
-        with pytest.raises(ValueError, match=r"its study\.json is not of a 'multirod study 1'"):
+        with pytest.raises(ValueError, match=r"its study\.json is not of a 'multirod study 2'"):
             use()
     with pytest.raises(ValueError, match="must be a folder"):
         mr.sweep(*scene, out=tmp_path / "thesis.tex")
@@ -320,11 +322,115 @@ def test_unknown_arrays_are_refused(scene, tmp_path):
         next(study.chunks("tip"))
 
 
-def test_a_chunk_of_another_place_is_not_read(scene, tmp_path):
-    study = mr.sweep(*scene, out=tmp_path, chunk=6)
-    (tmp_path / "chunks" / "00000000.parquet").replace(tmp_path / "chunks" / "00000001.parquet")
-    with pytest.raises(RuntimeError, match=r"00000001\.parquet does not hold the instances of chunk 1"):
+# ---- broken files ----
+
+
+def truncated(path):
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+def emptied(path):
+    path.write_bytes(b"")
+
+
+def flipped(place):
+    """Flip one bit, that far into the file."""
+
+    def change(path):
+        content = bytearray(path.read_bytes())
+        content[int(place * (len(content) - 1))] ^= 1
+        path.write_bytes(content)
+
+    return change
+
+
+def file_of(folder, chunk):
+    (path,) = (folder / "chunks").glob(f"{chunk:08d}-*.parquet")
+    return path
+
+
+DAMAGES = {"truncated": truncated, "emptied": emptied} | {f"bit at {k / 20:g}": flipped(k / 20) for k in range(21)}
+
+
+@pytest.mark.parametrize("damage", DAMAGES.values(), ids=DAMAGES)
+def test_a_broken_chunk_is_named_and_solved_again_and_no_other(scene, tmp_path, damage):
+    out, log = tmp_path / "study", tmp_path / "log"
+    options = {"out": out, "chunk": 5, "solver": sweep_scene.Logged(log=str(log))}
+    study = mr.sweep(*scene, **options)
+    before = {path: (path.read_bytes(), path.stat().st_ino) for path in (out / "chunks").iterdir()}
+    broken = file_of(out, 1)
+    damage(broken)
+    for looking in (study, mr.Study(out)):  # one that has read it before, one that has not
+        assert looking.finished_chunks == (0, 2)
+        assert looking.done.sum() == 7
+        assert not looking.finished
+        for read in (lambda: looking["tip_position"], looking.counts, lambda: list(looking.chunks())):  # noqa: B023
+            with pytest.raises(RuntimeError, match=re.escape(f"{broken} is broken")):
+                read()
+        assert str(broken) in repr(looking)
+    log.unlink()
+    with pytest.warns(RuntimeWarning, match=re.escape(str(broken)) + ".*chunk 1 is solved again"):
+        mr.sweep(*scene, **options)
+    assert [line.split()[0] for line in log.read_text().splitlines()] == ["5"]
+    after = {path: (path.read_bytes(), path.stat().st_ino) for path in (out / "chunks").iterdir()}
+    assert after.keys() == before.keys()
+    assert all(after[path] == before[path] for path in before if path != broken)
+    assert after[broken][0] == before[broken][0]
+    assert_as_solved(study, mr.solve(*scene))
+
+
+def test_a_sweep_stopped_while_it_redoes_a_broken_chunk_goes_on(scene, tmp_path):
+    mr.sweep(*scene, out=tmp_path, chunk=5)
+    for chunk in (0, 1):
+        truncated(file_of(tmp_path, chunk))
+    with pytest.warns(RuntimeWarning, match="is solved again"), pytest.raises(Stop):
+        mr.sweep(*scene, out=tmp_path, chunk=5, progress=stop_at(7))
+    assert mr.Study(tmp_path).finished_chunks == (0, 2)
+    assert_as_solved(mr.sweep(*scene, out=tmp_path, chunk=5), mr.solve(*scene))
+
+
+@pytest.mark.parametrize("source", ["another place", "another study"])
+def test_a_chunk_from_elsewhere_is_not_taken(scene, tmp_path, source):
+    study = mr.sweep(*scene, out=tmp_path / "here", chunk=6)
+    one = file_of(tmp_path / "here", 1)
+    if source == "another place":
+        other = file_of(tmp_path / "here", 0)
+        other.replace(taken := one.with_name(other.name.replace("00000000", "00000001")))
+    else:
+        robot, inputs = scene
+        mr.sweep(robot, robot.inputs(tip_force=-inputs.tip_force, rotation=inputs.rotation), out=tmp_path / "there", chunk=6)
+        other = file_of(tmp_path / "there", 1)
+        taken = one.with_name(other.name)
+        taken.write_bytes(other.read_bytes())
+    one.unlink()
+    assert 1 not in study.finished_chunks
+    with pytest.raises(RuntimeError, match=f"{taken.name} is broken"):
         study["status"]
+
+
+@pytest.mark.parametrize("change", [lambda text: text.replace("3", "4", 1), lambda text: '{"format": "multirod study 2"}'])
+def test_a_manifest_that_is_not_what_was_written_is_refused(scene, tmp_path, change):
+    mr.sweep(*scene, out=tmp_path)
+    path = tmp_path / "study.json"
+    path.write_text(change(path.read_text()))
+    for use in (lambda: mr.Study(tmp_path), lambda: mr.sweep(*scene, out=tmp_path)):
+        with pytest.raises(ValueError, match=r"its study\.json is broken"):
+            use()
+
+
+def test_every_key_of_a_manifest_is_needed(scene, tmp_path):
+    manifest = mr.sweep(*scene, out=tmp_path).manifest
+    for key in manifest:
+        rest = {name: value for name, value in manifest.items() if name != key}
+        (tmp_path / "study.json").write_text(json.dumps(rest))
+        with pytest.raises(ValueError, match=r"its study\.json is (broken|not of)"):
+            mr.Study(tmp_path)
+
+
+def test_another_layout_of_the_manifest_is_the_same(scene, tmp_path):
+    manifest = mr.sweep(*scene, out=tmp_path).manifest
+    (tmp_path / "study.json").write_text(json.dumps(dict(reversed(manifest.items()))))
+    assert mr.sweep(*scene, out=tmp_path).finished
 
 
 # ---- executors ----

@@ -84,8 +84,9 @@ def test_killed_at_ten_moments_and_resumed_it_is_as_if_it_had_not_been(tmp_path)
     assert study.counts() == {mr.Status.CONVERGED: study.instance_count}
     for name in alone.names:
         np.testing.assert_array_equal(study[name], alone[name], err_msg=name)
-    for path in (out / "chunks").iterdir():
-        assert path.read_bytes() == (tmp_path / "alone" / "chunks" / path.name).read_bytes()
+    # their names differ, as the program's solver is of another module: so their checksums have another key
+    for one, other in zip(*(sorted((folder / "chunks").iterdir()) for folder in (out, tmp_path / "alone")), strict=True):
+        assert one.read_bytes() == other.read_bytes()
     assert sorted(p.name for p in out.iterdir()) == [".lock", "chunks", "study.json"]
 
 

@@ -178,7 +178,9 @@ def test_unknown_names_and_both_forms_are_refused(robot: mr.SingleRod, tracker: 
 
 def test_batch_axes_are_those_at_the_start(robot: mr.SingleRod, tracker: mr.Tracker) -> None:
     before = tracker.step()
-    with pytest.raises(ValueError, match=r"^inputs = .*\(2,\).* is not allowed: must broadcast to those at the start, \(\)"):
+    with pytest.raises(
+        ValueError, match=r"^inputs \(tip_force\) = .*\(2,\).* is not allowed: must broadcast to those at the start, \(\)"
+    ):
         tracker.step(tip_force=[FORCE, FORCE])
     assert same(tracker.step(), before)
     batch = mr.Tracker(robot, solver=NEWTON, dt=0.005, inputs=robot.inputs(tip_force=[FORCE, FORCE]))

@@ -2,7 +2,6 @@
 
 import csv
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,7 +11,8 @@ from rerun.chunk import RrdReader
 import multirod as mr
 from multirod.experiment import motion
 from multirod.scenes import six_legs, three_tubes
-from multirod.tradeoffs import Measurement, grid
+from multirod.simulation import Runner
+from multirod.tradeoffs import Measurement, grid, limit, measurement
 from multirod.tradeoffs.promise import kept
 from multirod.tradeoffs.settings import code, integrators, settings
 
@@ -27,7 +27,8 @@ SOLVERS = {
 
 
 def measure(solvers: dict[str, mr.Solver], **options: object) -> mr.Tradeoff:
-    return mr.tradeoff(STUDY.robot, STUDY.inputs, time=STUDY.time, solvers=solvers, progress=False, **options)
+    given = {"budget": 1e4, **options}  # also where all kernels are compiled, on a busy machine
+    return mr.tradeoff(STUDY.robot, STUDY.inputs, time=STUDY.time, solvers=solvers, progress=False, **given)
 
 
 @pytest.fixture(scope="module")
@@ -132,54 +133,87 @@ def test_a_motion_that_the_reference_cannot_follow_is_said():
         mr.tune(column, inputs, time=time, rate=10, solvers=few, progress=False)
 
 
-def test_no_time_is_no_rows():
-    result = measure(SOLVERS, budget=1e-6)
-    assert set(result.skipped) | {row.name for row in result.rows} == set(SOLVERS)
-    assert "no time was left" in str(result)
-
-
 class Clock:
-    """Time that passes only as solvers take it, and sets off the timers that are set by it."""
+    """Time that integrations, compiling and some solvers take, and nothing else."""
 
-    def __init__(self) -> None:
-        self.now = 0.0
-        self.timers: list[Clock.Timer] = []
+    def __init__(self, monkeypatch):
+        self.time = self.integration = self.compiling = 0.0
+        that, heed_stop = self, mr.BoundaryProblem.heed_stop
 
-    def __call__(self) -> float:
-        return self.now
+        def heed(problem):
+            that.time += that.integration
+            heed_stop(problem)
 
-    def take(self, seconds: float) -> None:
-        self.now += seconds
-        for timer in self.timers:
-            if self.now >= timer.end:
-                timer.action()
-        self.timers = [timer for timer in self.timers if timer.end > self.now]
+        class Compiled(Runner):
+            def __init__(self, *arguments, **options):
+                that.time += that.compiling
+                super().__init__(*arguments, **options)
 
-    def timer(self, seconds: float, action: Callable[[], None]) -> "Clock.Timer":
-        return Clock.Timer(self, self.now + seconds, action)
+        monkeypatch.setattr(limit, "now", lambda: self.time)
+        monkeypatch.setattr("multirod.simulation.perf_counter", lambda: self.time)
+        monkeypatch.setattr(mr.BoundaryProblem, "heed_stop", heed)
+        monkeypatch.setattr(measurement, "Runner", Compiled)
 
-    @dataclass(eq=False)
-    class Timer:
-        clock: "Clock"
-        end: float
-        action: Callable[[], None]
-        daemon: bool = False
-
-        def start(self) -> None:
-            self.clock.timers.append(self)
-
-        def cancel(self) -> None:
-            self.end = np.inf
+    def take(self, seconds):
+        self.time += seconds
 
 
 @pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
-    """The clock by which settings are measured."""
-    result = Clock()
-    monkeypatch.setattr("multirod.tradeoffs.measurement.monotonic", result)
-    monkeypatch.setattr("multirod.tradeoffs.measurement.Timer", result.timer)
-    monkeypatch.setattr("multirod.simulation.perf_counter", result)
-    return result
+def clock(monkeypatch):
+    return Clock(monkeypatch)
+
+
+@pytest.fixture
+def reference_cost(clock):
+    """Integrations of the reference, a second each."""
+    clock.integration = 1.0
+    Measurement(STUDY.robot, STUDY.inputs, time=STUDY.time, solvers=SOLVERS, budget=1e9)
+    cost, clock.time = clock.time, 0.0
+    return cost
+
+
+@pytest.mark.parametrize("part", [1.0, 1.5, 6.0])
+@pytest.mark.parametrize("compiling", [0.0, 0.3, 10.0])
+def test_all_of_it_is_over_after_twice_the_budget(clock, reference_cost, part, compiling):
+    budget = part * reference_cost
+    clock.compiling = compiling * budget
+    result = measure(SOLVERS, budget=budget)
+    assert clock.time <= 2 * budget + clock.compiling + 10  # a sample's integrations
+    assert set(result.skipped) | {row.name for row in result.rows} == set(SOLVERS)
+    if compiling == 10.0:
+        assert "no time was left" in str(result)
+    if part == 6.0 and compiling < 1:
+        assert result.rows
+    if part == 6.0 and compiling == 0:
+        assert not result.skipped
+
+
+def test_a_reference_that_takes_longer_than_the_budget_is_an_error_and_ends_in_time(clock, reference_cost, tmp_path):
+    budget = 0.5 * reference_cost
+    path = tmp_path / "rows.csv"
+    with pytest.raises(ValueError, match=rf"budget = .* the reference alone takes longer: \d+ of {len(STUDY.time)} samples"):
+        measure(SOLVERS, budget=budget, csv=path)
+    assert clock.time <= budget + 10
+    assert path.read_text().startswith("name,position,")
+
+
+def test_what_a_promise_runs_again_is_within_twice_the_budget(clock, reference_cost):
+    budget = 6 * reference_cost
+    options = {"solvers": {"good": SOLVERS["Newton, fine"]}, "progress": False}
+    mr.tune(STUDY.robot, STUDY.inputs, time=STUDY.time, error=1.0, budget=budget, **options)
+    assert clock.time <= 2 * budget + 10
+    measured = Measurement(STUDY.robot, STUDY.inputs, time=STUDY.time, solvers=SOLVERS, budget=budget)
+    clock.time += 2 * budget
+    with pytest.raises(ValueError, match="budget = .* is not allowed: twice as many seconds were over before Newton, fine"):
+        measured.repeat("Newton, fine")
+
+
+@pytest.mark.parametrize("name", ["rows.txt", "rows", "rows.csv.gz"])
+def test_rows_are_written_to_csv_only(tmp_path, measured, name):
+    for write in (lambda path: measure(SOLVERS, csv=path), measured.to_csv):
+        with pytest.raises(ValueError, match=r"csv = .* is not allowed: must end in \.csv"):
+            write(tmp_path / name)
+    assert not list(tmp_path.iterdir())
 
 
 @dataclass(frozen=True)
@@ -254,7 +288,7 @@ def test_the_budget_is_kept(clock):
     pauses = {"good": 1e-4, "slow": 1e-3, "slower": 0.1}
     solvers = {name: Slow(clock, pause) for name, pause in pauses.items()} | {"endless": Endless(clock)}
     result = measure(solvers, budget=6.0)
-    assert 1.0 < clock.now < 6.0
+    assert 1.0 < clock.time < 6.0
     rows = {row.name: row for row in result.rows}
     assert set(rows) == {"good", "slow"}
     assert rows["good"].samples == len(STUDY.time)
@@ -350,7 +384,7 @@ def test_batches_are_refused():
     two = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=[0.2, 0.3], torsional_stiffness=0.06))
     with pytest.raises(ValueError, match="there must be one, time"):
         mr.tradeoff(two, two.inputs(tip_force=np.ones((101, 1, 3))), time=STUDY.time, solvers=SOLVERS)
-    with pytest.raises(TypeError, match="solver must be a Solver such as"):
+    with pytest.raises(TypeError, match="solvers.*must be a Solver such as"):
         measure({"none": 3})
 
 

@@ -14,7 +14,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from multirod import experiment
-from multirod.cli.terminal import FULL_WIDTH, count, positive, progress_bar
+from multirod.cli.terminal import FULL_WIDTH, count, file_of, positive, progress_bar
 from multirod.experiment import SLOW, Comparison, compare
 from multirod.models.integrators import RK4
 from multirod.recording import save
@@ -36,7 +36,7 @@ def add_parser(commands: Any) -> None:
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
     names = list(experiment.solvers(RK4(50)))
-    demo.add_argument("--out", type=Path, default=Path("multirod-demo.rrd"), help="the recording to write")
+    demo.add_argument("--out", type=file_of(".rrd"), default=Path("multirod-demo.rrd"), help="the recording to write")
     demo.add_argument("--time", type=positive, default=10.0, metavar="S", help="duration of the motion [s]")
     demo.add_argument("--rate", type=positive, default=200.0, metavar="HZ", help="samples a second")
     demo.add_argument("--length", type=positive, default=experiment.LENGTH, metavar="M", help="length in use at the start [m]")
@@ -55,9 +55,6 @@ def run(options: argparse.Namespace, console: Console) -> int:
     study = experiment.motion(duration=options.time, rate=options.rate, length=options.length)
     solvers = experiment.solvers(RK4(options.steps))
     chosen = options.solver or list(solvers)
-    if options.out.parent and not options.out.parent.is_dir():
-        console.print(f"[red]--out {options.out} is not allowed: the folder {options.out.parent} does not exist[/red]")
-        return 2
     end = options.length + 0.01 * options.time
     console.print(
         f"One rod of the paper's Table I, {options.length:g} m in use at the start and {end:g} m at the end, turned, pushed and "
@@ -141,8 +138,8 @@ def _table(rows: dict[str, list[Comparison]], title: str, width: int) -> Table:
     ):
         table.add_column(header, justify="right", no_wrap=True)
     table.add_column("integr.\na sample", justify="right", no_wrap=True)
-    table.add_column("ratio to\nobserver", justify="right", no_wrap=True)
     base = "observer" if "observer" in rows else next(iter(rows))
+    table.add_column(f"ratio to\n{base}", justify="right", no_wrap=True)
     base_time = np.mean([row.step_time[1] for row in rows[base]])
     for name, several in rows.items():
         boundary = np.mean([row.boundary_error for row in several], axis=0)

@@ -8,6 +8,8 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from multirod.validation import file_path
+
 FULL_WIDTH = 96
 _UNITS = {"ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}
 
@@ -53,14 +55,11 @@ def file_of(*endings: str) -> Callable[[str], Path]:
     """A kind of argument: a file with one of these endings, in a folder that exists."""
 
     def check(text: str) -> Path:
-        path = Path(text)
-        if endings and path.suffix.lower() not in endings:
-            raise argparse.ArgumentTypeError(f"{text} is not allowed: must end in {' or '.join(endings)}")
-        if not path.parent.is_dir():
-            raise argparse.ArgumentTypeError(f"{text} is not allowed: the folder {path.parent} does not exist")
-        if path.is_dir():
-            raise argparse.ArgumentTypeError(f"{text} is not allowed: it is a folder")
-        return path
+        try:
+            return file_path("path", text, *endings)
+        except ValueError as error:
+            allowed = str(error).partition(" is not allowed: ")[2]
+            raise argparse.ArgumentTypeError(f"{text} is not allowed: {allowed}") from None
 
     return check
 

@@ -40,7 +40,11 @@ def add_parser(commands: Any) -> None:
     )
     parser.add_argument("scene", metavar="SCENE", help=f"{', '.join(SCENES)}, or module:function")
     parser.add_argument(
-        "--budget", type=duration, default=60.0, metavar="TIME", help="90, 60s, 2min; compilation aside (default: 60s)"
+        "--budget",
+        type=duration,
+        default=60.0,
+        metavar="TIME",
+        help="90, 60s, 2min; over after twice as long at most, kernels that are being compiled aside (default: 60s)",
     )
     parser.add_argument(
         "--settle", type=nonnegative, default=0.3, metavar="S", help="errors count from here on [s] (default: 0.3)"
@@ -52,7 +56,7 @@ def add_parser(commands: Any) -> None:
     goal.add_argument("--rate", type=positive, metavar="HZ", help="also find the most accurate at so many samples a second")
     parser.add_argument("--models", action="store_true", help="also try the robot without each term that can be left out")
     parser.add_argument("--all", action="store_true", help="show every setting, not only those that no other beats")
-    parser.add_argument("--csv", type=file_of(), metavar="FILE", help="write every setting, as it is measured")
+    parser.add_argument("--csv", type=file_of(".csv"), metavar="FILE.csv", help="write every setting, as it is measured")
     parser.add_argument(
         "--plot", type=file_of(".png", ".svg"), action="append", default=[], metavar="FILE", help="write a plot; repeatable"
     )
@@ -65,19 +69,22 @@ def run(options: argparse.Namespace, console: Console) -> int:
     if options.plot and find_spec("matplotlib") is None:
         console.print('[red]--plot needs matplotlib: pip install "multirod\\[plot]"[/red]')
         return 2
-    try:
-        motion = load(options.scene)
-        with console.status("reference"):
-            models = explain(motion.robot, motion.inputs).models() if options.models else {}
-            measurement = Measurement(
-                motion.robot, motion.inputs, time=motion.time, settle=options.settle, budget=options.budget, models=models
-            )
-    except (TypeError, ValueError) as error:
-        console.print(f"[red]{escape(str(error))}[/red]")
-        return 2
-    if options.models and not models:
-        console.print("No term of this scene can be left out.", style="dim")
-    stopped = _measure(measurement, options, console)
+    with ExitStack() as stack:
+        try:
+            motion = load(options.scene)
+            # its first line is there before anything is measured
+            rows = stack.enter_context(Rows(options.csv)) if options.csv else None
+            with console.status("reference"):
+                models = explain(motion.robot, motion.inputs).models() if options.models else {}
+                measurement = Measurement(
+                    motion.robot, motion.inputs, time=motion.time, settle=options.settle, budget=options.budget, models=models
+                )
+        except (TypeError, ValueError) as error:
+            console.print(f"[red]{escape(str(error))}[/red]")
+            return 2
+        if options.models and not models:
+            console.print("No term of this scene can be left out.", style="dim")
+        stopped = _measure(measurement, rows, console)
     table = measurement.table
     if not table.rows:
         console.print("[yellow]nothing was measured[/yellow]")
@@ -92,11 +99,9 @@ def run(options: argparse.Namespace, console: Console) -> int:
     return STOPPED if stopped else int(not promised)
 
 
-def _measure(measurement: Measurement, options: argparse.Namespace, console: Console) -> bool:
+def _measure(measurement: Measurement, rows: Rows | None, console: Console) -> bool:
     """Measure all settings; returns whether Ctrl-C ended it."""
-    with ExitStack() as stack:
-        rows = stack.enter_context(Rows(options.csv)) if options.csv else None
-        progress = stack.enter_context(progress_bar(console))
+    with progress_bar(console) as progress:
         task = progress.add_task("trying", total=2 * len(measurement.settings))
         try:
             for name, row in measurement.run():

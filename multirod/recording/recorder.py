@@ -3,7 +3,6 @@
 import math
 import os
 import uuid
-from pathlib import Path
 from threading import RLock
 from types import TracebackType
 from typing import Any, Self
@@ -16,7 +15,11 @@ from multirod.recording.samples import first_instances, stack, stackable
 from multirod.recording.viewer import ViewerStream
 from multirod.recording.writer import Writer
 from multirod.solution import History, Solution
-from multirod.validation import finite_float, positive_float, positive_int, refuse
+from multirod.validation import file_path, finite_float, positive_float, positive_int, refuse
+
+ENDING = ".rrd"
+LONGEST = 9e9  # seconds: nanoseconds are counted in 64 bits
+LARGEST_SCALE = 1e30  # geometry is single precision
 
 
 def save(
@@ -47,7 +50,7 @@ def save(
     """
     import rerun as rr
 
-    file = _file("save.path", path)
+    file = file_path("save.path", path, ENDING)
     if not isinstance(history, History):
         raise TypeError(f"save takes a History, not {type(history).__name__}")
     if reference is not None:
@@ -57,7 +60,9 @@ def save(
             refuse("save.reference", reference, f"must have the samples of the history, {history!r}")
     node_count = positive_int("save.nodes", nodes, 2)
     count = positive_int("save.instances", instances)
-    scale = None if force_scale is None else positive_float("save.force_scale", force_scale)
+    scale = _force_scale("save.force_scale", force_scale)
+    if np.abs(history.time).max() > LONGEST:
+        refuse("save.history", history, f"its times must be within {LONGEST:g} s of zero")
     title = _name("save.name", name, file.stem)
 
     block = first_instances(history, count)
@@ -131,7 +136,7 @@ class Recorder(Uncopied):
 
         if path is None and address is None:
             raise TypeError("Recorder needs a path, an address, or both")
-        file = None if path is None else _file("Recorder.path", path)
+        file = None if path is None else file_path("Recorder.path", path, ENDING)
         if address is not None and not (isinstance(address, str) and address.startswith(("rerun://", "rerun+http"))):
             refuse("Recorder.address", address, "must be a viewer's address such as 'rerun+http://127.0.0.1:9876/proxy'")
         if not isinstance(description, str):
@@ -141,7 +146,7 @@ class Recorder(Uncopied):
         self._flush_every = positive_int("Recorder.flush_every", flush_every)
         self._instances = positive_int("Recorder.instances", instances)
         node_count = positive_int("Recorder.nodes", nodes, 2)
-        scale = None if force_scale is None else positive_float("Recorder.force_scale", force_scale)
+        scale = _force_scale("Recorder.force_scale", force_scale)
         patience = positive_float("Recorder.close_timeout", close_timeout)
         self._pending: list[tuple[float, Solution, float, Solution | None]] = []
         self._count = 0
@@ -189,6 +194,9 @@ class Recorder(Uncopied):
         if now <= self._last_time:
             refuse("Recorder.log.time", time, f"must be later than the sample before, {self._last_time:g} s")
         duration = math.nan if step_time is None else positive_float("Recorder.log.step_time", step_time)
+        for field, number in (("time", now), ("step_time", duration)):
+            if abs(number) > LONGEST:
+                refuse(f"Recorder.log.{field}", number, f"must be within {LONGEST:g} s of zero")
         for field, value in (("solution", solution), ("reference", reference)):
             if value is None and field == "reference":
                 continue
@@ -253,13 +261,11 @@ class Recorder(Uncopied):
         self.close()
 
 
-def _file(field: str, path: object) -> Path:
-    if not isinstance(path, (str, os.PathLike)) or not os.fspath(path):
-        refuse(field, path, "must be a path")
-    file = Path(os.fspath(path))
-    if file.is_dir() or not file.parent.is_dir():
-        refuse(field, str(path), "must be a file in a folder that exists")
-    return file
+def _force_scale(field: str, value: object) -> float | None:
+    scale = None if value is None else positive_float(field, value)
+    if scale is not None and scale > LARGEST_SCALE:
+        refuse(field, value, f"must be > 0 and <= {LARGEST_SCALE:g}")
+    return scale
 
 
 def _name(field: str, name: object, default: str) -> str:

@@ -25,9 +25,9 @@ from multirod.recording import columns
 from multirod.recording.columns import rgba
 from multirod.recording.figure import PALETTE
 from multirod.recording.layout import scene_view
-from multirod.recording.recorder import _file, _name
+from multirod.recording.recorder import ENDING, _name
 from multirod.recording.writer import Writer
-from multirod.validation import FloatArray, refuse
+from multirod.validation import FloatArray, file_path, refuse
 
 if TYPE_CHECKING:
     from multirod.tradeoffs.table import Measured, Tradeoff
@@ -41,7 +41,7 @@ def save_tradeoff(path: str | PathLike[str], table: "Tradeoff", *, name: str | N
     """See ``Tradeoff.save``."""
     import rerun as rr
 
-    file = _file("save.path", path)
+    file = file_path("save.path", path, ENDING)
     title = _name("save.name", name, file.stem)
     front = [row for row in table.pareto() if np.isfinite(row.position)]
     if not front:

@@ -5,8 +5,8 @@ import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import Executor
 from contextlib import closing
-from pathlib import Path
 from typing import Any
+from warnings import warn
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from multirod.sweeps.dispatch import Executors, executors, results
 from multirod.sweeps.folder import FORMAT, Folder
 from multirod.sweeps.study import Study
 from multirod.sweeps.table import Arrays, to_table
-from multirod.validation import Described, choice, positive_int, refuse
+from multirod.validation import Described, choice, device_name, path_of, positive_int, refuse
 
 
 def sweep(
@@ -41,8 +41,9 @@ def sweep(
 ) -> Study:
     """Solve every instance of a large batch, chunk by chunk, into a folder; go on where an earlier call stopped.
 
-    Each chunk that is done is one file, there as a whole or not at all, whatever ends the process; it is never solved again. The
-    arrays equal those of ``solve``, bitwise, whatever the chunk and the executor (``docs/sweep.md``).
+    Each chunk that is done is one file, there as a whole or not at all, whatever ends the process; it is never solved again unless
+    its checksum says that it is no longer what was written: then a ``RuntimeWarning`` names it. The arrays equal those of ``solve``,
+    bitwise, whatever the chunk and the executor (``docs/sweep.md``).
 
     Args:
         robot: The assembly.
@@ -70,8 +71,9 @@ def sweep(
     method = as_solver(robot, solver)
     inputs = robot.accept(inputs)
     chunk, in_flight = positive_int("chunk", chunk), positive_int("in_flight", in_flight)
-    if isinstance(quantities, str):
+    if isinstance(quantities, str) or not isinstance(quantities, (list, tuple, set, frozenset)):
         refuse("quantities", quantities, "must be a list of names")
+    device = device_name("device", device)
     further = tuple(sorted({choice("quantities", name, FURTHER) for name in quantities}))
     if executor is not None and not isinstance(executor, Executor) and not callable(executor):
         refuse("executor", executor, "must be a concurrent.futures.Executor, or a function that makes one")
@@ -92,10 +94,12 @@ def sweep(
         "quantities": list(named),
         "device": device.split(":")[0],
     }
-    folder = Folder(Path(out))
+    folder = Folder(path_of("out", out))
     with folder.locked():
         folder.begin(manifest)
         study = Study(out)
+        for k, path in folder.remove_broken().items():
+            warn(f"{path} was broken, its checksum not that in its name: chunk {k} is solved again", RuntimeWarning, stacklevel=2)
         finished = set(study.finished_chunks)
         missing = [k for k in range(study.chunk_count) if k not in finished]
 
@@ -129,6 +133,7 @@ def _identity(robot: Assembly, inputs: Inputs, solver: Solver) -> dict[str, Any]
 
 def _keep(folder: Folder, study: Study, inputs: Inputs, k: int, arrays: Arrays) -> None:
     """Write a chunk: where in the batch each instance stands, its inputs, its results."""
+    import pyarrow as pa  # type: ignore[import-untyped]
     import pyarrow.parquet as pq  # type: ignore[import-untyped]
 
     instances = study.instances(k)
@@ -138,5 +143,6 @@ def _keep(folder: Folder, study: Study, inputs: Inputs, k: int, arrays: Arrays) 
     own = inputs.take(study.batch_shape, instances)
     given = {name: np.asarray(getattr(own, name)) for name in own.given if name not in own.profiles}
     table = to_table(axes, {**given, **arrays})
-    with folder.written(folder.chunk_path(k)) as part:
-        pq.write_table(table, part)
+    content = pa.BufferOutputStream()
+    pq.write_table(table, content)
+    folder.keep(k, content.getvalue().to_pybytes())

@@ -11,13 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.status import Status
-from multirod.sweeps.folder import Folder
+from multirod.sweeps.folder import Broken, Folder
 from multirod.sweeps.table import Arrays, Tails, blank, column_names, from_table, tails_in
-from multirod.validation import unknown_names
+from multirod.validation import path_of, unknown_names
 
 
 class Study:
     """The results of a sweep, as far as they are done; reads the folder anew at each call, also while it is being written.
+
+    Every file that is read is checked against its checksum: one that is truncated or altered is not among ``finished_chunks``, and
+    arrays that it is part of raise a ``RuntimeError`` that names it.
 
     ``study["tip_position"]`` is a whole array in the batch's axes, ``study.chunks(...)`` goes through it chunk by chunk. The files are
     Parquet: ``docs/sweep.md`` opens them without this package.
@@ -34,11 +37,11 @@ class Study:
         chunk_count: Chunks, done or not.
 
     Raises:
-        ValueError: If the folder holds no study.
+        ValueError: If the folder holds no study, or its ``study.json`` is not what was written.
     """
 
     def __init__(self, folder: str | os.PathLike[str]) -> None:
-        self._folder = Folder(Path(folder))
+        self._folder = Folder(path_of("folder", folder), "folder")
         self.path = self._folder.path
         self.manifest = self._folder.manifest()
         self.batch_shape: tuple[int, ...] = tuple(self.manifest["batch_shape"])
@@ -52,7 +55,7 @@ class Study:
 
     @property
     def finished_chunks(self) -> tuple[int, ...]:
-        """Chunks that are done."""
+        """Chunks that are done, their files as they were written."""
         return tuple(self._folder.finished())
 
     @property
@@ -79,12 +82,17 @@ class Study:
 
     @cached_property
     def _tails(self) -> Tails:
+        paths = list(self._folder.present().values())
+        if not paths:
+            raise RuntimeError(f"no chunk of {self.path} is done yet")
+        return tails_in(self._opened(paths[0]).schema_arrow.metadata)
+
+    def _opened(self, path: Path) -> Any:
+        """A chunk's file, what was checked and no other bytes."""
+        import pyarrow as pa  # type: ignore[import-untyped]
         import pyarrow.parquet as pq  # type: ignore[import-untyped]
 
-        done = self.finished_chunks
-        if not done:
-            raise RuntimeError(f"no chunk of {self.path} is done yet")
-        return tails_in(pq.read_schema(self._folder.chunk_path(done[0])).metadata)
+        return pq.ParquetFile(pa.BufferReader(self._folder.read(path)))
 
     def chunks(self, *names: str) -> Iterator[tuple[NDArray[np.intp], Arrays]]:
         """Each chunk that is done, in order: flat indices of its instances, and arrays (instance, ...) by name.
@@ -94,29 +102,23 @@ class Study:
 
         Raises:
             TypeError: If there is no array of a name.
+            RuntimeError: If a file is not what was written; the message names it.
         """
-        import pyarrow.parquet as pq
-
-        done = self.finished_chunks
-        if not done:
+        present = self._folder.present()
+        if not present:
             return
         tails = self._tails
         unknown_names("a study", names, tails)
         wanted = names or tuple(tails)
-        columns = ["instance", *(column for name in wanted for column in column_names(name, tails[name]))]
-        for chunk in done:
-            with self._folder.chunk_path(chunk).open("rb") as file:
-                table = pq.ParquetFile(file).read(columns=columns)
-            instances = self.instances(chunk)
-            if not np.array_equal(table.column("instance").to_numpy(), instances):
-                raise RuntimeError(f"{self._folder.chunk_path(chunk)} does not hold the instances of chunk {chunk}")
-            yield instances, from_table(table, wanted, tails)
+        columns = [column for name in wanted for column in column_names(name, tails[name])]
+        for chunk, path in present.items():
+            yield self.instances(chunk), from_table(self._opened(path).read(columns=columns), wanted, tails)
 
     def __getitem__(self, name: str) -> Any:
         """An array (..., its own axes); where an instance is not done: NaN, ``Status.NOT_RUN``, and -1 for other integers.
 
         Raises:
-            RuntimeError: If no chunk is done yet.
+            RuntimeError: If no chunk is done yet, or a file is not what was written; the message names it.
             TypeError: If there is no array of that name.
         """
         result: Any = None
@@ -137,5 +139,8 @@ class Study:
         return {Status(code): int(count) for code, count in enumerate(total) if count}
 
     def __repr__(self) -> str:
-        counts = ", ".join(f"{count} {status}" for status, count in self.counts().items())
-        return f"Study({str(self.path)!r}, batch {self.batch_shape}: {counts})"
+        try:
+            said = ", ".join(f"{count} {status}" for status, count in self.counts().items())
+        except Broken as error:
+            said = str(error)
+        return f"Study({str(self.path)!r}, batch {self.batch_shape}: {said})"

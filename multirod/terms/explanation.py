@@ -14,7 +14,7 @@ from multirod.models.features import Features
 from multirod.models.integrators import RK4, Integrator
 from multirod.rod import Rod
 from multirod.terms.leaving_out import DROPPABLE, SECTIONS, left_out
-from multirod.validation import positive_int, refuse
+from multirod.validation import boolean, positive_int, refuse
 
 GROUPS = {
     "tip_force": "F L²/EI",
@@ -326,5 +326,6 @@ def explain(robot: Assembly, inputs: Inputs | None = None, *, measure: bool = Fa
     """
     if not isinstance(robot, Assembly):
         raise TypeError(f"robot must be an assembly such as SingleRod(rod), not {type(robot).__name__}")
+    wanted = boolean("measure", measure)
     found = Explanation(robot, robot.accept(inputs))
-    return found.measure() if measure else found
+    return found.measure() if wanted else found

@@ -12,6 +12,7 @@ from multirod.solver import Solver
 from multirod.tradeoffs.measurement import Measurement
 from multirod.tradeoffs.promise import kept
 from multirod.tradeoffs.table import Measured, Rows, Tradeoff
+from multirod.validation import positive_float
 
 
 def tradeoff(
@@ -29,7 +30,7 @@ def tradeoff(
     """Run every setting on a motion and measure its errors and its time.
 
     The reference is Newton's method to 1e-11 with ``RK45(1e-12, 1e-14)`` on the full model; at some of the samples it is
-    compared with one of ``RK4(2000)``. What compiles a kernel is not part of a time.
+    compared with one of ``RK4(2000)``. What compiles a kernel is no part of a sample's time, but of the budget.
 
     Args:
         robot: The assembly, without leading axes.
@@ -40,17 +41,17 @@ def tradeoff(
         models: Robots and inputs of the same motion with some terms left out, by name, such as ``{"without gravity": (robot2,
             inputs2)}``. Every solver is run on each of them too; errors are against the full model.
         settle: Errors count from here on [s]: an observer starts off the solution.
-        budget: Time that all of it may take [s], compilation aside: settings that would take longer than their share run on
-            fewer samples, and those for which nothing is left are skipped. Where the reference takes more than half of it, the
-            settings still have half.
-        csv: File that every row is written to as it comes, so that a run that is stopped leaves what it measured.
+        budget: Time that all of it should take [s]: settings that would take longer than their share run on
+            fewer samples, and those for which nothing is left are skipped. It is over after twice as long, a kernel aside that is being
+            compiled then, and those of the reference (``docs/tradeoff.md``).
+        csv: File (``.csv``) that every row is written to as it comes, so that a run that is stopped leaves what it measured.
         progress: Whether to show a bar, or a function that is called with the number of settings done.
 
     Raises:
-        TypeError, ValueError: If an argument is not what it must be.
+        TypeError, ValueError: If an argument is not what it must be, or the reference alone takes longer than the budget.
     """
-    measurement = Measurement(robot, inputs, time=time, solvers=solvers, models=models, settle=settle, budget=budget)
-    return _measure(measurement, csv, progress).table
+    options = {"solvers": solvers, "models": models, "settle": settle, "budget": budget}
+    return _measure(csv, progress, robot, inputs, time=time, **options).table
 
 
 def tune(
@@ -76,18 +77,22 @@ def tune(
 
     Raises:
         TypeError: If not exactly one of both is given.
-        ValueError: If no setting does it, or the reference could not be checked.
+        ValueError: If no setting does it, the reference could not be checked, or the budget was over before.
     """
     if (error is None) == (rate is None):
         raise TypeError("tune() takes error or rate")
+    for name, value in (("error", error), ("rate", rate)):
+        if value is not None:
+            positive_float(name, value)
     csv, progress = options.pop("csv", None), options.pop("progress", True)
-    measurement = Measurement(robot, inputs, time=time, **options)
-    return kept(_measure(measurement, csv, progress), error=error, rate=rate)
+    return kept(_measure(csv, progress, robot, inputs, time=time, **options), error=error, rate=rate)
 
 
-def _measure(measurement: Measurement, csv: str | PathLike[str] | None, progress: bool | Callable[[int], Any]) -> Measurement:
+def _measure(csv: str | PathLike[str] | None, progress: bool | Callable[[int], Any], *motion: Any, **options: Any) -> Measurement:
     with ExitStack() as stack:
+        # its first line is there before anything is measured
         rows = None if csv is None else stack.enter_context(Rows(csv))
+        measurement = Measurement(*motion, **options)
         watch = stack.enter_context(Watch("settings", len(measurement.settings), progress, shares=2))
         for _, row in measurement.run():
             if rows is not None and row is not None:

@@ -1,10 +1,8 @@
 """Settings run on a motion one after the other, each within its share of the time."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from threading import Timer
-from time import monotonic
 from typing import Any
 
 import numpy as np
@@ -12,14 +10,15 @@ import numpy as np
 from multirod.assembly import Assembly
 from multirod.batch import Interrupted
 from multirod.inputs import Inputs
-from multirod.problem import BoundaryProblem
-from multirod.simulation import Runner, as_solver, simulate
+from multirod.simulation import Runner, as_solver, even_times, simulate
 from multirod.solution import History
-from multirod.solver import Outcome, Solver, Track
-from multirod.tradeoffs.reference import SHAPE_NODES, Reference
+from multirod.solver import Solver
+from multirod.tradeoffs import limit as clock
+from multirod.tradeoffs.limit import Limited
+from multirod.tradeoffs.reference import SHAPE_NODES, Reference, load_kernels
 from multirod.tradeoffs.settings import Setting, grid, registered, settings
 from multirod.tradeoffs.table import Measured, Tradeoff
-from multirod.validation import Described, FloatArray, array, nonnegative_float, positive_float, refuse
+from multirod.validation import Described, FloatArray, instance, nonnegative_float, positive_float, refuse
 
 START = 6  # samples that say how long all will take
 OVERHEAD = 2e-5  # of keeping a sample [s]
@@ -29,6 +28,8 @@ SPENT = 0.8  # of the time left, that is shared out by such estimates
 LARGEST_PART = 0.5  # of the time left, that one setting may take if it needs that much for the fewest
 TRIED_PART = 0.5  # of the time, after which no more settings are tried but those that were are run
 TRIAL_PART = 0.2  # the same for its first samples
+RUN_PART = 0.25  # of the time, that those that were tried are run for, even if compiling them has taken all
+TOTAL = 2.0  # times the budget, that the reference, all settings and what is run again may take
 PATIENCE = 3.0  # times its share, that a setting may take
 
 
@@ -58,18 +59,26 @@ class Measurement:
         settle: float = 0.3,
         budget: float = 60.0,
     ) -> None:
-        limit = positive_float("budget", budget)
-        if solvers is not None and not solvers:
-            refuse("solvers", solvers, "there must be one")
+        self._limit = limit = positive_float("budget", budget)
+        if solvers is not None:
+            instance("solvers", solvers, Mapping, "solvers by name")
+            if not solvers:
+                refuse("solvers", solvers, "there must be one")
+            for name, solver in solvers.items():
+                instance("solvers", name, str, "solvers by name")
+                instance(f"solvers[{name!r}]", solver, Solver, "a Solver such as Shooting()")
         as_solver(robot, None)
-        inputs, samples = robot.accept(inputs), array("time", time)
+        inputs, samples = robot.accept(inputs), even_times(time)[0]
+        models = {} if models is None else models
+        _check_models(models)
         _one_motion("inputs", robot, inputs)
-        for name, (other, given) in (models or {}).items():
-            as_solver(other, None)
-            _one_motion(f"models[{name!r}]", other, other.accept(given))
+        for name, (other, given) in models.items():
+            _one_motion(f"models[{name!r}]", other, other.accept(given, f"models[{name!r}]"))
             if other.rod_count != robot.rod_count:
                 refuse(f"models[{name!r}]", Described(f"{other.rod_count} rods"), f"must be {robot.rod_count} as the robot's")
-        if samples.ndim != 1 or not (samples >= nonnegative_float("settle", settle)).any():
+        if not len(samples):
+            refuse("time", time, "there must be a sample")
+        if not (samples >= nonnegative_float("settle", settle)).any():
             refuse("settle", settle, f"must be before the last sample, {np.max(samples, initial=0):g} s")
         self._skipped: dict[str, str] = {}
         if solvers is None:
@@ -79,13 +88,13 @@ class Measurement:
                     solvers[name] = made
                 else:
                     self._skipped[name] = made
-        for solver in solvers.values():
-            as_solver(robot, solver)
-        self.settings = settings(robot, inputs, solvers, models or {})
-        begin = monotonic()
-        self.reference = Reference(robot, inputs, samples)
-        # however long the reference took, the settings have half
-        self._left = self._whole = max(limit - (monotonic() - begin), 0.5 * limit)
+        self.settings = settings(robot, inputs, solvers, models)
+        started = clock.now()
+        load_kernels(robot, inputs)
+        self._begin = clock.now()
+        self.reference = Reference(robot, inputs, samples, budget=limit)
+        # however long the reference and its kernels took, the settings have half
+        self._left = self._whole = max(limit - (clock.now() - started), 0.5 * limit)
         self._time, self._settled, self._settle = samples, samples >= settle, settle
         self._waiting = set(self.settings)
         self._rows: list[Measured] = []
@@ -106,8 +115,9 @@ class Measurement:
         trials: dict[str, _Trial] = {}
         for name in self.settings:
             with self._guarded(name):
-                trials[name] = self._try(self.settings[name])
+                trials[name] = self._try(self.settings[name], first=not trials)
             yield name, None
+        self._left = max(self._left, RUN_PART * self._whole)
         common = self._common(list(trials.values()))
         for name in self.settings:
             row = None
@@ -119,15 +129,22 @@ class Measurement:
             yield name, row
 
     def repeat(self, name: str) -> Measured:
-        """A setting once more, on the whole motion, however long it takes."""
+        """A setting once more, on the whole motion.
+
+        Raises:
+            ValueError: If twice the budget is over before it ends.
+        """
         setting = self.settings[name]
-        history = simulate(setting.robot, setting.inputs, time=self._time, solver=setting.solver, progress=False)
+        seconds = TOTAL * self._limit - (clock.now() - self._begin)
+        history = self._simulate(setting, None, len(self._time), seconds) if seconds > 0 else None
+        if history is None:
+            refuse("budget", self._limit, f"twice as many seconds were over before {name} had run again on the whole motion")
         return measured(name, setting, history, self.reference, self._settled)
 
     @contextmanager
     def _guarded(self, name: str) -> Iterator[None]:
         """Count the time that a setting takes; where it raises, note why and go on: it may be a solver of someone else."""
-        self._compiling, begin = 0.0, monotonic()
+        begin = clock.now()
         try:
             yield
         except (ValueError, _NoTime) as error:
@@ -135,31 +152,36 @@ class Measurement:
         except Exception as error:  # noqa: BLE001  (whatever it is, the others go on)
             self._skipped[name] = f"{type(error).__name__}: {error}"
         finally:
-            self._left -= monotonic() - begin - self._compiling
+            self._left -= clock.now() - begin
             if name in self._skipped:
                 self._waiting.discard(name)
 
-    def _try(self, setting: Setting) -> "_Trial":
-        """Run the first samples."""
-        if self._left <= (1 - TRIED_PART) * self._whole:
+    def _try(self, setting: Setting, *, first: bool) -> "_Trial":
+        """Run the first samples; of the first setting, however long it takes to compile, or there might be no row at all."""
+        if self._left <= (1 - TRIED_PART) * self._whole and not first:
             raise _NoTime("no time was left")
-        begin = monotonic()
-        first = setting.inputs[0] if setting.inputs.batch_shape else setting.inputs
+        begin = clock.now()
+        one = setting.inputs[0] if setting.inputs.batch_shape else setting.inputs
         # kernels are made or loaded here, which is no part of any time
-        problem = Runner(setting.robot, setting.solver, first, 1.0, "cpu", setting.inputs.active).problem
+        problem = Runner(setting.robot, setting.solver, one, 1.0, "cpu", setting.inputs.active).problem
         problem.integrate()
         with suppress(NotImplementedError):
             problem.shapes(SHAPE_NODES)
         guess = None
         with suppress(ValueError):  # a model may have other unknowns
             guess = problem.adopt(self.reference.history.unknowns[:1]) if self.reference.known[0] else None
-        self._compiling = monotonic() - begin
-        begin = monotonic()
-        history = self._simulate(setting, guess, START, max(self._left / len(self._waiting), TRIAL_PART * self._left))
+        left = self._left - (clock.now() - begin)
+        begin = clock.now()
+        seconds = max(left / len(self._waiting), TRIAL_PART * left, TRIAL_PART * self._whole if first else 0.0)
+        if seconds <= 0:
+            raise _NoTime("no time was left once its kernels were compiled")
+        ends: list[float] = []
+        history = self._simulate(setting, guess, START, seconds, lambda done: ends.append(clock.now()))
         if history is None:
             raise _NoTime("its first samples took longer than its share of the time")
-        each = float(np.median(history.step_time[-START + 1 :])) + OVERHEAD
-        return _Trial(each, monotonic() - begin)
+        # by the clock, too: on a busy machine more goes by than a step takes
+        each = max(float(np.median(history.step_time[-START + 1 :])), float(np.median(np.diff(ends)))) + OVERHEAD
+        return _Trial(each, clock.now() - begin)
 
     def _common(self, trials: "list[_Trial]") -> int:
         """Samples that all settings but those much slower than most are run on, so that their errors are of the same motion."""
@@ -187,26 +209,31 @@ class Measurement:
             raise _NoTime(f"too slow for the time that was left: {self._fewest} samples are needed")
         setting = self.settings[name]
         # from nothing, as in any run of one's own
-        history = self._simulate(setting, None, count, max(allowed, PATIENCE * share))
+        history = self._simulate(setting, None, count, min(self._left, max(allowed, PATIENCE * share)))
         if history is None:
             raise _NoTime("it took longer than its first samples promised")
         self._tips[name] = history.tip_position
         return measured(name, setting, history, self.reference, self._settled)
 
-    def _simulate(self, setting: Setting, guess: FloatArray | None, count: int, seconds: float) -> History | None:
+    def _simulate(
+        self,
+        setting: Setting,
+        guess: FloatArray | None,
+        count: int,
+        seconds: float,
+        progress: bool | Callable[[int], Any] = False,
+    ) -> History | None:
         """The first samples; None where they take longer than that."""
         count = min(count, len(self._time))
         inputs = setting.inputs
         if inputs.batch_shape:
             # not inputs[:count]: what is zero in the first samples only must be compiled in as for all
             inputs = inputs.take(inputs.batch_shape, np.arange(count))
-        solver = _Limited(setting.solver, seconds)
+        solver = Limited(setting.solver, seconds)
         try:
-            return simulate(setting.robot, inputs, time=self._time[:count], solver=solver, guess=guess, progress=False)
+            return simulate(setting.robot, inputs, time=self._time[:count], solver=solver, guess=guess, progress=progress)
         except Interrupted:
             return None
-        finally:
-            solver.cancel()
 
 
 @dataclass(frozen=True)
@@ -253,35 +280,13 @@ def measured(name: str, setting: Setting, history: History, reference: Reference
     )
 
 
-class _Limited(Solver):
-    """A solver whose run along a motion is stopped after some time, at its next integration; its samples cost nothing more."""
-
-    def __init__(self, solver: Solver, seconds: float) -> None:
-        self._solver, self._seconds = solver, seconds
-        self._timer: Timer | None = None
-        self.integrator = solver.integrator
-        self.pose_sensitivities = solver.pose_sensitivities
-        self.direction_count = solver.direction_count
-
-    def unsupported(self, problem: BoundaryProblem) -> tuple[str, ...]:
-        return self._solver.unsupported(problem)
-
-    def track(self, problem: BoundaryProblem, dt: float) -> Track:
-        def stop() -> None:
-            if problem.stop is not None:
-                problem.stop.set()
-
-        self._timer = Timer(self._seconds, stop)
-        self._timer.daemon = True
-        self._timer.start()
-        return self._solver.track(problem, dt)
-
-    def cancel(self) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
-
-    def _solve(self, problem: BoundaryProblem, guess: FloatArray | None) -> Outcome:
-        return self._solver.solve(problem, guess)
+def _check_models(models: Any) -> None:
+    instance("models", models, Mapping, "robots and inputs by name")
+    for name, model in models.items():
+        instance("models", name, str, "robots and inputs by name")
+        if not isinstance(model, (list, tuple)) or len(model) != 2:
+            refuse(f"models[{name!r}]", model, "must be a pair, robot and inputs")
+        instance(f"models[{name!r}]", model[0], Assembly, "a pair, robot and inputs")
 
 
 def _one_motion(field: str, robot: Assembly, inputs: Inputs) -> None:

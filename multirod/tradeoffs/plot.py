@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from multirod.validation import refuse
+from multirod.validation import file_path, refuse
 
 if TYPE_CHECKING:
     from multirod.tradeoffs.table import Measured, Tradeoff
@@ -29,12 +29,11 @@ def plot(table: "Tradeoff", path: str | PathLike[str], *, error: str, time: str,
         from matplotlib.figure import Figure  # type: ignore[import-not-found, unused-ignore]
     except ImportError:
         raise ImportError('plots need matplotlib: pip install "multirod[plot]"') from None
+    kinds = sorted(FigureCanvasAgg.get_supported_filetypes())  # type: ignore[no-untyped-call, unused-ignore]
+    file_path("plot", path, *(f".{kind}" for kind in kinds))
     shown = [row for row in table.rows if np.isfinite(getattr(row, error))]
     if not shown:
         refuse("plot", str(path), "no setting has a result in every sample: there is nothing to plot")
-    kinds = FigureCanvasAgg.get_supported_filetypes()  # type: ignore[no-untyped-call, unused-ignore]
-    if Path(path).suffix[1:].lower() not in kinds:
-        refuse("plot", str(path), "must end in one of " + ", ".join(f".{kind}" for kind in sorted(kinds)))
     figure: Any = Figure(figsize=(8, 5), layout="constrained")
     axes = figure.add_subplot()
     # what is exact to the last digit has no place on a logarithmic axis

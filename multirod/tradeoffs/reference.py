@@ -7,13 +7,14 @@ from typing import Any
 import numpy as np
 
 from multirod.assembly import Assembly
-from multirod.batch import IntArray
+from multirod.batch import IntArray, Interrupted
 from multirod.inputs import Inputs
 from multirod.models.integrators import RK4, RK45
-from multirod.simulation import simulate, solve
+from multirod.simulation import Runner, simulate, solve
 from multirod.solution import History
 from multirod.solvers.shooting import Shooting
-from multirod.validation import FloatArray
+from multirod.tradeoffs.limit import Limited
+from multirod.validation import FloatArray, refuse
 
 REFERENCE = Shooting(tolerance=1e-11, integrator=RK45(1e-12, 1e-14))
 CHECK = Shooting(tolerance=1e-11, integrator=RK4(2000))
@@ -39,6 +40,13 @@ class Errors:
     shape: FloatArray
 
 
+def load_kernels(robot: Assembly, inputs: Inputs) -> None:
+    """Compile, or load, what the reference and its check integrate with: this cannot be stopped."""
+    first = inputs[0] if inputs.batch_shape else inputs
+    for solver in (REFERENCE, CHECK):
+        Runner(robot, solver, first, 1.0, "cpu", inputs.active).problem.integrate()
+
+
 class Reference:
     """Newton's method to 1e-11 with ``RK45(1e-12, 1e-14)``, compared with ``RK4(2000)`` at some of the samples.
 
@@ -46,10 +54,22 @@ class Reference:
         history: The motion.
         known: Samples in which it has a result, shape (sample_count,).
         gap: How far both are apart, relative to the length, and in the end effector's angle; infinite where one failed.
+
+    Raises:
+        ValueError: If it takes longer than ``budget`` [s].
     """
 
-    def __init__(self, robot: Assembly, inputs: Inputs, time: FloatArray) -> None:
-        self.history: History = simulate(robot, inputs, time=time, solver=REFERENCE, progress=False)
+    def __init__(self, robot: Assembly, inputs: Inputs, time: FloatArray, *, budget: float) -> None:
+        done = [0]
+        method, self._check = Limited(REFERENCE, budget), Limited(CHECK, budget)
+        try:
+            self.history: History = simulate(robot, inputs, time=time, solver=method, progress=lambda k: done.append(k))
+            self._compare(robot)
+        except Interrupted:
+            allowed = f"the reference alone takes longer: {done[-1]} of {len(time)} samples were done in so many seconds"
+            refuse("budget", budget, f"{allowed}; give more, or fewer samples")
+
+    def _compare(self, robot: Assembly) -> None:
         self.known = np.asarray(np.isfinite(self.history.tip_position).all(axis=-1))
         self._nodes: dict[int, FloatArray] = {}
         self.length = max(float(np.max(rod.length)) for rod in robot.rods)
@@ -91,7 +111,7 @@ class Reference:
         unknowns = own.unknowns[chosen]
         # off the solution, or one that is within the tolerance of both would be taken as it is, and agree with itself
         aside = START_OFF * np.abs(unknowns).max(axis=-1, keepdims=True) * np.random.default_rng(0).uniform(-1, 1, unknowns.shape)
-        other = solve(own.assembly, inputs, solver=CHECK, guess=unknowns + aside, progress=False)
+        other = solve(own.assembly, inputs, solver=self._check, guess=unknowns + aside, progress=False)
         apart = np.linalg.norm(other.tip_position - own.tip_position[chosen], axis=-1) / self.length
         gap = np.maximum(apart, _angle(own.tip_rotation[chosen], other.tip_rotation))
         return float(gap.max()) if np.isfinite(gap).all() else inf

@@ -13,7 +13,7 @@ import numpy as np
 from multirod.solver import Solver
 from multirod.tradeoffs.reference import AGREEMENT, Reference
 from multirod.tradeoffs.settings import code
-from multirod.validation import FloatArray, choice, positive_float, refuse
+from multirod.validation import FloatArray, choice, file_path, positive_float, refuse
 
 ERRORS = ("position", "rotation", "shape")
 TIMES = ("median", "slow")
@@ -65,7 +65,7 @@ class Rows:
     """A file of comma-separated values to which every row is written, and flushed, as it comes: what is stopped leaves it."""
 
     def __init__(self, path: str | PathLike[str]) -> None:
-        self._file = open(path, "w", newline="", encoding="utf-8")  # noqa: SIM115  (closed by ``with Rows(...)``)
+        self._file = file_path("csv", path, ".csv").open("w", newline="", encoding="utf-8")  # closed by ``with Rows(...)``
         self._writer = csv.writer(self._file)
         self._writer.writerow([*NUMBERS, "solver"])
         self._file.flush()
@@ -178,7 +178,11 @@ class Tradeoff:
         return self.fitting(error=error, time=time)[0]
 
     def to_csv(self, path: str | PathLike[str]) -> None:
-        """Write all rows, one line each, SI units."""
+        """Write all rows, one line each, SI units.
+
+        Raises:
+            ValueError: If ``path`` does not end in ``.csv``, or its folder does not exist.
+        """
         with Rows(path) as rows:
             for row in self.rows:
                 rows.write(row)
