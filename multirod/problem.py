@@ -314,6 +314,13 @@ class BoundaryProblem(ABC):
         """
         return np.zeros(self.instance_count)
 
+    def mode_bounds(self) -> FloatArray:
+        """Where the first is less than 1, the assembly has no unstable mode in any configuration; where the second is, no more
+        than one. Shape (instance_count, 2); by default what ``load_scale`` says of columns.
+        """
+        first = 0.5 * self.load_scale()
+        return np.stack([first, np.full(self.instance_count, np.inf)], axis=1)
+
     def shapes(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:
         """Shape of each rod at ``unknowns``, and the elastic energy [J], shape (instance_count,)."""
         raise NotImplementedError(f"{type(self).__name__} offers no shapes")
@@ -343,6 +350,11 @@ class BoundaryProblem(ABC):
         They are those from number ``first`` on of an endless sequence that lies the closer the longer it is.
         """
         return np.zeros((0, self.instance_count, self.unknown_count))
+
+    @property
+    def has_potential(self) -> NDArray[np.bool_]:
+        """Whether the loads derive from one, shape (instance_count,); none by default."""
+        return np.zeros(self.instance_count, dtype=bool)
 
     def modes(self) -> Modes:
         """The second variation of the energy of the equilibria at ``unknowns``; unknown by default."""
