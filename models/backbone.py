@@ -345,6 +345,31 @@ class BackboneProblem(BoundaryProblem):
             total += (size[:3].max() * length**3 + size[3:].max() * length**2) / stiffness
         return total
 
+    def mode_bounds(self) -> FloatArray:  # noqa: D102
+        if len(self.rods) == 1 or self.held or not self.features.torsion:
+            return super().mode_bounds()
+        inputs = self.read("inputs")
+        EI, kappa = self._by_section()
+        start = inputs[:, self.input_slice("translation")]
+        bounds = _mode_bounds(start, self._each(self.arrays.end), self._each(self.arrays.material), EI, kappa, self._dead_load())
+        bounds[:, 0] += np.where(self.has_potential, 0.0, 0.5 * self.load_scale())
+        bounds[~self.has_potential, 1] = np.inf
+        if self.features.anisotropic:  # they resist being turned against their neighbours even where all are straight
+            bounds = np.maximum(bounds, (1.0, np.inf))
+        return np.asarray(bounds)
+
+    def _dead_load(self) -> FloatArray:
+        """Bound of the dead forces' part of the internal force [N], shape (instance_count,)."""
+        inputs = self.read("inputs")
+        length = self._ends().max(axis=1)
+        sizes = {name: np.linalg.norm(inputs[:, self.input_slice(name)], axis=1) for name in kernels.INPUT_VECTORS}
+        weight = self._each(self.arrays.material[..., 9].max(axis=2).sum(axis=1))
+        total = sizes["tip_force"] + (sizes["distributed_force"] + weight * sizes["gravity"]) * length
+        profile = self._table.profile.numpy()
+        if self.features.profile_degree >= 0:
+            total = total + np.abs(profile.reshape(len(profile), 6, -1)).sum(-1).max(0)[:3].sum() * length * np.abs(inputs[:, -1])
+        return np.asarray(total)
+
     def shapes(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:  # noqa: D102
         fields = ("arclength", "position", "rotation", "curvature", "moment", "force")
         calls = [self._node_pass(node_count, rod=rod) for rod in range(len(self.rods))]
@@ -373,8 +398,8 @@ class BackboneProblem(BoundaryProblem):
         return len(self.rods) > 1
 
     @property
-    def has_potential(self) -> NDArray[np.bool_]:
-        """Whether the loads derive from one, shape (instance_count,): a moment does not, dead or not, nor what follows the tip."""
+    def has_potential(self) -> NDArray[np.bool_]:  # noqa: D102
+        # a moment has none, dead or not, nor what follows the tip
         inputs = self.read("inputs")
         without = ("tip_moment", "distributed_moment", "follower_force", "follower_moment")
         acting = np.column_stack([inputs[:, self.input_slice(name)] for name in without]).any(axis=1)
@@ -712,6 +737,74 @@ def spread(numbers: NDArray[np.int_], dimensions: int) -> FloatArray:
         ratio = (1 + ratio) ** (1 / (dimensions + 1))
     steps = ratio ** -np.arange(1.0, dimensions + 1)
     return np.asarray(2 * ((0.5 + np.outer(numbers, steps)) % 1) - 1)
+
+
+def _mode_bounds(
+    start: FloatArray, end: FloatArray, material: FloatArray, EI: FloatArray, kappa: FloatArray, force: FloatArray
+) -> FloatArray:
+    """(13) to (15) of ``docs/stability.md``, shape (batch, 2).
+
+    Args:
+        start: Of each rod [m], shape (batch, n).
+        end: Of its sections, from there [m], shape (batch, n, section).
+        material: As ``RodArrays``, shape (batch, n, section, 10).
+        EI: [N m^2], shape (batch, n, section).
+        kappa: ``|u*_xy|`` [1/m], shape (batch, n, section).
+        force: Bound of the internal force [N], shape (batch,).
+    """
+    count, n = start.shape
+    end = end + start[..., None]
+    begin = np.concatenate([start[..., None], end[..., :-1]], axis=2)
+    compliance = material[..., 5]
+    tips = np.sort(end[:, :, -1], axis=1)
+
+    def twisted(s: FloatArray) -> FloatArray:
+        """How far a unit torque at ``s``, (batch, 1, 1), twists each rod there."""
+        return np.asarray((np.clip(s - begin, 0.0, end - begin) * compliance).sum(axis=2))
+
+    # where nothing but the compliances changes, and these linearly; the constraint is where the last pair of rods ends
+    cuts = np.sort(np.concatenate([np.zeros((count, 1)), np.maximum(end, 0.0).reshape(count, -1)], axis=1), axis=1)
+    constrained = twisted(tips[:, -2, None, None])
+    pull = np.zeros((count, n, n))
+    stretches = []
+    bent = np.zeros(count)
+    arm = np.zeros(count)
+    load = np.zeros(count)
+    for k in range(cuts.shape[1] - 1):
+        size = cuts[:, k + 1] - cuts[:, k]
+        middle = cuts[:, k] + 0.5 * size
+        here = (begin <= middle[:, None, None]) & (middle[:, None, None] < end) & (size > 0)[:, None, None]
+        together = (EI * here).sum(axis=(1, 2))
+        together[together == 0] = np.inf  # between ends that rounding parts
+        bend = (EI * kappa * here).sum(axis=2)
+        form = -bend[:, :, None] * bend[:, None] / together[:, None, None]
+        form[:, range(n), range(n)] = 0.0
+        form[:, range(n), range(n)] = -form.sum(axis=2)
+        twist = twisted(middle[:, None, None])
+        root = np.sqrt(twist)
+        pull += size[:, None, None] * form * root[:, :, None] * root[:, None]
+        stretches.append((size, form, twist, twisted(cuts[:, k, None, None]), twisted(cuts[:, k + 1, None, None])))
+        if not force.any():
+            continue
+        # what the loads add: the force turns the frame, the moment bends what pulls
+        each = size / together
+        moment = force * (tips[:, -1] - middle)
+        arm += moment**2 * (bent + 0.5 * each) * each
+        load += size * (force * (bent + 0.5 * each) + moment / together * (twist * bend).max(axis=1))
+        bent += each
+    # (15) the direction that is pulled most
+    direction = np.linalg.eigh(pull)[1][:, :, -1] / np.sqrt(np.where(constrained > 0, constrained, np.inf))
+    first, trace, taken = np.zeros((3, count))
+    for size, form, twist, *ends in stretches:
+        root = np.sqrt(twist)
+        first += size * np.linalg.eigvalsh(form * root[:, :, None] * root[:, None])[:, -1]
+        trace += size * np.einsum("bii,bi->b", form, twist)
+        for part, at in ((1 / 6, ends[0]), (4 / 6, twist), (1 / 6, ends[1])):
+            reach = np.minimum(at, constrained) * direction
+            taken += part * size * np.einsum("bi,bij,bj->b", reach, form, reach)
+    scale = np.maximum((direction**2 * constrained).sum(axis=1), 1e-300)
+    load += np.sqrt(arm)
+    return np.stack([first + load, trace - taken / scale + load], axis=1)
 
 
 def _blocks(features: Features) -> list[Block]:

@@ -391,6 +391,13 @@ class BoundaryProblem(Uncopied, ABC):
         """
         return np.zeros(self.instance_count)
 
+    def mode_bounds(self) -> FloatArray:
+        """Where the first is less than 1, the assembly has no unstable mode in any configuration; where the second is, no more
+        than one. Shape (instance_count, 2); by default what ``load_scale`` says of columns.
+        """
+        first = 0.5 * self.load_scale()
+        return np.stack([first, np.full(self.instance_count, np.inf)], axis=1)
+
     def shapes(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:
         """Shape of each rod at ``unknowns``, and the elastic energy [J], shape (instance_count,)."""
         raise NotImplementedError(f"{type(self).__name__} offers no shapes")

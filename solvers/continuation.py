@@ -12,12 +12,15 @@ from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.continuation_kernels import PathState, make_path, set_out
 from multirod.solvers.newton import Newton, leave
+from multirod.stability import Stability
 from multirod.status import Status
 from multirod.validation import FloatArray
 
 SAFE_LOAD = 5.0  # in F L^2/EI: no equilibrium loses and regains stability within such a step (Euler: 2.5 and 22)
 SINGULAR = 0.05  # largest singular value, in units of what is natural, that vanishes where a branch ends; within 1e-7 of there
 GROWTH = 0.5  # of the load reached, that the next step may be if that is more
+TOGETHER = 4096  # instances whose columns at all nodes are held at once
+FINER = 16  # times shorter steps, where a branch led to an unstable equilibrium
 
 BoolArray = NDArray[np.bool_]
 
@@ -44,37 +47,52 @@ class Paths:
         self.state = state
         state.newton = newton.state
         state.load_factor, state.inputs = problem.load_factor, problem.inputs
-        for name in ("status", "iterations", "integrations", "steps", "known", "halved", "surprised"):
+        for name in ("status", "iterations", "integrations", "steps", "known", "halved", "surprised", "probed"):
             setattr(state, name, wp.zeros(count, dtype=wp.int32, device=device))
-        for name in ("step", "goal", "safe_step"):
+        for name in ("step", "goal", "safe_step", "sure_level"):
             setattr(state, name, wp.zeros(count, dtype=wp.float64, device=device))
         state.points = wp.zeros((count, 3, n), dtype=wp.float64, device=device)
         state.levels = wp.zeros((count, 3), dtype=wp.float64, device=device)
         state.reference = wp.zeros((count, n, n), dtype=wp.float64, device=device)
         state.expected = wp.zeros((count, n), dtype=wp.float64, device=device)
         state.surprise = wp.zeros((count, n), dtype=wp.float64, device=device)
+        state.trial = wp.zeros((count, n), dtype=wp.float64, device=device)
+        state.halfway = wp.zeros((count, n, n), dtype=wp.float64, device=device)
         state.max_steps = max_steps
         state.remaining = wp.zeros(1, dtype=wp.int32, device=device)
         self._remaining = state.remaining.numpy() if wp.get_device(device).is_cpu else None
         self._shape = newton.shape
 
-    def raise_loads(self, chosen: BoolArray) -> Outcome:
-        """From the unloaded equilibrium to the full load, all loads in proportion."""
-        problem = self.problem
-        safe_step = SAFE_LOAD / np.maximum(problem.load_scale(), 1e-300)
-        outcome = self.raise_from(chosen, problem.guess(), safe_step)
+    def raise_loads(self, chosen: BoolArray, bounds: FloatArray, finer: int = 1) -> Outcome:
+        """From the unloaded equilibrium to the full load, all loads in proportion.
+
+        ``bounds`` are the problem's ``mode_bounds``, and steps are ``finer`` times shorter than they call for.
+        """
+        problem, first = self.problem, bounds[:, 0]
+        safe_step = SAFE_LOAD / np.maximum(np.maximum(problem.load_scale(), 2 * first), 1e-300)
+        outcome = self.raise_from(chosen, problem.guess(), safe_step / finer, growth=GROWTH / finer, sure=first < 1)
         outcome.integrations += chosen * problem.guess_integrations
         return outcome
 
-    def raise_from(self, chosen: BoolArray, unknowns: FloatArray, safe_step: FloatArray) -> Outcome:
+    def raise_from(
+        self,
+        chosen: BoolArray,
+        unknowns: FloatArray,
+        safe_step: FloatArray,
+        *,
+        growth: float = GROWTH,
+        sure: BoolArray | bool = False,
+    ) -> Outcome:
         """From the equilibrium ``unknowns`` (instance_count, n) where the load factor is 0, to where it is 1.
 
-        ``safe_step`` (instance_count,) is a step that is short enough wherever it starts. What is not ``chosen`` is left as it is.
+        ``safe_step`` (instance_count,) is a step that is short enough wherever it starts, and ``growth`` the part of the load reached that one
+        may be if that is more. Where it is ``sure`` that no mode can vanish, steps are not looked at halfway. What is not ``chosen`` is left as it is.
         """
         problem, state = self.problem, self.state
         state.by_inputs = 0
         state.safe_step.assign(safe_step)
-        state.growth = GROWTH
+        state.sure_level.assign(np.broadcast_to(np.asarray(sure, dtype=np.float64), problem.instance_count))
+        state.growth = growth
         problem.load_factor.assign(np.where(chosen, 0.0, 1.0))
         problem.write("unknowns", np.where(chosen[:, None], unknowns, problem.read("unknowns")))
         self._set_out(chosen, known=0)
@@ -93,6 +111,7 @@ class Paths:
         for name, values in (("from_inputs", before), ("to_inputs", after)):
             setattr(state, name, wp.array(np.ascontiguousarray(values), dtype=wp.float64, device=problem.device))
         state.safe_step.fill_(1.0)
+        state.sure_level.fill_(0.0)
         state.points.assign(np.repeat(unknowns[:, None], 3, axis=1))
         state.reference.assign(np.ascontiguousarray(gamma).reshape(state.reference.shape))
         self._set_out(chosen, known=1)
@@ -141,10 +160,15 @@ class Paths:
 def natural_branch(problem: BoundaryProblem, newton: Newton, max_steps: int, chosen: BoolArray | None = None) -> Outcome:
     """Raise all loads in proportion, from the unloaded equilibrium to the full load; see ``Paths``.
 
-    ``chosen`` (bool, (instance_count,)) leaves the other instances as they are; their status is ``CONVERGED``.
+    What has several equilibria unloaded is followed again in shorter steps where it came to an unstable one, which cannot be the
+    end of a branch that starts stable; what does so again is lost: its status is ``BRANCH_END``. ``chosen`` (bool, (instance_count,))
+    leaves the other instances as they are; their status is ``CONVERGED``.
     """
     chosen = np.ones(problem.instance_count, dtype=bool) if chosen is None else chosen
-    outcome = Paths(problem, newton, max_steps).raise_loads(chosen)
+    bounds = problem.mode_bounds()
+    outcome = Paths(problem, newton, max_steps).raise_loads(chosen, bounds)
+    if problem.multistable and problem.guess_is_stable:
+        _leave_unstable(problem, newton, max_steps, chosen, bounds, outcome)
     lost = outcome.status != Status.CONVERGED
     if lost.any():
         # what is left of the residual at the full load
@@ -152,3 +176,36 @@ def natural_branch(problem: BoundaryProblem, newton: Newton, max_steps: int, cho
         problem.integrate()
         outcome.integrations += lost
     return outcome
+
+
+def _leave_unstable(
+    problem: BoundaryProblem, newton: Newton, max_steps: int, chosen: BoolArray, bounds: FloatArray, outcome: Outcome
+) -> None:
+    """Follow those branches again that led to an unstable equilibrium."""
+    gamma = problem.read("gamma").reshape(problem.instance_count, problem.unknown_count, -1)
+    # with one unstable mode at most, the sign of det Gamma says whether there is one
+    sure = (bounds[:, 1] < 1) & (np.linalg.det(gamma) > 0)
+    places = np.flatnonzero(chosen & (outcome.status == Status.CONVERGED) & ~sure & problem.has_potential)
+    outcome.integrations[places] += 1
+    places = places[_unstable(problem, places)]
+    if not len(places):
+        return
+    part = problem.part(places)
+    method = newton.of(part, places)
+    method.allow(np.maximum(method.allowed() - outcome.integrations[places], 0))
+    again = Paths(part, method, max_steps * FINER).raise_loads(np.ones(len(places), dtype=bool), bounds[places], FINER)
+    unstable = np.flatnonzero(again.status == Status.CONVERGED)
+    again.status[unstable[_unstable(part, unstable)]] = Status.BRANCH_END
+    outcome.status[places] = again.status
+    outcome.iterations[places] += again.iterations
+    outcome.integrations[places] += again.integrations + 1
+    problem.keep(part, places)
+
+
+def _unstable(problem: BoundaryProblem, places: Any) -> BoolArray:
+    """Whether the equilibria of some instances, (k,), are unstable, shape (k,)."""
+    result = np.zeros(len(places), dtype=bool)
+    for part in np.split(np.arange(len(places)), range(TOGETHER, len(places), TOGETHER)):
+        if len(part):
+            result[part] = problem.part(places[part]).modes().stability == Stability.UNSTABLE
+    return result

@@ -20,6 +20,9 @@ LARGEST_RATIO = 4.0  # to this
 RATIO_POWERS = 64.0  # powers by which that is told
 SURPRISE = 0.5  # largest distance of an equilibrium from its extrapolation, relative to its distance from the last
 AGREEMENT = 0.25  # the same from half the way to where twice the step led: half for one that stays a distance away
+HALFWAY = 0.1  # largest distance of the equilibrium halfway from the curve through the ends, relative to theirs
+HALFWAY_FIRST = 0.25  # the same where that curve is a straight line
+NEAR = 0.1  # of a step, that Newton's next may be where it is looked at halfway
 MIN_STEP = 1e-7
 f64 = wp.float64
 
@@ -50,7 +53,11 @@ class PathState:
     expected: wp.array2d[wp.float64]  # unknowns at the goal by extrapolation
     surprise: wp.array2d[wp.float64]  # those found instead
     surprised: wp.array[int]  # whether there are any, at twice the present step
+    probed: wp.array[int]  # whether the step has been looked at halfway: 0 not yet, 1 on the way, 2 and passed
+    trial: wp.array2d[wp.float64]  # the unknowns at the goal meanwhile
+    halfway: wp.array3d[wp.float64]  # Gamma there
     safe_step: wp.array[wp.float64]  # a step that is short enough wherever it starts
+    sure_level: wp.array[wp.float64]  # up to here no mode can vanish
     growth: wp.float64  # a step may be as long as this part of the level, if that is longer
     max_steps: int
     remaining: wp.array[int]  # (1,): instances on their way
@@ -63,18 +70,25 @@ def make_path(n: int, block: int = 0, border: int = 0):
     The arguments say what ``Gamma`` is like, as for ``make_iteration``.
     """
     iteration = make_iteration(n, block, border)
-    iterate, spread = iteration.iterate, iteration.spread
+    iterate, spread, newton_step = iteration.iterate, iteration.spread, iteration.aim
     CENTRE = 0.5 * (SMALLEST_RATIO + LARGEST_RATIO)
     RADIUS = 0.5 * (LARGEST_RATIO - SMALLEST_RATIO)
 
     @wp.func
-    def same_branch(state: PathState, t: int) -> bool:
-        """Whether no mode of Gamma came near zero or changed sign since the last equilibrium."""
+    def alike(state: PathState, t: int, other: wp.array3d[wp.float64]) -> bool:
+        """Whether no mode of Gamma came near zero or changed sign since another."""
         near = f64(wp.static(1.0 - SMALLEST_RATIO))
-        if spread(state.newton, t, state.reference, f64(1.0), near, f64(1.0)) < near:
+        if spread(state.newton, t, other, f64(1.0), near, f64(1.0)) < near:
             return True
         radius = f64(wp.static(RADIUS))
-        return spread(state.newton, t, state.reference, f64(wp.static(CENTRE)), radius, f64(wp.static(RATIO_POWERS))) < radius
+        return spread(state.newton, t, other, f64(wp.static(CENTRE)), radius, f64(wp.static(RATIO_POWERS))) < radius
+
+    @wp.func
+    def same_branch(state: PathState, t: int) -> bool:
+        """Whether Gamma is like that at the last equilibrium, and like that halfway."""
+        if not alike(state, t, state.reference):
+            return False
+        return state.goal[t] <= state.sure_level[t] or alike(state, t, state.halfway)
 
     @wp.func
     def expected(state: PathState, t: int) -> bool:
@@ -127,11 +141,8 @@ def make_path(n: int, block: int = 0, border: int = 0):
         c = state.levels[t, 2]
         goal = wp.min(f64(1.0), a + state.step[t])
         state.goal[t] = goal
-        if state.by_inputs != 0:
-            for i in range(state.inputs.shape[1]):
-                state.inputs[t, i] = state.from_inputs[t, i] + goal * (state.to_inputs[t, i] - state.from_inputs[t, i])
-        else:
-            state.load_factor[t] = goal
+        put(state, t, goal)
+        state.probed[t] = wp.where(goal <= state.sure_level[t], 2, 0)
         for i in range(n):
             x = state.points[t, 0, i]
             if state.known[t] > 1:
@@ -144,6 +155,71 @@ def make_path(n: int, block: int = 0, border: int = 0):
             state.newton.unknowns[t, i] = x
         state.steps[t] = state.steps[t] + 1
         begin(state.newton, t)
+
+    @wp.func
+    def put(state: PathState, t: int, level: f64):
+        """Set what the level sets."""
+        if state.by_inputs != 0:
+            for i in range(state.inputs.shape[1]):
+                state.inputs[t, i] = state.from_inputs[t, i] + level * (state.to_inputs[t, i] - state.from_inputs[t, i])
+        else:
+            state.load_factor[t] = level
+
+    @wp.func
+    def look_halfway(state: PathState, t: int):
+        """Go to the level halfway, on the curve through the trial and the equilibria known."""
+        g = state.goal[t]
+        a = state.levels[t, 0]
+        b = state.levels[t, 1]
+        c = state.levels[t, 2]
+        level = f64(0.5) * (a + g)
+        put(state, t, level)
+        for i in range(n):
+            x = state.newton.unknowns[t, i]
+            state.trial[t, i] = x
+            first = (x - state.points[t, 0, i]) / (g - a)
+            x = state.points[t, 0, i] + (level - a) * first
+            if state.known[t] > 1:
+                ab = (state.points[t, 0, i] - state.points[t, 1, i]) / (a - b)
+                second = (first - ab) / (g - b)
+                x += (level - a) * (level - g) * second
+                if state.known[t] > 2:
+                    bc = (state.points[t, 1, i] - state.points[t, 2, i]) / (b - c)
+                    third = (second - (ab - bc) / (a - c)) / (g - c)
+                    x += (level - a) * (level - g) * (level - b) * third
+            state.newton.unknowns[t, i] = x
+        state.probed[t] = 1
+
+    @wp.func
+    def passed_halfway(state: PathState, t: int) -> bool:
+        """Whether there is an equilibrium halfway on that curve, and Gamma there is like the last; leads back to the trial."""
+        sound = state.newton.fault[t] == 0
+        off = newton_step(state.newton, t)
+        sound = sound and wp.isfinite(off) and alike(state, t, state.reference)
+        moved = f64(0.0)
+        size = f64(0.0)
+        for i in range(n):
+            x = state.trial[t, i]
+            state.newton.unknowns[t, i] = x
+            moved += (x - state.points[t, 0, i]) * (x - state.points[t, 0, i])
+            size += x * x
+            for j in range(n):
+                state.halfway[t, i, j] = state.newton.gamma[t, i, j]
+        most = wp.where(state.known[t] > 1, f64(wp.static(HALFWAY)), f64(wp.static(HALFWAY_FIRST)))
+        put(state, t, state.goal[t])
+        state.probed[t] = 2
+        return sound and off <= most * wp.sqrt(moved) + f64(1.0e-6) * (f64(1.0) + wp.sqrt(size))
+
+    @wp.func
+    def nearly_there(state: PathState, t: int) -> bool:
+        """Whether Newton's last step was a small part of the way."""
+        last = f64(0.0)
+        moved = f64(0.0)
+        for i in range(n):
+            last += state.newton.step[t, i] * state.newton.step[t, i]
+            move = state.newton.unknowns[t, i] - state.points[t, 0, i]
+            moved += move * move
+        return wp.sqrt(last) <= f64(wp.static(NEAR)) * wp.sqrt(moved)
 
     @wp.func
     def why(state: PathState, t: int, found: int) -> int:
@@ -207,7 +283,18 @@ def make_path(n: int, block: int = 0, border: int = 0):
         if state.known[t] == 0:
             status = arrive(state, t)
         else:
-            found = iterate(state.newton, t, 0, f64(wp.static(CONTRACTION)))
+            found = int(wp.static(int(Status.STALLED)))
+            if state.probed[t] == 1:
+                if passed_halfway(state, t):
+                    found = int(wp.static(int(Status.NOT_RUN)))
+            else:
+                found = iterate(state.newton, t, 0, f64(wp.static(CONTRACTION)))
+                if state.probed[t] == 0:
+                    if found == wp.static(int(Status.CONVERGED)):
+                        look_halfway(state, t)
+                        found = int(wp.static(int(Status.NOT_RUN)))
+                    elif found == wp.static(int(Status.NOT_RUN)) and nearly_there(state, t):
+                        look_halfway(state, t)
             if found != wp.static(int(Status.NOT_RUN)):
                 status = advance(state, t, found)
             elif state.integrations[t] < state.newton.allowed[t]:

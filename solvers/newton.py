@@ -20,6 +20,7 @@ _CONVERGED = int(Status.CONVERGED)
 
 LARGEST_NOISE = 1e-4  # in steps of Newton's method, relative: a longer one says how the iteration contracts
 UNLIMITED = 2**31 - 1
+SLOW = 0.1  # contraction of a sample's Newton steps, from which it may have left its branch
 FEWER = 0.7  # of the instances that launches pass over, below which those that have ended leave
 
 
@@ -127,12 +128,12 @@ class Newton:
         if self._counts is None or self._doubts is None:
             return True
         change, contraction = self._doubts
-        return bool((self._counts[0] != _CONVERGED).any() or change.max() > LARGE_CHANGE or contraction.max() > LARGE_CHANGE)
+        return bool((self._counts[0] != _CONVERGED).any() or change.max() > LARGE_CHANGE or contraction.max() > SLOW)
 
     def strayed(self) -> Any:
         """Whether a converged instance may be on another branch than its reference; bool, shape (instance_count,)."""
         change, contraction = self._doubts or (self.state.change.numpy(), self.state.contraction.numpy())
-        return (change > LARGE_CHANGE) | (contraction > LARGE_CHANGE)
+        return (change > LARGE_CHANGE) | (contraction > SLOW)
 
     def reference(self) -> FloatArray:
         """``Gamma`` of the last sample that was kept, shape (instance_count, n, n)."""

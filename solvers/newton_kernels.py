@@ -174,7 +174,7 @@ def make_arrow(n: int, block: int, border: int) -> SimpleNamespace:
 
 @cache
 def make_iteration(n: int, block: int = 0, border: int = 0) -> SimpleNamespace:
-    """``iterate``, from one integration to the next, and ``spread``, how unlike two ``Gamma`` are.
+    """``iterate``, from one integration to the next, ``spread``, how unlike two ``Gamma`` are, and ``aim``, the Newton step.
 
     Gamma is dense, or, with a ``border``, an arrow of blocks of at most ``block`` rows.
     """
@@ -247,7 +247,7 @@ def make_iteration(n: int, block: int = 0, border: int = 0) -> SimpleNamespace:
                 state.unknowns[t, i] = state.accepted[t, i] + damping * state.step[t, i]
         return status
 
-    return SimpleNamespace(iterate=iterate, spread=spread)
+    return SimpleNamespace(iterate=iterate, spread=spread, aim=aim)
 
 
 @cache
