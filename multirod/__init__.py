@@ -22,7 +22,7 @@ if find_spec("multirod.models") is None:
 
 from multirod.assembly import Assembly
 from multirod.critical_loads import CriticalLoad, CriticalLoads, critical_loads
-from multirod.equilibria import equilibria
+from multirod.equilibria import Equilibria, equilibria
 from multirod.inputs import Inputs, InputSpec
 from multirod.models.concentric_tubes import ConcentricTubes
 from multirod.models.integrators import RK4, RK23, RK45, AdaptiveIntegrator, FixedStepIntegrator, Integrator, Tableau
@@ -61,6 +61,7 @@ __all__ = [
     "CriticalLoads",
     "Dropped",
     "EnergyDescent",
+    "Equilibria",
     "Explanation",
     "FixedStepIntegrator",
     "History",

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Self
 from warnings import warn
 
 import numpy as np
@@ -72,9 +73,7 @@ class CriticalLoads(tuple[CriticalLoad, ...]):
     reached: float
     undecided: tuple[tuple[float, float], ...]
 
-    def __new__(
-        cls, found: Iterable[CriticalLoad], *, reached: float, undecided: tuple[tuple[float, float], ...]
-    ) -> "CriticalLoads":
+    def __new__(cls, found: Iterable[CriticalLoad], *, reached: float, undecided: tuple[tuple[float, float], ...]) -> Self:
         """As a tuple is made, with its attributes."""
         result = super().__new__(cls, found)
         result.reached, result.undecided = reached, undecided

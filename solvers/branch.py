@@ -7,6 +7,7 @@ import numpy as np
 from multirod.problem import BoundaryProblem
 from multirod.solvers.branch_step import Apart, Change, Inspection, Point, Step, heights
 from multirod.solvers.crossings import at, crossings, cubic
+from multirod.stability import Modes
 from multirod.validation import FloatArray
 
 ITERATIONS = 8
@@ -36,6 +37,7 @@ class Branch:
         unit: Load factor that matters, by which it is counted.
         tolerance: Largest residual [1/m].
         growth: Longest step beyond 1, over the way from where the load factor is 0.
+        inspected: Whether steps tell where stability changes; else it is not asked for, and there need be no potential.
     """
 
     def __init__(
@@ -48,19 +50,20 @@ class Branch:
         unit: float,
         tolerance: float,
         growth: float,
+        inspected: bool = True,
     ) -> None:
         self.problem = problem
         self.start, self.rate = start, rate
         self.scale = np.append(np.full(problem.unknown_count, 1 / length), unit)
-        self.tolerance, self.growth = tolerance, growth
+        self.tolerance, self.growth, self.inspected = tolerance, growth, inspected
         problem.directions.assign(rate[None, None, :])
         problem.active.fill_(1)
         self._why = ""
 
-    def first(self, unknowns: FloatArray) -> Point:
-        """The equilibrium without load."""
+    def first(self, unknowns: FloatArray, way: float = 1.0) -> Point:
+        """The equilibrium at load factor 0, from where the branch goes to higher ones, or to lower ones for a ``way`` of -1."""
         n = self.problem.unknown_count
-        ahead = np.append(np.zeros(n), 1.0)
+        ahead = np.append(np.zeros(n), way)
         return self._point(np.append(unknowns, 0.0) / self.scale, ahead)
 
     def factor(self, point: Point) -> float:
@@ -83,7 +86,7 @@ class Branch:
                 break
             try:
                 for step in self.steps(open_.pop(0), BRANCH_STEPS):
-                    found += self._passing(step, factor)
+                    found += [place[:-1] * self.scale[:-1] for place in self._passed(step, factor)]
                     for change in step.changes:
                         open_ += self._crossing(change)
                     if not -0.1 * factor < self.factor(step.after) < 1.5 * factor:
@@ -107,12 +110,25 @@ class Branch:
                 result.append(found)
         return result
 
-    def _passing(self, step: Step, factor: float) -> list[FloatArray]:
-        """Unknowns near where a step passes a load factor, be it there and back."""
+    def returns(self, first: Point, reach: float, max_steps: int) -> Iterator[Point]:
+        """Equilibria at load factor 0 that the branch through ``first`` comes by, until it is ``reach`` away from there, or ends."""
+        at_load = np.append(np.zeros(self.problem.unknown_count), 1.0)
+        try:
+            for step in self.steps(first, max_steps):
+                for place in self._passed(step, 0.0):
+                    point = self.on_branch(place, at_load)
+                    if point is not None:
+                        yield point
+                if abs(self.factor(step.after)) > reach:
+                    return
+        except BranchLost:
+            return
+
+    def _passed(self, step: Step, factor: float) -> list[FloatArray]:
+        """Places near where a step passes a load factor, be it there and back."""
         places, slopes = step.ends
         path = cubic(places, slopes)
-        ts = crossings(places[:, -1] - factor / self.scale[-1], slopes[:, -1])
-        return [at(path, t)[:-1] * self.scale[:-1] for t in ts]
+        return [at(path, t) for t in crossings(places[:, -1] - factor / self.scale[-1], slopes[:, -1])]
 
     def steps(self, first: Point, max_steps: int) -> Iterator[Step]:
         """Follow the branch.
@@ -152,11 +168,13 @@ class Branch:
         if found is None:
             return None, contraction
         goal = self._point(found, point.tangent)
-        if not goal.modes.known[0]:
+        if self.inspected and not goal.modes.known[0]:
             self._why = "stability is not known: the loads have no potential, tubes are rigid in torsion, or rounding hides it"
             return None, contraction
         if goal.tangent @ point.tangent < TURN:
             return None, contraction
+        if not self.inspected:
+            return Step(point, goal, (), ()), contraction
         try:
             return Inspection(self, point, goal, length).step(), contraction
         except Apart as error:
@@ -199,5 +217,8 @@ class Branch:
         _, values, vectors = np.linalg.svd(matrix)
         kept = np.append(values, 0.0) <= SINGULAR * values[0]
         tangent = vectors[kept].T @ (vectors[kept] @ ahead)
+        if not tangent.any():  # at a fold no way leads ahead
+            tangent = vectors[-1]
         tangent /= np.linalg.norm(tangent)
-        return Point(place, tangent, matrix[:, :-1] / self.scale[:-1], self.problem.modes())
+        modes = self.problem.modes() if self.inspected else Modes.unknown(1)
+        return Point(place, tangent, matrix[:, :-1] / self.scale[:-1], modes)

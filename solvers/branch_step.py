@@ -14,6 +14,7 @@ from multirod.solvers.crossings import at, cubic, settled
 from multirod.stability import NEUTRAL, Modes
 from multirod.validation import FloatArray
 
+WIDEST = 0.26  # part of a step that is judged
 NARROWEST = 1e-5  # part that is cut no further
 SAFETY = 2.0  # of the whole's error for its halves, where a sixteenth is usual
 CUTS = 256  # of one step, at most
@@ -164,8 +165,9 @@ class Inspection:
         cuts = 0
         while open_:
             part = open_.pop()
-            sure = part.error is not None and self._sure(part)
-            if part.error is None or (not sure and cuts < CUTS and part.length > NARROWEST):
+            wide = part.error is None or part.length > WIDEST * self._length
+            sure = not wide and self._sure(part)
+            if wide or (not sure and cuts < CUTS and part.length > NARROWEST):
                 middle, error = self._cut(part)
                 if part.error is None:
                     self._neutral = _neutral([self._before, middle.point, self._after])
@@ -247,13 +249,14 @@ class Inspection:
 
     def _root(self, part: _Part, k: int) -> float:
         """How far along the step eigenvalue ``k`` vanishes."""
-        ends = {sample.distance: sample.point for sample in (part.left, part.right)}
+        left, right = part.left, part.right
+        ends = {left.distance: left.point, right.distance: right.point}
 
         def value(place: float) -> float:
             point = ends[place] if place in ends else self._at(part, place).point
             return float(heights(point.modes, range(k, k + 1))[0])
 
-        place = float(brentq(value, *ends, xtol=1e-12 * part.length, rtol=1e-14))
+        place = float(brentq(value, left.distance, right.distance, xtol=1e-12 * part.length, rtol=1e-14))
         self._points[place] = ends[place] if place in ends else self._at(part, place).point
         return place
 

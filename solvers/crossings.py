@@ -3,6 +3,8 @@
 Numbers in parentheses are those of ``docs/stability.md``.
 """
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,7 +25,7 @@ def at(coefficients: FloatArray, t: float) -> FloatArray:
 
 
 def settled(values: FloatArray, slopes: FloatArray, error: FloatArray) -> NDArray[np.bool_]:
-    """(14), (15) Whether each function has a zero only where its signs at both ends differ, and then one; shape (k,).
+    """(14) Whether each function has a zero only where its signs at both ends differ, and then one; shape (k,).
 
     Args:
         values: At both ends, shape (2, k).
@@ -49,6 +51,6 @@ def crossings(values: FloatArray, slopes: FloatArray) -> FloatArray:
     return np.sort(_inside(roots, 1e-9))
 
 
-def _inside(roots: NDArray[np.complex128], margin: float = 0.0) -> FloatArray:
+def _inside(roots: NDArray[Any], margin: float = 0.0) -> FloatArray:
     """The real ones of ``roots`` in [0, 1]."""
     return np.asarray(roots.real[(np.abs(roots.imag) <= margin) & (roots.real >= 0) & (roots.real <= 1)])
