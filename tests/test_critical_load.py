@@ -185,7 +185,7 @@ def test_what_touches_zero_is_undecided():
 
 
 def test_a_dip_that_is_sharp_and_eigenvalues_that_cross_each_other():
-    for narrow in (0.1, 0.05):
+    for narrow in (0.1, 0.08):
         step = Line(lambda s, w=narrow: 1 - 1.01 * np.exp(-(((s - 0.41) / w) ** 2)), lambda s: 3.0).step()
         half = narrow * np.sqrt(np.log(1.01))
         np.testing.assert_allclose(places(step), [0.41 - half, 0.41 + half], rtol=0, atol=1e-9)

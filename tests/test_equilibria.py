@@ -1,5 +1,7 @@
 """All equilibria from many starts, and the one that a solve without a guess means."""
 
+from importlib import import_module
+
 import numpy as np
 import pytest
 from scipy.optimize import brentq
@@ -112,7 +114,7 @@ def test_branches_lead_to_what_starts_miss(angle):
 
 
 def test_a_list_that_breaks_the_rule_of_signs_says_so(monkeypatch):
-    monkeypatch.setattr("multirod.equilibria.FOLLOWED", 0)
+    monkeypatch.setattr(import_module("multirod.equilibria"), "FOLLOWED", 0)  # the package shows the function by this name
     robot = strongly_curved(12.0)
     with pytest.warns(mr.IncompleteWarning, match="[12] equilibria are missing at least, by the signs"):
         found = mr.equilibria(robot, robot.inputs(rotation=(0, 3.1)))
