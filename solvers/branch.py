@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from multirod.problem import BoundaryProblem
-from multirod.solvers.branch_step import Apart, Change, Inspection, Point, Step, heights
+from multirod.solvers.branch_step import CUTS, Apart, Change, Inspection, Point, Step, heights
 from multirod.solvers.crossings import at, crossings, cubic
 from multirod.stability import Modes
 from multirod.validation import FloatArray
@@ -18,6 +18,7 @@ SMALLEST_STEP = 1e-7
 SINGULAR = 1e-7  # of the largest singular value: what is smaller is a bifurcation's, and left alone
 BRANCHES = 32  # followed from one start
 BRANCH_STEPS = 80
+FEW_CUTS = 3  # of their steps, along which modes may stay neutral
 ASIDE = 0.05  # how far from a bifurcation the crossing branch is met
 AHEAD = 1e-5  # along the branch, by which slopes of eigenvalues are told
 
@@ -59,6 +60,7 @@ class Branch:
         problem.directions.assign(rate[None, None, :])
         problem.active.fill_(1)
         self._why = ""
+        self._cuts = CUTS
 
     def first(self, unknowns: FloatArray, way: float = 1.0) -> Point:
         """The equilibrium at load factor 0, from where the branch goes to higher ones, or to lower ones for a ``way`` of -1."""
@@ -81,6 +83,7 @@ class Branch:
         """
         found: list[FloatArray] = []
         open_ = [first]
+        self._cuts = FEW_CUTS
         for _ in range(BRANCHES):
             if not open_:
                 break
@@ -176,7 +179,7 @@ class Branch:
         if not self.inspected:
             return Step(point, goal, (), ()), contraction
         try:
-            return Inspection(self, point, goal, length).step(), contraction
+            return Inspection(self, point, goal, length, self._cuts).step(), contraction
         except Apart as error:
             self._why = str(error)
             return None, contraction

@@ -143,10 +143,11 @@ class Inspection:
         before: Where the step begins.
         after: Where it ends, in the plane across the tangent there at a distance ``length``.
         length: Of the step.
+        cuts: After which it is cut no further.
     """
 
-    def __init__(self, follower: Follower, before: Point, after: Point, length: float) -> None:
-        self._follower = follower
+    def __init__(self, follower: Follower, before: Point, after: Point, length: float, cuts: int = CUTS) -> None:
+        self._follower, self._cuts = follower, cuts
         self._before, self._after, self._length = before, after, length
         self._numbers = range(max(before.index, after.index) + 2)
         self._slopes: dict[float, FloatArray] = {}  # by the distance
@@ -167,7 +168,7 @@ class Inspection:
             part = open_.pop()
             wide = part.error is None or part.length > WIDEST * self._length
             sure = not wide and self._sure(part)
-            if wide or (not sure and cuts < CUTS and part.length > NARROWEST):
+            if wide or (not sure and cuts < self._cuts and part.length > NARROWEST):
                 middle, error = self._cut(part)
                 if part.error is None:
                     self._neutral = _neutral([self._before, middle.point, self._after])
