@@ -18,7 +18,6 @@ SMALLEST_STEP = 1e-7
 SINGULAR = 1e-7  # of the largest singular value: what is smaller is a bifurcation's, and left alone
 BRANCHES = 32  # followed from one start
 BRANCH_STEPS = 80
-FEW_CUTS = 3  # of their steps, along which modes may stay neutral
 ASIDE = 0.05  # how far from a bifurcation the crossing branch is met
 AHEAD = 1e-5  # along the branch, by which slopes of eigenvalues are told
 
@@ -83,7 +82,7 @@ class Branch:
         """
         found: list[FloatArray] = []
         open_ = [first]
-        self._cuts = FEW_CUTS
+        self._cuts = 0  # a pair of changes that is missed costs a branch; cutting, five times as much everywhere
         for _ in range(BRANCHES):
             if not open_:
                 break

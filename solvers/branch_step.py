@@ -143,7 +143,7 @@ class Inspection:
         before: Where the step begins.
         after: Where it ends, in the plane across the tangent there at a distance ``length``.
         length: Of the step.
-        cuts: After which it is cut no further.
+        cuts: After which it is cut no further; 0 takes the signs at its ends for all that happens.
     """
 
     def __init__(self, follower: Follower, before: Point, after: Point, length: float, cuts: int = CUTS) -> None:
@@ -166,8 +166,8 @@ class Inspection:
         cuts = 0
         while open_:
             part = open_.pop()
-            wide = part.error is None or part.length > WIDEST * self._length
-            sure = not wide and self._sure(part)
+            wide = self._cuts > 0 and (part.error is None or part.length > WIDEST * self._length)
+            sure = part.error is not None and not wide and self._sure(part)
             if wide or (not sure and cuts < self._cuts and part.length > NARROWEST):
                 middle, error = self._cut(part)
                 if part.error is None:
