@@ -21,8 +21,8 @@ if find_spec("multirod.models") is None:
     )
 
 from multirod.assembly import Assembly
-from multirod.critical_loads import CriticalLoad, critical_loads
-from multirod.equilibria import equilibria
+from multirod.critical_loads import CriticalLoad, CriticalLoads, critical_loads
+from multirod.equilibria import Equilibria, equilibria
 from multirod.inputs import Inputs, InputSpec
 from multirod.models.concentric_tubes import ConcentricTubes
 from multirod.models.integrators import RK4, RK23, RK45, AdaptiveIntegrator, FixedStepIntegrator, Integrator, Tableau
@@ -32,7 +32,7 @@ from multirod.problem import Block, BoundaryProblem, Shape
 from multirod.recording import Recorder
 from multirod.rod import Rod, Section
 from multirod.simulation import simulate, solve
-from multirod.solution import History, Solution, SolveError
+from multirod.solution import History, IncompleteWarning, Solution, SolveError
 from multirod.solver import Outcome, Solver, Track, registered_solvers
 from multirod.solvers.energy_descent import EnergyDescent
 from multirod.solvers.multiple_shooting import MultipleShooting
@@ -58,11 +58,14 @@ __all__ = [
     "BoundaryProblem",
     "ConcentricTubes",
     "CriticalLoad",
+    "CriticalLoads",
     "Dropped",
     "EnergyDescent",
+    "Equilibria",
     "Explanation",
     "FixedStepIntegrator",
     "History",
+    "IncompleteWarning",
     "InputSpec",
     "Inputs",
     "Integrator",

@@ -1,6 +1,9 @@
 """Where an equilibrium loses stability as loads are raised."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Self
+from warnings import warn
 
 import numpy as np
 
@@ -9,14 +12,17 @@ from multirod.inputs import Inputs
 from multirod.models.integrators import RK4
 from multirod.profile import Profile
 from multirod.simulation import solve
-from multirod.solution import Solution, SolveError
-from multirod.solvers.branch import Branch, BranchLost, Change, Point
+from multirod.solution import IncompleteWarning, Solution, SolveError
+from multirod.solvers.branch import Branch, BranchLost
+from multirod.solvers.branch_step import Change, Point
 from multirod.solvers.shooting import Shooting
 from multirod.stability import Stability
 from multirod.status import Status, failures
 from multirod.validation import Described, FloatArray, device_name, frozen, number, positive_float, positive_int, refuse
 
 LOAD_UNITS = frozenset({"N", "N m", "N/m", "m/s^2"})  # of inputs that are loads: rotation, translation and places are not
+
+GROWTH = 0.1  # of steps as loads are raised, whose waves grow with their root; angles have a period
 
 PRECISE = Shooting(tolerance=1e-10, integrator=RK4(400))
 
@@ -55,6 +61,30 @@ class CriticalLoad:
         return f"CriticalLoad({self.load_factor:.9g}, {kind}, unstable modes {self.index_before} to {self.index_after})"
 
 
+class CriticalLoads(tuple[CriticalLoad, ...]):
+    """The critical loads that were found, in the order of the branch, and what was not.
+
+    Attributes:
+        reached: Largest load factor on the part of the branch that was searched.
+        undecided: Ranges of load factors, from and to, at which a mode comes so near to neutral that two changes of stability
+            in a row, that cancel, may be missing; empty where none is.
+    """
+
+    reached: float
+    undecided: tuple[tuple[float, float], ...]
+
+    def __new__(cls, found: Iterable[CriticalLoad], *, reached: float, undecided: tuple[tuple[float, float], ...]) -> Self:
+        """As a tuple is made, with its attributes."""
+        result = super().__new__(cls, found)
+        result.reached, result.undecided = reached, undecided
+        return result
+
+    def __repr__(self) -> str:
+        """The list, and how far it goes."""
+        unsure = f", undecided {self.undecided}" if self.undecided else ""
+        return f"CriticalLoads({list(self)}, reached {self.reached:.6g}{unsure})"
+
+
 def critical_loads(
     robot: Assembly,
     inputs: Inputs,
@@ -65,12 +95,13 @@ def critical_loads(
     max_steps: int = 500,
     solver: Shooting | None = None,
     device: str = "cpu",
-) -> tuple[CriticalLoad, ...]:
+) -> CriticalLoads:
     """The load factors at which the equilibrium on the natural branch loses stability.
 
     The inputs are raised from ``start`` in proportion, ``start + load_factor * (inputs - start)``, and the branch is followed from
-    the stable equilibrium at ``start``, through folds and past bifurcations. Equation numbers and the method:
-    ``docs/stability.md``.
+    the stable equilibrium at ``start``, through folds and past bifurcations. Every step is cut in two until the eigenvalues at
+    the ends of its parts tell what happens in between; where that cannot be told, the result and a warning say so. That is a
+    strong check, but no proof. Equation numbers and the method: ``docs/stability.md``.
 
     Args:
         robot: The assembly.
@@ -80,12 +111,16 @@ def critical_loads(
         count: How many changes of stability to look for, along the branch.
         up_to: Load factor where the search ends.
         max_steps: Steps along the branch.
-        solver: ``Shooting(tolerance=1e-10, integrator=RK4(400))`` by default: of it the tolerance and the integrator are used, the
-            latter in double precision.
+        solver: ``Shooting(tolerance=1e-10, integrator=RK4(400))`` by default: of it the tolerance and the
+            integrator are used, the latter in double precision; to find the equilibrium at ``start``, all of it.
         device: Warp device.
 
     Returns:
-        Those found, in the order of the branch: fewer than ``count`` if ``up_to`` comes first.
+        Those found, in the order of the branch: fewer than ``count`` if ``up_to`` comes first. It is a tuple that also says how
+        far the branch was searched (``reached``) and where something may be missing (``undecided``).
+
+    Warns:
+        IncompleteWarning: If two changes of stability in a row, which cancel, may be missing; the message says where.
 
     Raises:
         SolveError: If there is no stable equilibrium at ``start``, or the branch cannot be followed so far.
@@ -115,14 +150,43 @@ def critical_loads(
             f"at the start the equilibrium is {Stability(int(first.modes.stability[0])).name}: there is no stability to lose"
         )
     try:
-        changes = branch.changes(first, count, up_to, max_steps)
+        changes, undecided, reached = _changes(branch, first, count, up_to, max_steps)
     except BranchLost as error:
         raise SolveError(str(error)) from None
-    return tuple(
-        _critical(robot, method, begin, inputs, branch, change, device)
-        for change in changes
-        if branch.factor(change.point) <= up_to
-    )
+    if undecided:
+        ranges = ", ".join(f"{low:.12g} to {high:.12g}" for low, high in undecided)
+        warn(
+            f"at load factors {ranges} a mode is so near to neutral that stability may be lost and regained unseen",
+            IncompleteWarning,
+            stacklevel=2,
+        )
+    found = [_critical(robot, method, begin, inputs, branch, change, device) for change in changes]
+    return CriticalLoads(found, reached=reached, undecided=undecided)
+
+
+def _changes(
+    branch: Branch, first: Point, count: int, up_to: float, max_steps: int
+) -> tuple[list[Change], tuple[tuple[float, float], ...], float]:
+    """Changes along the branch, where some may be missing, and the largest load factor up to which that is all.
+
+    Raises:
+        BranchLost: If the branch cannot be followed so far.
+    """
+    found: list[Change] = []
+    undecided: list[tuple[float, float]] = []
+    reached = 0.0
+    for step in branch.steps(first, max_steps):
+        changes = step.changes[: count - len(found)]
+        end = changes[-1].point if len(found) + len(changes) == count else step.after
+        for part in step.undecided:
+            loads = [branch.factor(point) for point in part]
+            if step.along(part[0]) <= step.along(end) and min(loads) <= up_to:
+                undecided.append((min(loads), max(loads)))
+        found += [change for change in changes if branch.factor(change.point) <= up_to]
+        reached = max(reached, *(branch.factor(change.point) for change in changes), branch.factor(end))
+        if end is not step.after or reached > up_to:
+            return found, tuple(undecided), min(reached, up_to)
+    raise AssertionError("steps() ends by an error")
 
 
 def _critical(
@@ -149,17 +213,29 @@ def natural_start(robot: Assembly, begin: Inputs, inputs: Inputs, method: Shooti
     if inputs.profiles:
         first[-1] = 0.0  # what multiplies functions of arclength
     if (first == last).all():
-        refuse("inputs", inputs, "they are those at the start: nothing is raised")
+        refuse(
+            "inputs",
+            inputs,
+            "nothing is raised: they are those at the start, by default the same without loads; to raise something else, such "
+            "as a rotation, give start=, the inputs at load factor 0",
+        )
     problem.write("inputs", first)
     outcome = method.solve(problem)
     if failures(outcome.status)[0]:
         raise SolveError(f"at the start: {Status(int(outcome.status[0])).message}")
     unknowns = problem.read("unknowns")[0]
     problem.write("inputs", last - first)
-    unit = 1 / (float(problem.load_scale()[0]) or float(np.abs(last - first).max()))
+    scale = float(problem.load_scale()[0])
+    unit = 1 / (scale or float(np.abs(last - first).max()))
     length = max(float(np.max(rod.length)) for rod in robot.rods)
     branch = Branch(
-        problem, first, last - first, length=length, unit=unit, tolerance=float(problem.tolerance(method.tolerance)[0])
+        problem,
+        first,
+        last - first,
+        length=length,
+        unit=unit,
+        tolerance=float(problem.tolerance(method.tolerance)[0]),
+        growth=GROWTH if scale else 0.0,
     )
     return branch, branch.first(unknowns)
 

@@ -34,6 +34,10 @@ class SolveError(RuntimeError):
     """Raised by ``Solution.raise_if_failed`` where an instance has no result."""
 
 
+class IncompleteWarning(UserWarning):
+    """Of a list that is known to lack something, or may lack something at a place that is known."""
+
+
 @dataclass(frozen=True)
 class Scene:
     """What the samples of one problem have in common.

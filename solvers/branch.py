@@ -1,67 +1,25 @@
 """One branch of equilibria by its arclength, through folds, and where its stability changes."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
 
 from multirod.problem import BoundaryProblem
-from multirod.stability import NEUTRAL, Modes
+from multirod.solvers.branch_step import CUTS, Apart, Change, Inspection, Point, Step, heights
+from multirod.solvers.crossings import at, crossings, cubic
+from multirod.stability import Modes
 from multirod.validation import FloatArray
 
 ITERATIONS = 8
 CONTRACTION = 0.3  # largest ratio of successive Newton steps
 TURN = 0.9  # smallest cosine between the tangents at both ends of a step
 FIRST_STEP = 0.25
-GROWTH = 0.1  # longest step beyond 1, over the way from where the loads are zero
 SMALLEST_STEP = 1e-7
 SINGULAR = 1e-7  # of the largest singular value: what is smaller is a bifurcation's, and left alone
 BRANCHES = 32  # followed from one start
 BRANCH_STEPS = 80
 ASIDE = 0.05  # how far from a bifurcation the crossing branch is met
-SAME = 1e-5  # of a step: changes no further apart are one, of several modes
-NUDGE = 1e-7  # of a step
-LEVEL = 1e-3  # slope of the load along the branch under which it has a fold
-
-
-@dataclass(frozen=True)
-class Point:
-    """An equilibrium on a branch.
-
-    Attributes:
-        place: Unknowns times a length, then the load factor in its unit, shape (n + 1,).
-        tangent: Of the branch, unit length, shape (n + 1,).
-        gamma: Shape (n, n).
-        modes: Of the one instance.
-    """
-
-    place: FloatArray
-    tangent: FloatArray
-    gamma: FloatArray
-    modes: Modes
-
-    @property
-    def index(self) -> int:
-        """Unstable modes, one that is nearly neutral by its sign."""
-        return int(self.modes.hidden[0] + (self.modes.values[0] < 0).sum())
-
-
-@dataclass(frozen=True)
-class Change:
-    """Where a branch loses or regains stability.
-
-    Attributes:
-        point: There.
-        fold: Whether the load turns there, else another branch crosses.
-        before: Unstable modes before.
-        after: And after.
-    """
-
-    point: Point
-    fold: bool
-    before: int
-    after: int
+AHEAD = 1e-5  # along the branch, by which slopes of eigenvalues are told
 
 
 class BranchLost(RuntimeError):
@@ -78,23 +36,35 @@ class Branch:
         length: By which unknowns are made numbers [m].
         unit: Load factor that matters, by which it is counted.
         tolerance: Largest residual [1/m].
+        growth: Longest step beyond 1, over the way from where the load factor is 0.
+        inspected: Whether steps tell where stability changes; else it is not asked for, and there need be no potential.
     """
 
     def __init__(
-        self, problem: BoundaryProblem, start: FloatArray, rate: FloatArray, *, length: float, unit: float, tolerance: float
+        self,
+        problem: BoundaryProblem,
+        start: FloatArray,
+        rate: FloatArray,
+        *,
+        length: float,
+        unit: float,
+        tolerance: float,
+        growth: float,
+        inspected: bool = True,
     ) -> None:
         self.problem = problem
         self.start, self.rate = start, rate
         self.scale = np.append(np.full(problem.unknown_count, 1 / length), unit)
-        self.tolerance = tolerance
+        self.tolerance, self.growth, self.inspected = tolerance, growth, inspected
         problem.directions.assign(rate[None, None, :])
         problem.active.fill_(1)
         self._why = ""
+        self._cuts = CUTS
 
-    def first(self, unknowns: FloatArray) -> Point:
-        """The equilibrium without load."""
+    def first(self, unknowns: FloatArray, way: float = 1.0) -> Point:
+        """The equilibrium at load factor 0, from where the branch goes to higher ones, or to lower ones for a ``way`` of -1."""
         n = self.problem.unknown_count
-        ahead = np.append(np.zeros(n), 1.0)
+        ahead = np.append(np.zeros(n), way)
         return self._point(np.append(unknowns, 0.0) / self.scale, ahead)
 
     def factor(self, point: Point) -> float:
@@ -105,19 +75,6 @@ class Branch:
         """Unknowns of a point [1/m], shape (n,)."""
         return np.asarray(point.place[:-1] * self.scale[:-1])
 
-    def changes(self, first: Point, count: int, up_to: float, max_steps: int) -> list[Change]:
-        """Where the number of unstable modes changes, along the branch, as far as ``count`` and the load factor ``up_to``.
-
-        Raises:
-            BranchLost: If the branch cannot be followed so far.
-        """
-        found: list[Change] = []
-        for before, after, step in self.steps(first, max_steps):
-            found += self._between(before, after, step)
-            if len(found) >= count or self.factor(after) > up_to:
-                return found[:count]
-        return found  # not reached: steps() ends by an error
-
     def connected(self, first: Point, factor: float) -> list[FloatArray]:
         """Unknowns near equilibria at a load factor, on the branch through ``first`` and on those that cross it on the way.
 
@@ -125,17 +82,16 @@ class Branch:
         """
         found: list[FloatArray] = []
         open_ = [first]
+        self._cuts = 0  # a pair of changes that is missed costs a branch; cutting, five times as much everywhere
         for _ in range(BRANCHES):
             if not open_:
                 break
             try:
-                for before, after, step in self.steps(open_.pop(0), BRANCH_STEPS):
-                    a, b = (point.place[-1] - factor / self.scale[-1] for point in (before, after))
-                    if a * b <= 0 and a != b:
-                        found.append(self.unknowns(before) + a / (a - b) * (self.unknowns(after) - self.unknowns(before)))
-                    for change in self._between(before, after, step):
+                for step in self.steps(open_.pop(0), BRANCH_STEPS):
+                    found += [place[:-1] * self.scale[:-1] for place in self._passed(step, factor)]
+                    for change in step.changes:
                         open_ += self._crossing(change)
-                    if not -0.1 * factor < self.factor(after) < 1.5 * factor:
+                    if not -0.1 * factor < self.factor(step.after) < 1.5 * factor:
                         break
             except BranchLost:
                 continue
@@ -151,87 +107,81 @@ class Branch:
         result = []
         for way in np.column_stack([np.cos(angles), np.sin(angles)])[:, :count] @ modes:
             ahead = np.append(way, 0.0)
-            found, _ = self._correct(change.point.place + ASIDE * ahead, ahead, np.inf)
-            if found is not None and np.linalg.norm(found - change.point.place) < 2 * ASIDE:
-                result.append(self._point(found, ahead))
+            found = self.on_branch(change.point.place + ASIDE * ahead, ahead)
+            if found is not None and np.linalg.norm(found.place - change.point.place) < 2 * ASIDE:
+                result.append(found)
         return result
 
-    def steps(self, first: Point, max_steps: int) -> Iterator[tuple[Point, Point, float]]:
-        """Follow the branch: each step's ends and its length along the tangent.
+    def returns(self, first: Point, reach: float, max_steps: int) -> Iterator[Point]:
+        """Equilibria at load factor 0 that the branch through ``first`` comes by, until it is ``reach`` away from there, or ends."""
+        at_load = np.append(np.zeros(self.problem.unknown_count), 1.0)
+        try:
+            for step in self.steps(first, max_steps):
+                for place in self._passed(step, 0.0):
+                    point = self.on_branch(place, at_load)
+                    if point is not None:
+                        yield point
+                if abs(self.factor(step.after)) > reach:
+                    return
+        except BranchLost:
+            return
+
+    def _passed(self, step: Step, factor: float) -> list[FloatArray]:
+        """Places near where a step passes a load factor, be it there and back."""
+        places, slopes = step.ends
+        path = cubic(places, slopes)
+        return [at(path, t) for t in crossings(places[:, -1] - factor / self.scale[-1], slopes[:, -1])]
+
+    def steps(self, first: Point, max_steps: int) -> Iterator[Step]:
+        """Follow the branch.
 
         Raises:
             BranchLost: If the branch cannot be followed further.
         """
-        point, step = first, FIRST_STEP
+        point, length = first, FIRST_STEP
         taken = 0
         while taken < max_steps:
-            goal, contraction = self._try(point, step)
-            if goal is None:
-                step /= 2
-                if step < SMALLEST_STEP:
+            step, contraction = self._try(point, length)
+            if step is None:
+                length /= 2
+                if length < SMALLEST_STEP:
                     raise BranchLost(f"beyond a load factor of {self.factor(point):.6g} {self._why}")
                 continue
-            yield point, goal, step
-            point, taken = goal, taken + 1
-            longest = 1 + GROWTH * float(np.abs(point.place[-1]))
-            step = min(longest, step * float(np.clip(0.5 * CONTRACTION / max(contraction, 1e-6), 0.5, 2.0)))
+            yield step
+            point, taken = step.after, taken + 1
+            longest = 1 + self.growth * float(np.abs(point.place[-1]))
+            length = min(longest, length * float(np.clip(0.5 * CONTRACTION / max(contraction, 1e-6), 0.5, 2.0)))
         raise BranchLost(f"{max_steps} steps led to a load factor of {self.factor(point):.6g} only")
 
-    def _between(self, before: Point, after: Point, step: float) -> list[Change]:
-        """The changes of the index within a step, in their order; not of modes that are neutral at both ends."""
-        low, high = min(before.index, after.index), max(before.index, after.index)
-        ends = [(before.modes.eigenvalue(k)[0], after.modes.eigenvalue(k)[0]) for k in range(low, high)]
-        places = [self._root(before, step, k) for k, e in zip(range(low, high), ends, strict=True) if np.abs(e).max() > NEUTRAL]
-        result: list[Change] = []
-        merged: list[tuple[float, int]] = []
-        for place in sorted(places):
-            if merged and place - merged[-1][0] < SAME * step:
-                merged[-1] = (merged[-1][0], merged[-1][1] + 1)
-            else:
-                merged.append((place, 1))
-        index, sign = before.index, 1 if after.index > before.index else -1
-        for place, multiplicity in merged:
-            point = self._at(before, place)
-            fold = multiplicity == 1 and abs(point.tangent[-1]) < LEVEL
-            result.append(Change(point, fold, index, index + sign * multiplicity))
-            index += sign * multiplicity
-        return result
+    def on_branch(self, place: FloatArray, ahead: FloatArray) -> Point | None:
+        """The equilibrium near ``place`` in the plane across ``ahead``; None if Newton's method fails."""
+        found, _ = self._correct(place, ahead, np.inf)
+        return None if found is None else self._point(found, ahead)
 
-    def _root(self, before: Point, step: float, k: int) -> float:
-        """How far along a step eigenvalue ``k`` vanishes."""
+    def slopes(self, point: Point, numbers: range) -> FloatArray:
+        """How ``heights`` change along the branch, per length."""
+        self._evaluate(point.place + AHEAD * point.tangent)
+        return (heights(self.problem.modes(), numbers) - heights(point.modes, numbers)) / AHEAD
 
-        def value(place: float) -> float:
-            e = float(self._at(before, place).modes.eigenvalue(k)[0])
-            if np.isnan(e):  # a conjugate point stands right at the tip: not a little further
-                e = float(self._at(before, place + NUDGE * step).modes.eigenvalue(k)[0])
-            if np.isnan(e):
-                raise BranchLost(f"stability is not known near a load factor of {self.factor(before):.6g}")
-            return e / (1 + abs(e)) if np.isfinite(e) else float(np.sign(e))
-
-        return float(brentq(value, 0.0, step, xtol=1e-12 * step, rtol=1e-14))
-
-    def _at(self, before: Point, place: float) -> Point:
-        """The point at a distance along the tangent."""
-        if place == 0:
-            return before
-        found, _ = self._correct(before.place + place * before.tangent, before.tangent, np.inf)
-        if found is None:
-            raise BranchLost(f"Newton's method fails near a load factor of {self.factor(before):.6g}")
-        return self._point(found, before.tangent)
-
-    def _try(self, point: Point, step: float) -> tuple[Point | None, float]:
-        """The equilibrium one step further, if it surely is on the same branch, and Newton's contraction."""
-        found, contraction = self._correct(point.place + step * point.tangent, point.tangent, CONTRACTION)
+    def _try(self, point: Point, length: float) -> tuple[Step | None, float]:
+        """One step further, if it surely is on the same branch, and Newton's contraction."""
+        found, contraction = self._correct(point.place + length * point.tangent, point.tangent, CONTRACTION)
         self._why = "Newton's method fails: the branch ends, or rounding hides it"
         if found is None:
             return None, contraction
         goal = self._point(found, point.tangent)
-        if not goal.modes.known[0]:
+        if self.inspected and not goal.modes.known[0]:
             self._why = "stability is not known: the loads have no potential, tubes are rigid in torsion, or rounding hides it"
             return None, contraction
         if goal.tangent @ point.tangent < TURN:
             return None, contraction
-        return goal, contraction
+        if not self.inspected:
+            return Step(point, goal, (), ()), contraction
+        try:
+            return Inspection(self, point, goal, length, self._cuts).step(), contraction
+        except Apart as error:
+            self._why = str(error)
+            return None, contraction
 
     def _correct(self, place: FloatArray, tangent: FloatArray, largest: float) -> tuple[FloatArray | None, float]:
         """Newton's method in the plane across the tangent, and its worst contraction."""
@@ -269,5 +219,8 @@ class Branch:
         _, values, vectors = np.linalg.svd(matrix)
         kept = np.append(values, 0.0) <= SINGULAR * values[0]
         tangent = vectors[kept].T @ (vectors[kept] @ ahead)
+        if not tangent.any():  # at a fold no way leads ahead
+            tangent = vectors[-1]
         tangent /= np.linalg.norm(tangent)
-        return Point(place, tangent, matrix[:, :-1] / self.scale[:-1], self.problem.modes())
+        modes = self.problem.modes() if self.inspected else Modes.unknown(1)
+        return Point(place, tangent, matrix[:, :-1] / self.scale[:-1], modes)

@@ -23,6 +23,8 @@ SILENT_ROUNDS = 2  # that have to bring nothing new
 SAME = (
     1e-5  # largest distance of two results that are one equilibrium, relative; near a fold Newton's error is the residual's root
 )
+NEAR = 1e-2  # further apart, relative, two results are never one
+RESIDUALS = 4.0  # by how many tolerances the residuals of one equilibrium found twice may differ
 WANDERING = 2.0  # times the largest start: an instance beyond goes no further
 SETTLED, SETTLED_ROUND = 16, 4  # places at which what comes apart is put together, until a stable equilibrium is found
 LAST = 50  # integrations of a place that come after its branch is followed, or tell what it leads to: as many are kept back
@@ -35,28 +37,47 @@ class Catalogue:
     The signs of ``det Gamma`` over all equilibria add up to that of the unloaded one (``degree``), whatever the loads: none can
     appear or vanish but in pairs of opposite sign. So a sum that differs says that some are missing; one that agrees does not
     say that none are. Where that is not so, as for closed loops, ``degree`` is None.
+
+    Args:
+        degree: What the signs add up to.
+        tolerance: To which residuals have been made zero [1/m].
     """
 
-    def __init__(self, degree: float | None) -> None:
+    def __init__(self, degree: float | None, tolerance: float = 0.0) -> None:
         self.degree = degree
+        self.tolerance = tolerance
         self.unknowns: list[FloatArray] = []
         self.signs: list[float] = []
+        self._gammas: list[FloatArray] = []
         self._before = 0
         self._silent = 0
 
     @property
     def settled(self) -> bool:
         """Whether whole rounds of starts brought nothing new, and no equilibrium is known to be missing."""
-        return self._silent >= SILENT_ROUNDS and self.degree in (None, sum(self.signs))
+        return self._silent >= SILENT_ROUNDS and self.missing in (None, 0)
+
+    @property
+    def missing(self) -> int | None:
+        """How many equilibria (8) says are missing at least; None where it says nothing."""
+        return None if self.degree is None else int(abs(self.degree - sum(self.signs)))
 
     def add(self, unknowns: FloatArray, gamma: FloatArray) -> None:
         """Take in an equilibrium unless it is there already."""
         sign = float(np.sign(np.linalg.det(gamma)))
-        for other, other_sign in zip(self.unknowns, self.signs, strict=True):
-            if sign == other_sign and np.abs(unknowns - other).max() <= SAME * max(1.0, float(np.abs(unknowns).max())):
+        size = max(1.0, float(np.abs(unknowns).max()))
+        for other, other_sign, other_gamma in zip(self.unknowns, self.signs, self._gammas, strict=True):
+            apart = unknowns - other
+            distance = float(np.abs(apart).max())
+            if sign != other_sign or distance > NEAR * size:
+                continue
+            # of one equilibrium, a residual within the tolerance leaves that much where Gamma is nearly singular
+            residual = max(float(np.abs(matrix @ apart).max()) for matrix in (gamma, other_gamma))
+            if distance <= SAME * size or residual <= RESIDUALS * self.tolerance:
                 return
         self.unknowns.append(np.array(unknowns))
         self.signs.append(sign)
+        self._gammas.append(np.array(gamma))
 
     def end_round(self) -> None:
         """Note whether a round of starts brought something new."""
@@ -196,7 +217,8 @@ def _settled(problem: BoundaryProblem, newton: Newton, outcome: Outcome) -> list
 
 def _converged(problem: BoundaryProblem, newton: Newton, outcome: Outcome) -> list[Catalogue]:
     """Equilibria of each instance by Newton's method from many starts; what is counted is added to ``outcome``."""
-    catalogues = [Catalogue(degree) for degree in degrees(problem)]
+    tolerance = newton.state.tolerance.numpy()
+    catalogues = [Catalogue(degree, float(least)) for degree, least in zip(degrees(problem), tolerance, strict=True)]
     limit = limits(problem.starts(ROUND))
     allowed = newton.allowed()
     open_ = np.arange(problem.instance_count)

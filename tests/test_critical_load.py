@@ -2,14 +2,15 @@
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq
+from scipy.optimize import brentq, minimize_scalar
+from scipy.special import ellipj
 from test_parallel_rods import ring
 from test_stability import two_tubes
 
 import multirod as mr
 from multirod.inputs import Inputs
 from multirod.models.backbone import BACKBONE_INPUTS, BackboneProblem
-from multirod.solvers.branch import Branch, Point
+from multirod.solvers.branch_step import Apart, Inspection, Point, heights
 from multirod.stability import Modes
 
 CLOSE = 1e-8  # relative: RK4(400) leaves 1e-10 of the lower modes, and the stored values are good to 2e-9
@@ -84,8 +85,6 @@ def test_lateral_buckling(name, reference_cases):
 
 def test_opposite_tubes_snap_at_a_fold():
     """theta'' = c sin(theta) from the base angle: the angle has its maximum over the tip angle where the branch folds."""
-    from scipy.special import ellipj
-
     turns = 2.0
     robot = two_tubes(turns)
     (found,) = mr.critical_loads(robot, robot.inputs(rotation=(0, 1)), start=robot.inputs())
@@ -133,20 +132,163 @@ def test_the_branch_goes_on_past_a_fold():
     np.testing.assert_allclose(sum(factors(found)), 2 * np.pi, rtol=CLOSE)
 
 
+# ---- what happens within a step ----
+
+
+class Line:
+    """A straight branch, along which eigenvalues are given functions of the distance; beyond ``gap`` it is another one, aside."""
+
+    def __init__(self, *eigenvalues, gap=np.inf, aside=0.0):
+        self.eigenvalues, self.gap, self.aside = eigenvalues, gap, aside
+        self.asked = 0
+
+    def point(self, s):
+        self.asked += 1
+        values = np.sort([[f(s) for f in self.eigenvalues]], axis=1)
+        modes = Modes(values, np.zeros(1, dtype=np.int32), 0 * values, np.ones(1, dtype=bool), np.zeros(1, dtype=bool))
+        return Point(np.array([self.aside * (s > self.gap), s]), np.array([0.0, 1.0]), np.ones((1, 1)), modes)
+
+    def on_branch(self, place, ahead):
+        return self.point(float(place[1]))
+
+    def slopes(self, point, numbers):
+        s = point.place[1]
+        return (heights(self.point(s + 1e-5).modes, numbers) - heights(self.point(s).modes, numbers)) / 1e-5
+
+    def step(self, length=1.0):
+        return Inspection(self, self.point(0.0), self.point(length), length).step()
+
+
+def places(step):
+    return [change.point.place[1] for change in step.changes]
+
+
+@pytest.mark.parametrize("depth", [1e-1, 1e-3, 1e-5, 1e-6])
+@pytest.mark.parametrize("middle", [0.5, 0.3217, 0.999])
+def test_two_changes_within_a_step_are_told_apart_from_none(depth, middle):
+    """An eigenvalue that dips below zero, and one that does not quite: the ends of the step are alike."""
+    step = Line(lambda s: (s - middle) ** 2 - depth, lambda s: 3.0).step(2.0)
+    expected = [s for s in (middle - np.sqrt(depth), middle + np.sqrt(depth)) if 0 < s < 2]
+    # the width of a parabola where it is 1e-12 of the step
+    np.testing.assert_allclose(places(step), expected, rtol=0, atol=1e-9)
+    assert step.undecided == ()
+    above = Line(lambda s: (s - middle) ** 2 + depth, lambda s: 3.0).step(2.0)
+    assert (above.changes, above.undecided) == ((), ())
+
+
+def test_what_touches_zero_is_undecided():
+    step = Line(lambda s: (s - 0.4) ** 2, lambda s: 3.0).step()
+    assert step.changes == ()
+    ((first, *_, last),) = step.undecided
+    assert first.place[1] < 0.4 < last.place[1]
+    assert last.place[1] - first.place[1] < 1e-3
+
+
+def test_a_dip_that_is_sharp_and_eigenvalues_that_cross_each_other():
+    for narrow in (0.1, 0.08):
+        step = Line(lambda s, w=narrow: 1 - 1.01 * np.exp(-(((s - 0.41) / w) ** 2)), lambda s: 3.0).step()
+        half = narrow * np.sqrt(np.log(1.01))
+        np.testing.assert_allclose(places(step), [0.41 - half, 0.41 + half], rtol=0, atol=1e-9)
+    step = Line(lambda s: s - 0.3, lambda s: 0.61 - s).step()
+    assert [(c.before, c.after) for c in step.changes] == [(1, 0), (0, 1)]
+    np.testing.assert_allclose(places(step), [0.3, 0.61], rtol=0, atol=1e-10)
+    step = Line(lambda s: 0.3 - s, lambda s: 2 * (0.3 - s)).step()
+    assert [(c.before, c.after) for c in step.changes] == [(0, 2)]
+    assert step.undecided == ()
+
+
+def test_a_smooth_step_is_cut_but_a_few_times():
+    line = Line(lambda s: 1 - 1.5 * s + 0.3 * s**2, lambda s: 3.0)
+    assert len(line.step().changes) == 1
+    assert line.asked < 80  # some 50 of them to find the root
+
+
+def test_a_step_that_leads_to_another_branch_is_refused():
+    """As beside a bifurcation that is imperfect by a little: both have the same tangents."""
+    with pytest.raises(Apart, match="another branch is too near"):
+        Line(lambda s: 0.4 - s, gap=0.4, aside=0.01).step()
+
+
 def test_a_mode_that_stays_neutral_is_no_change():
     """As of a ring that can be turned: its eigenvalue is zero but for rounding, of either sign."""
+    line = Line(lambda s: 1e-9 * np.cos(40 * s), lambda s: 3.0)
+    assert (line.point(0.0).index, line.point(1.0).index) == (0, 1)
+    step = line.step()
+    assert step.changes == ()
+    assert step.undecided == ((step.before, step.after),)
 
-    def point(value):
-        one = np.ones((1, 1))
-        return Point(
-            np.zeros(2), np.zeros(2), one, Modes(value * one, np.zeros(1, dtype=np.int32), 0 * one, one[0] > 0, one[0] < 0)
-        )
 
-    branch = object.__new__(Branch)  # nothing is to be evaluated
-    assert (point(1e-9).index, point(-1e-9).index) == (0, 1)
-    assert branch._between(point(1e-9), point(-1e-9), 1.0) == []
-    with pytest.raises(AttributeError):
-        branch._between(point(1e-3), point(-1e-9), 1.0)
+# ---- two tubes by the pendulum ----
+
+
+def alike(turns, EI=(1.0, 1.0), GJ=(1.0, 1.0), length=1.0):
+    """Two tubes curved alike, with ``turns`` = L sqrt(c)."""
+    kappa = turns / length * np.sqrt(sum(EI) / (EI[0] * EI[1]) / (1 / GJ[0] + 1 / GJ[1]))
+    tubes = [
+        mr.Rod(length=length, bending_stiffness=EI[k], torsional_stiffness=GJ[k], precurvature=(kappa, 0, 0)) for k in range(2)
+    ]
+    return mr.ConcentricTubes(tubes)
+
+
+def hysteresis(turns):
+    """How far past pi two tubes are turned where they snap: theta'' = c sin(theta), by elliptic functions."""
+
+    def past(y):
+        _, cn, dn, _ = ellipj(turns, np.sin(y / 2) ** 2)
+        return 2 * np.arcsin(np.sin(y / 2) * cn / dn)
+
+    tips = -np.geomspace(1e-6, 3.1, 4001)
+    k = int(np.argmax(past(tips)))
+    found = minimize_scalar(lambda y: -past(y), bounds=(tips[k + 1], tips[k - 1]), method="bounded", options={"xatol": 1e-13})
+    return float(past(found.x))
+
+
+UNLIKE = {"EI": (1.0, 20.0), "GJ": (0.1, 3.0)}
+
+
+@pytest.mark.parametrize(
+    ("beyond", "shape"),
+    [(1e-5, {}), (1e-5, UNLIKE), (1e-4, {}), (1e-3, UNLIKE), (0.00268, {}), (0.00586, {}), (0.02, UNLIKE), (0.2732, {})],
+)
+def test_two_folds_however_near_each_other(beyond, shape):
+    """Tubes turned against each other just beyond L sqrt(c) = pi/2, where they begin to snap, up to 2."""
+    turns = np.pi / 2 * (1 + beyond)
+    robot = alike(turns, **shape)
+    found = mr.critical_loads(robot, robot.inputs(rotation=(0, 1)), start=robot.inputs(), count=2)
+    assert [(c.fold, c.index_before, c.index_after) for c in found] == [(True, 0, 1), (True, 1, 0)]
+    past = hysteresis(turns)
+    # the unknowns are found to 1e-10 of what they are, RK4(400) leaves as much
+    np.testing.assert_allclose(factors(found), [np.pi + past, np.pi - past], rtol=0, atol=2e-9)
+    assert found.undecided == ()
+    np.testing.assert_allclose(found.reached, np.pi + past, rtol=1e-9)
+
+
+@pytest.mark.parametrize("short", [1e-6, 1e-3])
+def test_none_where_tubes_just_do_not_snap(short):
+    robot = alike(np.pi / 2 * (1 - short))
+    found = mr.critical_loads(robot, robot.inputs(rotation=(0, 1)), start=robot.inputs(), up_to=4.0)
+    assert (found, found.undecided, found.reached) == ((), (), 4.0)
+
+
+def test_what_cannot_be_excluded_is_said():
+    """Tubes that have a neutral mode at pi, as exactly as numbers tell."""
+    robot = alike(np.pi / 2)
+    with pytest.warns(mr.IncompleteWarning, match=r"at load factors 3\.14159265\d* to 3\.14159265\d* a mode is so near"):
+        found = mr.critical_loads(robot, robot.inputs(rotation=(0, 1)), start=robot.inputs(), up_to=4.0)
+    ((low, high),) = found.undecided
+    np.testing.assert_allclose([low, high], np.pi, rtol=1e-8)
+    assert "undecided ((3.14159265" in repr(found)
+
+
+def test_a_column_that_is_imperfect_by_a_little_only_bends():
+    """The straight state passes by: it is another branch."""
+    for bent in (1e-2, 1e-4, 1e-6):
+        robot = column(bending_stiffness=(1.0, 1.3), precurvature=(bent, 0, 0))
+        found = mr.critical_loads(robot, robot.inputs(tip_force=(0, 0, -1)), up_to=10.0)
+        assert (found, found.undecided) == ((), ())
+    robot = column(bending_stiffness=(1.0, 1.0001))
+    found = mr.critical_loads(robot, robot.inputs(tip_force=(0, 0, -1)), count=2)
+    np.testing.assert_allclose(factors(found), np.pi**2 / 4 * np.array([1, 1.0001]), rtol=CLOSE)
 
 
 def test_what_stays_stable_has_no_critical_load():
@@ -159,7 +301,7 @@ def test_what_is_refused(wire):
     robot = mr.SingleRod(wire)
     with pytest.raises(mr.SolveError, match="the loads have no potential"):
         mr.critical_loads(robot, robot.inputs(tip_moment=(0, 0, 1)))
-    with pytest.raises(ValueError, match="nothing is raised"):
+    with pytest.raises(ValueError, match="nothing is raised.* give start="):
         mr.critical_loads(robot, robot.inputs(rotation=1.0))
     with pytest.raises(ValueError, match=r"inputs = leading axes \(2,\)"):
         mr.critical_loads(robot, robot.inputs(tip_force=np.eye(3)[:2]))

@@ -1,5 +1,7 @@
 """All equilibria from many starts, and the one that a solve without a guess means."""
 
+from importlib import import_module
+
 import numpy as np
 import pytest
 from scipy.optimize import brentq
@@ -28,6 +30,7 @@ def degree(found):
 def test_every_stored_equilibrium_is_found(name, reference_cases, make_pose):
     case, robot, inputs = tubes_case(name, reference_cases, make_pose)
     found = mr.equilibria(robot, inputs).raise_if_failed()
+    assert found.missing == 0
     length = max(tube["length"] for tube in case["inputs"]["tubes"])
     assert degree(found) == 1
     assert (np.diff(found.potential) > -1e-9).all()
@@ -88,6 +91,44 @@ def test_two_tubes_by_elliptic_functions(name, reference_cases, make_pose):
     chosen = mr.solve(robot, inputs).raise_if_failed()
     assert chosen.stability is mr.Stability.STABLE
     assert np.linalg.norm(found.unknowns - chosen.unknowns, axis=1).min() < 1e-4
+
+
+def strongly_curved(turns):
+    """Two tubes with L sqrt(c) = ``turns``: what an equilibrium's base torque does to its tip grows as exp(turns)."""
+    tube = mr.Rod(length=1.0, bending_stiffness=1.0, torsional_stiffness=1.0, precurvature=(turns, 0, 0))
+    return mr.ConcentricTubes([tube, tube])
+
+
+@pytest.mark.parametrize("angle", [2.0, 3.1])
+def test_branches_lead_to_what_starts_miss(angle):
+    """Starts reach the stable states from within 1e-5 only; theta'' = c sin(theta) counts them."""
+    turns = 12.0
+    tube = {"EI": 1.0, "GJ": 1.0, "u_star": (turns, 0, 0), "length": 1.0}
+    tips, _ = pendulum({"inputs": {"tubes": [tube, tube], "base_angle_alpha": (0.0, angle)}})
+    robot = strongly_curved(turns)
+    found = mr.equilibria(robot, robot.inputs(rotation=(0, angle)))
+    assert found.missing == 0
+    assert (degree(found), (found.index == 0).sum()) == (1, 2)
+    # two tips lie within 1e-4 of aligned: between the points of the grid
+    assert len(found.index) >= len(tips)
+
+
+def test_a_list_that_breaks_the_rule_of_signs_says_so(monkeypatch):
+    monkeypatch.setattr(import_module("multirod.equilibria"), "FOLLOWED", 0)  # the package shows the function by this name
+    robot = strongly_curved(12.0)
+    with pytest.warns(mr.IncompleteWarning, match="[12] equilibria are missing at least, by the signs"):
+        found = mr.equilibria(robot, robot.inputs(rotation=(0, 3.1)))
+    assert found.missing == abs(degree(found) - 1)
+    assert f"; {found.missing} missing at least)" in repr(found)
+    assert isinstance(found[0], mr.Solution)
+
+
+def test_what_the_rule_cannot_say(wire):
+    """Of a state with a neutral mode, which may be several in one place, and of closed loops."""
+    load = np.pi**2 / 4
+    robot = mr.SingleRod(mr.Rod(length=1.0, bending_stiffness=(1.0, 1.5), torsional_stiffness=0.8))
+    assert mr.equilibria(robot, robot.inputs(tip_force=(0, 0, -load)), starts=128).missing is None
+    assert mr.equilibria(mr.SingleRod(wire)).missing == 0
 
 
 def past_the_snap(reference_cases, make_pose):
@@ -248,9 +289,19 @@ def test_a_search_goes_on_while_some_are_missing_or_new():
     for settled in (False, False, True):
         catalogue.end_round()
         assert catalogue.settled is settled
+    assert catalogue.missing == 0
     catalogue.add(np.array([3.0, 1.0 + 1e-7]), minimum)  # beside the saddle, across a fold
     assert len(catalogue.unknowns) == 4
     assert not catalogue.settled
+
+
+def test_what_a_tolerance_leaves_of_one_equilibrium_is_no_second_one():
+    """In the direction of a mode that is nearly neutral, far more than elsewhere."""
+    gamma = np.diag([1.0, 1e-5])
+    catalogue = Catalogue(1.0, 1e-9)
+    for unknowns in ([5.0, 0.0], [5.0, 1e-4], [5.0, 1e-3], [5.0 + 1e-4, 0.0]):
+        catalogue.add(np.array(unknowns), gamma)
+    np.testing.assert_array_equal(catalogue.unknowns, [[5.0, 0.0], [5.0, 1e-3], [5.0 + 1e-4, 0.0]])
 
 
 def test_starts_fill_their_cube():
@@ -294,5 +345,6 @@ def test_a_platform_on_buckled_columns():
     np.testing.assert_allclose(found.potential[0], found.potential[1], rtol=1e-8)
     np.testing.assert_allclose(found.tip_position[0] * (1, -1, 1), found.tip_position[1], atol=1e-5)
     assert np.linalg.norm(found.tip_position[0][:2]) > 0.1
+    assert found.missing is None  # closed loops
     straight = np.linalg.norm(found.tip_position[:, :2], axis=1) < 1e-6
     assert found.index[straight].tolist() == [1]
