@@ -109,7 +109,7 @@ class Follower(Protocol):
 
 
 def heights(modes: Modes, numbers: range) -> FloatArray:
-    """(13) Eigenvalues, 0 the lowest, on a scale from -1 to 1 on which they are continuous through conjugate points."""
+    """(16) Eigenvalues, 0 the lowest, on a scale from -1 to 1 on which they are continuous through conjugate points."""
     with np.errstate(invalid="ignore"):
         return 2 / np.pi * np.arctan([float(modes.eigenvalue(k)[0]) for k in numbers])
 

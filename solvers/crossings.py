@@ -25,7 +25,7 @@ def at(coefficients: FloatArray, t: float) -> FloatArray:
 
 
 def settled(values: FloatArray, slopes: FloatArray, error: FloatArray) -> NDArray[np.bool_]:
-    """(14) Whether each function has a zero only where its signs at both ends differ, and then one; shape (k,).
+    """(17) Whether each function has a zero only where its signs at both ends differ, and then one; shape (k,).
 
     Args:
         values: At both ends, shape (2, k).
