@@ -232,7 +232,8 @@ def changed_inputs(scene):
         (lambda scene: {"device": "cuda:0"}, r"device \(cpu there, cuda here\)"),
     ],
 )
-def test_another_study_is_refused_and_named(scene, tmp_path, change, named):
+def test_another_study_is_refused_and_named(scene, tmp_path, change, named, monkeypatch):
+    monkeypatch.setattr("multirod.sweeps.driver.device_name", lambda field, value: value)  # as where there is a GPU
     begun = {"robot": scene[0], "inputs": scene[1], "out": tmp_path, "chunk": 5}
     with pytest.raises(Stop):
         mr.sweep(**begun, progress=stop_at(5))
