@@ -18,6 +18,7 @@ from multirod.validation import FloatArray
 
 SAFE_LOAD = 5.0  # in F L^2/EI: no equilibrium loses and regains stability within such a step (Euler: 2.5 and 22)
 SINGULAR = 0.05  # largest singular value, in units of what is natural, that vanishes where a branch ends; within 1e-7 of there
+TURN = 2.5  # by which rods may be turned against each other in a step [rad]: half a turn later they pull the other way
 GROWTH = 0.5  # of the load reached, that the next step may be if that is more
 TOGETHER = 4096  # instances whose columns at all nodes are held at once
 FINER = 16  # times shorter steps, where a branch led to an unstable equilibrium
@@ -49,7 +50,7 @@ class Paths:
         state.load_factor, state.inputs = problem.load_factor, problem.inputs
         for name in ("status", "iterations", "integrations", "steps", "known", "halved", "surprised", "probed"):
             setattr(state, name, wp.zeros(count, dtype=wp.int32, device=device))
-        for name in ("step", "goal", "safe_step", "sure_level"):
+        for name in ("step", "goal", "safe_step", "most_step", "sure_level", "apart"):
             setattr(state, name, wp.zeros(count, dtype=wp.float64, device=device))
         state.points = wp.zeros((count, 3, n), dtype=wp.float64, device=device)
         state.levels = wp.zeros((count, 3), dtype=wp.float64, device=device)
@@ -72,7 +73,8 @@ class Paths:
         first = bounds[:, 0]
         state.by_inputs = 0
         state.safe_step.assign(SAFE_LOAD / np.maximum(np.maximum(problem.load_scale(), 2 * first), 1e-300) / finer)
-        state.sure_level.assign(np.where(first < 1, 1.0, 0.0))
+        state.most_step.assign(np.where(first < 1, 1.0, TURN / np.maximum(problem.turning(), 1e-300) / finer))
+        state.sure_level.assign(np.where((first < 1) | (not problem.multistable), 1.0, 0.0))
         state.growth = GROWTH / finer
         problem.load_factor.assign(np.where(chosen, 0.0, 1.0))
         problem.write("unknowns", np.where(chosen[:, None], problem.guess(), problem.read("unknowns")))
@@ -93,7 +95,8 @@ class Paths:
         for name, values in (("from_inputs", before), ("to_inputs", after)):
             setattr(state, name, wp.array(np.ascontiguousarray(values), dtype=wp.float64, device=problem.device))
         state.safe_step.fill_(1.0)
-        state.sure_level.fill_(0.0)
+        state.most_step.assign(TURN / np.maximum(problem.turning(before), 1e-300))
+        state.sure_level.fill_(0.0 if problem.multistable else 1.0)
         state.points.assign(np.repeat(unknowns[:, None], 3, axis=1))
         state.reference.assign(np.ascontiguousarray(gamma).reshape(state.reference.shape))
         self._set_out(chosen, known=1)
