@@ -20,6 +20,7 @@ from multirod.models.backbone_segments import BackboneSegments
 from multirod.models.features import Features
 from multirod.models.influence import Influence, influences
 from multirod.models.integrators import AdaptiveIntegrator, Integrator
+from multirod.models.mode_bounds import bound_modes
 from multirod.models.second_variation import (
     MOST_NODES,
     CondensedForm,
@@ -345,13 +346,23 @@ class BackboneProblem(BoundaryProblem):
             total += (size[:3].max() * length**3 + size[3:].max() * length**2) / stiffness
         return total
 
+    def turning(self, before: FloatArray | None = None) -> FloatArray:  # noqa: D102
+        angles = self.read("inputs")[:, self.input_slice("rotation")]
+        if before is not None:
+            return np.asarray(np.ptp(angles - before[:, self.input_slice("rotation")], axis=1))
+        size = np.diff(self.arrays.end, axis=2, prepend=0.0)
+        own = np.abs(self.arrays.precurvature.reshape(*size.shape, -1, 3)[..., 2]).sum(axis=-1)
+        twist = (own * size).sum(axis=2).max(axis=1) if len(self.rods) > 1 and not self.held else 0.0
+        return np.asarray(np.ptp(angles, axis=1) + twist)
+
     def mode_bounds(self) -> FloatArray:  # noqa: D102
         if len(self.rods) == 1 or self.held or not self.features.torsion:
             return super().mode_bounds()
         inputs = self.read("inputs")
         EI, kappa = self._by_section()
         start = inputs[:, self.input_slice("translation")]
-        bounds = _mode_bounds(start, self._each(self.arrays.end), self._each(self.arrays.material), EI, kappa, self._dead_load())
+        end, compliance = self._each(self.arrays.end), self._each(self.arrays.material[..., 5])
+        bounds = bound_modes(start, end, compliance, EI, kappa, self._dead_load())
         bounds[:, 0] += np.where(self.has_potential, 0.0, 0.5 * self.load_scale())
         bounds[~self.has_potential, 1] = np.inf
         if self.features.anisotropic:  # they resist being turned against their neighbours even where all are straight
@@ -737,74 +748,6 @@ def spread(numbers: NDArray[np.int_], dimensions: int) -> FloatArray:
         ratio = (1 + ratio) ** (1 / (dimensions + 1))
     steps = ratio ** -np.arange(1.0, dimensions + 1)
     return np.asarray(2 * ((0.5 + np.outer(numbers, steps)) % 1) - 1)
-
-
-def _mode_bounds(
-    start: FloatArray, end: FloatArray, material: FloatArray, EI: FloatArray, kappa: FloatArray, force: FloatArray
-) -> FloatArray:
-    """(13) to (15) of ``docs/stability.md``, shape (batch, 2).
-
-    Args:
-        start: Of each rod [m], shape (batch, n).
-        end: Of its sections, from there [m], shape (batch, n, section).
-        material: As ``RodArrays``, shape (batch, n, section, 10).
-        EI: [N m^2], shape (batch, n, section).
-        kappa: ``|u*_xy|`` [1/m], shape (batch, n, section).
-        force: Bound of the internal force [N], shape (batch,).
-    """
-    count, n = start.shape
-    end = end + start[..., None]
-    begin = np.concatenate([start[..., None], end[..., :-1]], axis=2)
-    compliance = material[..., 5]
-    tips = np.sort(end[:, :, -1], axis=1)
-
-    def twisted(s: FloatArray) -> FloatArray:
-        """How far a unit torque at ``s``, (batch, 1, 1), twists each rod there."""
-        return np.asarray((np.clip(s - begin, 0.0, end - begin) * compliance).sum(axis=2))
-
-    # where nothing but the compliances changes, and these linearly; the constraint is where the last pair of rods ends
-    cuts = np.sort(np.concatenate([np.zeros((count, 1)), np.maximum(end, 0.0).reshape(count, -1)], axis=1), axis=1)
-    constrained = twisted(tips[:, -2, None, None])
-    pull = np.zeros((count, n, n))
-    stretches = []
-    bent = np.zeros(count)
-    arm = np.zeros(count)
-    load = np.zeros(count)
-    for k in range(cuts.shape[1] - 1):
-        size = cuts[:, k + 1] - cuts[:, k]
-        middle = cuts[:, k] + 0.5 * size
-        here = (begin <= middle[:, None, None]) & (middle[:, None, None] < end) & (size > 0)[:, None, None]
-        together = (EI * here).sum(axis=(1, 2))
-        together[together == 0] = np.inf  # between ends that rounding parts
-        bend = (EI * kappa * here).sum(axis=2)
-        form = -bend[:, :, None] * bend[:, None] / together[:, None, None]
-        form[:, range(n), range(n)] = 0.0
-        form[:, range(n), range(n)] = -form.sum(axis=2)
-        twist = twisted(middle[:, None, None])
-        root = np.sqrt(twist)
-        pull += size[:, None, None] * form * root[:, :, None] * root[:, None]
-        stretches.append((size, form, twist, twisted(cuts[:, k, None, None]), twisted(cuts[:, k + 1, None, None])))
-        if not force.any():
-            continue
-        # what the loads add: the force turns the frame, the moment bends what pulls
-        each = size / together
-        moment = force * (tips[:, -1] - middle)
-        arm += moment**2 * (bent + 0.5 * each) * each
-        load += size * (force * (bent + 0.5 * each) + moment / together * (twist * bend).max(axis=1))
-        bent += each
-    # (15) the direction that is pulled most
-    direction = np.linalg.eigh(pull)[1][:, :, -1] / np.sqrt(np.where(constrained > 0, constrained, np.inf))
-    first, trace, taken = np.zeros((3, count))
-    for size, form, twist, *ends in stretches:
-        root = np.sqrt(twist)
-        first += size * np.linalg.eigvalsh(form * root[:, :, None] * root[:, None])[:, -1]
-        trace += size * np.einsum("bii,bi->b", form, twist)
-        for part, at in ((1 / 6, ends[0]), (4 / 6, twist), (1 / 6, ends[1])):
-            reach = np.minimum(at, constrained) * direction
-            taken += part * size * np.einsum("bi,bij,bj->b", reach, form, reach)
-    scale = np.maximum((direction**2 * constrained).sum(axis=1), 1e-300)
-    load += np.sqrt(arm)
-    return np.stack([first + load, trace - taken / scale + load], axis=1)
 
 
 def _blocks(features: Features) -> list[Block]:

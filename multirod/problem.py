@@ -391,6 +391,12 @@ class BoundaryProblem(Uncopied, ABC):
         """
         return np.zeros(self.instance_count)
 
+    def turning(self, before: FloatArray | None = None) -> FloatArray:
+        """How far rods that share their bending are turned against each other [rad], shape (instance_count,), since the inputs ``before``,
+        (instance_count, input_count), or since they were straight and in line; zero where none share it.
+        """
+        return np.zeros(self.instance_count)
+
     def mode_bounds(self) -> FloatArray:
         """Where the first is less than 1, the assembly has no unstable mode in any configuration; where the second is, no more
         than one. Shape (instance_count, 2); by default what ``load_scale`` says of columns.

@@ -18,6 +18,7 @@ from multirod.validation import FloatArray
 
 SAFE_LOAD = 5.0  # in F L^2/EI: no equilibrium loses and regains stability within such a step (Euler: 2.5 and 22)
 SINGULAR = 0.05  # largest singular value, in units of what is natural, that vanishes where a branch ends; within 1e-7 of there
+TURN = 2.5  # by which rods may be turned against each other in a step [rad]: half a turn later they pull the other way
 GROWTH = 0.5  # of the load reached, that the next step may be if that is more
 TOGETHER = 4096  # instances whose columns at all nodes are held at once
 FINER = 16  # times shorter steps, where a branch led to an unstable equilibrium
@@ -49,7 +50,7 @@ class Paths:
         state.load_factor, state.inputs = problem.load_factor, problem.inputs
         for name in ("status", "iterations", "integrations", "steps", "known", "halved", "surprised", "probed"):
             setattr(state, name, wp.zeros(count, dtype=wp.int32, device=device))
-        for name in ("step", "goal", "safe_step", "sure_level"):
+        for name in ("step", "goal", "safe_step", "most_step", "sure_level", "apart"):
             setattr(state, name, wp.zeros(count, dtype=wp.float64, device=device))
         state.points = wp.zeros((count, 3, n), dtype=wp.float64, device=device)
         state.levels = wp.zeros((count, 3), dtype=wp.float64, device=device)
@@ -80,17 +81,20 @@ class Paths:
         unknowns: FloatArray,
         safe_step: FloatArray,
         *,
+        most_step: FloatArray | float = 1.0,
         growth: float = GROWTH,
-        sure: BoolArray | bool = False,
+        sure: BoolArray | bool = True,
     ) -> Outcome:
         """From the equilibrium ``unknowns`` (instance_count, n) where the load factor is 0, to where it is 1.
 
-        ``safe_step`` (instance_count,) is a step that is short enough wherever it starts, and ``growth`` the part of the load reached that one
-        may be if that is more. Where it is ``sure`` that no mode can vanish, steps are not looked at halfway. What is not ``chosen`` is left as it is.
+        ``safe_step`` (instance_count,) is a step that is short enough wherever it starts, and ``growth`` the part of the load
+        reached that one may be if that is more, up to ``most_step``. Where it is ``sure`` that no mode can vanish and come back, steps
+        are not looked at halfway. What is not ``chosen`` is left as it is.
         """
         problem, state = self.problem, self.state
         state.by_inputs = 0
         state.safe_step.assign(safe_step)
+        state.most_step.assign(np.broadcast_to(np.asarray(most_step, dtype=np.float64), problem.instance_count))
         state.sure_level.assign(np.broadcast_to(np.asarray(sure, dtype=np.float64), problem.instance_count))
         state.growth = growth
         problem.load_factor.assign(np.where(chosen, 0.0, 1.0))
@@ -111,7 +115,8 @@ class Paths:
         for name, values in (("from_inputs", before), ("to_inputs", after)):
             setattr(state, name, wp.array(np.ascontiguousarray(values), dtype=wp.float64, device=problem.device))
         state.safe_step.fill_(1.0)
-        state.sure_level.fill_(0.0)
+        state.most_step.assign(TURN / np.maximum(problem.turning(before), 1e-300))
+        state.sure_level.fill_(0.0 if _among_several(problem) else 1.0)
         state.points.assign(np.repeat(unknowns[:, None], 3, axis=1))
         state.reference.assign(np.ascontiguousarray(gamma).reshape(state.reference.shape))
         self._set_out(chosen, known=1)
@@ -167,7 +172,7 @@ def natural_branch(problem: BoundaryProblem, newton: Newton, max_steps: int, cho
     chosen = np.ones(problem.instance_count, dtype=bool) if chosen is None else chosen
     bounds = problem.mode_bounds()
     outcome = Paths(problem, newton, max_steps).raise_loads(chosen, bounds)
-    if problem.multistable and problem.guess_is_stable:
+    if _among_several(problem):
         _leave_unstable(problem, newton, max_steps, chosen, bounds, outcome)
     lost = outcome.status != Status.CONVERGED
     if lost.any():
@@ -176,6 +181,11 @@ def natural_branch(problem: BoundaryProblem, newton: Newton, max_steps: int, cho
         problem.integrate()
         outcome.integrations += lost
     return outcome
+
+
+def _among_several(problem: BoundaryProblem) -> bool:
+    """Whether paths begin at a stable equilibrium among several, so that one that ends at another has left its branch."""
+    return problem.multistable and problem.guess_is_stable
 
 
 def _leave_unstable(

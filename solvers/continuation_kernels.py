@@ -21,7 +21,7 @@ RATIO_POWERS = 64.0  # powers by which that is told
 SURPRISE = 0.5  # largest distance of an equilibrium from its extrapolation, relative to its distance from the last
 AGREEMENT = 0.25  # the same from half the way to where twice the step led: half for one that stays a distance away
 HALFWAY = 0.1  # largest distance of the equilibrium halfway from the curve through the ends, relative to theirs
-HALFWAY_FIRST = 0.25  # the same where that curve is a straight line
+HALFWAY_FIRST = 0.35  # the same where that curve is a straight line
 NEAR = 0.1  # of a step, that Newton's next may be where it is looked at halfway
 MIN_STEP = 1e-7
 f64 = wp.float64
@@ -56,7 +56,9 @@ class PathState:
     probed: wp.array[int]  # whether the step has been looked at halfway: 0 not yet, 1 on the way, 2 and passed
     trial: wp.array2d[wp.float64]  # the unknowns at the goal meanwhile
     halfway: wp.array3d[wp.float64]  # Gamma there
+    apart: wp.array[wp.float64]  # how far the equilibrium there was from that curve, of what is allowed
     safe_step: wp.array[wp.float64]  # a step that is short enough wherever it starts
+    most_step: wp.array[wp.float64]  # no step is longer
     sure_level: wp.array[wp.float64]  # up to here no mode can vanish
     growth: wp.float64  # a step may be as long as this part of the level, if that is longer
     max_steps: int
@@ -129,7 +131,7 @@ def make_path(n: int, block: int = 0, border: int = 0):
 
     @wp.func
     def longest_step(state: PathState, t: int) -> f64:
-        return wp.max(state.safe_step[t], state.growth * state.levels[t, 0])
+        return wp.min(wp.max(state.safe_step[t], state.growth * state.levels[t, 0]), state.most_step[t])
 
     @wp.func
     def aim(state: PathState, t: int):
@@ -143,6 +145,7 @@ def make_path(n: int, block: int = 0, border: int = 0):
         state.goal[t] = goal
         put(state, t, goal)
         state.probed[t] = wp.where(goal <= state.sure_level[t], 2, 0)
+        state.apart[t] = f64(0.0)
         for i in range(n):
             x = state.points[t, 0, i]
             if state.known[t] > 1:
@@ -208,7 +211,8 @@ def make_path(n: int, block: int = 0, border: int = 0):
         most = wp.where(state.known[t] > 1, f64(wp.static(HALFWAY)), f64(wp.static(HALFWAY_FIRST)))
         put(state, t, state.goal[t])
         state.probed[t] = 2
-        return sound and off <= most * wp.sqrt(moved) + f64(1.0e-6) * (f64(1.0) + wp.sqrt(size))
+        state.apart[t] = off / (most * wp.sqrt(moved) + f64(1.0e-6) * (f64(1.0) + wp.sqrt(size)))
+        return sound and state.apart[t] <= f64(1.0)
 
     @wp.func
     def nearly_there(state: PathState, t: int) -> bool:
@@ -259,7 +263,8 @@ def make_path(n: int, block: int = 0, border: int = 0):
             if state.goal[t] >= f64(1.0):
                 return wp.static(int(Status.CONVERGED))
             contraction = wp.max(state.newton.contraction[t], f64(1.0e-6))
-            growth = wp.pow(f64(wp.static(0.5 * CONTRACTION)) / contraction, f64(1.0) / f64(state.known[t]))
+            worst = wp.max(contraction / f64(wp.static(0.5 * CONTRACTION)), f64(2.0) * state.apart[t])
+            growth = wp.pow(f64(1.0) / worst, f64(1.0) / f64(state.known[t]))
             step = reached * wp.min(wp.max(growth, f64(0.5)), wp.where(state.halved[t] != 0, f64(1.0), f64(3.0)))
             state.step[t] = wp.min(step, longest_step(state, t))
             state.halved[t] = 0

@@ -135,6 +135,10 @@ class Newton:
         change, contraction = self._doubts or (self.state.change.numpy(), self.state.contraction.numpy())
         return (change > LARGE_CHANGE) | (contraction > SLOW)
 
+    def wandered(self) -> Any:
+        """Whether an instance of the last run contracted too slowly to be near where it started; bool, shape (instance_count,)."""
+        return self.state.contraction.numpy() > LARGE_CHANGE
+
     def reference(self) -> FloatArray:
         """``Gamma`` of the last sample that was kept, shape (instance_count, n, n)."""
         return np.array(self.state.reference.numpy())

@@ -15,7 +15,8 @@ AMPLIFICATION = 10.0  # largest norm of the inverse of Gamma with which the inte
 def refine(problem: BoundaryProblem, newton: Newton, outcome: Outcome, chosen: NDArray[np.bool_]) -> None:
     """Find those of the ``chosen`` again whose ``Gamma`` is near singular, where the problem can be integrated finer.
 
-    What is not found again on its side of the fold is lost within the error of the integration: its status is ``BRANCH_END``.
+    What is not found again on its side of the fold, or only by steps that do not contract at once, is lost within the error of
+    the integration: its status is ``BRANCH_END``.
     """
     gamma = problem.read("gamma").reshape(problem.instance_count, problem.unknown_count, -1)
     places = np.flatnonzero(chosen & ~failures(outcome.status))
@@ -27,7 +28,7 @@ def refine(problem: BoundaryProblem, newton: Newton, outcome: Outcome, chosen: N
     again.run()
     counts = again.outcome()
     signs = (np.sign(np.linalg.det(g.reshape(gamma[places].shape))) for g in (gamma[places], part.read("gamma")))
-    found = (counts.status == Status.CONVERGED) & np.equal(*signs)
+    found = (counts.status == Status.CONVERGED) & np.equal(*signs) & ~again.wandered()
     outcome.status[places[~found]] = np.where(
         counts.status[~found] == Status.INTEGRATION_LIMIT, Status.INTEGRATION_LIMIT, Status.BRANCH_END
     )

@@ -10,7 +10,7 @@ from multirod.models.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome, Solver, Track
 from multirod.solvers.assembling import assemble
-from multirod.solvers.continuation import Paths, natural_branch
+from multirod.solvers.continuation import TURN, Paths, natural_branch
 from multirod.solvers.multiple_shooting import MultipleShooting
 from multirod.solvers.multistart import lowest_stable, refuse_unstable
 from multirod.solvers.newton import Newton
@@ -170,8 +170,9 @@ class NewtonTrack(Track):
             ):
                 mine[~self.known] = theirs[~self.known]
             outcome.breakpoints = first.breakpoints
-        if self.inputs is not None and (newton.doubtful() or first is not None):
-            doubtful = ((outcome.status != _CONVERGED) | newton.strayed()) & self.known
+        turned = problem.turning(self.inputs) > TURN if problem.multistable and self.inputs is not None else np.False_
+        if self.inputs is not None and (newton.doubtful() or first is not None or turned.any()):
+            doubtful = ((outcome.status != _CONVERGED) | newton.strayed() | turned) & self.known
             if doubtful.any():
                 self._continue(doubtful, outcome, self.inputs)
         return self._keep(outcome)

@@ -1,11 +1,13 @@
-"""Concentric tubes end on their natural branch, or say that it ends: against small steps, elliptic functions and the second variation."""
+"""Concentric tubes end on their natural branch, or say that it ends: against small steps and the second variation."""
+
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from benchmarks import natural_branch as study
 
 import multirod as mr
-from multirod.solvers.continuation import natural_branch
+from multirod.solvers.continuation import Paths, natural_branch
 from multirod.status import Status
 
 SCENES = {"two tubes": 120, "two tubes, tip force": 60, "two tubes, weight": 30, "three tubes": 60, "three tubes, tip force": 40}
@@ -23,30 +25,6 @@ def test_random_scenes_end_where_small_steps_lead(kind):
 def equal_tubes(curvature):
     tube = mr.Rod(length=1, bending_stiffness=1, torsional_stiffness=1, precurvature=(curvature, 0, 0))
     return mr.ConcentricTubes([tube, tube])
-
-
-def pendulum_tip(root, start):
-    """Tip angle of theta'' = c sin(theta), theta(0) = start, theta'(L) = 0, on the branch turned from aligned; NaN past its end.
-
-    ``root`` is L sqrt(c). About the tip, where it hangs, theta = pi + 2 asin(k cd(x)): the base angle grows with that of the tip
-    until the tubes snap.
-    """
-    from scipy.optimize import brentq
-    from scipy.special import ellipj
-
-    def base(tip):
-        k = np.sin((np.pi - tip) / 2)
-        _, cn, dn, _ = ellipj(root, k**2)
-        return np.pi - 2 * np.arcsin(np.clip(k * cn / dn, -1, 1))
-
-    # the first tip angle that has this base angle
-    tips = np.concatenate([np.geomspace(1e-14, 1e-2, 400), np.linspace(1e-2, np.pi, 2000)[1:]])
-    bases = np.array([base(tip) for tip in tips])
-    above = np.flatnonzero(bases >= start)
-    if not len(above):
-        return np.nan
-    k = int(above[0])
-    return brentq(lambda tip: base(tip) - start, tips[k - 1] if k else 0.0, tips[k], xtol=1e-15)
 
 
 @pytest.mark.parametrize("root", [5.0, 5.5, 6.0, 7.0, 8.0, 10.0])
@@ -74,3 +52,109 @@ def test_what_a_default_solve_returns_of_two_equal_tubes_is_stable(root):
     solution = mr.solve(robot, inputs)
     assert np.isin(solution.status, (Status.CONVERGED, Status.LOWEST_ENERGY)).all()
     assert (solution.stability == mr.Stability.STABLE).all()
+
+
+def test_what_steps_bring_to_an_unstable_equilibrium_is_followed_again(monkeypatch):
+    robot = equal_tubes(7.0)
+    inputs = robot.inputs(rotation=(0, 2.0))
+    meant = mr.solve(robot, inputs)
+    others = mr.equilibria(robot, inputs)
+    unstable = others.unknowns[others.stability == mr.Stability.UNSTABLE][0]
+    problem = robot.problem(inputs, integrator=mr.RK45())
+    newton = mr.Shooting().newton(problem)
+    follow, taken = Paths.raise_loads, []
+
+    def astray(path, chosen, bounds, finer=1):
+        outcome = follow(path, chosen, bounds, finer)
+        taken.append(finer)
+        if finer == 1 or len(taken) > 2:
+            path.problem.evaluate(unstable[None])
+        return outcome
+
+    monkeypatch.setattr(Paths, "raise_loads", astray)
+    assert natural_branch(problem, newton, 1000).status[0] == Status.CONVERGED
+    assert len(taken) == 2
+    assert study.distant(problem.read("unknowns"), meant.unknowns[None]).all()
+    # and where that does not help either, the branch counts as ended
+    assert natural_branch(problem, newton, 1000).status[0] == Status.BRANCH_END
+
+
+@pytest.mark.parametrize("place", [67, 175])
+def test_a_motion_in_coarse_samples_is_the_one_in_fine_ones(place):
+    """Tubes turned from in line to where a random scene has them; 67 by 30 degrees a sample, 175 by 2 rad."""
+    robot, inputs = study.draw("two tubes", 200, 500)
+    problem = robot.problem(inputs, integrator=study.INTEGRATOR).part(np.array([place]))
+    row = problem.read("inputs")
+    ends = []
+    for samples in (3, 120):
+        track = mr.Shooting(integrator=study.INTEGRATOR).track(problem, 0.01)
+        for k in range(samples + 1):
+            turned = row.copy()
+            turned[:, problem.input_slice("rotation")] *= k / samples
+            problem.write("inputs", turned)
+            assert track.step().status[0] == Status.CONVERGED
+        ends.append(problem.read("unknowns"))
+    assert study.distant(*ends).all()
+
+
+# ---- how many unstable modes there can be: docs/stability.md, (13) to (15) ----
+
+
+@pytest.mark.parametrize("root", [0.5, 3.0])
+def test_bounds_of_two_equal_tubes(root):
+    robot = equal_tubes(root)
+    problem = robot.problem(robot.inputs(rotation=(0, 1)), integrator=mr.RK4(20))
+    np.testing.assert_allclose(problem.mode_bounds()[0], (root**2 / 2, root**2 / 6), rtol=1e-12)
+
+
+def eigenvalues(problem, elements=400):
+    """Of ``P`` over the torsional energy (13), descending, by linear elements on the angles of tubes behind and before the plate."""
+    arrays = problem.arrays
+    start = problem.read("inputs")[0, problem.input_slice("translation")]
+    end, EI, GJ = (a[0] for a in (arrays.end, arrays.material[..., 0], arrays.material[..., 2]))
+    kappa = np.hypot(*(arrays.precurvature[0, ..., k] for k in (0, 1)))
+    n = len(start)
+    edges = np.concatenate([np.linspace(start.min(), 1, elements), (end + start[:, None]).ravel(), start, [0.0]])
+    edges = np.unique(edges.round(6))  # ends that rounding parts are one
+    K, P = np.zeros((2, n * len(edges), n * len(edges)))
+    for k, (a, b) in enumerate(pairwise(edges)):
+        s = (a + b) / 2
+        section = [int(np.searchsorted(end[i], s - start[i])) for i in range(n)]
+        here = [s > start[i] and section[i] < end.shape[1] for i in range(n)]
+        bend = np.array([EI[i, section[i]] * kappa[i, section[i]] if here[i] and s > 0 else 0.0 for i in range(n)])
+        total = sum(EI[i, section[i]] for i in range(n) if here[i]) or 1.0
+        form = -np.outer(bend, bend) / total
+        np.fill_diagonal(form, 0.0)
+        np.fill_diagonal(form, -form.sum(axis=1))
+        at = n * k + np.arange(n)
+        for i in range(n):
+            stiffness = GJ[i, section[i]] if here[i] else 1.0
+            K[np.ix_((at[i], at[i] + n), (at[i], at[i] + n))] += stiffness / (b - a) * np.array([[1, -1], [-1, 1]])
+        for first, second, weight in ((at, at, 1 / 3), (at + n, at + n, 1 / 3), (at, at + n, 1 / 6), (at + n, at, 1 / 6)):
+            P[np.ix_(first, second)] += weight * (b - a) * form
+    # a tube is held at its base, and where it is not yet
+    free = [n * k + i for k, s in enumerate(edges) for i in range(n) if s > start[i] + 1e-6]
+    root = np.linalg.inv(np.linalg.cholesky(K[np.ix_(free, free)]))
+    return np.linalg.eigvalsh(root @ P[np.ix_(free, free)] @ root.T)[::-1]
+
+
+@pytest.mark.parametrize("kind", ["two tubes", "three tubes", "four tubes"])
+def test_bounds_hold_for_the_worst_configuration(kind):
+    robot, inputs = study.draw(kind, 4, 5)
+    problem = robot.problem(inputs, integrator=study.INTEGRATOR)
+    bounds = problem.mode_bounds()
+    for k in range(4):
+        first, second = eigenvalues(problem.part(np.array([k])))[:2]
+        # elements give less than all, by a part of the square of their size
+        assert first < bounds[k, 0]
+        assert second < bounds[k, 1]
+        assert bounds[k, 0] < 2.5 * first  # a bound of use
+
+
+@pytest.mark.parametrize("kind", ["two tubes", "three tubes, tip force"])
+def test_bounds_are_bitwise_those_of_each_alone(kind):
+    robot, inputs = study.draw(kind, 60, 3)
+    problem = robot.problem(inputs, integrator=study.INTEGRATOR)
+    for name in ("mode_bounds", "turning", "load_scale"):
+        alone = [getattr(problem.part(np.array([k])), name)()[0] for k in range(60)]
+        np.testing.assert_array_equal(getattr(problem, name)(), alone)

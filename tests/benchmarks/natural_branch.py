@@ -143,8 +143,9 @@ def follow(problem: BoundaryProblem, steps: int) -> tuple[Any, Any]:
             active[again] = 1
             problem.active.assign(active)
             problem.focus(again)
-            for turn in range(3):
-                last = size[rough] if turn == 0 else length
+            length = size[rough]
+            for _ in range(3):
+                last = length
                 second, newer = _correction(problem, found, again)
                 length = np.linalg.norm(second, axis=1)
                 good[rough] &= (length <= SLOWEST * last) | (length < 1e-9)
