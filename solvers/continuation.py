@@ -71,7 +71,11 @@ class Paths:
         """
         problem, first = self.problem, bounds[:, 0]
         safe_step = SAFE_LOAD / np.maximum(np.maximum(problem.load_scale(), 2 * first), 1e-300)
-        outcome = self.raise_from(chosen, problem.guess(), safe_step / finer, growth=GROWTH / finer, sure=first < 1)
+        most_step = np.where(first < 1, 1.0, TURN / np.maximum(problem.turning(), 1e-300) / finer)
+        sure = (first < 1) | (not _among_several(problem))
+        outcome = self.raise_from(
+            chosen, problem.guess(), safe_step / finer, most_step=most_step, growth=GROWTH / finer, sure=sure
+        )
         outcome.integrations += chosen * problem.guess_integrations
         return outcome
 
