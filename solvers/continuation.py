@@ -33,7 +33,9 @@ class Paths:
     they do inside the ball around a solution in which it is the only one (Newton-Kantorovich), if ``Gamma`` at its end, times
     the inverse of that at its start, is near the identity: no mode has vanished or changed sign on the way, not even two at
     once, and if the equilibrium lies where the extrapolation led, or goes on in proportion as the step is halved: near a
-    bifurcation that is imperfect by a little, the other branch passes the first two tests. The step is otherwise halved; the branch ends where that makes it too small.
+    bifurcation that is imperfect by a little, the other branch passes the first two tests. What has several equilibria unloaded is looked at halfway too: the
+    step is kept if there is an equilibrium on the curve through its ends, and ``Gamma`` there is like both. The step is otherwise halved; the branch ends
+    where that makes it too small.
 
     Args:
         problem: Its buffers hold the last equilibrium of each instance afterwards.

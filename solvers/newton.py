@@ -20,7 +20,7 @@ _CONVERGED = int(Status.CONVERGED)
 
 LARGEST_NOISE = 1e-4  # in steps of Newton's method, relative: a longer one says how the iteration contracts
 UNLIMITED = 2**31 - 1
-SLOW = 0.1  # contraction of a sample's Newton steps, from which it may have left its branch
+SLOW = 0.1  # contraction of a sample's Newton steps, from which what has several equilibria unloaded may have left its branch
 FEWER = 0.7  # of the instances that launches pass over, below which those that have ended leave
 
 
@@ -67,6 +67,7 @@ class Newton:
         state.noise = min(1e-10 * state.rounding, LARGEST_NOISE)
         state.max_iterations = max_iterations
         state.line_search = int(line_search)
+        self._slow = SLOW if problem.multistable else LARGE_CHANGE
         on_cpu = wp.get_device(device).is_cpu
         self._remaining = state.remaining.numpy() if on_cpu else None
         self._counts = [state.status.numpy(), state.iterations.numpy(), state.integrations.numpy()] if on_cpu else None
@@ -128,12 +129,12 @@ class Newton:
         if self._counts is None or self._doubts is None:
             return True
         change, contraction = self._doubts
-        return bool((self._counts[0] != _CONVERGED).any() or change.max() > LARGE_CHANGE or contraction.max() > SLOW)
+        return bool((self._counts[0] != _CONVERGED).any() or change.max() > LARGE_CHANGE or contraction.max() > self._slow)
 
     def strayed(self) -> Any:
         """Whether a converged instance may be on another branch than its reference; bool, shape (instance_count,)."""
         change, contraction = self._doubts or (self.state.change.numpy(), self.state.contraction.numpy())
-        return (change > LARGE_CHANGE) | (contraction > SLOW)
+        return (change > LARGE_CHANGE) | (contraction > self._slow)
 
     def wandered(self) -> Any:
         """Whether an instance of the last run contracted too slowly to be near where it started; bool, shape (instance_count,)."""

@@ -170,12 +170,21 @@ class NewtonTrack(Track):
             ):
                 mine[~self.known] = theirs[~self.known]
             outcome.breakpoints = first.breakpoints
-        turned = problem.turning(self.inputs) > TURN if problem.multistable and self.inputs is not None else np.False_
-        if self.inputs is not None and (newton.doubtful() or first is not None or turned.any()):
-            doubtful = ((outcome.status != _CONVERGED) | newton.strayed() | turned) & self.known
+        turned = self._turned()
+        if self.inputs is not None and (newton.doubtful() or first is not None or turned is not None):
+            doubtful = ((outcome.status != _CONVERGED) | newton.strayed()) & self.known
+            if turned is not None:
+                doubtful |= turned & self.known
             if doubtful.any():
                 self._continue(doubtful, outcome, self.inputs)
         return self._keep(outcome)
+
+    def _turned(self) -> Any:
+        """Which instances were turned too far since the last good sample; None if none was."""
+        if self.inputs is None or not self.problem.multistable:
+            return None
+        turned = self.problem.turning(self.inputs) > TURN
+        return turned if turned.any() else None
 
     def _continue(self, doubtful: Any, outcome: Outcome, before: FloatArray) -> None:
         """Solve the doubtful instances again, from the last good sample, in steps of the inputs."""

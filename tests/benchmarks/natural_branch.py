@@ -206,13 +206,13 @@ def reference(problem: BoundaryProblem) -> Reference:
         places = np.flatnonzero(~agreed)
         finer, there = follow(problem.part(places), steps)
         same = (np.abs(finer - level[places]) < 1e-4) & ((finer < 1) == (level[places] < 1))
-        same &= (finer < 1) | distant(there, unknowns[places])
+        same &= (finer < 1) | alike(there, unknowns[places])
         level[places], unknowns[places] = finer, there
         agreed[places] = same
     return Reference(level, unknowns, agreed)
 
 
-def distant(a: Any, b: Any) -> Any:
+def alike(a: Any, b: Any) -> Any:
     """Whether unknowns are the same."""
     return np.abs(a - b).max(axis=1) <= SAME * np.maximum(1.0, np.abs(b).max(axis=1))
 
@@ -235,7 +235,7 @@ def judge(kind: str, count: int, seed: int) -> dict[str, Any]:
     said = status == Status.CONVERGED
     truth = reference(problem)
     there = truth.level == 1.0
-    same = distant(unknowns, truth.unknowns)
+    same = alike(unknowns, truth.unknowns)
     return {
         "seconds": np.array([taken]),
         "integrations": outcome.integrations,
