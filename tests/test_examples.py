@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import multirod as mr
-from multirod.tradeoffs import limit
+from multirod.tradeoffs import limit, settings
 
 ROOT = Path(__file__).parent.parent
 
@@ -176,8 +176,9 @@ def test_documented_batch_runs():
 def test_documented_tradeoff_runs(tmp_path, monkeypatch):
     page = (ROOT / "docs" / "tradeoff.md").read_text()
     monkeypatch.chdir(tmp_path)
-    # with an empty kernel cache, or a busy machine, its budgets would go to compiling and to others
+    # with an empty kernel cache, or on a busy machine, its budgets would go to compiling and to others
     monkeypatch.setattr(limit, "now", lambda: process_time() / 10)
+    monkeypatch.setattr(settings, "integrators", lambda: (mr.RK4(10), mr.RK4(50)))
     scope = {"np": np, "mr": mr}
     exec(re.search(r"```python\n(.*?)```", page, re.DOTALL).group(1), scope)
     assert scope["table"].checked
