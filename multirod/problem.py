@@ -428,6 +428,11 @@ class BoundaryProblem(Uncopied, ABC):
         return True
 
     @property
+    def may_jump(self) -> bool:
+        """Whether paths begin at a stable equilibrium among several: a step may then end at another, and its ends not tell."""
+        return self.multistable and self.guess_is_stable
+
+    @property
     def results_are_tested(self) -> bool:
         """Whether ``refusals`` tests what any solver finds, because ``Gamma`` does not tell where stability is lost, or results have limits."""
         return False

@@ -74,7 +74,7 @@ class Paths:
         problem, first = self.problem, bounds[:, 0]
         safe_step = SAFE_LOAD / np.maximum(np.maximum(problem.load_scale(), 2 * first), 1e-300)
         most_step = np.where(first < 1, 1.0, TURN / np.maximum(problem.turning(), 1e-300) / finer)
-        sure = (first < 1) | (not _among_several(problem))
+        sure = (first < 1) | (not problem.may_jump)
         outcome = self.raise_from(
             chosen, problem.guess(), safe_step / finer, most_step=most_step, growth=GROWTH / finer, sure=sure
         )
@@ -122,7 +122,7 @@ class Paths:
             setattr(state, name, wp.array(np.ascontiguousarray(values), dtype=wp.float64, device=problem.device))
         state.safe_step.fill_(1.0)
         state.most_step.assign(TURN / np.maximum(problem.turning(before), 1e-300))
-        state.sure_level.fill_(0.0 if _among_several(problem) else 1.0)
+        state.sure_level.fill_(0.0 if problem.may_jump else 1.0)
         state.points.assign(np.repeat(unknowns[:, None], 3, axis=1))
         state.reference.assign(np.ascontiguousarray(gamma).reshape(state.reference.shape))
         self._set_out(chosen, known=1)
@@ -178,7 +178,7 @@ def natural_branch(problem: BoundaryProblem, newton: Newton, max_steps: int, cho
     chosen = np.ones(problem.instance_count, dtype=bool) if chosen is None else chosen
     bounds = problem.mode_bounds()
     outcome = Paths(problem, newton, max_steps).raise_loads(chosen, bounds)
-    if _among_several(problem):
+    if problem.may_jump:
         _leave_unstable(problem, newton, max_steps, chosen, bounds, outcome)
     lost = outcome.status != Status.CONVERGED
     if lost.any():
@@ -187,11 +187,6 @@ def natural_branch(problem: BoundaryProblem, newton: Newton, max_steps: int, cho
         problem.integrate()
         outcome.integrations += lost
     return outcome
-
-
-def _among_several(problem: BoundaryProblem) -> bool:
-    """Whether paths begin at a stable equilibrium among several, so that one that ends at another has left its branch."""
-    return problem.multistable and problem.guess_is_stable
 
 
 def _leave_unstable(

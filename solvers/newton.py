@@ -67,7 +67,7 @@ class Newton:
         state.noise = min(1e-10 * state.rounding, LARGEST_NOISE)
         state.max_iterations = max_iterations
         state.line_search = int(line_search)
-        self._slow = SLOW if problem.multistable else LARGE_CHANGE
+        self._slow = SLOW if problem.may_jump else LARGE_CHANGE
         on_cpu = wp.get_device(device).is_cpu
         self._remaining = state.remaining.numpy() if on_cpu else None
         self._counts = [state.status.numpy(), state.iterations.numpy(), state.integrations.numpy()] if on_cpu else None

@@ -181,7 +181,7 @@ class NewtonTrack(Track):
 
     def _turned(self) -> Any:
         """Which instances were turned too far since the last good sample; None if none was."""
-        if self.inputs is None or not self.problem.multistable:
+        if self.inputs is None or not self.problem.may_jump:
             return None
         turned = self.problem.turning(self.inputs) > TURN
         return turned if turned.any() else None
