@@ -266,7 +266,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenes", type=int, default=20_000)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--piece", type=int, default=1000)
+    parser.add_argument("--piece", type=int, default=250)
     parser.add_argument("--kind", choices=tuple(KINDS), action="append")
     parser.add_argument("--list", action="store_true", help="name the scenes that are wrong, unstable or lost")
     options = parser.parse_args()
