@@ -29,7 +29,7 @@ MOST_STEPS = 128
 MOST_SEGMENTS = 20_000
 MOST_ROUNDS = 10
 COLUMN_ERROR = 1e-6  # of a segment's transition, relative
-COUNTED_AS_ONE = 256  # segments integrated
+COUNTED_AS_ONE = 128  # segments integrated
 LEAST_PART = 1e-6  # of a Newton step
 PROBE = 1e-4  # step in the load, relative to the present, by which the tangent is found
 
