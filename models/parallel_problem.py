@@ -16,7 +16,7 @@ from multirod.batch import IntArray, take
 from multirod.inputs import Inputs, InputSpec
 from multirod.launch import record
 from multirod.models import parallel_kernels as kernels
-from multirod.models.backbone import BACKBONE_INPUTS, BackboneAssembly, BackboneProblem, spread
+from multirod.models.backbone.problem import BACKBONE_INPUTS, BackboneAssembly, BackboneProblem, spread
 from multirod.models.integrators import Integrator
 from multirod.models.parallel_guess import (
     Attachments,

@@ -13,9 +13,9 @@ from multirod.assembly import Assembly, pose
 from multirod.batch import IntArray
 from multirod.inputs import Inputs, InputSpec
 from multirod.models import parallel_kernels as kernels
-from multirod.models.backbone import BackboneAssembly, scene_features
+from multirod.models.backbone.features import Features
+from multirod.models.backbone.problem import BackboneAssembly, scene_features
 from multirod.models.concentric_tubes import ConcentricTubes
-from multirod.models.features import Features
 from multirod.models.influence import Influence, influences
 from multirod.models.parallel_problem import LEG_INPUTS, PER_ROD, PLATFORM_INPUTS, Geometry, ParallelProblem
 from multirod.models.single_rod import SingleRod

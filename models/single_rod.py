@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from multirod.inputs import Inputs, InputSpec
-from multirod.models.backbone import BACKBONE_INPUTS, BackboneAssembly
+from multirod.models.backbone.problem import BACKBONE_INPUTS, BackboneAssembly
 from multirod.rod import Rod
 from multirod.validation import refuse
 

@@ -13,7 +13,7 @@ from multirod.rod import Rod
 from multirod.validation import Described, FloatArray, array, refuse, unknown_names
 
 if TYPE_CHECKING:
-    from multirod.models.features import Features
+    from multirod.models.backbone.features import Features
     from multirod.models.influence import Influence
     from multirod.models.integrators import Integrator
 

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from multirod.models.backbone_kernels import FAULT_STEPS
+from multirod.models.backbone.kernels.layout import FAULT_STEPS
 from multirod.solvers.newton_kernels import NewtonState, begin, make_iteration
 from multirod.status import Status
 

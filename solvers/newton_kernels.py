@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from multirod.models.backbone_kernels import FAULT_STEPS
+from multirod.models.backbone.kernels.layout import FAULT_STEPS
 from multirod.solvers.bordered_kernels import Arrow, make_bordered
 from multirod.solvers.linear_algebra_kernels import make_linear_algebra
 from multirod.status import Status

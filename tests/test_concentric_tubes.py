@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import multirod as mr
-from multirod.models.backbone import BackboneProblem
+from multirod.models.backbone.problem import BackboneProblem
 
 # Turned from aligned under full load; the branch that was followed is another stable one of the listed.
 OTHER_LISTED = {"09d_ctr_three_tube_strong_3"}

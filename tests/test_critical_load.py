@@ -9,7 +9,7 @@ from test_stability import two_tubes
 
 import multirod as mr
 from multirod.inputs import Inputs
-from multirod.models.backbone import BACKBONE_INPUTS, BackboneProblem
+from multirod.models.backbone.problem import BACKBONE_INPUTS, BackboneProblem
 from multirod.solvers.branch_step import Apart, Inspection, Point, heights
 from multirod.stability import Modes
 

@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 from test_concentric_tubes import NAMES, assembly
 
 import multirod as mr
-from multirod.models.backbone import BackboneProblem, spread
+from multirod.models.backbone.problem import BackboneProblem, spread
 from multirod.problem import BoundaryProblem
 from multirod.solvers.multistart import Catalogue
 from multirod.stability import Modes

@@ -4,13 +4,15 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+import pytest
 import warp as wp
 from scipy.integrate import quad_vec, solve_ivp
 
 import multirod as mr
 from multirod.inputs import Inputs
-from multirod.models.backbone import BackboneProblem
-from multirod.models.backbone_equation_kernels import make_equation_functions
+from multirod.models.backbone.kernels.lanes import lanes as numbers
+from multirod.models.backbone.kernels.vectors import vectors
+from multirod.models.backbone.problem import BackboneProblem
 from multirod.models.single_rod import BACKBONE_INPUTS
 
 TIGHT = mr.RK45(rtol=1e-12, atol=1e-14)
@@ -75,9 +77,7 @@ def test_stored_equilibria(tube_case, make_pose):
     values = {"rotation": inputs["base_angle_alpha"], "translation": inputs["base_position_beta"]}
     values |= {f"tip_{name}": inputs.get(f"tip_{name}_world", (0.0, 0.0, 0.0)) for name in ("force", "moment")}
     base = make_pose(inputs["R0"], inputs["p0"])
-    problem = Tubes(
-        tubes_of(inputs), base, values, integrator=TIGHT, changes={"sensitivities": False}, enabled=("tip_force", "tip_moment")
-    )
+    problem = Tubes(tubes_of(inputs), base, values, integrator=TIGHT, enabled=("tip_force", "tip_moment"))
     x, torque_gap = base_unknowns(inputs, torsion_rates, expected["tip_position"]["value"])
     problem.unknowns.assign(x[None])
     problem.integrate()
@@ -243,32 +243,50 @@ def test_columns_are_derivatives(difference):
         check(columns, found, pose, lambda t, d=direction: outputs(X[None], row + t * d), 0.02, name)
 
 
-cosine_and_sine = make_equation_functions().cosine_and_sine
+def turned(angle, lanes, scalar):
+    """cos and sin of angles, a multiple of the lanes, shape (count, 2)."""
+    kit, cosine_and_sine = numbers(lanes, scalar), vectors(lanes, scalar).cosine_and_sine
+    row, put = kit.row, kit.put
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def turn_all(angle: wp.array(dtype=scalar), out: wp.array(dtype=scalar)):
+        t = wp.tid()
+        c, s = cosine_and_sine(row(angle, t))
+        put(out, 2 * t, c)
+        put(out, 2 * t + 1, s)
+
+    given = wp.array(angle, dtype=scalar, device="cpu")
+    out = wp.zeros(2 * len(angle), dtype=scalar, device="cpu")
+    wp.launch(turn_all, dim=len(angle) // lanes, inputs=[given, out], device="cpu")
+    return out.numpy().reshape(-1, 2, lanes).transpose(0, 2, 1).reshape(-1, 2)
 
 
-@wp.kernel(enable_backward=False)
-def turn_all(angle: wp.array[wp.float64], out: wp.array2d[wp.float64]):
-    t = wp.tid()
-    c, s = cosine_and_sine(angle[t])
-    out[t, 0] = c
-    out[t, 1] = s
-
-
-def test_cosine_and_sine():
-    """To one unit in the last place of 1, in every quadrant, where they are computed here and where by the library."""
+@pytest.mark.parametrize("lanes", [1, 4, 8])
+def test_cosine_and_sine(lanes):
+    """To one unit in the last place of 1, in every quadrant; of huge angles to their own rounding."""
     random = np.random.default_rng(2)
     angle = np.concatenate(
         [
             random.uniform(-10, 10, 4000),
             random.uniform(-1e6, 1e6, 4000),
-            random.uniform(1e6, 1e9, 100),
+            random.uniform(1e6, 1e9, 103),
             np.arange(-40, 41) * np.pi / 4,
-            [0.0, -0.0, 5e-324, 1e-9],
+            [0.0, -0.0, 5e-324, 1e-9, np.nan, np.inf, -np.inf, 1.0],
         ]
     )
-    out = wp.zeros((len(angle), 2), dtype=wp.float64, device="cpu")
-    wp.launch(turn_all, dim=len(angle), inputs=[wp.array(angle, dtype=wp.float64, device="cpu"), out], device="cpu")
-    np.testing.assert_allclose(out.numpy(), np.stack([np.cos(angle), np.sin(angle)], axis=1), rtol=0, atol=2.3e-16)
-    special = wp.array([np.nan, np.inf], dtype=wp.float64, device="cpu")
-    wp.launch(turn_all, dim=2, inputs=[special, out], device="cpu")
-    assert np.isnan(out.numpy()[:2]).all()
+    with np.errstate(invalid="ignore"):
+        exact = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    error = np.abs(turned(angle, lanes, wp.float64) - exact)
+    finite = np.isfinite(angle)
+    size = np.abs(angle[finite])
+    assert (error[finite] < 2.3e-16 * np.where(size < 1e6, 1, size)[:, None]).all()
+    assert np.isnan(error[~finite]).all()
+
+
+@pytest.mark.parametrize("lanes", [1, 8])
+def test_cosine_and_sine_in_single_precision(lanes):
+    random = np.random.default_rng(2)
+    angle = np.concatenate([random.uniform(-10, 10, 4000), random.uniform(-9e3, 9e3, 4004), [0.0, np.pi / 4, -np.pi / 2, 8e3]])
+    angle = angle.astype(np.float32)
+    exact = np.stack([np.cos(angle.astype(float)), np.sin(angle.astype(float))], axis=1)
+    assert np.abs(turned(angle, lanes, wp.float32) - exact).max() < np.finfo(np.float32).eps

@@ -12,8 +12,8 @@ from scipy.special import ellipeinc, ellipkinc, ellipkm1
 
 import multirod as mr
 from multirod import batch
-from multirod.models.backbone import POSES_APART
-from multirod.models.backbone_segments import BackboneSegments
+from multirod.models.backbone.problem import POSES_APART
+from multirod.models.backbone.segments import BackboneSegments
 from multirod.recording.samples import first_instances
 from multirod.segments import Breakpoints, Propagation, Request
 from multirod.solvers import multiple_shooting_branch

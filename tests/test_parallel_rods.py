@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import multirod as mr
-from multirod.models.backbone import BackboneProblem
+from multirod.models.backbone.problem import BackboneProblem
 from multirod.models.parallel_problem import ParallelProblem
 from multirod.problem import BoundaryProblem
 from multirod.solvers.continuation import SINGULAR, Paths

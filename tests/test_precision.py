@@ -6,13 +6,10 @@ as roundings do not all point one way, a few tens of ``EPS`` are what a componen
 
 import numpy as np
 import pytest
-import warp as wp
 
 import multirod as mr
-from multirod.models.backbone_equation_kernels import make_equation_functions
-from multirod.models.backbone_layout_kernels import Layout
-from multirod.models.backbone_precision_kernels import IN_NATURAL_UNITS, make_narrowed_stretch, make_units
-from multirod.models.features import Features
+from multirod.inputs import Inputs
+from multirod.models.backbone.problem import BACKBONE_INPUTS, BackboneProblem
 from multirod.problem import SINGLE_TOLERANCE
 
 EPS = float(np.finfo(np.float32).eps)
@@ -238,87 +235,70 @@ def test_observer(wire):
     assert still.residual <= SINGLE_TOLERANCE * 19
 
 
-_turn = make_equation_functions(wp.float32).cosine_and_sine
+# ---- natural units ----
+
+SMALL, SOFT = 2.0**-20, 2.0**-44  # powers of two: numbers are scaled without rounding
 
 
-@wp.kernel(enable_backward=False)
-def turn_single(angle: wp.array[wp.float32], out: wp.array2d[wp.float32]):
-    t = wp.tid()
-    c, s = _turn(angle[t])
-    out[t, 0] = c
-    out[t, 1] = s
+def everything(length, stiffness):
+    """Residual, columns and pose of three rods under every load, scaled in length and stiffness."""
+    force, weight = stiffness / length**2, stiffness / length**3
 
+    def rod(size, EI, GJ, u):
+        return mr.Rod(
+            length=size * length,
+            bending_stiffness=(EI * stiffness, 1.5 * EI * stiffness),
+            torsional_stiffness=GJ * stiffness,
+            shear_stiffness=200 * force,
+            axial_stiffness=500 * force,
+            precurvature=lambda s: (np.sin(3 * s / length) * u / length, u / length, 0.5 / length + 0 * s),
+            linear_density=weight,
+        )
 
-def test_cosine_and_sine():
-    """To one unit in the last place of 1, in every quadrant."""
-    random = np.random.default_rng(2)
-    angle = np.concatenate([random.uniform(-10, 10, 4000), random.uniform(-9e3, 9e3, 4000), [0.0, np.pi / 4, -np.pi / 2, 2e4]])
-    angle = angle.astype(np.float32)
-    out = wp.zeros((len(angle), 2), dtype=wp.float32)
-    wp.launch(turn_single, len(angle), inputs=[wp.array(angle, dtype=wp.float32), out])
-    exact = np.stack([np.cos(angle.astype(float)), np.sin(angle.astype(float))], axis=1)
-    assert np.abs(out.numpy() - exact).max() < EPS
-
-
-# ---- from double to single precision ----
-
-EVERYTHING = Features(
-    rod_count=3,
-    precurvature_degree=2,
-    profile_degree=2,
-    shear=True,
-    transmission=False,
-    anisotropic=True,
-    torsion=True,
-    held=False,
-    directions=2,
-    pose_sensitivities=True,
-    force=True,
-    tip_moment=True,
-    distributed_force=True,
-    distributed_moment=True,
-)
-
-
-def test_every_field_of_a_stretch_reaches_its_single_precision():
-    """With all units one, each entry arrives as it is, but for arclengths, which are counted from the start."""
-    layout, own = Layout(EVERYTHING), Layout(EVERYTHING, wp.float32)
-    Units = make_units(layout)
-    narrowed_stretch = make_narrowed_stretch(layout, own, Units)
-    assert layout.Stretch.vars.keys() == own.Stretch.vars.keys()
-
-    @wp.kernel(module="unique")
-    def narrow(z: wp.array(dtype=layout.Stretch), u: wp.array(dtype=Units), out: wp.array(dtype=own.Stretch)):
-        out[0] = narrowed_stretch(z[0], u[0])
-
+    rods = [rod(1.0, 1.0, 0.8, 2.0), rod(0.75, 1.25, 1.0, 1.0), rod(0.5, 2.0, 1.5, 3.0)]
+    values = {
+        "rotation": (0.1, 0.5, -0.7),
+        "translation": (-0.125 * length, -0.0625 * length, 0.0),
+        "tip_force": np.array([0.5, 1.0, -0.25]) * force,
+        "tip_moment": np.array([0.25, -0.5, 0.125]) * force * length,
+        "follower_force": np.array([0.125, 0.25, 0.5]) * force,
+        "follower_moment": np.array([0.125, 0.0, 0.25]) * force * length,
+        "distributed_force": lambda s: (weight * np.cos(2 * s / length), weight * s / length, 0 * s),
+        "distributed_moment": lambda s: (force * s / length, 0 * s, force * np.sin(s / length)),
+        "gravity": (0.5, 0.25, -1.0),
+    }
+    problem = BackboneProblem(
+        rods, np.eye(4), Inputs(BACKBONE_INPUTS, 3, values, length), integrator=mr.RK4(steps=16, precision="float32"),
+        transmission=True, direction_count=3, pose_sensitivities=True,
+    )  # fmt: skip
     rng = np.random.default_rng(0)
+    problem.load_factor.fill_(1.0)
+    problem.unknowns.assign(rng.normal(size=problem.unknowns.shape) / length)
+    directions = rng.normal(size=problem.directions.shape)
+    scales = {"rotation": 1.0, "translation": length, "gravity": 1.0, "distributed_force": weight, "distributed_moment": force}
+    scales |= {name: force * length if "moment" in name else force for name in values if name.startswith(("tip", "follower"))}
+    for name, scale in scales.items():
+        directions[..., problem.input_slice(name)] *= scale
+    directions[..., -1] = 0.5
+    problem.directions.assign(directions)
+    problem.integrate()
+    assert problem.fault.numpy()[0] == 0
+    pose = problem.pose_columns.numpy()[0]
+    return {
+        "residual": problem.read("residual") * length,
+        "gamma": problem.read("gamma"),
+        "directions": problem.residual_directions.numpy() * length,
+        "position": problem.read("position") / length,
+        "positions by unknowns": pose[:3, : problem.unknown_count] / length**2,
+        "positions by directions": pose[:3, problem.unknown_count :] / length,
+        "rotations by unknowns": pose[3:, : problem.unknown_count] / length,
+        "rotations by directions": pose[3:, problem.unknown_count :],
+    }
 
-    def filled(kind, draw):
-        values = np.zeros(1, dtype=kind.numpy_dtype())
-        for name in values.dtype.names:
-            values[name] = draw(values[name].shape)
-        return values
 
-    stretch = filled(layout.Stretch, lambda shape: rng.uniform(1, 2, shape))
-    found = {}
-    for kind, draw in (("ones", np.ones), ("units", lambda shape: rng.uniform(3, 9, shape))):
-        out = wp.zeros(1, dtype=own.Stretch, device="cpu")
-        units = wp.array(filled(Units, draw), dtype=Units, device="cpu")
-        wp.launch(narrow, 1, inputs=[wp.array(stretch, dtype=layout.Stretch, device="cpu"), units], outputs=[out], device="cpu")
-        found[kind] = out.numpy()
-    for name in stretch.dtype.names:
-        expected = stretch[name].astype(float)
-        if name in ("start", "section_centre", "profile_centre"):
-            expected = expected - stretch["start"].item()
-        np.testing.assert_allclose(found["ones"][name], expected, rtol=EPS, atol=0 if name != "start" else EPS, err_msg=name)
-        # whatever has a unit is counted in it, entry by entry
-        if name not in ("start", "present"):
-            assert (found["units"][name] != found["ones"][name]).all(), name
-            assert (found["units"][name] != 0).all(), name
-
-
-def test_a_field_without_a_natural_unit_is_refused(monkeypatch):
-    monkeypatch.delitem(IN_NATURAL_UNITS, "torsion")
-    layout = Layout(EVERYTHING)
-    with pytest.raises(TypeError, match=r"Stretch\.torsion has no natural unit"):
-        make_narrowed_stretch(layout, Layout(EVERYTHING, wp.float32), make_units(layout))
+def test_every_number_is_counted_in_natural_units():
+    """A rod 1e6 times smaller and 2e13 times softer has the same numbers in them, to the last bit."""
+    whole, small = everything(1.0, 1.0), everything(SMALL, SOFT)
+    for name, value in whole.items():
+        assert np.abs(value).max() > 0, name
+        np.testing.assert_allclose(small[name], value, rtol=1e-13, atol=1e-13 * np.abs(value).max(), err_msg=name)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from multirod.assembly import Assembly
-from multirod.models.backbone import BackboneAssembly
+from multirod.models.backbone.problem import BackboneAssembly
 from multirod.models.parallel_rods import InverseParallelRods, ParallelRods
 from multirod.rod import Rod
 from multirod.validation import FloatArray

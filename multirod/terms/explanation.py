@@ -9,8 +9,8 @@ import numpy as np
 
 from multirod.assembly import Assembly
 from multirod.inputs import Inputs
+from multirod.models.backbone.features import Features
 from multirod.models.envelope import LOADS
-from multirod.models.features import Features
 from multirod.models.integrators import RK4, Integrator
 from multirod.rod import Rod
 from multirod.terms.leaving_out import DROPPABLE, SECTIONS, left_out

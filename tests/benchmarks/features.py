@@ -18,7 +18,7 @@ import numpy as np
 import warp as wp
 
 import multirod as mr
-from multirod.models.backbone import BackboneProblem
+from multirod.models.backbone.problem import BackboneProblem
 from multirod.models.envelope import LOADS
 
 INTEGRATOR = mr.RK4(50)

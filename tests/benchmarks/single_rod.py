@@ -16,7 +16,7 @@ import warp as wp
 
 import multirod as mr
 from multirod.experiment import wire
-from multirod.models.backbone import BackboneProblem
+from multirod.models.backbone.problem import BackboneProblem
 
 STEPS = 50
 BATCH = 10_000

@@ -12,7 +12,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 import multirod as mr
-from multirod.models.backbone import BackboneProblem
+from multirod.models.backbone.problem import BackboneProblem
 
 
 def seconds(call: Callable[[], object], rounds: int) -> float:

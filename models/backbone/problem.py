@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from multirod.assembly import Assembly, pose
 from multirod.batch import IntArray, take
 from multirod.inputs import Inputs, InputSpec
-from multirod.launch import LONGEST, Portions, record
-from multirod.models import backbone_kernels as kernels
-from multirod.models.backbone_segments import BackboneSegments
-from multirod.models.features import Features
+from multirod.launch import LONGEST
+from multirod.models.backbone.features import Features
+from multirod.models.backbone.kernels import layout as kernels
+from multirod.models.backbone.passes import LanePass
+from multirod.models.backbone.segments import BackboneSegments
 from multirod.models.influence import Influence, influences
 from multirod.models.integrators import AdaptiveIntegrator, Integrator
 from multirod.models.mode_bounds import bound_modes
@@ -157,7 +158,7 @@ class BackboneProblem(BoundaryProblem):
         active = (*inputs.active, *self.enabled)
         options: dict[str, Any] = {"rod_count": len(self.rods), "transmission": self.transmission, "held": self.held}
         needed = scene_features(self.arrays, active, inputs.profiles, **options)
-        return replace(needed, pose=pose, pose_sensitivities=pose_sensitivities, directions=direction_count)
+        return replace(needed, pose=pose, pose_sensitivities=pose_sensitivities, directions=direction_count > 0)
 
     # ---- arrays ----
 
@@ -207,18 +208,21 @@ class BackboneProblem(BoundaryProblem):
             call.work = wp.zeros(self.instance_count, dtype=wp.float64, device=self.device)
         return call
 
-    def _record(self, features: Features, call: Any, table: Any = None) -> Any:
+    def _record(self, features: Features, call: Any, table: Any = None, *, columns: tuple[int, int] | None = None) -> LanePass:
+        """A launch; ``columns`` by unknowns and by directions, all by default."""
         # what looks at a solution, or judges it, is double precision whatever the solve's own integrations are
         precision = "float64" if features.nodes else self.integrator.precision
-
-        def make() -> Any:
-            return kernels.make_kernel(features, self.integrator.tableau, precision)
-
-        launch = record(make, self.instance_count, [table or self._table, call], self.device)
-        longest = max(1, LONGEST // len(self.rods))
-        if self.instance_count <= longest or not launch.device.is_cpu:
-            return launch
-        return Portions(launch, call, longest, self.heed_stop)
+        return LanePass(
+            features,
+            self.integrator,
+            precision,
+            table or self._table,
+            call,
+            (features.unknown_count, self.direction_count) if columns is None else columns,
+            self.device,
+            longest=max(1, LONGEST // len(self.rods)),
+            heed=self.heed_stop,
+        )
 
     # ---- the interface ----
 
@@ -286,7 +290,7 @@ class BackboneProblem(BoundaryProblem):
             self.launch = whole
         active = self.active.numpy().copy()
         self.active.fill_(1)
-        self._record(replace(f, sensitivities=False, directions=0), self._call).launch()
+        self._record(replace(f, directions=False), self._call, columns=(0, 0)).launch()
         self.active.assign(active)
 
     def guess(self) -> FloatArray:  # noqa: D102
@@ -617,9 +621,9 @@ class BackboneProblem(BoundaryProblem):
         options = {
             "nodes": True,
             "pose": True,
-            "sensitivities": columns,
+            "node_columns": columns,
             "pose_sensitivities": columns and self.held,
-            "directions": 0,
+            "directions": False,
         }
         features = replace(self.features, **options | changes)
         call = self._make_call(node_count)
@@ -641,7 +645,8 @@ class BackboneProblem(BoundaryProblem):
             call.tip_columns = wp.zeros((count, m, m), dtype=wp.float64, device=self.device)
             call.gamma = wp.zeros((count, m, m), dtype=wp.float64, device=self.device)
             call.pose_columns = wp.zeros((count, 6, m), dtype=wp.float64, device=self.device)
-        self._record(features, call, self._twisting_table() if columns else None).launch()
+        table = self._twisting_table() if columns else None
+        self._record(features, call, table, columns=(m if columns else 0, 0)).launch()
         return call
 
     def _twisting_table(self) -> Any:

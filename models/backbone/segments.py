@@ -9,7 +9,8 @@ import warp as wp
 from scipy.spatial.transform import Rotation
 
 from multirod.launch import record
-from multirod.models.backbone_segment_kernels import (
+from multirod.models.backbone.features import Features
+from multirod.models.backbone.kernels.segments import (
     BASE_FORCE_AT,
     POSITION_AT,
     ROTATION_AT,
@@ -18,7 +19,7 @@ from multirod.models.backbone_segment_kernels import (
     SegmentFeatures,
     make_segment_kernel,
 )
-from multirod.models.features import Features
+from multirod.models.backbone.passes import deal, threads, width
 from multirod.models.second_variation import MOST_NODES, CondensedForm, form_by_segments, segments_needed
 from multirod.problem import Shape
 from multirod.segments import Breakpoints, Propagation, Request, Segments
@@ -26,7 +27,7 @@ from multirod.stability import Modes
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
-    from multirod.models.backbone import BackboneProblem
+    from multirod.models.backbone.problem import BackboneProblem
 
 LOOKED_AT = 33  # nodes at which moments and forces are bounded
 NODE_FIELDS = ("arclength", "position", "rotation", "curvature", "moment", "force")
@@ -121,10 +122,18 @@ class BackboneSegments(Segments):
         call.unknowns.assign(unknowns)
         return seg, places
 
-    def _launch(self, features: SegmentFeatures, count: int, *arguments: Any) -> None:
+    def _launch(self, features: SegmentFeatures, count: int, columns: int, table: Any, call: Any, seg: Any) -> None:
+        """One pass over ``count`` segments with columns by their first states, ``columns`` of them, and by directions."""
         problem = self.problem
         problem.heed_stop()
-        record(lambda: make_segment_kernel(features, problem.integrator.tableau), count, arguments, problem.device).launch()
+        lanes = width("float64", problem.device)
+        call.unknown_columns, call.direction_columns = columns, problem.direction_count if columns else 0
+        memory = deal(call, features, problem.integrator, "float64", problem.device, count, lanes, shared=not features.nodes)
+
+        def make() -> Any:
+            return make_segment_kernel(features, problem.integrator.tableau, lanes)
+
+        record(make, threads(call, count), [table, call, memory, seg], problem.device).launch()
 
     def propagate(self, requests: Sequence[Request]) -> list[Propagation]:  # noqa: D102
         return self._propagate(requests, self.problem._table)
@@ -134,7 +143,7 @@ class BackboneSegments(Segments):
         seg, places = self._load(requests, call)
         columns = d + problem.direction_count
         seg.columns = wp.zeros((int(places[-1]), 9, columns), dtype=wp.float64, device=problem.device)
-        self._launch(self.features, int(places[-1]), table, call, seg)
+        self._launch(self.features, int(places[-1]), d, table, call, seg)
         end, values, fault = seg.end_state.numpy(), seg.columns.numpy(), seg.fault.numpy()
         residual, gamma = call.residual.numpy(), call.gamma.numpy()
         slopes = call.residual_directions.numpy()[..., : problem.direction_count]
@@ -187,7 +196,7 @@ class BackboneSegments(Segments):
             states = request.states.copy()
             states[:, POSITION_AT:] = np.cumsum(found.displacement, axis=0) - found.displacement
             placed.append(replace(request, states=states, steps=0 * request.steps))
-        features = self._with(self.features, nodes=True, sensitivities=False, pose_sensitivities=False, directions=0)
+        features = self._with(self.features, nodes=True, pose_sensitivities=False, directions=False)
         call = problem._make_call(node_count)
         call.node_rod = 0
         for name in ("load_factor", "unknowns", "residual"):
@@ -195,7 +204,7 @@ class BackboneSegments(Segments):
         seg, places = self._load(placed, call)
         seg.energy = wp.zeros(int(places[-1]), dtype=wp.float64, device=problem.device)
         seg.work = wp.zeros(int(places[-1]), dtype=wp.float64, device=problem.device)
-        self._launch(features, int(places[-1]), problem._table, call, seg)
+        self._launch(features, int(places[-1]), 0, problem._table, call, seg)
         others = np.setdiff1d(np.arange(problem.instance_count), list(points))
         values = {name: np.array(getattr(call, f"node_{name}").numpy()) for name in NODE_FIELDS}
         energy, work = np.full((2, problem.instance_count), np.nan)

@@ -8,7 +8,8 @@ class Features:
     """The terms of the equations that one backbone kernel contains (equation numbers: ``docs/model.md``).
 
     A kernel is generated for each distinct set of features, compiled once and cached on disk. What is not asked
-    for is not compiled in: a scene with a tip force alone carries no frame, one without gravity no weight.
+    for is not compiled in: a scene with a tip force alone carries no frame, one without gravity no weight. How many columns are
+    integrated is not told here: a launch says so.
 
     Attributes:
         rod_count: Concentric rods that carry the backbone, n >= 1.
@@ -27,10 +28,10 @@ class Features:
         torsion: One of several rods twists elastically; without it all torsional stiffnesses are infinite, equation (8c).
         transmission: The rods twist behind the base plate, equation (9).
         pose: The pose of the tip is integrated, equations (1) and (2).
-        sensitivities: Columns d/d(unknown) are integrated, equations (15) to (20).
         pose_sensitivities: The columns include the pose of the tip.
-        directions: Number of columns for derivatives along directions in input space.
+        directions: Some of the columns are derivatives along directions in input space, equation (20).
         nodes: States are written at nodes along the arclength, and the elastic energy is integrated.
+        node_columns: So are columns, of a model with all its unknowns.
     """
 
     rod_count: int = 1
@@ -49,10 +50,10 @@ class Features:
     torsion: bool = False
     transmission: bool = False
     pose: bool = True
-    sensitivities: bool = True
     pose_sensitivities: bool = False
-    directions: int = 0
+    directions: bool = False
     nodes: bool = False
+    node_columns: bool = False
 
     @property
     def base_force_unknown(self) -> bool:
@@ -87,7 +88,7 @@ class Features:
         Where they are rigid in torsion too, nothing would be left to solve for: then the moment is kept. So it is for columns at
         nodes, which say how any moment would bend the rods.
         """
-        return self.rod_count == 1 or self.loaded or not self.torsion or (self.nodes and self.sensitivities)
+        return self.rod_count == 1 or self.loaded or not self.torsion or self.node_columns
 
     @property
     def torque_count(self) -> int:
@@ -95,14 +96,9 @@ class Features:
         return self.rod_count - 1 if self.torsion else 0
 
     @property
-    def column_count(self) -> int:
-        """Columns of sensitivities."""
-        return (self.unknown_count if self.sensitivities else 0) + self.directions
-
-    @property
     def column_has_frame(self) -> bool:
         """Whether a column carries the variation of the frame."""
-        return self.column_count > 0 and (self.loads_need_frame or self.pose_sensitivities or self.nodes)
+        return self.loads_need_frame or self.pose_sensitivities or self.node_columns
 
     @property
     def force_is_state(self) -> bool:

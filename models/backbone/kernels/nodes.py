@@ -1,0 +1,130 @@
+# mypy: ignore-errors
+"""What is written where a lane stands on a node: one rod there, and how its configuration varies with the unknowns.
+
+Numbers in parentheses are those of ``docs/model.md``.
+"""
+
+from types import SimpleNamespace
+
+import warp as wp
+
+from multirod.models.backbone.kernels.grid import Instance
+from multirod.models.backbone.kernels.lanes import lanes
+from multirod.models.backbone.kernels.layout import Call, Layout, Memory, RodTable
+from multirod.models.backbone.kernels.scalars import rotate, rotation_matrix, turned_about_z
+
+f64 = wp.float64
+
+
+def make_nodes(layout: Layout, memory: Memory, base: SimpleNamespace, tip: SimpleNamespace, grid: SimpleNamespace, W: int, d):
+    """Functions that write nodes; the record of the place must have been made anew where the lanes stand."""
+    get_lane = lanes(W, d).get
+    memory_type = wp.array(dtype=d)
+    n, TORQUES, TUBES = layout.n, layout.TORQUES, layout.n > 1
+    ANISOTROPIC = layout.features.anisotropic
+    State, Column = base.State, base.Column
+    THETA_AT, TAU_AT = layout.state["angles"], layout.state["torques"]
+    PLACE, Z = memory.PLACES, memory.STRETCH
+    p = layout.place
+    MOMENT_AT, FORCE_AT, CURVATURE_AT, TWIST_AT = p["moment"], p["force"], p["curvature"], p["own_twist"]
+    TUBE_X, TUBE_Y, PRESENT, BENDING = p["tube_x"], p["tube_y"], layout.stretch["present"], layout.stretch["bending"]
+    frame, world_position = tip.frame, tip.world_position
+    turn_column, tip_angle_column = tip.turn_column, tip.tip_angle_column
+    body_moment_column = tip.body_moment_column
+    section_from = grid.section_from
+
+    @wp.func
+    def vector_of(memory: memory_type, row: int, l: int) -> wp.vec3d:
+        return wp.vec3d(f64(get_lane(memory, row, l)), f64(get_lane(memory, row + 1, l)), f64(get_lane(memory, row + 2, l)))
+
+    @wp.func
+    def write_node(
+        rods: RodTable, call: Call, case: Instance, memory: memory_type, o: int, l: int, y: State, output: int, s0: f64, s: f64
+    ):
+        """One rod at an output node at s; the stretch began at s0."""
+        t = case.index
+        a = o + wp.static(PLACE)
+        z = o + wp.static(Z)
+        u = vector_of(memory, a + wp.static(CURVATURE_AT), l) / case.unit
+        M = case.moment * vector_of(memory, a + wp.static(MOMENT_AT), l)
+        N = case.force * vector_of(memory, a + wp.static(FORCE_AT), l)
+        to_rod = wp.identity(3, dtype=f64)
+        if wp.static(TUBES):
+            for i in range(rods.end.shape[1]):
+                if i == call.node_rod:
+                    m = wp.min(section_from(rods, call, case, i, s0), rods.end.shape[2] - 1)
+                    u_z = f64(get_lane(memory, a + wp.static(TWIST_AT) + i, l)) / case.unit
+                    torque = f64(0.0) / f64(0.0)  # of rods that are rigid in torsion only the sum is determined
+                    if wp.static(TORQUES > 0):
+                        torque = M[2]
+                        for j in range(1, rods.end.shape[1]):
+                            torque -= f64(get_lane(memory, z + wp.static(PRESENT) + j, l)) * y[wp.static(TAU_AT) + j - 1]
+                        if i > 0:
+                            torque = y[wp.static(TAU_AT) + i - 1]
+                        u_z += rods.material[case.rods, i, m, 5] * torque
+                    if i > 0:
+                        to_rod = turned_about_z(-y[wp.static(THETA_AT) + i - 1])
+                    # m_i = K_i u - b_i, (8); the place holds b_i, and where K_i turns, what is left of it
+                    M_x = -case.moment * f64(get_lane(memory, a + wp.static(TUBE_X) + i, l))
+                    M_y = -case.moment * f64(get_lane(memory, a + wp.static(TUBE_Y) + i, l))
+                    if wp.static(not ANISOTROPIC):
+                        EI = case.stiffness * f64(get_lane(memory, z + wp.static(BENDING) + i, l))
+                        M_x += EI * u[0]
+                        M_y += EI * u[1]
+                    M = wp.vec3d(M_x, M_y, torque)
+                    u[2] = u_z
+        call.node_arclength[t, output] = s
+        call.node_position[t, output] = world_position(case, y)
+        call.node_rotation[t, output] = case.base_rotation * rotation_matrix(frame(y)) * wp.transpose(to_rod)
+        call.node_curvature[t, output] = to_rod * u
+        call.node_moment[t, output] = to_rod * M
+        call.node_force[t, output] = to_rod * N
+
+    @wp.func
+    def write_node_column(call: Call, case: Instance, passed: int, y: State, v: Column, s: f64, k: int):
+        """How the configuration at s varies with an unknown: rotation vector of the longest rod in the world, then the angle
+        of each other rod from it.
+        """
+        t = case.index
+        if passed >= call.column_arclength.shape[1]:
+            return
+        call.column_arclength[t, passed] = s
+        turn = turn_column(case, y, v)
+        for j in range(3):
+            call.node_columns[t, passed, j, k] = turn[j]
+        row = int(3)
+        count = int(wp.static(n))
+        for i in range(count):
+            if i != case.longest:
+                angle = -tip_angle_column(case, v)
+                if i > 0:
+                    angle += v[wp.static(THETA_AT) + i - 1]
+                call.node_columns[t, passed, row, k] = angle
+                row += int(1)
+
+    @wp.func
+    def write_tip_column(call: Call, case: Instance, y: State, v: Column, k: int):
+        """Momenta of that configuration at the tip: the moment of all rods in the world, then the torque that each other rod has
+        at its own end. The moment itself is taken to be zero, so the frame's turning adds nothing.
+        """
+        t = case.index
+        dM = body_moment_column(y, v)
+        moment = case.base_rotation * rotate(frame(y), dM)
+        for j in range(3):
+            call.tip_columns[t, j, k] = moment[j]
+        inner = dM[2]
+        last = int(wp.static(TORQUES + 1))
+        for i in range(1, last):
+            inner -= v[wp.static(TAU_AT) + i - 1]
+        row = int(3)
+        count = int(wp.static(n))
+        for i in range(count):
+            if i != case.longest:
+                torque = inner
+                if wp.static(TORQUES > 0):
+                    if i > 0:
+                        torque = v[wp.static(TAU_AT) + i - 1]
+                call.tip_columns[t, row, k] = torque
+                row += int(1)
+
+    return SimpleNamespace(write_node=write_node, write_node_column=write_node_column, write_tip_column=write_tip_column)

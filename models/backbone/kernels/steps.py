@@ -1,0 +1,183 @@
+# mypy: ignore-errors
+"""Explicit Runge-Kutta steps in lanes, of a size of its own in each: the state first, then its columns through the same places.
+
+Numbers in parentheses are those of ``docs/model.md``.
+"""
+
+from types import SimpleNamespace
+
+import warp as wp
+
+from multirod.models.backbone.kernels.lanes import add, div, lanes, mul, neg, sub  # noqa: F401  (operators: looked up by name)
+from multirod.models.backbone.kernels.layout import Layout, Memory
+from multirod.models.integrators import Tableau
+
+LONGER, SHORTER = 5.0, 0.2  # most by which a step may grow or shrink
+SAFETY = 0.9
+CUT = 1.01  # a step that ends so near before the end of the stretch goes to it
+
+
+def make_steps(layout: Layout, memory: Memory, tableau: Tableau, rate: SimpleNamespace, W: int, d) -> SimpleNamespace:
+    """The function that takes one step in every lane."""
+    L = lanes(W, d)
+    Real, fill, row, put, any_less = L.Real, L.fill, L.row, L.put, L.any_less
+    absolute, largest, least, where_less, root = L.absolute, L.largest, L.least, L.where_less, L.root
+    memory_type = wp.array(dtype=d)
+    state, column = L.few(layout.state.size), L.few(layout.column.size)
+    State = state.type
+    part, read_state, write_state, state_where_less = state.part, state.read, state.write, state.where_less
+    read_column, write_column = column.read, column.write
+    base, columns = L.slopes(layout.state.size, tableau), L.slopes(layout.column.size, tableau)
+    Slopes, stage, advance, step_error_of, keep = base.type, base.stage, base.advance, base.error, base.keep
+    place_of = base.place
+    ColumnSlopes, column_stage, column_advance, keep_column = columns.type, columns.stage, columns.advance, columns.keep
+    STAGES = len(tableau.b)
+    # the last stages of some methods serve the error estimate only
+    COLUMN_STAGES = max(i for i, weight in enumerate(tableau.b) if weight != 0.0) + 1
+    ADAPTIVE = len(tableau.error) > 0
+    MOMENT, FORCE_STATE, FRAME, POSE = layout.MOMENT, layout.FORCE_STATE, layout.FRAME, layout.POSE
+    TORQUES, n = layout.TORQUES, layout.n
+    s, steps, z = layout.state, layout.steps, layout.stretch
+    # the moment, or what stands for it where several rods carry none together: their torques
+    MOMENT_AT, MOMENT_SIZE = (s["moment"], 3) if MOMENT else (s["torques"], TORQUES)
+    UNIT_MOMENT, UNIT_FORCE, UNIT_LENGTH = z["unit_moment"], z["unit_force"], z["unit_length"]
+    N_AT, THETA_AT, TAU_AT, Q_AT, P_AT = s["force"], s["angles"], s["torques"], s["frame"], s["position"]
+    X, LENGTH, SIZE, LEFT = steps["x"], steps["length"], steps["size"], steps["left"]
+    ACTIVE, COUNT, REJECTED, LONGEST = steps["active"], steps["count"], steps["rejected"], steps["longest"]
+    CONTROLLED = steps["controlled"]
+    Z, STATE, PLACE, COLUMNS, COLUMN_SIZE = memory.STRETCH, memory.STATE, memory.PLACES, memory.COLUMNS, memory.COLUMN_SIZE
+    GIVEN, PLACE_SIZE = layout.column.size, layout.place.size
+    base_rates, column_rates = rate.base_rates, rate.column_rates
+    inverse_root = L.power_root(tableau.order)
+
+    @wp.func
+    def block(b: State, first: int, count: int) -> Real:
+        """Largest magnitude in a block of the state."""
+        size = fill(d(0.0))
+        for k in range(count):
+            size = largest(size, absolute(part(b, first + k)))
+        return size
+
+    @wp.func
+    def block_error(e: State, b: State, first: int, count: int, unit: Real, rtol: d, atol: d) -> Real:
+        """Error of a block of the state over what is allowed."""
+        return block(e, first, count) / (atol * unit + rtol * block(b, first, count))
+
+    @wp.func
+    def step_error(memory: memory_type, z: int, e: State, b: State, rtol: d, atol: d) -> Real:
+        """Largest error of a step over what is allowed, of the state but not of its columns."""
+        moment = row(memory, z + wp.static(UNIT_MOMENT))
+        one = fill(d(1.0))
+        error = block_error(e, b, wp.static(MOMENT_AT), wp.static(MOMENT_SIZE), moment, rtol, atol)
+        if wp.static(FORCE_STATE):
+            unit = row(memory, z + wp.static(UNIT_FORCE))
+            error = largest(error, block_error(e, b, wp.static(N_AT), 3, unit, rtol, atol))
+        if wp.static(n > 1):
+            error = largest(error, block_error(e, b, wp.static(THETA_AT), wp.static(n - 1), one, rtol, atol))
+        if wp.static(MOMENT and TORQUES > 0):
+            error = largest(error, block_error(e, b, wp.static(TAU_AT), wp.static(TORQUES), moment, rtol, atol))
+        if wp.static(FRAME):
+            error = largest(error, block_error(e, b, wp.static(Q_AT), 4, one, rtol, atol))
+        if wp.static(POSE):
+            unit = row(memory, z + wp.static(UNIT_LENGTH))
+            error = largest(error, block_error(e, b, wp.static(P_AT), 3, unit, rtol, atol))
+        total = fill(d(0.0))
+        for j in range(wp.static(layout.state.size)):
+            total = total + part(e, j)
+        return error + d(0.0) * total  # the largest of several does not tell what is no number
+
+    @wp.func
+    def first_size(memory: memory_type, o: int, b: State, f: State, small: d) -> Real:
+        """A step over which the moment changes little."""
+        change = block(f, wp.static(MOMENT_AT), wp.static(MOMENT_SIZE)) * row(memory, o + wp.static(Z + UNIT_LENGTH))
+        own = block(b, wp.static(MOMENT_AT), wp.static(MOMENT_SIZE)) + small
+        longest = row(memory, o + wp.static(LONGEST))
+        return least(longest / (d(1.0) + root(change / own)), d(0.1) * longest)
+
+    @wp.func
+    def column_steps(memory: memory_type, o: int, h: Real, count: int):
+        """Each column through the places of the step that was taken."""
+        z = o + wp.static(Z)
+        for c in range(count):
+            at = o + wp.static(COLUMNS) + c * wp.static(COLUMN_SIZE)
+            v = read_column(memory, at)
+            k = ColumnSlopes()
+            for i in range(wp.static(COLUMN_STAGES)):
+                a = o + wp.static(PLACE + i * PLACE_SIZE)
+                w = column_stage(v, h, k, i)
+                keep_column(k, i, column_rates(memory, z, a, at + wp.static(GIVEN), w))
+            write_column(memory, at, column_advance(v, h, k))
+
+    @wp.func
+    def equal_step(memory: memory_type, o: int, count: int):
+        """One of equal steps in every lane; lanes that wait stay."""
+        z = o + wp.static(Z)
+        b = read_state(memory, o + wp.static(STATE))
+        x = row(memory, o + wp.static(X))
+        h = row(memory, o + wp.static(ACTIVE)) * row(memory, o + wp.static(SIZE))
+        k = Slopes()
+        for i in range(wp.static(COLUMN_STAGES)):
+            w = stage(b, h, k, i)
+            keep(k, i, base_rates(memory, z, o + wp.static(PLACE + i * PLACE_SIZE), x + place_of(i) * h, w))
+        write_state(memory, o + wp.static(STATE), advance(b, h, k))
+        put(memory, o + wp.static(X), x + h)
+        put(memory, o + wp.static(LEFT), row(memory, o + wp.static(LEFT)) - row(memory, o + wp.static(ACTIVE)))
+        put(memory, o + wp.static(COUNT), row(memory, o + wp.static(COUNT)) + row(memory, o + wp.static(ACTIVE)))
+        column_steps(memory, o, h, count)
+
+    @wp.func
+    def controlled_step(memory: memory_type, o: int, count: int, rtol: d, atol: d, small: d):
+        """A step in every lane of the size that its error allows, or none where it was too large."""
+        z = o + wp.static(Z)
+        zero = fill(d(0.0))
+        half = fill(d(0.5))
+        one = fill(d(1.0))
+        b = read_state(memory, o + wp.static(STATE))
+        x = row(memory, o + wp.static(X))
+        length = row(memory, o + wp.static(LENGTH))
+        active = row(memory, o + wp.static(ACTIVE))
+        size = row(memory, o + wp.static(SIZE))
+        k = Slopes()
+        rest = length - x
+        last = zero
+        step = zero
+        for i in range(wp.static(STAGES)):
+            w = stage(b, step, k, i)
+            f = base_rates(memory, z, o + wp.static(PLACE + i * PLACE_SIZE), x + place_of(i) * step, w)
+            keep(k, i, f)
+            if wp.static(i == 0):
+                if any_less(size, zero):
+                    size = where_less(size, zero, first_size(memory, o, b, f, small), size)
+                last = where_less(d(CUT) * size, rest, zero, one)
+                step = active * where_less(half, last, rest, size)
+        trial = advance(b, step, k)
+        controlled = row(memory, o + wp.static(CONTROLLED))
+        error = controlled * step_error(memory, z, step_error_of(step, k), trial, rtol, atol)
+        # false for what is no number
+        taken = where_less(error, fill(d(1.0)), active, zero)
+        put(memory, o + wp.static(COUNT), row(memory, o + wp.static(COUNT)) + active)
+        write_state(memory, o + wp.static(STATE), state_where_less(half, taken, trial, b))
+        put(memory, o + wp.static(X), where_less(half, taken * last, length, x + taken * step))
+        put(memory, o + wp.static(LEFT), where_less(half, taken * last, zero, row(memory, o + wp.static(LEFT))))
+        # no longer just after a rejected step
+        factor = d(SAFETY) * inverse_root(largest(error, fill(d(1.0e-8))))
+        factor = largest(least(factor, fill(d(LONGER))), fill(d(SHORTER)))
+        factor = where_less(error, fill(d(1.0e30)), factor, fill(d(SHORTER)))
+        factor = where_less(half, taken * row(memory, o + wp.static(REJECTED)), least(factor, one), factor)
+        put(memory, o + wp.static(REJECTED), active - taken)
+        # a step cut short by a node says little about how long the next may be
+        next_size = step * factor
+        cut = where_less(next_size, size, where_less(factor, one, next_size, size), next_size)
+        next_size = where_less(half, taken * last, cut, next_size)
+        next_size = where_less(controlled, half, where_less(half, taken, size, next_size), next_size)
+        put(memory, o + wp.static(SIZE), where_less(half, active, next_size, size))
+        if count > 0 and any_less(half, taken):
+            column_steps(memory, o, taken * step, count)
+
+    @wp.func
+    def place_here(memory: memory_type, o: int):
+        """The record of the place where each lane stands."""
+        b = read_state(memory, o + wp.static(STATE))
+        base_rates(memory, o + wp.static(Z), o + wp.static(PLACE), row(memory, o + wp.static(X)), b)
+
+    return SimpleNamespace(equal_step=equal_step, controlled_step=controlled_step if ADAPTIVE else None, place_here=place_here)

@@ -1,0 +1,469 @@
+# mypy: ignore-errors
+"""The tip of a backbone: residual (11) to (13) and its columns, or the wrench of a tip that something else holds (22).
+
+``y`` is the state at the tip and ``v`` a column of it, in SI units; ``s`` is where the last stretch began, ``n_tip`` the force at the tip
+and ``dn`` its column, in the base frame. Functions return a number that is not finite if one of what they write is not. Numbers in
+parentheses are those of ``docs/model.md``.
+"""
+
+from types import SimpleNamespace
+
+import warp as wp
+
+from multirod.models.backbone.kernels.grid import Instance
+from multirod.models.backbone.kernels.layout import Call, InputOffsets, Layout, RodTable
+from multirod.models.backbone.kernels.scalars import (
+    axes_rotation,
+    body_rotation,
+    rotate,
+    rotate_inverse,
+    rotation_matrix,
+    total_magnitude,
+    turned_about_z,
+)
+
+f64 = wp.float64
+POSE_ROWS = 6  # of the residual of a held tip, before the torques
+
+
+def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> SimpleNamespace:
+    """Functions that write what the tip says."""
+    n, features = layout.n, layout.features
+    State, Column = base.State, base.Column
+    s_, c_ = layout.state, layout.column
+    THETA_AT, TAU_AT, Q_AT, P_AT = s_["angles"], s_["torques"], s_["frame"], s_["position"]
+    ENERGY_AT, WORK_AT, DQ_AT, DP_AT = s_["energy"], s_["work"], c_["frame"], c_["position"]
+    FRAME, COLUMN_FRAME, POSE, POSE_COLUMNS = layout.FRAME, layout.COLUMN_FRAME, layout.POSE, layout.POSE_COLUMNS
+    TUBES, MEASURED, FIXED, HELD = n > 1, features.measured, layout.FIXED, features.held
+    MOMENT, TORQUES, NODES = layout.MOMENT, layout.TORQUES, layout.NODES
+    FIRST_TORQUE = 2 if MOMENT else -1  # row of the residual, less the index of the rod
+    FOLLOWER, FOLLOWER_MOMENT = features.follower_force, features.follower_moment
+    FIRST_FORCE = layout.UNKNOWNS - 3
+    at = InputOffsets(n)
+    ROTATION, TIP_FORCE, TIP_MOMENT, TIP_CURVATURE = at.ROTATION, at.TIP_FORCE, at.TIP_MOMENT, at.TIP_CURVATURE
+    FOLLOWER_FORCE_INPUT, FOLLOWER_MOMENT_INPUT = at.FOLLOWER_FORCE, at.FOLLOWER_MOMENT
+    load_vector, direction_vector = grid.load_vector, grid.direction_vector
+    rod_end, section_from = grid.rod_end, grid.section_from
+
+    @wp.func
+    def frame(y: State) -> wp.vec4d:
+        """q; where nothing depends on the frame, that of no rotation."""
+        if wp.static(FRAME):
+            return wp.vec4d(y[Q_AT], y[Q_AT + 1], y[Q_AT + 2], y[Q_AT + 3])
+        return wp.vec4d(f64(0.0), f64(0.0), f64(0.0), f64(1.0))
+
+    @wp.func
+    def frame_column(v: Column) -> wp.vec4d:
+        """dq"""
+        if wp.static(COLUMN_FRAME):
+            return wp.vec4d(v[DQ_AT], v[DQ_AT + 1], v[DQ_AT + 2], v[DQ_AT + 3])
+        return wp.vec4d(f64(0.0), f64(0.0), f64(0.0), f64(0.0))
+
+    @wp.func
+    def moment_of(y: State) -> wp.vec3d:
+        """The moment as the state carries it."""
+        if wp.static(MOMENT):
+            return wp.vec3d(y[0], y[1], y[2])
+        return wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
+
+    @wp.func
+    def moment_column_of(v: Column) -> wp.vec3d:
+        if wp.static(MOMENT):
+            return wp.vec3d(v[0], v[1], v[2])
+        return wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
+
+    @wp.func
+    def body_moment(y: State) -> wp.vec3d:
+        """M"""
+        if wp.static(FIXED):  # (4b)
+            return rotate_inverse(frame(y), moment_of(y))
+        return moment_of(y)
+
+    @wp.func
+    def body_moment_column(y: State, v: Column) -> wp.vec3d:
+        """dM"""
+        if wp.static(FIXED):  # (18b)
+            q = frame(y)
+            return rotate_inverse(q, moment_column_of(v) + wp.cross(moment_of(y), axes_rotation(q, frame_column(v))))
+        return moment_column_of(v)
+
+    @wp.func
+    def section_here(rods: RodTable, call: Call, case: Instance, i: int, s: f64) -> int:
+        return wp.min(section_from(rods, call, case, i, s), rods.end.shape[2] - 1)
+
+    @wp.func
+    def moment_unit(rods: RodTable, call: Call, case: Instance, s: f64, i: int) -> wp.vec3d:
+        """(11) C: curvature per moment; where torsion is stiffer than bending, the bending stiffness scales it."""
+        m = section_here(rods, call, case, i, s)
+        EI_x = rods.material[case.rods, i, m, 0]
+        EI_y = rods.material[case.rods, i, m, 1]
+        GJ = wp.min(rods.material[case.rods, i, m, 2], wp.max(EI_x, EI_y))
+        if wp.static(TUBES):
+            EI = f64(0.0)
+            for j in range(rods.end.shape[1]):
+                k = section_from(rods, call, case, j, s)
+                if k < rods.end.shape[2]:
+                    EI += wp.max(rods.material[case.rods, j, k, 0], rods.material[case.rods, j, k, 1])
+            return wp.vec3d(f64(1.0) / EI, f64(1.0) / EI, f64(1.0) / GJ)
+        return wp.vec3d(f64(1.0) / EI_x, f64(1.0) / EI_y, f64(1.0) / GJ)
+
+    @wp.func
+    def torque_unit(rods: RodTable, call: Call, case: Instance, s: f64, i: int) -> f64:
+        """The same for the torque of one of several rods."""
+        unit = moment_unit(rods, call, case, s, i)
+        return unit[2]
+
+    @wp.func
+    def force_unit(rods: RodTable, call: Call, case: Instance, s: f64) -> f64:
+        """(13) L/EI at the tip."""
+        m = section_here(rods, call, case, 0, s)
+        return case.scale / wp.max(rods.material[case.rods, 0, m, 0], rods.material[case.rods, 0, m, 1])
+
+    @wp.func
+    def reaches_as_far(rods: RodTable, call: Call, case: Instance, i: int) -> bool:
+        """Whether rod i reaches as far as rod 1.
+
+        The torque of a rod that has ended is constant from there on, and so is what the others leave of M_z.
+        """
+        return rod_end(rods, call, case, i) >= rod_end(rods, call, case, 0)
+
+    @wp.func
+    def torque(rods: RodTable, call: Call, case: Instance, y: State, i: int) -> f64:
+        """Torque of rod i at its own end."""
+        if i > 0:
+            return y[wp.static(TAU_AT) + i - 1]
+        M = body_moment(y)
+        rest = M[2]
+        last = int(wp.static(TORQUES + 1))
+        for j in range(1, last):
+            if reaches_as_far(rods, call, case, j):
+                rest -= y[wp.static(TAU_AT) + j - 1]
+        return rest
+
+    @wp.func
+    def torque_column(rods: RodTable, call: Call, case: Instance, y: State, v: Column, i: int) -> f64:
+        """Its variation."""
+        if i > 0:
+            return v[wp.static(TAU_AT) + i - 1]
+        dM = body_moment_column(y, v)
+        rest = dM[2]
+        last = int(wp.static(TORQUES + 1))
+        for j in range(1, last):
+            if reaches_as_far(rods, call, case, j):
+                rest -= v[wp.static(TAU_AT) + j - 1]
+        return rest
+
+    # ---- (11), (11b), (12): moments ----
+
+    @wp.func
+    def axes(call: Call, case: Instance) -> wp.mat33d:
+        """(11b) Axes of the residual, from those of the base: they turn with the input ``rotation`` of rod 1."""
+        return turned_about_z(call.inputs[case.index, wp.static(ROTATION)])
+
+    @wp.func
+    def lacking(call: Call, case: Instance, y: State) -> wp.vec3d:
+        """(11), (11b) The moment at the tip less what acts there, in the frame there or along the axes of the residual."""
+        if wp.static(FIXED):
+            m = moment_of(y) - case.tip_moment
+            if wp.static(FOLLOWER_MOMENT):
+                m -= rotate(frame(y), load_vector(call, case.index, FOLLOWER_MOMENT_INPUT))
+            return wp.transpose(axes(call, case)) * m
+        M = moment_of(y)
+        if wp.static(FOLLOWER_MOMENT):
+            M -= load_vector(call, case.index, FOLLOWER_MOMENT_INPUT)
+        return M
+
+    @wp.func
+    def lacking_column(call: Call, case: Instance, y: State, v: Column, direction: int) -> wp.vec3d:
+        """(11), (11b) Its variation; ``direction`` is negative of an unknown."""
+        dM = moment_column_of(v)
+        if wp.static(FIXED):
+            q = frame(y)
+            if wp.static(FOLLOWER_MOMENT):
+                dphi = body_rotation(q, frame_column(v))
+                dM -= rotate(q, wp.cross(dphi, load_vector(call, case.index, FOLLOWER_MOMENT_INPUT)))
+            if direction >= 0:
+                dM -= case.to_base * direction_vector(call, case, direction, TIP_MOMENT)
+                if wp.static(FOLLOWER_MOMENT):
+                    dM -= rotate(q, direction_vector(call, case, direction, FOLLOWER_MOMENT_INPUT))
+            dM = wp.transpose(axes(call, case)) * dM
+            if direction >= 0:
+                m = lacking(call, case, y)
+                dM += call.directions[case.direction, direction, wp.static(ROTATION)] * wp.vec3d(m[1], -m[0], f64(0.0))
+            return dM
+        if wp.static(FOLLOWER_MOMENT):
+            if direction >= 0:
+                dM -= direction_vector(call, case, direction, FOLLOWER_MOMENT_INPUT)
+        return dM
+
+    @wp.func
+    def moment_row(case: Instance, j: int) -> int:
+        """Residual of component j of what lacks: the last stands for the torque of the rod that ends at the tip."""
+        if wp.static(TORQUES > 0):
+            if j == 2:
+                return wp.static(FIRST_TORQUE) + case.longest
+        return j
+
+    @wp.func
+    def follower_torque(call: Call, case: Instance, i: int) -> f64:
+        """(11) What of the follower moment twists rod i: all of it the rod that ends at the tip."""
+        if wp.static(FOLLOWER_MOMENT):
+            if i == case.longest:
+                M = load_vector(call, case.index, FOLLOWER_MOMENT_INPUT)
+                return M[2]
+        return f64(0.0)
+
+    @wp.func
+    def follower_torque_rate(call: Call, case: Instance, i: int, direction: int) -> f64:
+        """Its rate along a direction; ``direction`` is negative of an unknown."""
+        if wp.static(FOLLOWER_MOMENT):
+            if direction >= 0 and i == case.longest:
+                M = direction_vector(call, case, direction, FOLLOWER_MOMENT_INPUT)
+                return M[2]
+        return f64(0.0)
+
+    @wp.func
+    def measured_gap(rods: RodTable, call: Call, case: Instance, y: State, s: f64, u_star: wp.vec3d) -> wp.vec3d:
+        """(12): u(L) less what was measured, which is raised with the loads: the unloaded rod is where continuation begins."""
+        t = case.index
+        j = wp.static(TIP_CURVATURE)
+        measured = wp.vec3d(call.inputs[t, j], call.inputs[t, j + 1], call.inputs[t, j + 2])
+        m = section_here(rods, call, case, 0, s)
+        K = wp.vec3d(rods.material[case.rods, 0, m, 3], rods.material[case.rods, 0, m, 4], rods.material[case.rods, 0, m, 5])
+        return wp.cw_mul(K, body_moment(y)) - call.load_factor[t] * (measured - u_star)
+
+    @wp.func
+    def measured_gap_column(rods: RodTable, call: Call, case: Instance, y: State, v: Column, s: f64, direction: int) -> wp.vec3d:
+        m = section_here(rods, call, case, 0, s)
+        K = wp.vec3d(rods.material[case.rods, 0, m, 3], rods.material[case.rods, 0, m, 4], rods.material[case.rods, 0, m, 5])
+        gap = wp.cw_mul(K, body_moment_column(y, v))
+        if direction >= 0:
+            gap -= direction_vector(call, case, direction, TIP_CURVATURE)
+        return gap
+
+    # ---- (13): the force ----
+
+    @wp.func
+    def force_gap(rods: RodTable, call: Call, case: Instance, y: State, s: f64, n_tip: wp.vec3d) -> wp.vec3d:
+        """(13) What the internal force at the tip lacks."""
+        N = rotate_inverse(frame(y), n_tip - case.tip_force)
+        return force_unit(rods, call, case, s) * (N - load_vector(call, case.index, FOLLOWER_FORCE_INPUT))
+
+    @wp.func
+    def force_gap_column(
+        rods: RodTable, call: Call, case: Instance, y: State, v: Column, s: f64, n_tip: wp.vec3d, dn: wp.vec3d, direction: int
+    ) -> wp.vec3d:
+        """(13), (16): its variation."""
+        q = frame(y)
+        change = dn
+        if direction >= 0:
+            change -= case.to_base * direction_vector(call, case, direction, TIP_FORCE)
+        dphi = body_rotation(q, frame_column(v))
+        dN = rotate_inverse(q, change) + wp.cross(rotate_inverse(q, n_tip - case.tip_force), dphi)
+        if direction >= 0:
+            dN -= direction_vector(call, case, direction, FOLLOWER_FORCE_INPUT)
+        return force_unit(rods, call, case, s) * dN
+
+    # ---- what is written ----
+
+    @wp.func
+    def write_entry(call: Call, case: Instance, row: int, k: int, value: f64):
+        """One number of Gamma, or of the residual's derivative by a direction."""
+        if k < call.unknown_columns:
+            call.gamma[case.index, row, k] = value
+        else:
+            call.residual_directions[case.index, row, k - call.unknown_columns] = value
+
+    @wp.func
+    def write_free(rods: RodTable, call: Call, case: Instance, y: State, s: f64, n_tip: wp.vec3d, u_star: wp.vec3d) -> f64:
+        """(11) to (13): the residual of a free tip."""
+        t = case.index
+        total = f64(0.0)
+        if wp.static(MEASURED):
+            gap = measured_gap(rods, call, case, y, s, u_star)
+            total += total_magnitude(gap)
+            for j in range(3):
+                call.residual[t, j] = gap[j]
+        if wp.static(MOMENT and not MEASURED):
+            gap = lacking(call, case, y)
+            unit = moment_unit(rods, call, case, s, wp.where(wp.static(FIXED), case.longest, 0))
+            if wp.static(FIXED):
+                for j in range(3):
+                    call.residual[t, moment_row(case, j)] = unit[j] * gap[j]
+            else:
+                if wp.static(TORQUES > 0):
+                    gap[2] = torque(rods, call, case, y, 0) - follower_torque(call, case, 0)
+                for j in range(3):
+                    call.residual[t, j] = unit[j] * gap[j]
+            total += total_magnitude(gap)
+        for i in range(wp.static(0 if FIXED else 1), rods.end.shape[1]):
+            if wp.static(TORQUES > 0 and not MEASURED):
+                if wp.static(not FIXED) or i != case.longest:
+                    lack = torque(rods, call, case, y, i)
+                    if wp.static(not FIXED):
+                        lack -= follower_torque(call, case, i)
+                    call.residual[t, wp.static(FIRST_TORQUE) + i] = torque_unit(rods, call, case, s, i) * lack
+                    total += wp.abs(lack)
+        if wp.static(FOLLOWER):
+            pull = force_gap(rods, call, case, y, s, n_tip)
+            total += total_magnitude(pull)
+            for j in range(3):
+                call.residual[t, wp.static(FIRST_FORCE) + j] = pull[j]
+        return total
+
+    @wp.func
+    def write_free_column(
+        rods: RodTable, call: Call, case: Instance, y: State, v: Column, s: f64, n_tip: wp.vec3d, dn: wp.vec3d, k: int
+    ) -> f64:
+        """(11) to (13): column k of Gamma, or of the residual's derivatives by directions."""
+        total = f64(0.0)
+        direction = k - call.unknown_columns
+        if wp.static(MEASURED):
+            gap = measured_gap_column(rods, call, case, y, v, s, direction)
+            total += total_magnitude(gap)
+            for j in range(3):
+                write_entry(call, case, j, k, gap[j])
+        if wp.static(MOMENT and not MEASURED):
+            gap = lacking_column(call, case, y, v, direction)
+            unit = moment_unit(rods, call, case, s, wp.where(wp.static(FIXED), case.longest, 0))
+            if wp.static(FIXED):
+                for j in range(3):
+                    write_entry(call, case, moment_row(case, j), k, unit[j] * gap[j])
+            else:
+                if wp.static(TORQUES > 0):
+                    gap[2] = torque_column(rods, call, case, y, v, 0) - follower_torque_rate(call, case, 0, direction)
+                for j in range(3):
+                    write_entry(call, case, j, k, unit[j] * gap[j])
+            total += total_magnitude(gap)
+        for i in range(wp.static(0 if FIXED else 1), rods.end.shape[1]):
+            if wp.static(TORQUES > 0 and not MEASURED):
+                if wp.static(not FIXED) or i != case.longest:
+                    lack = torque_column(rods, call, case, y, v, i)
+                    if wp.static(not FIXED):
+                        lack -= follower_torque_rate(call, case, i, direction)
+                    write_entry(call, case, wp.static(FIRST_TORQUE) + i, k, torque_unit(rods, call, case, s, i) * lack)
+                    total += wp.abs(lack)
+        if wp.static(FOLLOWER):
+            pull = force_gap_column(rods, call, case, y, v, s, n_tip, dn, direction)
+            total += total_magnitude(pull)
+            for j in range(3):
+                write_entry(call, case, wp.static(FIRST_FORCE) + j, k, pull[j])
+        return total
+
+    @wp.func
+    def free_row(case: Instance, i: int) -> int:
+        """Residual of the torque of rod i, which is not the one that is held."""
+        row = wp.static(POSE_ROWS) + i
+        if i > case.longest:
+            row -= 1
+        return row
+
+    @wp.func
+    def write_held(rods: RodTable, call: Call, case: Instance, y: State, s: f64, n_tip: wp.vec3d, u_star: wp.vec3d) -> f64:
+        """(22): the wrench of a held tip, and the torques of the rods that end before it."""
+        t = case.index
+        m = moment_of(y)
+        if wp.static(not FIXED):
+            m = rotate(frame(y), m)
+        force = case.base_rotation * n_tip
+        moment = case.base_rotation * m
+        for j in range(3):
+            call.tip_wrench[t, j] = force[j]
+            call.tip_wrench[t, 3 + j] = moment[j]
+        for i in range(rods.end.shape[1]):
+            if wp.static(TUBES):
+                if i != case.longest:
+                    call.residual[t, free_row(case, i)] = torque_unit(rods, call, case, s, i) * torque(rods, call, case, y, i)
+        return total_magnitude(force) + total_magnitude(moment)
+
+    @wp.func
+    def write_held_column(
+        rods: RodTable, call: Call, case: Instance, y: State, v: Column, s: f64, n_tip: wp.vec3d, dn: wp.vec3d, k: int
+    ) -> f64:
+        """(22): its column k."""
+        t = case.index
+        q = frame(y)
+        dm = moment_column_of(v)
+        if wp.static(not FIXED):
+            dm = rotate(q, dm + wp.cross(body_rotation(q, frame_column(v)), moment_of(y)))
+        dm = case.base_rotation * dm
+        force = case.base_rotation * dn
+        for j in range(3):
+            call.wrench_columns[t, j, k] = force[j]
+            call.wrench_columns[t, 3 + j, k] = dm[j]
+        for i in range(rods.end.shape[1]):
+            if wp.static(TUBES):
+                if i != case.longest:
+                    value = torque_unit(rods, call, case, s, i) * torque_column(rods, call, case, y, v, i)
+                    write_entry(call, case, free_row(case, i), k, value)
+        return total_magnitude(dm)
+
+    # ---- the pose ----
+
+    @wp.func
+    def tip_angle(case: Instance, y: State) -> f64:
+        """Angle of the rod that ends at the tip, from rod 1."""
+        angle = f64(0.0)
+        count = int(wp.static(n))
+        for i in range(1, count):
+            if i == case.longest:
+                angle = y[wp.static(THETA_AT) + i - 1]
+        return angle
+
+    @wp.func
+    def tip_angle_column(case: Instance, v: Column) -> f64:
+        """Its variation."""
+        angle = f64(0.0)
+        count = int(wp.static(n))
+        for i in range(1, count):
+            if i == case.longest:
+                angle = v[wp.static(THETA_AT) + i - 1]
+        return angle
+
+    @wp.func
+    def world_position(case: Instance, y: State) -> wp.vec3d:
+        """p, in the world."""
+        return case.base_position + case.base_rotation * wp.vec3d(y[P_AT], y[P_AT + 1], y[P_AT + 2])
+
+    @wp.func
+    def turn_column(case: Instance, y: State, v: Column) -> wp.vec3d:
+        """Rotation vector of the rod that ends at the tip, in the world."""
+        q = frame(y)
+        turn = body_rotation(q, frame_column(v)) + wp.vec3d(f64(0.0), f64(0.0), tip_angle_column(case, v))
+        return case.base_rotation * rotate(q, turn)
+
+    @wp.func
+    def write_pose(call: Call, case: Instance, y: State):
+        """Pose of the tip in the world, and the energy."""
+        t = case.index
+        if wp.static(POSE):
+            call.position[t] = world_position(case, y)
+            call.rotation[t] = case.base_rotation * rotation_matrix(frame(y)) * turned_about_z(tip_angle(case, y))
+        if wp.static(NODES):
+            call.energy[t] = y[ENERGY_AT]
+            call.work[t] = y[WORK_AT]
+
+    @wp.func
+    def write_pose_column(call: Call, case: Instance, y: State, v: Column, k: int):
+        """Column k of the pose, in the world."""
+        t = case.index
+        if wp.static(POSE_COLUMNS):
+            dp = case.base_rotation * wp.vec3d(v[DP_AT], v[DP_AT + 1], v[DP_AT + 2])
+            turn = turn_column(case, y, v)
+            for j in range(3):
+                call.pose_columns[t, j, k] = dp[j]
+                call.pose_columns[t, 3 + j, k] = turn[j]
+
+    return SimpleNamespace(
+        frame=frame,
+        frame_column=frame_column,
+        body_moment=body_moment,
+        body_moment_column=body_moment_column,
+        world_position=world_position,
+        turn_column=turn_column,
+        tip_angle_column=tip_angle_column,
+        write_tip=write_held if HELD else write_free,
+        write_tip_column=write_held_column if HELD else write_free_column,
+        write_pose=write_pose,
+        write_pose_column=write_pose_column,
+    )

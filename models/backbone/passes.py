@@ -1,0 +1,135 @@
+"""Recorded launches of the kernels in lanes: how instances and their columns are dealt out to lanes, and threads to portions."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from multirod.launch import record
+from multirod.models.backbone.features import Features
+from multirod.models.backbone.kernels.integrate import make_kernel
+from multirod.models.backbone.kernels.layout import LANE_SIZE, Call, Layout
+from multirod.models.integrators import Integrator
+
+SCALARS = {"float64": wp.float64, "float32": wp.float32}
+WIDTH = {"float64": 4, "float32": 8}  # lanes on a processor
+CHUNK = 256  # instances of a thread: its lanes, refilled, stay busy
+BASE_COST = 2.0  # of the state, in columns
+
+
+def width(precision: str, device: str) -> int:
+    """Lanes of a thread: as many as a vector of the processor holds, one on a GPU."""
+    return WIDTH[precision] if wp.get_device(device).is_cpu else 1
+
+
+def parts_of(count: int, columns: int, lanes: int) -> int:
+    """Lanes that share the columns of an instance, so that ``count`` instances take least time.
+
+    A lane carries the state whatever columns it has, so that sharing pays where lanes would stand idle.
+    """
+    if lanes == 1:
+        return 1
+
+    def cost(parts: int) -> float:
+        return -(-count * parts // lanes) * (BASE_COST + -(-columns // parts))
+
+    return min(range(1, max(columns, 1) + 1), key=lambda parts: (cost(parts), parts))
+
+
+def own(call: Any) -> Any:
+    """A copy of a launch's arguments, its arrays shared."""
+    result: Any = Call()
+    for name in call._cls.vars:
+        setattr(result, name, getattr(call, name))
+    return result
+
+
+class LanePass:
+    """A launch over the instances that ``call.order`` lists, in portions, so that a batch can be brought to an end in between.
+
+    Args:
+        features: Of the kernel.
+        integrator: Of the spatial equations; ``precision`` is that of its numbers.
+        table, call: Arguments of the kernel.
+        columns: By unknowns, and by directions.
+        device: Warp device.
+        longest: Instances of a portion.
+        heed: Called before each portion; may raise.
+    """
+
+    def __init__(
+        self,
+        features: Features,
+        integrator: Integrator,
+        precision: str,
+        table: Any,
+        call: Any,
+        columns: tuple[int, int],
+        device: str,
+        *,
+        longest: int,
+        heed: Callable[[], None],
+    ) -> None:
+        self._call = call = own(call)
+        self._heed = heed
+        count = len(call.order)
+        portion = max(1, min(longest, count))
+        lanes = width(precision, device)
+        call.unknown_columns, call.direction_columns = columns
+        self._arrays = deal(call, features, integrator, precision, device, portion, lanes, shared=not features.nodes)
+        launch_arguments = [table, call, self._arrays]
+
+        def make() -> Any:
+            return make_kernel(features, integrator.tableau, precision, lanes)
+
+        self._threads = threads(call, portion)
+        self._launch = record(make, self._threads, launch_arguments, device)
+        self._order, self._portion = call.order, portion
+        self._orders = self._portions(count)
+
+    def _portions(self, count: int) -> list[Any]:
+        step = self._portion
+        return [self._order[first : min(first + step, count)] for first in range(0, count, step)]
+
+    def set_dim(self, count: int) -> None:
+        """Pass over so many instances from now on: the first that are listed."""
+        self._orders = self._portions(count)
+        if len(self._orders) == 1:
+            self._aim(self._orders[0])
+
+    def _aim(self, order: Any) -> None:
+        self._call.order = order
+        self._launch.set_param_at_index(1, self._call)
+        count = threads(self._call, len(order))
+        if count != self._threads:
+            self._launch.set_dim(count)
+            self._threads = count
+
+    def launch(self) -> None:
+        """Launch one portion after another."""
+        if len(self._orders) == 1:
+            self._launch.launch()
+            return
+        for order in self._orders:
+            self._heed()
+            self._aim(order)
+            self._launch.launch()
+
+
+def threads(call: Any, count: int) -> int:
+    """Threads for so many instances."""
+    return max(1, -(-count * int(call.parts) // int(call.chunk)))
+
+
+def deal(
+    call: Any, features: Features, integrator: Integrator, precision: str, device: str, count: int, lanes: int, *, shared: bool
+) -> Any:
+    """Set what ``call`` says of lanes, for ``count`` instances at most in a launch; returns the memory of the threads."""
+    columns = call.unknown_columns + call.direction_columns
+    call.parts = parts_of(count, columns, lanes) if shared else 1
+    call.part_columns = -(-columns // call.parts)
+    call.chunk = call.parts * (CHUNK if lanes > 1 else 1)
+    call.lane = wp.zeros((threads(call, count) * lanes, LANE_SIZE), dtype=wp.float64, device=device)
+    rows = Layout(features).memory(len(integrator.tableau.b)).rows(call.part_columns)
+    return wp.zeros(int(np.int64(threads(call, count)) * lanes * rows), dtype=SCALARS[precision], device=device)
