@@ -1,0 +1,106 @@
+"""Instances side by side in the lanes of one thread: none sees another, and how they are dealt out does not matter."""
+
+import numpy as np
+import pytest
+import warp as wp
+
+import multirod as mr
+from multirod.models.backbone import passes
+from multirod.models.backbone.kernels.lanes import lanes
+
+RK4, RK45 = mr.RK4(20), mr.RK45()
+
+
+@pytest.fixture(params=["rod", "tubes"])
+def robot(request):
+    if request.param == "rod":
+        section = mr.Section(length=0.15, bending_stiffness=0.02, torsional_stiffness=0.015, precurvature=(3, 0, 1))
+        return mr.SingleRod(mr.Rod(sections=[section, mr.Section(length=0.1, bending_stiffness=0.05, torsional_stiffness=0.03)]))
+    tube = {"bending_stiffness": 0.02, "torsional_stiffness": 0.015}
+    return mr.ConcentricTubes(
+        [mr.Rod(length=0.3, precurvature=(4, 0, 0), **tube), mr.Rod(length=0.2, precurvature=(0, 3, 1), **tube)]
+    )
+
+
+def problem_of(robot, integrator, count, **options):
+    rng = np.random.default_rng(0)
+    rotation = rng.uniform(-1, 1, (count, robot.rod_count))
+    inputs = robot.inputs(rotation=rotation, tip_force=rng.normal(size=(count, 3)) * np.geomspace(0.01, 1, count)[:, None])
+    problem = robot.problem(inputs, integrator=integrator, pose_sensitivities=True, direction_count=2, **options)
+    problem.load_factor.fill_(1.0)
+    problem.unknowns.assign(problem.guess() + rng.normal(size=problem.unknowns.shape))
+    directions = np.zeros(problem.directions.shape)
+    directions[:, 0, problem.input_slice("translation")] = 1.0
+    directions[:, 1, problem.input_slice("tip_force")] = 1.0
+    problem.directions.assign(directions)
+    return problem
+
+
+def results(problem):
+    problem.integrate()
+    names = ("residual", "gamma", "residual_directions", "position", "rotation", "pose_columns", "fault", "step_count")
+    return {name: getattr(problem, name).numpy().reshape(problem.instance_count, -1).copy() for name in names}
+
+
+@pytest.mark.parametrize("integrator", [RK4, RK45], ids=str)
+def test_lanes_do_not_see_each_other(robot, integrator):
+    """Nor do they where others hold no numbers, or end with a fault, and take different numbers of steps."""
+    problem = problem_of(robot, integrator, 11)
+    good = results(problem)
+    assert not good["fault"].any()
+    if integrator is RK45:
+        assert len(np.unique(good["step_count"])) > 2
+    unknowns = problem.unknowns.numpy()
+    unknowns[[1, 2, 5, 9]] = [[np.nan], [1e300], [np.inf], [1e9]]
+    problem.unknowns.assign(unknowns)
+    found = results(problem)
+    assert found["fault"][[1, 2, 5]].all()
+    others = np.setdiff1d(np.arange(11), [1, 2, 5, 9])
+    for name, value in good.items():
+        np.testing.assert_array_equal(found[name][others], value[others], err_msg=name)
+
+
+@pytest.mark.parametrize("integrator", [RK4, RK45], ids=str)
+@pytest.mark.parametrize("parts", [2, 3, 20])
+def test_columns_may_stand_in_lanes_of_their_own(robot, integrator, parts, monkeypatch):
+    monkeypatch.setattr(passes, "parts_of", lambda count, columns, lanes: 1)
+    together = results(problem_of(robot, integrator, 3))
+    monkeypatch.setattr(passes, "parts_of", lambda count, columns, lanes: min(parts, columns))
+    apart = results(problem_of(robot, integrator, 3))
+    for name, value in together.items():
+        np.testing.assert_array_equal(apart[name], value, err_msg=name)
+
+
+@pytest.mark.parametrize("width", [1, 8])
+def test_more_and_fewer_lanes(robot, width, monkeypatch):
+    """Other code of the same equations: to rounding."""
+    usual = results(problem_of(robot, RK4, 5))
+    monkeypatch.setitem(passes.WIDTH, "float64", width)
+    other = results(problem_of(robot, RK4, 5))
+    for name, value in usual.items():
+        np.testing.assert_allclose(other[name], value, rtol=0, atol=1e-12 * max(1.0, np.abs(value).max()), err_msg=name)
+
+
+def test_a_lone_robot_gets_a_lane_a_column_and_a_batch_none():
+    assert passes.parts_of(1, 3, 4) == 3
+    assert passes.parts_of(1, 12, 4) == 4
+    assert passes.parts_of(1000, 12, 4) == 1
+    assert passes.parts_of(1, 0, 4) == 1
+    assert passes.parts_of(1, 12, 1) == 1
+
+
+@pytest.mark.parametrize(("scalar", "width"), [(wp.float64, 1), (wp.float64, 4), (wp.float32, 8)])
+@pytest.mark.parametrize("order", [2, 3, 5, 8])
+def test_step_factors_are_roots(scalar, width, order):
+    """``x^(-1/order)`` as it is needed for the length of a step."""
+    kit = lanes(width, scalar)
+    row, put, root = kit.row, kit.put, kit.power_root(order)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def take(x: wp.array(dtype=scalar), out: wp.array(dtype=scalar)):
+        put(out, wp.tid(), root(row(x, wp.tid())))
+
+    x = np.geomspace(1e-8, 1e20, 64)
+    out = wp.zeros(64, dtype=scalar, device="cpu")
+    wp.launch(take, 64 // width, inputs=[wp.array(x, dtype=scalar, device="cpu"), out], device="cpu")
+    np.testing.assert_allclose(out.numpy(), x ** (-1 / order), rtol=2e-3)
