@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from multirod.models.parallel_kernels import REVOLUTE, SPHERICAL
+from multirod.rotations import matrices, vectors
 from multirod.validation import FloatArray
 
 ITERATIONS = 8  # 4 are enough for the tip to move by less than 1 % of what the beams are off
@@ -90,7 +90,7 @@ def beam_equilibrium(
             :, None
         ]
         position = position + step[:, :3]
-        rotation = Rotation.from_rotvec(step[:, 3:]).as_matrix() @ rotation
+        rotation = matrices(step[:, 3:]) @ rotation
     return position, rotation, _unknowns(legs, _Beams(legs, at, position, rotation), stiffness)
 
 
@@ -176,4 +176,4 @@ def nearest_rotation(matrices: FloatArray) -> FloatArray:
 
 def rotation_vectors(rotations: FloatArray) -> FloatArray:
     """Rotation vectors (..., 3) of rotations (..., 3, 3)."""
-    return np.asarray(Rotation.from_matrix(rotations.reshape(-1, 3, 3)).as_rotvec().reshape(rotations.shape[:-1]))
+    return np.asarray(vectors(rotations.reshape(-1, 3, 3)).reshape(rotations.shape[:-1]))

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from multirod.batch import IntArray, take
 from multirod.inputs import Inputs, InputSpec
@@ -32,6 +31,7 @@ from multirod.models.parallel_stability import HeldLeg, PlatformLoads, platform_
 from multirod.models.second_variation import CondensedForm
 from multirod.problem import Block, BoundaryProblem, Loading, Shape
 from multirod.rod import RodArrays, stack
+from multirod.rotations import matrices
 from multirod.stability import Modes, Stability
 from multirod.status import Status
 from multirod.validation import FloatArray, frozen
@@ -405,7 +405,7 @@ class ParallelProblem(BoundaryProblem):
             if numbers is not None:
                 aside = self._around(numbers)
                 position = position + np.broadcast_to(self._length[:, -1:], (self.instance_count, 1)) * aside[:, :3]
-                rotation = Rotation.from_rotvec(aside[:, 3:]).as_matrix() @ rotation
+                rotation = matrices(aside[:, 3:]) @ rotation
             x[:, self._platform] = self._pose_unknowns(position, rotation)
         self.active.fill_(1)
         self.open_joints(x)
@@ -488,7 +488,7 @@ class ParallelProblem(BoundaryProblem):
         x = np.array(unloaded)
         if self.inverse:
             pose = self.read("inputs")[:, self._places["platform_position"].start :][:, :POSE]
-            reach, added = beam_reach(legs, at, pose[:, :3], Rotation.from_rotvec(pose[:, 3:]).as_matrix())
+            reach, added = beam_reach(legs, at, pose[:, :3], matrices(pose[:, 3:]))
             x[:, self._platform] = reach / legs.length**2
         else:
             position, rotation, added = beam_equilibrium(legs, at, *fitted_platform(legs, at))
@@ -696,13 +696,13 @@ class ParallelProblem(BoundaryProblem):
         """(1), (2) Position (instance_count, 3) and rotation (instance_count, 3, 3) of the platform."""
         if self.inverse:
             pose = self.read("inputs")[:, self._places["platform_position"].start :][:, :POSE]
-            return pose[:, :3], Rotation.from_rotvec(pose[:, 3:]).as_matrix()
+            return pose[:, :3], matrices(pose[:, 3:])
         return self._pose_of(self.read("unknowns")[:, self._platform])
 
     def _pose_of(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(1), (2) by the platform's unknowns."""
         length = np.broadcast_to(self._length[:, -1:], (self.instance_count, 1))
-        turned = Rotation.from_rotvec(length * x[:, 3:]).as_matrix() @ self._reference[1]
+        turned = matrices(length * x[:, 3:]) @ self._reference[1]
         return self._reference[0] + length**2 * x[:, :3], turned
 
     def _loads(self, rotation: FloatArray) -> PlatformLoads:

@@ -12,7 +12,11 @@ Compose an assembly of rods, give it actuation and loads, and get its equilibriu
 SI units, radians; rotation matrices are body to world.
 """
 
+import sys
+from importlib import import_module
 from importlib.util import find_spec
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 if find_spec("multirod.models") is None:
     raise ImportError(
@@ -20,31 +24,33 @@ if find_spec("multirod.models") is None:
         "to test an installed wheel use `pytest`, not `python -m pytest`"
     )
 
-from multirod.assembly import Assembly
-from multirod.critical_loads import CriticalLoad, CriticalLoads, critical_loads
-from multirod.equilibria import Equilibria, equilibria
-from multirod.inputs import Inputs, InputSpec
-from multirod.models.concentric_tubes import ConcentricTubes
-from multirod.models.integrators import RK4, RK23, RK45, AdaptiveIntegrator, FixedStepIntegrator, Integrator, Tableau
-from multirod.models.parallel_rods import InverseParallelRods, ParallelRods
-from multirod.models.single_rod import SingleRod
-from multirod.problem import Block, BoundaryProblem, Shape
-from multirod.recording import Recorder
-from multirod.rod import Rod, Section
-from multirod.simulation import simulate, solve
-from multirod.solution import History, IncompleteWarning, Solution, SolveError
-from multirod.solver import Outcome, Solver, Track, registered_solvers
-from multirod.solvers.energy_descent import EnergyDescent
-from multirod.solvers.multiple_shooting import MultipleShooting
-from multirod.solvers.observer import Observer
-from multirod.solvers.scipy_shooting import ScipyShooting
-from multirod.solvers.shooting import Shooting
-from multirod.stability import Stability
-from multirod.status import Status
-from multirod.sweeps import Study, sweep
-from multirod.terms import Dropped, Explanation, Term, explain
-from multirod.tracker import Tracker
-from multirod.tradeoffs import Measured, Tradeoff, tradeoff, tune
+if TYPE_CHECKING:
+    from multirod.assembly import Assembly
+    from multirod.compiling import CompileError
+    from multirod.critical_loads import CriticalLoad, CriticalLoads, critical_loads
+    from multirod.equilibria import Equilibria, equilibria
+    from multirod.inputs import Inputs, InputSpec
+    from multirod.models.concentric_tubes import ConcentricTubes
+    from multirod.models.integrators import RK4, RK23, RK45, AdaptiveIntegrator, FixedStepIntegrator, Integrator, Tableau
+    from multirod.models.parallel_rods import InverseParallelRods, ParallelRods
+    from multirod.models.single_rod import SingleRod
+    from multirod.problem import Block, BoundaryProblem, Shape
+    from multirod.recording import Recorder
+    from multirod.rod import Rod, Section
+    from multirod.simulation import simulate, solve
+    from multirod.solution import History, IncompleteWarning, Solution, SolveError
+    from multirod.solver import Outcome, Solver, Track, registered_solvers
+    from multirod.solvers.energy_descent import EnergyDescent
+    from multirod.solvers.multiple_shooting import MultipleShooting
+    from multirod.solvers.observer import Observer
+    from multirod.solvers.scipy_shooting import ScipyShooting
+    from multirod.solvers.shooting import Shooting
+    from multirod.stability import Stability
+    from multirod.status import Status
+    from multirod.sweeps import Study, sweep
+    from multirod.terms import Dropped, Explanation, Term, explain
+    from multirod.tracker import Tracker
+    from multirod.tradeoffs import Measured, Tradeoff, tradeoff, tune
 
 __version__ = "0.1.0"
 
@@ -56,6 +62,7 @@ __all__ = [
     "Assembly",
     "Block",
     "BoundaryProblem",
+    "CompileError",
     "ConcentricTubes",
     "CriticalLoad",
     "CriticalLoads",
@@ -103,3 +110,60 @@ __all__ = [
     "tradeoff",
     "tune",
 ]
+
+# where each public name is, to be loaded when it is first used: Warp alone takes more than half a second
+_PUBLIC = {
+    "assembly": "Assembly",
+    "compiling": "CompileError",
+    "critical_loads": "CriticalLoad CriticalLoads critical_loads",
+    "equilibria": "Equilibria equilibria",
+    "inputs": "Inputs InputSpec",
+    "models.concentric_tubes": "ConcentricTubes",
+    "models.integrators": "RK4 RK23 RK45 AdaptiveIntegrator FixedStepIntegrator Integrator Tableau",
+    "models.parallel_rods": "InverseParallelRods ParallelRods",
+    "models.single_rod": "SingleRod",
+    "problem": "Block BoundaryProblem Shape",
+    "recording": "Recorder",
+    "rod": "Rod Section",
+    "simulation": "simulate solve",
+    "solution": "History IncompleteWarning Solution SolveError",
+    "solver": "Outcome Solver Track registered_solvers",
+    "solvers.energy_descent": "EnergyDescent",
+    "solvers.multiple_shooting": "MultipleShooting",
+    "solvers.observer": "Observer",
+    "solvers.scipy_shooting": "ScipyShooting",
+    "solvers.shooting": "Shooting",
+    "stability": "Stability",
+    "status": "Status",
+    "sweeps": "Study sweep",
+    "terms": "Dropped Explanation Term explain",
+    "tracker": "Tracker",
+    "tradeoffs": "Measured Tradeoff tradeoff tune",
+}
+_HOME = {name: f"multirod.{module}" for module, names in _PUBLIC.items() for name in names.split()}
+
+
+class _Package(ModuleType):
+    """The package, in which functions stand where modules of the same name would, once those are loaded."""
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if not (name in _HOME and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package
+
+
+def __getattr__(name: str) -> object:
+    """A public name or a module of the package, when it is first asked for."""
+    if name in _HOME:
+        found: object = getattr(import_module(_HOME[name]), name)
+        globals()[name] = found
+        return found
+    if not name.startswith("_") and find_spec(f"multirod.{name}") is not None:
+        return import_module(f"multirod.{name}")
+    raise AttributeError(f"module 'multirod' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -1,7 +1,7 @@
 """What every robot made of rods has in common."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from multirod.models.backbone.features import Features
     from multirod.models.influence import Influence
     from multirod.models.integrators import Integrator
+    from multirod.solver import Solver
 
 
 class Assembly(ABC):
@@ -116,6 +117,56 @@ class Assembly(ABC):
         self._check_axes(inputs)
         self.check(inputs)
         return inputs
+
+    def compile(
+        self,
+        inputs: Inputs | None = None,
+        *,
+        solver: "Solver | None" = None,
+        shape: bool = True,
+        jacobian: str | Iterable[str] = (),
+        stability: bool = False,
+        motion: bool = False,
+        device: str = "cpu",
+        progress: bool | Callable[[int], Any] = True,
+    ) -> int:
+        """Have the kernels of a scene compiled now, several at a time, so that no later call waits for them.
+
+        A kernel holds the terms of one scene: which loads act, by which solver and integrator, and what is asked of the result.
+        So a scene is done here once, or the first instances of a batch. It takes seconds the first time, and next to nothing once
+        all is in Warp's cache. What only some instances come to, such as another way where a branch ends, is compiled then.
+
+        Args:
+            inputs: The scene, made by ``self.inputs(...)``: what is not zero is compiled in. None are all zero.
+            solver: ``Shooting()`` by default.
+            shape: Whether ``solution.rod(...)`` or ``energy`` will be asked for.
+            jacobian: Input, or inputs, that ``solution.jacobian(...)`` will be asked for.
+            stability: Whether ``solution.stability``, ``index`` or ``stability_margin`` will be asked for.
+            motion: Whether it will be followed, by ``simulate`` or a ``Tracker``: the first axis of ``inputs``, if any, is time.
+            device: Warp device.
+            progress: Whether to show a bar on a terminal where it takes more than two seconds; or a function that is called with
+                the number of kernels compiled.
+
+        Returns:
+            How many kernels were compiled; 0 if all were in Warp's cache.
+
+        Raises:
+            TypeError, ValueError: If an argument is not what it must be.
+            CompileError: If a kernel cannot be compiled, or the cache not be written.
+        """
+        from multirod.preparing import prepare
+
+        return prepare(
+            self,
+            inputs,
+            solver=solver,
+            shape=shape,
+            jacobian=jacobian,
+            stability=stability,
+            motion=motion,
+            device=device,
+            progress=progress,
+        )
 
     def _check_axes(self, inputs: Inputs) -> None:
         try:

@@ -1,19 +1,25 @@
-"""Recorded launches of kernels, from any thread."""
+"""Recorded launches of kernels, from any thread, that wait for what is being compiled."""
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future
 from threading import RLock
 from typing import Any
 
 import warp as wp
 
+from multirod.compiling import COMPILER, start_warp
+
 LONGEST = 1024  # integrations of a rod in one launch: some hundredths of a second at most at a hundred steps each
 
-# Warp makes, compiles and loads kernels for one thread at a time
+# Warp makes and loads kernels for one thread at a time
 _MAKING = RLock()
 
 
 def record(make: Callable[[], Any], dim: int, arguments: Sequence[Any], device: str) -> Any:
     """A launch to be repeated by ``.launch()``, which releases the interpreter lock.
+
+    A kernel that Warp's cache lacks is compiled in the background: the launch waits for it when it is first used, so that what is
+    recorded before is compiled at the same time.
 
     Args:
         make: Makes the kernel, or returns it: called by one thread at a time.
@@ -21,5 +27,58 @@ def record(make: Callable[[], Any], dim: int, arguments: Sequence[Any], device: 
         arguments: Of the kernel; arrays must live as long as the launch.
         device: Warp device.
     """
+    kernel, future = _requested(make, device)
+    if future is None:
+        return _record(kernel, dim, arguments, device)
+    return Pending(future, kernel, dim, arguments, device)
+
+
+def expect(make: Callable[[], Any], device: str) -> None:
+    """Have a kernel compiled in the background that is sure to be recorded later, as ``record`` does.
+
+    Args:
+        make: Makes the kernel, or returns it: called by one thread at a time.
+        device: Warp device.
+    """
+    _requested(make, device)
+
+
+def _requested(make: Callable[[], Any], device: str) -> "tuple[Any, Future[None] | None]":
+    start_warp()
     with _MAKING:
-        return wp.launch(make(), dim=dim, inputs=list(arguments), device=device, record_cmd=True)
+        kernel = make()
+    return kernel, COMPILER.request(kernel.module, wp.get_device(device))
+
+
+def _record(kernel: Any, dim: int, arguments: Sequence[Any], device: str) -> Any:
+    with _MAKING:
+        return wp.launch(kernel, dim=dim, inputs=list(arguments), device=device, record_cmd=True)
+
+
+class Pending:
+    """Stands for a recorded launch while its kernel is being compiled: what is asked of the launch waits for that.
+
+    Args:
+        future: Of the kernel.
+        kernel: To be launched.
+        dim: Number of threads of the kernel.
+        arguments: Of the kernel, as they will be when the launch is first used.
+        device: Warp device.
+    """
+
+    def __init__(self, future: "Future[None]", kernel: Any, dim: int, arguments: Sequence[Any], device: str) -> None:
+        self.device = wp.get_device(device)
+        self._future, self._of = future, (kernel, dim, arguments, device)
+        self._recorded: Any = None
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        if self._recorded is None:
+            COMPILER.wait(self._future)
+            self._recorded = _record(*self._of)
+        found = getattr(self._recorded, name)
+        if callable(found):
+            # from the second call on it is the launch's own: a control loop notices a microsecond
+            setattr(self, name, found)
+        return found

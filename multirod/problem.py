@@ -14,6 +14,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from multirod.batch import IntArray, Interrupted
+from multirod.compiling import start_warp
 from multirod.exclusive import Exclusive, Uncopied
 from multirod.inputs import Inputs
 from multirod.segments import Breakpoints, Segments
@@ -154,6 +155,7 @@ class BoundaryProblem(Uncopied, ABC):
         pose_sensitivities: bool = False,
         device: str = "cpu",
     ) -> None:
+        start_warp()
         self.unknown_count = n = unknown_count
         self.batch_shape = batch_shape
         self.stop: Event | None = None

@@ -48,6 +48,15 @@ class Watch:
         if self._tell is not None:
             self._tell(done)
 
+    def count(self, done: int) -> None:
+        """Note that one more is to be done, with 0, or is done, with 1: where the total is not known before; on any thread."""
+        if not done:
+            with self._lock:
+                self._total += 1
+                if self._bar is not None:
+                    self._bar.update(self._bar.task_ids[0], total=self._total)
+        self.advance(done)
+
     def advance(self, count: int = 1) -> None:
         """Note that so many more shares are done; on any thread."""
         with self._lock:

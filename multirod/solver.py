@@ -5,7 +5,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, field
-from importlib.metadata import entry_points
 from typing import Any, Self
 
 import numpy as np
@@ -213,6 +212,8 @@ def registered_solvers() -> dict[str, Any]:
 
     What cannot be loaded, or is no ``Solver``, is left out and named in a ``RuntimeWarning``: the others are there.
     """
+    from importlib.metadata import entry_points
+
     solvers: dict[str, Any] = {}
     for point in entry_points(group="multirod.solvers"):
         where = f"solver {point.name!r} of {'an unknown package' if point.dist is None else point.dist.name} ({point.value})"

@@ -126,6 +126,9 @@ def device_name(field: str, value: object) -> str:
     """The name of a device that there is."""
     import warp as wp
 
+    from multirod.compiling import start_warp
+
+    start_warp()
     names = [device.alias for device in wp.get_devices()]
     # "cuda" is the present one of several
     if isinstance(value, str) and (value in names or (value == "cuda" and wp.is_cuda_available())):

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from scipy.optimize import brentq
 
 from multirod.solvers.crossings import at, cubic, settled
 from multirod.stability import NEUTRAL, Modes
@@ -250,6 +249,8 @@ class Inspection:
 
     def _root(self, part: _Part, k: int) -> float:
         """How far along the step eigenvalue ``k`` vanishes."""
+        from scipy.optimize import brentq
+
         left, right = part.left, part.right
         ends = {left.distance: left.point, right.distance: right.point}
 

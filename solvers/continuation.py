@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from multirod.launch import record
+from multirod.launch import expect, record
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.continuation_kernels import PathState, make_path, set_out
@@ -65,6 +65,9 @@ class Paths:
         state.remaining = wp.zeros(1, dtype=wp.int32, device=device)
         self._remaining = state.remaining.numpy() if wp.get_device(device).is_cpu else None
         self._shape = newton.shape
+        # compiled while the problem's own kernels are
+        expect(lambda: set_out, device)
+        expect(lambda: make_path(n, *self._shape).path, device)
 
     def raise_loads(self, chosen: BoolArray, bounds: FloatArray, finer: int = 1) -> Outcome:
         """From the unloaded equilibrium to the full load, all loads in proportion.

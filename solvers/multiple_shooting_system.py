@@ -7,8 +7,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lapack
-from scipy.sparse.linalg import ArpackError, ArpackNoConvergence, LinearOperator, eigs
 
 from multirod.segments import Breakpoints, Propagation, Request, Segments
 from multirod.validation import FloatArray
@@ -82,11 +80,15 @@ class System:
 
     def _factors(self) -> tuple[Any, ...]:
         if self._factored is None:
+            from scipy.linalg import lapack
+
             self._factored = lapack.dgbtrf(self.banded(), self.below, self.above)
         return self._factored
 
     def solve(self, right: FloatArray) -> FloatArray:
         """``J^-1`` times one or several columns (size, ...)."""
+        from scipy.linalg import lapack
+
         lu, pivots, _ = self._factors()
         shaped = right.reshape(self.size, -1)
         return np.asarray(lapack.dgbtrs(lu, self.below, self.above, shaped, pivots)[0]).reshape(right.shape)
@@ -135,6 +137,8 @@ def same_branch(before: System, after: System) -> bool:
         shift = np.linalg.eigvals(np.linalg.solve(before.dense().T, after.dense().T) - np.eye(before.size))
         complete = True
     else:
+        from scipy.sparse.linalg import ArpackError, ArpackNoConvergence, LinearOperator, eigs
+
         operator = LinearOperator((before.size, before.size), matvec=change, dtype=np.float64)
         try:
             start = np.ones(before.size)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from multirod.launch import record
+from multirod.launch import expect, record
 from multirod.problem import DOUBLE_ROUNDING, BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.bordered_kernels import front_width
@@ -92,6 +92,12 @@ class Newton:
         self.state.probes = wp.zeros(probes, dtype=wp.float64, device=problem.device)
         self.state.probed = wp.zeros(probes, dtype=wp.float64, device=problem.device)
         return block, border
+
+    def expect(self) -> None:
+        """Have what ``run`` launches compiled in the background, while something else is done first."""
+        n, device = self.problem.unknown_count, self.problem.device
+        expect(lambda: make_newton(n, *self.shape), device)
+        expect(lambda: restart, device)
 
     @cached_property
     def _launch(self) -> Any:

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import scipy.linalg
 import warp as wp
 
 from multirod.launch import record
@@ -203,6 +202,8 @@ class ObserverTrack(SampledTrack):
         self._bind(problem, state, options.feed_forward, first)
 
     def _record(self, blocks: Sequence[Block], sizes: list[int], gains: dict[str, FloatArray], dt: float) -> Any:
+        from scipy.linalg import sqrtm
+
         options, state, problem = self.options, self.state, self.problem
         n, count, device = problem.unknown_count, problem.instance_count, problem.device
         alone = len(blocks) == 1
@@ -220,7 +221,7 @@ class ObserverTrack(SampledTrack):
         else:
             state.matrix = wp.zeros((count, n, n), dtype=wp.float64, device=device)
         state.inverse = wp.zeros((count, n, max(sizes)), dtype=wp.float64, device=device)
-        root = np.real(scipy.linalg.sqrtm(gains["Q"]))
+        root = np.real(sqrtm(gains["Q"]))
         matrices = {"gain": gains["R"], "weight": gains["Q"], "weight_root": root, "weight_inverse_root": np.linalg.inv(root)}
         for name, value in (matrices | {"initial": gains["P0"]}).items():
             setattr(state, name, wp.array(np.ascontiguousarray(value), dtype=wp.float64, device=device))

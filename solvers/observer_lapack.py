@@ -6,10 +6,9 @@ The same equations as in ``observer_kernels.py``, batched over the instances. Nu
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import scipy.linalg
-from scipy.spatial.transform import Rotation
 
 from multirod.problem import BoundaryProblem
+from multirod.rotations import matrices
 from multirod.solvers.observer_kernels import SWEEPS
 from multirod.status import Status
 from multirod.validation import FloatArray
@@ -33,13 +32,15 @@ class LargeSample:
     def __init__(
         self, *, rows: Any, columns: Any, sizes: list[int], gains: dict[str, FloatArray], options: "Observer", dt: float
     ) -> None:
+        from scipy.linalg import sqrtm
+
         ends = np.cumsum(sizes)
         self.blocks = [slice(int(end - size), int(end)) for end, size in zip(ends, sizes, strict=True)]
         self.rows, self.columns, self.options, self.dt = rows, columns, options, dt
         self.eliminated = options.coupling != "per-rod-plain"
         self.R, self.Q, self.P0 = gains["R"], gains["Q"], gains["P0"]
-        self.R_root = np.real(scipy.linalg.sqrtm(self.R))
-        self.Q_root = np.real(scipy.linalg.sqrtm(self.Q))
+        self.R_root = np.real(sqrtm(self.R))
+        self.Q_root = np.real(sqrtm(self.Q))
 
     def step(self, problem: BoundaryProblem, state: Any) -> None:
         """Take the active instances from an integration to the unknowns of the next sample."""
@@ -237,6 +238,6 @@ def _correct(problem: BoundaryProblem, chosen: Any, newton: FloatArray) -> None:
     position, rotation = problem.read("position"), problem.read("rotation")
     position[chosen] += shift[:, :3]
     rotation = rotation.reshape(-1, 3, 3)
-    rotation[chosen] = Rotation.from_rotvec(shift[:, 3:]).as_matrix() @ rotation[chosen]
+    rotation[chosen] = matrices(shift[:, 3:]) @ rotation[chosen]
     problem.position.assign(position)
     problem.rotation.assign(rotation)

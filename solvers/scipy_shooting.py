@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy import optimize
 
 from multirod.models.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
@@ -86,6 +85,8 @@ class ScipyShooting(Solver):
         return outcome
 
     def _minimise(self, sample: "_Sample", start: FloatArray) -> int:
+        from scipy import optimize
+
         minimize: Any = optimize.minimize
         gradient: dict[str, Any] = {"jac": sample.gradient} if self.exact_gradient else {}
         limit: dict[str, Any] = {"maxiter": self.max_iterations}

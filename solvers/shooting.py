@@ -127,6 +127,7 @@ class NewtonTrack(Track):
         self.options = options
         self.problem = problem
         self.newton = options.newton(problem)
+        self.newton.expect()
         self.order = PREDICTORS.index(options.predictor)
         self.history: list[FloatArray] = []
         self.inputs: FloatArray | None = None  # those of the last good sample

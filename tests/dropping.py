@@ -11,7 +11,6 @@ from time import process_time
 from typing import Any
 
 import numpy as np
-import warp as wp
 
 import multirod as mr
 from multirod.terms import simplified
@@ -247,7 +246,6 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--families", nargs="+", choices=FAMILIES, default=list(FAMILIES))
     options = parser.parse_args()
-    wp.config.log_level = wp.LOG_ERROR
     print(
         "| scenes | bound | solved | something dropped | terms dropped, of what could be | bound broken | worst, of the bound | ms |"
     )

@@ -103,7 +103,7 @@ def test_robots_of_several_rods(path, limit, figure, example, tmp_path, capsys):
 
 def test_documented_robots_of_several_rods_run():
     page = (ROOT / "docs" / "quickstart.md").read_text()
-    section = page[page.index("## Tubes, legs and a platform") : page.index("## The first run")]
+    section = page[page.index("## Tubes, legs and a platform") : page.index("## The first call")]
     scope = {"np": np, "mr": mr}
     for code in re.findall(r"```python\n(.*?)```", section, re.DOTALL):
         exec(code, scope)

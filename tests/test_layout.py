@@ -54,3 +54,58 @@ def test_another_machine_is_one_for_the_programs_of_tests_too(cpu, monkeypatch):
     assert f"-target-cpu {cpu} " in flags
     assert "native" not in flags
     assert threads == "3"
+
+
+def test_importing_takes_next_to_no_time():
+    """It took two seconds. Warp and NumPy alone take more than half a second: they are loaded when they are used."""
+    code = "import sys, time; import multirod; print(time.process_time()); print('warp' in sys.modules or 'numpy' in sys.modules)"
+    used, loaded = programs.run("-c", code, check=True).stdout.split()
+    assert float(used) < 0.6
+    assert loaded == "False"
+
+
+def test_a_solve_loads_no_more_than_it_needs():
+    code = """
+import sys
+import multirod as mr
+robot = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638))
+mr.solve(robot, robot.inputs(tip_force=(1, 0, 0)))
+print([m for m in ("scipy", "rerun", "rich", "matplotlib", "multirod.recording", "multirod.sweeps") if m in sys.modules])
+"""
+    assert programs.run("-c", code, check=True).stdout.strip() == "[]"
+
+
+def test_public_names_are_found_however_they_are_asked_for():
+    code = """
+import multirod.critical_loads, multirod.equilibria  # modules of the same names as functions
+import multirod as mr
+assert set(mr._HOME) | {"__version__"} >= set(mr.__all__) == set(mr._HOME)
+assert set(mr.__all__) <= set(dir(mr))
+from multirod import *
+from multirod import critical_loads as function
+for name in mr.__all__:
+    found = getattr(mr, name)
+    assert found is globals()[name] and not isinstance(found, type(mr)), name
+    assert mr._HOME[name] in (found.__module__, found.__module__.rpartition(".")[0]), name
+assert function is mr.critical_loads and mr.recording.Recorder is mr.Recorder
+for name in ("no_such_name", "_no_such_name"):
+    try:
+        getattr(mr, name)
+    except AttributeError as error:
+        assert str(error) == f"module 'multirod' has no attribute {name!r}"
+    else:
+        raise AssertionError(name)
+"""
+    done = programs.run("-c", code)
+    assert done.returncode == 0, done.stderr
+
+
+def test_editors_are_told_where_public_names_are():
+    """The imports that are there for type checkers alone are those that are done when a name is used."""
+    lines = (ROOT / "multirod" / "__init__.py").read_text().splitlines()
+    told = {}
+    for line in lines:
+        if line.startswith("    from multirod."):
+            module, _, names = line.strip().removeprefix("from ").partition(" import ")
+            told |= dict.fromkeys(names.split(", "), module)
+    assert told == multirod._HOME

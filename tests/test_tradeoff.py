@@ -16,6 +16,7 @@ from multirod.tradeoffs import Measurement, grid, limit, measurement
 from multirod.tradeoffs.promise import kept
 from multirod.tradeoffs.settings import code, integrators, settings
 
+PUBLIC = {name: getattr(mr, name) for name in mr.__all__}
 STUDY = motion(duration=0.5)
 COARSE = mr.RK4(10)
 SOLVERS = {
@@ -92,7 +93,7 @@ def test_a_table_and_a_file_say_the_same(measured, tmp_path):
         rows = list(csv.DictReader(file))
     assert [row["name"] for row in rows] == list(SOLVERS)
     assert [float(row["position"]) for row in rows] == [row.position for row in measured.rows]
-    assert eval(rows[0]["solver"], vars(mr)) == SOLVERS["Newton, coarse"]  # ready to be pasted
+    assert eval(rows[0]["solver"], PUBLIC) == SOLVERS["Newton, coarse"]  # ready to be pasted
     text = str(measured)
     assert all(name in text for name in SOLVERS)
     assert "agree within" in text
@@ -446,7 +447,7 @@ def test_the_default_grid_has_the_forms_that_make_a_difference_to_the_robot():
 
 def test_solvers_are_written_as_short_as_they_can_be():
     for solver in grid(STUDY.robot, STUDY.inputs).values():
-        assert eval(code(solver), vars(mr)) == solver
+        assert eval(code(solver), PUBLIC) == solver
     assert code(mr.Shooting(integrator=mr.RK4(20)), "mr.") == "mr.Shooting(integrator=mr.RK4(20))"
     assert code(mr.RK45(1e-6, 1e-9, steps=7)) == "RK45(1e-06, 1e-09, steps=7)"
     names = [code(integrator) for integrator in integrators()]

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import warp as wp
-from scipy.spatial.transform import Rotation
 
 from multirod.launch import record
 from multirod.models.backbone.features import Features
@@ -27,6 +26,8 @@ from multirod.stability import Modes
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
+
     from multirod.models.backbone.problem import BackboneProblem
 
 LOOKED_AT = 33  # nodes at which moments and forces are bounded
@@ -84,6 +85,8 @@ class BackboneSegments(Segments):
         return result
 
     def moved(self, instance: int, states: FloatArray, variations: FloatArray) -> FloatArray:  # noqa: D102
+        from scipy.spatial.transform import Rotation
+
         result = states.copy()
         result[:, :3] += self._stiffness[instance] * variations[:, :3]
         turned = _rotation(states) * Rotation.from_rotvec(self._scale[instance] * variations[:, 3:6])
@@ -254,5 +257,7 @@ class BackboneSegments(Segments):
         return form_by_segments(found.transition[:, :6, :6], frames, self._stiffness[instance] / self._scale[instance])
 
 
-def _rotation(states: FloatArray) -> Rotation:
+def _rotation(states: FloatArray) -> "Rotation":
+    from scipy.spatial.transform import Rotation
+
     return Rotation.from_quat(states[:, ROTATION_AT : ROTATION_AT + 4])

@@ -1,12 +1,11 @@
-"""Command line: ``multirod demo``, ``multirod tradeoff``; a module a command."""
+"""Command line: ``multirod demo``, ``multirod tradeoff``, ``multirod prepare``; a module a command."""
 
 import argparse
 from collections.abc import Sequence
 
-import warp as wp
 from rich.console import Console
 
-from multirod.cli import demo, tradeoff
+from multirod.cli import demo, prepare, tradeoff
 from multirod.cli.terminal import FULL_WIDTH
 
 INTERRUPTED = 130  # as a shell has it
@@ -16,10 +15,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
     parser = argparse.ArgumentParser(prog="multirod", description="Static equilibria of robots made of slender elastic rods.")
     commands = parser.add_subparsers(dest="command", required=True)
-    for command in (demo, tradeoff):
+    for command in (demo, tradeoff, prepare):
         command.add_parser(commands)
     options = parser.parse_args(arguments)
-    wp.config.log_level = wp.LOG_ERROR
     console = Console(highlight=False)
     if not console.is_terminal:
         console.width = FULL_WIDTH

@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from multirod.recording.figure import Plate
 from multirod.validation import FloatArray
@@ -57,6 +56,7 @@ def poses(position: FloatArray, rotation: FloatArray) -> tuple[Any, NDArray[np.b
     The viewer shows what has no pose at the origin: in such rows nothing may be left to show.
     """
     import rerun as rr
+    from scipy.spatial.transform import Rotation
 
     sound: NDArray[np.bool_] = np.isfinite(np.concatenate([position, rotation.reshape(-1, 9)], axis=1)).all(axis=1)
     quaternion = Rotation.from_matrix(rotation[sound]).as_quat() if sound.any() else np.zeros((0, 4))

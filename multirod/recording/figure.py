@@ -6,7 +6,6 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull
 
 from multirod.assembly import Assembly
 from multirod.models.backbone.problem import BackboneAssembly
@@ -118,6 +117,8 @@ def _plate(attachments: FloatArray, least: float) -> Plate:
 
     A disc about each attachment, square to its leg, gives points enough to fit a plane where attachments are on a line.
     """
+    from scipy.spatial import ConvexHull
+
     centre = attachments[:, :3, 3]
     margin = max(_MARGIN * float(np.linalg.norm(centre - centre.mean(axis=0), axis=1).max()), least)
     angle = 2 * np.pi * np.arange(_CORNERS) / _CORNERS

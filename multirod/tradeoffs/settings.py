@@ -3,8 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import MISSING, dataclass, fields, is_dataclass
-from importlib.metadata import EntryPoint, entry_points
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from multirod.assembly import Assembly
 from multirod.inputs import Inputs
@@ -14,6 +13,9 @@ from multirod.solvers.energy_descent import EnergyDescent
 from multirod.solvers.observer import COUPLINGS, Observer
 from multirod.solvers.scipy_shooting import METHODS, ScipyShooting
 from multirod.solvers.shooting import PREDICTORS, Shooting
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 PRECISIONS: tuple[dict[str, Any], ...] = ({}, {"precision": "float32"})  # options that every integrator of the grid is tried with
 OBSERVERS: dict[str, dict[str, Any]] = {
@@ -97,13 +99,15 @@ def grid(robot: Assembly, inputs: Inputs | None = None, *, tried: Sequence[Integ
 
 def registered() -> Iterator[tuple[str, Solver | str]]:
     """Solvers of others and those without forms of their own, by name, or why there is none."""
+    from importlib.metadata import entry_points
+
     for point in entry_points(group="multirod.solvers"):
         made = _made(point)
         if not isinstance(made, OWN):
             yield f"{point.name}, as registered", made
 
 
-def _made(point: EntryPoint) -> Solver | str:
+def _made(point: "EntryPoint") -> Solver | str:
     try:
         solver = point.load()()
     except Exception as error:  # noqa: BLE001  (of another package: whatever it is, the others go on)

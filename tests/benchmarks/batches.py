@@ -13,7 +13,6 @@ from time import perf_counter
 import concentric_tubes
 import numpy as np
 import parallel_rods
-import warp as wp
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 from single_rod import STEPS, c_loop
@@ -105,7 +104,6 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=7)
     parser.add_argument("--quick", action="store_true", help="leave the largest batches out")
     options = parser.parse_args()
-    wp.config.log_level = wp.LOG_ERROR
     cores = thread_count(None)
     robot = mr.SingleRod(wire())
 

@@ -12,7 +12,6 @@ from time import perf_counter, process_time
 from typing import Any
 
 import numpy as np
-import warp as wp
 from single_rod import c_loop
 
 import multirod as mr
@@ -106,7 +105,6 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=7)
     parser.add_argument("--batch", type=int, default=10_000)
     options = parser.parse_args()
-    wp.config.log_level = wp.LOG_ERROR
     newton, observer = mr.Shooting(integrator=INTEGRATOR), mr.Observer(R=120, Q=30, integrator=INTEGRATOR)
     force = {"tip_force": (0.0, 0.2, 0.1)}
     robot, rigid, one = tubes(), tubes(torsion=inf), tubes(1)

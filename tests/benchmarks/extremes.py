@@ -10,7 +10,6 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
-import warp as wp
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
@@ -139,7 +138,6 @@ def main() -> None:
     parser.add_argument("--references", type=int, default=4, help="follow the branch of every N-th anew; 0 for none")
     parser.add_argument("--slow", type=float, default=10.0, help="seconds from which a scene is named")
     options = parser.parse_args()
-    wp.config.log_level = wp.LOG_ERROR
     if options.scenes:
         random_scenes(options)
         return

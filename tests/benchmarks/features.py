@@ -15,7 +15,6 @@ from time import process_time
 from typing import Any
 
 import numpy as np
-import warp as wp
 
 import multirod as mr
 from multirod.models.backbone.problem import BackboneProblem
@@ -178,7 +177,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=9)
     options = parser.parse_args()
-    wp.config.log_level = wp.LOG_ERROR
     every = scenes()
     apart = {}
     for name, (least, more) in every.items():

@@ -7,7 +7,6 @@ import argparse
 from time import perf_counter
 
 import numpy as np
-import warp as wp
 
 import multirod as mr
 
@@ -22,7 +21,6 @@ def along_the_force(load: float) -> float:
 
 def main() -> None:
     argparse.ArgumentParser(description=__doc__).parse_args()
-    wp.config.quiet = True
     robot = mr.SingleRod(mr.Rod(length=LENGTH, bending_stiffness=STIFFNESS, torsional_stiffness=0.013))
     mr.solve(robot, robot.inputs(tip_force=(1, 0, 0)), solver=mr.MultipleShooting())
     print("| `F L^2/EI` | `Shooting` alone | integrations | `MultipleShooting` | integrations | segments | ms | error / L |")

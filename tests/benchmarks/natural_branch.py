@@ -14,7 +14,6 @@ from time import process_time
 from typing import Any
 
 import numpy as np
-import warp as wp
 
 import multirod as mr
 from multirod.problem import BoundaryProblem
@@ -270,7 +269,6 @@ def main() -> None:
     parser.add_argument("--kind", choices=tuple(KINDS), action="append")
     parser.add_argument("--list", action="store_true", help="name the scenes that are wrong, unstable or lost")
     options = parser.parse_args()
-    wp.config.log_level = wp.LOG_ERROR
     flags = ("reached", "wrong", "unstable", "lost", "undecided", "reference unstable")
     print("| tubes | scenes | " + " | ".join(flags) + " | integrations, mean | 99 % | µs a solve |")
     print("|" + "---|" * (len(flags) + 5))

@@ -13,7 +13,6 @@ import argparse
 from dataclasses import dataclass
 
 import numpy as np
-import warp as wp
 
 import multirod as mr
 
@@ -141,7 +140,6 @@ def main():
     parser.add_argument("--motions", type=int, default=48)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
-    wp.config.log_level = wp.LOG_ERROR
     header = (
         f"{'':36}{'hard passed':>11}{'easy passed':>13}{'easy, median':>14}{'wrong':>14}{'said':>8}{'cried wolf':>12}{'integr.':>9}\n"
         f"{'':36}{'':11}{'':13}{'error [mm]':>14}{'of samples':>14}{'so':>8}{'':12}{'a sample':>9}"

@@ -8,7 +8,6 @@ from collections.abc import Callable
 from time import perf_counter
 
 import numpy as np
-import warp as wp
 
 import multirod as mr
 
@@ -59,7 +58,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=7)
     options = parser.parse_args()
-    wp.config.log_level = wp.LOG_ERROR
     integrator = mr.RK4(STEPS)
     solvers: dict[str, mr.Solver] = {
         "Newton to 1e-9": mr.Shooting(integrator=integrator),

@@ -97,7 +97,6 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=9)
     parser.add_argument("--device", default="cpu", help="Warp device")
     options = parser.parse_args()
-    wp.config.log_level = wp.LOG_ERROR
     methods = {
         f"RK4({STEPS})": [mr.RK4(STEPS, precision=name) for name in PRECISIONS],
         "RK45(1e-6, 1e-7)": [mr.RK45(1e-6, 1e-7, precision=name) for name in PRECISIONS],

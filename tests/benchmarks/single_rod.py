@@ -82,7 +82,6 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=9)
     parser.add_argument("--device", default="cpu", help="Warp device of the batches")
     options = parser.parse_args()
-    wp.config.log_level = wp.LOG_ERROR
     integrator = mr.RK4(STEPS)
     runs: dict[str, Callable[[], float]] = {
         "Tracker.step, observer": tracker_step(mr.Observer(R=120, Q=30, integrator=integrator)),

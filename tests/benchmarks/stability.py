@@ -8,7 +8,6 @@ from collections.abc import Callable
 from time import perf_counter
 
 import numpy as np
-import warp as wp
 from numpy.typing import NDArray
 
 import multirod as mr
@@ -76,7 +75,6 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=7)
     parser.add_argument("--batch", type=int, default=1000)
     options = parser.parse_args()
-    wp.config.log_level = wp.LOG_ERROR
     print(f"Batch of {options.batch}; times a robot\n")
     print("| robot | integrator | solve: integrations | an integration [µs] | test: integrations | test [µs] | in integrations |")
     print("|---|---|---|---|---|---|---|")

@@ -13,8 +13,6 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-import warp as wp
-
 import multirod as mr
 from multirod.scenes import SCENES
 from multirod.tradeoffs import Measurement
@@ -107,7 +105,7 @@ def promise(name: str, measurement: Measurement, fresh: int, rates: list[float])
 def measure(name: str, solver: str) -> None:
     """Run a scene with a solver, given as Python, and print what it came to as JSON."""
     motion = SCENES[name]()
-    only = {"only": eval(solver, vars(mr))}
+    only = {"only": eval(solver, {name: getattr(mr, name) for name in mr.__all__})}
     measurement = Measurement(motion.robot, motion.inputs, time=motion.time, solvers=only)
     measurement.repeat("only")  # compiles
     row = measurement.repeat("only")
@@ -126,7 +124,6 @@ def main() -> None:
     parser.add_argument("--rate", type=float, action="append", metavar="HZ", help="to promise; repeatable, 1000 by default")
     parser.add_argument("--measure", nargs=2, metavar=("SCENE", "SOLVER"), help="only run this solver, and print JSON")
     options = parser.parse_args()
-    wp.config.log_level = wp.LOG_ERROR
     if options.measure:
         measure(*options.measure)
         return

@@ -1,0 +1,202 @@
+"""Kernels compiled in the background, several at a time, and what is said of it; Warp's own log is silent by default."""
+
+import multiprocessing
+import os
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from threading import Lock
+from typing import Any
+
+import warp as wp
+
+from multirod.batch import thread_count
+
+MOST_WORKERS = 8  # a compiler takes some 300 MB
+LOG = "MULTIROD_WARP_LOG"
+_LEVELS = {"debug": wp.LOG_DEBUG, "info": wp.LOG_INFO, "warning": wp.LOG_WARNING, "error": wp.LOG_ERROR}
+_NO_DRIVER = b"Could not find or load the NVIDIA CUDA driver"
+
+
+class CompileError(RuntimeError):
+    """Raised where a kernel could not be compiled."""
+
+
+class Compiler:
+    """Has Warp compile modules on threads of its own, each once: Clang holds neither the interpreter's lock nor one of its own.
+
+    Attributes:
+        kernels: Names of the modules that were asked for, a kernel each.
+        compiled: How many of them were not in Warp's cache.
+    """
+
+    def __init__(self) -> None:
+        self.forget()
+        self._listeners: list[Callable[[int], None]] = []
+        self._announced = False
+        self.kernels: set[str] = set()
+        self.compiled = 0
+
+    def forget(self) -> None:
+        """Begin anew, as a process must that was forked: its parent's threads are not there."""
+        self._lock = Lock()
+        self._known: dict[tuple[Any, str], Future[None] | None] = {}
+        self._pool: ThreadPoolExecutor | None = None
+
+    def request(self, module: Any, device: Any) -> "Future[None] | None":
+        """What to wait for until a module can be loaded; None where it can be now.
+
+        Raises:
+            CompileError: Where Warp compiles at once, on a GPU, and cannot.
+        """
+        with self._lock:
+            key = (module, device.alias)
+            future = self._known.get(key)
+            if key in self._known and (future is None or not future.done()):
+                return future
+            if future is not None and not future.cancelled() and future.exception() is None:
+                self._known[key] = None
+                return None
+            self.kernels.add(module.name)
+            if _is_kept(module, device):
+                self._known[key] = None
+                return None
+            self._announce()
+            self.compiled += 1
+            for listener in self._listeners:
+                listener(0)
+            if not device.is_cpu:
+                # a CUDA context belongs to a thread
+                self._known[key] = None
+                _load(module, device)
+                return None
+            if self._pool is None:
+                self._pool = ThreadPoolExecutor(min(thread_count(None), MOST_WORKERS), "multirod-compiler")
+            future = self._known[key] = self._pool.submit(_load, module, device)
+            future.add_done_callback(self._tell)
+            return future
+
+    def wait(self, future: "Future[None]") -> None:
+        """Wait for what ``request`` returned.
+
+        Raises:
+            CompileError: If it could not be compiled.
+        """
+        try:
+            future.result()
+        except KeyboardInterrupt:
+            # what has not begun would keep the interpreter from ending
+            with self._lock:
+                waiting = [other for other in self._known.values() if other is not None]
+            for other in waiting:
+                other.cancel()
+            raise
+
+    @contextmanager
+    def listening(self, listener: Callable[[int], None]) -> Iterator[None]:
+        """Within it, ``listener(0)`` is called as a kernel begins to be compiled, ``listener(1)`` as it is; on any thread."""
+        self._listeners.append(listener)
+        try:
+            yield
+        finally:
+            self._listeners.remove(listener)
+
+    def _tell(self, future: "Future[None]") -> None:
+        for listener in tuple(self._listeners):
+            listener(1)
+
+    def _announce(self) -> None:
+        """Say, once a process, why the first call takes long; a pool's processes leave it to the one that has them."""
+        if self._announced or sys.stderr is None or multiprocessing.parent_process() is not None:
+            return
+        self._announced = True
+        print(f"multirod: compiling kernels for this scene (some seconds, once; kept in {cache()})", file=sys.stderr, flush=True)
+
+
+def cache() -> str:
+    """Where Warp keeps what it compiled, as a person writes it."""
+    start_warp()
+    path = Path(str(wp.config.kernel_cache_dir))
+    with suppress(ValueError, RuntimeError):
+        return str(Path("~") / path.relative_to(Path.home()))
+    return str(path)
+
+
+def _load(module: Any, device: Any) -> None:
+    try:
+        wp.force_load(device, [module], max_workers=0)
+    except Exception as error:
+        raise CompileError(f"the kernel {module.name} could not be compiled into {cache()}: {error}") from error
+
+
+def _is_kept(module: Any, device: Any) -> bool:
+    """Whether Warp's cache has a module, of the name that ``Module.load`` looks for; Warp has no public way to ask."""
+    if not wp.config.cache_kernels:
+        return False
+    block_dim = 1 if device.is_cpu else module.options["block_dim"]  # as launches have it by default
+    folder = Path(str(wp.config.kernel_cache_dir)) / module.get_module_identifier(block_dim)
+    names = (module._get_compile_output_name(device, block_dim=block_dim), module._get_meta_name(block_dim))
+    return all((folder / name).exists() for name in names)
+
+
+def _quieten() -> None:
+    """Leave Warp's log at warnings, where nobody has chosen a level."""
+    level = os.environ.get(LOG, "")
+    if level:
+        if level.lower() not in _LEVELS:
+            raise ValueError(f"{LOG} = {level!r} is not allowed: must be one of {', '.join(_LEVELS)}")
+        wp.config.log_level = _LEVELS[level.lower()]
+    elif wp.config.log_level == wp.LOG_INFO and not hasattr(wp.config, "verbose") and not hasattr(wp.config, "quiet"):
+        wp.config.log_level = wp.LOG_WARNING
+
+
+_started = False
+_starting = Lock()
+
+
+def start_warp() -> None:
+    """Initialise Warp, without the line by which its C library says that there is no GPU driver."""
+    global _started
+    with _starting:
+        if _started:
+            return
+        if wp.config.log_level < wp.LOG_WARNING:
+            wp.init()
+        else:
+            with _without_driver_note():
+                wp.init()
+        _started = True
+
+
+@contextmanager
+def _without_driver_note() -> Iterator[None]:
+    """Within it, the process's error stream goes to a file, and from there, less that line, to where it went."""
+    try:
+        kept = os.dup(2)
+    except OSError:  # there is none
+        yield
+        return
+    with tempfile.TemporaryFile() as file:
+        if sys.stderr is not None:
+            sys.stderr.flush()
+        os.dup2(file.fileno(), 2)
+        try:
+            yield
+        finally:
+            if sys.stderr is not None:
+                sys.stderr.flush()
+            os.dup2(kept, 2)
+            os.close(kept)
+            file.seek(0)
+            others = [line for line in file if _NO_DRIVER not in line]
+            if others:
+                os.write(2, b"".join(others))
+
+
+_quieten()
+COMPILER = Compiler()
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=COMPILER.forget)
