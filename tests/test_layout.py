@@ -69,7 +69,7 @@ def test_a_solve_loads_no_more_than_it_needs():
 import sys
 import multirod as mr
 robot = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638))
-mr.solve(robot, robot.inputs(tip_force=(1, 0, 0)))
+mr.solve(robot, robot.inputs(tip_force=(1, 0, 0)), progress=False)
 print([m for m in ("scipy", "rerun", "rich", "matplotlib", "multirod.recording", "multirod.sweeps") if m in sys.modules])
 """
     assert programs.run("-c", code, check=True).stdout.strip() == "[]"
