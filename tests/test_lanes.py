@@ -6,6 +6,8 @@ import warp as wp
 
 import multirod as mr
 from multirod.models.backbone import passes
+from multirod.models.backbone.features import Features
+from multirod.models.backbone.kernels.integrate import make_kernel
 from multirod.models.backbone.kernels.lanes import lanes
 
 RK4, RK45 = mr.RK4(20), mr.RK45()
@@ -104,3 +106,25 @@ def test_step_factors_are_roots(scalar, width, order):
     out = wp.zeros(64, dtype=scalar, device="cpu")
     wp.launch(take, 64 // width, inputs=[wp.array(x, dtype=scalar, device="cpu"), out], device="cpu")
     np.testing.assert_allclose(out.numpy(), x ** (-1 / order), rtol=2e-3)
+
+
+def test_a_gpu_can_run_the_same_source(tmp_path):
+    """One lane a thread: compiled to PTX, which takes no GPU, with every term that several rods can have."""
+    features = Features(
+        rod_count=3,
+        precurvature_degree=1,
+        profile_degree=1,
+        force=True,
+        tip_moment=True,
+        distributed_moment=True,
+        follower_force=True,
+        follower_moment=True,
+        torsion=True,
+        anisotropic=True,
+        transmission=True,
+        directions=True,
+        pose_sensitivities=True,
+    )
+    module = make_kernel(features, RK4.tableau, "float64", 1).module
+    wp.compile_aot_module(module, device=None, arch=80, module_dir=str(tmp_path), use_ptx=True)
+    assert [file.suffix for file in tmp_path.iterdir()].count(".ptx") == 1
