@@ -354,7 +354,7 @@ def test_an_assembly_without_shapes_has_the_other_errors(monkeypatch):
     def shapes(self, node_count):
         raise NotImplementedError
 
-    monkeypatch.setattr("multirod.models.backbone.BackboneProblem.shapes", shapes)
+    monkeypatch.setattr("multirod.models.backbone.problem.BackboneProblem.shapes", shapes)
     row = measure({"Newton, fine": SOLVERS["Newton, fine"]}).rows[0]
     assert 0 < row.position < 1e-5
     assert np.isnan(row.shape)
