@@ -8,11 +8,10 @@ import warp as wp
 
 from multirod.launch import record
 from multirod.models.backbone.features import Features
-from multirod.models.backbone.kernels.integrate import make_kernel
+from multirod.models.backbone.kernels.integrate import SCALARS, make_kernel
 from multirod.models.backbone.kernels.layout import LANE_SIZE, Call, Layout
 from multirod.models.integrators import Integrator
 
-SCALARS = {"float64": wp.float64, "float32": wp.float32}
 WIDTH = {"float64": 4, "float32": 8}  # lanes on a processor
 CHUNK = 256  # instances of a thread: its lanes, refilled, stay busy
 BASE_COST = 2.0  # of the state, in columns

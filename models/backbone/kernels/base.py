@@ -280,11 +280,9 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
     return SimpleNamespace(
         State=State,
         Column=Column,
-        Base=Base,
         make_base_of=make_base_of,
         base_force=base_force,
         base_state=base_state,
         base_column=base_column,
         unknown_unit=unknown_unit,
-        base_moment=base_moment,
     )

@@ -463,7 +463,6 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         find_end(rods, call, case, p)
         start = call.lane[p, START]
         z = o + wp.static(Z)
-        set_number(memory, z + wp.static(z_at("start")), l, f64(0.0))
         load_sections(rods, call, case, memory, o, l, start)
         if wp.static(WORLD_FORCE):
             n0 = wp.vec3d(call.lane[p, FORCE], call.lane[p, wp.static(FORCE + 1)], call.lane[p, wp.static(FORCE + 2)])

@@ -84,6 +84,8 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
     ACTIVE, COUNT, REJECTED, LONGEST, CONTROLLED = s["active"], s["count"], s["rejected"], s["longest"], s["controlled"]
     Z, COLUMNS, COLUMN_SIZE, GIVEN = memory.STRETCH, memory.COLUMNS, memory.COLUMN_SIZE, layout.column.size
     GIVEN_FORCE_AT = g["force"]
+    PLACE, CURVATURE_AT, MOMENT_AT = memory.PLACES, layout.place["curvature"], layout.place["moment"]
+    COMPLIANCE_AT = layout.stretch["compliance"]
 
     @wp.func
     def first_column(call: Call, job: int) -> int:
@@ -231,37 +233,156 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
         there = call.lane[p, JOB] >= f64(0.0) and call.lane[p, START] == f64(0.0) and call.lane[p, OUTPUT] == f64(0.0)
         return there and get_lane(memory, o + wp.static(X), l) == d(0.0)
 
+    @wp.func
+    def force_at(call: Call, p: int) -> wp.vec3d:
+        """(3a) n where a lane stands."""
+        return wp.vec3d(call.lane[p, FORCE], call.lane[p, wp.static(FORCE + 1)], call.lane[p, wp.static(FORCE + 2)])
+
+    @wp.func
+    def precurvature_here(case: Instance, memory: memory_type, o: int, l: int) -> wp.vec3d:
+        """u* of the one rod where a lane stands, as (12) needs it; else zero."""
+        u_star = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
+        if wp.static(features.measured):
+            for j in range(3):
+                u = f64(get_lane(memory, o + wp.static(PLACE + CURVATURE_AT) + j, l))
+                K = f64(get_lane(memory, o + wp.static(Z + COMPLIANCE_AT) + j, l))
+                M = f64(get_lane(memory, o + wp.static(PLACE + MOMENT_AT) + j, l))
+                u_star[j] = (u - K * M) / case.unit
+        return u_star
+
+    @wp.func
+    def step_count(memory: memory_type, o: int, l: int) -> int:
+        return int(get_lane(memory, o + wp.static(COUNT), l))
+
     own = SimpleNamespace(
-        layout=layout, memory=memory, memory_type=memory_type, first_column=first_column, column_count=column_count, begin=begin,
-        onto_stretch=onto_stretch, at_end=at_end, wait=wait, free=free, some_at_end=some_at_end, is_at_end=is_at_end, advance=advance,
-        at_base=at_base, place_here=place_here, get_lane=get_lane, count_at=COUNT, adaptive=ADAPTIVE,
+        layout=layout, memory=memory, memory_type=memory_type, lanes=W, first_column=first_column, column_count=column_count,
+        begin=begin, onto_stretch=onto_stretch, at_end=at_end, wait=wait, free=free, some_at_end=some_at_end, is_at_end=is_at_end,
+        advance=advance, at_base=at_base, place_here=place_here, force_at=force_at, precurvature_here=precurvature_here,
+        step_count=step_count,
     )  # fmt: skip
     return SimpleNamespace(own=own, grid=grid, base=base, tip=tip, nodes=nodes, record=record)
+
+
+def make_carry(parts: SimpleNamespace, features: Features, jobs: SimpleNamespace):
+    """The function with which a thread carries its share of jobs: ``(rods, call, jobs, memory, thread)``.
+
+    Args:
+        parts: Of the kernel.
+        features: Its terms.
+        jobs: What a job is: ``Jobs``, the type of the argument that lists what there is to do, and functions of it: how many there are
+            (``count``), whether one is ``wanted``, the instance of one (``instance_of``), a lane at its beginning (``enter``), on to
+            its next stretch (``go_on``), and at its end (``finish``).
+    """
+    own, grid = parts.own, parts.grid
+    memory, memory_type, W = own.memory, own.memory_type, own.lanes
+    at_end, wait, free, some_at_end, is_at_end = own.at_end, own.wait, own.free, own.some_at_end, own.is_at_end
+    advance, at_base, place_here, load_instance = own.advance, own.at_base, own.place_here, grid.load_instance
+    write_node, state_in = parts.nodes.write_node, parts.record.state_in
+    Jobs, count, wanted, instance_of = jobs.Jobs, jobs.count, jobs.wanted, jobs.instance_of
+    enter, go_on, finish = jobs.enter, jobs.go_on, jobs.finish
+    NODES, MEASURED = own.layout.NODES, features.measured
+    COLUMNS, COLUMN_SIZE = memory.COLUMNS, memory.COLUMN_SIZE
+
+    @wp.func
+    def attend(
+        rods: RodTable, call: Call, jobs: Jobs, memory: memory_type, o: int, l: int, p: int, coming: int, stop: int
+    ) -> int:
+        """A lane that is at the end of a stretch, or free, goes on to its next stretch or job. Returns the next job."""
+        job = int(call.lane[p, JOB])
+        following = coming + int(0)
+        fresh = int(0)
+        while fresh < 2:
+            if job < 0:
+                while following < stop and not wanted(call, jobs, wp.min(following, stop - 1) // call.parts):
+                    following += int(1)
+                if following < stop:
+                    job = following
+                    following += int(1)
+                    fresh = int(1)
+                else:
+                    fresh = int(3)
+            if job >= 0:
+                case = load_instance(rods, call, instance_of(call, jobs, job // call.parts))
+                if fresh == 1:
+                    enter(rods, call, jobs, case, memory, o, l, p, job)
+                else:
+                    s = call.lane[p, START]
+                    if call.lane[p, FAULT] == f64(0.0):
+                        at_end(rods, call, case, memory, o, l, p, job)
+                    if call.lane[p, START] >= call.lane[p, STOP] or call.lane[p, FAULT] != f64(0.0):
+                        finish(rods, call, jobs, case, memory, o, l, p, job, s)
+                        job = -1
+                if job >= 0:
+                    go_on(rods, call, jobs, case, memory, o, l, p, job)
+                    fresh = int(2)
+        if job < 0:
+            wait(memory, o, l)
+        call.lane[p, JOB] = f64(job)
+        return following
+
+    @wp.func
+    def carry(rods: RodTable, call: Call, jobs: Jobs, memory: memory_type, thread: int):
+        """All lanes of a thread, stretch by stretch, until no job is left."""
+        coming = thread * call.chunk
+        stop = wp.min(coming + call.chunk, count(call, jobs) * call.parts)
+        p = thread * wp.static(W)
+        o = thread * (wp.static(COLUMNS) + call.part_columns * wp.static(COLUMN_SIZE))
+        for l in range(wp.static(W)):
+            free(call, memory, o, l, p + l)
+        busy = int(1)
+        while busy == 1:
+            if some_at_end(memory, o):
+                if wp.static(NODES or MEASURED):
+                    place_here(memory, o)
+                busy = int(0)
+                for l in range(wp.static(W)):
+                    if is_at_end(memory, o, l):
+                        coming = attend(rods, call, jobs, memory, o, l, p + l, coming, stop)
+                    if call.lane[p + l, JOB] >= f64(0.0):
+                        busy = int(1)
+                if wp.static(NODES):
+                    place_here(memory, o)
+                    for l in range(wp.static(W)):
+                        if at_base(call, memory, o, l, p + l):
+                            job = int(call.lane[p + l, JOB])
+                            case = load_instance(rods, call, instance_of(call, jobs, job // call.parts))
+                            write_node(rods, call, case, memory, o, l, state_in(case, memory, o, l), 0, f64(0.0), f64(0.0))
+            if busy == 1:
+                advance(call, memory, o, p)
+
+    return carry
 
 
 @cache
 def make_kernel(features: Features, tableau: Tableau, precision: str = "float64", W: int = 8):
     """Kernel for one set of features, one integrator and W lanes; arguments ``(RodTable, Call, memory)``, see ``Memory``."""
     parts = make_parts(features, tableau, precision, W)
-    own, grid, base, tip, nodes, record = parts.own, parts.grid, parts.base, parts.tip, parts.nodes, parts.record
-    layout, memory, memory_type = own.layout, own.memory, own.memory_type
+    own, base, tip, nodes, record = parts.own, parts.base, parts.tip, parts.nodes, parts.record
+    memory_type = own.memory_type
     first_column, column_count, begin, onto_stretch = own.first_column, own.column_count, own.begin, own.onto_stretch
-    at_end, wait, free, some_at_end, is_at_end = own.at_end, own.wait, own.free, own.some_at_end, own.is_at_end
-    advance, at_base, place_here, get_lane = own.advance, own.at_base, own.place_here, own.get_lane
-    load_instance = grid.load_instance
+    force_at, precurvature_here, step_count = own.force_at, own.precurvature_here, own.step_count
     make_base_of, base_force, base_state, base_column = base.make_base_of, base.base_force, base.base_state, base.base_column
     write_tip, write_tip_column = tip.write_tip, tip.write_tip_column
     write_pose, write_pose_column = tip.write_pose, tip.write_pose_column
-    write_node, write_momenta = nodes.write_node, nodes.write_tip_column
+    write_momenta = nodes.write_tip_column
     state_in, column_in, force_column_in = record.state_in, record.column_in, record.force_column_in
     put_state, put_column = record.put_state, record.put_column
-    NODES, NODE_COLUMNS, MEASURED = layout.NODES, features.node_columns, features.measured
-    COUNT, Z, PLACE = own.count_at, memory.STRETCH, memory.PLACES
-    CURVATURE_AT, MOMENT_AT, COMPLIANCE_AT = layout.place["curvature"], layout.place["moment"], layout.stretch["compliance"]
-    COLUMNS, COLUMN_SIZE = memory.COLUMNS, memory.COLUMN_SIZE
+    NODE_COLUMNS = features.node_columns
 
     @wp.func
-    def from_base(rods: RodTable, call: Call, case: Instance, memory: memory_type, o: int, l: int, p: int, job: int):
+    def count(call: Call, jobs: Call) -> int:
+        return call.order.shape[0]
+
+    @wp.func
+    def wanted(call: Call, jobs: Call, t: int) -> bool:
+        return call.active[call.order[t]] != 0
+
+    @wp.func
+    def instance_of(call: Call, jobs: Call, t: int) -> int:
+        return call.order[t]
+
+    @wp.func
+    def enter(rods: RodTable, call: Call, jobs: Call, case: Instance, memory: memory_type, o: int, l: int, p: int, job: int):
         """A lane at the base of its instance."""
         b = make_base_of(rods, call, case)
         n0 = base_force(rods, call, case, b.q)
@@ -273,24 +394,23 @@ def make_kernel(features: Features, tableau: Tableau, precision: str = "float64"
         begin(call, case, memory, o, l, p, f64(0.0), case.length, n0)
 
     @wp.func
-    def finish(rods: RodTable, call: Call, case: Instance, memory: memory_type, o: int, l: int, p: int, job: int, s: f64):
+    def go_on(rods: RodTable, call: Call, jobs: Call, case: Instance, memory: memory_type, o: int, l: int, p: int, job: int):
+        onto_stretch(rods, call, case, memory, o, l, p, job, call.steps, call.step_multiple, case.length)
+
+    @wp.func
+    def finish(
+        rods: RodTable, call: Call, jobs: Call, case: Instance, memory: memory_type, o: int, l: int, p: int, job: int, s: f64
+    ):
         """What a lane has found at the tip; its last stretch began at s."""
         t = case.index
         y = state_in(case, memory, o, l)
-        n_tip = wp.vec3d(call.lane[p, FORCE], call.lane[p, wp.static(FORCE + 1)], call.lane[p, wp.static(FORCE + 2)])
+        n_tip = force_at(call, p)
         total = f64(0.0)
         if job % call.parts == 0:
-            u_star = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
-            if wp.static(MEASURED):
-                for j in range(3):
-                    u = f64(get_lane(memory, o + wp.static(PLACE + CURVATURE_AT) + j, l))
-                    K = f64(get_lane(memory, o + wp.static(Z + COMPLIANCE_AT) + j, l))
-                    M = f64(get_lane(memory, o + wp.static(PLACE + MOMENT_AT) + j, l))
-                    u_star[j] = (u - K * M) / case.unit
-            total += write_tip(rods, call, case, y, s, n_tip, u_star)
+            total += write_tip(rods, call, case, y, s, n_tip, precurvature_here(case, memory, o, l))
             write_pose(call, case, y)
             call.fault[t] = int(call.lane[p, FAULT])
-            call.step_count[t] = int(get_lane(memory, o + wp.static(COUNT), l))
+            call.step_count[t] = step_count(memory, o, l)
         first = first_column(call, job)
         for c in range(column_count(call, job)):
             v = column_in(case, memory, o, l, c)
@@ -302,71 +422,14 @@ def make_kernel(features: Features, tableau: Tableau, precision: str = "float64"
         if not wp.isfinite(total):
             call.fault[t] = wp.static(FAULT_NONFINITE)
 
-    @wp.func
-    def attend(rods: RodTable, call: Call, memory: memory_type, o: int, l: int, p: int, coming: int, stop: int) -> int:
-        """A lane that is at the end of a stretch, or free, goes on to its next stretch or job. Returns the next job."""
-        job = int(call.lane[p, JOB])
-        following = coming + int(0)
-        fresh = int(0)
-        while fresh < 2:
-            if job < 0:
-                while following < stop and call.active[call.order[wp.min(following, stop - 1) // call.parts]] == 0:
-                    following += int(1)
-                if following < stop:
-                    job = following
-                    following += int(1)
-                    fresh = int(1)
-                else:
-                    fresh = int(3)
-            if job >= 0:
-                case = load_instance(rods, call, call.order[job // call.parts])
-                go_on = int(1)
-                if fresh == 1:
-                    from_base(rods, call, case, memory, o, l, p, job)
-                else:
-                    s = call.lane[p, START]
-                    if call.lane[p, FAULT] == f64(0.0):
-                        at_end(rods, call, case, memory, o, l, p, job)
-                    if call.lane[p, START] >= call.lane[p, STOP] or call.lane[p, FAULT] != f64(0.0):
-                        finish(rods, call, case, memory, o, l, p, job, s)
-                        job = -1
-                        go_on = int(0)
-                if go_on == 1:
-                    onto_stretch(rods, call, case, memory, o, l, p, job, call.steps, call.step_multiple, case.length)
-                    fresh = int(2)
-        if job < 0:
-            wait(memory, o, l)
-        call.lane[p, JOB] = f64(job)
-        return following
+    jobs = SimpleNamespace(
+        Jobs=Call, count=count, wanted=wanted, instance_of=instance_of, enter=enter, go_on=go_on, finish=finish
+    )
+    carry = make_carry(parts, features, jobs)
 
     @wp.kernel(module="unique", enable_backward=False)
     def integrate(rods: RodTable, call: Call, memory: memory_type):
         """From the base to the tip, stretch by stretch; then the residual."""
-        thread = wp.tid()
-        coming = thread * call.chunk
-        stop = wp.min(coming + call.chunk, call.order.shape[0] * call.parts)
-        p = thread * wp.static(W)
-        o = thread * (wp.static(COLUMNS) + call.part_columns * wp.static(COLUMN_SIZE))
-        for l in range(wp.static(W)):
-            free(call, memory, o, l, p + l)
-        go_on = int(1)
-        while go_on == 1:
-            if some_at_end(memory, o):
-                if wp.static(NODES or MEASURED):
-                    place_here(memory, o)
-                go_on = int(0)
-                for l in range(wp.static(W)):
-                    if is_at_end(memory, o, l):
-                        coming = attend(rods, call, memory, o, l, p + l, coming, stop)
-                    if call.lane[p + l, JOB] >= f64(0.0):
-                        go_on = int(1)
-                if wp.static(NODES):
-                    place_here(memory, o)
-                    for l in range(wp.static(W)):
-                        if at_base(call, memory, o, l, p + l):
-                            case = load_instance(rods, call, call.order[int(call.lane[p + l, JOB]) // call.parts])
-                            write_node(rods, call, case, memory, o, l, state_in(case, memory, o, l), 0, f64(0.0), f64(0.0))
-            if go_on == 1:
-                advance(call, memory, o, p)
+        carry(rods, call, call, memory, wp.tid())
 
     return integrate

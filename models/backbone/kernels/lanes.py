@@ -192,9 +192,6 @@ def lanes(W: int, d=wp.float64) -> SimpleNamespace:
         @wp.func_native(f"{V} ((V*)a.{inside})[i] = {v_};")
         def keep(a: wp.ref[Few], i: int, v: Real): ...
 
-        @wp.func_native(f"{F} {each} o[i] = {of('a')}[i] + {h_} * {of('b')}[i]; return r;")
-        def ahead(a: Few, h: Real, b: Few) -> Few: ...
-
         @wp.func_native(f"{F} {each} o[i] = {x_} < {y_} ? {of('a')}[i] : {of('b')}[i]; return r;")
         def where_less(x: Real, y: Real, a: Few, b: Few) -> Few: ...
 
@@ -204,7 +201,7 @@ def lanes(W: int, d=wp.float64) -> SimpleNamespace:
         @wp.func_native(f"{V} {each} *(V*)(memory.data + (at + i) * {W}) = {of('a')}[i];")
         def write(memory: memory_type, at: int, a: Few): ...
 
-        return SimpleNamespace(type=Few, part=part, keep=keep, ahead=ahead, where_less=where_less, read=read, write=write)
+        return SimpleNamespace(type=Few, part=part, keep=keep, where_less=where_less, read=read, write=write)
 
     @cache
     def slopes(n: int, tableau) -> SimpleNamespace:

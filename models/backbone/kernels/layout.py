@@ -217,7 +217,6 @@ class Layout:
         several = n > 1
         self.stretch = Record(
             [
-                Slot("start", 1, "length"),
                 Slot("present", n * several),  # 1 if the rod reaches this far, else 0
                 Slot("bending", n * several, "stiffness"),  # EI_x, zero where it has ended
                 Slot("bending_y", n * f.anisotropic, "stiffness"),

@@ -21,7 +21,7 @@ def make_loads(layout: Layout, W: int, d) -> SimpleNamespace:
     Vec3, row3, zero3, plus, minus, scaled, ahead3 = V.Vec3, V.row3, V.zero3, V.plus, V.minus, V.scaled, V.ahead3
     memory_type = wp.array(dtype=d)
     s, given = layout.stretch, layout.given
-    START, FORCE, SPREAD, MOMENT = s["start"], s["force"], s["distributed_force"], s["distributed_moment"]
+    FORCE, SPREAD, MOMENT = s["force"], s["distributed_force"], s["distributed_moment"]
     PROFILE_FORCE, PROFILE_MOMENT, CENTRE, SLOPE = (
         s["profile_force"],
         s["profile_moment"],
@@ -36,7 +36,7 @@ def make_loads(layout: Layout, W: int, d) -> SimpleNamespace:
     @wp.func
     def coordinate(memory: memory_type, z: int, x: Real) -> Real:
         """-1 to 1 on the piece of the load profiles"""
-        return (row(memory, z + wp.static(START)) + x - row(memory, z + wp.static(CENTRE))) * row(memory, z + wp.static(SLOPE))
+        return (x - row(memory, z + wp.static(CENTRE))) * row(memory, z + wp.static(SLOPE))
 
     @wp.func
     def profile(memory: memory_type, z: int, first: int, x: Real) -> Vec3:

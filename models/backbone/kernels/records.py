@@ -21,37 +21,27 @@ def make_records(layout: Layout, memory: Memory, base: SimpleNamespace, grid: Si
     SINGLE, GIVEN_FORCE = d is wp.float32, layout.GIVEN_FORCE
     STATE, COLUMNS, COLUMN_SIZE, GIVEN = memory.STATE, memory.COLUMNS, memory.COLUMN_SIZE, layout.column.size
     UNIT, GIVEN_FORCE_AT = layout.given["unit"], layout.given["force"]
-    STATE_UNITS, COLUMN_UNITS = layout.state.units(), layout.column.units()
 
-    @wp.func
-    def state_unit(case: Instance, j: int) -> f64:
-        """What number j of the state is counted in."""
-        unit = f64(1.0)
-        if wp.static(SINGLE):
-            for k in range(wp.static(len(STATE_UNITS))):
-                if j == k:
-                    if wp.static(STATE_UNITS[k] == "moment"):
-                        unit = case.moment
-                    if wp.static(STATE_UNITS[k] == "force"):
-                        unit = case.force
-                    if wp.static(STATE_UNITS[k] == "length"):
-                        unit = case.unit
-        return unit
+    def make_unit(units: list[str]):
+        """What number j of a record is counted in; of a column, its own unit aside."""
 
-    @wp.func
-    def column_unit(case: Instance, j: int) -> f64:
-        """What number j of a column is counted in, its own unit aside."""
-        unit = f64(1.0)
-        if wp.static(SINGLE):
-            for k in range(wp.static(len(COLUMN_UNITS))):
-                if j == k:
-                    if wp.static(COLUMN_UNITS[k] == "moment"):
-                        unit = case.moment
-                    if wp.static(COLUMN_UNITS[k] == "force"):
-                        unit = case.force
-                    if wp.static(COLUMN_UNITS[k] == "length"):
-                        unit = case.unit
-        return unit
+        @wp.func
+        def unit_of(case: Instance, j: int) -> f64:
+            unit = f64(1.0)
+            if wp.static(SINGLE):
+                for k in range(wp.static(len(units))):
+                    if j == k:
+                        if wp.static(units[k] == "moment"):
+                            unit = case.moment
+                        if wp.static(units[k] == "force"):
+                            unit = case.force
+                        if wp.static(units[k] == "length"):
+                            unit = case.unit
+            return unit
+
+        return unit_of
+
+    state_unit, column_unit = make_unit(layout.state.units()), make_unit(layout.column.units())
 
     @wp.func
     def state_in(case: Instance, memory: memory_type, o: int, l: int) -> State:

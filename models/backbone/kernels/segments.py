@@ -8,19 +8,20 @@ rotation over the rod's length, then, where something follows the tip, the base 
 
 from dataclasses import dataclass
 from functools import cache
+from types import SimpleNamespace
 
 import warp as wp
 
 from multirod.models.backbone.features import Features
 from multirod.models.backbone.kernels.grid import Instance
-from multirod.models.backbone.kernels.integrate import make_parts
-from multirod.models.backbone.kernels.layout import FAULT, FAULT_NONFINITE, FORCE, JOB, OUTPUT, START, STOP, Call, RodTable
+from multirod.models.backbone.kernels.integrate import make_carry, make_parts
+from multirod.models.backbone.kernels.layout import FAULT, FAULT_NONFINITE, OUTPUT, STOP, Call, RodTable
 from multirod.models.backbone.kernels.scalars import axes_rotation, body_rotation, rotate, rotate_inverse
 from multirod.models.integrators import Tableau
 
 f64 = wp.float64
 
-MOMENT_AT, ROTATION_AT, POSITION_AT, STATE_SIZE = 0, 3, 7, 10  # M, q, p in a segment's state
+ROTATION_AT, POSITION_AT, STATE_SIZE = 3, 7, 10  # M, q, p in a segment's state
 BASE_FORCE_AT = 6  # of the variations
 
 
@@ -55,30 +56,35 @@ class SegmentCall:
 def make_segment_kernel(features: SegmentFeatures, tableau: Tableau, W: int = 8):
     """Kernel for one set of features and one integrator; arguments ``(RodTable, Call, memory, SegmentCall)``."""
     parts = make_parts(features, tableau, "float64", W)
-    own, grid, base, tip, nodes, record = parts.own, parts.grid, parts.base, parts.tip, parts.nodes, parts.record
-    layout, memory, memory_type = own.layout, own.memory, own.memory_type
+    own, grid, base, tip, record = parts.own, parts.grid, parts.base, parts.tip, parts.record
+    layout, memory_type = own.layout, own.memory_type
     first_column, column_count, begin, onto_stretch = own.first_column, own.column_count, own.begin, own.onto_stretch
-    at_end, wait, free, some_at_end, is_at_end = own.at_end, own.wait, own.free, own.some_at_end, own.is_at_end
-    advance, at_base, place_here = own.advance, own.at_base, own.place_here
-    load_instance, load_until, load_rate_until = grid.load_instance, grid.load_until, grid.load_rate_until
-    output_arclength = grid.output_arclength
+    force_at, precurvature_here = own.force_at, own.precurvature_here
+    load_until, load_rate_until, output_arclength = grid.load_until, grid.load_rate_until, grid.output_arclength
     make_base_of, base_force, base_state, base_column = base.make_base_of, base.base_force, base.base_state, base.base_column
     unknown_unit = base.unknown_unit
     write_tip, write_tip_column = tip.write_tip, tip.write_tip_column
     frame, frame_column = tip.frame, tip.frame_column
     body_moment, body_moment_column = tip.body_moment, tip.body_moment_column
-    write_node = nodes.write_node
     state_in, column_in, force_column_in = record.state_in, record.column_in, record.force_column_in
     put_state, put_column = record.put_state, record.put_column
     State, Column = base.State, base.Column
-    NODES, FIXED, FORCE_ACTS, MEASURED = layout.NODES, layout.FIXED, layout.FORCE, features.measured
+    NODES, FIXED, FORCE_ACTS = layout.NODES, layout.FIXED, layout.FORCE
     s_, c_ = layout.state, layout.column
     Q_AT, P_AT, N_AT, ENERGY_AT, WORK_AT = s_["frame"], s_["position"], s_["force"], s_["energy"], s_["work"]
     DQ_AT, DP_AT, FORCE_STATE, COLUMN_FRAME = c_["frame"], c_["position"], layout.FORCE_STATE, layout.COLUMN_FRAME
-    COLUMNS, COLUMN_SIZE = memory.COLUMNS, memory.COLUMN_SIZE
-    CURVATURE_AT, PLACE_MOMENT_AT = layout.place["curvature"], layout.place["moment"]
-    COMPLIANCE_AT, PLACE, Z = layout.stretch["compliance"], memory.PLACES, memory.STRETCH
-    get_lane = own.get_lane
+
+    @wp.func
+    def count(call: Call, seg: SegmentCall) -> int:
+        return seg.instance.shape[0]
+
+    @wp.func
+    def wanted(call: Call, seg: SegmentCall, t: int) -> bool:
+        return True
+
+    @wp.func
+    def instance_of(call: Call, seg: SegmentCall, t: int) -> int:
+        return seg.instance[t]
 
     @wp.func
     def given_state(seg: SegmentCall, t: int, known: State, n0: wp.vec3d) -> State:
@@ -131,19 +137,11 @@ def make_segment_kernel(features: SegmentFeatures, tableau: Tableau, W: int = 8)
         return v
 
     @wp.func
-    def from_state(
-        rods: RodTable,
-        call: Call,
-        seg: SegmentCall,
-        case: Instance,
-        memory: memory_type,
-        o: int,
-        l: int,
-        p: int,
-        job: int,
-        t: int,
+    def enter(
+        rods: RodTable, call: Call, seg: SegmentCall, case: Instance, memory: memory_type, o: int, l: int, p: int, job: int
     ):
         """A lane where its segment begins."""
+        t = job // call.parts
         start = seg.start[t]
         b = make_base_of(rods, call, case)
         n0 = base_force(rods, call, case, b.q)
@@ -186,6 +184,21 @@ def make_segment_kernel(features: SegmentFeatures, tableau: Tableau, W: int = 8)
             call.lane[p, OUTPUT] = f64(output)
 
     @wp.func
+    def go_on(
+        rods: RodTable, call: Call, seg: SegmentCall, case: Instance, memory: memory_type, o: int, l: int, p: int, job: int
+    ):
+        """On to the next stretch, by the segment's own equal steps or as in a whole rod."""
+        t = job // call.parts
+        steps = f64(seg.steps[t])
+        multiple = f64(1.0)
+        over = call.lane[p, STOP] - seg.start[t]
+        if steps == f64(0.0):
+            steps = call.steps
+            multiple = call.step_multiple
+            over = case.length
+        onto_stretch(rods, call, case, memory, o, l, p, job, steps, multiple, over)
+
+    @wp.func
     def finish(
         rods: RodTable,
         call: Call,
@@ -196,12 +209,12 @@ def make_segment_kernel(features: SegmentFeatures, tableau: Tableau, W: int = 8)
         l: int,
         p: int,
         job: int,
-        t: int,
         s: f64,
     ):
         """What a lane has found where its segment ends, and the residual, if that is the tip."""
+        t = job // call.parts
         y = state_in(case, memory, o, l)
-        n_end = wp.vec3d(call.lane[p, FORCE], call.lane[p, wp.static(FORCE + 1)], call.lane[p, wp.static(FORCE + 2)])
+        n_end = force_at(call, p)
         q = frame(y)
         unit = unknown_unit(rods, case, 0)
         total = f64(0.0)
@@ -217,14 +230,7 @@ def make_segment_kernel(features: SegmentFeatures, tableau: Tableau, W: int = 8)
                 seg.energy[t] = y[ENERGY_AT]
                 seg.work[t] = y[WORK_AT]
             if seg.at_tip[t] == 1:
-                u_star = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
-                if wp.static(MEASURED):
-                    for j in range(3):
-                        u = f64(get_lane(memory, o + wp.static(PLACE + CURVATURE_AT) + j, l))
-                        K = f64(get_lane(memory, o + wp.static(Z + COMPLIANCE_AT) + j, l))
-                        m = f64(get_lane(memory, o + wp.static(PLACE + PLACE_MOMENT_AT) + j, l))
-                        u_star[j] = u - K * m
-                total += write_tip(rods, call, case, y, s, n_end, u_star)
+                total += write_tip(rods, call, case, y, s, n_end, precurvature_here(case, memory, o, l))
             seg.fault[t] = int(call.lane[p, FAULT])
         first = first_column(call, job)
         for c in range(column_count(call, job)):
@@ -242,79 +248,14 @@ def make_segment_kernel(features: SegmentFeatures, tableau: Tableau, W: int = 8)
         if not wp.isfinite(total):
             seg.fault[t] = wp.static(FAULT_NONFINITE)
 
-    @wp.func
-    def attend(
-        rods: RodTable, call: Call, seg: SegmentCall, memory: memory_type, o: int, l: int, p: int, coming: int, stop: int
-    ) -> int:
-        """A lane that is at the end of a stretch, or free, goes on to its next stretch or job. Returns the next job."""
-        job = int(call.lane[p, JOB])
-        following = coming + int(0)
-        fresh = int(0)
-        while fresh < 2:
-            if job < 0:
-                if following < stop:
-                    job = following
-                    following += int(1)
-                    fresh = int(1)
-                else:
-                    fresh = int(3)
-            if job >= 0:
-                t = job // call.parts
-                case = load_instance(rods, call, seg.instance[t])
-                go_on = int(1)
-                if fresh == 1:
-                    from_state(rods, call, seg, case, memory, o, l, p, job, t)
-                else:
-                    s = call.lane[p, START]
-                    if call.lane[p, FAULT] == f64(0.0):
-                        at_end(rods, call, case, memory, o, l, p, job)
-                    if call.lane[p, START] >= call.lane[p, STOP] or call.lane[p, FAULT] != f64(0.0):
-                        finish(rods, call, seg, case, memory, o, l, p, job, t, s)
-                        job = -1
-                        go_on = int(0)
-                if go_on == 1:
-                    steps = f64(seg.steps[t])
-                    multiple = f64(1.0)
-                    over = call.lane[p, STOP] - seg.start[t]
-                    if steps == f64(0.0):
-                        steps = call.steps
-                        multiple = call.step_multiple
-                        over = case.length
-                    onto_stretch(rods, call, case, memory, o, l, p, job, steps, multiple, over)
-                    fresh = int(2)
-        if job < 0:
-            wait(memory, o, l)
-        call.lane[p, JOB] = f64(job)
-        return following
+    jobs = SimpleNamespace(
+        Jobs=SegmentCall, count=count, wanted=wanted, instance_of=instance_of, enter=enter, go_on=go_on, finish=finish
+    )
+    carry = make_carry(parts, features, jobs)
 
     @wp.kernel(module="unique", enable_backward=False)
     def integrate(rods: RodTable, call: Call, memory: memory_type, seg: SegmentCall):
         """From the start of each segment to its end, stretch by stretch; then the residual, if that is the tip."""
-        thread = wp.tid()
-        coming = thread * call.chunk
-        stop = wp.min(coming + call.chunk, seg.instance.shape[0] * call.parts)
-        p = thread * wp.static(W)
-        o = thread * (wp.static(COLUMNS) + call.part_columns * wp.static(COLUMN_SIZE))
-        for l in range(wp.static(W)):
-            free(call, memory, o, l, p + l)
-        go_on = int(1)
-        while go_on == 1:
-            if some_at_end(memory, o):
-                if wp.static(NODES or MEASURED):
-                    place_here(memory, o)
-                go_on = int(0)
-                for l in range(wp.static(W)):
-                    if is_at_end(memory, o, l):
-                        coming = attend(rods, call, seg, memory, o, l, p + l, coming, stop)
-                    if call.lane[p + l, JOB] >= f64(0.0):
-                        go_on = int(1)
-                if wp.static(NODES):
-                    place_here(memory, o)
-                    for l in range(wp.static(W)):
-                        if at_base(call, memory, o, l, p + l):
-                            case = load_instance(rods, call, seg.instance[int(call.lane[p + l, JOB]) // call.parts])
-                            write_node(rods, call, case, memory, o, l, state_in(case, memory, o, l), 0, f64(0.0), f64(0.0))
-            if go_on == 1:
-                advance(call, memory, o, p)
+        carry(rods, call, seg, memory, wp.tid())
 
     return integrate

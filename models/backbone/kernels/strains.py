@@ -29,7 +29,7 @@ def make_precurvature(layout: Layout, W: int, d) -> SimpleNamespace:
     Vec3, row3, ahead3, zero3, scaled = V.Vec3, V.row3, V.ahead3, V.zero3, V.scaled
     memory_type = wp.array(dtype=d)
     TERMS, VARIED = layout.CURVATURE_TERMS, layout.VARIED
-    START, CURVE = layout.stretch["start"], layout.stretch["precurvature"]
+    CURVE = layout.stretch["precurvature"]
     CENTRE, SLOPE = layout.stretch["centre"], layout.stretch["slope"]
     GIVEN_START, GROWTH, SHIFT = layout.given["start"], layout.given["growth"], layout.given["shift"]
 
@@ -37,9 +37,7 @@ def make_precurvature(layout: Layout, W: int, d) -> SimpleNamespace:
     def precurvature(memory: memory_type, z: int, i: int, x: Real) -> Vec3:
         first = z + wp.static(CURVE) + i * wp.static(3 * TERMS)
         if wp.static(VARIED):
-            t = (row(memory, z + wp.static(START)) + x - row(memory, z + wp.static(CENTRE) + i)) * row(
-                memory, z + wp.static(SLOPE) + i
-            )
+            t = (x - row(memory, z + wp.static(CENTRE) + i)) * row(memory, z + wp.static(SLOPE) + i)
             u = row3(memory, first + wp.static(3 * (TERMS - 1)))
             for k in range(wp.static(TERMS - 1)):
                 u = ahead3(row3(memory, first + 3 * (wp.static(TERMS - 2) - k)), t, u)
@@ -51,7 +49,7 @@ def make_precurvature(layout: Layout, W: int, d) -> SimpleNamespace:
         """d(u*)/ds"""
         first = z + wp.static(CURVE) + i * wp.static(3 * TERMS)
         slope = row(memory, z + wp.static(SLOPE) + i)
-        t = (row(memory, z + wp.static(START)) + x - row(memory, z + wp.static(CENTRE) + i)) * slope
+        t = (x - row(memory, z + wp.static(CENTRE) + i)) * slope
         u = zero3()
         for k in range(wp.static(TERMS - 1)):
             m = wp.static(TERMS - 1) - k
