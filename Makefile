@@ -19,7 +19,7 @@ test: $(VENV)/.installed-test
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/python tools/typing_tree.py
+	$(BIN)/python tests/typing_tree.py
 	$(BIN)/mypy
 
 bench: $(VENV)/.installed

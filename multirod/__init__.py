@@ -12,10 +12,8 @@ Compose an assembly of rods, give it actuation and loads, and get its equilibriu
 SI units, radians; rotation matrices are body to world.
 """
 
-import sys
 from importlib import import_module
 from importlib.util import find_spec
-from types import ModuleType
 from typing import TYPE_CHECKING
 
 if find_spec("multirod.models") is None:
@@ -27,17 +25,16 @@ if find_spec("multirod.models") is None:
 if TYPE_CHECKING:
     from multirod.assembly import Assembly
     from multirod.compiling import CompileError
-    from multirod.critical_loads import CriticalLoad, CriticalLoads, critical_loads
-    from multirod.equilibria import Equilibria, equilibria
     from multirod.inputs import Inputs, InputSpec
-    from multirod.models.concentric_tubes import ConcentricTubes
-    from multirod.models.integrators import RK4, RK23, RK45, AdaptiveIntegrator, FixedStepIntegrator, Integrator, Tableau
-    from multirod.models.parallel_rods import InverseParallelRods, ParallelRods
-    from multirod.models.single_rod import SingleRod
+    from multirod.integrators import RK4, RK23, RK45, AdaptiveIntegrator, FixedStepIntegrator, Integrator, Tableau
+    from multirod.models.assemblies.concentric_tubes import ConcentricTubes
+    from multirod.models.assemblies.parallel_rods import InverseParallelRods, ParallelRods
+    from multirod.models.assemblies.single_rod import SingleRod
     from multirod.problem import Block, BoundaryProblem, Shape
     from multirod.recording import Recorder
     from multirod.rod import Rod, Section
-    from multirod.simulation import simulate, solve
+    from multirod.running.simulation import simulate, solve
+    from multirod.running.tracker import Tracker
     from multirod.solution import History, IncompleteWarning, Solution, SolveError
     from multirod.solver import Outcome, Solver, Track, registered_solvers
     from multirod.solvers.energy_descent import EnergyDescent
@@ -47,10 +44,11 @@ if TYPE_CHECKING:
     from multirod.solvers.shooting import Shooting
     from multirod.stability import Stability
     from multirod.status import Status
-    from multirod.sweeps import Study, sweep
-    from multirod.terms import Dropped, Explanation, Term, explain
-    from multirod.tracker import Tracker
-    from multirod.tradeoffs import Measured, Tradeoff, tradeoff, tune
+    from multirod.studies.critical_loads import CriticalLoad, CriticalLoads, critical_loads
+    from multirod.studies.equilibria import Equilibria, equilibria
+    from multirod.studies.sweeps import Study, sweep
+    from multirod.studies.terms import Dropped, Explanation, Term, explain
+    from multirod.studies.tradeoffs import Measured, Tradeoff, tradeoff, tune
 
 __version__ = "0.1.0"
 
@@ -115,17 +113,17 @@ __all__ = [
 _PUBLIC = {
     "assembly": "Assembly",
     "compiling": "CompileError",
-    "critical_loads": "CriticalLoad CriticalLoads critical_loads",
-    "equilibria": "Equilibria equilibria",
+    "studies.critical_loads": "CriticalLoad CriticalLoads critical_loads",
+    "studies.equilibria": "Equilibria equilibria",
     "inputs": "Inputs InputSpec",
-    "models.concentric_tubes": "ConcentricTubes",
-    "models.integrators": "RK4 RK23 RK45 AdaptiveIntegrator FixedStepIntegrator Integrator Tableau",
-    "models.parallel_rods": "InverseParallelRods ParallelRods",
-    "models.single_rod": "SingleRod",
+    "models.assemblies.concentric_tubes": "ConcentricTubes",
+    "integrators": "RK4 RK23 RK45 AdaptiveIntegrator FixedStepIntegrator Integrator Tableau",
+    "models.assemblies.parallel_rods": "InverseParallelRods ParallelRods",
+    "models.assemblies.single_rod": "SingleRod",
     "problem": "Block BoundaryProblem Shape",
     "recording": "Recorder",
     "rod": "Rod Section",
-    "simulation": "simulate solve",
+    "running.simulation": "simulate solve",
     "solution": "History IncompleteWarning Solution SolveError",
     "solver": "Outcome Solver Track registered_solvers",
     "solvers.energy_descent": "EnergyDescent",
@@ -135,23 +133,12 @@ _PUBLIC = {
     "solvers.shooting": "Shooting",
     "stability": "Stability",
     "status": "Status",
-    "sweeps": "Study sweep",
-    "terms": "Dropped Explanation Term explain",
-    "tracker": "Tracker",
-    "tradeoffs": "Measured Tradeoff tradeoff tune",
+    "studies.sweeps": "Study sweep",
+    "studies.terms": "Dropped Explanation Term explain",
+    "running.tracker": "Tracker",
+    "studies.tradeoffs": "Measured Tradeoff tradeoff tune",
 }
 _HOME = {name: f"multirod.{module}" for module, names in _PUBLIC.items() for name in names.split()}
-
-
-class _Package(ModuleType):
-    """The package, in which functions stand where modules of the same name would, once those are loaded."""
-
-    def __setattr__(self, name: str, value: object) -> None:
-        if not (name in _HOME and isinstance(value, ModuleType)):
-            super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Package
 
 
 def __getattr__(name: str) -> object:

@@ -13,9 +13,9 @@ from multirod.rod import Rod
 from multirod.validation import Described, FloatArray, array, refuse, unknown_names
 
 if TYPE_CHECKING:
-    from multirod.models.backbone.features import Features
-    from multirod.models.influence import Influence
-    from multirod.models.integrators import Integrator
+    from multirod.integrators import Integrator
+    from multirod.models.backbone.influence import Influence
+    from multirod.models.backbone.kernels.layout.features import Features
     from multirod.solver import Solver
 
 
@@ -154,7 +154,7 @@ class Assembly(ABC):
             TypeError, ValueError: If an argument is not what it must be.
             CompileError: If a kernel cannot be compiled, or the cache not be written.
         """
-        from multirod.preparing import prepare
+        from multirod.running.preparing import prepare
 
         return prepare(
             self,

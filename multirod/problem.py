@@ -126,7 +126,7 @@ class BoundaryProblem(Uncopied, ABC):
             (instance_count,).
         breakpoints: Instances whose equilibrium is known by its states there, not by ``unknowns`` alone; ``shapes``,
             ``modes`` and ``potential`` are of these states.
-        fault: 0, or why an evaluation failed (1: not finite, 2: step limit), shape (instance_count,).
+        fault: Why an evaluation failed, by the numbers of ``status.Fault``, shape (instance_count,).
         residual: ``eps`` [1/m], shape (instance_count, n).
         gamma: ``Gamma``, shape (instance_count, n, n).
         residual_directions: d(eps)/d(direction), shape (instance_count, n, direction_count).

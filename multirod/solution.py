@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from multirod.assembly import Assembly
 from multirod.batch import IntArray, parts, run
 from multirod.inputs import Inputs
-from multirod.models.integrators import Integrator
+from multirod.integrators import Integrator
 from multirod.problem import BoundaryProblem, Shape
+from multirod.segment_system import pose_jacobian
 from multirod.segments import taken
 from multirod.solver import Outcome
-from multirod.solvers.multiple_shooting_system import pose_jacobian
 from multirod.stability import Modes, Stability
 from multirod.status import Status, failures
 from multirod.validation import FloatArray, frozen, positive_int, refuse, shown
@@ -25,7 +25,7 @@ from multirod.validation import FloatArray, frozen, positive_int, refuse, shown
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from multirod.terms.simplify import Dropped
+    from multirod.studies.terms.simplify import Dropped
 
 DEFAULT_NODE_COUNT = 51
 

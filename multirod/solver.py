@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.exclusive import Uncopied
-from multirod.models.integrators import RK45, Integrator
+from multirod.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
 from multirod.segments import Breakpoints, placed, taken
 from multirod.status import Status, failures

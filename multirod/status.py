@@ -107,3 +107,11 @@ _MESSAGES = {
     Status.MULTIPLE_SHOOTING: "the residual is within the tolerance, by multiple shooting: the rod is so long, soft or strongly loaded that "
     "its unknowns at the base alone do not determine the tip, and gamma is NaN",
 }
+
+
+class Fault(IntEnum):
+    """Why one integration failed: what ``BoundaryProblem.fault`` holds."""
+
+    NONE = 0
+    NONFINITE = 1
+    STEP_LIMIT = 2

@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from multirod.integrators import RK45, Integrator
 from multirod.launch import record
-from multirod.models.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome, Solver
-from multirod.solvers.energy_descent_kernels import DescentState, make_descent
-from multirod.solvers.sampled import SampledTrack
+from multirod.solvers.tracking.energy_descent_kernels import DescentState, make_descent
+from multirod.solvers.tracking.sampled import SampledTrack
 from multirod.validation import FloatArray, boolean, positive_float, positive_int
 
 

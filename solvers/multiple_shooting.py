@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from multirod.models.integrators import RK45, Integrator
+from multirod.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
+from multirod.segment_system import System
 from multirod.segments import Breakpoints, Segments, placed
 from multirod.solver import Outcome, Solver, Track
-from multirod.solvers.multiple_shooting_branch import Branch, Result, Run, run_together
-from multirod.solvers.multiple_shooting_system import System
-from multirod.solvers.newton import Newton
+from multirod.solvers.newton.iteration import Newton
+from multirod.solvers.segments.branch import Branch, Result, Run, run_together
 from multirod.stability import Stability
 from multirod.status import IntArray, Status, failures
 from multirod.validation import FloatArray, positive_int

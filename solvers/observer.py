@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from multirod.integrators import RK45, Integrator
 from multirod.launch import record
-from multirod.models.integrators import RK45, Integrator
 from multirod.problem import Block, BoundaryProblem
 from multirod.solver import Outcome, Solver
-from multirod.solvers.observer_kernels import ObserverState, make_observer
-from multirod.solvers.observer_lapack import LargeSample
-from multirod.solvers.sampled import SampledTrack
+from multirod.solvers.tracking.observer_kernels import ObserverState, make_observer
+from multirod.solvers.tracking.observer_lapack import LargeSample
+from multirod.solvers.tracking.sampled import SampledTrack
 from multirod.validation import FloatArray, array, boolean, choice, positive_float, positive_int, refuse
 
 RICCATI = ("steady", "forward", "horizon")

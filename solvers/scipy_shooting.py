@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from multirod.models.integrators import RK45, Integrator
+from multirod.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome, Solver
 from multirod.status import Status

@@ -6,15 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from multirod.models.integrators import RK45, Integrator
+from multirod.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome, Solver, Track
-from multirod.solvers.assembling import assemble
-from multirod.solvers.continuation import TURN, Paths, natural_branch
+from multirod.solvers.continuation.natural import TURN, Paths, natural_branch
 from multirod.solvers.multiple_shooting import MultipleShooting
-from multirod.solvers.multistart import lowest_stable, refuse_unstable
-from multirod.solvers.newton import Newton
-from multirod.solvers.refinement import refine
+from multirod.solvers.newton.iteration import Newton
+from multirod.solvers.newton.refinement import refine
+from multirod.solvers.starting.assembling import assemble
+from multirod.solvers.starting.multistart import lowest_stable, refuse_unstable
 from multirod.status import IntArray, Status, failures
 from multirod.validation import FloatArray, boolean, choice, positive_int
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 import multirod as mr
-from multirod.terms import simplified
+from multirod.studies.terms import simplified
 
 BOUNDS = (1e-2, 1e-3, 1e-4, 1e-6)
 SOLVER = mr.Shooting(integrator=mr.RK4(50), tolerance=1e-11)

@@ -7,7 +7,7 @@ from random_legs import draw, violation
 import multirod as mr
 from multirod.problem import Loading
 from multirod.solvers import shooting
-from multirod.solvers.continuation import natural_branch
+from multirod.solvers.continuation.natural import natural_branch
 from multirod.status import failures
 
 AGAIN = 46  # numbers of robots that are solved by putting them together anew,

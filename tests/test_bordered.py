@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from multirod.solvers.bordered_kernels import Arrow, front_width, make_bordered
+from multirod.solvers.newton.bordered_kernels import Arrow, front_width, make_bordered
 
 BORDER = 6
 

@@ -14,8 +14,8 @@ import multirod as mr
 from multirod import RK4, Observer, Shooting, experiment
 from multirod.cli import main
 from multirod.cli.terminal import duration
-from multirod.scenes import SCENES
-from multirod.tradeoffs import Measurement
+from multirod.studies.scenes import SCENES
+from multirod.studies.tradeoffs import Measurement
 
 NAMES = tuple(experiment.solvers(RK4(50)))
 SHORT = ["demo", "--time", "0.2", "--rate", "100", "--slow-samples", "5"]
@@ -149,8 +149,8 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("sys.path", list(sys.path))
     monkeypatch.delitem(sys.modules, "own_scene", raising=False)
-    monkeypatch.setattr("multirod.tradeoffs.measurement.grid", lambda robot, inputs: dict(FEW))
-    monkeypatch.setattr("multirod.tradeoffs.measurement.registered", list)
+    monkeypatch.setattr("multirod.studies.tradeoffs.measurement.grid", lambda robot, inputs: dict(FEW))
+    monkeypatch.setattr("multirod.studies.tradeoffs.measurement.registered", list)
     return tmp_path
 
 

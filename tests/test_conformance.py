@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import multirod as mr
-from multirod.models.integrators import Integrator
+from multirod.integrators import Integrator
 from multirod.problem import TOLERANCE
 
 SOLVERS = mr.registered_solvers()

@@ -5,8 +5,8 @@ import pytest
 import warp as wp
 
 import multirod as mr
-from multirod.solvers.continuation_kernels import LARGEST_RATIO, RATIO_POWERS, SMALLEST_RATIO
-from multirod.solvers.newton_kernels import NewtonState, make_iteration
+from multirod.solvers.continuation.continuation_kernels import LARGEST_RATIO, RATIO_POWERS, SMALLEST_RATIO
+from multirod.solvers.newton.newton_kernels import NewtonState, make_iteration
 
 N = 4
 

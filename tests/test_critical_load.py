@@ -10,7 +10,7 @@ from test_stability import two_tubes
 import multirod as mr
 from multirod.inputs import Inputs
 from multirod.models.backbone.problem import BACKBONE_INPUTS, BackboneProblem
-from multirod.solvers.branch_step import Apart, Inspection, Point, heights
+from multirod.solvers.continuation.branch_step import Apart, Inspection, Point, heights
 from multirod.stability import Modes
 
 CLOSE = 1e-8  # relative: RK4(400) leaves 1e-10 of the lower modes, and the stored values are good to 2e-9

@@ -33,6 +33,6 @@ def test_tables_are_whole(page: Path) -> None:
 def test_the_documented_default_of_critical_loads_is_its_default() -> None:
     said = re.search(r"solver: ``(.*?)`` by default", mr.critical_loads.__doc__)[1]
     public = {name: getattr(mr, name) for name in mr.__all__}
-    default = sys.modules["multirod.critical_loads"].PRECISE
+    default = sys.modules["multirod.studies.critical_loads"].PRECISE
     assert eval(said, public) == default
     assert eval(said, public).integrator == default.integrator

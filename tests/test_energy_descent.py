@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import multirod as mr
-from multirod.experiment import motion
+from multirod.studies.experiment import motion
 
 INTEGRATOR = mr.RK4(100)
 DESCENT = mr.EnergyDescent(integrator=INTEGRATOR)

@@ -11,7 +11,7 @@ from test_concentric_tubes import NAMES, assembly
 import multirod as mr
 from multirod.models.backbone.problem import BackboneProblem, spread
 from multirod.problem import BoundaryProblem
-from multirod.solvers.multistart import Catalogue
+from multirod.solvers.starting.multistart import Catalogue
 from multirod.stability import Modes
 
 SEVERAL = [name for name in NAMES if name.startswith(("09b", "14i"))]
@@ -125,7 +125,9 @@ def test_what_only_rounding_decides_is_found_or_said():
 
 
 def test_a_list_that_breaks_the_rule_of_signs_says_so(monkeypatch):
-    monkeypatch.setattr(import_module("multirod.equilibria"), "FOLLOWED", 0)  # the package shows the function by this name
+    monkeypatch.setattr(
+        import_module("multirod.studies.equilibria"), "FOLLOWED", 0
+    )  # the package shows the function by this name
     robot = strongly_curved(12.0)
     with pytest.warns(mr.IncompleteWarning, match="[12] equilibria are missing at least, by the signs"):
         found = mr.equilibria(robot, robot.inputs(rotation=(0, 3.1)))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import multirod as mr
-from multirod.tradeoffs import limit, settings
+from multirod.studies.tradeoffs import limit, settings
 
 ROOT = Path(__file__).parent.parent
 

@@ -9,8 +9,8 @@ from dropping import BOUNDS, FAMILIES, SOLVER, measure
 from test_conformance import SCENES
 
 import multirod as mr
-from multirod.models.envelope import LOADS
-from multirod.terms import simplified
+from multirod.models.backbone.envelope import LOADS
+from multirod.studies.terms import simplified
 
 COUNT = int(os.environ.get("MULTIROD_SCENES", "100"))  # random scenes of a family; 1000 take a minute each
 TRUE = 0.99  # of the scenes, at least, whose tips stay within the bound asked for

@@ -16,8 +16,8 @@ from multirod.batch import thread_count
 from multirod.cli import main
 from multirod.compiling import COMPILER, cache
 from multirod.launch import LONGEST, Pending, expect, record
-from multirod.models import single_rod
-from multirod.scenes import SCENES, load
+from multirod.models.assemblies import single_rod
+from multirod.studies.scenes import SCENES, load
 
 LINE = r"multirod: compiling kernels for this scene \(some seconds, once; kept in .*\)\n"
 BUDGET = {"paper": 6, "three-tubes": 6, "three-tubes, loaded": 6, "six-legs": 8}  # distinct kernels: to be lowered, never raised
@@ -282,7 +282,7 @@ def test_scenes_take_no_more_kernels_than_they_did(scene: str, tmp_path: Path) -
     text = f"""
 import multirod as mr
 from multirod.compiling import COMPILER
-from multirod.scenes import load
+from multirod.studies.scenes import load
 motion = load({name!r})
 inputs = motion.inputs[0]
 if {bool(loaded)}:

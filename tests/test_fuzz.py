@@ -384,14 +384,14 @@ PLACES = [(target.label, name) for target in functions(Path("/")) for name in ta
 @pytest.fixture
 def stubbed(monkeypatch: pytest.MonkeyPatch) -> None:
     """What takes long raises ``Reached`` in its place."""
-    monkeypatch.setattr("multirod.sweeps.driver.Folder", reached)
-    monkeypatch.setattr("multirod.tradeoffs.measurement.load_kernels", reached)
-    monkeypatch.setattr("multirod.tradeoffs.measurement.grid", lambda robot, inputs: {"Newton": SOLVER})
-    monkeypatch.setattr("multirod.tradeoffs.measurement.registered", list)
-    monkeypatch.setattr("multirod.terms.explanation.Explanation.measure", reached)
+    monkeypatch.setattr("multirod.studies.sweeps.driver.Folder", reached)
+    monkeypatch.setattr("multirod.studies.tradeoffs.measurement.load_kernels", reached)
+    monkeypatch.setattr("multirod.studies.tradeoffs.measurement.grid", lambda robot, inputs: {"Newton": SOLVER})
+    monkeypatch.setattr("multirod.studies.tradeoffs.measurement.registered", list)
+    monkeypatch.setattr("multirod.studies.terms.explanation.Explanation.measure", reached)
     # functions of the same names hide these modules
-    monkeypatch.setattr(sys.modules["multirod.critical_loads"], "natural_start", reached)
-    monkeypatch.setattr(sys.modules["multirod.equilibria"], "converge", reached)
+    monkeypatch.setattr(sys.modules["multirod.studies.critical_loads"], "natural_start", reached)
+    monkeypatch.setattr(sys.modules["multirod.studies.equilibria"], "converge", reached)
 
 
 @pytest.mark.parametrize(("label", "name"), PLACES)

@@ -6,9 +6,9 @@ import warp as wp
 
 import multirod as mr
 from multirod.models.backbone import passes
-from multirod.models.backbone.features import Features
 from multirod.models.backbone.kernels.integrate import make_kernel
-from multirod.models.backbone.kernels.lanes import lanes
+from multirod.models.backbone.kernels.layout.features import Features
+from multirod.models.backbone.kernels.numbers.lanes import lanes
 
 RK4, RK45 = mr.RK4(20), mr.RK45()
 

@@ -73,14 +73,14 @@ import sys
 import multirod as mr
 robot = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638))
 mr.solve(robot, robot.inputs(tip_force=(1, 0, 0)), progress=False)
-print([m for m in ("scipy", "rerun", "rich", "matplotlib", "multirod.recording", "multirod.sweeps") if m in sys.modules])
+print([m for m in ("scipy", "rerun", "rich", "matplotlib", "multirod.recording", "multirod.studies.sweeps") if m in sys.modules])
 """
     assert programs.run("-c", code, check=True).stdout.strip() == "[]"
 
 
 def test_public_names_are_found_however_they_are_asked_for():
     code = """
-import multirod.critical_loads, multirod.equilibria  # modules of the same names as functions
+import multirod.studies.critical_loads, multirod.studies.equilibria  # modules of the same names as functions
 import multirod as mr
 assert set(mr._HOME) | {"__version__"} >= set(mr.__all__) == set(mr._HOME)
 assert set(mr.__all__) <= set(dir(mr))

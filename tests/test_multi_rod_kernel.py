@@ -10,10 +10,10 @@ from scipy.integrate import quad_vec, solve_ivp
 
 import multirod as mr
 from multirod.inputs import Inputs
-from multirod.models.backbone.kernels.lanes import lanes as numbers
-from multirod.models.backbone.kernels.vectors import vectors
+from multirod.models.assemblies.single_rod import BACKBONE_INPUTS
+from multirod.models.backbone.kernels.numbers.lanes import lanes as numbers
+from multirod.models.backbone.kernels.numbers.vectors import vectors
 from multirod.models.backbone.problem import BackboneProblem
-from multirod.models.single_rod import BACKBONE_INPUTS
 
 TIGHT = mr.RK45(rtol=1e-12, atol=1e-14)
 

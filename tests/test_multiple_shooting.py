@@ -15,10 +15,10 @@ from multirod import batch
 from multirod.models.backbone.problem import POSES_APART
 from multirod.models.backbone.segments import BackboneSegments
 from multirod.recording.samples import first_instances
+from multirod.segment_system import DENSE, System, same_branch
 from multirod.segments import Breakpoints, Propagation, Request
-from multirod.solvers import multiple_shooting_branch
-from multirod.solvers.multiple_shooting_branch import Branch, run_together
-from multirod.solvers.multiple_shooting_system import DENSE, System, same_branch
+from multirod.solvers.segments import branch as multiple_shooting_branch
+from multirod.solvers.segments.branch import Branch, run_together
 from multirod.stability import Modes
 
 EXTREME = (

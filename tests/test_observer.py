@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from test_cases import robot_and_inputs
 
 import multirod as mr
-from multirod import experiment
+from multirod.studies import experiment
 
 INTEGRATOR = mr.RK4(50)
 NEWTON = mr.Shooting(integrator=INTEGRATOR)

@@ -6,9 +6,9 @@ from scipy.spatial.transform import Rotation
 
 import multirod as mr
 from multirod.models.backbone.problem import BackboneProblem
-from multirod.models.parallel_problem import ParallelProblem
+from multirod.models.platform.problem import ParallelProblem
 from multirod.problem import BoundaryProblem
-from multirod.solvers.continuation import SINGULAR, Paths
+from multirod.solvers.continuation.natural import SINGULAR, Paths
 
 ROD = mr.Rod(
     length=0.3, bending_stiffness=(0.02, 0.03), torsional_stiffness=0.015, precurvature=(1.0, 0.4, 0), linear_density=0.05

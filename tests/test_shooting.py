@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 from scipy.special import ellipk
 
 import multirod as mr
-from multirod import experiment
+from multirod.studies import experiment
 
 INTEGRATOR = mr.RK4(50)
 NEWTON = mr.Shooting(integrator=INTEGRATOR)

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from test_parallel_rods import LOADS, SCENES, actuation, ring
 
 import multirod as mr
-from multirod.solvers.continuation import natural_branch
+from multirod.solvers.continuation.natural import natural_branch
 
 STABLE, UNSTABLE, UNKNOWN, FOLD = mr.Stability.STABLE, mr.Stability.UNSTABLE, mr.Stability.UNKNOWN, mr.Stability.FOLD
 NEAR = np.array([0.999, 1.001])  # of a critical load

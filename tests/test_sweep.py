@@ -15,10 +15,10 @@ import pytest
 import sweep_scene
 
 import multirod as mr
-from multirod.sweeps.chunk import FURTHER, RESULTS
-from multirod.sweeps.digest import digest
-from multirod.sweeps.dispatch import ATTEMPTS
-from multirod.sweeps.folder import FORMAT, Folder
+from multirod.studies.sweeps.chunk import FURTHER, RESULTS
+from multirod.studies.sweeps.digest import digest
+from multirod.studies.sweeps.dispatch import ATTEMPTS
+from multirod.studies.sweeps.folder import FORMAT, Folder
 
 
 def assert_as_solved(study, solution):
@@ -233,7 +233,7 @@ def changed_inputs(scene):
     ],
 )
 def test_another_study_is_refused_and_named(scene, tmp_path, change, named, monkeypatch):
-    monkeypatch.setattr("multirod.sweeps.driver.device_name", lambda field, value: value)  # as where there is a GPU
+    monkeypatch.setattr("multirod.studies.sweeps.driver.device_name", lambda field, value: value)  # as where there is a GPU
     begun = {"robot": scene[0], "inputs": scene[1], "out": tmp_path, "chunk": 5}
     with pytest.raises(Stop):
         mr.sweep(**begun, progress=stop_at(5))

@@ -13,8 +13,8 @@ import pytest
 import sweep_scene
 
 import multirod as mr
-from multirod.sweeps import dispatch
-from multirod.sweeps.workers import Workers
+from multirod.studies.sweeps import dispatch
+from multirod.studies.sweeps.workers import Workers
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "sweep_on_a_cluster.py"
 posix = pytest.mark.skipif(os.name != "posix", reason="kills by a signal")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import multirod as mr
-from multirod import experiment
+from multirod.studies import experiment
 
 INTEGRATOR = mr.RK4(50)
 NEWTON = mr.Shooting(integrator=INTEGRATOR)

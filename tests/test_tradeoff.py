@@ -9,12 +9,12 @@ import pytest
 from rerun.chunk import RrdReader
 
 import multirod as mr
-from multirod.experiment import motion
-from multirod.scenes import six_legs, three_tubes
-from multirod.simulation import Runner
-from multirod.tradeoffs import Measurement, grid, limit, measurement
-from multirod.tradeoffs.promise import kept
-from multirod.tradeoffs.settings import code, integrators, settings
+from multirod.running.simulation import Runner
+from multirod.studies.experiment import motion
+from multirod.studies.scenes import six_legs, three_tubes
+from multirod.studies.tradeoffs import Measurement, grid, limit, measurement
+from multirod.studies.tradeoffs.promise import kept
+from multirod.studies.tradeoffs.settings import code, integrators, settings
 
 PUBLIC = {name: getattr(mr, name) for name in mr.__all__}
 STUDY = motion(duration=0.5)
@@ -100,7 +100,7 @@ def test_a_table_and_a_file_say_the_same(measured, tmp_path):
 
 
 def test_a_reference_that_cannot_be_checked_is_said(monkeypatch):
-    monkeypatch.setattr("multirod.tradeoffs.reference.CHECK", mr.Shooting(tolerance=1e-11, integrator=mr.RK4(20)))
+    monkeypatch.setattr("multirod.studies.tradeoffs.reference.CHECK", mr.Shooting(tolerance=1e-11, integrator=mr.RK4(20)))
     few = {"Newton, coarse": SOLVERS["Newton, coarse"]}
     result = measure(few)
     assert not result.checked
@@ -151,7 +151,7 @@ class Clock:
                 super().__init__(*arguments, **options)
 
         monkeypatch.setattr(limit, "now", lambda: self.time)
-        monkeypatch.setattr("multirod.simulation.perf_counter", lambda: self.time)
+        monkeypatch.setattr("multirod.running.simulation.perf_counter", lambda: self.time)
         monkeypatch.setattr(mr.BoundaryProblem, "heed_stop", heed)
         monkeypatch.setattr(measurement, "Runner", Compiled)
 

@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from multirod.integrators import Integrator
 from multirod.launch import record
-from multirod.models.backbone.features import Features
 from multirod.models.backbone.kernels.integrate import SCALARS, make_kernel
-from multirod.models.backbone.kernels.layout import LANE_SIZE, Call, Layout
-from multirod.models.integrators import Integrator
+from multirod.models.backbone.kernels.layout.arguments import LANE_SIZE, Call
+from multirod.models.backbone.kernels.layout.features import Features
+from multirod.models.backbone.kernels.layout.layout import Layout
 
 WIDTH = {"float64": 4, "float32": 8}  # lanes on a processor
 CHUNK = 256  # instances of a thread: its lanes, refilled, stay busy

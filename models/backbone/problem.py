@@ -14,15 +14,14 @@ from numpy.typing import NDArray
 from multirod.assembly import Assembly, pose
 from multirod.batch import IntArray, take
 from multirod.inputs import Inputs, InputSpec
+from multirod.integrators import AdaptiveIntegrator, Integrator
 from multirod.launch import LONGEST
-from multirod.models.backbone.features import Features
-from multirod.models.backbone.kernels import layout as kernels
+from multirod.models.backbone.influence import Influence, influences
+from multirod.models.backbone.kernels.layout import arguments as kernels
+from multirod.models.backbone.kernels.layout.features import Features
+from multirod.models.backbone.mode_bounds import bound_modes
 from multirod.models.backbone.passes import LanePass
-from multirod.models.backbone.segments import BackboneSegments
-from multirod.models.influence import Influence, influences
-from multirod.models.integrators import AdaptiveIntegrator, Integrator
-from multirod.models.mode_bounds import bound_modes
-from multirod.models.second_variation import (
+from multirod.models.backbone.second_variation import (
     MOST_NODES,
     CondensedForm,
     NodeColumns,
@@ -30,6 +29,7 @@ from multirod.models.second_variation import (
     condensed_form,
     segments_needed,
 )
+from multirod.models.backbone.segments import BackboneSegments
 from multirod.problem import Block, BoundaryProblem, Shape
 from multirod.profile import DEGREE, interpolate
 from multirod.rod import Rod, RodArrays, lower

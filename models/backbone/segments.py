@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from multirod.launch import record
-from multirod.models.backbone.features import Features
+from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.kernels.segments import (
     BASE_FORCE_AT,
     POSITION_AT,
@@ -19,7 +19,7 @@ from multirod.models.backbone.kernels.segments import (
     make_segment_kernel,
 )
 from multirod.models.backbone.passes import deal, threads, width
-from multirod.models.second_variation import MOST_NODES, CondensedForm, form_by_segments, segments_needed
+from multirod.models.backbone.second_variation import MOST_NODES, CondensedForm, form_by_segments, segments_needed
 from multirod.problem import Shape
 from multirod.segments import Breakpoints, Propagation, Request, Segments
 from multirod.stability import Modes

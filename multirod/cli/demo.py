@@ -13,16 +13,16 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from multirod import experiment
 from multirod.cli.terminal import FULL_WIDTH, count, file_of, positive, progress_bar
-from multirod.experiment import SLOW, Comparison, compare
-from multirod.models.integrators import RK4
+from multirod.integrators import RK4
 from multirod.recording import save
-from multirod.scenes import Motion
-from multirod.simulation import simulate
+from multirod.running.simulation import simulate
 from multirod.solution import History
 from multirod.solver import Solver
 from multirod.status import Status
+from multirod.studies import experiment
+from multirod.studies.experiment import SLOW, Comparison, compare
+from multirod.studies.scenes import Motion
 
 _PAPER_TABLE_II = "paper, Table II: observer 0.0241 / 0.0537, interior point 0.0055 / 0.0053, quasi-Newton 0.0087 / 0.0065, Nelder-Mead 0.0101 / 0.1034"
 

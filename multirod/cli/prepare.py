@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from multirod.compiling import CompileError, cache
-from multirod.scenes import SCENES, Motion, load
+from multirod.studies.scenes import SCENES, Motion, load
 
 _DESCRIPTION = f"""\
 Compile the kernels of scenes, several at a time, so that no first call waits for them: those of a solve and of a motion by the

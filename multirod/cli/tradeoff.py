@@ -12,11 +12,11 @@ from rich.markup import escape
 from rich.table import Table
 
 from multirod.cli.terminal import duration, file_of, nonnegative, positive, progress_bar
-from multirod.scenes import SCENES, Motion, load
-from multirod.terms import explain
-from multirod.tradeoffs import Measured, Measurement, Rows, Tradeoff
-from multirod.tradeoffs.promise import kept
-from multirod.tradeoffs.settings import code
+from multirod.studies.scenes import SCENES, Motion, load
+from multirod.studies.terms import explain
+from multirod.studies.tradeoffs import Measured, Measurement, Rows, Tradeoff
+from multirod.studies.tradeoffs.promise import kept
+from multirod.studies.tradeoffs.settings import code
 
 STOPPED = 130  # as a shell has it, by Ctrl-C
 _DESCRIPTION = f"""\

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.assembly import Assembly
+from multirod.models.assemblies.parallel_rods import InverseParallelRods, ParallelRods
 from multirod.models.backbone.problem import BackboneAssembly
-from multirod.models.parallel_rods import InverseParallelRods, ParallelRods
 from multirod.rod import Rod
 from multirod.validation import FloatArray
 

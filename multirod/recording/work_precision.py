@@ -30,7 +30,7 @@ from multirod.recording.writer import Writer
 from multirod.validation import FloatArray, file_path, refuse
 
 if TYPE_CHECKING:
-    from multirod.tradeoffs.table import Measured, Tradeoff
+    from multirod.studies.tradeoffs.table import Measured, Tradeoff
 
 SHOWN = 5  # settings on the front whose tips and errors are recorded: more cannot be told apart
 _WIDTH, _HEIGHT = 3.0, 2.0  # of the plot, in its own units: 2D views keep the aspect ratio

@@ -19,7 +19,7 @@ from single_rod import STEPS, c_loop
 
 import multirod as mr
 from multirod.batch import thread_count
-from multirod.experiment import wire
+from multirod.studies.experiment import wire
 
 NEWTON = mr.Shooting(integrator=mr.RK4(STEPS))
 SIZES = (100, 1000, 10_000, 100_000)

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 import multirod as mr
+from multirod.models.backbone.envelope import LOADS
 from multirod.models.backbone.problem import BackboneProblem
-from multirod.models.envelope import LOADS
 
 INTEGRATOR = mr.RK4(50)
 SOLVER = mr.Shooting(integrator=INTEGRATOR)

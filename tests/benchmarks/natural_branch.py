@@ -17,7 +17,7 @@ import numpy as np
 
 import multirod as mr
 from multirod.problem import BoundaryProblem
-from multirod.solvers.continuation import natural_branch
+from multirod.solvers.continuation.natural import natural_branch
 from multirod.stability import Stability
 from multirod.status import Status
 

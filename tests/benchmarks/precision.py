@@ -13,7 +13,7 @@ import parallel_rods
 import warp as wp
 
 import multirod as mr
-from multirod.experiment import wire
+from multirod.studies.experiment import wire
 
 COUNT = 10_000
 FEW = 1000  # robots of several legs

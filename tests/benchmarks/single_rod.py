@@ -15,8 +15,8 @@ import numpy as np
 import warp as wp
 
 import multirod as mr
-from multirod.experiment import wire
 from multirod.models.backbone.problem import BackboneProblem
+from multirod.studies.experiment import wire
 
 STEPS = 50
 BATCH = 10_000

@@ -11,7 +11,7 @@ from time import perf_counter
 import numpy as np
 
 import multirod as mr
-from multirod.experiment import wire
+from multirod.studies.experiment import wire
 
 
 def main() -> None:

@@ -14,10 +14,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import multirod as mr
-from multirod.scenes import SCENES
-from multirod.tradeoffs import Measurement
-from multirod.tradeoffs.promise import MARGIN, kept
-from multirod.tradeoffs.settings import code
+from multirod.studies.scenes import SCENES
+from multirod.studies.tradeoffs import Measurement
+from multirod.studies.tradeoffs.promise import MARGIN, kept
+from multirod.studies.tradeoffs.settings import code
 
 IMAGES = Path(__file__).parents[2] / "docs" / "images"
 BUDGETS = {"paper": 60.0, "three-tubes": 90.0, "six-legs": 200.0}

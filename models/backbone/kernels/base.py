@@ -9,8 +9,9 @@ from types import SimpleNamespace
 import warp as wp
 
 from multirod.models.backbone.kernels.grid import Instance
-from multirod.models.backbone.kernels.layout import Call, InputOffsets, Layout, RodTable
-from multirod.models.backbone.kernels.scalars import axes_rotation, rotate, rotate_inverse, turn_base
+from multirod.models.backbone.kernels.layout.arguments import Call, InputOffsets, RodTable
+from multirod.models.backbone.kernels.layout.layout import Layout
+from multirod.models.backbone.kernels.numbers.scalars import axes_rotation, rotate, rotate_inverse, turn_base
 
 f64 = wp.float64
 

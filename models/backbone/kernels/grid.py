@@ -10,8 +10,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from multirod.models.backbone.kernels.lanes import lanes
-from multirod.models.backbone.kernels.layout import (
+from multirod.models.backbone.kernels.layout.arguments import (
     END,
     END_MOVER,
     FORCE,
@@ -21,10 +20,10 @@ from multirod.models.backbone.kernels.layout import (
     STOP,
     Call,
     InputOffsets,
-    Layout,
-    Memory,
     RodTable,
 )
+from multirod.models.backbone.kernels.layout.layout import Layout, Memory
+from multirod.models.backbone.kernels.numbers.lanes import lanes
 
 f64 = wp.float64
 

@@ -17,17 +17,13 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from multirod.models.backbone.features import Features
+from multirod.integrators import Tableau
 from multirod.models.backbone.kernels.base import make_base
 from multirod.models.backbone.kernels.grid import Instance, make_grid
-from multirod.models.backbone.kernels.lanes import lanes
-from multirod.models.backbone.kernels.layout import (
+from multirod.models.backbone.kernels.layout.arguments import (
     END,
     END_MOVER,
     FAULT,
-    FAULT_NONE,
-    FAULT_NONFINITE,
-    FAULT_STEPS,
     FORCE,
     JOB,
     OUTPUT,
@@ -36,17 +32,19 @@ from multirod.models.backbone.kernels.layout import (
     START_MOVER,
     STOP,
     Call,
-    Layout,
     RodTable,
 )
+from multirod.models.backbone.kernels.layout.features import Features
+from multirod.models.backbone.kernels.layout.layout import Layout
 from multirod.models.backbone.kernels.loads import make_loads
 from multirod.models.backbone.kernels.nodes import make_nodes
+from multirod.models.backbone.kernels.numbers.lanes import lanes
+from multirod.models.backbone.kernels.numbers.scalars import rotate_inverse
 from multirod.models.backbone.kernels.rates import make_rates
 from multirod.models.backbone.kernels.records import make_records
-from multirod.models.backbone.kernels.scalars import rotate_inverse
 from multirod.models.backbone.kernels.steps import make_steps
 from multirod.models.backbone.kernels.tip import make_tip
-from multirod.models.integrators import Tableau
+from multirod.status import Fault
 
 f64 = wp.float64
 SCALARS = {"float64": wp.float64, "float32": wp.float32}
@@ -199,12 +197,12 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
         """Lanes whose steps came to nothing, or are too many, end as they are."""
         for l in range(wp.static(W)):
             if call.lane[p + l, JOB] >= f64(0.0):
-                fault = int(wp.static(FAULT_NONE))
+                fault = int(wp.static(int(Fault.NONE)))
                 if f64(get_lane(memory, o + wp.static(COUNT), l)) >= f64(call.step_limit):
-                    fault = int(wp.static(FAULT_STEPS))
+                    fault = int(wp.static(int(Fault.STEP_LIMIT)))
                 if not (get_lane(memory, o + wp.static(SIZE), l) >= d(wp.static(TINY[d]))):
-                    fault = int(wp.static(FAULT_NONFINITE))
-                if fault != wp.static(FAULT_NONE):
+                    fault = int(wp.static(int(Fault.NONFINITE)))
+                if fault != wp.static(int(Fault.NONE)):
                     call.lane[p + l, FAULT] = f64(fault)
                     set_number(memory, o + wp.static(LEFT), l, f64(0.0))
 
@@ -420,7 +418,7 @@ def make_kernel(features: Features, tableau: Tableau, precision: str = "float64"
             if wp.static(NODE_COLUMNS):
                 write_momenta(call, case, y, v, first + c)
         if not wp.isfinite(total):
-            call.fault[t] = wp.static(FAULT_NONFINITE)
+            call.fault[t] = wp.static(int(Fault.NONFINITE))
 
     jobs = SimpleNamespace(
         Jobs=Call, count=count, wanted=wanted, instance_of=instance_of, enter=enter, go_on=go_on, finish=finish

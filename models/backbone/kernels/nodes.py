@@ -9,9 +9,10 @@ from types import SimpleNamespace
 import warp as wp
 
 from multirod.models.backbone.kernels.grid import Instance
-from multirod.models.backbone.kernels.lanes import lanes
-from multirod.models.backbone.kernels.layout import Call, Layout, Memory, RodTable
-from multirod.models.backbone.kernels.scalars import rotate, rotation_matrix, turned_about_z
+from multirod.models.backbone.kernels.layout.arguments import Call, RodTable
+from multirod.models.backbone.kernels.layout.layout import Layout, Memory
+from multirod.models.backbone.kernels.numbers.lanes import lanes
+from multirod.models.backbone.kernels.numbers.scalars import rotate, rotation_matrix, turned_about_z
 
 f64 = wp.float64
 

@@ -10,11 +10,11 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from multirod.models.backbone.kernels.lanes import add, div, lanes, mul, neg, sub  # noqa: F401  (operators: looked up by name)
-from multirod.models.backbone.kernels.layout import Layout
+from multirod.models.backbone.kernels.layout.layout import Layout
 from multirod.models.backbone.kernels.loads import make_loads
+from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul, neg, sub  # noqa: F401  (operators: looked up by name)
+from multirod.models.backbone.kernels.numbers.vectors import vectors
 from multirod.models.backbone.kernels.strains import make_strains
-from multirod.models.backbone.kernels.vectors import vectors
 
 
 def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import warp as wp
 
 from multirod.models.backbone.kernels.grid import Instance
-from multirod.models.backbone.kernels.lanes import lanes
-from multirod.models.backbone.kernels.layout import Layout, Memory
+from multirod.models.backbone.kernels.layout.layout import Layout, Memory
+from multirod.models.backbone.kernels.numbers.lanes import lanes
 
 f64 = wp.float64
 

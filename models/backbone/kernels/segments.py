@@ -12,12 +12,13 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from multirod.models.backbone.features import Features
+from multirod.integrators import Tableau
 from multirod.models.backbone.kernels.grid import Instance
 from multirod.models.backbone.kernels.integrate import make_carry, make_parts
-from multirod.models.backbone.kernels.layout import FAULT, FAULT_NONFINITE, OUTPUT, STOP, Call, RodTable
-from multirod.models.backbone.kernels.scalars import axes_rotation, body_rotation, rotate, rotate_inverse
-from multirod.models.integrators import Tableau
+from multirod.models.backbone.kernels.layout.arguments import FAULT, OUTPUT, STOP, Call, RodTable
+from multirod.models.backbone.kernels.layout.features import Features
+from multirod.models.backbone.kernels.numbers.scalars import axes_rotation, body_rotation, rotate, rotate_inverse
+from multirod.status import Fault
 
 f64 = wp.float64
 
@@ -246,7 +247,7 @@ def make_segment_kernel(features: SegmentFeatures, tableau: Tableau, W: int = 8)
                 dn = force_column_in(case, memory, o, l, c)
                 total += write_tip_column(rods, call, case, y, v, s, n_end, dn, first + c)
         if not wp.isfinite(total):
-            seg.fault[t] = wp.static(FAULT_NONFINITE)
+            seg.fault[t] = wp.static(int(Fault.NONFINITE))
 
     jobs = SimpleNamespace(
         Jobs=SegmentCall, count=count, wanted=wanted, instance_of=instance_of, enter=enter, go_on=go_on, finish=finish

@@ -8,9 +8,9 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from multirod.models.backbone.kernels.lanes import add, div, lanes, mul, neg, sub  # noqa: F401  (operators: looked up by name)
-from multirod.models.backbone.kernels.layout import Layout, Memory
-from multirod.models.integrators import Tableau
+from multirod.integrators import Tableau
+from multirod.models.backbone.kernels.layout.layout import Layout, Memory
+from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul, neg, sub  # noqa: F401  (operators: looked up by name)
 
 LONGER, SHORTER = 5.0, 0.2  # most by which a step may grow or shrink
 SAFETY = 0.9

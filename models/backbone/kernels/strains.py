@@ -10,9 +10,9 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from multirod.models.backbone.kernels.lanes import add, div, lanes, mul, neg, sub  # noqa: F401  (operators: looked up by name)
-from multirod.models.backbone.kernels.layout import Layout
-from multirod.models.backbone.kernels.vectors import vectors
+from multirod.models.backbone.kernels.layout.layout import Layout
+from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul, neg, sub  # noqa: F401  (operators: looked up by name)
+from multirod.models.backbone.kernels.numbers.vectors import vectors
 
 
 def make_strains(layout: Layout, W: int, d) -> SimpleNamespace:

@@ -11,8 +11,9 @@ from types import SimpleNamespace
 import warp as wp
 
 from multirod.models.backbone.kernels.grid import Instance
-from multirod.models.backbone.kernels.layout import Call, InputOffsets, Layout, RodTable
-from multirod.models.backbone.kernels.scalars import (
+from multirod.models.backbone.kernels.layout.arguments import Call, InputOffsets, RodTable
+from multirod.models.backbone.kernels.layout.layout import Layout
+from multirod.models.backbone.kernels.numbers.scalars import (
     axes_rotation,
     body_rotation,
     rotate,

@@ -1,0 +1,1 @@
+"""The robots: one rod, concentric tubes, several backbones that hold a platform."""

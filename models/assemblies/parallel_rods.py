@@ -1,0 +1,303 @@
+"""Parallel rods: several rods, or concentric tubes, that hold one platform."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from copy import copy
+from dataclasses import replace
+from itertools import pairwise
+from math import inf
+from typing import Any, Self
+
+import numpy as np
+
+from multirod.assembly import Assembly, pose
+from multirod.batch import IntArray
+from multirod.inputs import Inputs, InputSpec
+from multirod.models.assemblies.concentric_tubes import ConcentricTubes
+from multirod.models.assemblies.single_rod import SingleRod
+from multirod.models.backbone.influence import Influence, influences
+from multirod.models.backbone.kernels.layout.features import Features
+from multirod.models.backbone.problem import BackboneAssembly, scene_features
+from multirod.models.platform import platform_kernels as kernels
+from multirod.models.platform.problem import LEG_INPUTS, PER_ROD, PLATFORM_INPUTS, Geometry, ParallelProblem
+from multirod.rod import Rod
+from multirod.validation import Described, FloatArray, array, choice, frozen, instance, nonnegative_float, refuse
+
+JOINTS = {"clamped": kernels.CLAMPED, "revolute": kernels.REVOLUTE, "spherical": kernels.SPHERICAL}
+
+SMALLEST_AXIS = 1e-100  # whose square still is a number
+PLATFORM_WEIGHT = 8 / 3  # a weight on the tip against the same spread along the rod
+CLOSURE = ("shear", "torsion", "anisotropy", "precurvature_profile")  # what these do depends on how the legs hold each other
+
+
+class ParallelRods(Assembly):
+    """Legs clamped at their bases that hold one platform, the end effector.
+
+    ``tip_position`` and ``tip_rotation`` of a solution are the platform's frame in the world. Inputs per rod count the rods
+    of all legs, leg by leg: ``rotation``, and ``translation``, for a ``Rod`` how far it is pushed out of its base (the length in
+    use is ``length + translation``), for a tube of ``ConcentricTubes`` where it starts behind the plate.
+
+    Args:
+        legs: 2 to 12, each a ``Rod`` or a ``ConcentricTubes`` (whose own base is not used).
+        base: Pose of each leg's base in the world, shape (..., leg_count, 4, 4).
+        platform: Pose of each leg's attachment in the platform's frame, shape (..., leg_count, 4, 4): a clamped tip takes it.
+        joints: At the platform: ``"clamped"``, ``"spherical"`` (no moment), or ``"revolute"`` (free to turn about its axis),
+            for all legs or one for each.
+        joint_axes: Axes of revolute joints in the frame of the attachment, shape (3,) or (leg_count, 3); the leg's own by default.
+        platform_mass: [kg]; gravity acts on it at ``platform_centre``.
+        platform_centre: Centre of mass in the platform's frame [m], shape (3,).
+
+    Raises:
+        ValueError: If a number is out of range, a pose is none, or shapes do not fit.
+        TypeError: If a leg is neither a ``Rod`` nor a ``ConcentricTubes``.
+    """
+
+    def __init__(
+        self,
+        *,
+        legs: Sequence[Rod | ConcentricTubes],
+        base: Any,
+        platform: Any,
+        joints: str | Sequence[str] = "clamped",
+        joint_axes: Any = (0.0, 0.0, 1.0),
+        platform_mass: float = 0.0,
+        platform_centre: Any = (0.0, 0.0, 0.0),
+    ) -> None:
+        if not isinstance(legs, (list, tuple)) or not all(isinstance(leg, (Rod, ConcentricTubes)) for leg in legs):
+            raise TypeError("ParallelRods.legs must be a list of Rod or ConcentricTubes")
+        count = len(legs)
+        if not 2 <= count <= 12:
+            refuse("ParallelRods.legs", Described(f"{count} legs"), "must be 2 to 12")
+        mass = nonnegative_float("ParallelRods.platform_mass", platform_mass)
+        robots: list[BackboneAssembly] = [SingleRod(leg) if isinstance(leg, Rod) else leg for leg in legs]
+        self.legs = tuple(legs)
+        self.geometry = Geometry(
+            robots,
+            _poses("ParallelRods.base", base, count),
+            _poses("ParallelRods.platform", platform, count),
+            _joints(joints, count),
+            _axes(joint_axes, count),
+            mass,
+            array("ParallelRods.platform_centre", platform_centre, (3,)),
+        )
+        self.rods = self.geometry.rods
+        self._own_rods = [slice(a, b) for a, b in pairwise(self.geometry.first_rod.tolist())]
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:
+        """Leading axes of the rods' parameters and of the poses."""
+        return self.geometry.batch_shape
+
+    @property
+    def input_specs(self) -> tuple[InputSpec, ...]:  # noqa: D102
+        return (*LEG_INPUTS[:2], *PLATFORM_INPUTS, *LEG_INPUTS[2:])
+
+    def check(self, inputs: Inputs) -> None:  # noqa: D102
+        for k, (leg, own) in enumerate(zip(self.geometry.legs, self._own_rods, strict=True)):
+            values = {name: getattr(inputs, name)[..., own] for name in ("rotation", "translation")}
+            try:
+                leg.check(Inputs(leg.input_specs, leg.rod_count, values))
+            except ValueError as error:
+                raise ValueError(f"legs[{k}]: {error}") from None
+        if inputs.is_active("gravity") and not (self.geometry.mass > 0 or any(rod.has_mass for rod in self.rods)):
+            refuse("gravity", inputs.gravity.tolist(), "must be zero: no rod has a linear_density, and the platform no mass")
+
+    def input_directions(self, name: str) -> dict[str, int]:
+        """Directions for the derivatives by an input: rods of different legs share one, and what acts on the platform touches no leg."""
+        most = max(leg.rod_count for leg in self.geometry.legs)
+        count = most if name in PER_ROD else 3
+        return {"direction_count": count, "leg_direction_count": count if name in (*PER_ROD, *kernels.LEG_VECTORS) else 0}
+
+    def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102
+        if name != "translation":
+            return True
+        return all(leg.surely_takes(name, values[own]) for leg, own in zip(self.geometry.legs, self._own_rods, strict=True))
+
+    def problem(  # noqa: D102
+        self, inputs: Inputs, *, instances: IntArray | None = None, **options: Any
+    ) -> ParallelProblem:
+        geometry = self.geometry
+        if instances is not None:
+            whole = np.broadcast_shapes(inputs.batch_shape, self.batch_shape)
+            geometry, inputs = geometry.take(whole, instances), inputs.take(whole, instances)
+        return ParallelProblem(geometry, inputs, **options)
+
+    def with_rods(self, rods: Sequence[Rod]) -> Self:  # noqa: D102
+        result = copy(self)
+        robots = [leg.with_rods(rods[own]) for leg, own in zip(self.geometry.legs, self._own_rods, strict=True)]
+        g = self.geometry
+        result.geometry = Geometry(robots, g.base, g.platform, g.joints.tolist(), g.axes, g.mass, g.mass_centre)
+        result.legs = tuple(
+            robot if isinstance(leg, ConcentricTubes) else robot.rods[0] for leg, robot in zip(self.legs, robots, strict=True)
+        )
+        result.rods = result.geometry.rods
+        return result
+
+    def features(self, inputs: Inputs, *, enabled: Iterable[str] = ()) -> tuple[Features, ...]:  # noqa: D102
+        active = [name for name in kernels.LEG_VECTORS if name in enabled or inputs.is_active(name)]
+        found: dict[tuple[int, bool], list[Features]] = {}
+        for leg in self.geometry.legs:
+            options: dict[str, Any] = {"rod_count": leg.rod_count, "transmission": leg.transmission, "held": True}
+            own = scene_features(leg.arrays, active, inputs.profiles, **options)
+            found.setdefault((leg.rod_count, leg.transmission), []).append(own)
+        return tuple(
+            replace(
+                same[0],
+                precurvature_degree=max(f.precurvature_degree for f in same),
+                shear=any(f.shear for f in same),
+                anisotropic=any(f.anisotropic for f in same),
+            )
+            for same in found.values()
+        )
+
+    def influences(self, inputs: Inputs) -> Mapping[str, Influence]:
+        """An estimate, not a bound (``docs/explain.md``): each leg a cantilever that carries its share of the platform's loads."""
+        geometry, legs = self.geometry, len(self.legs)
+        if (geometry.joints != kernels.CLAMPED).any():
+            return {}
+        found: dict[str, Influence] = {}
+        for k, (leg, own) in enumerate(zip(geometry.legs, self._own_rods, strict=True)):
+            values: dict[str, Any] = {name: inputs.profile(name) for name in inputs.profiles}
+            values |= {name: getattr(inputs, name) for name in kernels.LEG_VECTORS if name not in values}
+            values |= {name: getattr(inputs, name) / legs for name in kernels.PLATFORM_VECTORS[:4]}
+            values |= {name: getattr(inputs, name)[..., own] for name in ("rotation", "translation")}
+            reach = np.linalg.norm(geometry.platform[..., k, :3, 3], axis=-1).max()
+            arm = float(np.linalg.norm(inputs.force_point, axis=-1).max()) + reach
+            force = (np.linalg.norm(values[name], axis=-1) for name in ("tip_force", "follower_force"))
+            values["follower_moment"] = values["follower_moment"] + arm * sum(force)[..., None] * [1, 0, 0]
+            arrays = leg.arrays
+            length = arrays.end[:, :, -1].max(axis=1)
+            material = np.array(arrays.material)
+            material[..., 0, :, 9] += (PLATFORM_WEIGHT * geometry.mass / (legs * length))[:, None]
+            longest = max((p.ends[-1] for p in inputs.profiles.values()), default=0.0)
+            loads = Inputs(leg.input_specs, leg.rod_count, values, longest)
+            whole = np.broadcast_shapes(inputs.batch_shape, arrays.batch_shape)
+            alone = influences(replace(arrays, material=material), loads, whole, transmission=leg.transmission)
+            farther = (1 + reach / float(length.min())) ** 3
+            for name, value in alone.items():
+                known = replace(value, error=value.error * farther if name not in CLOSURE or not value.error else inf)
+                found[name] = known if name not in found else found[name].joined(known)
+        return found
+
+    def inverse(self, *, limits: Any = None) -> "InverseParallelRods":
+        """The same robot with the platform's pose given, and the legs' translations to be found.
+
+        Args:
+            limits: ``(low, high)``: least and greatest translation [m], each a number or one for each leg; ``inf`` is no limit.
+
+        Raises:
+            ValueError: If there are not six legs, each a single rod: then the pose does not determine the translations; or if
+                ``limits`` are no such pair.
+        """
+        return InverseParallelRods(self, limits=limits)
+
+    def __repr__(self) -> str:
+        return f"ParallelRods(legs={list(self.legs)!r})"
+
+
+class InverseParallelRods(Assembly):
+    """Six legs and a given pose of their platform: the translations that lead there; see ``ParallelRods.inverse``.
+
+    The pose is given by the inputs ``platform_position`` [m] and ``platform_rotation`` (rotation vector in the world [rad]); the
+    loads are those of ``ParallelRods``. An input ``translation`` is where the search begins. ``translations`` reads the result.
+
+    Every equilibrium that is found, also from a guess and along a motion, is tested: an unstable one is a failure with the status
+    ``UNSTABLE``, one whose translations are beyond ``limits`` or leave no leg in use is ``OUT_OF_LIMITS``.
+
+    Args:
+        robot: The robot.
+        limits: As for ``ParallelRods.inverse``.
+
+    Attributes:
+        limits: Least and greatest translation of each leg [m], shape (2, 6).
+    """
+
+    def __init__(self, robot: ParallelRods, *, limits: Any = None) -> None:
+        instance("InverseParallelRods.robot", robot, ParallelRods, "ParallelRods")
+        legs = robot.legs
+        if len(legs) != 6 or not all(isinstance(leg, Rod) for leg in legs):
+            refuse("ParallelRods.legs", list(legs), "the inverse problem needs 6 legs, each a Rod: a pose has 6 numbers")
+        self.robot = robot
+        self.limits = _limits(limits, len(legs))
+        self.geometry = robot.geometry
+        self.rods = robot.rods
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:
+        """Leading axes of the rods' parameters and of the poses."""
+        return self.robot.batch_shape
+
+    @property
+    def input_specs(self) -> tuple[InputSpec, ...]:  # noqa: D102
+        pose_inputs = (
+            InputSpec(name="platform_position", unit="m", description="of the platform's origin, world frame"),
+            InputSpec(name="platform_rotation", unit="rad", description="rotation vector of the platform, world frame"),
+        )
+        return (*pose_inputs, *self.robot.input_specs)
+
+    def check(self, inputs: Inputs) -> None:  # noqa: D102
+        self.robot.check(inputs)
+
+    def input_directions(self, name: str) -> dict[str, int]:  # noqa: D102
+        return self.robot.input_directions(name)
+
+    def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102
+        return self.robot.surely_takes(name, values)
+
+    def problem(self, inputs: Inputs, **options: Any) -> ParallelProblem:  # noqa: D102
+        return self.robot.problem(inputs, inverse=True, limits=self.limits, **options)
+
+    def features(self, inputs: Inputs, *, enabled: Iterable[str] = ()) -> tuple[Features, ...]:  # noqa: D102
+        return self.robot.features(inputs, enabled=enabled)
+
+    def with_rods(self, rods: Sequence[Rod]) -> "InverseParallelRods":  # noqa: D102
+        return InverseParallelRods(self.robot.with_rods(rods), limits=self.limits)
+
+    def translations(self, solution: Any) -> FloatArray:
+        """Translation of each leg [m], shape (..., 6); NaN where the solution failed."""
+        length = self.geometry.scales()[0].reshape(*self.geometry.batch_shape, -1)[..., :-1]
+        return np.asarray(solution.inputs.translation + length**2 * solution.unknowns[..., -6:])
+
+    def __repr__(self) -> str:
+        limits = f"limits={self.limits.tolist()}" if np.isfinite(self.limits).any() else ""
+        return f"{self.robot!r}.inverse({limits})"
+
+
+def _poses(field: str, value: Any, count: int) -> FloatArray:
+    poses = pose(field, value)
+    if poses.ndim < 3 or poses.shape[-3] != count:
+        refuse(field, Described(f"array of shape {poses.shape}"), f"must have shape (..., {count}, 4, 4): one pose a leg")
+    return poses
+
+
+def _joints(value: str | Sequence[str], count: int) -> list[int]:
+    names = [value] * count if isinstance(value, str) else value
+    if not isinstance(names, (list, tuple)) or len(names) != count:
+        refuse("ParallelRods.joints", value, f"must be one joint, or one for each of {count} legs")
+    for name in names:
+        choice("ParallelRods.joints", name, JOINTS)
+    return [JOINTS[name] for name in names]
+
+
+def _limits(value: Any, count: int) -> FloatArray:
+    """Least and greatest translation of each leg [m], shape (2, count)."""
+    if value is None:
+        return np.repeat([[-inf], [inf]], count, axis=1)
+    pair = list(value) if isinstance(value, (list, tuple)) or (type(value) is np.ndarray and value.ndim) else []
+    if len(pair) != 2:
+        refuse("inverse.limits", value, "must be a pair (low, high)")
+    ends = [array("inverse.limits", end, finite=False) for end in pair]
+    if any(end.shape not in ((), (count,)) or np.isnan(end).any() for end in ends) or (ends[0] > ends[1]).any():
+        refuse("inverse.limits", value, f"must be (low, high), each a number or {count}, with low <= high")
+    return np.stack([np.broadcast_to(end, count) for end in ends])
+
+
+def _axes(value: Any, count: int) -> FloatArray:
+    axes = array("ParallelRods.joint_axes", value, (3,))
+    if axes.shape not in ((3,), (count, 3)):
+        refuse("ParallelRods.joint_axes", value, f"must have shape (3,) or ({count}, 3)")
+    axes = np.broadcast_to(axes, (count, 3))
+    with np.errstate(over="ignore"):
+        size = np.linalg.norm(axes, axis=1)
+    if not ((size > SMALLEST_AXIS) & (size < 1 / SMALLEST_AXIS)).all():
+        refuse("ParallelRods.joint_axes", value, f"must have lengths from {SMALLEST_AXIS:g} to {1 / SMALLEST_AXIS:g}")
+    return np.asarray(frozen(axes / size[:, None]))

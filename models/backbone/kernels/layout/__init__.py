@@ -1,0 +1,1 @@
+"""What a scene needs, and how its numbers stand in memory."""

@@ -1,0 +1,113 @@
+# mypy: ignore-errors
+"""Arguments of the kernels: the rods, the arrays of a launch, and where its inputs and its lanes' numbers stand."""
+
+import warp as wp
+
+MATERIAL_SIZE = 10  # EI_x, EI_y, GJ, their inverses, 1/GA_x, 1/GA_y, 1/EA, mass per length
+INPUT_VECTORS = (
+    "tip_force",
+    "tip_moment",
+    "follower_force",
+    "follower_moment",
+    "distributed_force",
+    "distributed_moment",
+    "gravity",
+    "tip_curvature",
+)
+
+
+def input_size(rod_count: int) -> int:
+    """Length of the packed inputs: rotations, translations, the vectors of ``INPUT_VECTORS``, scale of the load profiles."""
+    return 2 * rod_count + 3 * len(INPUT_VECTORS) + 1
+
+
+class InputOffsets:
+    """Where each input begins in a row of ``Call.inputs`` and ``Call.directions``; see ``input_size``."""
+
+    def __init__(self, rod_count: int) -> None:
+        self.ROTATION = 0
+        self.TRANSLATION = rod_count
+        for k, name in enumerate(INPUT_VECTORS):
+            setattr(self, name.upper(), 2 * rod_count + 3 * k)
+        self.PROFILE_FACTOR = 2 * rod_count + 3 * len(INPUT_VECTORS)
+
+
+@wp.struct
+class RodTable:
+    """Rods of a backbone; the first axis is the batch or has length 1."""
+
+    stride: int  # 1 if each instance has its own rods, else 0
+    end: wp.array3d[wp.float64]  # arclength of section ends from the rod's base [m], (batch, rod, section)
+    material: wp.array4d[wp.float64]  # (batch, rod, section, MATERIAL_SIZE)
+    precurvature: wp.array4d[wp.float64]  # (batch, rod, section, 3 (degree + 1)), in the section's coordinate -1 to 1
+    length_scale: wp.array[wp.float64]  # (batch,) [m]
+    base_stride: int
+    base_position: wp.array[wp.vec3d]  # (batch,)
+    base_rotation: wp.array[wp.mat33d]  # (batch,)
+    profile_end: wp.array[wp.float64]  # arclength of the ends of the pieces of load profiles [m], (piece,)
+    profile: wp.array2d[wp.float64]  # force and moment coefficients, (piece, 6 (degree + 1))
+
+
+@wp.struct
+class Call:
+    """What one launch reads and writes; the first axis is the batch."""
+
+    order: wp.array[int]  # instances that a launch passes over
+    active: wp.array[int]  # instances with 0 are left untouched
+    unknowns: wp.array2d[wp.float64]
+    inputs: wp.array2d[wp.float64]
+    load_factor: wp.array[wp.float64]  # multiplies every load
+    directions: wp.array3d[wp.float64]  # (batch or 1, direction, input)
+    direction_stride: int
+    steps: wp.float64
+    step_multiple: wp.float64  # what the steps of a stretch are a multiple of
+    rtol: wp.float64
+    atol: wp.float64
+    step_limit: int
+    node_count: int
+    node_rod: int  # the rod that the nodes describe and along which they are spaced; the number of rods for all together
+    # how instances and their columns are dealt out to lanes
+    unknown_columns: int  # columns by unknowns: all of them, or none
+    direction_columns: int
+    parts: int  # lanes that share the columns of an instance
+    part_columns: int  # columns of a lane
+    chunk: int  # lanes' jobs, an instance's part each, of a thread
+    lane: wp.array2d[wp.float64]  # (lane, LANE_SIZE): where each stands
+    # outputs
+    fault: wp.array[int]
+    step_count: wp.array[int]
+    residual: wp.array2d[wp.float64]  # (batch, unknown) [1/m]
+    gamma: wp.array3d[wp.float64]  # (batch, unknown, unknown)
+    residual_directions: wp.array3d[wp.float64]  # (batch, unknown, direction)
+    position: wp.array[wp.vec3d]
+    rotation: wp.array[wp.mat33d]
+    pose_columns: wp.array3d[wp.float64]  # (batch, 6, unknown + direction), world frame
+    node_arclength: wp.array2d[wp.float64]  # (batch, node)
+    node_position: wp.array2d[wp.vec3d]
+    node_rotation: wp.array2d[wp.mat33d]
+    node_curvature: wp.array2d[wp.vec3d]
+    node_moment: wp.array2d[wp.vec3d]
+    node_force: wp.array2d[wp.vec3d]
+    energy: wp.array[wp.float64]
+    work: wp.array[wp.float64]  # of the dead forces, from all of the rod at its base
+    # of a held tip
+    tip_wrench: wp.array2d[wp.float64]  # (batch, 6): internal force, then moment, world frame
+    wrench_columns: wp.array3d[wp.float64]  # (batch, 6, unknown + direction)
+    # at every node of the grid but the base, in its order; rows past the last are left as they are
+    column_arclength: wp.array2d[wp.float64]  # (batch, grid node)
+    node_columns: wp.array4d[wp.float64]  # (batch, grid node, n + 2, unknown)
+    tip_columns: wp.array3d[wp.float64]  # (batch, n + 2, unknown)
+
+
+# where a lane stands, in double precision whatever its numbers are: of ``Call.lane``
+JOB = 0  # -1: none
+START = 1  # arclength of the node where its stretch begins
+END = 2
+START_MOVER = 3  # the rod with which this node moves along the backbone, -1 if it stays
+END_MOVER = 4
+OUTPUT = 5  # output nodes passed
+PASSED = 6  # nodes passed
+FORCE = 7  # n where the stretch begins, base frame
+FAULT = 10
+STOP = 11  # arclength where the lane is done
+LANE_SIZE = 12

@@ -1,0 +1,183 @@
+# mypy: ignore-errors
+"""How the numbers of a backbone stand: its state and columns, a stretch, a place.
+
+A record is a list of ``Slot``; offsets, sizes and units follow from it. Numbers in parentheses are those of ``docs/model.md``.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from multirod.models.backbone.kernels.layout.features import Features
+
+
+@dataclass(frozen=True)
+class Slot:
+    """One entry of a record: its name, how many numbers, and what they are counted in: "moment", "force", "length" or "1"."""
+
+    name: str
+    size: int
+    unit: str = "1"
+
+
+class Record:
+    """Numbers that stand together: where each begins (``at``; -1 if it is not there) and how many there are (``size``)."""
+
+    def __init__(self, slots: Iterable[Slot]) -> None:
+        self.slots = [slot for slot in slots if slot.size]
+        self.at: dict[str, int] = {}
+        self.size = 0
+        for slot in self.slots:
+            self.at[slot.name] = self.size
+            self.size += slot.size
+
+    def __getitem__(self, name: str) -> int:
+        return self.at.get(name, -1)
+
+    def units(self) -> list[str]:
+        """Of each number."""
+        return [slot.unit for slot in self.slots for _ in range(slot.size)]
+
+
+class Layout:
+    """The records of a backbone with certain features. How many columns there are is known to a launch only.
+
+    Attributes:
+        state: What is integrated of the backbone itself.
+        column: What is integrated of one column, the derivative of the state by an unknown or along a direction of inputs.
+        given: What stands beside a column: what its direction varies of the loads and of the stretch.
+        stretch: What is constant between two nodes.
+        place: What columns need to know of the backbone at one place.
+        steps: Where a lane stands on its stretch.
+    """
+
+    def __init__(self, features: Features) -> None:
+        f = self.features = features
+        self.n = n = f.rod_count
+        self.UNKNOWNS = f.unknown_count
+        self.MOMENT, self.TORQUES = f.moment, f.torque_count
+        self.FRAME, self.COLUMN_FRAME = f.frame, f.column_has_frame
+        self.FORCE, self.FORCE_STATE = f.force, f.force_is_state
+        self.PROFILE = f.profile_degree >= 0
+        self.SPREAD_FORCE = f.distributed_force or self.PROFILE
+        self.SPREAD_MOMENT = f.distributed_moment
+        self.PROFILE_TERMS = max(f.profile_degree, 0) + 1
+        self.CURVATURE_TERMS = f.precurvature_degree + 1
+        self.VARIED = self.CURVATURE_TERMS > 1
+        self.POSE = f.pose or f.nodes or f.pose_sensitivities
+        self.POSE_COLUMNS = f.pose_sensitivities
+        self.NODES = f.nodes
+        self.FIXED = f.fixed_moment
+        self.DIRECTIONS = f.directions
+        # an unknown base force, or a direction, makes n depend on it
+        self.GIVEN_FORCE = f.force and not f.force_is_state and (f.directions or f.base_force_unknown)
+        statics = [
+            Slot("moment", 3 * self.MOMENT, "moment"),
+            Slot("force", 3 * self.FORCE_STATE, "force"),
+            Slot("angles", n - 1),
+            Slot("torques", self.TORQUES, "moment"),
+        ]
+        self.state = Record(
+            [
+                *statics,
+                Slot("frame", 4 * self.FRAME),
+                Slot("position", 3 * self.POSE, "length"),
+                Slot("energy", 1 * f.nodes, "moment"),
+                Slot("work", 1 * f.nodes, "moment"),
+            ]
+        )
+        self.column = Record([*statics, Slot("frame", 4 * self.COLUMN_FRAME), Slot("position", 3 * self.POSE_COLUMNS, "length")])
+        directed = 1 * self.DIRECTIONS
+        self.given = Record(
+            [
+                Slot("unit", 1),
+                Slot("force", 3 * self.GIVEN_FORCE, "force"),  # dn at the start of the stretch, base frame
+                Slot("distributed_force", 3 * directed, "force per length"),
+                Slot("distributed_moment", 3 * directed * self.SPREAD_MOMENT, "force"),
+                Slot("profile", directed),  # relative
+                Slot("start", directed, "length"),  # of the arclength of the start
+                Slot("growth", directed),  # (20) of the stretch, relative
+                Slot("shift", n * directed, "length"),  # of the rods, along themselves
+            ]
+        )
+        several = n > 1
+        self.stretch = Record(
+            [
+                Slot("present", n * several),  # 1 if the rod reaches this far, else 0
+                Slot("bending", n * several, "stiffness"),  # EI_x, zero where it has ended
+                Slot("bending_y", n * f.anisotropic, "stiffness"),
+                Slot("softness", 1 * several, "1/stiffness"),  # 1 / sum of bending
+                Slot("torsion", n * several, "1/stiffness"),  # 1/GJ, zero where it has ended
+                Slot("compliance", 3 * (not several), "1/stiffness"),
+                Slot("shear", 3 * f.shear, "1/force"),
+                Slot("precurvature", 3 * self.CURVATURE_TERMS * n, "1/length"),
+                Slot("centre", n * self.VARIED, "length"),
+                Slot("slope", n * self.VARIED, "1/length"),
+                Slot("force", 3 * (f.force and not f.force_is_state), "force"),  # n at the start
+                Slot("distributed_force", 3 * self.SPREAD_FORCE, "force per length"),
+                Slot("distributed_moment", 3 * self.SPREAD_MOMENT, "force"),
+                Slot("profile_force", 3 * self.PROFILE_TERMS * self.PROFILE, "force per length"),
+                Slot("profile_moment", 3 * self.PROFILE_TERMS * (self.PROFILE and self.SPREAD_MOMENT), "force"),
+                Slot("profile_centre", 1 * self.PROFILE, "length"),
+                Slot("profile_slope", 1 * self.PROFILE, "1/length"),
+                Slot("unit_moment", 1, "moment"),  # what counts as one in the errors of a step
+                Slot("unit_force", 1, "force"),
+                Slot("unit_length", 1, "length"),
+            ]
+        )
+        tube = n if several else 0
+        self.place = Record(
+            [
+                Slot("x", 1),
+                Slot("frame", 5 * self.FRAME),  # and 2 / |q|^2
+                Slot("moment", 3),
+                Slot("force", 3),
+                Slot("curvature", 3),
+                Slot("extension", 3 * f.shear),  # v - e3
+                Slot("world_force", 3 * self.FIXED),  # n
+                Slot("tangent", 3 * self.FIXED),  # p'
+                # (7), (8): b_i - K_i u, its derivative by theta at constant u, K_i as xx, xy, yy, and cos, sin of theta_i
+                Slot("tube_x", tube),
+                Slot("tube_y", tube),
+                Slot("slope_x", tube),
+                Slot("slope_y", tube),
+                Slot("stiffness", 3 * n * f.anisotropic),
+                Slot("flexibility", 3 * f.anisotropic),
+                Slot("cosine", tube),
+                Slot("sine", tube),
+                Slot("own_twist", n * f.nodes, "1/length"),  # u*_i,z
+                Slot("rate", self.column.size * directed),  # of what of the state stands in a column
+            ]
+        )
+        self.steps = Record(
+            [
+                Slot("x", 1),  # from the start of the stretch
+                Slot("length", 1),
+                Slot("size", 1),  # of the next step
+                Slot("left", 1),  # equal steps left of the stretch; below 1/2 it is done
+                Slot("active", 1),
+                Slot("count", 1),
+                Slot("rejected", 1),
+                Slot("longest", 1),  # first step
+                Slot("controlled", 1),  # 1 if errors choose the steps, 0 if they are equal
+            ]
+        )
+
+    def memory(self, stages: int) -> "Memory":
+        """Where the records of a thread stand in its memory."""
+        return Memory(self, stages)
+
+
+class Memory:
+    """Offsets of the records of one thread, in rows of lanes; the columns come last."""
+
+    def __init__(self, layout: Layout, stages: int) -> None:
+        self.STEPS = 0
+        self.STRETCH = layout.steps.size
+        self.STATE = self.STRETCH + layout.stretch.size
+        self.PLACES = self.STATE + layout.state.size
+        self.COLUMNS = self.PLACES + stages * layout.place.size
+        self.COLUMN_SIZE = layout.column.size + layout.given.size
+
+    def rows(self, columns: int) -> int:
+        """Of a thread whose lanes carry so many columns each."""
+        return self.COLUMNS + columns * self.COLUMN_SIZE

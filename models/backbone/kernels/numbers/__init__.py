@@ -1,0 +1,1 @@
+"""Numbers in lanes, and what is made of them; frames of one instance."""

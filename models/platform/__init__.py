@@ -1,0 +1,1 @@
+"""Several backbones that hold one platform: their boundary problem."""

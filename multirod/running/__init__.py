@@ -1,0 +1,1 @@
+"""Robots solved, moved and followed sample by sample."""

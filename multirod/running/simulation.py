@@ -1,0 +1,341 @@
+"""Solving one set of inputs, a motion, or a batch of either."""
+
+from collections.abc import Callable, Iterator
+from math import prod
+from threading import Event, Lock
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from multirod.assembly import Assembly
+from multirod.batch import IntArray, parts, run, thread_count
+from multirod.inputs import Inputs
+from multirod.problem import BoundaryProblem
+from multirod.running.progress import Watch
+from multirod.segments import Breakpoints, placed
+from multirod.solution import History, Scene, Solution, stand_in
+from multirod.solver import Outcome, Solver, Tested
+from multirod.solvers.shooting import Shooting
+from multirod.studies.terms.simplify import simplified
+from multirod.validation import Described, FloatArray, array, device_name, integers, refuse
+
+_BLOCK = 2**20  # numbers: inputs are made ready for as many samples at once
+
+
+def as_solver(robot: object, solver: object) -> Solver:
+    """``solver``, or the one that is meant by None; refuses what is none, and what is no robot."""
+    if not isinstance(robot, Assembly):
+        raise TypeError(f"robot must be an assembly such as SingleRod(rod), not {type(robot).__name__}")
+    if solver is None:
+        return Shooting()
+    if not isinstance(solver, Solver):
+        raise TypeError(f"solver must be a Solver such as Shooting(), not {type(solver).__name__}")
+    return solver
+
+
+def _needs(solver: Solver) -> dict[str, Any]:
+    return {
+        "integrator": solver.integrator,
+        "pose_sensitivities": solver.pose_sensitivities,
+        "direction_count": solver.direction_count,
+    }
+
+
+def solve(
+    robot: Assembly,
+    inputs: Inputs | None = None,
+    *,
+    solver: Solver | None = None,
+    guess: Any = None,
+    device: str = "cpu",
+    threads: int | None = None,
+    instances: Any = None,
+    simplify: float | None = None,
+    progress: bool | Callable[[int], Any] = True,
+) -> Solution:
+    """Static equilibrium of every instance of ``inputs`` and of the robot's own leading axes.
+
+    A batch is solved in parts, on several threads. An instance is bitwise the same whatever the parts and threads.
+
+    Args:
+        robot: The assembly.
+        inputs: Made by ``robot.inputs(...)``; none are all zero.
+        solver: ``Shooting()`` by default.
+        guess: Where to start: a ``Solution``, also one under other loads, or unknowns (..., n). Without it, the equilibrium on the natural branch is
+            meant: the one reached from the unloaded assembly by raising all loads in proportion.
+        device: Warp device.
+        threads: That share the parts of a batch on the CPU; one for each core by default.
+        instances: Numbers, in the flattened batch, of the only ones to be solved, shape (k,): the result has that shape.
+        simplify: Drop the terms that together move no tip by more than this times the length in use (``docs/explain.md``); the
+            solution is then of the robot and inputs without them, and ``solution.dropped`` names them.
+        progress: Whether to show a bar on a terminal where it takes more than two seconds; or a function that is called with
+            the number of instances done.
+
+    Returns:
+        One equilibrium an instance, each with its status; an instance that fails never raises.
+
+    Raises:
+        TypeError, ValueError: If an argument is not what it must be.
+    """
+    method = as_solver(robot, solver)
+    device = device_name("device", device)
+    robot, inputs, dropped = simplified(robot, robot.accept(inputs), simplify)
+    whole = np.broadcast_shapes(inputs.batch_shape, robot.batch_shape)
+    chosen = None if instances is None else _numbers(instances, prod(whole))
+    batch_shape = whole if chosen is None else chosen.shape
+    count = prod(batch_shape)
+    workers = thread_count(threads)
+    pieces = _pieces(robot, count, workers, device)
+    results, lock = _Results(1, count), Lock()
+    if not count:
+        results.put_none(stand_in(robot, inputs, device=device, **_needs(method)))
+
+    def work(piece: slice, stop: Event) -> None:
+        some = _some(chosen, piece, count)
+        with lock:
+            problem = robot.problem(inputs, device=device, instances=some, **_needs(method))
+            problem.stop = stop
+            start = _guess(guess, problem, count, piece)
+        outcome = method.solve(problem, start)
+        results.put(0, piece, problem.snapshot(), outcome, problem)
+        watch.advance(piece.stop - piece.start)
+
+    with Watch("solving", count, progress) as watch:
+        run(work, pieces, workers)
+    scene = Scene(robot, batch_shape, method.integrator, device, results.fields, threads=workers, dropped=dropped)
+    return Solution(scene, results.records[0], results.outcome(), inputs, chosen)
+
+
+def simulate(
+    robot: Assembly,
+    inputs: Inputs,
+    *,
+    time: Any,
+    solver: Solver | None = None,
+    guess: Any = None,
+    device: str = "cpu",
+    threads: int | None = None,
+    simplify: float | None = None,
+    progress: bool | Callable[[int], Any] = True,
+) -> History:
+    """Follow a motion from sample to sample, or a batch of motions.
+
+    Args:
+        robot: The assembly.
+        inputs: Made by ``robot.inputs(...)``, with time as the first axis of what varies.
+        time: Of the samples [s], evenly spaced and increasing, shape (sample_count,).
+        solver: ``Shooting()`` by default.
+        guess: Unknowns at the first sample, as for ``solve``.
+        device: Warp device.
+        threads: That share the parts of a batch on the CPU; one for each core by default.
+        simplify: As for ``solve``: a term is dropped only where it may be in all samples.
+        progress: Whether to show a bar on a terminal where it takes more than two seconds; or a function that is called with
+            the number of samples done.
+
+    Returns:
+        The series, each sample with its status and the time that it took.
+
+    Raises:
+        ValueError: If ``time`` is not evenly spaced and increasing, or the inputs' first axis is not time.
+    """
+    method = as_solver(robot, solver)
+    device = device_name("device", device)
+    inputs = robot.accept(inputs)
+    time, dt = even_times(time)
+    samples = len(time)
+    if inputs.batch_shape and inputs.batch_shape[0] not in (1, samples):
+        refuse("inputs", Described(f"leading axes {inputs.batch_shape}"), f"the first must be time, {samples} samples")
+    batch_shape = np.broadcast_shapes(inputs.batch_shape[1:], robot.batch_shape)
+    robot, inputs, dropped = simplified(robot, inputs, simplify, _with_time(inputs, samples, batch_shape))
+    count = prod(batch_shape)
+    workers = thread_count(threads)
+    pieces = _pieces(robot, count, workers, device)
+    results, lock = _Results(samples, count), Lock()
+    step_time = np.zeros((len(pieces), samples))
+    if count * samples:
+        first = inputs[0] if inputs.batch_shape else inputs
+    else:
+        results.put_none(stand_in(robot, inputs, device=device, **_needs(method)))
+        pieces = []
+
+    def work(piece: slice, stop: Event) -> None:
+        some = _some(None, piece, count)
+        with lock:
+            runner = Runner(robot, method, first, dt, device, inputs.active, instances=some)
+            runner.start(guess, count, piece)
+        problem, took = runner.problem, step_time[pieces.index(piece)]
+        problem.stop = stop
+        rows = _samples(problem, inputs, samples, batch_shape, some)
+        for k in range(samples):
+            row = next(rows, None)
+            begin = perf_counter()
+            if row is not None:
+                problem.write("inputs", row)
+            outcome = runner.track.step()
+            took[k] = perf_counter() - begin
+            results.put(k, piece, problem.snapshot(), outcome, problem)
+            watch.advance()
+
+    with Watch("samples", samples, progress, shares=len(pieces)) as watch:
+        run(work, pieces, workers)
+    return History(
+        Scene(robot, (samples, *batch_shape), method.integrator, device, results.fields, threads=workers, dropped=dropped),
+        results.records.reshape(samples * count, results.records.shape[-1]),
+        results.outcome(),
+        _with_time(inputs, samples, batch_shape),
+        time=time,
+        step_time=step_time.sum(axis=0),
+        description=", ".join([repr(method), *(f"without {term}" for term in dropped)]),
+    )
+
+
+class Runner:
+    """A problem and the solver's track on it."""
+
+    def __init__(
+        self,
+        robot: Assembly,
+        solver: Solver,
+        inputs: Inputs,
+        dt: float,
+        device: str,
+        enabled: Any,
+        *,
+        instances: IntArray | None = None,
+    ) -> None:
+        self.problem: Any = robot.problem(inputs, device=device, enabled=tuple(enabled), instances=instances, **_needs(solver))
+        reasons = solver.unsupported(self.problem)
+        if reasons:
+            raise ValueError(f"{type(solver).__name__} cannot take this problem: " + "; ".join(reasons))
+        track = solver.track(self.problem, dt)
+        self.track = Tested(track) if self.problem.results_are_tested else track
+
+    def start(self, guess: Any, count: int, piece: slice) -> None:
+        """Start from a guess of ``count`` instances, of which the problem's are a piece; None is no guess."""
+        unknowns = _guess(guess, self.problem, count, piece)
+        if unknowns is not None:
+            self.track.start(unknowns)
+
+
+class _Results:
+    """Records and outcomes of all samples and instances, filled in part by part; nothing is kept twice."""
+
+    def __init__(self, samples: int, count: int) -> None:
+        self._shape = (samples, count)
+        self._lock = Lock()
+        self._outcome: dict[str, Any] = {}
+        self._breakpoints: dict[int, Breakpoints] = {}
+        self.fields: dict[str, slice] = {}
+        self.records: FloatArray = np.zeros(0)
+
+    def put_none(self, problem: BoundaryProblem) -> None:
+        """Take the shapes of a problem, where there is nothing to be solved."""
+        outcome = Outcome.zeros(0)
+        self.fields = {name: field for name, field in problem.record_fields.items() if name != "inputs"}
+        self.records = np.empty((*self._shape, max(field.stop for field in self.fields.values())))
+        self._outcome = {name: value.reshape(self._shape) for name, value in outcome.arrays.items()}
+
+    def put(self, sample: int, piece: slice, records: FloatArray, outcome: Outcome, problem: BoundaryProblem) -> None:
+        """Take in what one part of the instances came to; on any thread."""
+        values = outcome.arrays
+        first, last = (sample * self._shape[1] + end for end in (piece.start, piece.stop))
+        with self._lock:
+            self._breakpoints |= placed(outcome.breakpoints, np.arange(first, last))
+            if not self.fields:
+                # the inputs are known
+                self.fields = {name: field for name, field in problem.record_fields.items() if name != "inputs"}
+                self.records = np.empty((*self._shape, max(field.stop for field in self.fields.values())))
+                self._outcome = {name: np.empty((*self._shape, *v.shape[1:]), v.dtype) for name, v in values.items()}
+            for name in self._outcome.keys() - values.keys():
+                del self._outcome[name]  # not all parts have it
+        self.records[sample, piece] = records[:, : self.records.shape[-1]]
+        for name in self._outcome.keys() & values.keys():
+            self._outcome[name][sample, piece] = values[name]
+
+    def outcome(self) -> Outcome:
+        """The outcomes of all samples, one after another."""
+        arrays = {name: value.reshape(-1, *value.shape[2:]) for name, value in self._outcome.items()}
+        return Outcome(**arrays, breakpoints=self._breakpoints)
+
+
+def _pieces(robot: Assembly, count: int, threads: int, device: str) -> list[slice]:
+    """Parts of a batch; on a GPU, which runs everything at once, all of it."""
+    if not count:
+        return []
+    return parts(count, threads, robot.rod_count) if wp.get_device(device).is_cpu else [slice(0, count)]
+
+
+def _some(chosen: IntArray | None, piece: slice, count: int) -> IntArray | None:
+    """Numbers of the instances of a part; None where it is all of a whole batch."""
+    if chosen is not None:
+        return chosen[piece]
+    return None if piece == slice(0, count) else np.arange(piece.start, piece.stop)
+
+
+def _numbers(instances: Any, count: int) -> IntArray:
+    values = integers("instances", instances)
+    if values.size and not (values.min() >= 0 and values.max() < count):
+        refuse("instances", Described(f"{values.min()} to {values.max()}"), f"must be from 0 to {count - 1}")
+    return values
+
+
+def _guess(guess: Any, problem: BoundaryProblem, count: int, piece: slice) -> FloatArray | None:
+    """A guess of the problem's unknowns, (instance_count, n), from a solution or an array of all ``count`` instances."""
+    if guess is None:
+        return None
+    values = guess.unknowns if isinstance(guess, Solution) else array("guess", guess, finite=False)
+    if not (isinstance(guess, Solution) or np.isfinite(values).all()):
+        refuse("guess", Described(f"array of shape {values.shape}"), "must be finite")
+    if not values.size and count:
+        refuse("guess", Described(f"array of shape {values.shape}"), f"must have shape (..., {problem.unknown_count})")
+    flat = values.reshape(-1, values.shape[-1] if values.ndim else 1)
+    if len(flat) not in (1, count):
+        refuse("guess", Described(f"array of shape {values.shape}"), f"must broadcast to {count} instances")
+    rows = flat if len(flat) == 1 else flat[piece]
+    return np.array(problem.adopt(np.broadcast_to(rows, (problem.instance_count, rows.shape[1]))))
+
+
+def even_times(time: Any) -> tuple[FloatArray, float]:
+    """Checked times of samples, and their distance."""
+    time = array("time", time)
+    if time.ndim != 1:
+        refuse("time", Described(f"array of shape {time.shape}"), "must have shape (sample_count,)")
+    steps = np.diff(time)
+    if len(steps) and not (steps.min() > 0 and np.allclose(steps, steps.mean(), rtol=1e-6, atol=0)):
+        refuse("time", time if time.size < 20 else Described(f"{time.size} samples"), "must be evenly spaced and increasing")
+    return time, float(steps.mean()) if len(steps) else 1.0
+
+
+def _samples(
+    problem: BoundaryProblem, inputs: Inputs, samples: int, batch_shape: tuple[int, ...], instances: IntArray | None
+) -> Iterator[FloatArray]:
+    """Rows of the inputs for each sample, made ready in blocks; none where nothing moves."""
+    if samples == 1 or not inputs.batch_shape or inputs.batch_shape[0] != samples:
+        return
+    constant = problem.read("inputs")
+    block = max(1, _BLOCK // constant.size)
+    chosen = slice(None) if instances is None else instances
+    for start in range(0, samples, block):
+        present = inputs[start : start + block]
+        rows = np.repeat(constant[None], present.batch_shape[0], axis=0)
+        for name in present.given:
+            if name not in present.profiles:
+                value = getattr(present, name)
+                own = value.reshape(len(value), *(1,) * (len(batch_shape) - value.ndim + 2), *value.shape[1:])
+                every = np.broadcast_to(own, (len(value), *batch_shape, value.shape[-1]))
+                rows[..., problem.input_slice(name)] = every.reshape(len(value), -1, value.shape[-1])[:, chosen]
+        yield from rows
+
+
+def _with_time(inputs: Inputs, count: int, batch_shape: tuple[int, ...]) -> Inputs:
+    """The inputs with all axes, time first: what does not vary is repeated."""
+    own = inputs.batch_shape or (1,)
+    shape = (own[0], *(1,) * (len(batch_shape) - len(own) + 1), *own[1:])
+    names = [name for name in inputs.given if name not in inputs.profiles]
+    arrays = {}
+    for name in names:
+        value = getattr(inputs, name)
+        arrays[name] = np.broadcast_to(value.reshape(*shape, value.shape[-1]), (count, *batch_shape, value.shape[-1]))
+    return inputs.with_arrays(arrays)

@@ -1,0 +1,195 @@
+"""One sample at a time: a solver in a control loop."""
+
+from threading import Lock
+from typing import Any
+
+import numpy as np
+
+from multirod.assembly import Assembly
+from multirod.exclusive import Uncopied
+from multirod.inputs import Inputs
+from multirod.running.simulation import Runner, as_solver
+from multirod.solution import Scene, Solution
+from multirod.solver import Solver
+from multirod.validation import Described, FloatArray, device_name, positive_float, refuse, unknown_names
+
+_PLAIN_NUMBERS = (float, int, np.float64)
+LARGEST = 1e300  # an integer may be larger than any float
+
+
+def _broadcasts(shape: tuple[int, ...], target: tuple[int, ...]) -> bool:
+    try:
+        return np.broadcast_shapes(shape, target) == target
+    except ValueError:
+        return False
+
+
+class Tracker(Uncopied):
+    """A solver in a control loop: one sample a call, buffers and launches made once.
+
+    One thread steps it at a time: each sample starts from the last. Several loops need a tracker each.
+
+    Args:
+        robot: The assembly.
+        solver: ``Shooting()`` by default.
+        dt: Time between samples [s].
+        inputs: At the start; their batch axes are kept. Loads not zero here are compiled in now: another load named
+            later is compiled in when it first comes, which takes seconds once.
+        guess: Unknowns at the first sample, as for ``solve``.
+        device: Warp device.
+
+    Raises:
+        TypeError, ValueError: If an argument is not what it must be.
+    """
+
+    instead = "make a new Tracker(robot, solver=..., dt=..., inputs=tracker.inputs, guess=solution)"
+
+    def __init__(
+        self,
+        robot: Assembly,
+        *,
+        solver: Solver | None = None,
+        dt: float,
+        inputs: Inputs | None = None,
+        guess: Any = None,
+        device: str = "cpu",
+    ) -> None:
+        self._solver = as_solver(robot, solver)
+        self._robot = robot
+        self._dt = positive_float("Tracker.dt", dt)
+        self._device = device_name("Tracker.device", device)
+        self._inputs = robot.accept(inputs)
+        self._enabled: set[str] = set()
+        self._started = guess is not None
+        self._lock = Lock()
+        self._prepare(guess)
+
+    def _prepare(self, guess: Any) -> None:
+        inputs = self._inputs
+        if 0 in inputs.batch_shape:
+            refuse("Tracker.inputs", Described(f"leading axes {inputs.batch_shape}"), "there must be an instance")
+        self._enabled |= set(inputs.active)
+        runner = Runner(self._robot, self._solver, inputs, self._dt, self._device, self._enabled)
+        count = runner.problem.instance_count
+        runner.start(guess, count, slice(0, count))
+        self._problem, self._track = runner.problem, runner.track
+        self._batch_shape = np.broadcast_shapes(inputs.batch_shape, self._robot.batch_shape)
+        self._rebind()
+
+    def _rebind(self) -> None:
+        """Make the checked inputs those that changes by name start from."""
+        problem, inputs = self._problem, self._inputs
+        names = [name for name in inputs.given if name not in inputs.profiles]
+
+        def unpack(rows: FloatArray) -> Inputs:
+            return inputs.with_arrays(
+                {name: rows[:, problem.input_slice(name)].reshape(*self._batch_shape, -1) for name in names}
+            )
+
+        self._scene = Scene(self._robot, self._batch_shape, self._solver.integrator, self._device, problem.record_fields, unpack)
+        self._unpack = unpack
+        self._rows: dict[str, Any] = {}
+        view = problem.input_view()
+        if view is None or self._batch_shape:
+            return
+        for spec in self._robot.input_specs:
+            writable = spec.name in inputs.given and spec.name not in inputs.profiles and problem.takes(spec.name)
+            if writable and not (spec.per_rod and inputs.profiles):
+                self._rows[spec.name] = view[0, problem.input_slice(spec.name)]
+
+    @property
+    def inputs(self) -> Inputs:
+        """The present inputs.
+
+        Raises:
+            RuntimeError: If another thread is in ``step``.
+        """
+        self._take()
+        try:
+            return self._present()
+        finally:
+            self._lock.release()
+
+    def _take(self) -> None:
+        """Keep other threads out: waiting would order their samples, but each counts on the one before being its own."""
+        if not self._lock.acquire(False):
+            raise RuntimeError("this Tracker is in use on another thread: make a Tracker for each thread")
+
+    def _present(self) -> Inputs:
+        return self._unpack(self._problem.read("inputs"))
+
+    def step(self, inputs: Inputs | None = None, **changes: Any) -> Solution:
+        """Solve the next sample.
+
+        Args:
+            inputs: All inputs anew; or
+            **changes: inputs by name, the others keep their values.
+
+        Returns:
+            The sample's equilibrium or estimate, with its status.
+
+        Raises:
+            TypeError: If a name is not an input of the robot, or both forms are used.
+            ValueError: If a value is out of range, not finite, or changes the batch shape.
+            RuntimeError: If another thread is in ``step`` or reads ``inputs``; nothing is changed.
+        """
+        self._take()
+        try:
+            if inputs is not None or not self._write(changes):
+                self._apply(inputs, changes)
+            outcome = self._track.step()
+            self._started = True
+            return Solution(self._scene, self._problem.snapshot(), outcome)
+        finally:
+            self._lock.release()
+
+    def _write(self, changes: dict[str, Any]) -> bool:
+        """Write finite numbers straight into the kernel's inputs; False where a change needs to be checked or compiled in."""
+        staged = []
+        for name, value in changes.items():
+            row = self._rows.get(name)
+            if row is None:
+                return False
+            listed = type(value) in (tuple, list) or (type(value) is np.ndarray and value.ndim == 1)
+            numbers = value if listed else (value,)
+            if len(numbers) != len(row):
+                return False
+            for number in numbers:
+                # not a plain number, NaN, infinite or out of range: the checked path says so
+                if type(number) not in _PLAIN_NUMBERS or not -LARGEST < number < LARGEST:
+                    return False
+            if not self._robot.surely_takes(name, numbers):
+                return False
+            staged.append((row, value))
+        for row, value in staged:
+            row[:] = value
+        return True
+
+    def _apply(self, inputs: Inputs | None, changes: dict[str, Any]) -> None:
+        """Check new inputs, and compile in what they need."""
+        if inputs is not None:
+            if changes:
+                raise TypeError("Tracker.step takes inputs or named changes, not both")
+            new = self._robot.accept(inputs)
+        else:
+            unknown_names("Tracker.step()", changes, (spec.name for spec in self._robot.input_specs))
+            present = self._present()
+            held: dict[str, Any] = {name: getattr(present, name) for name in present.given if name not in present.profiles}
+            held |= dict(present.profiles)
+            new = self._robot.inputs(**{**held, **changes})
+        if not _broadcasts(new.batch_shape, self._batch_shape):
+            refuse(
+                f"inputs ({', '.join(changes)})" if changes else "inputs",
+                Described(f"leading axes {new.batch_shape}"),
+                f"must broadcast to those at the start, {self._batch_shape}",
+            )
+        named = {*changes, *new.active}
+        known = self._inputs.profiles
+        same_profiles = new.profiles.keys() == known.keys() and all(new.profiles[name] is known[name] for name in known)
+        self._inputs = new
+        if same_profiles and all(self._problem.takes(name) for name in named):
+            self._problem.write("inputs", self._problem.pack(new))
+            self._rebind()
+            return
+        self._enabled |= named
+        self._prepare(self._problem.read("unknowns") if self._started else None)

@@ -1,0 +1,257 @@
+"""Where an equilibrium loses stability as loads are raised."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Self
+from warnings import warn
+
+import numpy as np
+
+from multirod.assembly import Assembly
+from multirod.inputs import Inputs
+from multirod.integrators import RK4
+from multirod.profile import Profile
+from multirod.running.simulation import solve
+from multirod.solution import IncompleteWarning, Solution, SolveError
+from multirod.solvers.continuation.branch import Branch, BranchLost
+from multirod.solvers.continuation.branch_step import Change, Point
+from multirod.solvers.shooting import Shooting
+from multirod.stability import Stability
+from multirod.status import Status, failures
+from multirod.validation import Described, FloatArray, device_name, frozen, number, positive_float, positive_int, refuse
+
+LOAD_UNITS = frozenset({"N", "N m", "N/m", "m/s^2"})  # of inputs that are loads: rotation, translation and places are not
+
+GROWTH = 0.1  # of steps as loads are raised, whose waves grow with their root; angles have a period
+
+PRECISE = Shooting(tolerance=1e-10, integrator=RK4(400))
+
+
+@dataclass(frozen=True)
+class CriticalLoad:
+    """A load factor at which the number of unstable modes changes.
+
+    Attributes:
+        load_factor: Of the inputs, beyond where they began.
+        fold: Whether the load factor has a maximum or minimum there (a limit point: the robot snaps); else another branch of
+            equilibria crosses (a bifurcation: it buckles).
+        index_before: Unstable modes before it, along the branch.
+        index_after: Unstable modes after it.
+        mode: Null vector of ``Gamma``, unit length: how the unknowns begin to change, shape (n,). Of several neutral modes, one.
+        solution: The equilibrium there.
+    """
+
+    load_factor: float
+    fold: bool
+    index_before: int
+    index_after: int
+    mode: FloatArray
+    solution: Solution
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "mode", frozen(self.mode))
+
+    @property
+    def multiplicity(self) -> int:
+        """How many modes are neutral there."""
+        return abs(self.index_after - self.index_before)
+
+    def __repr__(self) -> str:
+        kind = "fold" if self.fold else "bifurcation"
+        return f"CriticalLoad({self.load_factor:.9g}, {kind}, unstable modes {self.index_before} to {self.index_after})"
+
+
+class CriticalLoads(tuple[CriticalLoad, ...]):
+    """The critical loads that were found, in the order of the branch, and what was not.
+
+    Attributes:
+        reached: Largest load factor on the part of the branch that was searched.
+        undecided: Ranges of load factors, from and to, at which a mode comes so near to neutral that two changes of stability
+            in a row, that cancel, may be missing; empty where none is.
+    """
+
+    reached: float
+    undecided: tuple[tuple[float, float], ...]
+
+    def __new__(cls, found: Iterable[CriticalLoad], *, reached: float, undecided: tuple[tuple[float, float], ...]) -> Self:
+        """As a tuple is made, with its attributes."""
+        result = super().__new__(cls, found)
+        result.reached, result.undecided = reached, undecided
+        return result
+
+    def __repr__(self) -> str:
+        """The list, and how far it goes."""
+        unsure = f", undecided {self.undecided}" if self.undecided else ""
+        return f"CriticalLoads({list(self)}, reached {self.reached:.6g}{unsure})"
+
+
+def critical_loads(
+    robot: Assembly,
+    inputs: Inputs,
+    *,
+    start: Inputs | None = None,
+    count: int = 1,
+    up_to: float = np.inf,
+    max_steps: int = 500,
+    solver: Shooting | None = None,
+    device: str = "cpu",
+) -> CriticalLoads:
+    """The load factors at which the equilibrium on the natural branch loses stability.
+
+    The inputs are raised from ``start`` in proportion, ``start + load_factor * (inputs - start)``, and the branch is followed from
+    the stable equilibrium at ``start``, through folds and past bifurcations. Every step is cut in two until the eigenvalues at
+    the ends of its parts tell what happens in between; where that cannot be told, the result and a warning say so. That is a
+    strong check, but no proof. Equation numbers and the method: ``docs/stability.md``.
+
+    Args:
+        robot: The assembly.
+        inputs: Made by ``robot.inputs(...)``, without leading axes: what a load factor of 1 means.
+        start: Inputs at load factor 0; by default ``inputs`` without loads (forces, gravity). Give it to raise something else, such as
+            the rotation of a tube, or one load while another stays.
+        count: How many changes of stability to look for, along the branch.
+        up_to: Load factor where the search ends.
+        max_steps: Steps along the branch.
+        solver: ``Shooting(tolerance=1e-10, integrator=RK4(400))`` by default: of it the tolerance and the
+            integrator are used, the latter in double precision; to find the equilibrium at ``start``, all of it.
+        device: Warp device.
+
+    Returns:
+        Those found, in the order of the branch: fewer than ``count`` if ``up_to`` comes first. It is a tuple that also says how
+        far the branch was searched (``reached``) and where something may be missing (``undecided``).
+
+    Warns:
+        IncompleteWarning: If two changes of stability in a row, which cancel, may be missing; the message says where.
+
+    Raises:
+        SolveError: If there is no stable equilibrium at ``start``, or the branch cannot be followed so far.
+        TypeError, ValueError: If an argument is not what it must be, or the robot or its inputs have leading axes.
+    """
+    if not isinstance(robot, Assembly):
+        raise TypeError(f"robot must be an assembly such as SingleRod(rod), not {type(robot).__name__}")
+    method = PRECISE if solver is None else solver
+    if not isinstance(method, Shooting):
+        raise TypeError(f"solver: critical_loads() needs Shooting(), not {type(method).__name__}")
+    method = method.in_double()
+    positive_int("count", count), positive_int("max_steps", max_steps)
+    if number("up_to", up_to) != np.inf:
+        positive_float("up_to", up_to)
+    device = device_name("device", device)
+    inputs = robot.accept(inputs)
+    begin = unloaded(robot, inputs) if start is None else robot.accept(start, "start")
+    for name, given in (("inputs", inputs), ("start", begin)):
+        batch = np.broadcast_shapes(given.batch_shape, robot.batch_shape)
+        if batch:
+            refuse(name, Described(f"leading axes {batch}"), "there must be none: ask for one instance at a time")
+    if begin.profiles:
+        refuse("start", Described(f"functions of arclength for {', '.join(begin.profiles)}"), "give numbers")
+    branch, first = natural_start(robot, begin, inputs, method, device)
+    if first.modes.stability[0] != Stability.STABLE:
+        raise SolveError(
+            f"at the start the equilibrium is {Stability(int(first.modes.stability[0])).name}: there is no stability to lose"
+        )
+    try:
+        changes, undecided, reached = _changes(branch, first, count, up_to, max_steps)
+    except BranchLost as error:
+        raise SolveError(str(error)) from None
+    if undecided:
+        ranges = ", ".join(f"{low:.12g} to {high:.12g}" for low, high in undecided)
+        warn(
+            f"at load factors {ranges} a mode is so near to neutral that stability may be lost and regained unseen",
+            IncompleteWarning,
+            stacklevel=2,
+        )
+    found = [_critical(robot, method, begin, inputs, branch, change, device) for change in changes]
+    return CriticalLoads(found, reached=reached, undecided=undecided)
+
+
+def _changes(
+    branch: Branch, first: Point, count: int, up_to: float, max_steps: int
+) -> tuple[list[Change], tuple[tuple[float, float], ...], float]:
+    """Changes along the branch, where some may be missing, and the largest load factor up to which that is all.
+
+    Raises:
+        BranchLost: If the branch cannot be followed so far.
+    """
+    found: list[Change] = []
+    undecided: list[tuple[float, float]] = []
+    reached = 0.0
+    for step in branch.steps(first, max_steps):
+        changes = step.changes[: count - len(found)]
+        end = changes[-1].point if len(found) + len(changes) == count else step.after
+        for part in step.undecided:
+            loads = [branch.factor(point) for point in part]
+            if step.along(part[0]) <= step.along(end) and min(loads) <= up_to:
+                undecided.append((min(loads), max(loads)))
+        found += [change for change in changes if branch.factor(change.point) <= up_to]
+        reached = max(reached, *(branch.factor(change.point) for change in changes), branch.factor(end))
+        if end is not step.after or reached > up_to:
+            return found, tuple(undecided), min(reached, up_to)
+    raise AssertionError("steps() ends by an error")
+
+
+def _critical(
+    robot: Assembly, method: Shooting, begin: Inputs, inputs: Inputs, branch: Branch, change: Change, device: str
+) -> CriticalLoad:
+    factor = branch.factor(change.point)
+    there = solve(
+        robot, _between(robot, begin, inputs, factor), solver=method, guess=branch.unknowns(change.point), device=device
+    )
+    mode = np.linalg.svd(change.point.gamma)[2][-1]
+    return CriticalLoad(factor, change.fold, change.before, change.after, mode, there)
+
+
+def natural_start(robot: Assembly, begin: Inputs, inputs: Inputs, method: Shooting, device: str) -> tuple[Branch, Point]:
+    """The branch of equilibria from ``begin`` towards ``inputs``, and its first point.
+
+    Raises:
+        SolveError: If there is no equilibrium at ``begin``.
+        ValueError: If nothing changes on the way.
+    """
+    enabled = [name for name in begin.given if begin.is_active(name)]
+    problem = robot.problem(inputs, integrator=method.integrator, device=device, direction_count=1, enabled=enabled)
+    first, last = problem.pack(begin)[0], problem.pack(inputs)[0]
+    if inputs.profiles:
+        first[-1] = 0.0  # what multiplies functions of arclength
+    if (first == last).all():
+        refuse(
+            "inputs",
+            inputs,
+            "nothing is raised: they are those at the start, by default the same without loads; to raise something else, such "
+            "as a rotation, give start=, the inputs at load factor 0",
+        )
+    problem.write("inputs", first)
+    outcome = method.solve(problem)
+    if failures(outcome.status)[0]:
+        raise SolveError(f"at the start: {Status(int(outcome.status[0])).message}")
+    unknowns = problem.read("unknowns")[0]
+    problem.write("inputs", last - first)
+    scale = float(problem.load_scale()[0])
+    unit = 1 / (scale or float(np.abs(last - first).max()))
+    length = max(float(np.max(rod.length)) for rod in robot.rods)
+    branch = Branch(
+        problem,
+        first,
+        last - first,
+        length=length,
+        unit=unit,
+        tolerance=float(problem.tolerance(method.tolerance)[0]),
+        growth=GROWTH if scale else 0.0,
+    )
+    return branch, branch.first(unknowns)
+
+
+def unloaded(robot: Assembly, inputs: Inputs) -> Inputs:
+    """The same inputs without loads: forces, moments, gravity."""
+    loads = {spec.name for spec in robot.input_specs if spec.unit in LOAD_UNITS}
+    return robot.inputs(**{name: getattr(inputs, name) for name in inputs.given if name not in loads})
+
+
+def _between(robot: Assembly, begin: Inputs, inputs: Inputs, factor: float) -> Inputs:
+    """The inputs at a load factor."""
+    names = {*begin.given, *inputs.given} - set(inputs.profiles)
+    values = {name: getattr(begin, name) + factor * (getattr(inputs, name) - getattr(begin, name)) for name in names}
+    return robot.inputs(**values, **{name: _scaled(profile, factor) for name, profile in inputs.profiles.items()})
+
+
+def _scaled(profile: Profile, factor: float) -> Profile:
+    return Profile(profile.ends, factor * profile.coefficients, lambda s: factor * np.asarray(profile.function(s)))

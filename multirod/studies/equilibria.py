@@ -1,0 +1,205 @@
+"""All equilibria of one robot at one set of inputs."""
+
+from collections.abc import Iterator
+from typing import Any
+from warnings import warn
+
+import numpy as np
+
+from multirod.assembly import Assembly
+from multirod.inputs import Inputs
+from multirod.running.simulation import solve
+from multirod.solution import IncompleteWarning, Solution, SolveError
+from multirod.solvers.continuation.branch import Branch
+from multirod.solvers.shooting import Shooting
+from multirod.solvers.starting.multistart import ROUND, SAME, STARTS, Catalogue, converge, degrees, limits
+from multirod.stability import Stability
+from multirod.status import failures
+from multirod.studies.critical_loads import natural_start, unloaded
+from multirod.validation import Described, FloatArray, device_name, positive_int, refuse
+
+FOLLOWED = 32  # branches through equilibria that were found, where the signs tell of others
+FOLLOWED_STEPS = 400  # of each
+REACH = 2 * np.pi  # how far a rotation is turned along a branch; loads: to twice, and to none
+
+
+class Equilibria(Solution):
+    """The equilibria of one robot at one set of inputs, the one of lowest potential energy first, shape (k,).
+
+    Attributes:
+        missing: How many are missing at least, by the signs of ``determinant``, which add up to a number that is known
+            (``docs/stability.md``, (8)): 0 is no proof that none is. None where that rule says nothing: parallel robots, and
+            where one of the equilibria has a neutral mode, which may be several in one place.
+    """
+
+    missing: int | None
+
+    @classmethod
+    def of(cls, found: Solution, degree: float | None) -> "Equilibria":
+        """Those of a solution, of which the signs must add up to ``degree``."""
+        result = cls.__new__(cls)
+        result.__dict__.update(found.__dict__)
+        neutral = found.stability == Stability.FOLD
+        # each that has a neutral mode counts for 1, 0 or -1
+        gap = 0 if degree is None else int(abs(degree - _signs(found)[~neutral].sum()) - neutral.sum())
+        result.missing = None if degree is None or (gap <= 0 and neutral.any()) else gap
+        return result
+
+    @property
+    def _without(self) -> str:
+        return f"; {self.missing} missing at least" if self.missing else super()._without
+
+
+def equilibria(
+    robot: Assembly, inputs: Inputs | None = None, *, starts: int = STARTS, solver: Shooting | None = None, device: str = "cpu"
+) -> Equilibria:
+    """All equilibria that Newton's method finds from many starts, the one of lowest potential energy first.
+
+    Starts cover all base moments and torques that an equilibrium can have (for parallel robots, poses of the platform), in rounds,
+    until a round brings nothing new and the signs of ``determinant`` add up as they must (``docs/stability.md``). Then branches
+    that cross the natural one as loads are raised are followed, and where the signs still do not add up, branches from the
+    equilibria that were found. That is no proof that none is missing; where some are known to be, ``missing`` and a warning say so.
+
+    Args:
+        robot: The assembly.
+        inputs: Made by ``robot.inputs(...)``, without leading axes; none are all zero.
+        starts: Starts at most.
+        solver: ``Shooting()`` by default, of which the tolerance, the iteration limit and the integrator, in double precision, are used.
+        device: Warp device.
+
+    Returns:
+        The equilibria, shape (k,): each with ``stability``, ``index``, ``potential``, ``condition`` and all that a solution
+        has, and all together ``missing``. Where loads have no potential (moments, follower loads), they are in the order of their
+        elastic energy.
+
+    Warns:
+        IncompleteWarning: If some are known to be missing.
+
+    Raises:
+        SolveError: If none is found.
+        TypeError, ValueError: If an argument is not what it must be, or the robot or its inputs have leading axes.
+    """
+    if not isinstance(robot, Assembly):
+        raise TypeError(f"robot must be an assembly such as SingleRod(rod), not {type(robot).__name__}")
+    method = Shooting() if solver is None else solver
+    if not isinstance(method, Shooting):
+        raise TypeError(f"solver: equilibria() needs Shooting(), not {type(method).__name__}")
+    method = method.in_double()
+    device = device_name("device", device)
+    inputs = robot.accept(inputs)
+    batch = np.broadcast_shapes(inputs.batch_shape, robot.batch_shape)
+    if batch:
+        refuse(
+            "inputs", Described(f"leading axes {batch}"), "there must be none: ask for the equilibria of one instance at a time"
+        )
+    count = min(ROUND, positive_int("starts", starts))
+    problem = robot.problem(_repeated(inputs, count), integrator=method.integrator, device=device)
+    if not len(problem.starts(1)):
+        raise TypeError(f"{type(robot).__name__} offers no starts: its problem has no starts()")
+    limit = limits(problem.starts(ROUND)[:, :1])
+    newton = method.newton(problem)
+    tolerance = float(problem.tolerance(method.tolerance)[0])
+    catalogue = Catalogue(float(degrees(problem)[0]) if problem.signs_add_up else None, tolerance)
+    everyone = np.ones(count, dtype=bool)
+    for first in range(0, starts, count):
+        reached = converge(problem, newton, problem.starts(count, first)[:, 0], everyone, limit)
+        unknowns, gamma = problem.read("unknowns"), problem.read("gamma").reshape(count, problem.unknown_count, -1)
+        for k in np.flatnonzero(reached):
+            catalogue.add(unknowns[k], gamma[k])
+        catalogue.end_round()
+        if catalogue.settled:
+            break
+    for chunk in _chunks(_connected(robot, inputs, method, device), count):
+        reached = converge(problem, newton, chunk, everyone, np.inf)
+        unknowns, gamma = problem.read("unknowns"), problem.read("gamma").reshape(count, problem.unknown_count, -1)
+        for k in np.flatnonzero(reached):
+            catalogue.add(unknowns[k], gamma[k])
+    if catalogue.missing:
+        _search_on(catalogue, robot, inputs, method, device)
+    if not catalogue.unknowns:
+        raise SolveError(f"no equilibrium was found from {starts} starts: raise starts, or loosen the solver's tolerance")
+    inputs = _repeated(inputs, len(catalogue.unknowns))
+    found = solve(robot, inputs, solver=method, guess=np.array(catalogue.unknowns), device=device)
+    found = found[_different(found)]
+    energy = found.potential if np.isfinite(found.potential).all() else found.energy
+    result = Equilibria.of(found[np.argsort(energy, kind="stable")], catalogue.degree)
+    if result.missing:
+        warn(
+            f"{result.missing} equilibria are missing at least, by the signs of those found; raise starts, or give a solver with "
+            "a tighter tolerance and integrator",
+            IncompleteWarning,
+            stacklevel=2,
+        )
+    return result
+
+
+def _signs(found: Solution) -> FloatArray:
+    """Signs of ``det Gamma`` (k,): by the index where it is known, which is told by an integration over more nodes."""
+    return np.asarray(np.where(found.index >= 0, (-1.0) ** found.index, np.sign(found.determinant)))
+
+
+def _different(found: Solution) -> list[int]:
+    """Numbers of those that are not found before, but for a wrong sign of ``determinant``."""
+    result: list[int] = []
+    for k, (x, index) in enumerate(zip(found.unknowns, found.index, strict=True)):
+        near = SAME * max(1.0, float(np.abs(x).max()))
+        if not any(index == found.index[j] and np.abs(x - found.unknowns[j]).max() <= near for j in result):
+            result.append(k)
+    return result
+
+
+def _search_on(catalogue: Catalogue, robot: Assembly, inputs: Inputs, method: Shooting, device: str) -> None:
+    """Add the equilibrium that ``solve`` means, and what branches through those found come by as rotations and loads change."""
+    problem = robot.problem(inputs, integrator=method.integrator, device=device, direction_count=1, enabled=("rotation",))
+    unloaded_ = problem.pack(unloaded(robot, inputs))[0]
+    here = problem.pack(inputs)[0]
+    if inputs.profiles:
+        unloaded_[-1] = 0.0  # what multiplies functions of arclength
+    rates = [(here - unloaded_, 1.0)] if (here != unloaded_).any() else []
+    place = problem.input_slice("rotation")
+    # turned all together, tubes without loads stay as they are
+    rates += [(np.eye(len(here))[k], REACH) for k in range(place.start + (not rates), place.stop)]
+    outcome = method.solve(problem)
+    if not failures(outcome.status)[0] and not outcome.breakpoints:
+        catalogue.add(problem.read("unknowns")[0], problem.read("gamma").reshape(problem.unknown_count, -1))
+    length = max(float(np.max(rod.length)) for rod in robot.rods)
+    ways: list[tuple[Any, float, float]] = [(*rate, way) for rate in rates for way in (1.0, -1.0)]
+    followed = 0
+    for unknowns in catalogue.unknowns:  # which grow
+        for rate, reach, way in ways:
+            if followed == FOLLOWED:
+                return
+            followed += 1
+            branch = Branch(
+                problem, here, rate, length=length, unit=1.0, tolerance=catalogue.tolerance, growth=0.0, inspected=False
+            )
+            for point in branch.returns(branch.first(unknowns, way), reach, FOLLOWED_STEPS):
+                catalogue.add(branch.unknowns(point), point.gamma)
+                if not catalogue.missing:
+                    return
+
+
+def _connected(robot: Assembly, inputs: Inputs, method: Shooting, device: str) -> list[FloatArray]:
+    """Guesses on the natural branch and on those that cross it as loads are raised; none where no load acts."""
+    begin = unloaded(robot, inputs)
+    if not any(inputs.is_active(name) for name in set(inputs.given) - {n for n in begin.given if begin.is_active(n)}):
+        return []
+    try:
+        branch, first = natural_start(robot, begin, inputs, method, device)
+    except SolveError:
+        return []
+    return branch.connected(first, 1.0) if first.modes.known[0] else []
+
+
+def _chunks(guesses: list[FloatArray], count: int) -> Iterator[FloatArray]:
+    """Guesses as arrays (count, n), the last ones repeated."""
+    for first in range(0, len(guesses), count):
+        some = guesses[first : first + count]
+        yield np.array(some + [some[-1]] * (count - len(some)))
+
+
+def _repeated(inputs: Inputs, count: int) -> Inputs:
+    """The same inputs for ``count`` instances."""
+    names = {"rotation", *(name for name in inputs.given if name not in inputs.profiles)}
+    values = {name: np.asarray(getattr(inputs, name)) for name in names}
+    return inputs.with_arrays({name: np.broadcast_to(value, (count, value.shape[-1])) for name, value in values.items()})

@@ -1,0 +1,68 @@
+"""The same scene without some of its terms: what is dropped is made rigid, round, uniform, or zero."""
+
+from collections.abc import Callable, Sequence
+from copy import copy
+from dataclasses import fields
+from math import inf
+from typing import Any
+
+import numpy as np
+
+from multirod.assembly import Assembly
+from multirod.inputs import Inputs
+from multirod.models.backbone.envelope import LOADS
+from multirod.profile import Profile
+from multirod.rod import Rod, Section
+
+
+def _changed(section: Section, **values: Any) -> Section:
+    """A section with other parameters, checked already: functions of arclength are not resolved anew."""
+    result = object.__new__(Section)
+    for field in fields(Section):
+        object.__setattr__(result, field.name, values.get(field.name, getattr(section, field.name)))
+    return result
+
+
+def _rigid(*names: str) -> Callable[[Section], list[Section]]:
+    return lambda section: [_changed(section, **{name: np.full_like(getattr(section, name), inf) for name in names})]
+
+
+def _round(section: Section) -> list[Section]:
+    stiffness = section.bending_stiffness
+    return [_changed(section, bending_stiffness=np.repeat(stiffness.mean(axis=-1, keepdims=True), 2, axis=-1))]
+
+
+def _uniform(section: Section) -> list[Section]:
+    """A section for each piece that a function of arclength was resolved into, with its mean."""
+    pieces = section.precurvature
+    if not isinstance(pieces, Profile):
+        return [section]
+    powers = np.arange(pieces.coefficients.shape[1])
+    mean = np.einsum("pkw,k->pw", pieces.coefficients, (powers % 2 == 0) / (powers + 1))
+    lengths = np.diff(pieces.ends, prepend=0.0)
+    return [_changed(section, length=np.array(length), precurvature=value) for length, value in zip(lengths, mean, strict=True)]
+
+
+SECTIONS = {
+    "shear": _rigid("shear_stiffness", "axial_stiffness"),
+    "torsion": _rigid("torsional_stiffness"),
+    "anisotropy": _round,
+    "precurvature_profile": _uniform,
+}
+DROPPABLE = (*LOADS, *SECTIONS)
+
+
+def left_out(robot: Assembly, inputs: Inputs, names: Sequence[str]) -> tuple[Assembly, Inputs]:
+    """The robot and the inputs without these terms; what they do not touch is shared."""
+    changes = [SECTIONS[name] for name in SECTIONS if name in names]
+    loads = [name for name in names if name in LOADS]
+    if changes:
+        robot = robot.with_rods([_without(rod, changes) for rod in robot.rods])
+    return robot, inputs.without(loads) if loads else inputs
+
+
+def _without(rod: Rod, changes: Sequence[Callable[[Section], list[Section]]]) -> Rod:
+    result = copy(rod)
+    for change in changes:
+        result.sections = tuple(new for section in result.sections for new in change(section))
+    return result

@@ -1,0 +1,63 @@
+"""Plots of work against precision."""
+
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from multirod.validation import file_path, refuse
+
+if TYPE_CHECKING:
+    from multirod.studies.tradeoffs.table import Measured, Tradeoff
+
+AXES = {
+    "position": "largest error of the tip [m]",
+    "rotation": "largest angle of the end effector's frame [rad]",
+    "shape": "largest error along the rods [m]",
+    "median": "time of a sample, median [µs]",
+    "slow": "time that 95 of 100 samples stay within [µs]",
+}
+MARKERS = {"Newton": "o", "observer": "s", "": "^"}  # by what a family's name begins with
+
+
+def plot(table: "Tradeoff", path: str | PathLike[str], *, error: str, time: str, title: str) -> None:
+    """See ``Tradeoff.plot``."""
+    try:
+        from matplotlib import rc_context  # type: ignore[import-not-found, unused-ignore]
+        from matplotlib.backends.backend_agg import FigureCanvasAgg  # type: ignore[import-not-found, unused-ignore]
+        from matplotlib.figure import Figure  # type: ignore[import-not-found, unused-ignore]
+    except ImportError:
+        raise ImportError('plots need matplotlib: pip install "multirod[plot]"') from None
+    kinds = sorted(FigureCanvasAgg.get_supported_filetypes())  # type: ignore[no-untyped-call, unused-ignore]
+    file_path("plot", path, *(f".{kind}" for kind in kinds))
+    shown = [row for row in table.rows if np.isfinite(getattr(row, error))]
+    if not shown:
+        refuse("plot", str(path), "no setting has a result in every sample: there is nothing to plot")
+    figure: Any = Figure(figsize=(8, 5), layout="constrained")
+    axes = figure.add_subplot()
+    # what is exact to the last digit has no place on a logarithmic axis
+    floor = min((value for row in shown if (value := getattr(row, error)) > 0), default=1e-16)
+
+    def points(rows: "list[Measured]") -> tuple[list[float], list[float]]:
+        return [1e6 * getattr(row, time) for row in rows], [max(getattr(row, error), floor) for row in rows]
+
+    front = [row for row in table.pareto(error=error, time=time) if np.isfinite(getattr(row, error))]
+    axes.step(*points(front), where="post", color="0.6", lw=1, label="not beaten in both", zorder=1)
+    families: dict[str, list[Measured]] = {}
+    for row in shown:
+        families.setdefault(row.family, []).append(row)
+    for k, (family, rows) in enumerate(families.items()):
+        marker = next(marker for start, marker in MARKERS.items() if family.startswith(start))
+        colour = f"C{k % 10}"
+        axes.plot(*points(rows), marker, ms=5, color=colour, mfc=colour if k < 10 else "none", label=family)
+    axes.set(xscale="log", yscale="log", xlabel=AXES[time], ylabel=AXES[error], title=title)
+    gap = table.reference_gap * (1.0 if error == "rotation" else table.reference.length)
+    low, high = axes.get_ylim()
+    if low < gap < high:
+        axes.axhspan(low, gap, color="0.9", zorder=0, label="below what the reference tells")
+        axes.set_ylim(low, high)
+    axes.grid(True, which="major", alpha=0.3)
+    figure.legend(fontsize="x-small", loc="outside right upper")
+    with rc_context({"svg.fonttype": "none", "svg.hashsalt": "multirod"}):  # small, and the same for the same rows
+        figure.savefig(path, dpi=150, metadata={"Date": None} if Path(path).suffix.lower() == ".svg" else None)

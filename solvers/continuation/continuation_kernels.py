@@ -1,0 +1,343 @@
+# mypy: ignore-errors
+"""Following branches of equilibria, many at once: what happens between two integrations.
+
+Each instance goes its own way: it is told after every integration where to be integrated next, whether that is the next of
+Newton's steps or the first of the next step along its branch. The tests are those of ``docs/solvers.md``, Which equilibrium.
+"""
+
+from functools import cache
+from types import SimpleNamespace
+
+import warp as wp
+
+from multirod.solvers.newton.newton_kernels import NewtonState, begin, make_iteration
+from multirod.status import Fault, Status
+
+CONTRACTION = 0.3  # largest ratio of successive Newton steps
+SMALLEST_RATIO = 0.25  # all eigenvalues of Gamma_new Gamma_old^-1 lie in the disc from this
+LARGEST_RATIO = 4.0  # to this
+RATIO_POWERS = 64.0  # powers by which that is told
+SURPRISE = 0.5  # largest distance of an equilibrium from its extrapolation, relative to its distance from the last
+AGREEMENT = 0.25  # the same from half the way to where twice the step led: half for one that stays a distance away
+HALFWAY = 0.1  # largest distance of the equilibrium halfway from the curve through the ends, relative to theirs
+HALFWAY_FIRST = 0.35  # the same where that curve is a straight line
+NEAR = 0.1  # of a step, that Newton's next may be where it is looked at halfway
+MIN_STEP = 1e-7
+f64 = wp.float64
+
+
+@wp.struct
+class PathState:
+    """State of the paths from level 0 to level 1; the first axis is the instance."""
+
+    newton: NewtonState
+    # what a level sets: the load factor, or inputs between two rows of them
+    by_inputs: int
+    load_factor: wp.array[wp.float64]
+    inputs: wp.array2d[wp.float64]
+    from_inputs: wp.array2d[wp.float64]
+    to_inputs: wp.array2d[wp.float64]
+    # the path
+    status: wp.array[int]
+    iterations: wp.array[int]
+    integrations: wp.array[int]
+    steps: wp.array[int]
+    known: wp.array[int]  # equilibria known, 3 at most; 0 before the first is evaluated
+    points: wp.array3d[wp.float64]  # (instance, 3, n): the last equilibria, the latest first
+    levels: wp.array2d[wp.float64]  # (instance, 3): their levels
+    reference: wp.array3d[wp.float64]  # Gamma at the latest
+    step: wp.array[wp.float64]
+    halved: wp.array[int]  # whether it has just been halved: then it does not grow at once
+    goal: wp.array[wp.float64]
+    expected: wp.array2d[wp.float64]  # unknowns at the goal by extrapolation
+    surprise: wp.array2d[wp.float64]  # those found instead
+    surprised: wp.array[int]  # whether there are any, at twice the present step
+    probed: wp.array[int]  # whether the step has been looked at halfway: 0 not yet, 1 on the way, 2 and passed
+    trial: wp.array2d[wp.float64]  # the unknowns at the goal meanwhile
+    halfway: wp.array3d[wp.float64]  # Gamma there
+    apart: wp.array[wp.float64]  # how far the equilibrium there was from that curve, of what is allowed
+    safe_step: wp.array[wp.float64]  # a step that is short enough wherever it starts
+    most_step: wp.array[wp.float64]  # no step is longer
+    sure_level: wp.array[wp.float64]  # up to here no mode can vanish
+    growth: wp.float64  # a step may be as long as this part of the level, if that is longer
+    max_steps: int
+    remaining: wp.array[int]  # (1,): instances on their way
+
+
+@cache
+def make_path(n: int, block: int = 0, border: int = 0):
+    """Kernels ``path``, from an integration to the next on the path, or to its end, and ``depart``, from a known equilibrium.
+
+    The arguments say what ``Gamma`` is like, as for ``make_iteration``.
+    """
+    iteration = make_iteration(n, block, border)
+    iterate, spread, newton_step = iteration.iterate, iteration.spread, iteration.aim
+    CENTRE = 0.5 * (SMALLEST_RATIO + LARGEST_RATIO)
+    RADIUS = 0.5 * (LARGEST_RATIO - SMALLEST_RATIO)
+
+    @wp.func
+    def alike(state: PathState, t: int, other: wp.array3d[wp.float64]) -> bool:
+        """Whether no mode of Gamma came near zero or changed sign since another."""
+        near = f64(wp.static(1.0 - SMALLEST_RATIO))
+        if spread(state.newton, t, other, f64(1.0), near, f64(1.0)) < near:
+            return True
+        radius = f64(wp.static(RADIUS))
+        return spread(state.newton, t, other, f64(wp.static(CENTRE)), radius, f64(wp.static(RATIO_POWERS))) < radius
+
+    @wp.func
+    def same_branch(state: PathState, t: int) -> bool:
+        """Whether Gamma is like that at the last equilibrium, and like that halfway."""
+        if not alike(state, t, state.reference):
+            return False
+        return state.goal[t] <= state.sure_level[t] or alike(state, t, state.halfway)
+
+    @wp.func
+    def expected(state: PathState, t: int) -> bool:
+        """Whether the equilibrium lies where the extrapolation led, or half as far as that of twice the step, which did not:
+        a branch may turn faster than its last equilibria tell, but what it goes on to shrinks with the step.
+        """
+        if state.known[t] < 2:
+            return True
+        missed = f64(0.0)
+        parted = f64(0.0)
+        moved = f64(0.0)
+        size = f64(0.0)
+        for i in range(n):
+            x = state.newton.unknowns[t, i]
+            half = f64(0.5) * (state.points[t, 0, i] + state.surprise[t, i])
+            missed += (x - state.expected[t, i]) * (x - state.expected[t, i])
+            parted += (x - half) * (x - half)
+            moved += (x - state.points[t, 0, i]) * (x - state.points[t, 0, i])
+            size += x * x
+        if wp.sqrt(missed) <= f64(wp.static(SURPRISE)) * wp.sqrt(moved) + f64(1.0e-6) * (f64(1.0) + wp.sqrt(size)):
+            return True
+        return state.surprised[t] != 0 and wp.sqrt(parted) <= f64(wp.static(AGREEMENT)) * wp.sqrt(moved)
+
+    @wp.func
+    def keep(state: PathState, t: int, level: f64):
+        """Add the equilibrium at hand to the path."""
+        for r in range(2):
+            k = 2 - r
+            state.levels[t, k] = state.levels[t, k - 1]
+            for i in range(n):
+                state.points[t, k, i] = state.points[t, k - 1, i]
+        state.levels[t, 0] = level
+        for i in range(n):
+            state.points[t, 0, i] = state.newton.unknowns[t, i]
+            for j in range(n):
+                state.reference[t, i, j] = state.newton.gamma[t, i, j]
+        state.known[t] = wp.min(state.known[t] + 1, 3)
+
+    @wp.func
+    def longest_step(state: PathState, t: int) -> f64:
+        return wp.min(wp.max(state.safe_step[t], state.growth * state.levels[t, 0]), state.most_step[t])
+
+    @wp.func
+    def aim(state: PathState, t: int):
+        """Put the instance at its next level, its unknowns by the polynomial through the equilibria known there (Newton's
+        divided differences).
+        """
+        a = state.levels[t, 0]
+        b = state.levels[t, 1]
+        c = state.levels[t, 2]
+        goal = wp.min(f64(1.0), a + state.step[t])
+        state.goal[t] = goal
+        put(state, t, goal)
+        state.probed[t] = wp.where(goal <= state.sure_level[t], 2, 0)
+        state.apart[t] = f64(0.0)
+        for i in range(n):
+            x = state.points[t, 0, i]
+            if state.known[t] > 1:
+                first = (state.points[t, 0, i] - state.points[t, 1, i]) / (a - b)
+                x += (goal - a) * first
+                if state.known[t] > 2:
+                    second = (first - (state.points[t, 1, i] - state.points[t, 2, i]) / (b - c)) / (a - c)
+                    x += (goal - a) * (goal - b) * second
+            state.expected[t, i] = x
+            state.newton.unknowns[t, i] = x
+        state.steps[t] = state.steps[t] + 1
+        begin(state.newton, t)
+
+    @wp.func
+    def put(state: PathState, t: int, level: f64):
+        """Set what the level sets."""
+        if state.by_inputs != 0:
+            for i in range(state.inputs.shape[1]):
+                state.inputs[t, i] = state.from_inputs[t, i] + level * (state.to_inputs[t, i] - state.from_inputs[t, i])
+        else:
+            state.load_factor[t] = level
+
+    @wp.func
+    def look_halfway(state: PathState, t: int):
+        """Go to the level halfway, on the curve through the trial and the equilibria known."""
+        g = state.goal[t]
+        a = state.levels[t, 0]
+        b = state.levels[t, 1]
+        c = state.levels[t, 2]
+        level = f64(0.5) * (a + g)
+        put(state, t, level)
+        for i in range(n):
+            x = state.newton.unknowns[t, i]
+            state.trial[t, i] = x
+            first = (x - state.points[t, 0, i]) / (g - a)
+            x = state.points[t, 0, i] + (level - a) * first
+            if state.known[t] > 1:
+                ab = (state.points[t, 0, i] - state.points[t, 1, i]) / (a - b)
+                second = (first - ab) / (g - b)
+                x += (level - a) * (level - g) * second
+                if state.known[t] > 2:
+                    bc = (state.points[t, 1, i] - state.points[t, 2, i]) / (b - c)
+                    third = (second - (ab - bc) / (a - c)) / (g - c)
+                    x += (level - a) * (level - g) * (level - b) * third
+            state.newton.unknowns[t, i] = x
+        state.probed[t] = 1
+
+    @wp.func
+    def passed_halfway(state: PathState, t: int) -> bool:
+        """Whether there is an equilibrium halfway on that curve, and Gamma there is like the last; leads back to the trial."""
+        sound = state.newton.fault[t] == 0
+        off = newton_step(state.newton, t)
+        sound = sound and wp.isfinite(off) and alike(state, t, state.reference)
+        moved = f64(0.0)
+        size = f64(0.0)
+        for i in range(n):
+            x = state.trial[t, i]
+            state.newton.unknowns[t, i] = x
+            moved += (x - state.points[t, 0, i]) * (x - state.points[t, 0, i])
+            size += x * x
+            for j in range(n):
+                state.halfway[t, i, j] = state.newton.gamma[t, i, j]
+        most = wp.where(state.known[t] > 1, f64(wp.static(HALFWAY)), f64(wp.static(HALFWAY_FIRST)))
+        put(state, t, state.goal[t])
+        state.probed[t] = 2
+        state.apart[t] = off / (most * wp.sqrt(moved) + f64(1.0e-6) * (f64(1.0) + wp.sqrt(size)))
+        return sound and state.apart[t] <= f64(1.0)
+
+    @wp.func
+    def nearly_there(state: PathState, t: int) -> bool:
+        """Whether Newton's last step was a small part of the way."""
+        last = f64(0.0)
+        moved = f64(0.0)
+        for i in range(n):
+            last += state.newton.step[t, i] * state.newton.step[t, i]
+            move = state.newton.unknowns[t, i] - state.points[t, 0, i]
+            moved += move * move
+        return wp.sqrt(last) <= f64(wp.static(NEAR)) * wp.sqrt(moved)
+
+    @wp.func
+    def why(state: PathState, t: int, found: int) -> int:
+        """Status of an instance whose step became too small."""
+        if found == wp.static(int(Status.NONFINITE)) or found == wp.static(int(Status.STEP_LIMIT)):
+            return found
+        size = f64(0.0)
+        largest = f64(0.0)
+        for i in range(n):
+            largest = wp.max(largest, wp.abs(state.points[t, 0, i]))
+            for j in range(n):
+                size += state.reference[t, i, j] * state.reference[t, i, j]
+        if f64(2.0e-15) * state.newton.rounding * wp.sqrt(size) * largest > state.newton.tolerance[t]:
+            return wp.static(int(Status.STALLED))
+        return wp.static(int(Status.BRANCH_END))
+
+    @wp.func
+    def arrive(state: PathState, t: int) -> int:
+        """Take in the equilibrium where the path starts."""
+        if state.newton.fault[t] == wp.static(int(Fault.STEP_LIMIT)):
+            return wp.static(int(Status.STEP_LIMIT))
+        if state.newton.fault[t] != 0:
+            return wp.static(int(Status.NONFINITE))
+        keep(state, t, f64(0.0))
+        state.step[t] = longest_step(state, t)
+        return wp.static(int(Status.NOT_RUN))
+
+    @wp.func
+    def advance(state: PathState, t: int, found: int) -> int:
+        """Keep what Newton's method ended with, or halve the step."""
+        state.iterations[t] = state.iterations[t] + state.newton.iterations[t]
+        reached = state.goal[t] - state.levels[t, 0]
+        alike = found == wp.static(int(Status.CONVERGED)) and same_branch(state, t)
+        if alike and expected(state, t):
+            state.surprised[t] = 0
+            keep(state, t, state.goal[t])
+            if state.goal[t] >= f64(1.0):
+                return wp.static(int(Status.CONVERGED))
+            contraction = wp.max(state.newton.contraction[t], f64(1.0e-6))
+            worst = wp.max(contraction / f64(wp.static(0.5 * CONTRACTION)), f64(2.0) * state.apart[t])
+            growth = wp.pow(f64(1.0) / worst, f64(1.0) / f64(state.known[t]))
+            step = reached * wp.min(wp.max(growth, f64(0.5)), wp.where(state.halved[t] != 0, f64(1.0), f64(3.0)))
+            state.step[t] = wp.min(step, longest_step(state, t))
+            state.halved[t] = 0
+            return wp.static(int(Status.NOT_RUN))
+        state.surprised[t] = wp.where(alike, 1, 0)
+        for i in range(n):
+            state.surprise[t, i] = state.newton.unknowns[t, i]
+        state.step[t] = f64(0.5) * reached
+        state.halved[t] = 1
+        if state.step[t] < f64(wp.static(MIN_STEP)):
+            return why(state, t, found)
+        return wp.static(int(Status.NOT_RUN))
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def path(state: PathState):
+        t = state.newton.order[wp.tid()]
+        if state.newton.active[t] == 0:
+            return
+        state.integrations[t] = state.integrations[t] + 1
+        status = int(wp.static(int(Status.NOT_RUN)))
+        if state.known[t] == 0:
+            status = arrive(state, t)
+        else:
+            found = int(wp.static(int(Status.STALLED)))
+            if state.probed[t] == 1:
+                if passed_halfway(state, t):
+                    found = int(wp.static(int(Status.NOT_RUN)))
+            else:
+                found = iterate(state.newton, t, 0, f64(wp.static(CONTRACTION)))
+                if state.probed[t] == 0:
+                    if found == wp.static(int(Status.CONVERGED)):
+                        look_halfway(state, t)
+                        found = int(wp.static(int(Status.NOT_RUN)))
+                    elif found == wp.static(int(Status.NOT_RUN)) and nearly_there(state, t):
+                        look_halfway(state, t)
+            if found != wp.static(int(Status.NOT_RUN)):
+                status = advance(state, t, found)
+            elif state.integrations[t] < state.newton.allowed[t]:
+                wp.atomic_add(state.remaining, 0, 1)
+                return
+        if status == wp.static(int(Status.NOT_RUN)) and state.steps[t] >= state.max_steps:
+            status = int(wp.static(int(Status.MAX_ITERATIONS)))
+        if status == wp.static(int(Status.NOT_RUN)) and state.integrations[t] >= state.newton.allowed[t]:
+            status = int(wp.static(int(Status.INTEGRATION_LIMIT)))
+        state.status[t] = status
+        if status == wp.static(int(Status.NOT_RUN)):
+            aim(state, t)
+            wp.atomic_add(state.remaining, 0, 1)
+        else:
+            state.newton.active[t] = 0
+            for i in range(n):
+                state.newton.unknowns[t, i] = state.points[t, 0, i]
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def depart(state: PathState):
+        t = wp.tid()
+        if state.newton.active[t] != 0:
+            state.step[t] = longest_step(state, t)
+            aim(state, t)
+
+    return SimpleNamespace(path=path, depart=depart)
+
+
+@wp.kernel(module="unique", enable_backward=False)
+def set_out(state: PathState, chosen: wp.array[int], known: int):
+    """Put the chosen instances at the start of their paths, of which ``known`` equilibria are known, and leave the others."""
+    t = wp.tid()
+    state.newton.active[t] = chosen[t]
+    state.iterations[t] = 0
+    state.integrations[t] = 0
+    state.steps[t] = 0
+    state.known[t] = known
+    state.halved[t] = 0
+    state.surprised[t] = 0
+    state.status[t] = wp.where(chosen[t] != 0, wp.static(int(Status.NOT_RUN)), wp.static(int(Status.CONVERGED)))
+    for k in range(3):
+        state.levels[t, k] = f64(0.0)

@@ -1,0 +1,225 @@
+"""Following a branch of equilibria in steps that are sure to stay on it."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from multirod.launch import expect, record
+from multirod.problem import BoundaryProblem
+from multirod.solver import Outcome
+from multirod.solvers.continuation.continuation_kernels import PathState, make_path, set_out
+from multirod.solvers.newton.iteration import Newton, leave
+from multirod.stability import Stability
+from multirod.status import Status
+from multirod.validation import FloatArray
+
+SAFE_LOAD = 5.0  # in F L^2/EI: no equilibrium loses and regains stability within such a step (Euler: 2.5 and 22)
+SINGULAR = 0.05  # largest singular value, in units of what is natural, that vanishes where a branch ends; within 1e-7 of there
+TURN = 2.5  # by which rods may be turned against each other in a step [rad]: half a turn later they pull the other way
+GROWTH = 0.5  # of the load reached, that the next step may be if that is more
+TOGETHER = 4096  # instances whose columns at all nodes are held at once
+FINER = 16  # times shorter steps, where a branch led to an unstable equilibrium
+
+BoolArray = NDArray[np.bool_]
+
+
+class Paths:
+    """Paths of all instances of a problem from level 0 to level 1, each in steps of its own.
+
+    A step starts from the extrapolation of the last three equilibria. It is kept if Newton's undamped steps contract fast, as
+    they do inside the ball around a solution in which it is the only one (Newton-Kantorovich), if ``Gamma`` at its end, times
+    the inverse of that at its start, is near the identity: no mode has vanished or changed sign on the way, not even two at
+    once, and if the equilibrium lies where the extrapolation led, or goes on in proportion as the step is halved: near a
+    bifurcation that is imperfect by a little, the other branch passes the first two tests. What has several equilibria unloaded is looked at halfway too: the
+    step is kept if there is an equilibrium on the curve through its ends, and ``Gamma`` there is like both. The step is otherwise halved; the branch ends
+    where that makes it too small.
+
+    Args:
+        problem: Its buffers hold the last equilibrium of each instance afterwards.
+        newton: On the same problem.
+        max_steps: Steps allowed.
+    """
+
+    def __init__(self, problem: BoundaryProblem, newton: Newton, max_steps: int) -> None:
+        self.problem = problem
+        n, count, device = problem.unknown_count, problem.instance_count, problem.device
+        state: Any = PathState()
+        self.state = state
+        state.newton = newton.state
+        state.load_factor, state.inputs = problem.load_factor, problem.inputs
+        for name in ("status", "iterations", "integrations", "steps", "known", "halved", "surprised", "probed"):
+            setattr(state, name, wp.zeros(count, dtype=wp.int32, device=device))
+        for name in ("step", "goal", "safe_step", "most_step", "sure_level", "apart"):
+            setattr(state, name, wp.zeros(count, dtype=wp.float64, device=device))
+        state.points = wp.zeros((count, 3, n), dtype=wp.float64, device=device)
+        state.levels = wp.zeros((count, 3), dtype=wp.float64, device=device)
+        state.reference = wp.zeros((count, n, n), dtype=wp.float64, device=device)
+        state.expected = wp.zeros((count, n), dtype=wp.float64, device=device)
+        state.surprise = wp.zeros((count, n), dtype=wp.float64, device=device)
+        state.trial = wp.zeros((count, n), dtype=wp.float64, device=device)
+        state.halfway = wp.zeros((count, n, n), dtype=wp.float64, device=device)
+        state.max_steps = max_steps
+        state.remaining = wp.zeros(1, dtype=wp.int32, device=device)
+        self._remaining = state.remaining.numpy() if wp.get_device(device).is_cpu else None
+        self._shape = newton.shape
+        # compiled while the problem's own kernels are
+        expect(lambda: set_out, device)
+        expect(lambda: make_path(n, *self._shape).path, device)
+
+    def raise_loads(self, chosen: BoolArray, bounds: FloatArray, finer: int = 1) -> Outcome:
+        """From the unloaded equilibrium to the full load, all loads in proportion.
+
+        ``bounds`` are the problem's ``mode_bounds``, and steps are ``finer`` times shorter than they call for.
+        """
+        problem, first = self.problem, bounds[:, 0]
+        safe_step = SAFE_LOAD / np.maximum(np.maximum(problem.load_scale(), 2 * first), 1e-300)
+        most_step = np.where(first < 1, 1.0, TURN / np.maximum(problem.turning(), 1e-300) / finer)
+        sure = (first < 1) | (not problem.may_jump)
+        outcome = self.raise_from(
+            chosen, problem.guess(), safe_step / finer, most_step=most_step, growth=GROWTH / finer, sure=sure
+        )
+        outcome.integrations += chosen * problem.guess_integrations
+        return outcome
+
+    def raise_from(
+        self,
+        chosen: BoolArray,
+        unknowns: FloatArray,
+        safe_step: FloatArray,
+        *,
+        most_step: FloatArray | float = 1.0,
+        growth: float = GROWTH,
+        sure: BoolArray | bool = True,
+    ) -> Outcome:
+        """From the equilibrium ``unknowns`` (instance_count, n) where the load factor is 0, to where it is 1.
+
+        ``safe_step`` (instance_count,) is a step that is short enough wherever it starts, and ``growth`` the part of the load
+        reached that one may be if that is more, up to ``most_step``. Where it is ``sure`` that no mode can vanish and come back, steps
+        are not looked at halfway. What is not ``chosen`` is left as it is.
+        """
+        problem, state = self.problem, self.state
+        state.by_inputs = 0
+        state.safe_step.assign(safe_step)
+        state.most_step.assign(np.broadcast_to(np.asarray(most_step, dtype=np.float64), problem.instance_count))
+        state.sure_level.assign(np.broadcast_to(np.asarray(sure, dtype=np.float64), problem.instance_count))
+        state.growth = growth
+        problem.load_factor.assign(np.where(chosen, 0.0, 1.0))
+        problem.write("unknowns", np.where(chosen[:, None], unknowns, problem.read("unknowns")))
+        self._set_out(chosen, known=0)
+        outcome = self._follow()
+        problem.load_factor.fill_(1.0)
+        return outcome
+
+    def change_inputs(self, chosen: BoolArray, before: FloatArray, unknowns: FloatArray, gamma: FloatArray) -> Outcome:
+        """From the equilibrium ``unknowns``, where ``Gamma`` is ``gamma``, at the inputs ``before``, to the problem's inputs.
+
+        All of the first axis instance_count; what is not ``chosen`` is left as it is.
+        """
+        problem, state = self.problem, self.state
+        after = problem.read("inputs")
+        state.by_inputs = 1
+        for name, values in (("from_inputs", before), ("to_inputs", after)):
+            setattr(state, name, wp.array(np.ascontiguousarray(values), dtype=wp.float64, device=problem.device))
+        state.safe_step.fill_(1.0)
+        state.most_step.assign(TURN / np.maximum(problem.turning(before), 1e-300))
+        state.sure_level.fill_(0.0 if problem.may_jump else 1.0)
+        state.points.assign(np.repeat(unknowns[:, None], 3, axis=1))
+        state.reference.assign(np.ascontiguousarray(gamma).reshape(state.reference.shape))
+        self._set_out(chosen, known=1)
+        self._record(lambda: make_path(problem.unknown_count, *self._shape).depart).launch()
+        outcome = self._follow()
+        problem.write("inputs", after)
+        return outcome
+
+    def _set_out(self, chosen: BoolArray, known: int) -> None:
+        flags: Any = wp.array(chosen.astype(np.int32), dtype=wp.int32, device=self.problem.device)
+        self._record(lambda: set_out, flags, known).launch()
+
+    def _record(self, make: Callable[[], Any], *further: Any) -> Any:
+        return record(make, self.problem.instance_count, [self.state, *further], self.problem.device)
+
+    def _follow(self) -> Outcome:
+        problem, state = self.problem, self.state
+        launch = self._record(lambda: make_path(problem.unknown_count, *self._shape).path)
+        remaining = 1
+        while remaining:
+            if self._remaining is not None:
+                self._remaining[0] = 0
+            else:
+                state.remaining.zero_()
+            problem.integrate()
+            launch.set_dim(problem.listed)
+            launch.launch()
+            remaining = int(self._remaining[0] if self._remaining is not None else state.remaining.numpy()[0])
+            leave(problem, remaining)
+        counts: dict[str, Any] = {
+            name: np.array(getattr(state, name).numpy()) for name in ("status", "iterations", "integrations")
+        }
+        self._doubt_ends(counts["status"], counts["integrations"])
+        return Outcome(**counts, reached=np.array(state.levels.numpy()[:, 0]))
+
+    def _doubt_ends(self, status: Any, integrations: Any) -> None:
+        """Where no mode of ``Gamma`` is near zero, it is no fold and no bifurcation that steps became small at."""
+        ended = np.flatnonzero(status == Status.BRANCH_END)
+        if len(ended):
+            least = np.linalg.svd(self.state.reference.numpy()[ended], compute_uv=False)[:, -1]
+            status[ended[least > SINGULAR * self.problem.natural_singular_value[ended]]] = Status.STALLED
+            if self.state.by_inputs:
+                integrations[ended] += self.problem.guess_integrations  # which what is natural here takes
+
+
+def natural_branch(problem: BoundaryProblem, newton: Newton, max_steps: int, chosen: BoolArray | None = None) -> Outcome:
+    """Raise all loads in proportion, from the unloaded equilibrium to the full load; see ``Paths``.
+
+    What has several equilibria unloaded is followed again in shorter steps where it came to an unstable one, which cannot be the
+    end of a branch that starts stable; what does so again is lost: its status is ``BRANCH_END``. ``chosen`` (bool, (instance_count,))
+    leaves the other instances as they are; their status is ``CONVERGED``.
+    """
+    chosen = np.ones(problem.instance_count, dtype=bool) if chosen is None else chosen
+    bounds = problem.mode_bounds()
+    outcome = Paths(problem, newton, max_steps).raise_loads(chosen, bounds)
+    if problem.may_jump:
+        _leave_unstable(problem, newton, max_steps, chosen, bounds, outcome)
+    lost = outcome.status != Status.CONVERGED
+    if lost.any():
+        # what is left of the residual at the full load
+        problem.active.assign(lost.astype(np.int32))
+        problem.integrate()
+        outcome.integrations += lost
+    return outcome
+
+
+def _leave_unstable(
+    problem: BoundaryProblem, newton: Newton, max_steps: int, chosen: BoolArray, bounds: FloatArray, outcome: Outcome
+) -> None:
+    """Follow those branches again that led to an unstable equilibrium."""
+    gamma = problem.read("gamma").reshape(problem.instance_count, problem.unknown_count, -1)
+    # with one unstable mode at most, the sign of det Gamma says whether there is one
+    sure = (bounds[:, 1] < 1) & (np.linalg.det(gamma) > 0)
+    places = np.flatnonzero(chosen & (outcome.status == Status.CONVERGED) & ~sure & problem.has_potential)
+    outcome.integrations[places] += 1
+    places = places[_unstable(problem, places)]
+    if not len(places):
+        return
+    part = problem.part(places)
+    method = newton.of(part, places)
+    method.allow(np.maximum(method.allowed() - outcome.integrations[places], 0))
+    again = Paths(part, method, max_steps * FINER).raise_loads(np.ones(len(places), dtype=bool), bounds[places], FINER)
+    unstable = np.flatnonzero(again.status == Status.CONVERGED)
+    again.status[unstable[_unstable(part, unstable)]] = Status.BRANCH_END
+    outcome.status[places] = again.status
+    outcome.iterations[places] += again.iterations
+    outcome.integrations[places] += again.integrations + 1
+    problem.keep(part, places)
+
+
+def _unstable(problem: BoundaryProblem, places: Any) -> BoolArray:
+    """Whether the equilibria of some instances, (k,), are unstable, shape (k,)."""
+    result = np.zeros(len(places), dtype=bool)
+    for part in np.split(np.arange(len(places)), range(TOGETHER, len(places), TOGETHER)):
+        if len(part):
+            result[part] = problem.part(places[part]).modes().stability == Stability.UNSTABLE
+    return result

@@ -1,0 +1,1 @@
+"""Newton's iteration on many instances at once."""

@@ -1,0 +1,200 @@
+"""Newton's iteration on the buffers of one problem, many instances in each launch."""
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from multirod.launch import expect, record
+from multirod.problem import DOUBLE_ROUNDING, BoundaryProblem
+from multirod.solver import Outcome
+from multirod.solvers.newton.bordered_kernels import front_width
+from multirod.solvers.newton.newton_kernels import LARGE_CHANGE, PROBES, NewtonState, make_newton, restart
+from multirod.status import IntArray, Status
+from multirod.validation import FloatArray
+
+_CONVERGED = int(Status.CONVERGED)
+
+
+LARGEST_NOISE = 1e-4  # in steps of Newton's method, relative: a longer one says how the iteration contracts
+UNLIMITED = 2**31 - 1
+SLOW = 0.1  # contraction of a sample's Newton steps, from which what has several equilibria unloaded may have left its branch
+FEWER = 0.7  # of the instances that launches pass over, below which those that have ended leave
+
+
+def leave(problem: BoundaryProblem, remaining: int) -> None:
+    """Have launches pass over the active instances alone, of which ``remaining`` are left, where that saves time; over all at the end."""
+    if not remaining:
+        if problem.listed < problem.instance_count:
+            problem.focus()
+    elif remaining < FEWER * problem.listed:
+        problem.focus(np.flatnonzero(problem.active.numpy()))
+
+
+class Newton:
+    """Newton's iteration on the buffers of one problem; launches are recorded once.
+
+    Args:
+        problem: The problem.
+        tolerance: Largest residual [1/m]; None is the problem's own.
+        max_iterations: Iterations allowed.
+        line_search: Whether steps that do not reduce the residual are halved.
+    """
+
+    def __init__(self, problem: BoundaryProblem, *, tolerance: float | None, max_iterations: int, line_search: bool) -> None:
+        self.problem = problem
+        n, count, device = problem.unknown_count, problem.instance_count, problem.device
+        state: Any = NewtonState()
+        self.state = state
+        problem.share(state, ("order", "active", "fault", "unknowns", "residual", "gamma"))
+        for name in ("status", "iterations", "integrations", "has_reference"):
+            setattr(state, name, wp.zeros(count, dtype=wp.int32, device=device))
+        for name in ("merit", "damping", "contraction", "change"):
+            setattr(state, name, wp.zeros(count, dtype=wp.float64, device=device))
+        state.accepted = wp.zeros((count, n), dtype=wp.float64, device=device)
+        state.step = wp.zeros((count, n), dtype=wp.float64, device=device)
+        state.direction = wp.zeros((count, n, 1), dtype=wp.float64, device=device)
+        state.reference = wp.zeros((count, n, n), dtype=wp.float64, device=device)
+        self.shape = self._shape()
+        self._dim = count
+        state.remaining = wp.zeros(1, dtype=wp.int32, device=device)
+        self._given_tolerance = tolerance
+        state.tolerance = wp.array(problem.tolerance(tolerance), dtype=wp.float64, device=device)
+        state.allowed = wp.full(count, UNLIMITED, dtype=wp.int32, device=device)
+        state.rounding = problem.rounding / DOUBLE_ROUNDING
+        state.noise = min(1e-10 * state.rounding, LARGEST_NOISE)
+        state.max_iterations = max_iterations
+        state.line_search = int(line_search)
+        self._slow = SLOW if problem.may_jump else LARGE_CHANGE
+        on_cpu = wp.get_device(device).is_cpu
+        self._remaining = state.remaining.numpy() if on_cpu else None
+        self._counts = [state.status.numpy(), state.iterations.numpy(), state.integrations.numpy()] if on_cpu else None
+        self._doubts = (state.change.numpy(), state.contraction.numpy()) if on_cpu else None
+        self._reference = state.reference.numpy().reshape(count, n * n) if on_cpu else None
+        self._has_reference = state.has_reference.numpy() if on_cpu else None
+        self._allowed = state.allowed.numpy() if on_cpu else None
+
+    def _shape(self) -> tuple[int, ...]:
+        """Largest block and border of ``Gamma`` where it is an arrow, with its room to work; nothing where it is dense."""
+        problem, arrow = self.problem, self.state.arrow
+        if not problem.arrow:
+            return ()
+        sizes = np.diff(problem.arrow)
+        block, border = int(sizes[:-1].max()), int(sizes[-1])
+        arrow.count = len(sizes) - 1
+        arrow.start = wp.array(np.array(problem.arrow, dtype=np.int32), dtype=wp.int32, device=problem.device)
+        room = (problem.instance_count, arrow.count, block, front_width(block, border, PROBES))
+        arrow.pivots = wp.zeros(room, dtype=wp.float64, device=problem.device)
+        self.state.arrow = arrow
+        probes = (problem.instance_count, problem.unknown_count, PROBES)
+        self.state.probes = wp.zeros(probes, dtype=wp.float64, device=problem.device)
+        self.state.probed = wp.zeros(probes, dtype=wp.float64, device=problem.device)
+        return block, border
+
+    def expect(self) -> None:
+        """Have what ``run`` launches compiled in the background, while something else is done first."""
+        n, device = self.problem.unknown_count, self.problem.device
+        expect(lambda: make_newton(n, *self.shape), device)
+        expect(lambda: restart, device)
+
+    @cached_property
+    def _launch(self) -> Any:
+        return self._record(lambda: make_newton(self.problem.unknown_count, *self.shape))
+
+    @cached_property
+    def _reset(self) -> Any:
+        return self._record(lambda: restart)
+
+    def _record(self, make: Callable[[], Any]) -> Any:
+        return record(make, self.problem.instance_count, [self.state], self.problem.device)
+
+    def of(self, problem: BoundaryProblem, instances: IntArray) -> "Newton":
+        """The same on another problem, whose instances are these, (k,), of this one."""
+        state = self.state
+        other = Newton(
+            problem, tolerance=self._given_tolerance, max_iterations=state.max_iterations, line_search=bool(state.line_search)
+        )
+        other.allow(self.allowed()[instances])
+        return other
+
+    def allow(self, integrations: IntArray | int) -> None:
+        """End what has taken so many integrations, (instance_count,) or for all, in the runs and paths from now on."""
+        if self._allowed is not None:
+            self._allowed[:] = integrations
+        else:
+            self.state.allowed.assign(np.broadcast_to(np.asarray(integrations, dtype=np.int32), self.problem.instance_count))
+
+    def allowed(self) -> IntArray:
+        """Integrations that a run or path may take, shape (instance_count,)."""
+        return np.array(self.state.allowed.numpy())
+
+    def doubtful(self) -> bool:
+        """Whether any instance of the last run failed or may have strayed."""
+        if self._counts is None or self._doubts is None:
+            return True
+        change, contraction = self._doubts
+        return bool((self._counts[0] != _CONVERGED).any() or change.max() > LARGE_CHANGE or contraction.max() > self._slow)
+
+    def strayed(self) -> Any:
+        """Whether a converged instance may be on another branch than its reference; bool, shape (instance_count,)."""
+        change, contraction = self._doubts or (self.state.change.numpy(), self.state.contraction.numpy())
+        return (change > LARGE_CHANGE) | (contraction > self._slow)
+
+    def wandered(self) -> Any:
+        """Whether an instance of the last run contracted too slowly to be near where it started; bool, shape (instance_count,)."""
+        return self.state.contraction.numpy() > LARGE_CHANGE
+
+    def reference(self) -> FloatArray:
+        """``Gamma`` of the last sample that was kept, shape (instance_count, n, n)."""
+        return np.array(self.state.reference.numpy())
+
+    def set_reference(self, kept: Any = None) -> None:
+        """Keep the present ``Gamma`` of the instances ``kept``, all by default, to compare the next with."""
+        gamma = self.problem.read("gamma")
+        if self._reference is not None and self._has_reference is not None:
+            chosen = slice(None) if kept is None else kept
+            self._reference[chosen] = gamma[chosen]
+            self._has_reference[chosen] = 1
+            return
+        before = self.reference().reshape(gamma.shape)
+        chosen = gamma if kept is None else np.where(np.asarray(kept)[:, None], gamma, before)
+        self.state.reference.assign(chosen.reshape(self.state.reference.shape))
+        known = np.array(self.state.has_reference.numpy())
+        known[slice(None) if kept is None else kept] = 1
+        self.state.has_reference.assign(known)
+
+    def run(self, chosen: Any = None) -> None:
+        """Iterate the chosen instances (bool, (instance_count,); all by default) from ``problem.unknowns`` to their ends."""
+        self.start(chosen)
+        while self.iterate():
+            pass
+
+    def start(self, chosen: Any = None) -> None:
+        """Begin with the chosen instances (bool, (instance_count,); all by default) at ``problem.unknowns``."""
+        leave(self.problem, 0)
+        self._reset.launch()
+        if chosen is not None:
+            self.state.active.assign(np.asarray(chosen, dtype=np.int32))
+
+    def iterate(self) -> int:
+        """One integration of all active instances, and what follows from it; the number still active."""
+        if self._remaining is not None:
+            self._remaining[0] = 0
+        else:
+            self.state.remaining.zero_()
+        self.problem.integrate()
+        if self._dim != self.problem.listed:
+            self._dim = self.problem.listed
+            self._launch.set_dim(self._dim)
+        self._launch.launch()
+        remaining = int(self._remaining[0] if self._remaining is not None else self.state.remaining.numpy()[0])
+        leave(self.problem, remaining)
+        return remaining
+
+    def outcome(self) -> Outcome:
+        """Copies of the counts and statuses."""
+        state = self.state
+        counts = self._counts or [state.status.numpy(), state.iterations.numpy(), state.integrations.numpy()]
+        return Outcome(*(count.copy() for count in counts))

@@ -1,0 +1,272 @@
+# mypy: ignore-errors
+"""Newton's method on many boundary problems at once: what happens between two integrations."""
+
+from functools import cache
+from types import SimpleNamespace
+
+import warp as wp
+
+from multirod.solvers.newton.bordered_kernels import Arrow, make_bordered
+from multirod.solvers.newton.linear_algebra_kernels import make_linear_algebra
+from multirod.status import Fault, Status
+
+
+@wp.struct
+class NewtonState:
+    """State of Newton's iteration; the first axis is the instance."""
+
+    # of the problem
+    order: wp.array[int]
+    active: wp.array[int]
+    fault: wp.array[int]
+    unknowns: wp.array2d[wp.float64]
+    residual: wp.array2d[wp.float64]
+    gamma: wp.array3d[wp.float64]
+    # of the iteration
+    status: wp.array[int]
+    iterations: wp.array[int]
+    integrations: wp.array[int]
+    accepted: wp.array2d[wp.float64]  # the last accepted unknowns
+    step: wp.array2d[wp.float64]  # the Newton step from there
+    direction: wp.array3d[wp.float64]  # (instance, n, 1): the Newton step from here
+    merit: wp.array[wp.float64]  # |eps| there; negative before the first evaluation
+    damping: wp.array[wp.float64]
+    contraction: wp.array[wp.float64]  # largest ratio of successive Newton steps
+    reference: wp.array3d[wp.float64]  # Gamma of the last kept sample
+    has_reference: wp.array[int]  # whether there is one
+    change: wp.array[wp.float64]  # bound on the eigenvalues of Gamma reference^-1 - I at the end; 0 without a reference
+    probes: wp.array3d[wp.float64]  # (instance, n, PROBES): to estimate it, where Gamma is an arrow
+    probed: wp.array3d[wp.float64]
+    arrow: Arrow
+    remaining: wp.array[int]  # (1,): instances still active
+    # options
+    tolerance: wp.array[wp.float64]  # (instance,)
+    allowed: wp.array[int]  # (instance,): integrations
+    max_iterations: int
+    line_search: int
+    rounding: wp.float64  # of an integration, in multiples of that of double precision
+    noise: wp.float64  # relative size of steps that rounding makes
+
+
+PROBES = 4
+LARGE_CHANGE = 0.5  # of Gamma: no mode has vanished or changed sign where the change is less than 1
+f64 = wp.float64
+
+
+@wp.func
+def begin(state: NewtonState, t: int):
+    """The iteration is to start at the present unknowns."""
+    state.iterations[t] = 0
+    state.merit[t] = f64(-1.0)
+    state.contraction[t] = f64(0.0)
+    state.change[t] = f64(0.0)
+
+
+@wp.kernel(module="unique", enable_backward=False)
+def restart(state: NewtonState):
+    """Make every instance active, its iteration not begun."""
+    t = wp.tid()
+    state.active[t] = 1
+    state.status[t] = 0
+    state.integrations[t] = 0
+    begin(state, t)
+
+
+@cache
+def make_dense(n: int) -> SimpleNamespace:
+    """What Newton's method asks of Gamma, by elimination of all of it."""
+    algebra = make_linear_algebra(n)
+    solve, Vector, Matrix = algebra.solve, algebra.Vector, algebra.Matrix
+
+    @wp.func
+    def aim(state: NewtonState, t: int) -> f64:
+        """Length of the Newton step, left in ``state.direction``; not finite if Gamma is singular."""
+        A = Matrix()
+        b = Vector()
+        for i in range(n):
+            b[i] = -state.residual[t, i]
+            for j in range(n):
+                A[i, j] = state.gamma[t, i, j]
+        b = solve(A, b)
+        for i in range(n):
+            state.direction[t, i, 0] = b[i]
+        return wp.sqrt(wp.dot(b, b))
+
+    @wp.func
+    def spread(state: NewtonState, t: int, reference: wp.array3d[wp.float64], centre: f64, enough: f64, most: f64) -> f64:
+        """Bound on the distance from ``centre`` of the eigenvalues of Gamma reference^-1, by the Frobenius norm of
+        E = Gamma reference^-1 - centre I and its powers, up to ``most`` or until it is ``enough``.
+        """
+        A = Matrix()
+        E = Matrix()
+        for i in range(n):
+            for j in range(n):
+                A[i, j] = reference[t, j, i]
+        for i in range(n):
+            row = Vector()
+            for j in range(n):
+                row[j] = state.gamma[t, i, j]
+            row = solve(A, row)
+            for j in range(n):
+                E[i, j] = row[j]
+            E[i, i] = E[i, i] - centre
+        bound = wp.sqrt(wp.ddot(E, E))
+        power = f64(1.0)
+        while bound > enough and power < most:
+            E = E * E
+            power *= f64(2.0)
+            bound = wp.min(bound, wp.pow(wp.ddot(E, E), f64(0.5) / power))
+        return wp.where(wp.isfinite(bound), bound, f64(1.0e30))
+
+    return SimpleNamespace(aim=aim, spread=spread)
+
+
+@cache
+def make_arrow(n: int, block: int, border: int) -> SimpleNamespace:
+    """The same where Gamma is an arrow, in a time that grows linearly with its blocks."""
+    one = make_bordered(block, border, 1)
+    several = make_bordered(block, border, PROBES)
+    solve_one, solve_several, multiply = one.solve, several.solve, several.multiply
+
+    @wp.func
+    def sign(i: int, k: int) -> f64:
+        """Plus or minus one, without a pattern."""
+        state = wp.rand_init(i, k)
+        return wp.where(wp.randf(state) < wp.float32(0.5), f64(-1.0), f64(1.0))
+
+    @wp.func
+    def aim(state: NewtonState, t: int) -> f64:
+        """Length of the Newton step, left in ``state.direction``; not finite if Gamma is singular."""
+        for i in range(n):
+            state.direction[t, i, 0] = -state.residual[t, i]
+        solve_one(state.gamma, state.direction, t, state.arrow)
+        total = f64(0.0)
+        for i in range(n):
+            total += state.direction[t, i, 0] * state.direction[t, i, 0]
+        return wp.sqrt(total)
+
+    @wp.func
+    def spread(state: NewtonState, t: int, reference: wp.array3d[wp.float64], centre: f64, enough: f64, most: f64) -> f64:
+        """The same, with estimates of the norms: the mean of |E z|^2 over vectors z of random signs is the norm's square."""
+        for i in range(n):
+            for k in range(wp.static(PROBES)):
+                state.probed[t, i, k] = sign(i, k)
+        bound = f64(1.0e30)
+        power = f64(0.0)
+        while bound > enough and power < most:
+            for i in range(n):
+                for k in range(wp.static(PROBES)):
+                    state.probes[t, i, k] = state.probed[t, i, k]
+            solve_several(reference, state.probes, t, state.arrow)
+            total = f64(0.0)
+            for i in range(n):
+                for k in range(wp.static(PROBES)):
+                    lack = multiply(state.gamma, state.probes, t, i, k, state.arrow) - centre * state.probed[t, i, k]
+                    state.probed[t, i, k] = lack
+                    total += lack * lack
+            power += f64(1.0)
+            bound = wp.min(bound, wp.pow(total / f64(wp.static(PROBES)), f64(0.5) / power))
+        return wp.where(wp.isfinite(bound), bound, f64(1.0e30))
+
+    return SimpleNamespace(aim=aim, spread=spread)
+
+
+@cache
+def make_iteration(n: int, block: int = 0, border: int = 0) -> SimpleNamespace:
+    """``iterate``, from one integration to the next, ``spread``, how unlike two ``Gamma`` are, and ``aim``, the Newton step.
+
+    Gamma is dense, or, with a ``border``, an arrow of blocks of at most ``block`` rows.
+    """
+    linear = make_arrow(n, block, border) if border else make_dense(n)
+    aim, spread = linear.aim, linear.spread
+
+    @wp.func
+    def iterate(state: NewtonState, t: int, line_search: int, max_contraction: f64) -> int:
+        """Put the unknowns where to integrate next; ``NOT_RUN``, or the status in which the iteration ended.
+
+        An instance that contracts more slowly than ``max_contraction`` stops: it may be leaving its branch.
+        """
+        status = int(wp.static(int(Status.NOT_RUN)))
+        merit = f64(0.0)
+        size = f64(0.0)
+        for i in range(n):
+            e = state.residual[t, i]
+            merit += e * e
+            size = wp.max(size, wp.abs(e))
+        merit = wp.sqrt(merit)
+        sound = state.fault[t] == 0 and wp.isfinite(merit)
+        first = state.merit[t] < f64(0.0)
+
+        good = sound and (first or size <= state.tolerance[t])
+        if sound and not first:
+            good = good or line_search == 0 or merit <= (f64(1.0) - f64(1.0e-4) * state.damping[t]) * state.merit[t]
+        if good:
+            if size <= state.tolerance[t]:
+                status = int(wp.static(int(Status.CONVERGED)))
+                if state.has_reference[t] != 0:
+                    state.change[t] = spread(state, t, state.reference, f64(1.0), f64(wp.static(LARGE_CHANGE)), f64(8.0))
+            else:
+                length = aim(state, t)
+                before = f64(0.0)
+                base = f64(0.0)
+                for i in range(n):
+                    before += state.step[t, i] * state.step[t, i]
+                    base = wp.max(base, wp.abs(state.unknowns[t, i]))
+                before = wp.sqrt(before)
+                if not wp.isfinite(length):
+                    status = int(wp.static(int(Status.SINGULAR_JACOBIAN)))
+                elif state.iterations[t] >= state.max_iterations:
+                    status = int(wp.static(int(Status.MAX_ITERATIONS)))
+                elif length <= f64(4.0e-16) * state.rounding * base:
+                    status = int(wp.static(int(Status.STALLED)))
+                else:
+                    # a step of rounding size says nothing about contraction
+                    if not first and length > state.noise * (base + f64(1.0e-3) * before):
+                        state.contraction[t] = wp.max(state.contraction[t], length / before)
+                    if state.contraction[t] > max_contraction:
+                        status = int(wp.static(int(Status.STALLED)))
+                    else:
+                        for i in range(n):
+                            state.accepted[t, i] = state.unknowns[t, i]
+                            state.step[t, i] = state.direction[t, i, 0]
+                            state.unknowns[t, i] = state.unknowns[t, i] + state.direction[t, i, 0]
+                        state.merit[t] = merit
+                        state.damping[t] = f64(1.0)
+                        state.iterations[t] = state.iterations[t] + 1
+        elif first or line_search == 0:
+            status = int(wp.static(int(Status.NONFINITE)))
+            if state.fault[t] == wp.static(int(Fault.STEP_LIMIT)):
+                status = int(wp.static(int(Status.STEP_LIMIT)))
+        else:
+            damping = f64(0.5) * state.damping[t]
+            state.damping[t] = damping
+            if damping < f64(1.0e-4):
+                status = int(wp.static(int(Status.STALLED)))
+            for i in range(n):
+                state.unknowns[t, i] = state.accepted[t, i] + damping * state.step[t, i]
+        return status
+
+    return SimpleNamespace(iterate=iterate, spread=spread, aim=aim)
+
+
+@cache
+def make_newton(n: int, block: int = 0, border: int = 0):
+    """Kernel that takes each active instance from an integration to its next trial, or to its end."""
+    iterate = make_iteration(n, block, border).iterate
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def newton(state: NewtonState):
+        t = state.order[wp.tid()]
+        if state.active[t] == 0:
+            return
+        state.integrations[t] = state.integrations[t] + 1
+        status = iterate(state, t, state.line_search, f64(1.0e300))
+        if status == wp.static(int(Status.NOT_RUN)) and state.integrations[t] >= state.allowed[t]:
+            status = int(wp.static(int(Status.INTEGRATION_LIMIT)))
+        state.status[t] = status
+        if status != wp.static(int(Status.NOT_RUN)):
+            state.active[t] = 0
+        else:
+            wp.atomic_add(state.remaining, 0, 1)
+
+    return newton

@@ -1,0 +1,1 @@
+"""Where to begin when nothing is known: assemblies put together, many starts."""

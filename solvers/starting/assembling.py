@@ -1,0 +1,228 @@
+"""Assemblies put together from legs that nothing holds: another way to the natural branch, and to stable equilibria."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod.batch import IntArray
+from multirod.problem import BoundaryProblem, Loading
+from multirod.solver import Outcome
+from multirod.solvers.continuation.natural import SAFE_LOAD, Paths
+from multirod.solvers.newton.iteration import Newton
+from multirod.stability import Stability
+from multirod.status import Status
+from multirod.validation import FloatArray
+
+TOGETHER = 32  # instances put together in one batch
+CLOSING_STEP = 0.25  # of the way from apart to together, at first: four equilibria tell how the branch turns
+SETTLING_STEPS = 200  # of the path of one start, in loads
+EVALUATIONS = 1200  # in which a branch is followed through its folds
+FIRST_STEP, LONGEST_STEP, SMALLEST_STEP = 0.05, 1.0, 1e-6  # of its arclength, unknowns by the curvature scale
+ITERATIONS = 7  # of Newton's method in a step
+CONTRACTION = 0.4  # largest ratio of these
+TURN = 0.9  # smallest cosine between the tangents at both ends of a step
+CLOSE = 1e-6  # residual of a point on the branch, of the curvature scale
+FURTHEST = 3.0  # that it may lead back beyond the start, in the whole way
+
+BoolArray = NDArray[np.bool_]
+
+
+def assemble(problem: BoundaryProblem, newton: Newton, outcome: Outcome, lost: BoolArray, max_steps: int) -> None:
+    """Put the instances ``lost`` together without loads, then raise these: ``CONVERGED`` unless what that leads to is unstable.
+
+    Steps pass the tests of every branch (``Paths``), ``max_steps`` at most for the joints and as many for the loads. What is not
+    found is left as it is.
+    """
+    if not problem.comes_apart or not lost.any():
+        return
+    for places in np.split(np.flatnonzero(lost), range(TOGETHER, int(lost.sum()), TOGETHER)):
+        part = problem.part(places)
+        found = _natural(part, newton.of(part, places), max_steps)
+        outcome.iterations[places] += found.iterations
+        outcome.integrations[places] += found.integrations
+        reached = np.flatnonzero(found.status == Status.CONVERGED)
+        outcome.status[places[reached]] = Status.CONVERGED
+        if outcome.reached is not None:
+            outcome.reached[places[reached]] = 1.0
+        problem.keep(part, places[reached], reached)
+
+
+def _natural(problem: BoundaryProblem, newton: Newton, max_steps: int) -> Outcome:
+    """First the joints, then the loads; statuses as ``Paths`` gives them, ``UNSTABLE`` where that is what is reached."""
+    paths = Paths(problem, newton, max_steps)
+    count = problem.instance_count
+    problem.close_joints(Loading.NONE)
+    closed = paths.raise_from(np.ones(count, dtype=bool), problem.apart(), np.full(count, CLOSING_STEP))
+    problem.close_joints(Loading.RISING)
+    problem.shut_joints()
+    whole = closed.status == Status.CONVERGED
+    newton.allow(np.maximum(newton.allowed() - closed.integrations - 3, 0))
+    loaded = paths.raise_from(whole, problem.read("unknowns"), _safe_step(problem))
+    status = np.where(whole, loaded.status, closed.status)
+    whole = status == Status.CONVERGED
+    if whole.any():
+        problem.active.fill_(1)
+        status[whole & (problem.modes().stability == Stability.UNSTABLE)] = Status.UNSTABLE
+    # legs that nothing holds take one, and the mismatch of their joints another
+    integrations = 2 + closed.integrations + loaded.integrations + whole
+    return Outcome(status, closed.iterations + loaded.iterations, integrations)
+
+
+def settle(problem: BoundaryProblem, newton: Newton, numbers: IntArray) -> Outcome:
+    """Put every instance together at the places ``numbers`` (see ``BoundaryProblem.apart``), joints and loads in proportion.
+
+    Where its branch ends on the way, it is followed by its arclength, back and forth through the folds, to where it meets the full
+    load with as many unstable modes as at the start, or two more, or four. Whether that is stable is for the caller to ask.
+    """
+    unknowns = problem.apart(numbers)
+    sign = _signs(problem.evaluate(unknowns)[1])
+    sound = sign != 0
+    outcome = Paths(problem, newton, SETTLING_STEPS).raise_from(sound, unknowns, np.minimum(CLOSING_STEP, _safe_step(problem)))
+    outcome.status[~sound] = Status.SINGULAR_JACOBIAN
+    outcome.integrations += 3
+    lost = sound & (outcome.status != Status.CONVERGED)
+    if lost.any():
+        problem.active.fill_(1)
+        problem.close_joints(Loading.FULL)
+        problem.open_joints(problem.read("unknowns"))
+        outcome.integrations += lost
+        left = 1.0 - (np.zeros(len(sign)) if outcome.reached is None else outcome.reached)
+        through = _through_folds(problem, lost, sign, left, outcome, newton.allowed())
+        problem.close_joints(Loading.RISING)
+        problem.load_factor.fill_(1.0)
+        newton.run(through)
+        counts = newton.outcome()
+        outcome.iterations += through * counts.iterations
+        outcome.integrations += through * counts.integrations
+        outcome.status[through] = counts.status[through]
+    problem.shut_joints()
+    problem.active.fill_(1)
+    return outcome
+
+
+def _safe_step(problem: BoundaryProblem) -> FloatArray:
+    return np.asarray(SAFE_LOAD / np.maximum(problem.load_scale(), 1e-300))
+
+
+def _signs(gamma: FloatArray) -> FloatArray:
+    """Signs of ``det Gamma`` (k, n, n): the parity of unstable modes; 0 where it is singular or not finite, shape (k,)."""
+    return np.asarray(np.linalg.slogdet(np.nan_to_num(gamma))[0])
+
+
+def _through_folds(
+    problem: BoundaryProblem, chosen: BoolArray, sign: FloatArray, left: FloatArray, outcome: Outcome, allowed: Any
+) -> BoolArray:
+    """Follow branches by their arclength from a load factor of 0 to 1, to where ``det Gamma`` has its ``sign`` there.
+
+    The joints were opened at ``problem.unknowns``: the residual closes in proportion, so what it was is its derivative by the load
+    factor. ``left`` (instance_count,) is the part of the whole way that this one is.
+
+    Returns:
+        Which of the ``chosen`` are there, shape (instance_count,); ``problem.unknowns`` are then near the equilibrium.
+    """
+    unit = problem.curvature_scale()[:, None]
+    result = problem.read("unknowns")
+    slope = problem.read("residual")
+    places = np.flatnonzero(chosen).tolist()
+    furthest = 1.0 - (1.0 + FURTHEST) / np.maximum(left, 1e-300)
+    arcs = {i: _Arc(result[i] / unit[i], slope[i], sign[i], CLOSE * unit[i, 0], furthest[i]) for i in places}
+    trial, level = result.copy(), np.zeros(len(result))
+    on = chosen.copy()
+    for _ in range(EVALUATIONS):
+        on &= outcome.integrations < allowed
+        if not on.any():
+            break
+        problem.active.assign(on.astype(np.int32))
+        problem.focus(np.flatnonzero(on))
+        problem.load_factor.assign(level)
+        residual, gamma = problem.evaluate(trial)
+        outcome.integrations += on
+        outcome.iterations += on
+        for i in np.flatnonzero(on).tolist():
+            arc = arcs[i]
+            on[i] = arc.advance(residual[i], gamma[i] * unit[i])
+            trial[i], level[i] = arc.trial[:-1] * unit[i], arc.trial[-1]
+    problem.focus()
+    there = chosen.copy()
+    for i, arc in arcs.items():
+        there[i] = arc.found is not None
+        if arc.found is not None:
+            result[i] = arc.found * unit[i]
+    problem.write("unknowns", result)
+    return there
+
+
+class _Arc:
+    """One branch by its arclength, told after each evaluation where the next is to be.
+
+    Args:
+        unknowns: Of the first point, in units of the curvature scale, shape (n,).
+        slope: Derivative of the residual by the load factor, everywhere the same, shape (n,).
+        sign: Of ``det Gamma`` where the branch is to end.
+        close: Residual of a point.
+        furthest: Load factor that it may lead back to.
+
+    Attributes:
+        trial: Unknowns and load factor to be evaluated next, shape (n + 1,).
+        found: Unknowns near the end, shape (n,); None before.
+    """
+
+    def __init__(self, unknowns: FloatArray, slope: FloatArray, sign: float, close: float, furthest: float) -> None:
+        self.slope, self.sign, self.close, self.furthest = slope, sign, close, furthest
+        self.trial = np.append(unknowns, 0.0)
+        self.found: FloatArray | None = None
+        self._point = self.trial
+        self._tangent = np.append(np.zeros(len(unknowns)), 1.0)
+        self._step = FIRST_STEP
+        self._first = True
+        self._aim(0.0)
+
+    def advance(self, residual: FloatArray, gamma: FloatArray) -> bool:
+        """Take in residual (n,) and ``Gamma`` (n, n) at ``trial``; whether there is a next."""
+        if np.isfinite(residual).all() and np.isfinite(gamma).all():
+            square = np.vstack([np.column_stack([gamma, self.slope]), self._tangent])
+            right = np.zeros((len(self.trial), 2))
+            right[:-1, 0], right[-1, 0] = -residual, -self._tangent @ (self.trial - self._start)
+            right[-1, 1] = 1.0
+            try:
+                move, along = np.linalg.solve(square, right).T
+            except np.linalg.LinAlgError:
+                return self._halve()
+            if np.abs(residual).max() <= self.close:
+                return self._keep(along / np.linalg.norm(along), float(_signs(gamma)))
+            if self._contracts(float(np.linalg.norm(move))):
+                self.trial = self.trial + move
+                return True
+        return self._halve()
+
+    def _aim(self, step: float) -> None:
+        self._start = self.trial = self._point + step * self._tangent
+        self._iteration, self._size, self._worst = 0, np.inf, 0.0
+
+    def _contracts(self, size: float) -> bool:
+        if self._iteration and size > 1e-7:
+            self._worst = max(self._worst, size / self._size)
+        self._size = size
+        self._iteration += 1
+        return self._worst <= CONTRACTION and self._iteration <= ITERATIONS
+
+    def _keep(self, tangent: FloatArray, sign: float) -> bool:
+        """Take in the point at ``trial``, unless the branch has turned too far since the last."""
+        if not self._first:
+            if tangent @ self._tangent < TURN:
+                return self._halve()
+            before, after = self._point[-1] - 1.0, self.trial[-1] - 1.0
+            if before * after <= 0 and before != after and sign == self.sign:
+                self.found = (self._point + before / (before - after) * (self.trial - self._point))[:-1]
+                return False
+            faster = float(np.clip(0.5 * CONTRACTION / max(self._worst, 1e-6), 0.5, 2.0))
+            self._step = min(LONGEST_STEP, faster * self._step)
+        self._point, self._tangent, self._first = self.trial, tangent, False
+        self._aim(self._step)
+        return bool(self._point[-1] > self.furthest)
+
+    def _halve(self) -> bool:
+        self._step /= 2
+        self._aim(self._step)
+        return not self._first and self._step >= SMALLEST_STEP

@@ -1,0 +1,270 @@
+"""Equilibria from many starts: Newton's method from each, what they reach told apart, and the stable ones of it."""
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod.problem import BoundaryProblem
+from multirod.solver import Outcome
+from multirod.solvers.continuation.natural import Paths
+from multirod.solvers.newton.iteration import Newton
+from multirod.solvers.starting.assembling import settle
+from multirod.stability import Stability
+from multirod.status import Status, failures
+from multirod.validation import FloatArray
+
+STARTS = 2048
+TOGETHER = 32  # instances of which all starts of a round are run at once
+ROUND = 128  # starts after which it is asked whether more are needed
+SILENT_ROUNDS = 2  # that have to bring nothing new
+SAME = (
+    1e-5  # largest distance of two results that are one equilibrium, relative; near a fold Newton's error is the residual's root
+)
+NEAR = 1e-2  # further apart, relative, two results are never one
+RESIDUALS = 4.0  # by how many tolerances the residuals of one equilibrium found twice may differ
+WANDERING = 2.0  # times the largest start: an instance beyond goes no further
+SETTLED, SETTLED_ROUND = 16, 4  # places at which what comes apart is put together, until a stable equilibrium is found
+LAST = 50  # integrations of a place that come after its branch is followed, or tell what it leads to: as many are kept back
+PATIENCE = 25  # integrations from a start: what converges takes 5 to 15
+
+
+class Catalogue:
+    """The equilibria found of one instance.
+
+    The signs of ``det Gamma`` over all equilibria add up to that of the unloaded one (``degree``), whatever the loads: none can
+    appear or vanish but in pairs of opposite sign. So a sum that differs says that some are missing; one that agrees does not
+    say that none are. Where that is not so, as for closed loops, ``degree`` is None.
+
+    Args:
+        degree: What the signs add up to.
+        tolerance: To which residuals have been made zero [1/m].
+    """
+
+    def __init__(self, degree: float | None, tolerance: float = 0.0) -> None:
+        self.degree = degree
+        self.tolerance = tolerance
+        self.unknowns: list[FloatArray] = []
+        self.signs: list[float] = []
+        self._gammas: list[FloatArray] = []
+        self._before = 0
+        self._silent = 0
+
+    @property
+    def settled(self) -> bool:
+        """Whether whole rounds of starts brought nothing new, and no equilibrium is known to be missing."""
+        return self._silent >= SILENT_ROUNDS and self.missing in (None, 0)
+
+    @property
+    def missing(self) -> int | None:
+        """How many equilibria (8) says are missing at least; None where it says nothing."""
+        return None if self.degree is None else int(abs(self.degree - sum(self.signs)))
+
+    def add(self, unknowns: FloatArray, gamma: FloatArray) -> None:
+        """Take in an equilibrium unless it is there already."""
+        sign = float(np.sign(np.linalg.det(gamma)))
+        size = max(1.0, float(np.abs(unknowns).max()))
+        for other, other_sign, other_gamma in zip(self.unknowns, self.signs, self._gammas, strict=True):
+            apart = unknowns - other
+            distance = float(np.abs(apart).max())
+            if sign != other_sign or distance > NEAR * size:
+                continue
+            # of one equilibrium, a residual within the tolerance leaves that much where Gamma is nearly singular
+            residual = max(float(np.abs(matrix @ apart).max()) for matrix in (gamma, other_gamma))
+            if distance <= SAME * size or residual <= RESIDUALS * self.tolerance:
+                return
+        self.unknowns.append(np.array(unknowns))
+        self.signs.append(sign)
+        self._gammas.append(np.array(gamma))
+
+    def end_round(self) -> None:
+        """Note whether a round of starts brought something new."""
+        found = len(self.unknowns)
+        self._silent = self._silent + 1 if found == self._before else 0
+        self._before = found
+
+
+def degrees(problem: BoundaryProblem) -> FloatArray:
+    """Sign of ``det Gamma`` at the unloaded equilibrium of each instance, shape (instance_count,)."""
+    problem.load_factor.fill_(0.0)
+    problem.active.fill_(1)
+    _, gamma = problem.evaluate(problem.guess())
+    problem.load_factor.fill_(1.0)
+    return np.asarray(np.sign(np.linalg.det(gamma)))
+
+
+def converge(problem: BoundaryProblem, newton: Newton, guesses: FloatArray, chosen: NDArray[np.bool_], limit: Any) -> Any:
+    """Newton's method from ``guesses`` (instance_count, n), given up beyond ``limit`` (instance_count, n); who converged."""
+    problem.write("unknowns", np.where(chosen[:, None], guesses, problem.read("unknowns")))
+    newton.start(chosen)
+    for _ in range(PATIENCE):
+        if not newton.iterate():
+            break
+        wandering = (np.abs(problem.read("unknowns")) > limit).any(axis=1)
+        if wandering.any():
+            problem.active.assign(problem.active.numpy() * ~wandering)
+    return chosen & (newton.outcome().status == Status.CONVERGED)
+
+
+def limits(starts: FloatArray) -> FloatArray:
+    """Where Newton's method is given up, shape (instance_count, n); nowhere where all starts are zero."""
+    size = np.abs(starts).max(axis=0)
+    largest = size.max(axis=1, keepdims=True)
+    return np.where(largest > 0, WANDERING * size + largest, np.inf)
+
+
+def refuse_unstable(problem: BoundaryProblem, outcome: Outcome, chosen: NDArray[np.bool_]) -> None:
+    """Say so where a search for the ``chosen`` that did not begin at a stable equilibrium led to an unstable one."""
+    found = chosen & ~failures(outcome.status)
+    if problem.guess_is_stable or not found.any():
+        return
+    outcome.status[found & (problem.modes().stability == Stability.UNSTABLE)] = Status.UNSTABLE
+    outcome.integrations += found
+
+
+def lowest_stable(problem: BoundaryProblem, newton: Newton, outcome: Outcome, lost: NDArray[np.bool_], max_steps: int) -> None:
+    """Put the instances ``lost`` on their stable equilibrium of lowest potential energy, if one is found.
+
+    Their status is then ``LOWEST_ENERGY``; what is unstable, neutral or cannot be said is never taken. They are told apart in
+    double precision, and left so. Newton's method starts from many points; what comes apart is put together at several places
+    (``settle``), and where its loads have no potential, that is done without them: then they are raised, in ``max_steps`` at most.
+    """
+    if not problem.multistable or not lost.any() or not len(problem.starts(1)):
+        return
+    raised = lost & ~problem.has_potential if problem.comes_apart else np.zeros_like(lost)
+    for chosen, search in ((lost & ~raised, _search), (raised, partial(_search_unloaded, max_steps=max_steps))):
+        for places in np.split(np.flatnonzero(chosen), range(TOGETHER, int(chosen.sum()), TOGETHER)):
+            if not len(places):
+                continue
+            part = problem.part(places, double=True)
+            found = search(part, newton.of(part, places))
+            outcome.iterations[places] += found.iterations
+            outcome.integrations[places] += found.integrations
+            outcome.status[places[found.status == Status.CONVERGED]] = Status.LOWEST_ENERGY
+            outcome.status[places[found.status == Status.INTEGRATION_LIMIT]] = Status.INTEGRATION_LIMIT
+            problem.keep(part, places)
+
+
+def _search_unloaded(problem: BoundaryProblem, newton: Newton, *, max_steps: int) -> Outcome:
+    """The same as ``_search`` without loads, then where raising them leads, unless that is unstable."""
+    after, before = problem.read("inputs"), problem.unloaded_inputs()
+    if before is None:
+        return Outcome.zeros(problem.instance_count)
+    problem.write("inputs", before)
+    outcome = _search(problem, newton)
+    unknowns, gamma = problem.read("unknowns"), problem.read("gamma")
+    problem.write("inputs", after)
+    resting = outcome.status == Status.CONVERGED
+    newton.allow(np.maximum(newton.allowed() - outcome.integrations - 2, 0))
+    raised = Paths(problem, newton, max_steps).change_inputs(resting, before, unknowns, gamma)
+    problem.active.fill_(1)
+    problem.integrate()
+    there = resting & (raised.status == Status.CONVERGED)
+    there &= problem.modes().stability != Stability.UNSTABLE
+    outcome.iterations += raised.iterations
+    outcome.integrations += raised.integrations + 1 + resting
+    outcome.status[resting & ~there] = Status.BRANCH_END
+    return outcome
+
+
+def _search(problem: BoundaryProblem, newton: Newton) -> Outcome:
+    """Leave every instance on the stable equilibrium of lowest potential energy that is found; where none is, as it was.
+
+    What may not take all integrations of a round ends before it, undecided: fewer starts might miss the lowest.
+    """
+    outcome = Outcome.zeros(problem.instance_count)
+    before = problem.read("unknowns")
+    catalogues = (_settled if problem.comes_apart else _converged)(problem, newton, outcome)
+    best, chosen = _lowest(problem, catalogues, before, outcome)
+    chosen &= outcome.status != Status.INTEGRATION_LIMIT
+    problem.write("unknowns", np.where(chosen[:, None], best, before))
+    newton.run(chosen)
+    last = newton.outcome()
+    outcome.status[chosen] = last.status[chosen]
+    outcome.integrations += chosen * last.integrations
+    problem.active.fill_(1)
+    problem.integrate()  # the buffers hold every instance again
+    return outcome
+
+
+def _settled(problem: BoundaryProblem, newton: Newton, outcome: Outcome) -> list[Catalogue]:
+    """Stable equilibria that each instance comes to rest at; what is counted is added to ``outcome``."""
+    catalogues = [Catalogue(None) for _ in range(problem.instance_count)]
+    allowed = newton.allowed()
+    open_ = np.arange(problem.instance_count)
+    for first in range(0, SETTLED, SETTLED_ROUND):
+        share = (allowed - outcome.integrations) // SETTLED_ROUND - LAST
+        outcome.status[open_[share[open_] <= 0]] = Status.INTEGRATION_LIMIT
+        open_ = open_[share[open_] > 0]
+        if not len(open_):
+            break
+        rows = np.repeat(open_, SETTLED_ROUND)
+        trial = problem.part(rows)
+        method = newton.of(trial, rows)
+        method.allow(share[rows])
+        counts = settle(trial, method, np.tile(np.arange(first, first + SETTLED_ROUND), len(open_)))
+        np.add.at(outcome.iterations, rows, counts.iterations)
+        np.add.at(outcome.integrations, rows, counts.integrations)
+        unknowns, gamma = trial.read("unknowns"), trial.read("gamma").reshape(len(rows), problem.unknown_count, -1)
+        stable = (counts.status == Status.CONVERGED) & (trial.modes().stability == Stability.STABLE)
+        for row in np.flatnonzero(stable):
+            catalogues[rows[row]].add(unknowns[row], gamma[row])
+        open_ = open_[[not catalogues[i].unknowns for i in open_]]
+    return catalogues
+
+
+def _converged(problem: BoundaryProblem, newton: Newton, outcome: Outcome) -> list[Catalogue]:
+    """Equilibria of each instance by Newton's method from many starts; what is counted is added to ``outcome``."""
+    tolerance = newton.state.tolerance.numpy()
+    catalogues = [Catalogue(degree, float(least)) for degree, least in zip(degrees(problem), tolerance, strict=True)]
+    limit = limits(problem.starts(ROUND))
+    allowed = newton.allowed()
+    open_ = np.arange(problem.instance_count)
+    for first in range(0, STARTS, ROUND):
+        spent = outcome.integrations[open_] + ROUND * PATIENCE > allowed[open_]
+        outcome.status[open_[spent]] = Status.INTEGRATION_LIMIT
+        open_ = open_[~spent]
+        if not len(open_):
+            break
+        rows = np.repeat(open_, ROUND)
+        trial = problem.part(rows)
+        method = newton.of(trial, rows)
+        guesses = np.swapaxes(problem.starts(ROUND, first)[:, open_], 0, 1).reshape(len(rows), -1)
+        reached = converge(trial, method, guesses, np.ones(len(rows), dtype=bool), limit[rows])
+        counts = method.outcome()
+        np.add.at(outcome.iterations, rows, counts.iterations)
+        np.add.at(outcome.integrations, rows, counts.integrations)
+        unknowns, gamma = trial.read("unknowns"), trial.read("gamma").reshape(len(rows), problem.unknown_count, -1)
+        for row in np.flatnonzero(reached):
+            catalogues[rows[row]].add(unknowns[row], gamma[row])
+        for i in open_:
+            catalogues[i].end_round()
+        open_ = open_[[not catalogues[i].settled for i in open_]]
+    return catalogues
+
+
+def _lowest(
+    problem: BoundaryProblem, catalogues: Sequence[Catalogue], unknowns: FloatArray, outcome: Outcome
+) -> tuple[FloatArray, Any]:
+    """The stable equilibria of lowest potential energy in place of ``unknowns``, and of which instances there is one.
+
+    The integrations that tell are counted in ``outcome``.
+    """
+    problem.active.fill_(1)
+    best = np.array(unknowns)
+    least = np.full(len(catalogues), np.inf)
+    for k in range(max(len(catalogue.unknowns) for catalogue in catalogues)):
+        having = np.array([k < len(catalogue.unknowns) for catalogue in catalogues])
+        trial = np.array(unknowns)
+        for i in np.flatnonzero(having):
+            trial[i] = catalogues[int(i)].unknowns[k]
+        problem.write("unknowns", trial)
+        stability = problem.modes().stability
+        potential = problem.potential()
+        outcome.integrations += having
+        # of mirror images, whose energies differ by rounding, the first
+        better = having & (stability == Stability.STABLE) & (potential < least - 1e-9 * np.abs(potential))
+        best[better], least[better] = trial[better], potential[better]
+    return best, np.isfinite(least)

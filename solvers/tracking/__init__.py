@@ -1,0 +1,1 @@
+"""The insides of solvers that take one integration a sample."""

@@ -1,0 +1,158 @@
+"""What solvers that take exactly one integration a sample have in common."""
+
+from abc import abstractmethod
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from multirod.problem import BoundaryProblem
+from multirod.solver import Outcome, Track
+from multirod.solvers.continuation.continuation_kernels import LARGEST_RATIO, RATIO_POWERS, SMALLEST_RATIO
+from multirod.status import Status
+from multirod.validation import FloatArray, frozen
+
+
+class SampledTrack(Track):
+    """One sample: integrate at the unknowns that the last sample led to, then update them for the next.
+
+    ``state`` is the argument of the solver's kernel; of its arrays, ``following`` (instance_count, n), ``status`` and ``size``
+    (instance_count,) are read here. A subclass makes it, calls ``_bind``, and implements ``_update``.
+    """
+
+    problem: BoundaryProblem
+    state: Any
+    feed_forward: bool
+
+    def _bind(self, problem: BoundaryProblem, state: Any, feed_forward: bool, first: FloatArray) -> None:
+        self.problem, self.state, self.feed_forward = problem, state, feed_forward
+        self._previous: FloatArray | None = None
+        self._change: FloatArray | None = None
+        self._foreseen = np.ones(problem.input_count)
+        for name in problem.measured:
+            self._foreseen[problem.input_slice(name)] = 0.0
+        self._ones: Any = frozen(np.ones(problem.instance_count, dtype=np.int32))  # all samples' outcomes share it
+        self._host: tuple[Any, ...] | None = None
+        self._directions: FloatArray | None = None
+        if wp.get_device(problem.device).is_cpu:
+            self._host = (state.following.numpy(), state.status.numpy(), state.size.numpy())
+            self._directions = problem.directions.numpy()
+        self.start(first)
+
+    @abstractmethod
+    def _update(self) -> None:
+        """From an integration to ``following``, ``status`` and ``size``."""
+
+    def _rates(self) -> FloatArray | None:
+        """Closed-loop rates of the last sample [1/s], where the solver has such."""
+        return None
+
+    def _settled(self, tolerance: FloatArray) -> Any:
+        """Which instances are where they are to come to rest; bool, shape (instance_count,)."""
+        return self.state.size.numpy() <= tolerance
+
+    def start(self, unknowns: FloatArray) -> None:
+        """Take ``unknowns`` as those of the first sample."""
+        self.state.following.assign(np.ascontiguousarray(unknowns, dtype=np.float64))
+
+    def step(self) -> Outcome:
+        """The next sample."""
+        problem, state = self.problem, self.state
+        if self._host is not None:
+            problem.write("unknowns", self._host[0])
+        else:
+            wp.copy(problem.unknowns, state.following)
+        if self.feed_forward:
+            self._aim()
+        problem.integrate()
+        self._update()
+        status, size = self._host[1:] if self._host else (state.status.numpy(), state.size.numpy())
+        return Outcome(status.copy(), self._ones, self._ones, size.copy(), self._rates())
+
+    def settle(self, *, tolerance: float | None, max_iterations: int, ramp: int, guess: FloatArray | None) -> Outcome:
+        """Take samples at fixed inputs until the residual is within ``tolerance``.
+
+        Args:
+            tolerance: Largest residual, max norm [1/m]; None is that of the problem.
+            max_iterations: Samples allowed.
+            ramp: Samples over which the loads are raised from zero, without a ``guess``; what comes near a fold then, or whose ``Gamma`` changes
+                from one sample to the next as it does between two branches, may have left the natural branch: ``BRANCH_END``.
+            guess: Unknowns to start from (instance_count, n).
+        """
+        problem, count = self.problem, self.problem.instance_count
+        if guess is not None:
+            self.start(guess)
+            ramp = 1
+        limit = problem.tolerance(tolerance)
+        outcome = Outcome.zeros(count)
+        active = np.ones(count, dtype=bool)
+        strayed = np.zeros(count, dtype=bool)
+        before: FloatArray | None = None
+        for iteration in range(max_iterations):
+            load = min(1.0, (iteration + 1) / ramp)
+            problem.load_factor.fill_(load)
+            problem.active.assign(active.astype(np.int32))
+            self.step()
+            outcome.integrations[active] += 1
+            status = self.state.status.numpy()
+            done = active & self._settled(limit) & (load == 1.0)
+            outcome.status[done] = Status.CONVERGED
+            outcome.status[active & (status == Status.NONFINITE)] = Status.NONFINITE
+            outcome.status[active & (status == Status.EULER_LIMIT)] = Status.EULER_DIVERGED
+            if guess is None:
+                gamma = problem.read("gamma").reshape(count, problem.unknown_count, -1)
+                if before is not None:
+                    strayed[active] |= ~same_branch(gamma[active], before[active])
+                before = gamma
+                outcome.status[active & (status == Status.NEAR_FOLD)] = Status.BRANCH_END
+                outcome.status[done & strayed] = Status.BRANCH_END
+            active = outcome.status == Status.NOT_RUN
+            if not active.any():
+                break
+            if not active.all():
+                self._hold(~active)  # what has ended stays where its residual was taken
+        outcome.status[active] = Status.MAX_ITERATIONS
+        outcome.iterations[:] = outcome.integrations
+        problem.load_factor.fill_(1.0)
+        return outcome
+
+    def _hold(self, instances: Any) -> None:
+        """Keep the unknowns of some instances (bool, (instance_count,)) as they are in the next sample."""
+        following = np.array(self.state.following.numpy())
+        following[instances] = self.problem.read("unknowns")[instances]
+        self.state.following.assign(following)
+
+    def _aim(self) -> None:
+        """Point the problem's direction along the change of the inputs expected by the next sample: the last two, extrapolated.
+
+        What is measured is expected to stay: the difference of two samples is mostly noise, and extrapolated it is noise doubled.
+        """
+        inputs = self.problem.read("inputs")
+        if self._previous is not None:
+            change = (inputs - self._previous) * self._foreseen
+            expected = change if self._change is None else 2 * change - self._change
+            self._change = change
+            if self._directions is not None:
+                self._directions[:, 0] = expected
+            else:
+                self.problem.directions.assign(expected[:, None])
+        self._previous = inputs
+
+
+def same_branch(gamma: FloatArray, before: FloatArray) -> NDArray[np.bool_]:
+    """Whether all eigenvalues of ``gamma before^-1``, both (k, n, n), lie in the disc that one branch's do; shape (k,).
+
+    As in ``continuation_kernels``: no mode of ``Gamma`` came near zero or changed sign in between.
+    """
+    n = gamma.shape[-1]
+    regular = np.linalg.det(before) != 0
+    start = np.where(regular[:, None, None], before, np.eye(n))
+    centre, radius = 0.5 * (SMALLEST_RATIO + LARGEST_RATIO), 0.5 * (LARGEST_RATIO - SMALLEST_RATIO)
+    power, bound = 1.0, np.full(len(gamma), np.inf)
+    with np.errstate(all="ignore"):
+        E = gamma @ np.linalg.inv(start) - centre * np.eye(n)
+        while power <= RATIO_POWERS:
+            bound = np.fmin(bound, np.linalg.norm(E, axis=(1, 2)) ** (1 / power))
+            E, power = E @ E, 2 * power
+    return np.asarray(regular & (bound < radius))
