@@ -63,6 +63,7 @@ class Section:
         shear_stiffness: ``GA``, or a pair [N], shape (..., 2) once built; ``inf`` (default) is unshearable.
         axial_stiffness: ``EA`` [N]; ``inf`` (default) is inextensible.
         linear_density: Mass per length [kg/m], for gravity.
+        magnetisation: Magnetic moment per length in the material frame [A m], shape (..., 3), for magnetic fields.
 
     Raises:
         ValueError: If a field is out of range; the message names the field, its value and what is allowed.
@@ -75,6 +76,7 @@ class Section:
     shear_stiffness: Any = math.inf
     axial_stiffness: Any = math.inf
     linear_density: Any = 0.0
+    magnetisation: Any = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         self._check("Section")
@@ -92,6 +94,7 @@ class Section:
         if (density < 0).any():
             refuse(f"{owner}.linear_density", self.linear_density, "must be finite and >= 0")
         put("linear_density", density)
+        put("magnetisation", array(f"{owner}.magnetisation", self.magnetisation, (3,)))
         if _is_function(self.precurvature):
             if np.ndim(self.length):
                 refuse(f"{owner}.length", self.length, "must be one number where precurvature is a function")
@@ -110,7 +113,7 @@ class Section:
         shapes = {
             name: np.shape(getattr(self, name)) for name in ("length", "torsional_stiffness", "axial_stiffness", "linear_density")
         }
-        shapes |= {name: getattr(self, name).shape[:-1] for name in ("bending_stiffness", "shear_stiffness")}
+        shapes |= {name: getattr(self, name).shape[:-1] for name in ("bending_stiffness", "shear_stiffness", "magnetisation")}
         if isinstance(self.precurvature, np.ndarray):
             shapes["precurvature"] = self.precurvature.shape[:-1]
         try:
@@ -135,6 +138,7 @@ class Rod:
         shear_stiffness: ``GA`` or a pair [N]; ``inf`` (default) is unshearable.
         axial_stiffness: ``EA`` [N]; ``inf`` (default) is inextensible.
         linear_density: Mass per length [kg/m].
+        magnetisation: Magnetic moment per length in the material frame [A m]: three numbers, volume magnetisation times cross-section.
         sections: ``Section`` objects from base to tip, instead of all the above.
         outer_diameter: For drawing, and to check that tubes nest [m].
         inner_diameter: The same [m].
@@ -155,6 +159,7 @@ class Rod:
         shear_stiffness: Any = None,
         axial_stiffness: Any = None,
         linear_density: Any = None,
+        magnetisation: Any = None,
         sections: Sequence[Section] | None = None,
         outer_diameter: float | None = None,
         inner_diameter: float | None = None,
@@ -168,6 +173,7 @@ class Rod:
             "shear_stiffness": shear_stiffness,
             "axial_stiffness": axial_stiffness,
             "linear_density": linear_density,
+            "magnetisation": magnetisation,
         }
         properties = {key: value for key, value in given.items() if value is not None}
         if sections is not None:
@@ -207,6 +213,7 @@ class Rod:
         shear_modulus: float,
         precurvature: Any = None,
         density: float = 0.0,
+        magnetisation: Any = None,
         name: str = "",
     ) -> "Rod":
         """A round tube, or a wire when ``inner_diameter`` is 0: ``EI``, ``GJ`` and mass from its cross-section.
@@ -219,6 +226,7 @@ class Rod:
             shear_modulus: ``G`` [Pa].
             precurvature: As for ``Rod``.
             density: Mass per volume [kg/m^3].
+            magnetisation: Magnetic moment per volume in the material frame [A/m], three numbers; ``Rod`` itself takes it per length.
             name: As for ``Rod``.
 
         Raises:
@@ -247,6 +255,7 @@ class Rod:
             torsional_stiffness=GJ,
             precurvature=precurvature,
             linear_density=float(mass),
+            magnetisation=None if magnetisation is None else float(A) * array("Rod.magnetisation", magnetisation, (3,)),
             outer_diameter=outer,
             inner_diameter=inner,
             name=name,
@@ -261,6 +270,11 @@ class Rod:
     def has_mass(self) -> bool:
         """Whether gravity acts on any of its sections."""
         return any(np.any(section.linear_density) for section in self.sections)
+
+    @property
+    def is_magnetised(self) -> bool:
+        """Whether a magnetic field acts on any of its sections."""
+        return any(np.any(section.magnetisation) for section in self.sections)
 
     def __repr__(self) -> str:
         label = f"{self.name!r}, " if self.name else ""
@@ -309,8 +323,8 @@ class RodArrays:
     Attributes:
         end: Arclength of section ends from the base [m], shape (batch, rod_count, section_count); short rods are padded
             with sections of no length.
-        material: ``EI_x, EI_y, GJ``, their inverses, ``1/GA_x, 1/GA_y, 1/EA``, mass per length,
-            shape (batch, rod_count, section_count, 10).
+        material: ``EI_x, EI_y, GJ``, their inverses, ``1/GA_x, 1/GA_y, 1/EA``, mass per length, magnetic moment per length,
+            shape (batch, rod_count, section_count, 13).
         precurvature: Polynomial coefficients, shape (batch, rod_count, section_count, 3 (degree + 1)).
         degree: Degree of the polynomials.
         shear: Whether any rod shears or extends.
@@ -402,7 +416,11 @@ def lower(rods: Sequence[Rod]) -> RodArrays:
             parts = [bending[..., 0], bending[..., 1], section.torsional_stiffness]
             inverses = [*parts, shear[..., 0], shear[..., 1], section.axial_stiffness]
             material = np.stack(
-                [batch(p) for p in parts] + [batch(1 / np.asarray(p)) for p in inverses] + [batch(section.linear_density)], -1
+                [batch(p) for p in parts]
+                + [batch(1 / np.asarray(p)) for p in inverses]
+                + [batch(section.linear_density)]
+                + [batch(section.magnetisation[..., k]) for k in range(3)],
+                -1,
             )
             if isinstance(section.precurvature, profile.Profile):
                 pieces = section.precurvature

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from multirod.inputs import Inputs
-from multirod.models.backbone.problem import BackboneAssembly
+from multirod.models.backbone.problem import BY_MATERIAL, BackboneAssembly
 from multirod.rod import Rod
 from multirod.validation import FloatArray, refuse, sequence
 
@@ -60,7 +60,7 @@ class ConcentricTubes(BackboneAssembly):
 
     def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102
         if name != "translation":
-            return True
+            return name not in BY_MATERIAL
         low = -inf
         for value, length in zip(values, self._shortest, strict=True):
             if not (low <= value <= 0.0 and value > -length):

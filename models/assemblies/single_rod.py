@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from multirod.inputs import Inputs, InputSpec
-from multirod.models.backbone.problem import BACKBONE_INPUTS, BackboneAssembly
+from multirod.models.backbone.problem import BACKBONE_INPUTS, BY_MATERIAL, BackboneAssembly
 from multirod.rod import Rod
 from multirod.validation import refuse
 
@@ -62,7 +62,7 @@ class SingleRod(BackboneAssembly):
                 )
 
     def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102
-        return name != "translation" or values[0] > -self._shortest
+        return name not in BY_MATERIAL and (name != "translation" or values[0] > -self._shortest)
 
     def __repr__(self) -> str:
         return f"SingleRod({self.rods[0]!r})"

@@ -11,7 +11,8 @@ from types import SimpleNamespace
 import warp as wp
 
 from multirod.models.backbone.kernels.layout.layout import Layout
-from multirod.models.backbone.kernels.loads import make_loads
+from multirod.models.backbone.kernels.loads.dead import make_loads
+from multirod.models.backbone.kernels.loads.magnetic import make_magnetic
 from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul, neg, sub  # noqa: F401  (operators: looked up by name)
 from multirod.models.backbone.kernels.numbers.vectors import vectors
 from multirod.models.backbone.kernels.strains import make_strains
@@ -43,6 +44,11 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
     loads, law = make_loads(layout, W, d), make_strains(layout, W, d)
     world_force, spread_moment = loads.world_force, loads.spread_moment
     force_variation, moment_variation = loads.force_variation, loads.moment_variation
+    MAGNETISED = layout.MAGNETISED
+    field = make_magnetic(layout, W, d)
+    magnetic_moment, magnetic_torques, magnetic_work = field.magnetic_moment, field.magnetic_torques, field.magnetic_work
+    field_variation, magnetic_moment_variation = field.field_variation, field.magnetic_moment_variation
+    magnetic_torque_variations = field.magnetic_torque_variations
     strain, own_rates, own_energy = law.strain, law.rates, law.energy_rate
     strain_variation, own_rate_variations = law.strain_variation, law.rate_variations
 
@@ -121,6 +127,8 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
             m_s = cross(n, p_s)
             if wp.static(SPREAD_MOMENT):
                 m_s = minus(m_s, spread_moment(memory, z, x))
+            if wp.static(MAGNETISED):
+                m_s = minus(m_s, magnetic_moment(memory, z, a, frame))
             keep3(f, wp.static(M_AT), m_s)
             put3(memory, a + wp.static(WORLD_FORCE_AT), n)
             put3(memory, a + wp.static(TANGENT_AT), p_s)
@@ -136,12 +144,16 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
             keep3(f, wp.static(Q_AT), scaled(half, ahead3(cross(frame.r, u), frame.w, u)))
             keep(f, wp.static(Q_AT + 3), d(-0.5) * dot(frame.r, u))
         own_rates(memory, z, a, x, b, u, f)
+        if wp.static(MAGNETISED):
+            magnetic_torques(memory, a, f)
         if wp.static(NODES):
             energy = own_energy(memory, z, a, x, b, M, u)
             work = N.z
             if wp.static(SHEAR):
                 energy = energy + dot(N, extension)
                 work = work + dot(N, extension)
+            if wp.static(MAGNETISED):
+                work = work + magnetic_work(memory, a)
             keep(f, wp.static(ENERGY), d(0.5) * energy)
             keep(f, wp.static(WORK), work)
         if wp.static(DIRECTIONS):
@@ -198,6 +210,9 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
                 dm_s = plus(dm_s, cross(dn, row3(memory, a + wp.static(TANGENT_AT))))
             if wp.static(DIRECTIONS and SPREAD_MOMENT):
                 dm_s = minus(dm_s, moment_variation(memory, z, g, x))
+            if wp.static(MAGNETISED):
+                dB = field_variation(memory, a, g, frame, dphi)
+                dm_s = minus(dm_s, magnetic_moment_variation(memory, a, frame, v, dphi, dB))
             keep3_in(f, wp.static(DM_AT), dm_s)
         if wp.static(MOMENT and not FIXED):  # (18)
             dM_s = plus(plus(cross(dM, u), cross(M, du)), couple(dN))
@@ -207,6 +222,8 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
         if wp.static(FORCE_STATE):
             keep3_in(f, wp.static(DN_AT), plus(cross(dN, u), cross(N, du)))
         own_rate_variations(memory, z, a, g, v, du, f)
+        if wp.static(MAGNETISED):
+            magnetic_torque_variations(memory, a, v, dB, f)
         if wp.static(COLUMN_FRAME):  # (19)
             half = fill(d(0.5))
             dr_s = plus(ahead3(cross(dr, u), dw, u), ahead3(cross(frame.r, du), frame.w, du))

@@ -24,6 +24,7 @@ GROUPS = {
     "distributed_force": "f L³/EI",
     "distributed_moment": "l L²/EI",
     "gravity": "w L³/EI",
+    "magnetic_field": "μ B L²/EI",
     "shear": "N/GA",
     "torsion": "EI/GJ",
     "anisotropy": "ΔEI/EI",

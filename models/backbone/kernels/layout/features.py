@@ -22,6 +22,7 @@ class Features:
         follower_force: The tip force has a part that follows the tip frame, so the base force is unknown, equation (13).
         follower_moment: The tip moment has a part that follows the tip frame, equation (11).
         held: Something else holds the tip: the base force is unknown, and the tip's wrench is written out, equation (22).
+        magnetised: Magnetised rods stand in a magnetic field, equation (3d).
         measured: A measured tip curvature takes the place of the boundary condition, equation (12).
         shear: Shear and extension, equation (5); without it ``v = e3``.
         anisotropic: Bending stiffness differs between the two axes; a distinct term for ``rod_count > 1`` only.
@@ -44,6 +45,7 @@ class Features:
     follower_force: bool = False
     follower_moment: bool = False
     held: bool = False
+    magnetised: bool = False
     measured: bool = False
     shear: bool = False
     anisotropic: bool = False
@@ -67,14 +69,15 @@ class Features:
             self.tip_moment
             or self.distributed_force
             or self.distributed_moment
+            or self.magnetised
             or self.base_force_unknown
             or self.profile_degree >= 0
         )
 
     @property
     def fixed_moment(self) -> bool:
-        """Whether a moment acts that is fixed in the world: then the state carries the moment along fixed axes, equation (4b)."""
-        return self.tip_moment or self.distributed_moment
+        """Whether a moment acts whose law is told in the world: then the state carries the moment along fixed axes, equation (4b)."""
+        return self.tip_moment or self.distributed_moment or self.magnetised
 
     @property
     def loaded(self) -> bool:
