@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,6 +22,9 @@ from multirod.validation import (
     positive_float,
     refuse,
 )
+
+if TYPE_CHECKING:
+    from multirod.models.backbone.members import Member
 
 SHORTEST_SECTION = 1e-300  # m: as good as none
 LARGEST_DIAMETER = 1e12  # m, whose fourth power no modulus makes too large
@@ -139,6 +142,7 @@ class Rod:
         axial_stiffness: ``EA`` [N]; ``inf`` (default) is inextensible.
         linear_density: Mass per length [kg/m].
         magnetisation: Magnetic moment per length in the material frame [A m]: three numbers, volume magnetisation times cross-section.
+        members: What the rod carries along itself and that gives way with it (``Member``), whichever way its sections are given.
         sections: ``Section`` objects from base to tip, instead of all the above.
         outer_diameter: For drawing, and to check that tubes nest [m].
         inner_diameter: The same [m].
@@ -160,6 +164,7 @@ class Rod:
         axial_stiffness: Any = None,
         linear_density: Any = None,
         magnetisation: Any = None,
+        members: Sequence["Member"] = (),
         sections: Sequence[Section] | None = None,
         outer_diameter: float | None = None,
         inner_diameter: float | None = None,
@@ -193,6 +198,7 @@ class Rod:
                 Described(self.length.tolist()),
                 f"must be from {SMALLEST:g} to {LARGEST:g} m, all sections together",
             )
+        self.members = _members(members)
         self.outer_diameter, self.inner_diameter = _diameters(outer_diameter, inner_diameter)
         if not isinstance(name, str):
             refuse("Rod.name", name, "must be a string")
@@ -282,6 +288,14 @@ class Rod:
         return f"Rod({label}{size}, {len(self.sections)} section{'s' if len(self.sections) > 1 else ''})"
 
 
+def _members(given: Any) -> "tuple[Member, ...]":
+    from multirod.models.backbone.members import Member
+
+    if not isinstance(given, (list, tuple)) or not all(isinstance(member, Member) for member in given):
+        refuse("Rod.members", given, "must be a list of Member")
+    return tuple(given)
+
+
 def _diameters(outer: float | None, inner: float | None) -> tuple[float | None, float | None]:
     if outer is not None:
         outer = positive_float("Rod.outer_diameter", outer)
@@ -330,6 +344,7 @@ class RodArrays:
         shear: Whether any rod shears or extends.
         anisotropic: Whether any bending stiffness differs between the axes.
         torsion: Whether any rod twists elastically.
+        members: Laws of what the rods carry along themselves, whose parameters are further columns of ``material``.
         batch_shape: Leading axes; where there are none, the batch axis is 1.
     """
 
@@ -340,6 +355,7 @@ class RodArrays:
     shear: bool
     anisotropic: bool
     torsion: bool
+    members: "tuple[type[Member], ...]" = ()
     batch_shape: tuple[int, ...] = field(default=())
 
     def __post_init__(self) -> None:
@@ -395,12 +411,22 @@ def stack(backbones: Sequence[RodArrays], batch_shape: tuple[int, ...]) -> RodAr
         shear=any(arrays.shear for arrays in backbones),
         anisotropic=any(arrays.anisotropic for arrays in backbones),
         torsion=any(arrays.torsion for arrays in backbones),
+        members=backbones[0].members,
         batch_shape=(*batch_shape, len(backbones)),
     )
 
 
+def _values(member: "Member", section: Section) -> list[FloatArray]:
+    """The parameters of a member at a section, one by one."""
+    count = len(member.parameters)
+    values = array(f"{type(member).__name__}.values", member.values(section), (count,))
+    return [values[..., k] for k in range(count)]
+
+
 def lower(rods: Sequence[Rod]) -> RodArrays:
     """Arrays of ``rods``, their leading axes broadcast with each other (a batch axis of 1 where there are none)."""
+    from multirod.models.backbone.members import kinds
+
     batch_shape = np.broadcast_shapes(*(rod.batch_shape for rod in rods))
     degree = profile.DEGREE if any(isinstance(s.precurvature, profile.Profile) for rod in rods for s in rod.sections) else 0
 
@@ -419,7 +445,8 @@ def lower(rods: Sequence[Rod]) -> RodArrays:
                 [batch(p) for p in parts]
                 + [batch(1 / np.asarray(p)) for p in inverses]
                 + [batch(section.linear_density)]
-                + [batch(section.magnetisation[..., k]) for k in range(3)],
+                + [batch(section.magnetisation[..., k]) for k in range(3)]
+                + [batch(value) for member in rod.members for value in _values(member, section)],
                 -1,
             )
             if isinstance(section.precurvature, profile.Profile):
@@ -450,5 +477,6 @@ def lower(rods: Sequence[Rod]) -> RodArrays:
         shear=bool((material[..., 6:9] > 0).any()),
         anisotropic=bool((material[..., 0] != material[..., 1]).any()),
         torsion=bool(np.isfinite(material[..., 2]).any()),
+        members=kinds(rods[0].members),
         batch_shape=batch_shape,
     )

@@ -28,7 +28,7 @@ class ConcentricTubes(BackboneAssembly):
         base: Pose of the plate in the world, shape (..., 4, 4); the identity by default.
 
     Raises:
-        ValueError: If tubes do not nest (where diameters are given), or shear, or ``base`` is not a pose.
+        ValueError: If tubes do not nest (where diameters are given), or shear, or have members, or ``base`` is not a pose.
         TypeError: If ``tubes`` are not ``Rod`` objects.
     """
 
@@ -43,6 +43,8 @@ class ConcentricTubes(BackboneAssembly):
         for k, tube in enumerate(tubes):
             if any(np.isfinite(s.shear_stiffness).any() or np.isfinite(s.axial_stiffness).any() for s in tube.sections):
                 refuse(f"ConcentricTubes.tubes[{k}]", tube, "shear_stiffness and axial_stiffness must be inf")
+            if tube.members:
+                refuse(f"ConcentricTubes.tubes[{k}]", tube, "must have no members: how tubes share them is not modelled")
         super().__init__(tuple(tubes), base)
         self._shortest = [float(np.min(tube.length)) for tube in tubes]
 

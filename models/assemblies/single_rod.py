@@ -53,6 +53,8 @@ class SingleRod(BackboneAssembly):
             refuse(
                 "translation", shortest, f"must be > -length = {-float(np.min(self.rods[0].length)):g} m: no rod is left in use"
             )
+        if "tip_curvature" in inputs.given and self.rods[0].members:
+            refuse("tip_curvature", inputs.tip_curvature.tolist(), "must not be given: the rod has members")
         for name in ("tip_moment", "follower_moment"):
             if "tip_curvature" in inputs.given and inputs.is_active(name):
                 refuse(

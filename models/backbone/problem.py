@@ -75,6 +75,7 @@ def scene_features(
         precurvature_degree=arrays.degree,
         profile_degree=DEGREE if profiles else -1,
         shear=arrays.shear,
+        members=arrays.members,
         transmission=transmission,
         anisotropic=arrays.anisotropic and rod_count > 1,
         torsion=rod_count > 1 and (held or arrays.torsion),
@@ -507,8 +508,9 @@ class BackboneProblem(BoundaryProblem):
         form, determinant = self.condensed_form()
         modes = form.modes(self._stiffness_over_length())
         potential = self.has_potential
-        modes.known[~potential] = False
-        modes.values[~potential] = np.nan
+        judged = potential & all(kind.convex for kind in self.features.members)
+        modes.known[~judged] = False
+        modes.values[~judged] = np.nan
         # det Gamma is positive where nothing acts
         modes.diverging[:] = ~potential & (determinant < 0) & (not self.features.measured)
         return modes
@@ -745,6 +747,8 @@ class BackboneAssembly(Assembly):
         return (scene_features(self.arrays, active, inputs.profiles, **options),)
 
     def influences(self, inputs: Inputs) -> Mapping[str, Influence]:  # noqa: D102
+        if self.arrays.members:
+            return {}  # how much stiffer they make the rod is not bounded
         whole = np.broadcast_shapes(inputs.batch_shape, self.batch_shape)
         return influences(self.arrays, inputs, whole, transmission=self.transmission)
 

@@ -14,6 +14,7 @@ from multirod.models.backbone.kernels.layout.arguments import (
     END,
     END_MOVER,
     FORCE,
+    MATERIAL_SIZE,
     OUTPUT,
     START,
     START_MOVER,
@@ -67,6 +68,9 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
     WORLD_FORCE, ANISOTROPIC, SHEAR = layout.FORCE and not layout.FORCE_STATE, features.anisotropic, features.shear
     DIRECTIONS = layout.DIRECTIONS
     SINGLE = d is wp.float32
+    # of the parameters of members: powers of newton and metre
+    POWERS = [powers for kind in features.members for powers in kind.parameters.values()]
+    MEMBERS_AT = layout.stretch[layout.member_slots[0].name] if POWERS else -1
     at = InputOffsets(n)
     TRANSLATION, PROFILE_FACTOR = at.TRANSLATION, at.PROFILE_FACTOR
     TIP_FORCE, TIP_MOMENT, GRAVITY = at.TIP_FORCE, at.TIP_MOMENT, at.GRAVITY
@@ -376,6 +380,11 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
                 for j in range(3):
                     mu = present * rods.material[case.rods, i, m, 10 + j] / case.force
                     set_number(memory, z + wp.static(z_at("magnetisation")) + 3 * i + j, l, mu)
+            for j in range(wp.static(len(POWERS))):
+                value = rods.material[case.rods, i, m, wp.static(MATERIAL_SIZE) + j]
+                if wp.static(SINGLE):
+                    value /= wp.pow(case.force, f64(wp.static(POWERS[j][0]))) * wp.pow(case.unit, f64(wp.static(POWERS[j][1])))
+                set_number(memory, z + wp.static(MEMBERS_AT) + j, l, value)
             for j in range(wp.static(3 * CURVATURE_TERMS)):
                 u = factor * rods.precurvature[case.rods, i, m, j]
                 set_number(memory, z + wp.static(z_at("precurvature")) + i * wp.static(3 * CURVATURE_TERMS) + j, l, u)

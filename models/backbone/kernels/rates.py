@@ -23,7 +23,7 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
     L, V = lanes(W, d), vectors(W, d)
     Real, fill, row, put = L.Real, L.fill, L.row, L.put
     Vec3, Frame, row3, put3, zero3 = V.Vec3, V.Frame, V.row3, V.put3, V.zero3
-    cross, dot, plus, minus, scaled, ahead3, times = V.cross, V.dot, V.plus, V.minus, V.scaled, V.ahead3, V.times
+    cross, dot, plus, minus, scaled, ahead3 = V.cross, V.dot, V.plus, V.minus, V.scaled, V.ahead3
     rotate, rotate_inverse, tangent, body_rotation = V.rotate, V.rotate_inverse, V.tangent, V.body_rotation
     memory_type = wp.array(dtype=d)
     state, column = L.few(layout.state.size), L.few(layout.column.size)
@@ -35,7 +35,7 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
     DM_AT, DN_AT, DQ_AT, DP_AT = c["moment"], c["force"], c["frame"], c["position"]
     X, FRAME_AT, MOMENT_AT, FORCE_AT, CURVATURE_AT = p["x"], p["frame"], p["moment"], p["force"], p["curvature"]
     EXTENSION_AT, WORLD_FORCE_AT, TANGENT_AT, RATE_AT = p["extension"], p["world_force"], p["tangent"], p["rate"]
-    SHEAR_AT, GROWTH = layout.stretch["shear"], layout.given["growth"]
+    GROWTH = layout.given["growth"]
     MOMENT, FORCE, FORCE_STATE, FRAME = layout.MOMENT, layout.FORCE, layout.FORCE_STATE, layout.FRAME
     COLUMN_FRAME, POSE, POSE_COLUMNS, FIXED = layout.COLUMN_FRAME, layout.POSE, layout.POSE_COLUMNS, layout.FIXED
     SHEAR, NODES, SPREAD_MOMENT = layout.features.shear, layout.NODES, layout.SPREAD_MOMENT
@@ -110,13 +110,12 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
         if wp.static(FORCE and not FORCE_STATE):
             n = world_force(memory, z, x)
             N = rotate_inverse(frame, n)
-        u = strain(memory, z, a, x, b, M)
+        u = strain(memory, z, a, x, b, M, N)
         put3(memory, a + wp.static(MOMENT_AT), M)
         put3(memory, a + wp.static(FORCE_AT), N)
         put3(memory, a + wp.static(CURVATURE_AT), u)
         if wp.static(SHEAR):
-            extension = times(row3(memory, z + wp.static(SHEAR_AT)), N)
-            put3(memory, a + wp.static(EXTENSION_AT), extension)
+            extension = row3(memory, a + wp.static(EXTENSION_AT))
         if wp.static(POSE or FIXED):
             p_s = tangent(frame)
             if wp.static(SHEAR):
@@ -147,10 +146,9 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
         if wp.static(MAGNETISED):
             magnetic_torques(memory, a, f)
         if wp.static(NODES):
-            energy = own_energy(memory, z, a, x, b, M, u)
+            energy = own_energy(memory, z, a, x, b, M, N, u)
             work = N.z
             if wp.static(SHEAR):
-                energy = energy + dot(N, extension)
                 work = work + dot(N, extension)
             if wp.static(MAGNETISED):
                 work = work + magnetic_work(memory, a)
@@ -193,10 +191,9 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
         if wp.static(GIVEN_FORCE):
             dn = force_variation(memory, z, g, x)
             dN = plus(dN, rotate_inverse(frame, dn))
-        du = strain_variation(memory, z, a, g, v, dM)
+        du, dextension = strain_variation(memory, z, a, g, v, dM, dN)
         if wp.static(SHEAR):
             extension = row3(memory, a + wp.static(EXTENSION_AT))
-            dextension = times(row3(memory, z + wp.static(SHEAR_AT)), dN)
         if wp.static(POSE_COLUMNS or FIXED):  # (19)
             lever = Vec3(dphi.y, -dphi.x, fill(d(0.0)))
             if wp.static(SHEAR):

@@ -1,6 +1,10 @@
 """What a scene needs of its equations, and so what is compiled into its kernel."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from multirod.models.backbone.members import Member
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,6 +28,7 @@ class Features:
         held: Something else holds the tip: the base force is unknown, and the tip's wrench is written out, equation (22).
         magnetised: Magnetised rods stand in a magnetic field, equation (3d).
         measured: A measured tip curvature takes the place of the boundary condition, equation (12).
+        members: What the rod carries along itself, kinds of ``Member`` in their order, equation (5m).
         shear: Shear and extension, equation (5); without it ``v = e3``.
         anisotropic: Bending stiffness differs between the two axes; a distinct term for ``rod_count > 1`` only.
         torsion: One of several rods twists elastically; without it all torsional stiffnesses are infinite, equation (8c).
@@ -47,6 +52,7 @@ class Features:
     held: bool = False
     magnetised: bool = False
     measured: bool = False
+    members: tuple[type["Member"], ...] = ()
     shear: bool = False
     anisotropic: bool = False
     torsion: bool = False
