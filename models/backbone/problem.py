@@ -361,7 +361,7 @@ class BackboneProblem(BoundaryProblem):
         length = table.end[:, 0, -1]
         stiffness = table.material[..., 13:16].max(axis=(1, 2, 3)) * length**4 / table.material[:, 0, :, :3].min(axis=(1, 2))
         _, kappa = self._by_section()
-        return self._each(stiffness) * np.minimum(kappa.max(axis=(1, 2)) * self._each(length), 1.0)
+        return np.asarray(self._each(stiffness) * np.minimum(kappa.max(axis=(1, 2)) * self._each(length), 1.0))
 
     def _magnetic_load(self) -> FloatArray:
         """Bound of the moment per length of a magnetic field on all rods [N], shape (instance_count,)."""
