@@ -1,6 +1,7 @@
 """Solving one set of inputs, a motion, or a batch of either."""
 
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from math import prod
 from threading import Event, Lock
 from time import perf_counter
@@ -13,6 +14,7 @@ from multirod.assembly import Assembly
 from multirod.batch import IntArray, parts, run, thread_count
 from multirod.inputs import Inputs
 from multirod.problem import BoundaryProblem
+from multirod.reuse import borrowed
 from multirod.running.progress import Watch
 from multirod.segments import Breakpoints, placed
 from multirod.solution import History, Scene, Solution, stand_in
@@ -94,12 +96,13 @@ def solve(
 
     def work(piece: slice, stop: Event) -> None:
         some = _some(chosen, piece, count)
-        with lock:
-            problem = robot.problem(inputs, device=device, instances=some, **_needs(method))
-            problem.stop = stop
-            start = _guess(guess, problem, count, piece)
-        outcome = method.solve(problem, start)
-        results.put(0, piece, problem.snapshot(), outcome, problem)
+        with ExitStack() as held:
+            with lock:
+                problem = held.enter_context(borrowed(robot, inputs, device=device, instances=some, **_needs(method)))
+                problem.stop = stop
+                start = _guess(guess, problem, count, piece)
+            outcome = method.solve(problem, start)
+            results.put(0, piece, problem.snapshot(), outcome, problem)
         watch.advance(piece.stop - piece.start)
 
     with Watch("solving", count, progress) as watch:
