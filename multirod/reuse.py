@@ -80,7 +80,9 @@ def borrowed(
     What is read from it must be copied. After an error it is not used again.
     """
     key = None
-    if instances is None and wp.get_device(device).is_cpu:
+    if instances is not None and 0 < len(instances) <= FEW and not robot.batch_shape and _is_reusable(robot, inputs):
+        inputs, instances = inputs.take(inputs.batch_shape, instances), None
+    if instances is None and wp.get_device(device).is_cpu and _is_reusable(robot, inputs):
         key = _key(robot, inputs, options)
     problem = None if key is None else KEPT.take(robot, key)
     if problem is None or not problem.renew(inputs):
@@ -90,10 +92,12 @@ def borrowed(
         KEPT.put(robot, key, problem)
 
 
+def _is_reusable(robot: Assembly, inputs: Inputs) -> bool:
+    return not inputs.profiles and getattr(robot.problem, "reusable", False)
+
+
 def _key(robot: Assembly, inputs: Inputs, options: dict[str, Any]) -> Any:
     """What a problem must have in common with one that is to serve in its place; None where none can."""
-    if inputs.profiles or not getattr(robot.problem, "reusable", False):
-        return None
     key = (id(robot), inputs.batch_shape, inputs.active, tuple(options.items()))
     try:
         hash(key)

@@ -47,6 +47,9 @@ NODES_KEPT = 1024  # of all instances, of a pass over nodes that is kept for the
 RIGID = 1e6  # torsional over bending stiffness, of a rod rigid in torsion, where its modes are counted
 _PARTS = 64  # of the length, over which starts are bounded
 _CROWDING = 1.5  # most equilibria are far inside the bounds
+# of the length, in what makes a load a number
+LOAD_POWERS = {"tip_force": 2, "follower_force": 2, "tip_moment": 1, "follower_moment": 1}
+LOAD_POWERS |= {"distributed_force": 3, "distributed_moment": 2, "gravity": 3}
 FEATURE_INPUTS = {
     "force": ("tip_force", "follower_force", "distributed_force", "gravity"),
     "tip_moment": ("tip_moment",),
@@ -392,17 +395,20 @@ class BackboneProblem(BoundaryProblem):
         stiffness = table.material[:, 0, :, :3].min(axis=(1, 2))
         length = table.end[:, 0, -1] + inputs[:, self.input_slice("translation")][:, 0]
         weight = table.material[:, 0, :, 9].max(axis=1)
-        power = {"tip_force": 2, "follower_force": 2, "tip_moment": 1, "follower_moment": 1}
-        power |= {"distributed_force": 3, "distributed_moment": 2, "gravity": 3}
+        first = self.input_slice(kernels.INPUT_VECTORS[0]).start
+        vectors = inputs[:, first : first + 3 * len(kernels.INPUT_VECTORS)].reshape(self.instance_count, -1, 3)
+        sizes = np.sqrt((vectors**2).sum(axis=2))
         total = np.zeros(self.instance_count)
-        for name, exponent in power.items():
-            size = np.linalg.norm(inputs[:, self.input_slice(name)], axis=1) * length**exponent / stiffness
-            total += size * weight if name == "gravity" else size
+        for name, exponent in LOAD_POWERS.items():
+            size = sizes[:, kernels.INPUT_VECTORS.index(name)]
+            if size.any():
+                size = size * length**exponent / stiffness
+                total += size * weight if name == "gravity" else size
         if self.features.measured:
             gap = inputs[:, self.input_slice("tip_curvature")] - table.precurvature[:, 0, -1, :3]
             total += np.linalg.norm(gap, axis=1) * length
-        profile = self._table.profile.numpy()
-        if profile.size:
+        if self.features.profile_degree >= 0:
+            profile = self._table.profile.numpy()
             size = np.abs(profile.reshape(len(profile), 6, -1)).sum(-1).max(0)
             total += (size[:3].max() * length**3 + size[3:].max() * length**2) / stiffness
         return total
@@ -437,8 +443,8 @@ class BackboneProblem(BoundaryProblem):
         sizes = {name: np.linalg.norm(inputs[:, self.input_slice(name)], axis=1) for name in kernels.INPUT_VECTORS}
         weight = self._each(self.arrays.material[..., 9].max(axis=2).sum(axis=1))
         total = sizes["tip_force"] + (sizes["distributed_force"] + weight * sizes["gravity"]) * length
-        profile = self._table.profile.numpy()
         if self.features.profile_degree >= 0:
+            profile = self._table.profile.numpy()
             total = total + np.abs(profile.reshape(len(profile), 6, -1)).sum(-1).max(0)[:3].sum() * length * np.abs(inputs[:, -1])
         return np.asarray(total)
 

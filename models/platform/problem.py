@@ -717,8 +717,10 @@ class ParallelProblem(BoundaryProblem):
 
     def _spread(self) -> None:
         """Unknowns and inputs to the legs, without an integration."""
-        for group in self.groups:
-            record(lambda: kernels.spread, group.backbones.instance_count, [self._robots, group.table], self.device).launch()
+        if self.listed < self.instance_count:
+            self.focus()
+        for launch in self._launches[:-1:3]:
+            launch.launch()
 
     def _pose(self) -> tuple[FloatArray, FloatArray]:
         """(1), (2) Position (instance_count, 3) and rotation (instance_count, 3, 3) of the platform."""

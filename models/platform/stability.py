@@ -63,8 +63,10 @@ def platform_modes(
     known = np.all([leg.form.known for leg in legs], axis=0) & np.isfinite(form).all(axis=(1, 2))
     values, uncertainty = symmetric_eigenvalues(form, known & potential)
     # without a potential the form is not symmetric; its determinant still has the sign of the number of modes that grow
-    sign = np.sign(certain_determinant(form))
-    diverging = known & ~potential & (sign * (-1.0) ** hidden < 0)
+    diverging = known & ~potential
+    if diverging.any():
+        sign = np.sign(certain_determinant(form[diverging]))
+        diverging[diverging] = sign * (-1.0) ** hidden[diverging] < 0
     return Modes(values, hidden.astype(np.int32), uncertainty, known & potential, diverging)
 
 

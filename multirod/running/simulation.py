@@ -23,6 +23,7 @@ from multirod.solvers.shooting import Shooting
 from multirod.studies.terms.simplify import simplified
 from multirod.validation import Described, FloatArray, array, device_name, integers, refuse
 
+_DEFAULT = Shooting()
 _BLOCK = 2**20  # numbers: inputs are made ready for as many samples at once
 
 
@@ -31,7 +32,7 @@ def as_solver(robot: object, solver: object) -> Solver:
     if not isinstance(robot, Assembly):
         raise TypeError(f"robot must be an assembly such as SingleRod(rod), not {type(robot).__name__}")
     if solver is None:
-        return Shooting()
+        return _DEFAULT
     if not isinstance(solver, Solver):
         raise TypeError(f"solver must be a Solver such as Shooting(), not {type(solver).__name__}")
     return solver

@@ -64,8 +64,10 @@ class Paths:
         state.max_steps = max_steps
         state.remaining = wp.zeros(1, dtype=wp.int32, device=device)
         self._remaining = state.remaining.numpy() if wp.get_device(device).is_cpu else None
-        settings = ("safe_step", "most_step", "sure_level", "load_factor")
-        self._in_place = {name: getattr(state, name).numpy() for name in settings} if wp.get_device(device).is_cpu else {}
+        self._in_place: dict[str, Any] = {}
+        if wp.get_device(device).is_cpu:
+            names = ("safe_step", "most_step", "sure_level", "load_factor", "status", "iterations", "integrations", "levels")
+            self._in_place = {name: getattr(state, name).numpy() for name in names} | {"active": problem.active.numpy()}
         self._launches: dict[str, Any] = {}
         self._first_values: Any = None
         self._shape = newton.shape
@@ -140,9 +142,13 @@ class Paths:
         self._set("load_factor", 1.0)
         return outcome
 
+    def _get(self, name: str) -> Any:
+        """A copy of a number of every instance."""
+        return np.array(self._in_place[name] if self._in_place else getattr(self.state, name).numpy())
+
     def _set(self, name: str, values: Any) -> None:
         """Set a number of every instance."""
-        if name in self._in_place:
+        if self._in_place:
             self._in_place[name][:] = values
         else:
             given = np.broadcast_to(np.asarray(values, dtype=np.float64), self.problem.instance_count)
@@ -170,7 +176,10 @@ class Paths:
         return outcome
 
     def _set_out(self, chosen: BoolArray, known: int) -> None:
-        self.state.newton.active.assign(chosen.astype(np.int32))
+        if self._in_place:
+            self._in_place["active"][:] = chosen
+        else:
+            self.problem.active.assign(chosen.astype(np.int32))
         self._recorded(f"set out {known}", lambda: set_out, self.state.newton.active, known).launch()
 
     def _recorded(self, name: str, make: Callable[[], Any], *further: Any) -> Any:
@@ -186,22 +195,22 @@ class Paths:
     def _follow(self) -> Outcome:
         problem, state = self.problem, self.state
         launch = self._recorded("path", lambda: make_path(problem.unknown_count, *self._shape).path)
-        remaining = 1
+        remaining, dim = 1, -1
         while remaining:
             if self._remaining is not None:
                 self._remaining[0] = 0
             else:
                 state.remaining.zero_()
             problem.integrate()
-            launch.set_dim(problem.listed)
+            if dim != problem.listed:
+                dim = problem.listed
+                launch.set_dim(dim)
             launch.launch()
             remaining = int(self._remaining[0] if self._remaining is not None else state.remaining.numpy()[0])
             leave(problem, remaining)
-        counts: dict[str, Any] = {
-            name: np.array(getattr(state, name).numpy()) for name in ("status", "iterations", "integrations")
-        }
+        counts: dict[str, Any] = {name: self._get(name) for name in ("status", "iterations", "integrations")}
         self._doubt_ends(counts["status"], counts["integrations"])
-        return Outcome(**counts, reached=np.array(state.levels.numpy()[:, 0]))
+        return Outcome(**counts, reached=self._get("levels")[:, 0].copy())
 
     def _doubt_ends(self, status: Any, integrations: Any) -> None:
         """Where no mode of ``Gamma`` is near zero, it is no fold and no bifurcation that steps became small at."""
