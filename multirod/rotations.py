@@ -10,14 +10,16 @@ _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """``a x b`` of vectors (..., 3), several times faster than NumPy's where they are few."""
-    return np.asarray(a[..., _NEXT] * b[..., _LAST] - a[..., _LAST] * b[..., _NEXT])
+    return np.asarray(a.take(_NEXT, -1) * b.take(_LAST, -1) - a.take(_LAST, -1) * b.take(_NEXT, -1))
 
 
 def cross_matrix(a: FloatArray) -> FloatArray:
     """``[a]x``, shape (..., 3, 3)."""
     result = np.zeros((*a.shape, 3))
-    result[..., _LAST, _NEXT] = a
-    result[..., _NEXT, _LAST] = -a
+    minus = -a
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        result[..., k, j] = a[..., i]
+        result[..., j, k] = minus[..., i]
     return result
 
 
@@ -35,6 +37,20 @@ def matrices(vectors: FloatArray) -> FloatArray:
 
 def vectors(matrices: FloatArray) -> FloatArray:
     """Rotation vectors (count, 3) of rotation matrices (count, 3, 3)."""
+    # by sine and cosine, where the angle is not near half a turn
+    half = 0.5 * (matrices[..., _LAST, _NEXT] - matrices[..., _NEXT, _LAST])
+    sine = np.sqrt((half**2).sum(axis=-1))
+    cosine = 0.5 * (matrices[..., 0, 0] + matrices[..., 1, 1] + matrices[..., 2, 2] - 1)
+    small = sine < 1e-9
+    scale = np.where(small, 1.0, np.arctan2(sine, cosine) / np.where(small, 1.0, sine))
+    result = scale[..., None] * half
+    far = ~(cosine > -0.5)
+    if far.any():
+        result[far] = _by_quaternion(matrices[far])
+    return result
+
+
+def _by_quaternion(matrices: FloatArray) -> FloatArray:
     # a quaternion, vector first, by the largest of its numbers
     diagonal = np.diagonal(matrices, axis1=-2, axis2=-1)
     trace = diagonal.sum(axis=-1)

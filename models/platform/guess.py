@@ -99,17 +99,17 @@ def beam_equilibrium(
     stiffness = _joint_stiffness(legs, at)
     size = legs.length.mean(axis=1)[:, None]
     longest = np.concatenate([0.1 * size] * 3 + [0.3 * np.ones_like(size)] * 3, axis=1)
+    setting = _Setting(legs, at)
     for _ in range(ITERATIONS):
-        beams = _Beams(legs, at, position, rotation)
-        slope = beams.by_tip @ beams.tip_by_platform
-        wrench = np.einsum("blij,blj->bli", stiffness, beams.strain)
-        gradient = np.einsum("blji,blj->bi", slope, wrench)
-        hessian = (np.swapaxes(slope, -1, -2) @ stiffness @ slope).sum(axis=1)
-        step = -np.linalg.solve(hessian, gradient[..., None])[..., 0]
+        beams = _Beams(setting, position, rotation)
+        slope = beams.by_platform()
+        pulled = np.swapaxes(slope, -1, -2) @ stiffness
+        gradient = (pulled @ beams.strain[..., None]).sum(axis=1)
+        step = -np.linalg.solve((pulled @ slope).sum(axis=1), gradient)[..., 0]
         step /= np.maximum(1.0, np.abs(step / longest).max(axis=1))[:, None]
         position = position + step[:, :3]
         rotation = matrices(step[:, 3:]) @ rotation
-    return position, rotation, _unknowns(legs, _Beams(legs, at, position, rotation), stiffness)
+    return position, rotation, _unknowns(legs, _Beams(setting, position, rotation), stiffness)
 
 
 def beam_reach(legs: Legs, at: Attachments, position: FloatArray, rotation: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
@@ -118,7 +118,7 @@ def beam_reach(legs: Legs, at: Attachments, position: FloatArray, rotation: Floa
     Returns:
         How far each leg is to be pushed out [m], shape (instance, leg), and what to add to its unloaded unknowns.
     """
-    beams = _Beams(legs, at, position, rotation)
+    beams = _Beams(_Setting(legs, at), position, rotation)
     reach = np.einsum("bli,bli->bl", beams.strain[..., :3], beams.tangent)
     beams.strain[..., :3] -= reach[..., None] * beams.tangent
     return reach, _unknowns(legs, beams, _joint_stiffness(legs, at))
@@ -126,31 +126,51 @@ def beam_reach(legs: Legs, at: Attachments, position: FloatArray, rotation: Floa
 
 def beam_unknowns(legs: Legs, at: Attachments, position: FloatArray, rotation: FloatArray) -> list[FloatArray]:
     """(11) For each leg, what to add to its unloaded unknowns so that it reaches a platform at a given pose."""
-    return _unknowns(legs, _Beams(legs, at, position, rotation), _joint_stiffness(legs, at))
+    return _unknowns(legs, _Beams(_Setting(legs, at), position, rotation), _joint_stiffness(legs, at))
+
+
+class _Setting:
+    """What beams are at whatever pose of the platform."""
+
+    def __init__(self, legs: Legs, at: Attachments) -> None:
+        self.tip, self.arm = legs.position, at.arm
+        self.tangent = legs.rotation[..., :, 2]
+        self.frame = at.frame @ np.swapaxes(legs.rotation, -1, -2)
+        self.length = legs.length[..., None]
 
 
 class _Beams:
     """(11) Deflection of all beams at one pose of the platform."""
 
-    def __init__(self, legs: Legs, at: Attachments, position: FloatArray, rotation: FloatArray) -> None:
-        arm = np.einsum("bij,blj->bli", rotation, at.arm)
-        self.tangent = t = legs.rotation[..., :, 2]
-        self.deflection = d = position[:, None] + arm - legs.position
-        turned = rotation[:, None] @ at.frame @ np.swapaxes(legs.rotation, -1, -2)
-        turn = rotation_vectors(turned)
+    def __init__(self, at: _Setting, position: FloatArray, rotation: FloatArray) -> None:
+        self.arm = arm = (rotation[:, None] @ at.arm[..., None])[..., 0]
+        self.tangent = t = at.tangent
+        self.deflection = d = position[:, None] + arm - at.tip
+        turn = rotation_vectors(rotation[:, None] @ at.frame)
         slope = cross(turn, t)
         across = d - (d * t).sum(-1, keepdims=True) * t
-        L = legs.length[..., None]
+        L = at.length
+        self.by_across = 1.2 / L * across - 0.1 * slope
+        by_slope = (2 / 15) * L * slope - 0.1 * across
+        self.by_turn = cross(t, by_slope)
         # half the integral of the squared slope of the cubic with this end deflection and end slope
-        shortening = (0.6 * across**2 / L - 0.1 * across * slope + L / 15 * slope**2).sum(-1, keepdims=True)
+        shortening = 0.5 * (across * self.by_across + slope * by_slope).sum(-1, keepdims=True)
         self.strain = np.concatenate([d + shortening * t, turn], axis=-1)
-        by_across = 1.2 * across / L - 0.1 * slope
-        by_turn = cross(t, 2 * L / 15 * slope - 0.1 * across)
-        self.by_tip = np.broadcast_to(np.eye(6), (*d.shape[:-1], 6, 6)).copy()
-        self.by_tip[..., :3, :3] += t[..., :, None] * by_across[..., None, :]
-        self.by_tip[..., :3, 3:] += t[..., :, None] * by_turn[..., None, :]
-        self.tip_by_platform = np.broadcast_to(np.eye(6), self.by_tip.shape).copy()
-        self.tip_by_platform[..., :3, 3:] = -cross_matrix(arm)
+
+    def by_tip(self) -> FloatArray:
+        """The strain by displacement and rotation of the tip, shape (..., 6, 6)."""
+        result = np.zeros((*self.deflection.shape[:-1], 6, 6))
+        result[..., range(6), range(6)] = 1.0
+        t = self.tangent[..., :, None]
+        result[..., :3, :3] += t * self.by_across[..., None, :]
+        result[..., :3, 3:] = t * self.by_turn[..., None, :]
+        return result
+
+    def by_platform(self) -> FloatArray:
+        """The strain by displacement and rotation of the platform, shape (..., 6, 6)."""
+        result = self.by_tip()
+        result[..., :3, 3:] -= result[..., :3, :3] @ cross_matrix(self.arm)
+        return result
 
 
 def _joint_stiffness(legs: Legs, at: Attachments) -> FloatArray:
@@ -172,7 +192,7 @@ def _joint_stiffness(legs: Legs, at: Attachments) -> FloatArray:
 
 def _unknowns(legs: Legs, beams: _Beams, stiffness: FloatArray) -> list[FloatArray]:
     """What to add to the unloaded unknowns of each leg, from the wrench on its deflected tip."""
-    by_tip = np.swapaxes(beams.by_tip, -1, -2)
+    by_tip = np.swapaxes(beams.by_tip(), -1, -2)
     wrench = (by_tip @ (stiffness @ beams.strain[..., None]))[..., 0]
     lever = cross(beams.deflection, wrench[..., :3])
     # a beam's torque is the same all along, whatever the deflection
