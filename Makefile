@@ -24,6 +24,7 @@ lint: $(VENV)/.installed-dev
 
 bench: $(VENV)/.installed
 	$(BIN)/python tests/benchmarks/single_rod.py $(ARGS)
+	$(BIN)/python tests/benchmarks/one_solve.py $(ARGS)
 	$(BIN)/python tests/benchmarks/concentric_tubes.py $(ARGS)
 	$(BIN)/python tests/benchmarks/precision.py $(ARGS)
 	$(BIN)/python tests/benchmarks/parallel_rods.py $(ARGS)

@@ -2,10 +2,11 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import cached_property
 from threading import Event
 from typing import Any
 
@@ -25,6 +26,7 @@ TOLERANCE = 1e-9  # default of solvers, of the residual [1/m]
 ROUNDED = 1e-12  # the least that is asked for, of the curvature scale
 SINGLE_TOLERANCE = 1e-5  # the same where rods are integrated in single precision, of the curvature scale
 DOUBLE_ROUNDING = float(np.finfo(np.float64).eps)
+FEW = 8  # instances of a problem that is kept for later calls, and its tools with it
 BUFFERS = (
     "order",
     "active",
@@ -173,6 +175,7 @@ class BoundaryProblem(Uncopied, ABC):
         self.breakpoints: dict[int, Breakpoints] = {}
         self.measured: tuple[str, ...] = ()
         self.rounding = DOUBLE_ROUNDING
+        self._tools: dict[Any, Any] = {}
         # One record an instance holds all that a sample of a time series keeps, so that keeping it is one copy.
         sizes = {"unknowns": n, "residual": n, "gamma": n * n, "position": 3, "rotation": 9, "inputs": input_count}
         self.record_fields: dict[str, slice] = {}
@@ -210,6 +213,35 @@ class BoundaryProblem(Uncopied, ABC):
             dtype=dtype,
             device=self.device,
         )
+
+    def renew(self, inputs: Inputs) -> bool:
+        """Be as a new problem at other inputs, of the same leading axes and the same that are not zero; False if it cannot, as by default."""
+        return False
+
+    def _clear(self) -> None:
+        """All buffers as they are at first, on the CPU."""
+        if self.listed < self.instance_count:
+            self.focus()
+        for values, first in self._first_values:
+            values.fill(first)
+        self.breakpoints, self.stop = {}, None
+
+    @cached_property
+    def _first_values(self) -> list[tuple[NDArray[Any], int]]:
+        ones = (self.active, self.load_factor)
+        return [(array.numpy(), 0) for array in self._zeros()] + [(array.numpy(), 1) for array in ones]
+
+    def _zeros(self) -> list[Any]:
+        """Buffers that are zero at first."""
+        return [self.records, self.fault, self.step_count, self.directions, self.residual_directions, self.pose_columns]
+
+    def tool(self, key: Any, make: Callable[[], Any]) -> Any:
+        """What a solver works with on this problem: made anew, or, for a problem of few instances, kept with it under ``key``."""
+        if self.instance_count > FEW:
+            return make()
+        if key not in self._tools:
+            self._tools[key] = make()
+        return self._tools[key]
 
     def share(self, target: Any, names: Iterable[str] = BUFFERS) -> None:
         """Make arrays of this problem the fields of the same names of a kernel's argument."""

@@ -1,6 +1,7 @@
 """Results: an equilibrium of each instance, or a time series of them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from math import prod
@@ -15,6 +16,7 @@ from multirod.batch import IntArray, parts, run
 from multirod.inputs import Inputs
 from multirod.integrators import Integrator
 from multirod.problem import BoundaryProblem, Shape
+from multirod.reuse import borrowed
 from multirod.segment_system import pose_jacobian
 from multirod.segments import taken
 from multirod.solver import Outcome
@@ -388,19 +390,22 @@ class Solution:
             )
         return self
 
-    def _problem(self, piece: slice | None = None, **options: Any) -> BoundaryProblem:
+    @contextmanager
+    def _problem(self, piece: slice | None = None, **options: Any) -> Iterator[BoundaryProblem]:
         """A problem of a part of the instances at their inputs and unknowns; what failed has zeros, and no answers."""
         scene, instances = self._scene, self._instances
         if piece is not None:
             instances = np.arange(piece.start, piece.stop) if instances is None else instances[piece]
-        problem = self.assembly.problem(
-            self._whole, integrator=scene.integrator, device=scene.device, instances=instances, **options
-        )
+        options |= {"integrator": scene.integrator, "device": scene.device, "instances": instances}
+        with borrowed(self.assembly, self._whole, **options) as problem:
+            self._place(problem, piece)
+            yield problem
+
+    def _place(self, problem: BoundaryProblem, piece: slice | None) -> None:
         rows = slice(None) if piece is None else piece
-        unknowns = problem.adopt(self._records[rows, scene.fields["unknowns"]])
+        unknowns = problem.adopt(self._records[rows, self._scene.fields["unknowns"]])
         problem.write("unknowns", np.where(self._failed[rows, None], 0.0, unknowns))
         problem.breakpoints = taken(self._outcome.breakpoints, np.arange(len(self._records))[rows])
-        return problem
 
     def _gather(self, compute: Callable[[BoundaryProblem], tuple[Any, ...]], **options: Any) -> list[Any]:
         """Arrays that ``compute`` makes of problems, joined: of a large batch in parts, on the threads that solved it."""
@@ -415,10 +420,11 @@ class Solution:
         lock = Lock()
 
         def work(piece: slice, stop: Event) -> None:
-            with lock:
-                problem = self._problem(piece if len(pieces) > 1 else None, **options)
-                problem.stop = stop
-            found[piece.start] = compute(problem)
+            with ExitStack() as held:
+                with lock:
+                    problem = held.enter_context(self._problem(piece if len(pieces) > 1 else None, **options))
+                    problem.stop = stop
+                found[piece.start] = compute(problem)
 
         run(work, pieces, self._scene.threads)
         ordered = [found[piece.start] for piece in pieces]

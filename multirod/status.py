@@ -64,12 +64,12 @@ _WITH_RESULT = frozenset(
 )
 
 
-_FAILED = np.array([int(status) for status in Status if status.failed])
+_FAILED = np.isin(np.arange(max(Status) + 1), [int(status) for status in Status if status.failed])
 
 
 def failures(values: IntArray) -> BoolArray:
     """``Status.failed`` of an array of statuses."""
-    return np.isin(values, _FAILED)
+    return np.asarray(_FAILED.take(values, mode="clip"))
 
 
 _MESSAGES = {

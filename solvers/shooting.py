@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import warp as wp
 
 from multirod.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
@@ -72,8 +73,17 @@ class Shooting(Solver):
         """Newton's iteration on a problem, with these options."""
         return Newton(problem, tolerance=self.tolerance, max_iterations=self.max_iterations, line_search=self.line_search)
 
+    def _newton(self, problem: BoundaryProblem) -> Newton:
+        """The same for one solve; of few instances on the CPU it is kept with the problem for the next."""
+        if not wp.get_device(problem.device).is_cpu:
+            return self.newton(problem)
+        key = ("Newton", self.tolerance, self.max_iterations, self.line_search)
+        newton: Newton = problem.tool(key, lambda: self.newton(problem))
+        newton.renew()
+        return newton
+
     def _solve(self, problem: BoundaryProblem, guess: FloatArray | None) -> Outcome:
-        newton = self.newton(problem)
+        newton = self._newton(problem)
         if guess is None:
             return self._first(problem, newton, poses_apart=True)
         problem.write("unknowns", guess)
@@ -97,7 +107,7 @@ class Shooting(Solver):
             assemble(problem, newton, outcome, chosen & failures(outcome.status), self.max_continuation_steps)
             newton.allow(self._left(outcome))
             lowest_stable(problem, newton, outcome, chosen & failures(outcome.status), self.max_continuation_steps)
-        if self.fallback:
+        if self.fallback and failures(outcome.status).any():
             # the poses that it finds are not those of the unknowns: nothing may integrate these again
             MultipleShooting(
                 tolerance=self.tolerance,

@@ -19,6 +19,7 @@ from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.problem import BY_MATERIAL, BackboneAssembly, scene_features
 from multirod.models.platform import platform_kernels as kernels
 from multirod.models.platform.problem import LEG_INPUTS, PER_ROD, PLATFORM_INPUTS, Geometry, ParallelProblem
+from multirod.reuse import reusable
 from multirod.rod import Rod
 from multirod.validation import Described, FloatArray, array, choice, frozen, instance, nonnegative_float, refuse
 
@@ -97,7 +98,8 @@ class ParallelRods(Assembly):
         return (*LEG_INPUTS[:2], *PLATFORM_INPUTS, *LEG_INPUTS[2:])
 
     def check(self, inputs: Inputs) -> None:  # noqa: D102
-        for k, (leg, own) in enumerate(zip(self.geometry.legs, self._own_rods, strict=True)):
+        one = not inputs.batch_shape and self.surely_takes("translation", inputs.translation.tolist())
+        for k, (leg, own) in enumerate(() if one else zip(self.geometry.legs, self._own_rods, strict=True)):
             values = {name: getattr(inputs, name)[..., own] for name in ("rotation", "translation")}
             try:
                 leg.check(Inputs(leg.input_specs, leg.rod_count, values))
@@ -119,6 +121,7 @@ class ParallelRods(Assembly):
             return name not in BY_MATERIAL
         return all(leg.surely_takes(name, values[own]) for leg, own in zip(self.geometry.legs, self._own_rods, strict=True))
 
+    @reusable
     def problem(  # noqa: D102
         self, inputs: Inputs, *, instances: IntArray | None = None, **options: Any
     ) -> ParallelProblem:
@@ -250,6 +253,7 @@ class InverseParallelRods(Assembly):
     def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102
         return self.robot.surely_takes(name, values)
 
+    @reusable
     def problem(self, inputs: Inputs, **options: Any) -> ParallelProblem:  # noqa: D102
         return self.robot.problem(inputs, inverse=True, limits=self.limits, **options)
 

@@ -47,8 +47,8 @@ class SingleRod(BackboneAssembly):
 
     def check(self, inputs: Inputs) -> None:  # noqa: D102
         super().check(inputs)
-        length = self.rods[0].length + inputs.translation[..., 0]
-        if np.any(length <= 0):
+        sure = not inputs.batch_shape and self.surely_takes("translation", inputs.translation.tolist())
+        if not sure and np.any(self.rods[0].length + inputs.translation[..., 0] <= 0):
             shortest = float(np.min(inputs.translation))
             refuse(
                 "translation", shortest, f"must be > -length = {-float(np.min(self.rods[0].length)):g} m: no rod is left in use"

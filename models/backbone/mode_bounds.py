@@ -3,8 +3,6 @@
 Numbers in parentheses are those of ``docs/stability.md``.
 """
 
-from itertools import product
-
 import numpy as np
 
 from multirod.validation import FloatArray
@@ -29,52 +27,44 @@ def bound_modes(
     tips = np.sort(end[:, :, -1], axis=1)
 
     def twisted(s: FloatArray) -> FloatArray:
-        """How far a unit torque at ``s``, (batch, 1, 1), twists each rod there."""
-        return np.asarray((np.clip(s - begin, 0.0, end - begin) * compliance).sum(axis=2))
+        """How far a unit torque at ``s``, (batch, k), twists each rod there, (batch, k, n)."""
+        return np.asarray(
+            (np.clip(s[..., None, None] - begin[:, None], 0.0, (end - begin)[:, None]) * compliance[:, None]).sum(axis=3)
+        )
 
     # where nothing but the compliances changes, and these linearly; the constraint is where the last pair of rods ends
     cuts = np.sort(np.concatenate([np.zeros((count, 1)), np.maximum(end, 0.0).reshape(count, -1)], axis=1), axis=1)
-    constrained = twisted(tips[:, -2, None, None])
-    pull = np.zeros((count, n, n))
-    stretches = []
-    bent = np.zeros(count)
-    arm = np.zeros(count)
+    constrained = twisted(tips[:, -2:-1])[:, 0]
+    size = np.diff(cuts, axis=1)
+    middle = cuts[:, :-1] + 0.5 * size
+    inside = middle[..., None, None]
+    here = (begin[:, None] <= inside) & (inside < end[:, None]) & (size > 0)[..., None, None]
+    together = (EI[:, None] * here).sum(axis=(2, 3))
+    together[together == 0] = np.inf  # between ends that rounding parts
+    bend = ((EI * kappa)[:, None] * here).sum(axis=3)
+    form = -bend[..., :, None] * bend[..., None, :] / together[..., None, None]
+    form[..., range(n), range(n)] = 0.0
+    form[..., range(n), range(n)] = -form.sum(axis=3)
+    twist = twisted(middle)
+    root = np.sqrt(twist)
+    pulled = form * root[..., :, None] * root[..., None, :]
+    pull = (size[..., None, None] * pulled).sum(axis=1)
     load = np.zeros(count)
-    for k in range(cuts.shape[1] - 1):
-        size = cuts[:, k + 1] - cuts[:, k]
-        middle = cuts[:, k] + 0.5 * size
-        here = (begin <= middle[:, None, None]) & (middle[:, None, None] < end) & (size > 0)[:, None, None]
-        together = (EI * here).sum(axis=(1, 2))
-        together[together == 0] = np.inf  # between ends that rounding parts
-        bend = (EI * kappa * here).sum(axis=2)
-        form = -bend[:, :, None] * bend[:, None] / together[:, None, None]
-        form[:, range(n), range(n)] = 0.0
-        form[:, range(n), range(n)] = -form.sum(axis=2)
-        twist = twisted(middle[:, None, None])
-        root = np.sqrt(twist)
-        pull += size[:, None, None] * form * root[:, :, None] * root[:, None]
-        stretches.append((size, form, twist, twisted(cuts[:, k, None, None]), twisted(cuts[:, k + 1, None, None])))
-        if not force.any():
-            continue
+    if force.any():
         # what the loads add: the force turns the frame, the moment bends what pulls
         each = size / together
-        moment = force * (tips[:, -1] - middle)
-        arm += moment**2 * (bent + 0.5 * each) * each
-        load += size * (force * (bent + 0.5 * each) + moment / together * (twist * bend).max(axis=1))
-        bent += each
+        bent = np.cumsum(each, axis=1) - 0.5 * each
+        moment = force[:, None] * (tips[:, -1:] - middle)
+        load = (size * (force[:, None] * bent + moment / together * (twist * bend).max(axis=2))).sum(axis=1)
+        load += np.sqrt((moment**2 * bent * each).sum(axis=1))
     # (15) the direction that is pulled most
     direction = np.linalg.eigh(pull)[1][:, :, -1] / np.sqrt(np.where(constrained > 0, constrained, np.inf))
-    first, trace, taken = np.zeros((3, count))
-    for size, form, twist, *ends in stretches:
-        root = np.sqrt(twist)
-        first += size * np.linalg.eigvalsh(form * root[:, :, None] * root[:, None])[:, -1]
-        for i in range(n):
-            trace += size * form[:, i, i] * twist[:, i]
-        for part, at in ((1 / 6, ends[0]), (4 / 6, twist), (1 / 6, ends[1])):
-            reach = np.minimum(at, constrained) * direction
-            # in one order, whatever the batch: bitwise the same alone
-            for i, j in product(range(n), repeat=2):
-                taken += part * size * reach[:, i] * form[:, i, j] * reach[:, j]
+    first = (size * np.linalg.eigvalsh(pulled)[..., -1]).sum(axis=1)
+    trace = (size * (form[..., range(n), range(n)] * twist).sum(axis=2)).sum(axis=1)
+    at = np.stack([twisted(cuts[:, :-1]), twist, twisted(cuts[:, 1:])])
+    reach = np.minimum(at, constrained[:, None]) * direction[:, None]
+    # sums of products, not einsum, which adds in an order that depends on the batch: bitwise the same alone
+    products = (reach[..., :, None] * form * reach[..., None, :]).sum(axis=(3, 4))
+    taken = (size * (products[0] / 6 + products[1] * (4 / 6) + products[2] / 6)).sum(axis=1)
     scale = np.maximum((direction**2 * constrained).sum(axis=1), 1e-300)
-    load += np.sqrt(arm)
     return np.stack([first + load, trace - taken / scale + load], axis=1)

@@ -32,6 +32,7 @@ from multirod.models.backbone.second_variation import (
 from multirod.models.backbone.segments import BackboneSegments
 from multirod.problem import Block, BoundaryProblem, Shape
 from multirod.profile import DEGREE, interpolate
+from multirod.reuse import reusable
 from multirod.rod import Rod, RodArrays, lower
 from multirod.segments import Segments, taken
 from multirod.stability import Modes
@@ -42,9 +43,13 @@ FINEST = 1e-12  # relative tolerance of an integration to which rounding leaves 
 POSES_APART = 64  # instances from which leaving poses out saves more than two kernels cost
 FEWEST_NODES = 9
 MOST_NODES_AT_FIRST = 33
+NODES_KEPT = 1024  # of all instances, of a pass over nodes that is kept for the next
 RIGID = 1e6  # torsional over bending stiffness, of a rod rigid in torsion, where its modes are counted
 _PARTS = 64  # of the length, over which starts are bounded
 _CROWDING = 1.5  # most equilibria are far inside the bounds
+# of the length, in what makes a load a number
+LOAD_POWERS = {"tip_force": 2, "follower_force": 2, "tip_moment": 1, "follower_moment": 1}
+LOAD_POWERS |= {"distributed_force": 3, "distributed_moment": 2, "gravity": 3}
 FEATURE_INPUTS = {
     "force": ("tip_force", "follower_force", "distributed_force", "gravity"),
     "tip_moment": ("tip_moment",),
@@ -83,6 +88,44 @@ def scene_features(
         held=held,
         **needs,
     )
+
+
+class NodePass:
+    """A pass over nodes, which may be launched again.
+
+    Args:
+        call: Its arguments, with outputs of its own.
+        launch: Its launch.
+        columns: Whether it carries columns.
+        host: Whether NumPy sees its arrays in place.
+    """
+
+    def __init__(self, call: Any, launch: LanePass, columns: bool, host: bool) -> None:
+        self.call, self.launch, self._in_place = call, launch, host
+        nodes = [f"node_{name}" for name in ("arclength", "position", "rotation", "curvature", "moment", "force")]
+        self._outputs = [*nodes, "energy", "work", "residual", "position", "rotation"]
+        if columns:
+            self._outputs += ["node_columns", "tip_columns", "gamma", "pose_columns", "column_arclength"]
+        self._seen: dict[str, Any] = {}
+
+    def read(self, name: str) -> Any:
+        """An output, as it is until the next launch."""
+        if name not in self._seen or not self._in_place:
+            self._seen[name] = getattr(self.call, name).numpy()
+        return self._seen[name]
+
+    def write(self, name: str, values: Any) -> None:
+        """Set an argument."""
+        if self._in_place:
+            self.read(name)[:] = values
+        else:
+            target = getattr(self.call, name)
+            target.assign(np.asarray(values, dtype=np.int32 if target.dtype is wp.int32 else np.float64))
+
+    def clear(self) -> None:
+        """Outputs as they were at first, where they are seen in place."""
+        for name in self._outputs:
+            self.read(name).fill(np.nan if name == "column_arclength" else 0.0)
 
 
 class BackboneProblem(BoundaryProblem):
@@ -152,6 +195,7 @@ class BackboneProblem(BoundaryProblem):
         self.moment_unit = self._moment_unit()
         self.moment_axes = self._moment_axes()
         self.turn_stiffness = self._stiffness_over_length()
+        self._passes: dict[Any, NodePass] = {}
         self._call = self._make_call(0)
         self.launch = self._record(self.features, self._call)
 
@@ -228,6 +272,22 @@ class BackboneProblem(BoundaryProblem):
         )
 
     # ---- the interface ----
+
+    def renew(self, inputs: Inputs) -> bool:  # noqa: D102
+        if inputs.profiles or self._inputs.profiles:
+            return False
+        self._clear()
+        self._inputs = inputs
+        self.write("inputs", self.pack(inputs))
+        self.turn_stiffness = self._stiffness_over_length()
+        return True
+
+    def _clear(self) -> None:
+        super()._clear()
+        self.__dict__.pop("_cut", None)
+
+    def _zeros(self) -> list[Any]:
+        return [*super()._zeros(), *((self.tip_wrench, self.wrench_columns) if self.held else ())]
 
     def part(self, instances: IntArray, *, double: bool = False) -> "BackboneProblem":  # noqa: D102
         return self._part(instances, self.integrator.in_double() if double else self.integrator)
@@ -326,7 +386,7 @@ class BackboneProblem(BoundaryProblem):
         """The base force in curvature units, equation (13), without the follower force, at ``unknowns`` without it."""
         call = self._node_pass(2, unknowns=unknowns, follower_force=False)
         scale = self._table.length_scale.numpy() / self.arrays.material[:, 0, 0, :2].max(axis=-1)
-        return np.asarray(call.node_force.numpy()[:, 0] * scale[:, None])
+        return np.asarray(call.read("node_force")[:, 0] * scale[:, None])
 
     def curvature_scale(self) -> FloatArray:  # noqa: D102
         bent = np.abs(self.arrays.precurvature).reshape(*self.arrays.precurvature.shape[:3], -1, 3).sum(axis=(3, 4))
@@ -338,19 +398,24 @@ class BackboneProblem(BoundaryProblem):
         stiffness = table.material[:, 0, :, :3].min(axis=(1, 2))
         length = table.end[:, 0, -1] + inputs[:, self.input_slice("translation")][:, 0]
         weight = table.material[:, 0, :, 9].max(axis=1)
-        power = {"tip_force": 2, "follower_force": 2, "tip_moment": 1, "follower_moment": 1}
-        power |= {"distributed_force": 3, "distributed_moment": 2, "gravity": 3}
+        first = self.input_slice(kernels.INPUT_VECTORS[0]).start
+        vectors = inputs[:, first : first + 3 * len(kernels.INPUT_VECTORS)].reshape(self.instance_count, -1, 3)
+        sizes = np.sqrt((vectors**2).sum(axis=2))
         total = np.zeros(self.instance_count)
-        for name, exponent in power.items():
-            size = np.linalg.norm(inputs[:, self.input_slice(name)], axis=1) * length**exponent / stiffness
-            total += size * weight if name == "gravity" else size
-        total += self._magnetic_load() * length**2 / stiffness
-        total += self._medium_load()
+        for name, exponent in LOAD_POWERS.items():
+            size = sizes[:, kernels.INPUT_VECTORS.index(name)]
+            if size.any():
+                size = size * length**exponent / stiffness
+                total += size * weight if name == "gravity" else size
+        if self.features.magnetised:
+            total += self._magnetic_load() * length**2 / stiffness
+        if self.features.foundation:
+            total += self._medium_load()
         if self.features.measured:
             gap = inputs[:, self.input_slice("tip_curvature")] - table.precurvature[:, 0, -1, :3]
             total += np.linalg.norm(gap, axis=1) * length
-        profile = self._table.profile.numpy()
-        if profile.size:
+        if self.features.profile_degree >= 0:
+            profile = self._table.profile.numpy()
             size = np.abs(profile.reshape(len(profile), 6, -1)).sum(-1).max(0)
             total += (size[:3].max() * length**3 + size[3:].max() * length**2) / stiffness
         return total
@@ -403,16 +468,16 @@ class BackboneProblem(BoundaryProblem):
         sizes = {name: np.linalg.norm(inputs[:, self.input_slice(name)], axis=1) for name in kernels.INPUT_VECTORS}
         weight = self._each(self.arrays.material[..., 9].max(axis=2).sum(axis=1))
         total = sizes["tip_force"] + (sizes["distributed_force"] + weight * sizes["gravity"]) * length
-        profile = self._table.profile.numpy()
         if self.features.profile_degree >= 0:
+            profile = self._table.profile.numpy()
             total = total + np.abs(profile.reshape(len(profile), 6, -1)).sum(-1).max(0)[:3].sum() * length * np.abs(inputs[:, -1])
         return np.asarray(total)
 
     def shapes(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:  # noqa: D102
         fields = ("arclength", "position", "rotation", "curvature", "moment", "force")
         calls = [self._node_pass(node_count, rod=rod) for rod in range(len(self.rods))]
-        shapes = [{name: getattr(call, f"node_{name}").numpy() for name in fields} for call in calls]
-        energy = np.array(calls[0].energy.numpy())
+        shapes = [{name: np.array(call.read(f"node_{name}")) for name in fields} for call in calls]
+        energy = np.array(calls[0].read("energy"))
         if self.breakpoints:
             others, stored, _ = self._cut.shapes(self.breakpoints, node_count)
             for k in self.breakpoints:
@@ -449,7 +514,7 @@ class BackboneProblem(BoundaryProblem):
 
     def potential(self) -> FloatArray:  # noqa: D102
         call = self._node_pass(2)
-        stored, work = np.array(call.energy.numpy()), np.array(call.work.numpy())
+        stored, work = np.array(call.read("energy")), np.array(call.read("work"))
         if self.breakpoints:
             _, energy, done = self._cut.shapes(self.breakpoints, 2)
             for k in self.breakpoints:
@@ -460,8 +525,8 @@ class BackboneProblem(BoundaryProblem):
         """Elastic energy, and the potential energy of what acts along a held rod but not at its tip [J], shape (instance_count,)."""
         call = self._node_pass(2)
         base = np.broadcast_to(self._table.base_position.numpy(), (self.instance_count, 3))
-        tip = (self.tip_wrench.numpy()[:, :3] * (call.position.numpy() - base)).sum(axis=1)
-        return np.asarray(call.energy.numpy()), np.asarray(tip - call.work.numpy())
+        tip = (self.tip_wrench.numpy()[:, :3] * (call.read("position") - base)).sum(axis=1)
+        return np.array(call.read("energy")), np.asarray(tip - call.read("work"))
 
     def starts(self, count: int, first: int = 0) -> FloatArray:  # noqa: D102
         n = len(self.rods)
@@ -526,8 +591,8 @@ class BackboneProblem(BoundaryProblem):
         return modes
 
     def condensed_form(self) -> tuple[CondensedForm, FloatArray]:
-        """The second variation at ``unknowns``, condensed to the tip, and ``det Gamma`` (instance_count,), NaN of breakpoints and
-        where rounding hides its sign.
+        """The second variation at ``unknowns``, condensed to the tip, and ``det Gamma`` (instance_count,), NaN of breakpoints, of
+        a held tip and where rounding hides its sign.
 
         One integration over as many nodes as the loads call for; where the moments found call for more, another one.
         """
@@ -554,24 +619,25 @@ class BackboneProblem(BoundaryProblem):
             if done.any():
                 found = condensed_form(self._node_columns(call, done), unit[done])
                 form.put(done, found)
-                determinant[done] = certain_determinant(call.gamma.numpy()[done])
+                if not self.held:
+                    determinant[done] = certain_determinant(call.read("gamma")[done])
             more = chosen & ~done & (needed < MOST_NODES - 1)
             nodes[more] = _nodes(needed[more])
             open_ &= ~chosen | more
         return form, determinant
 
-    def _node_columns(self, call: Any, chosen: NDArray[np.bool_]) -> NodeColumns:
+    def _node_columns(self, call: "NodePass", chosen: NDArray[np.bool_]) -> NodeColumns:
         """What a pass over nodes says of variations of the instances ``chosen``."""
         rows = len(self.rods) + 2
         ends = self._ends()[chosen]
-        arclength, configuration = call.column_arclength.numpy()[chosen], call.node_columns.numpy()[chosen, :, :rows]
-        momenta = call.tip_columns.numpy()[chosen, :rows]
+        arclength, configuration = call.read("column_arclength")[chosen], call.read("node_columns")[chosen, :, :rows]
+        momenta = call.read("tip_columns")[chosen, :rows]
         if not self.held:
             # base forces that follow a load are no variations that keep the forces
             return NodeColumns(arclength, configuration[..., :rows], momenta[..., :rows], ends)
         by_unknowns = self.wrench_columns.numpy()[chosen, :, : self.unknown_count]
         momenta = np.concatenate([by_unknowns[:, 3:], momenta[:, 3:]], axis=1)
-        return NodeColumns(arclength, configuration, momenta, ends, by_unknowns[:, :3], call.pose_columns.numpy()[chosen, :3])
+        return NodeColumns(arclength, configuration, momenta, ends, by_unknowns[:, :3], call.read("pose_columns")[chosen, :3])
 
     def _ends(self) -> FloatArray:
         """Arclength at which each rod ends [m], shape (instance_count, n)."""
@@ -609,9 +675,9 @@ class BackboneProblem(BoundaryProblem):
         unit = self._least_stiffness() / length
         return self._segments(scale * unit, scale * unit / length, scale / length)
 
-    def _segments_of(self, call: Any) -> FloatArray:
+    def _segments_of(self, call: "NodePass") -> FloatArray:
         """(7) by the moments, forces and curvatures of a pass over nodes."""
-        largest = (np.linalg.norm(getattr(call, f"node_{name}").numpy(), axis=2) for name in ("moment", "force", "curvature"))
+        largest = (np.linalg.norm(call.read(f"node_{name}"), axis=2) for name in ("moment", "force", "curvature"))
         return self._segments(*(values.max(axis=1) for values in largest))
 
     def _segments(self, moment: FloatArray, force: FloatArray, curvature: FloatArray) -> FloatArray:
@@ -637,11 +703,33 @@ class BackboneProblem(BoundaryProblem):
         rod: int | None = None,
         unknowns: FloatArray | None = None,
         **changes: Any,
-    ) -> Any:
-        """The arrays of a pass over nodes of one rod, or of all together, by outputs of its own: those of the solve stay.
+    ) -> "NodePass":
+        """A pass over nodes of one rod, or of all together, by outputs of its own, until the next: those of the solve stay.
 
         Columns are those of the model with all its unknowns. ``unknowns`` are those of the solve by default.
         """
+        if columns and not self.features.moment:
+            unknowns = self._with_moment(self.read("unknowns"))
+        key = (node_count, columns, rod, chosen is None, unknowns is None, *changes.items())
+        made = self._passes.get(key)
+        if made is None:
+            made = self._make_node_pass(node_count, chosen is not None, columns, rod, unknowns, changes)
+            if self._host is not None and self.instance_count * node_count <= NODES_KEPT:
+                while len(self._passes) > len(self.rods) + 3:
+                    del self._passes[next(iter(self._passes))]
+                self._passes[key] = made
+        else:
+            made.clear()
+        if chosen is not None:
+            made.write("active", chosen)
+        if unknowns is not None:
+            made.write("unknowns", unknowns)
+        made.launch.launch()
+        return made
+
+    def _make_node_pass(
+        self, node_count: int, chosen: bool, columns: bool, rod: int | None, unknowns: FloatArray | None, changes: dict[str, Any]
+    ) -> "NodePass":
         options = {
             "nodes": True,
             "pose": True,
@@ -651,8 +739,6 @@ class BackboneProblem(BoundaryProblem):
         }
         features = replace(self.features, **options | changes)
         call = self._make_call(node_count)
-        if columns and not self.features.moment:
-            unknowns = self._with_moment(self.read("unknowns"))
         if unknowns is not None:
             call.unknowns = self._array(unknowns)
         call.node_rod = len(self.rods) if rod is None else rod
@@ -660,8 +746,8 @@ class BackboneProblem(BoundaryProblem):
         call.residual = wp.zeros((count, m), dtype=wp.float64, device=self.device)
         call.position = wp.zeros(count, dtype=wp.vec3d, device=self.device)
         call.rotation = wp.zeros(count, dtype=wp.mat33d, device=self.device)
-        if chosen is not None:
-            call.active = wp.array(chosen.astype(np.int32), device=self.device)
+        if chosen:
+            call.active = wp.zeros(count, dtype=wp.int32, device=self.device)
         if columns:
             nodes = node_count - 1 + self.arrays.end[0].size + self._table.profile_end.size
             call.column_arclength = wp.full((count, nodes), np.nan, dtype=wp.float64, device=self.device)
@@ -670,8 +756,8 @@ class BackboneProblem(BoundaryProblem):
             call.gamma = wp.zeros((count, m, m), dtype=wp.float64, device=self.device)
             call.pose_columns = wp.zeros((count, 6, m), dtype=wp.float64, device=self.device)
         table = self._twisting_table() if columns else None
-        self._record(features, call, table, columns=(m if columns else 0, 0)).launch()
-        return call
+        launch = self._record(features, call, table, columns=(m if columns else 0, 0))
+        return NodePass(call, launch, columns, self._host is not None)
 
     def _twisting_table(self) -> Any:
         """The rods, one that is rigid in torsion only ``RIGID`` times stiffer than in bending: columns need to twist it."""
@@ -762,6 +848,7 @@ class BackboneAssembly(Assembly):
         whole = np.broadcast_shapes(inputs.batch_shape, self.batch_shape)
         return influences(self.arrays, inputs, whole, transmission=self.transmission)
 
+    @reusable
     def problem(  # noqa: D102
         self, inputs: Inputs, *, instances: IntArray | None = None, **options: Any
     ) -> BackboneProblem:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod.rotations import cross
 from multirod.stability import Modes
 from multirod.validation import FloatArray
 
@@ -133,7 +134,8 @@ def condensed_form(columns: NodeColumns, unit: FloatArray) -> CondensedForm:
     order = np.argsort(columns.ends, axis=1, kind="stable")
     short = np.take_along_axis(columns.ends, order, 1) < columns.ends.max(axis=1)[:, None]
     patterns = np.column_stack([longest, np.where(short, order, -1)])
-    for pattern in np.unique(patterns, axis=0):
+    alike = (patterns == patterns[:1]).all()
+    for pattern in patterns[:1] if alike else np.unique(patterns, axis=0):
         chosen = np.flatnonzero((patterns == pattern).all(axis=1))
         ended = [int(rod) for rod in pattern[1:] if rod >= 0]
         form, rows, conjugate, known = _of_pattern(columns, chosen, int(pattern[0]), ended)
@@ -252,8 +254,9 @@ def _inverse(Y: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
         inverse = np.empty_like(Y)
         if Y.shape[-1] == 3:  # by its cofactors: several times faster than LAPACK
             a, b, c = (Y[..., k] for k in range(3))
-            inverse[:] = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-2)
-            inverse /= (a * inverse[..., 0, :]).sum(axis=-1)[..., None, None]
+            # each row of the inverse's transpose is the product of the next two columns
+            products = cross(np.stack([b, c, a], axis=-2), np.stack([c, a, b], axis=-2))
+            inverse[:] = products / (a * products[..., 0, :]).sum(axis=-1)[..., None, None]
         else:
             try:
                 inverse[:] = np.linalg.inv(Y)

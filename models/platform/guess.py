@@ -3,13 +3,14 @@
 Equation numbers are those of ``docs/parallel.md``.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from multirod.models.platform.platform_kernels import REVOLUTE, SPHERICAL
-from multirod.rotations import matrices, vectors
+from multirod.rotations import cross, cross_matrix, matrices, vectors
 from multirod.validation import FloatArray
 
 ITERATIONS = 8  # 4 are enough for the tip to move by less than 1 % of what the beams are off
@@ -35,10 +36,20 @@ class Legs:
     length: FloatArray
     stiffness: FloatArray
 
-    def softened(self, compliance: float) -> "Legs":
-        """The same legs with a compliance in L^3/EI added to their tips, in all directions."""
-        extra = (compliance * self.length**3 / self.stiffness)[..., None, None] * np.diag([1.0, 1, 1, 0, 0, 0])
-        return replace(self, flexibility=self.flexibility + extra)
+    def softened(self, compliances: Sequence[float]) -> "Legs":
+        """The same legs with a compliance in L^3/EI added to their tips, in all directions: all instances for each of several."""
+        many = self.repeated(len(compliances))
+        added = np.repeat(np.array(compliances), len(self.length))[:, None]
+        extra = (added * many.length**3 / many.stiffness)[..., None, None] * np.diag([1.0, 1, 1, 0, 0, 0])
+        return replace(many, flexibility=many.flexibility + extra)
+
+    def repeated(self, count: int) -> "Legs":
+        """All instances, so many times."""
+        if count == 1:
+            return self
+        by_wrench = [_repeated(values, count) for values in self.unknowns_by_wrench]
+        values = {name: _repeated(v, count) for name, v in vars(self).items() if name != "unknowns_by_wrench"}
+        return Legs(**values, unknowns_by_wrench=by_wrench)
 
 
 @dataclass(frozen=True)
@@ -56,6 +67,14 @@ class Attachments:
     frame: FloatArray
     joints: NDArray[np.int32]
     axes: FloatArray
+
+    def repeated(self, count: int) -> "Attachments":
+        """All instances, so many times."""
+        return replace(self, arm=_repeated(self.arm, count), frame=_repeated(self.frame, count))
+
+
+def _repeated(values: FloatArray, count: int) -> FloatArray:
+    return np.concatenate([values] * count)
 
 
 def fitted_platform(legs: Legs, at: Attachments) -> tuple[FloatArray, FloatArray]:
@@ -79,19 +98,18 @@ def beam_equilibrium(
     """
     stiffness = _joint_stiffness(legs, at)
     size = legs.length.mean(axis=1)[:, None]
+    longest = np.concatenate([0.1 * size] * 3 + [0.3 * np.ones_like(size)] * 3, axis=1)
+    setting = _Setting(legs, at)
     for _ in range(ITERATIONS):
-        beams = _Beams(legs, at, position, rotation)
-        slope = beams.by_tip @ beams.tip_by_platform
-        wrench = np.einsum("blij,blj->bli", stiffness, beams.strain)
-        gradient = np.einsum("blji,blj->bi", slope, wrench)
-        hessian = (np.swapaxes(slope, -1, -2) @ stiffness @ slope).sum(axis=1)
-        step = -np.linalg.solve(hessian, gradient[..., None])[..., 0]
-        step /= np.maximum(1.0, np.abs(step / np.concatenate([0.1 * size] * 3 + [0.3 * np.ones_like(size)] * 3, 1)).max(1))[
-            :, None
-        ]
+        beams = _Beams(setting, position, rotation)
+        slope = beams.by_platform()
+        pulled = np.swapaxes(slope, -1, -2) @ stiffness
+        gradient = (pulled @ beams.strain[..., None]).sum(axis=1)
+        step = -np.linalg.solve((pulled @ slope).sum(axis=1), gradient)[..., 0]
+        step /= np.maximum(1.0, np.abs(step / longest).max(axis=1))[:, None]
         position = position + step[:, :3]
         rotation = matrices(step[:, 3:]) @ rotation
-    return position, rotation, _unknowns(legs, _Beams(legs, at, position, rotation), stiffness)
+    return position, rotation, _unknowns(legs, _Beams(setting, position, rotation), stiffness)
 
 
 def beam_reach(legs: Legs, at: Attachments, position: FloatArray, rotation: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
@@ -100,7 +118,7 @@ def beam_reach(legs: Legs, at: Attachments, position: FloatArray, rotation: Floa
     Returns:
         How far each leg is to be pushed out [m], shape (instance, leg), and what to add to its unloaded unknowns.
     """
-    beams = _Beams(legs, at, position, rotation)
+    beams = _Beams(_Setting(legs, at), position, rotation)
     reach = np.einsum("bli,bli->bl", beams.strain[..., :3], beams.tangent)
     beams.strain[..., :3] -= reach[..., None] * beams.tangent
     return reach, _unknowns(legs, beams, _joint_stiffness(legs, at))
@@ -108,31 +126,51 @@ def beam_reach(legs: Legs, at: Attachments, position: FloatArray, rotation: Floa
 
 def beam_unknowns(legs: Legs, at: Attachments, position: FloatArray, rotation: FloatArray) -> list[FloatArray]:
     """(11) For each leg, what to add to its unloaded unknowns so that it reaches a platform at a given pose."""
-    return _unknowns(legs, _Beams(legs, at, position, rotation), _joint_stiffness(legs, at))
+    return _unknowns(legs, _Beams(_Setting(legs, at), position, rotation), _joint_stiffness(legs, at))
+
+
+class _Setting:
+    """What beams are at whatever pose of the platform."""
+
+    def __init__(self, legs: Legs, at: Attachments) -> None:
+        self.tip, self.arm = legs.position, at.arm
+        self.tangent = legs.rotation[..., :, 2]
+        self.frame = at.frame @ np.swapaxes(legs.rotation, -1, -2)
+        self.length = legs.length[..., None]
 
 
 class _Beams:
     """(11) Deflection of all beams at one pose of the platform."""
 
-    def __init__(self, legs: Legs, at: Attachments, position: FloatArray, rotation: FloatArray) -> None:
-        arm = np.einsum("bij,blj->bli", rotation, at.arm)
-        self.tangent = t = legs.rotation[..., :, 2]
-        self.deflection = d = position[:, None] + arm - legs.position
-        turned = rotation[:, None] @ at.frame @ np.swapaxes(legs.rotation, -1, -2)
-        turn = rotation_vectors(turned)
-        slope = np.cross(turn, t)
+    def __init__(self, at: _Setting, position: FloatArray, rotation: FloatArray) -> None:
+        self.arm = arm = (rotation[:, None] @ at.arm[..., None])[..., 0]
+        self.tangent = t = at.tangent
+        self.deflection = d = position[:, None] + arm - at.tip
+        turn = rotation_vectors(rotation[:, None] @ at.frame)
+        slope = cross(turn, t)
         across = d - (d * t).sum(-1, keepdims=True) * t
-        L = legs.length[..., None]
+        L = at.length
+        self.by_across = 1.2 / L * across - 0.1 * slope
+        by_slope = (2 / 15) * L * slope - 0.1 * across
+        self.by_turn = cross(t, by_slope)
         # half the integral of the squared slope of the cubic with this end deflection and end slope
-        shortening = (0.6 * across**2 / L - 0.1 * across * slope + L / 15 * slope**2).sum(-1, keepdims=True)
+        shortening = 0.5 * (across * self.by_across + slope * by_slope).sum(-1, keepdims=True)
         self.strain = np.concatenate([d + shortening * t, turn], axis=-1)
-        by_across = 1.2 * across / L - 0.1 * slope
-        by_turn = np.cross(t, 2 * L / 15 * slope - 0.1 * across)
-        self.by_tip = np.broadcast_to(np.eye(6), (*d.shape[:-1], 6, 6)).copy()
-        self.by_tip[..., :3, :3] += t[..., :, None] * by_across[..., None, :]
-        self.by_tip[..., :3, 3:] += t[..., :, None] * by_turn[..., None, :]
-        self.tip_by_platform = np.broadcast_to(np.eye(6), self.by_tip.shape).copy()
-        self.tip_by_platform[..., :3, 3:] = -cross_matrix(arm)
+
+    def by_tip(self) -> FloatArray:
+        """The strain by displacement and rotation of the tip, shape (..., 6, 6)."""
+        result = np.zeros((*self.deflection.shape[:-1], 6, 6))
+        result[..., range(6), range(6)] = 1.0
+        t = self.tangent[..., :, None]
+        result[..., :3, :3] += t * self.by_across[..., None, :]
+        result[..., :3, 3:] = t * self.by_turn[..., None, :]
+        return result
+
+    def by_platform(self) -> FloatArray:
+        """The strain by displacement and rotation of the platform, shape (..., 6, 6)."""
+        result = self.by_tip()
+        result[..., :3, 3:] -= result[..., :3, :3] @ cross_matrix(self.arm)
+        return result
 
 
 def _joint_stiffness(legs: Legs, at: Attachments) -> FloatArray:
@@ -154,17 +192,12 @@ def _joint_stiffness(legs: Legs, at: Attachments) -> FloatArray:
 
 def _unknowns(legs: Legs, beams: _Beams, stiffness: FloatArray) -> list[FloatArray]:
     """What to add to the unloaded unknowns of each leg, from the wrench on its deflected tip."""
-    by_tip = np.swapaxes(beams.by_tip, -1, -2)
+    by_tip = np.swapaxes(beams.by_tip(), -1, -2)
     wrench = (by_tip @ (stiffness @ beams.strain[..., None]))[..., 0]
-    lever = np.cross(beams.deflection, wrench[..., :3])
+    lever = cross(beams.deflection, wrench[..., :3])
     # a beam's torque is the same all along, whatever the deflection
     wrench[..., 3:] += lever - (lever * beams.tangent).sum(-1, keepdims=True) * beams.tangent
     return [np.einsum("bij,bj->bi", by_wrench, wrench[:, k]) for k, by_wrench in enumerate(legs.unknowns_by_wrench)]
-
-
-def cross_matrix(a: FloatArray) -> FloatArray:
-    """``[a]x``, shape (..., 3, 3)."""
-    return np.asarray(np.cross(np.eye(3), a[..., None, :]))
 
 
 def nearest_rotation(matrices: FloatArray) -> FloatArray:

@@ -122,7 +122,7 @@ class Closed:
     """The unloaded robot at certain inputs.
 
     Attributes:
-        inputs: Packed, shape (instance_count, input_count).
+        inputs: Packed, what is no load, shape (instance_count, k).
         unknowns: [1/m], shape (instance_count, n).
         residual: What is left of it there [1/m], shape (instance_count, n).
         singular_value: Smallest of ``Gamma`` there, 1 at most, shape (instance_count,).
@@ -185,6 +185,15 @@ class LegGroup:
         legs.wrench, legs.wrench_columns = own.tip_wrench, own.wrench_columns
         legs.to_base = wp.array(np.swapaxes(base[..., :3, :3], -1, -2).reshape(-1, 3, 3), dtype=wp.mat33d, device=device)
         self.table = legs
+
+    def renew(self, vectors: FloatArray) -> None:
+        """As new, with what acts along the legs, shape (instance_count, 9)."""
+        own = self.backbones
+        own._clear()
+        rows = np.zeros((own.instance_count, own.input_count))
+        rows[:, self.table.vectors : self.table.vectors + vectors.shape[1]] = np.repeat(vectors, len(self.members), axis=0)
+        rows[:, -1] = 1.0
+        own.write("inputs", rows)
 
 
 class ParallelProblem(BoundaryProblem):
@@ -339,6 +348,21 @@ class ParallelProblem(BoundaryProblem):
         for launch in self._launches:
             launch.launch()
 
+    def renew(self, inputs: Inputs) -> bool:  # noqa: D102
+        if inputs.profiles or self._inputs.profiles:
+            return False
+        self._clear()
+        self._inputs = inputs
+        rows = self.pack(inputs)
+        self.write("inputs", rows)
+        for group in self.groups:
+            group.renew(rows[:, self._places[kernels.LEG_VECTORS[0]].start : self._places[kernels.LEG_VECTORS[-1]].stop])
+        return True
+
+    def _zeros(self) -> list[Any]:
+        own = self._robots
+        return [*super()._zeros(), own.opening, own.loading, own.law, own.leg_fault, own.leg_step_count]
+
     def part(self, instances: IntArray, *, double: bool = False) -> "ParallelProblem":  # noqa: D102
         integrator = self.integrator.in_double() if double else self.integrator
         geometry, inputs = self.geometry.take(self.batch_shape, instances), self._inputs.take(self.batch_shape, instances)
@@ -377,11 +401,11 @@ class ParallelProblem(BoundaryProblem):
 
     def _closed(self) -> "Closed":
         """The unloaded robot at the present inputs; found once for all who ask."""
-        inputs = self.read("inputs")
+        inputs = self.read("inputs")[:, : self._robots.loads]
         if self._found is None or not np.array_equal(self._found.inputs, inputs):
             with self._unloaded():
                 x, legs, at = self._unloaded_legs()
-                candidates = [self._bent(x, legs.softened(compliance), at) for compliance in COMPLIANCES]
+                candidates = self._bent(x, legs, at)
                 x, residual, gamma = self._best(candidates)
             sound = np.isfinite(gamma).all(axis=(1, 2))
             least = np.ones(self.instance_count)
@@ -483,19 +507,23 @@ class ParallelProblem(BoundaryProblem):
             shortest[better] = length[better]
         return x, residual, best
 
-    def _bent(self, unloaded: FloatArray, legs: Legs, at: Attachments) -> FloatArray:
-        """Unknowns of the unloaded legs, and what closes their joints if they are beams."""
-        x = np.array(unloaded)
-        if self.inverse:
-            pose = self.read("inputs")[:, self._places["platform_position"].start :][:, :POSE]
+    def _bent(self, unloaded: FloatArray, legs: Legs, at: Attachments) -> Sequence[FloatArray]:
+        """Unknowns of the unloaded legs, and what closes their joints if they are beams, for each of ``COMPLIANCES``."""
+        ways = len(COMPLIANCES)
+        x = np.concatenate([unloaded] * ways)
+        start = None if self.inverse else fitted_platform(legs, at)
+        legs, at = legs.softened(COMPLIANCES), at.repeated(ways)
+        if start is None:
+            pose = np.concatenate([self.read("inputs")[:, self._places["platform_position"].start :][:, :POSE]] * ways)
             reach, added = beam_reach(legs, at, pose[:, :3], matrices(pose[:, 3:]))
             x[:, self._platform] = reach / legs.length**2
         else:
-            position, rotation, added = beam_equilibrium(legs, at, *fitted_platform(legs, at))
-            x[:, self._platform] = self._pose_unknowns(position, rotation)
+            position, rotation, added = beam_equilibrium(legs, at, *(np.concatenate([value] * ways) for value in start))
+            found = [self._pose_unknowns(p, R) for p, R in zip(np.split(position, ways), np.split(rotation, ways), strict=True)]
+            x[:, self._platform] = np.concatenate(found)
         for own, values in zip(self._own, added, strict=True):
             x[:, own] += values
-        return x
+        return np.split(x, ways)
 
     def _pose_unknowns(self, position: FloatArray, rotation: FloatArray) -> FloatArray:
         """The platform's unknowns (instance_count, 6) at a pose: (1), (2) solved for them."""
@@ -669,7 +697,7 @@ class ParallelProblem(BoundaryProblem):
         middle = self._closed().unknowns
         with self._unloaded():
             x, legs, at = self._unloaded_legs()
-        legs = legs.softened(COMPLIANCES[-1])
+        legs = legs.softened(COMPLIANCES[-1:])
         points = crowded(np.arange(first, first + count))
         length = np.broadcast_to(self._length[:, -1:], (self.instance_count, 1))
         result = np.empty((count, *x.shape))
@@ -689,8 +717,10 @@ class ParallelProblem(BoundaryProblem):
 
     def _spread(self) -> None:
         """Unknowns and inputs to the legs, without an integration."""
-        for group in self.groups:
-            record(lambda: kernels.spread, group.backbones.instance_count, [self._robots, group.table], self.device).launch()
+        if self.listed < self.instance_count:
+            self.focus()
+        for launch in self._launches[:-1:3]:
+            launch.launch()
 
     def _pose(self) -> tuple[FloatArray, FloatArray]:
         """(1), (2) Position (instance_count, 3) and rotation (instance_count, 3, 3) of the platform."""

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.models.backbone.second_variation import CondensedForm, certain_determinant, symmetric_eigenvalues
-from multirod.models.platform.guess import cross_matrix
 from multirod.models.platform.platform_kernels import POSE, REVOLUTE, SPHERICAL
+from multirod.rotations import cross, cross_matrix
 from multirod.stability import Modes
 from multirod.validation import FloatArray
 
@@ -63,8 +63,10 @@ def platform_modes(
     known = np.all([leg.form.known for leg in legs], axis=0) & np.isfinite(form).all(axis=(1, 2))
     values, uncertainty = symmetric_eigenvalues(form, known & potential)
     # without a potential the form is not symmetric; its determinant still has the sign of the number of modes that grow
-    sign = np.sign(certain_determinant(form))
-    diverging = known & ~potential & (sign * (-1.0) ** hidden < 0)
+    diverging = known & ~potential
+    if diverging.any():
+        sign = np.sign(certain_determinant(form[diverging]))
+        diverging[diverging] = sign * (-1.0) ** hidden[diverging] < 0
     return Modes(values, hidden.astype(np.int32), uncertainty, known & potential, diverging)
 
 
@@ -93,7 +95,7 @@ def _whole_form(
             tip[:, range(3), range(size - 3, size)] = 1.0
         if leg.joint == REVOLUTE:
             tip[:, :3, at] = leg.axis
-            form[:, at, rotation] += np.cross(leg.axis, leg.moment)  # the axis turns with the platform
+            form[:, at, rotation] += cross(leg.axis, leg.moment)  # the axis turns with the platform
         form += tip.swapaxes(1, 2) @ leg.form.matrix @ tip
         identity, arm = np.eye(3), cross_matrix(leg.arm)
         form[:, force, position] += identity
@@ -105,6 +107,6 @@ def _whole_form(
     for pull, arm in loads.forces:
         form[:, rotation, rotation] -= cross_matrix(pull) @ cross_matrix(arm)
     form[:, position, rotation] += cross_matrix(loads.follower_force)
-    turned = loads.follower_moment + np.cross(loads.forces[0][1], loads.follower_force)
+    turned = loads.follower_moment + cross(loads.forces[0][1], loads.follower_force)
     form[:, rotation, rotation] += cross_matrix(turned)
     return form, unit

@@ -186,12 +186,12 @@ def _visible(rods: list[DrawnRod], size: float) -> tuple[DrawnRod, ...]:
 
 
 def _blocks(block: History, rods: Sequence[DrawnRod]) -> list[DrawnBlock]:
-    problem = block._problem()
-    if len(problem.blocks) == 1:
+    with block._problem() as problem:
+        blocks = problem.blocks
+    if len(blocks) == 1:
         return []
     return [
-        DrawnBlock(part.name, PLATFORM_COLOR if part.rod is None else rods[part.rod].color, part.residuals)
-        for part in problem.blocks
+        DrawnBlock(part.name, PLATFORM_COLOR if part.rod is None else rods[part.rod].color, part.residuals) for part in blocks
     ]
 
 

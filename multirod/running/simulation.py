@@ -1,6 +1,7 @@
 """Solving one set of inputs, a motion, or a batch of either."""
 
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from math import prod
 from threading import Event, Lock
 from time import perf_counter
@@ -13,6 +14,7 @@ from multirod.assembly import Assembly
 from multirod.batch import IntArray, parts, run, thread_count
 from multirod.inputs import Inputs
 from multirod.problem import BoundaryProblem
+from multirod.reuse import borrowed
 from multirod.running.progress import Watch
 from multirod.segments import Breakpoints, placed
 from multirod.solution import History, Scene, Solution, stand_in
@@ -21,6 +23,7 @@ from multirod.solvers.shooting import Shooting
 from multirod.studies.terms.simplify import simplified
 from multirod.validation import Described, FloatArray, array, device_name, integers, refuse
 
+_DEFAULT = Shooting()
 _BLOCK = 2**20  # numbers: inputs are made ready for as many samples at once
 
 
@@ -29,7 +32,7 @@ def as_solver(robot: object, solver: object) -> Solver:
     if not isinstance(robot, Assembly):
         raise TypeError(f"robot must be an assembly such as SingleRod(rod), not {type(robot).__name__}")
     if solver is None:
-        return Shooting()
+        return _DEFAULT
     if not isinstance(solver, Solver):
         raise TypeError(f"solver must be a Solver such as Shooting(), not {type(solver).__name__}")
     return solver
@@ -94,12 +97,13 @@ def solve(
 
     def work(piece: slice, stop: Event) -> None:
         some = _some(chosen, piece, count)
-        with lock:
-            problem = robot.problem(inputs, device=device, instances=some, **_needs(method))
-            problem.stop = stop
-            start = _guess(guess, problem, count, piece)
-        outcome = method.solve(problem, start)
-        results.put(0, piece, problem.snapshot(), outcome, problem)
+        with ExitStack() as held:
+            with lock:
+                problem = held.enter_context(borrowed(robot, inputs, device=device, instances=some, **_needs(method)))
+                problem.stop = stop
+                start = _guess(guess, problem, count, piece)
+            outcome = method.solve(problem, start)
+            results.put(0, piece, problem.snapshot(), outcome, problem)
         watch.advance(piece.stop - piece.start)
 
     with Watch("solving", count, progress) as watch:

@@ -8,7 +8,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from multirod.launch import expect, record
-from multirod.problem import BoundaryProblem
+from multirod.problem import FEW, BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.continuation.continuation_kernels import PathState, make_path, set_out
 from multirod.solvers.newton.iteration import Newton, leave
@@ -64,10 +64,39 @@ class Paths:
         state.max_steps = max_steps
         state.remaining = wp.zeros(1, dtype=wp.int32, device=device)
         self._remaining = state.remaining.numpy() if wp.get_device(device).is_cpu else None
+        self._in_place: dict[str, Any] = {}
+        if wp.get_device(device).is_cpu:
+            names = ("safe_step", "most_step", "sure_level", "load_factor", "status", "iterations", "integrations", "levels")
+            self._in_place = {name: getattr(state, name).numpy() for name in names} | {"active": problem.active.numpy()}
+        self._launches: dict[str, Any] = {}
+        self._first_values: Any = None
         self._shape = newton.shape
         # compiled while the problem's own kernels are
         expect(lambda: set_out, device)
         expect(lambda: make_path(n, *self._shape).path, device)
+
+    @classmethod
+    def of(cls, problem: BoundaryProblem, newton: Newton, max_steps: int) -> "Paths":
+        """New ones, or, of few instances on the CPU, those that were kept with ``newton``, as new."""
+        if problem.instance_count > FEW or not wp.get_device(problem.device).is_cpu:
+            return cls(problem, newton, max_steps)
+        if newton.paths is None:
+            newton.paths = cls(problem, newton, max_steps)
+        kept: Paths = newton.paths
+        kept.renew(max_steps)
+        return kept
+
+    def renew(self, max_steps: int) -> None:
+        """As new, on the CPU."""
+        state = self.state
+        state.max_steps = max_steps
+        if self._first_values is None:
+            arrays = [state.status, state.iterations, state.integrations, state.steps, state.known, state.halved, state.surprised]
+            arrays += [state.probed, state.step, state.goal, state.apart, state.points, state.levels, state.reference]
+            arrays += [state.expected, state.surprise, state.trial, state.halfway]
+            self._first_values = [array.numpy() for array in arrays]
+        for values in self._first_values:
+            values.fill(0)
 
     def raise_loads(self, chosen: BoolArray, bounds: FloatArray, finer: int = 1) -> Outcome:
         """From the unloaded equilibrium to the full load, all loads in proportion.
@@ -102,16 +131,28 @@ class Paths:
         """
         problem, state = self.problem, self.state
         state.by_inputs = 0
-        state.safe_step.assign(safe_step)
-        state.most_step.assign(np.broadcast_to(np.asarray(most_step, dtype=np.float64), problem.instance_count))
-        state.sure_level.assign(np.broadcast_to(np.asarray(sure, dtype=np.float64), problem.instance_count))
+        self._set("safe_step", safe_step)
+        self._set("most_step", most_step)
+        self._set("sure_level", sure)
         state.growth = growth
-        problem.load_factor.assign(np.where(chosen, 0.0, 1.0))
+        self._set("load_factor", ~chosen)
         problem.write("unknowns", np.where(chosen[:, None], unknowns, problem.read("unknowns")))
         self._set_out(chosen, known=0)
         outcome = self._follow()
-        problem.load_factor.fill_(1.0)
+        self._set("load_factor", 1.0)
         return outcome
+
+    def _get(self, name: str) -> Any:
+        """A copy of a number of every instance."""
+        return np.array(self._in_place[name] if self._in_place else getattr(self.state, name).numpy())
+
+    def _set(self, name: str, values: Any) -> None:
+        """Set a number of every instance."""
+        if self._in_place:
+            self._in_place[name][:] = values
+        else:
+            given = np.broadcast_to(np.asarray(values, dtype=np.float64), self.problem.instance_count)
+            getattr(self.state, name).assign(np.ascontiguousarray(given))
 
     def change_inputs(self, chosen: BoolArray, before: FloatArray, unknowns: FloatArray, gamma: FloatArray) -> Outcome:
         """From the equilibrium ``unknowns``, where ``Gamma`` is ``gamma``, at the inputs ``before``, to the problem's inputs.
@@ -129,37 +170,47 @@ class Paths:
         state.points.assign(np.repeat(unknowns[:, None], 3, axis=1))
         state.reference.assign(np.ascontiguousarray(gamma).reshape(state.reference.shape))
         self._set_out(chosen, known=1)
-        self._record(lambda: make_path(problem.unknown_count, *self._shape).depart).launch()
+        self._recorded("depart", lambda: make_path(problem.unknown_count, *self._shape).depart).launch()
         outcome = self._follow()
         problem.write("inputs", after)
         return outcome
 
     def _set_out(self, chosen: BoolArray, known: int) -> None:
-        flags: Any = wp.array(chosen.astype(np.int32), dtype=wp.int32, device=self.problem.device)
-        self._record(lambda: set_out, flags, known).launch()
+        if self._in_place:
+            self._in_place["active"][:] = chosen
+        else:
+            self.problem.active.assign(chosen.astype(np.int32))
+        self._recorded(f"set out {known}", lambda: set_out, self.state.newton.active, known).launch()
 
-    def _record(self, make: Callable[[], Any], *further: Any) -> Any:
-        return record(make, self.problem.instance_count, [self.state, *further], self.problem.device)
+    def _recorded(self, name: str, make: Callable[[], Any], *further: Any) -> Any:
+        """A launch, recorded once, by the present state."""
+        launch = self._launches.get(name)
+        if launch is None:
+            arguments = [self.state, *further]
+            launch = self._launches[name] = record(make, self.problem.instance_count, arguments, self.problem.device)
+        else:
+            launch.set_param_at_index(0, self.state)
+        return launch
 
     def _follow(self) -> Outcome:
         problem, state = self.problem, self.state
-        launch = self._record(lambda: make_path(problem.unknown_count, *self._shape).path)
-        remaining = 1
+        launch = self._recorded("path", lambda: make_path(problem.unknown_count, *self._shape).path)
+        remaining, dim = 1, -1
         while remaining:
             if self._remaining is not None:
                 self._remaining[0] = 0
             else:
                 state.remaining.zero_()
             problem.integrate()
-            launch.set_dim(problem.listed)
+            if dim != problem.listed:
+                dim = problem.listed
+                launch.set_dim(dim)
             launch.launch()
             remaining = int(self._remaining[0] if self._remaining is not None else state.remaining.numpy()[0])
             leave(problem, remaining)
-        counts: dict[str, Any] = {
-            name: np.array(getattr(state, name).numpy()) for name in ("status", "iterations", "integrations")
-        }
+        counts: dict[str, Any] = {name: self._get(name) for name in ("status", "iterations", "integrations")}
         self._doubt_ends(counts["status"], counts["integrations"])
-        return Outcome(**counts, reached=np.array(state.levels.numpy()[:, 0]))
+        return Outcome(**counts, reached=self._get("levels")[:, 0].copy())
 
     def _doubt_ends(self, status: Any, integrations: Any) -> None:
         """Where no mode of ``Gamma`` is near zero, it is no fold and no bifurcation that steps became small at."""
@@ -180,7 +231,7 @@ def natural_branch(problem: BoundaryProblem, newton: Newton, max_steps: int, cho
     """
     chosen = np.ones(problem.instance_count, dtype=bool) if chosen is None else chosen
     bounds = problem.mode_bounds()
-    outcome = Paths(problem, newton, max_steps).raise_loads(chosen, bounds)
+    outcome = Paths.of(problem, newton, max_steps).raise_loads(chosen, bounds)
     if problem.may_jump:
         _leave_unstable(problem, newton, max_steps, chosen, bounds, outcome)
     lost = outcome.status != Status.CONVERGED
@@ -218,6 +269,12 @@ def _leave_unstable(
 
 def _unstable(problem: BoundaryProblem, places: Any) -> BoolArray:
     """Whether the equilibria of some instances, (k,), are unstable, shape (k,)."""
+    if len(places) == problem.instance_count <= FEW:
+        active = problem.active.numpy().copy()
+        problem.active.fill_(1)
+        found = problem.modes().stability == Stability.UNSTABLE
+        problem.active.assign(active)
+        return np.asarray(found)
     result = np.zeros(len(places), dtype=bool)
     for part in np.split(np.arange(len(places)), range(TOGETHER, len(places), TOGETHER)):
         if len(part):

@@ -59,6 +59,7 @@ class Newton:
         state.reference = wp.zeros((count, n, n), dtype=wp.float64, device=device)
         self.shape = self._shape()
         self._dim = count
+        self._first_values: Any = None
         state.remaining = wp.zeros(1, dtype=wp.int32, device=device)
         self._given_tolerance = tolerance
         state.tolerance = wp.array(problem.tolerance(tolerance), dtype=wp.float64, device=device)
@@ -75,6 +76,18 @@ class Newton:
         self._reference = state.reference.numpy().reshape(count, n * n) if on_cpu else None
         self._has_reference = state.has_reference.numpy() if on_cpu else None
         self._allowed = state.allowed.numpy() if on_cpu else None
+        self.paths: Any = None  # of ``continuation.natural``, kept for the next
+
+    def renew(self) -> None:
+        """As new, on the CPU: what an earlier solve left decides nothing."""
+        if self._first_values is None:
+            state = self.state
+            arrays = [state.status, state.iterations, state.integrations, state.has_reference, state.merit, state.damping]
+            arrays += [state.contraction, state.change, state.accepted, state.step, state.direction, state.reference]
+            self._first_values = [array.numpy() for array in arrays]
+        for values in self._first_values:
+            values.fill(0)
+        self.allow(UNLIMITED)
 
     def _shape(self) -> tuple[int, ...]:
         """Largest block and border of ``Gamma`` where it is an arrow, with its room to work; nothing where it is dense."""

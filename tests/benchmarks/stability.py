@@ -81,8 +81,8 @@ def main() -> None:
     for name, (robot, inputs) in scenes(options.batch).items():
         for integrator in (mr.RK45(), mr.RK4(50)):
             solution = mr.solve(robot, inputs, solver=mr.Shooting(integrator=integrator))
-            problem = solution._problem()
-            one, test = (1e6 * seconds(call, options.rounds) / options.batch for call in (problem.integrate, problem.modes))
+            with solution._problem() as problem:
+                one, test = (1e6 * seconds(call, options.rounds) / options.batch for call in (problem.integrate, problem.modes))
             kind = type(integrator).__name__
             mean = np.mean(solution.integrations)
             print(

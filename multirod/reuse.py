@@ -1,0 +1,106 @@
+"""Problems kept between calls: making one takes longer than one rod's integrations."""
+
+import os
+from collections import OrderedDict
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from threading import Lock
+from typing import Any, TypeVar
+from weakref import ref
+
+import warp as wp
+
+from multirod.assembly import Assembly
+from multirod.batch import IntArray
+from multirod.inputs import Inputs
+from multirod.problem import FEW, BoundaryProblem
+
+MOST = 32  # problems kept in all; the one that was not asked for longest goes first
+
+Maker = TypeVar("Maker", bound=Callable[..., Any])
+
+
+def reusable(make: Maker) -> Maker:
+    """Mark a method ``problem`` whose problems depend on nothing but the robot and its arguments: they may serve again."""
+    make.reusable = True  # type: ignore[attr-defined]
+    return make
+
+
+class Kept:
+    """Problems that no one works on, by robot and what is compiled in; any thread may take one, which is then its own."""
+
+    def __init__(self) -> None:
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin anew, as a process must that was forked: another thread of its parent may have held the lock."""
+        self._lock = Lock()
+        self._problems: OrderedDict[int, tuple[Any, BoundaryProblem, Any]] = OrderedDict()
+        self._by_key: dict[Any, list[int]] = {}
+        self._next = 0
+
+    def take(self, robot: Assembly, key: Any) -> BoundaryProblem | None:
+        """A problem of this robot, out of what is kept; None if there is none."""
+        with self._lock:
+            for number in reversed(self._by_key.get(key, ())):
+                owner, problem, _ = self._problems[number]
+                if owner() is robot:
+                    self._remove(number)
+                    return problem
+        return None
+
+    def put(self, robot: Assembly, key: Any, problem: BoundaryProblem) -> None:
+        """Keep a problem that no one works on."""
+        with self._lock:
+            self._problems[self._next] = ref(robot), problem, key
+            self._by_key.setdefault(key, []).append(self._next)
+            self._next += 1
+            if len(self._problems) > MOST:
+                self._remove(next(iter(self._problems)))
+
+    def _remove(self, number: int) -> None:
+        key = self._problems.pop(number)[2]
+        numbers = self._by_key[key]
+        numbers.remove(number)
+        if not numbers:
+            del self._by_key[key]
+
+
+KEPT = Kept()
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=KEPT.forget)
+
+
+@contextmanager
+def borrowed(
+    robot: Assembly, inputs: Inputs, *, instances: IntArray | None = None, device: str = "cpu", **options: Any
+) -> Iterator[BoundaryProblem]:
+    """``robot.problem(inputs, ...)`` for as long as it is needed: of few instances on the CPU it may be one that was made before, as new.
+
+    What is read from it must be copied. After an error it is not used again.
+    """
+    key = None
+    if instances is not None and 0 < len(instances) <= FEW and not robot.batch_shape and _is_reusable(robot, inputs):
+        inputs, instances = inputs.take(inputs.batch_shape, instances), None
+    if instances is None and wp.get_device(device).is_cpu and _is_reusable(robot, inputs):
+        key = _key(robot, inputs, options)
+    problem = None if key is None else KEPT.take(robot, key)
+    if problem is None or not problem.renew(inputs):
+        problem = robot.problem(inputs, instances=instances, device=device, **options)
+    yield problem
+    if key is not None and problem.instance_count <= FEW:
+        KEPT.put(robot, key, problem)
+
+
+def _is_reusable(robot: Assembly, inputs: Inputs) -> bool:
+    return not inputs.profiles and getattr(robot.problem, "reusable", False)
+
+
+def _key(robot: Assembly, inputs: Inputs, options: dict[str, Any]) -> Any:
+    """What a problem must have in common with one that is to serve in its place; None where none can."""
+    key = (id(robot), inputs.batch_shape, inputs.active, tuple(options.items()))
+    try:
+        hash(key)
+    except TypeError:  # an integrator of one's own
+        return None
+    return key

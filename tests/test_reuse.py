@@ -1,0 +1,128 @@
+"""Problems that are kept between calls: nothing that went before shows in a result."""
+
+import gc
+from threading import Thread
+
+import numpy as np
+import pytest
+
+import multirod as mr
+from multirod.problem import FEW
+from multirod.reuse import KEPT, MOST
+from multirod.studies.scenes import six_legs, three_tubes
+
+WIRE = mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638, precurvature=(14, 5, 0))
+ROBOTS = {"rod": mr.SingleRod(WIRE), "tubes": three_tubes().robot, "legs": six_legs().robot}
+SCENES = {
+    "rod": [
+        {"rotation": 0.1, "tip_force": (1, 0, 0)},
+        {"rotation": -0.6, "tip_force": (0, 40, 9)},
+        {"rotation": 0.1, "tip_force": (0, 0, -300)},
+    ],
+    "tubes": [
+        {"rotation": (a, 0.1, 0.0), "translation": (-0.30, -0.22, -0.0945), "tip_force": force}
+        for a, force in ((0.3, (0.1, 0.05, 0)), (2.9, (0.4, -0.2, 0.1)), (0.3, (0.2, 0, 0)))
+    ],
+    "legs": [{"tip_force": (x, 0, -8.0), "translation": [t, 0, 0, 0, 0, 0]} for x, t in ((1, 0), (-40, 0.01), (3, 0))],
+}
+QUESTIONS = ["status", "unknowns", "gamma", "tip_position", "iterations", "integrations", "stability_margin", "index"]
+
+
+def answers(robot, values, solver=None):
+    """All that is asked of a solution, as bytes."""
+    solution = mr.solve(robot, robot.inputs(**values), solver=solver)
+    found = [np.asarray(getattr(solution, name)) for name in QUESTIONS]
+    found += [solution.jacobian(name) for name in ("tip_force", "rotation")]
+    for nodes in (7, None):
+        found += list(vars(solution.rod(0, nodes=nodes)).values())
+    return [np.asarray(solution.energy).tobytes(), *(value.tobytes() for value in found)]
+
+
+@pytest.mark.parametrize("solver", [None, mr.Shooting(tolerance=1e-6)], ids=["default", "coarse"])
+@pytest.mark.parametrize("name", ROBOTS)
+def test_what_went_before_does_not_show(name, solver):
+    fresh = []
+    for values in SCENES[name]:
+        KEPT.forget()
+        fresh.append(answers(ROBOTS[name], values, solver))
+    KEPT.forget()
+    for order in ((0, 1, 2), (2, 0, 1), (1, 1, 0)):
+        for k in order:
+            assert answers(ROBOTS[name], SCENES[name][k], solver) == fresh[k]
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_results_keep_what_they_hold(name):
+    robot = ROBOTS[name]
+    first = mr.solve(robot, robot.inputs(**SCENES[name][0]))
+    held = [first.unknowns, first.jacobian("tip_force"), *vars(first.rod(0)).values()]
+    copies = [np.array(value) for value in held]
+    answers(robot, SCENES[name][1])
+    for value, copy in zip(held, copies, strict=True):
+        np.testing.assert_array_equal(value, copy)
+
+
+def test_few_are_kept_and_none_of_a_large_batch():
+    KEPT.forget()
+    robot = ROBOTS["rod"]
+    mr.solve(robot, robot.inputs(tip_force=np.zeros((FEW + 1, 3)) + [1.0, 0, 0]))
+    assert not KEPT._problems
+    for count in range(1, MOST + 8):
+        other = mr.SingleRod(mr.Rod(length=0.1 * count, bending_stiffness=1.0, torsional_stiffness=1.0))
+        mr.solve(other, other.inputs(tip_force=(0.1, 0, 0)))
+    del other
+    gc.collect()
+    assert len(KEPT._problems) == MOST
+
+
+def test_a_robot_that_takes_the_place_of_another_has_problems_of_its_own():
+    tips = []
+    for length in (0.2, 0.3):
+        robot = mr.SingleRod(mr.Rod(length=length, bending_stiffness=1.0, torsional_stiffness=1.0))
+        tips.append(mr.solve(robot, robot.inputs(tip_force=(0.1, 0, 0))).tip_position[2])
+        del robot
+        gc.collect()
+    assert tips[0] < 0.2 < tips[1]
+
+
+def test_an_error_leaves_no_problem_behind():
+    class Failing(mr.Shooting):
+        def _solve(self, problem, guess):
+            problem.records.fill_(np.nan)
+            raise ArithmeticError
+
+    KEPT.forget()
+    robot = ROBOTS["rod"]
+    with pytest.raises(ArithmeticError):
+        mr.solve(robot, solver=Failing())
+    assert not KEPT._problems
+
+
+def test_threads_have_problems_of_their_own():
+    robot, found = ROBOTS["rod"], {}
+    expected = [answers(robot, values) for values in SCENES["rod"]]
+
+    def work(k):
+        for _ in range(20):
+            found.setdefault(k, []).append(answers(robot, SCENES["rod"][k]) == expected[k])
+
+    threads = [Thread(target=work, args=(k,)) for k in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert [all(found[k]) for k in range(3)] == [True] * 3
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_instances_of_a_batch_are_what_they_are_in_it(name):
+    robot = ROBOTS[name]
+    values = {key: np.array([scene.get(key, np.zeros(3)) for scene in SCENES[name]]) for key in SCENES[name][0]}
+    if name == "rod":
+        values["rotation"] = values["rotation"][:, None]
+    solution = mr.solve(robot, robot.inputs(**values))
+    shape, jacobian = solution.rod(0), solution.jacobian("tip_force")
+    for _ in range(2):
+        for k in (2, 0, 1):
+            np.testing.assert_array_equal(solution[k].rod(0).position, shape.position[k])
+            np.testing.assert_array_equal(solution[k].jacobian("tip_force"), jacobian[k])
