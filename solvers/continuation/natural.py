@@ -1,6 +1,5 @@
 """Following a branch of equilibria in steps that are sure to stay on it."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -10,7 +9,7 @@ from numpy.typing import NDArray
 from multirod.launch import expect, record
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
-from multirod.solvers.continuation.continuation_kernels import PathState, make_path, set_out
+from multirod.solvers.continuation.continuation_kernels import PathState, make_path
 from multirod.solvers.newton.iteration import Newton, leave
 from multirod.stability import Stability
 from multirod.status import Status
@@ -66,8 +65,7 @@ class Paths:
         self._remaining = state.remaining.numpy() if wp.get_device(device).is_cpu else None
         self._shape = newton.shape
         # compiled while the problem's own kernels are
-        expect(lambda: set_out, device)
-        expect(lambda: make_path(n, *self._shape).path, device)
+        expect(lambda: make_path(*self._shape), device)
 
     def raise_loads(self, chosen: BoolArray, bounds: FloatArray, finer: int = 1) -> Outcome:
         """From the unloaded equilibrium to the full load, all loads in proportion.
@@ -129,21 +127,27 @@ class Paths:
         state.points.assign(np.repeat(unknowns[:, None], 3, axis=1))
         state.reference.assign(np.ascontiguousarray(gamma).reshape(state.reference.shape))
         self._set_out(chosen, known=1)
-        self._record(lambda: make_path(problem.unknown_count, *self._shape).depart).launch()
         outcome = self._follow()
         problem.write("inputs", after)
         return outcome
 
     def _set_out(self, chosen: BoolArray, known: int) -> None:
-        flags: Any = wp.array(chosen.astype(np.int32), dtype=wp.int32, device=self.problem.device)
-        self._record(lambda: set_out, flags, known).launch()
-
-    def _record(self, make: Callable[[], Any], *further: Any) -> Any:
-        return record(make, self.problem.instance_count, [self.state, *further], self.problem.device)
+        """Put the chosen instances at the start of their paths, of which ``known`` equilibria are known, and leave the others."""
+        state, flags = self.state, chosen.astype(np.int32)
+        state.newton.active.assign(flags)
+        state.status.assign(np.where(chosen, Status.NOT_RUN, Status.CONVERGED).astype(np.int32))
+        for name in ("iterations", "integrations", "steps", "halved", "surprised", "levels"):
+            getattr(state, name).zero_()
+        state.known.fill_(known)
+        state.departing = int(known > 0)
 
     def _follow(self) -> Outcome:
         problem, state = self.problem, self.state
-        launch = self._record(lambda: make_path(problem.unknown_count, *self._shape).path)
+        launch = record(lambda: make_path(*self._shape), problem.instance_count, [state], problem.device)
+        if state.departing:
+            launch.launch()
+            state.departing = 0
+            launch.set_param_at_index(0, state)
         remaining = 1
         while remaining:
             if self._remaining is not None:
