@@ -7,8 +7,9 @@ import tempfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
+from hashlib import sha256
 from pathlib import Path
-from threading import Lock
+from threading import Lock, get_ident
 from typing import Any
 
 import warp as wp
@@ -153,6 +154,44 @@ def _quieten() -> None:
         wp.config.log_level = wp.LOG_WARNING
 
 
+class _Headers:
+    """Warp's headers, which Clang takes longer to read than most kernels: precompiled once, and kept beside the kernels.
+
+    Warp has each thread of each process precompile them. Where they are being precompiled, others read them as they are meanwhile.
+
+    Args:
+        folder: Where they are kept.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._lock = Lock()
+        self._maker: int | None = None
+
+    def __call__(self) -> str | None:
+        """The folder where Warp looks for them, and else puts them; None where it does without."""
+        with self._lock:
+            if not any(self.folder.glob("*.pch")):
+                self._maker = self._maker or get_ident()
+                if self._maker != get_ident():
+                    return None
+        return str(self.folder)
+
+
+def _keep_headers() -> None:
+    """Have Warp keep its precompiled headers, where it lets itself be told to: there is no public way."""
+    runtime: Any = getattr(getattr(getattr(wp, "_src", None), "context", None), "runtime", None)
+    header = Path(str(wp.__file__)).parent / "native" / "builtin.h"
+    if not hasattr(runtime, "get_clang_pch_dir") or not header.exists() or not wp.config.cache_kernels:
+        return
+    # Clang refuses headers of another processor, place or time, with a message
+    made = f"{wp.get_cpu_kernel_cache_key()} {header} {header.stat().st_mtime_ns}"
+    folder = Path(str(wp.config.kernel_cache_dir)) / f"multirod_headers_{sha256(made.encode()).hexdigest()[:16]}"
+    with suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
+        runtime.get_clang_pch_dir = _Headers(folder)
+
+
 _started = False
 _starting = Lock()
 
@@ -168,6 +207,7 @@ def start_warp() -> None:
         else:
             with _without_driver_note():
                 wp.init()
+        _keep_headers()
         _started = True
 
 

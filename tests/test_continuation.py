@@ -13,7 +13,7 @@ N = 4
 
 def spread(before, after, centre, enough, most):
     """The kernels' bound on the distance of the eigenvalues of ``after before^-1`` from ``centre``."""
-    of = make_iteration(N).spread
+    of = make_iteration().spread
 
     @wp.kernel(module="unique", enable_backward=False)
     def probe(state: NewtonState, bound: wp.array[wp.float64], centre: wp.float64, enough: wp.float64, most: wp.float64):
@@ -23,6 +23,8 @@ def spread(before, after, centre, enough, most):
     state = NewtonState()
     state.gamma = wp.array(after, dtype=wp.float64)
     state.reference = wp.array(before, dtype=wp.float64)
+    state.residual = wp.zeros((len(before), N), dtype=wp.float64)
+    state.factor, state.quotient = (wp.zeros((len(before), N, N), dtype=wp.float64) for _ in range(2))
     bound = wp.zeros(len(before), dtype=wp.float64)
     wp.launch(probe, dim=len(before), inputs=[state, bound, centre, enough, most])
     return bound.numpy()

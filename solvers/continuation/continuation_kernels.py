@@ -6,7 +6,6 @@ Newton's steps or the first of the next step along its branch. The tests are tho
 """
 
 from functools import cache
-from types import SimpleNamespace
 
 import warp as wp
 
@@ -42,6 +41,7 @@ class PathState:
     iterations: wp.array[int]
     integrations: wp.array[int]
     steps: wp.array[int]
+    departing: int  # whether paths start from an equilibrium that is known: there is no integration to take in
     known: wp.array[int]  # equilibria known, 3 at most; 0 before the first is evaluated
     points: wp.array3d[wp.float64]  # (instance, 3, n): the last equilibria, the latest first
     levels: wp.array2d[wp.float64]  # (instance, 3): their levels
@@ -65,37 +65,41 @@ class PathState:
 
 
 @cache
-def make_path(n: int, block: int = 0, border: int = 0):
-    """Kernels ``path``, from an integration to the next on the path, or to its end, and ``depart``, from a known equilibrium.
+def make_path(block: int = 0, border: int = 0):
+    """Kernel that takes each active instance from an integration to the next on its path, or to its end, and puts those that are
+    ``departing`` from a known equilibrium on their way.
 
     The arguments say what ``Gamma`` is like, as for ``make_iteration``.
     """
-    iteration = make_iteration(n, block, border)
+    iteration = make_iteration(block, border)
     iterate, spread, newton_step = iteration.iterate, iteration.spread, iteration.aim
     CENTRE = 0.5 * (SMALLEST_RATIO + LARGEST_RATIO)
     RADIUS = 0.5 * (LARGEST_RATIO - SMALLEST_RATIO)
 
-    @wp.func
-    def alike(state: PathState, t: int, other: wp.array3d[wp.float64]) -> bool:
-        """Whether no mode of Gamma came near zero or changed sign since another."""
-        near = f64(wp.static(1.0 - SMALLEST_RATIO))
-        if spread(state.newton, t, other, f64(1.0), near, f64(1.0)) < near:
-            return True
-        radius = f64(wp.static(RADIUS))
-        return spread(state.newton, t, other, f64(wp.static(CENTRE)), radius, f64(wp.static(RATIO_POWERS))) < radius
+    @wp.func(inline=False)
+    def alike(state: wp.ref[PathState], t: int, others: int) -> bool:
+        """Whether no mode of Gamma came near zero or changed sign since the last equilibrium, nor, with two ``others``, since halfway."""
+        test = int(0)
+        while test < 2 * others:
+            other = state.reference
+            if test > 1:
+                other = state.halfway
+            centre, enough, most = f64(1.0), f64(wp.static(1.0 - SMALLEST_RATIO)), f64(1.0)
+            if test % 2 == 1:
+                centre, enough, most = f64(wp.static(CENTRE)), f64(wp.static(RADIUS)), f64(wp.static(RATIO_POWERS))
+            test += 1
+            if spread(state.newton, t, other, centre, enough, most) < enough:
+                test += test % 2
+            elif test % 2 == 0:
+                return False
+        return True
 
-    @wp.func
-    def same_branch(state: PathState, t: int) -> bool:
-        """Whether Gamma is like that at the last equilibrium, and like that halfway."""
-        if not alike(state, t, state.reference):
-            return False
-        return state.goal[t] <= state.sure_level[t] or alike(state, t, state.halfway)
-
-    @wp.func
-    def expected(state: PathState, t: int) -> bool:
+    @wp.func(inline=False)
+    def expected(state: wp.ref[PathState], t: int) -> bool:
         """Whether the equilibrium lies where the extrapolation led, or half as far as that of twice the step, which did not:
         a branch may turn faster than its last equilibria tell, but what it goes on to shrinks with the step.
         """
+        n = state.points.shape[2]
         if state.known[t] < 2:
             return True
         missed = f64(0.0)
@@ -113,9 +117,10 @@ def make_path(n: int, block: int = 0, border: int = 0):
             return True
         return state.surprised[t] != 0 and wp.sqrt(parted) <= f64(wp.static(AGREEMENT)) * wp.sqrt(moved)
 
-    @wp.func
-    def keep(state: PathState, t: int, level: f64):
+    @wp.func(inline=False)
+    def keep(state: wp.ref[PathState], t: int, level: f64):
         """Add the equilibrium at hand to the path."""
+        n = state.points.shape[2]
         for r in range(2):
             k = 2 - r
             state.levels[t, k] = state.levels[t, k - 1]
@@ -129,14 +134,15 @@ def make_path(n: int, block: int = 0, border: int = 0):
         state.known[t] = wp.min(state.known[t] + 1, 3)
 
     @wp.func
-    def longest_step(state: PathState, t: int) -> f64:
+    def longest_step(state: wp.ref[PathState], t: int) -> f64:
         return wp.min(wp.max(state.safe_step[t], state.growth * state.levels[t, 0]), state.most_step[t])
 
-    @wp.func
-    def aim(state: PathState, t: int):
+    @wp.func(inline=False)
+    def aim(state: wp.ref[PathState], t: int):
         """Put the instance at its next level, its unknowns by the polynomial through the equilibria known there (Newton's
         divided differences).
         """
+        n = state.points.shape[2]
         a = state.levels[t, 0]
         b = state.levels[t, 1]
         c = state.levels[t, 2]
@@ -158,8 +164,8 @@ def make_path(n: int, block: int = 0, border: int = 0):
         state.steps[t] = state.steps[t] + 1
         begin(state.newton, t)
 
-    @wp.func
-    def put(state: PathState, t: int, level: f64):
+    @wp.func(inline=False)
+    def put(state: wp.ref[PathState], t: int, level: f64):
         """Set what the level sets."""
         if state.by_inputs != 0:
             for i in range(state.inputs.shape[1]):
@@ -167,9 +173,10 @@ def make_path(n: int, block: int = 0, border: int = 0):
         else:
             state.load_factor[t] = level
 
-    @wp.func
-    def look_halfway(state: PathState, t: int):
+    @wp.func(inline=False)
+    def look_halfway(state: wp.ref[PathState], t: int):
         """Go to the level halfway, on the curve through the trial and the equilibria known."""
+        n = state.points.shape[2]
         g = state.goal[t]
         a = state.levels[t, 0]
         b = state.levels[t, 1]
@@ -192,12 +199,13 @@ def make_path(n: int, block: int = 0, border: int = 0):
             state.newton.unknowns[t, i] = x
         state.probed[t] = 1
 
-    @wp.func
-    def passed_halfway(state: PathState, t: int) -> bool:
+    @wp.func(inline=False)
+    def passed_halfway(state: wp.ref[PathState], t: int) -> bool:
         """Whether there is an equilibrium halfway on that curve, and Gamma there is like the last; leads back to the trial."""
+        n = state.points.shape[2]
         sound = state.newton.fault[t] == 0
         off = newton_step(state.newton, t)
-        sound = sound and wp.isfinite(off) and alike(state, t, state.reference)
+        sound = sound and wp.isfinite(off) and alike(state, t, 1)
         moved = f64(0.0)
         size = f64(0.0)
         for i in range(n):
@@ -213,9 +221,10 @@ def make_path(n: int, block: int = 0, border: int = 0):
         state.apart[t] = off / (most * wp.sqrt(moved) + f64(1.0e-6) * (f64(1.0) + wp.sqrt(size)))
         return sound and state.apart[t] <= f64(1.0)
 
-    @wp.func
-    def nearly_there(state: PathState, t: int) -> bool:
+    @wp.func(inline=False)
+    def nearly_there(state: wp.ref[PathState], t: int) -> bool:
         """Whether Newton's last step was a small part of the way."""
+        n = state.points.shape[2]
         last = f64(0.0)
         moved = f64(0.0)
         for i in range(n):
@@ -224,9 +233,10 @@ def make_path(n: int, block: int = 0, border: int = 0):
             moved += move * move
         return wp.sqrt(last) <= f64(wp.static(NEAR)) * wp.sqrt(moved)
 
-    @wp.func
-    def why(state: PathState, t: int, found: int) -> int:
+    @wp.func(inline=False)
+    def why(state: wp.ref[PathState], t: int, found: int) -> int:
         """Status of an instance whose step became too small."""
+        n = state.points.shape[2]
         if found == wp.static(int(Status.NONFINITE)) or found == wp.static(int(Status.STEP_LIMIT)):
             return found
         size = f64(0.0)
@@ -240,7 +250,7 @@ def make_path(n: int, block: int = 0, border: int = 0):
         return wp.static(int(Status.BRANCH_END))
 
     @wp.func
-    def arrive(state: PathState, t: int) -> int:
+    def arrive(state: wp.ref[PathState], t: int) -> int:
         """Take in the equilibrium where the path starts."""
         if state.newton.fault[t] == wp.static(int(Fault.STEP_LIMIT)):
             return wp.static(int(Status.STEP_LIMIT))
@@ -251,12 +261,15 @@ def make_path(n: int, block: int = 0, border: int = 0):
         return wp.static(int(Status.NOT_RUN))
 
     @wp.func
-    def advance(state: PathState, t: int, found: int) -> int:
+    def advance(state: wp.ref[PathState], t: int, found: int) -> int:
         """Keep what Newton's method ended with, or halve the step."""
+        n = state.points.shape[2]
         state.iterations[t] = state.iterations[t] + state.newton.iterations[t]
         reached = state.goal[t] - state.levels[t, 0]
-        alike = found == wp.static(int(Status.CONVERGED)) and same_branch(state, t)
-        if alike and expected(state, t):
+        same_branch = found == wp.static(int(Status.CONVERGED)) and alike(
+            state, t, wp.where(state.goal[t] <= state.sure_level[t], 1, 2)
+        )
+        if same_branch and expected(state, t):
             state.surprised[t] = 0
             keep(state, t, state.goal[t])
             if state.goal[t] >= f64(1.0):
@@ -268,7 +281,7 @@ def make_path(n: int, block: int = 0, border: int = 0):
             state.step[t] = wp.min(step, longest_step(state, t))
             state.halved[t] = 0
             return wp.static(int(Status.NOT_RUN))
-        state.surprised[t] = wp.where(alike, 1, 0)
+        state.surprised[t] = wp.where(same_branch, 1, 0)
         for i in range(n):
             state.surprise[t, i] = state.newton.unknowns[t, i]
         state.step[t] = f64(0.5) * reached
@@ -277,67 +290,46 @@ def make_path(n: int, block: int = 0, border: int = 0):
             return why(state, t, found)
         return wp.static(int(Status.NOT_RUN))
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
     def path(state: PathState):
         t = state.newton.order[wp.tid()]
         if state.newton.active[t] == 0:
             return
-        state.integrations[t] = state.integrations[t] + 1
         status = int(wp.static(int(Status.NOT_RUN)))
-        if state.known[t] == 0:
-            status = arrive(state, t)
+        if state.departing != 0:
+            state.step[t] = longest_step(state, t)
         else:
-            found = int(wp.static(int(Status.STALLED)))
-            if state.probed[t] == 1:
-                if passed_halfway(state, t):
-                    found = int(wp.static(int(Status.NOT_RUN)))
+            state.integrations[t] = state.integrations[t] + 1
+            if state.known[t] == 0:
+                status = arrive(state, t)
             else:
-                found = iterate(state.newton, t, 0, f64(wp.static(CONTRACTION)))
-                if state.probed[t] == 0:
-                    if found == wp.static(int(Status.CONVERGED)):
-                        look_halfway(state, t)
+                found = int(wp.static(int(Status.STALLED)))
+                if state.probed[t] == 1:
+                    if passed_halfway(state, t):
                         found = int(wp.static(int(Status.NOT_RUN)))
-                    elif found == wp.static(int(Status.NOT_RUN)) and nearly_there(state, t):
-                        look_halfway(state, t)
-            if found != wp.static(int(Status.NOT_RUN)):
-                status = advance(state, t, found)
-            elif state.integrations[t] < state.newton.allowed[t]:
-                wp.atomic_add(state.remaining, 0, 1)
-                return
-        if status == wp.static(int(Status.NOT_RUN)) and state.steps[t] >= state.max_steps:
-            status = int(wp.static(int(Status.MAX_ITERATIONS)))
-        if status == wp.static(int(Status.NOT_RUN)) and state.integrations[t] >= state.newton.allowed[t]:
-            status = int(wp.static(int(Status.INTEGRATION_LIMIT)))
+                else:
+                    found = iterate(state.newton, t, 0, f64(wp.static(CONTRACTION)))
+                    if state.probed[t] == 0:
+                        there = found == wp.static(int(Status.CONVERGED))
+                        if there or (found == wp.static(int(Status.NOT_RUN)) and nearly_there(state, t)):
+                            look_halfway(state, t)
+                            found = int(wp.static(int(Status.NOT_RUN)))
+                if found != wp.static(int(Status.NOT_RUN)):
+                    status = advance(state, t, found)
+                elif state.integrations[t] < state.newton.allowed[t]:
+                    wp.atomic_add(state.remaining, 0, 1)
+                    return
+            if status == wp.static(int(Status.NOT_RUN)) and state.steps[t] >= state.max_steps:
+                status = int(wp.static(int(Status.MAX_ITERATIONS)))
+            if status == wp.static(int(Status.NOT_RUN)) and state.integrations[t] >= state.newton.allowed[t]:
+                status = int(wp.static(int(Status.INTEGRATION_LIMIT)))
         state.status[t] = status
         if status == wp.static(int(Status.NOT_RUN)):
             aim(state, t)
             wp.atomic_add(state.remaining, 0, 1)
         else:
             state.newton.active[t] = 0
-            for i in range(n):
+            for i in range(state.points.shape[2]):
                 state.newton.unknowns[t, i] = state.points[t, 0, i]
 
-    @wp.kernel(module="unique", enable_backward=False)
-    def depart(state: PathState):
-        t = wp.tid()
-        if state.newton.active[t] != 0:
-            state.step[t] = longest_step(state, t)
-            aim(state, t)
-
-    return SimpleNamespace(path=path, depart=depart)
-
-
-@wp.kernel(module="unique", enable_backward=False)
-def set_out(state: PathState, chosen: wp.array[int], known: int):
-    """Put the chosen instances at the start of their paths, of which ``known`` equilibria are known, and leave the others."""
-    t = wp.tid()
-    state.newton.active[t] = chosen[t]
-    state.iterations[t] = 0
-    state.integrations[t] = 0
-    state.steps[t] = 0
-    state.known[t] = known
-    state.halved[t] = 0
-    state.surprised[t] = 0
-    state.status[t] = wp.where(chosen[t] != 0, wp.static(int(Status.NOT_RUN)), wp.static(int(Status.CONVERGED)))
-    for k in range(3):
-        state.levels[t, k] = f64(0.0)
+    return path

@@ -1,6 +1,5 @@
 """Following a branch of equilibria in steps that are sure to stay on it."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -10,7 +9,7 @@ from numpy.typing import NDArray
 from multirod.launch import expect, record
 from multirod.problem import FEW, BoundaryProblem
 from multirod.solver import Outcome
-from multirod.solvers.continuation.continuation_kernels import PathState, make_path, set_out
+from multirod.solvers.continuation.continuation_kernels import PathState, make_path
 from multirod.solvers.newton.iteration import Newton, leave
 from multirod.stability import Stability
 from multirod.status import Status
@@ -68,12 +67,11 @@ class Paths:
         if wp.get_device(device).is_cpu:
             names = ("safe_step", "most_step", "sure_level", "load_factor", "status", "iterations", "integrations", "levels")
             self._in_place = {name: getattr(state, name).numpy() for name in names} | {"active": problem.active.numpy()}
-        self._launches: dict[str, Any] = {}
+        self._launch: Any = None
         self._first_values: Any = None
         self._shape = newton.shape
         # compiled while the problem's own kernels are
-        expect(lambda: set_out, device)
-        expect(lambda: make_path(n, *self._shape).path, device)
+        expect(lambda: make_path(*self._shape), device)
 
     @classmethod
     def of(cls, problem: BoundaryProblem, newton: Newton, max_steps: int) -> "Paths":
@@ -151,8 +149,10 @@ class Paths:
         if self._in_place:
             self._in_place[name][:] = values
         else:
-            given = np.broadcast_to(np.asarray(values, dtype=np.float64), self.problem.instance_count)
-            getattr(self.state, name).assign(np.ascontiguousarray(given))
+            target = self.problem.active if name == "active" else getattr(self.state, name)
+            kind = np.float64 if target.dtype == wp.float64 else np.int32
+            given = np.broadcast_to(np.asarray(values, dtype=kind), self.problem.instance_count)
+            target.assign(np.ascontiguousarray(given))
 
     def change_inputs(self, chosen: BoolArray, before: FloatArray, unknowns: FloatArray, gamma: FloatArray) -> Outcome:
         """From the equilibrium ``unknowns``, where ``Gamma`` is ``gamma``, at the inputs ``before``, to the problem's inputs.
@@ -170,32 +170,33 @@ class Paths:
         state.points.assign(np.repeat(unknowns[:, None], 3, axis=1))
         state.reference.assign(np.ascontiguousarray(gamma).reshape(state.reference.shape))
         self._set_out(chosen, known=1)
-        self._recorded("depart", lambda: make_path(problem.unknown_count, *self._shape).depart).launch()
         outcome = self._follow()
         problem.write("inputs", after)
         return outcome
 
     def _set_out(self, chosen: BoolArray, known: int) -> None:
-        if self._in_place:
-            self._in_place["active"][:] = chosen
-        else:
-            self.problem.active.assign(chosen.astype(np.int32))
-        self._recorded(f"set out {known}", lambda: set_out, self.state.newton.active, known).launch()
-
-    def _recorded(self, name: str, make: Callable[[], Any], *further: Any) -> Any:
-        """A launch, recorded once, by the present state."""
-        launch = self._launches.get(name)
-        if launch is None:
-            arguments = [self.state, *further]
-            launch = self._launches[name] = record(make, self.problem.instance_count, arguments, self.problem.device)
-        else:
-            launch.set_param_at_index(0, self.state)
-        return launch
+        """Put the chosen instances at the start of their paths, of which ``known`` equilibria are known, and leave the others."""
+        state = self.state
+        self._set("active", chosen)
+        self._set("status", np.where(chosen, Status.NOT_RUN, Status.CONVERGED))
+        for name in ("iterations", "integrations", "steps", "halved", "surprised", "levels"):
+            getattr(state, name).zero_()
+        state.known.fill_(known)
+        state.departing = int(known > 0)
 
     def _follow(self) -> Outcome:
         problem, state = self.problem, self.state
-        launch = self._recorded("path", lambda: make_path(problem.unknown_count, *self._shape).path)
-        remaining, dim = 1, -1
+        if self._launch is None:
+            self._launch = record(lambda: make_path(*self._shape), problem.instance_count, [state], problem.device)
+        else:
+            self._launch.set_param_at_index(0, state)
+            self._launch.set_dim(problem.instance_count)
+        launch, dim = self._launch, problem.instance_count
+        if state.departing:
+            launch.launch()
+            state.departing = 0
+            launch.set_param_at_index(0, state)
+        remaining = 1
         while remaining:
             if self._remaining is not None:
                 self._remaining[0] = 0

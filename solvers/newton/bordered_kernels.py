@@ -46,10 +46,9 @@ def make_bordered(block: int, border: int, sides: int):
     Front = wp.types.matrix(shape=(block + border, WIDTH), dtype=f64)
     Rest = wp.types.matrix(shape=(border, sides), dtype=f64)
 
-    @wp.func
-    def eliminate(front: Front, first: int, columns: int, rows: int, size: f64) -> Front:
+    @wp.func(inline=False)
+    def eliminate(F: wp.ref[Front], first: int, columns: int, rows: int, size: f64):
         """Pivots for ``columns`` columns from ``first`` on among ``rows`` rows, each the first of those left; NaN if singular."""
-        F = front
         for c in range(columns):
             k = first + c
             p = int(c)
@@ -68,9 +67,8 @@ def make_bordered(block: int, border: int, sides: int):
                     m = F[i, k] / F[c, k]
                     for j in range(k + 1, wp.static(WIDTH)):
                         F[i, j] = F[i, j] - m * F[c, j]
-        return F
 
-    @wp.func
+    @wp.func(inline=False)
     def solve(matrix: wp.array3d[wp.float64], values: wp.array3d[wp.float64], t: int, arrow: Arrow):
         last = arrow.start[arrow.count]
         size = f64(0.0)
@@ -105,14 +103,14 @@ def make_bordered(block: int, border: int, sides: int):
                     for k in range(wp.static(border)):
                         total += F[m + i, wp.static(T_AT) + k] * matrix[t, last + k, first + j]
                     F[m + i, j] = total
-            F = eliminate(F, 0, m, m + wp.static(border), size)
+            eliminate(F, 0, m, m + wp.static(border), size)
             for i in range(m):
                 for j in range(wp.static(WIDTH)):
                     arrow.pivots[t, b, i, j] = F[i, j]
             for i in range(wp.static(border)):
                 for j in range(wp.static(block), wp.static(WIDTH)):
                     F[i, j] = F[m + i, j]
-        F = eliminate(F, wp.static(block), wp.static(border), wp.static(border), size)
+        eliminate(F, wp.static(block), wp.static(border), wp.static(border), size)
         for i in range(wp.static(border)):
             r = wp.static(border) - 1 - i
             for j in range(wp.static(sides)):
@@ -142,7 +140,7 @@ def make_bordered(block: int, border: int, sides: int):
                         total += matrix[t, last + k, first + c] * values[t, first + c, j]
                     rest[k, j] = rest[k, j] + total
 
-    @wp.func
+    @wp.func(inline=False)
     def multiply(
         matrix: wp.array3d[wp.float64], values: wp.array3d[wp.float64], t: int, row: int, side: int, arrow: Arrow
     ) -> f64:

@@ -1,6 +1,5 @@
 """Newton's iteration on the buffers of one problem, many instances in each launch."""
 
-from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
@@ -11,12 +10,14 @@ from multirod.launch import expect, record
 from multirod.problem import DOUBLE_ROUNDING, BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.newton.bordered_kernels import front_width
-from multirod.solvers.newton.newton_kernels import LARGE_CHANGE, PROBES, NewtonState, make_newton, restart
+from multirod.solvers.newton.newton_kernels import LARGE_CHANGE, PROBES, NewtonState, make_newton
 from multirod.status import IntArray, Status
 from multirod.validation import FloatArray
 
 _CONVERGED = int(Status.CONVERGED)
-
+COUNTERS = ("status", "iterations", "integrations")
+MEASURES = ("merit", "contraction", "change")
+_UNBEGUN = np.array([[-1.0], [0.0], [0.0]])  # measures where an iteration has not begun
 
 LARGEST_NOISE = 1e-4  # in steps of Newton's method, relative: a longer one says how the iteration contracts
 UNLIMITED = 2**31 - 1
@@ -46,16 +47,22 @@ class Newton:
     def __init__(self, problem: BoundaryProblem, *, tolerance: float | None, max_iterations: int, line_search: bool) -> None:
         self.problem = problem
         n, count, device = problem.unknown_count, problem.instance_count, problem.device
+        self._on_cpu = on_cpu = wp.get_device(device).is_cpu
         state: Any = NewtonState()
         self.state = state
+        self._rooms: list[Any] = []
         problem.share(state, ("order", "active", "fault", "unknowns", "residual", "gamma"))
-        for name in ("status", "iterations", "integrations", "has_reference"):
-            setattr(state, name, wp.zeros(count, dtype=wp.int32, device=device))
-        for name in ("merit", "damping", "contraction", "change"):
-            setattr(state, name, wp.zeros(count, dtype=wp.float64, device=device))
+        self._counters = wp.zeros((len(COUNTERS), count), dtype=wp.int32, device=device)
+        self._measures = wp.zeros((len(MEASURES), count), dtype=wp.float64, device=device)
+        for k, name in enumerate(COUNTERS):
+            setattr(state, name, self._counters[k])
+        for k, name in enumerate(MEASURES):
+            setattr(state, name, self._measures[k])
+        state.has_reference = wp.zeros(count, dtype=wp.int32, device=device)
+        state.damping = wp.zeros(count, dtype=wp.float64, device=device)
         state.accepted = wp.zeros((count, n), dtype=wp.float64, device=device)
         state.step = wp.zeros((count, n), dtype=wp.float64, device=device)
-        state.direction = wp.zeros((count, n, 1), dtype=wp.float64, device=device)
+        state.direction = self._room(n, 1)
         state.reference = wp.zeros((count, n, n), dtype=wp.float64, device=device)
         self.shape = self._shape()
         self._dim = count
@@ -69,9 +76,9 @@ class Newton:
         state.max_iterations = max_iterations
         state.line_search = int(line_search)
         self._slow = SLOW if problem.may_jump else LARGE_CHANGE
-        on_cpu = wp.get_device(device).is_cpu
         self._remaining = state.remaining.numpy() if on_cpu else None
-        self._counts = [state.status.numpy(), state.iterations.numpy(), state.integrations.numpy()] if on_cpu else None
+        self._starting = (self._counters.numpy(), self._measures.numpy(), problem.active.numpy()) if on_cpu else None
+        self._counts = list(self._counters.numpy()) if on_cpu else None
         self._doubts = (state.change.numpy(), state.contraction.numpy()) if on_cpu else None
         self._reference = state.reference.numpy().reshape(count, n * n) if on_cpu else None
         self._has_reference = state.has_reference.numpy() if on_cpu else None
@@ -91,8 +98,9 @@ class Newton:
 
     def _shape(self) -> tuple[int, ...]:
         """Largest block and border of ``Gamma`` where it is an arrow, with its room to work; nothing where it is dense."""
-        problem, arrow = self.problem, self.state.arrow
+        problem, arrow, n = self.problem, self.state.arrow, self.problem.unknown_count
         if not problem.arrow:
+            self.state.factor, self.state.quotient = self._room(n, n), self._room(n, n)
             return ()
         sizes = np.diff(problem.arrow)
         block, border = int(sizes[:-1].max()), int(sizes[-1])
@@ -101,27 +109,32 @@ class Newton:
         room = (problem.instance_count, arrow.count, block, front_width(block, border, PROBES))
         arrow.pivots = wp.zeros(room, dtype=wp.float64, device=problem.device)
         self.state.arrow = arrow
-        probes = (problem.instance_count, problem.unknown_count, PROBES)
-        self.state.probes = wp.zeros(probes, dtype=wp.float64, device=problem.device)
-        self.state.probed = wp.zeros(probes, dtype=wp.float64, device=problem.device)
+        self.state.probes, self.state.probed = self._room(n, PROBES), self._room(n, PROBES)
         return block, border
+
+    def _room(self, *shape: int) -> Any:
+        """Room to work in of every instance, shape (instance_count, ...): on a processor, which takes one after another, the same."""
+        problem = self.problem
+        own = wp.zeros((1 if self._on_cpu else problem.instance_count, *shape), dtype=wp.float64, device=problem.device)
+        if not self._on_cpu:
+            return own
+        self._rooms.append(own)  # a view does not keep it
+        return wp.array(
+            ptr=own.ptr,
+            dtype=wp.float64,
+            shape=(problem.instance_count, *shape),
+            strides=(0, *own.strides[1:]),
+            device=problem.device,
+        )
 
     def expect(self) -> None:
         """Have what ``run`` launches compiled in the background, while something else is done first."""
-        n, device = self.problem.unknown_count, self.problem.device
-        expect(lambda: make_newton(n, *self.shape), device)
-        expect(lambda: restart, device)
+        expect(lambda: make_newton(*self.shape), self.problem.device)
 
     @cached_property
     def _launch(self) -> Any:
-        return self._record(lambda: make_newton(self.problem.unknown_count, *self.shape))
-
-    @cached_property
-    def _reset(self) -> Any:
-        return self._record(lambda: restart)
-
-    def _record(self, make: Callable[[], Any]) -> Any:
-        return record(make, self.problem.instance_count, [self.state], self.problem.device)
+        problem = self.problem
+        return record(lambda: make_newton(*self.shape), problem.instance_count, [self.state], problem.device)
 
     def of(self, problem: BoundaryProblem, instances: IntArray) -> "Newton":
         """The same on another problem, whose instances are these, (k,), of this one."""
@@ -187,9 +200,16 @@ class Newton:
     def start(self, chosen: Any = None) -> None:
         """Begin with the chosen instances (bool, (instance_count,); all by default) at ``problem.unknowns``."""
         leave(self.problem, 0)
-        self._reset.launch()
-        if chosen is not None:
-            self.state.active.assign(np.asarray(chosen, dtype=np.int32))
+        if self._starting is not None:
+            counters, measures, active = self._starting
+            counters[:] = 0
+            measures[:] = _UNBEGUN
+            active[:] = 1 if chosen is None else chosen
+            return
+        self._counters.zero_()
+        self._measures.zero_()
+        self.state.merit.fill_(-1.0)
+        self.state.active.assign(np.ones(self.problem.instance_count, dtype=np.int32) if chosen is None else np.int32(chosen))
 
     def iterate(self) -> int:
         """One integration of all active instances, and what follows from it; the number still active."""

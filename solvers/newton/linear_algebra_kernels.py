@@ -6,11 +6,54 @@ from types import SimpleNamespace
 
 import warp as wp
 
+f64 = wp.float64
+
+
+@wp.func(inline=False)
+def eliminate(matrix: wp.array3d[wp.float64], values: wp.array3d[wp.float64], t: int):
+    """Right-hand sides (instance, n, sides) become solutions, by LU with partial pivoting in the place of the matrix
+    (instance, n, n); NaN if it is singular to rounding.
+    """
+    n = matrix.shape[1]
+    sides = values.shape[2]
+    size = f64(0.0)
+    for i in range(n):
+        for j in range(n):
+            size = wp.max(size, wp.abs(matrix[t, i, j]))
+    for k in range(n):
+        p = int(k)
+        for i in range(k + 1, n):
+            if wp.abs(matrix[t, i, k]) > wp.abs(matrix[t, p, k]):
+                p = i
+        if p != k:
+            for j in range(k, n):
+                swap = matrix[t, k, j]
+                matrix[t, k, j] = matrix[t, p, j]
+                matrix[t, p, j] = swap
+            for j in range(sides):
+                swap = values[t, k, j]
+                values[t, k, j] = values[t, p, j]
+                values[t, p, j] = swap
+        if wp.abs(matrix[t, k, k]) <= f64(1.0e-15) * size:
+            matrix[t, k, k] = f64(0.0) / f64(0.0)
+        for i in range(k + 1, n):
+            m = matrix[t, i, k] / matrix[t, k, k]
+            for j in range(k + 1, n):
+                matrix[t, i, j] = matrix[t, i, j] - m * matrix[t, k, j]
+            for j in range(sides):
+                values[t, i, j] = values[t, i, j] - m * values[t, k, j]
+    for r in range(n):
+        i = n - 1 - r
+        for j in range(sides):
+            total = values[t, i, j]
+            for k in range(i + 1, n):
+                total -= matrix[t, i, k] * values[t, k, j]
+            values[t, i, j] = total / matrix[t, i, i]
+
 
 @cache
 def make_linear_algebra(n: int):
     """Functions on n x n matrices: ``solve`` (LU), ``cholesky``, ``eigen`` (Jacobi), and the types they take."""
-    f64 = wp.float64
     Vector = wp.types.vector(length=n, dtype=f64)
     Matrix = wp.types.matrix(shape=(n, n), dtype=f64)
     Eigen = wp.types.matrix(shape=(n + 1, n), dtype=f64)

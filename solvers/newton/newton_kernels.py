@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from multirod.solvers.newton.bordered_kernels import Arrow, make_bordered
-from multirod.solvers.newton.linear_algebra_kernels import make_linear_algebra
+from multirod.solvers.newton.linear_algebra_kernels import eliminate
 from multirod.status import Fault, Status
 
 
@@ -35,6 +35,8 @@ class NewtonState:
     reference: wp.array3d[wp.float64]  # Gamma of the last kept sample
     has_reference: wp.array[int]  # whether there is one
     change: wp.array[wp.float64]  # bound on the eigenvalues of Gamma reference^-1 - I at the end; 0 without a reference
+    factor: wp.array3d[wp.float64]  # (instance, n, n): where a dense Gamma is eliminated
+    quotient: wp.array3d[wp.float64]  # (instance, n, n): Gamma reference^-1, transposed
     probes: wp.array3d[wp.float64]  # (instance, n, PROBES): to estimate it, where Gamma is an arrow
     probed: wp.array3d[wp.float64]
     arrow: Arrow
@@ -54,7 +56,7 @@ f64 = wp.float64
 
 
 @wp.func
-def begin(state: NewtonState, t: int):
+def begin(state: wp.ref[NewtonState], t: int):
     """The iteration is to start at the present unknowns."""
     state.iterations[t] = 0
     state.merit[t] = f64(-1.0)
@@ -62,67 +64,63 @@ def begin(state: NewtonState, t: int):
     state.change[t] = f64(0.0)
 
 
-@wp.kernel(module="unique", enable_backward=False)
-def restart(state: NewtonState):
-    """Make every instance active, its iteration not begun."""
-    t = wp.tid()
-    state.active[t] = 1
-    state.status[t] = 0
-    state.integrations[t] = 0
-    begin(state, t)
-
-
 @cache
-def make_dense(n: int) -> SimpleNamespace:
+def make_dense() -> SimpleNamespace:
     """What Newton's method asks of Gamma, by elimination of all of it."""
-    algebra = make_linear_algebra(n)
-    solve, Vector, Matrix = algebra.solve, algebra.Vector, algebra.Matrix
 
-    @wp.func
-    def aim(state: NewtonState, t: int) -> f64:
+    @wp.func(inline=False)
+    def aim(state: wp.ref[NewtonState], t: int) -> f64:
         """Length of the Newton step, left in ``state.direction``; not finite if Gamma is singular."""
-        A = Matrix()
-        b = Vector()
+        n = state.residual.shape[1]
         for i in range(n):
-            b[i] = -state.residual[t, i]
+            state.direction[t, i, 0] = -state.residual[t, i]
             for j in range(n):
-                A[i, j] = state.gamma[t, i, j]
-        b = solve(A, b)
+                state.factor[t, i, j] = state.gamma[t, i, j]
+        eliminate(state.factor, state.direction, t)
+        total = f64(0.0)
         for i in range(n):
-            state.direction[t, i, 0] = b[i]
-        return wp.sqrt(wp.dot(b, b))
+            total += state.direction[t, i, 0] * state.direction[t, i, 0]
+        return wp.sqrt(total)
 
-    @wp.func
-    def spread(state: NewtonState, t: int, reference: wp.array3d[wp.float64], centre: f64, enough: f64, most: f64) -> f64:
+    @wp.func(inline=False)
+    def spread(state: wp.ref[NewtonState], t: int, reference: wp.array3d[wp.float64], centre: f64, enough: f64, most: f64) -> f64:
         """Bound on the distance from ``centre`` of the eigenvalues of Gamma reference^-1, by the Frobenius norm of
         E = Gamma reference^-1 - centre I and its powers, up to ``most`` or until it is ``enough``.
         """
-        A = Matrix()
-        E = Matrix()
+        n = state.residual.shape[1]
         for i in range(n):
             for j in range(n):
-                A[i, j] = reference[t, j, i]
+                state.factor[t, i, j] = reference[t, j, i]
+                state.quotient[t, i, j] = state.gamma[t, j, i]
+        eliminate(state.factor, state.quotient, t)
+        total = f64(0.0)
         for i in range(n):
-            row = Vector()
+            state.quotient[t, i, i] = state.quotient[t, i, i] - centre
             for j in range(n):
-                row[j] = state.gamma[t, i, j]
-            row = solve(A, row)
-            for j in range(n):
-                E[i, j] = row[j]
-            E[i, i] = E[i, i] - centre
-        bound = wp.sqrt(wp.ddot(E, E))
+                total += state.quotient[t, i, j] * state.quotient[t, i, j]
+        bound = wp.sqrt(total)
         power = f64(1.0)
         while bound > enough and power < most:
-            E = E * E
+            for i in range(n):
+                for j in range(n):
+                    state.factor[t, i, j] = state.quotient[t, i, j]
+            total = f64(0.0)
+            for i in range(n):
+                for j in range(n):
+                    product = f64(0.0)
+                    for k in range(n):
+                        product += state.factor[t, i, k] * state.factor[t, k, j]
+                    state.quotient[t, i, j] = product
+                    total += product * product
             power *= f64(2.0)
-            bound = wp.min(bound, wp.pow(wp.ddot(E, E), f64(0.5) / power))
+            bound = wp.min(bound, wp.pow(total, f64(0.5) / power))
         return wp.where(wp.isfinite(bound), bound, f64(1.0e30))
 
     return SimpleNamespace(aim=aim, spread=spread)
 
 
 @cache
-def make_arrow(n: int, block: int, border: int) -> SimpleNamespace:
+def make_arrow(block: int, border: int) -> SimpleNamespace:
     """The same where Gamma is an arrow, in a time that grows linearly with its blocks."""
     one = make_bordered(block, border, 1)
     several = make_bordered(block, border, PROBES)
@@ -134,9 +132,10 @@ def make_arrow(n: int, block: int, border: int) -> SimpleNamespace:
         state = wp.rand_init(i, k)
         return wp.where(wp.randf(state) < wp.float32(0.5), f64(-1.0), f64(1.0))
 
-    @wp.func
-    def aim(state: NewtonState, t: int) -> f64:
+    @wp.func(inline=False)
+    def aim(state: wp.ref[NewtonState], t: int) -> f64:
         """Length of the Newton step, left in ``state.direction``; not finite if Gamma is singular."""
+        n = state.residual.shape[1]
         for i in range(n):
             state.direction[t, i, 0] = -state.residual[t, i]
         solve_one(state.gamma, state.direction, t, state.arrow)
@@ -145,9 +144,10 @@ def make_arrow(n: int, block: int, border: int) -> SimpleNamespace:
             total += state.direction[t, i, 0] * state.direction[t, i, 0]
         return wp.sqrt(total)
 
-    @wp.func
-    def spread(state: NewtonState, t: int, reference: wp.array3d[wp.float64], centre: f64, enough: f64, most: f64) -> f64:
+    @wp.func(inline=False)
+    def spread(state: wp.ref[NewtonState], t: int, reference: wp.array3d[wp.float64], centre: f64, enough: f64, most: f64) -> f64:
         """The same, with estimates of the norms: the mean of |E z|^2 over vectors z of random signs is the norm's square."""
+        n = state.residual.shape[1]
         for i in range(n):
             for k in range(wp.static(PROBES)):
                 state.probed[t, i, k] = sign(i, k)
@@ -172,20 +172,21 @@ def make_arrow(n: int, block: int, border: int) -> SimpleNamespace:
 
 
 @cache
-def make_iteration(n: int, block: int = 0, border: int = 0) -> SimpleNamespace:
+def make_iteration(block: int = 0, border: int = 0) -> SimpleNamespace:
     """``iterate``, from one integration to the next, ``spread``, how unlike two ``Gamma`` are, and ``aim``, the Newton step.
 
-    Gamma is dense, or, with a ``border``, an arrow of blocks of at most ``block`` rows.
+    Gamma is dense, or, with a ``border``, an arrow of blocks of at most ``block`` rows. The number of unknowns is that of the arrays.
     """
-    linear = make_arrow(n, block, border) if border else make_dense(n)
+    linear = make_arrow(block, border) if border else make_dense()
     aim, spread = linear.aim, linear.spread
 
     @wp.func
-    def iterate(state: NewtonState, t: int, line_search: int, max_contraction: f64) -> int:
+    def iterate(state: wp.ref[NewtonState], t: int, line_search: int, max_contraction: f64) -> int:
         """Put the unknowns where to integrate next; ``NOT_RUN``, or the status in which the iteration ended.
 
         An instance that contracts more slowly than ``max_contraction`` stops: it may be leaving its branch.
         """
+        n = state.residual.shape[1]
         status = int(wp.static(int(Status.NOT_RUN)))
         merit = f64(0.0)
         size = f64(0.0)
@@ -250,11 +251,11 @@ def make_iteration(n: int, block: int = 0, border: int = 0) -> SimpleNamespace:
 
 
 @cache
-def make_newton(n: int, block: int = 0, border: int = 0):
+def make_newton(block: int = 0, border: int = 0):
     """Kernel that takes each active instance from an integration to its next trial, or to its end."""
-    iterate = make_iteration(n, block, border).iterate
+    iterate = make_iteration(block, border).iterate
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
     def newton(state: NewtonState):
         t = state.order[wp.tid()]
         if state.active[t] == 0:
