@@ -82,10 +82,10 @@ SETTLED = (Status.CONVERGED, Status.LOWEST_ENERGY, Status.MULTIPLE_SHOOTING)
 
 def refuse_unfit(problem: BoundaryProblem, outcome: Outcome) -> None:
     """Say so where what a solver found is no result, for a problem that tests this."""
-    if not problem.results_are_tested:
+    if problem.result_test is None:
         return
     found, settled = ~failures(outcome.status), np.isin(outcome.status, SETTLED)
-    refusals = problem.refusals(settled)
+    refusals = problem.result_test.refusals(settled)
     refused = found & (refusals != Status.NOT_RUN)
     outcome.status[refused] = refusals[refused]
     outcome.integrations += settled

@@ -62,7 +62,7 @@ class MultipleShooting(Solver):
 
     def unsupported(self, problem: BoundaryProblem) -> tuple[str, ...]:
         """Every reason why this solver cannot take ``problem``; empty if it can."""
-        return () if problem.segments() is not None else ("it offers no segments: it is not a single rod",)
+        return () if problem.segments is not None else ("it offers no segments: it is not a single rod",)
 
     def _solve(self, problem: BoundaryProblem, guess: FloatArray | None) -> Outcome:
         allowed = np.full(problem.instance_count, self.max_integrations)
@@ -84,13 +84,13 @@ class MultipleShooting(Solver):
         What is found goes into the problem's buffers and the outcome, and that a branch ends; all else stays as it was. An
         instance takes no more integrations than are ``left``, (instance_count,), nor than this solver may.
         """
-        if self.unsupported(problem):
+        if self.unsupported(problem) or problem.parts is None:
             return
         places = np.flatnonzero(_ill_conditioned(problem, outcome))
         if not len(places):
             return
         before = problem.snapshot()[places]
-        part = problem.part(places, double=True)
+        part = problem.parts.of(places, double=True)
         mine = self._anew(part, np.minimum(left[places], self.max_integrations))
         found = ~failures(mine.status)
         part.restore(np.where(found[:, None], part.snapshot(), before))
@@ -125,7 +125,7 @@ class MultipleShooting(Solver):
 
     @staticmethod
     def _segments(problem: BoundaryProblem) -> Segments:
-        segments = problem.segments()
+        segments = problem.segments
         assert segments is not None  # or the problem was refused
         return segments
 

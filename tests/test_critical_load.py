@@ -329,7 +329,7 @@ def held(case, moment, force):
     K, length = case["inputs"]["rods"][0]["K"], case["inputs"]["rods"][0]["length"]
     problem = BackboneProblem([rod], np.eye(4), Inputs(BACKBONE_INPUTS, 1, {}), integrator=mr.RK4(1000), held=True)
     problem.write("unknowns", np.concatenate([moment / np.array([K[0], K[1], min(K[2], max(K[:2]))]), force * length / K[0]]))
-    form, _ = problem.condensed_form()
+    form, _ = problem.stability.condensed_form()
     return form, np.array([length]), np.array([K[0]])
 
 

@@ -12,7 +12,6 @@ from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.continuation.continuation_kernels import PathState, make_path, set_out
 from multirod.solvers.newton.iteration import Newton, leave
-from multirod.stability import Stability
 from multirod.status import Status
 from multirod.validation import FloatArray
 
@@ -196,15 +195,20 @@ def _leave_unstable(
     problem: BoundaryProblem, newton: Newton, max_steps: int, chosen: BoolArray, bounds: FloatArray, outcome: Outcome
 ) -> None:
     """Follow those branches again that led to an unstable equilibrium."""
+    stability = problem.stability
+    assert stability is not None  # which says that a path may jump
     gamma = problem.read("gamma").reshape(problem.instance_count, problem.unknown_count, -1)
     # with one unstable mode at most, the sign of det Gamma says whether there is one
     sure = (bounds[:, 1] < 1) & (np.linalg.det(gamma) > 0)
-    places = np.flatnonzero(chosen & (outcome.status == Status.CONVERGED) & ~sure & problem.has_potential)
+    places = np.flatnonzero(chosen & (outcome.status == Status.CONVERGED) & ~sure & stability.has_potential)
     outcome.integrations[places] += 1
     places = places[_unstable(problem, places)]
     if not len(places):
         return
-    part = problem.part(places)
+    if problem.parts is None:
+        outcome.status[places] = Status.BRANCH_END
+        return
+    part = problem.parts.of(places)
     method = newton.of(part, places)
     method.allow(np.maximum(method.allowed() - outcome.integrations[places], 0))
     again = Paths(part, method, max_steps * FINER).raise_loads(np.ones(len(places), dtype=bool), bounds[places], FINER)
@@ -218,8 +222,12 @@ def _leave_unstable(
 
 def _unstable(problem: BoundaryProblem, places: Any) -> BoolArray:
     """Whether the equilibria of some instances, (k,), are unstable, shape (k,)."""
+    assert problem.stability is not None
+    if problem.parts is None:
+        return np.asarray(problem.stability.unstable()[places])
     result = np.zeros(len(places), dtype=bool)
     for part in np.split(np.arange(len(places)), range(TOGETHER, len(places), TOGETHER)):
         if len(part):
-            result[part] = problem.part(places[part]).modes().stability == Stability.UNSTABLE
+            stability = problem.parts.of(places[part]).stability
+            result[part] = stability is not None and stability.unstable()
     return result
