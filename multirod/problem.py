@@ -266,6 +266,36 @@ class BoundaryProblem(Uncopied, ABC):
         self.order.assign(listed)
         self.listed = len(chosen)
 
+    @contextmanager
+    def at_load(self, factor: float | FloatArray) -> Iterator[None]:
+        """Within it, ``load_factor`` is this, one number or one for each instance (instance_count,); then what it was."""
+        before = self.load_factor.numpy().copy()
+        self.load_factor.assign(np.broadcast_to(np.asarray(factor, dtype=np.float64), self.instance_count))
+        try:
+            yield
+        finally:
+            self.load_factor.assign(before)
+
+    @contextmanager
+    def only(self, chosen: NDArray[np.bool_]) -> Iterator[None]:
+        """Within it, these instances, (instance_count,), are active, and launches pass over them alone; then as it was."""
+        active, listed = self.active.numpy().copy(), self.order.numpy()[: self.listed].copy()
+        self.active.assign(np.asarray(chosen, dtype=np.int32))
+        if self.listed < self.instance_count or not chosen.all():
+            self.focus(np.flatnonzero(chosen))
+        try:
+            yield
+        finally:
+            self.active.assign(active)
+            if self.listed != len(listed) or len(listed) < self.instance_count:
+                self.focus(None if len(listed) == self.instance_count else listed)
+
+    @contextmanager
+    def everyone(self) -> Iterator[None]:
+        """Within it, all instances are active; then as it was."""
+        with self.only(np.ones(self.instance_count, dtype=bool)):
+            yield
+
     def keep(self, part: "BoundaryProblem", instances: IntArray, rows: IntArray | None = None) -> None:
         """Take over the records of a part of the instances, of its ``rows`` (k,) or all."""
         records = self.snapshot()

@@ -138,7 +138,7 @@ class Solver(ABC):
         reasons = self.unsupported(problem)
         if reasons:
             raise ValueError(f"{type(self).__name__} cannot take this problem: " + "; ".join(reasons))
-        with problem.alone:
+        with problem.alone, problem.everyone(), problem.at_load(1.0):
             outcome = self._solve(problem, guess)
             refuse_unfit(problem, outcome)
         return outcome

@@ -181,7 +181,6 @@ class MultipleShooting(Solver):
         self, problem: BoundaryProblem, unknowns: FloatArray, poses: dict[int, Any], segments: Segments, outcome: Outcome
     ) -> None:
         """Newton on the unknowns alone, which converges to the same pose where the problem is well conditioned."""
-        problem.load_factor.fill_(1.0)
         problem.write("unknowns", unknowns)
         newton = Newton(problem, tolerance=self.tolerance, max_iterations=POLISH, line_search=False)
         tried = np.zeros(problem.instance_count, dtype=bool)
@@ -198,8 +197,8 @@ class MultipleShooting(Solver):
         lost = failures(outcome.status) & (outcome.status != Status.NOT_RUN)
         if lost.any():
             # what is left of the residual at the full load
-            problem.active.assign(lost.astype(np.int32))
-            problem.integrate()
+            with problem.only(lost):
+                problem.integrate()
             outcome.integrations += lost
 
 
@@ -252,12 +251,10 @@ def _ill_conditioned(problem: BoundaryProblem, outcome: Outcome) -> Any:
     if ended.any() and outcome.reached is not None:
         # Gamma where the branch seems to end, not at the full load, which may be far beyond
         records = problem.snapshot()
-        problem.load_factor.assign(np.where(ended, outcome.reached, 1.0))
-        problem.active.assign(ended.astype(np.int32))
-        problem.integrate()
+        with problem.only(ended), problem.at_load(np.where(ended, outcome.reached, 1.0)):
+            problem.integrate()
         growth = np.linalg.norm(np.nan_to_num(problem.read("gamma"), nan=np.inf), axis=1)
         lost |= ended & (growth > NOISY)
-        problem.load_factor.fill_(1.0)
         problem.restore(records)
         outcome.integrations += ended
     return lost

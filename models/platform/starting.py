@@ -41,14 +41,13 @@ class PlatformJoints(Joints):
                 )
                 rotation = matrices(aside[:, 3:]) @ rotation
             x[:, self.problem.platform] = self.problem.pose_unknowns(position, rotation)
-        self.problem.active.fill_(1)
         self.open(x)
         return x
 
     def open(self, unknowns: FloatArray) -> None:  # noqa: D102
         self.problem.robots.opening.zero_()
-        self.problem.load_factor.zero_()
-        self.problem.robots.opening.assign(self.problem.evaluate(unknowns)[0])
+        with self.problem.everyone(), self.problem.at_load(0.0):
+            self.problem.robots.opening.assign(self.problem.evaluate(unknowns)[0])
 
     def close(self, loading: Loading) -> None:  # noqa: D102
         self.problem.robots.loading.fill_(int(loading))

@@ -57,7 +57,6 @@ class Branch:
         self.scale = np.append(np.full(problem.unknown_count, 1 / length), unit)
         self.tolerance, self.growth, self.inspected = tolerance, growth, inspected
         problem.directions.assign(rate[None, None, :])
-        problem.active.fill_(1)
         self._why = ""
         self._cuts = CUTS
 

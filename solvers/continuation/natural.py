@@ -105,12 +105,10 @@ class Paths:
         state.most_step.assign(np.broadcast_to(np.asarray(most_step, dtype=np.float64), problem.instance_count))
         state.sure_level.assign(np.broadcast_to(np.asarray(sure, dtype=np.float64), problem.instance_count))
         state.growth = growth
-        problem.load_factor.assign(np.where(chosen, 0.0, 1.0))
         problem.write("unknowns", np.where(chosen[:, None], unknowns, problem.read("unknowns")))
-        self._set_out(chosen, known=0)
-        outcome = self._follow()
-        problem.load_factor.fill_(1.0)
-        return outcome
+        with problem.at_load(np.where(chosen, 0.0, 1.0)):
+            self._set_out(chosen, known=0)
+            return self._follow()
 
     def change_inputs(self, chosen: BoolArray, before: FloatArray, unknowns: FloatArray, gamma: FloatArray) -> Outcome:
         """From the equilibrium ``unknowns``, where ``Gamma`` is ``gamma``, at the inputs ``before``, to the problem's inputs.
@@ -185,8 +183,8 @@ def natural_branch(problem: BoundaryProblem, newton: Newton, max_steps: int, cho
     lost = outcome.status != Status.CONVERGED
     if lost.any():
         # what is left of the residual at the full load
-        problem.active.assign(lost.astype(np.int32))
-        problem.integrate()
+        with problem.only(lost):
+            problem.integrate()
         outcome.integrations += lost
     return outcome
 

@@ -62,8 +62,8 @@ def _natural(problem: BoundaryProblem, newton: Newton, max_steps: int) -> Outcom
     status = np.where(whole, loaded.status, closed.status)
     whole = status == Status.CONVERGED
     if whole.any() and problem.stability is not None:
-        problem.active.fill_(1)
-        status[whole & problem.stability.unstable()] = Status.UNSTABLE
+        with problem.everyone():
+            status[whole & problem.stability.unstable()] = Status.UNSTABLE
     # legs that nothing holds take one, and the mismatch of their joints another
     integrations = 2 + closed.integrations + loaded.integrations + whole
     return Outcome(status, closed.iterations + loaded.iterations, integrations)
@@ -77,28 +77,26 @@ def settle(problem: BoundaryProblem, newton: Newton, numbers: IntArray) -> Outco
     """
     joints = _joints(problem)
     unknowns = joints.apart(numbers)
-    sign = _signs(problem.evaluate(unknowns)[1])
+    with problem.everyone(), problem.at_load(0.0):
+        sign = _signs(problem.evaluate(unknowns)[1])
     sound = sign != 0
     outcome = Paths(problem, newton, SETTLING_STEPS).raise_from(sound, unknowns, np.minimum(CLOSING_STEP, _safe_step(problem)))
     outcome.status[~sound] = Status.SINGULAR_JACOBIAN
     outcome.integrations += 3
     lost = sound & (outcome.status != Status.CONVERGED)
     if lost.any():
-        problem.active.fill_(1)
         joints.close(Loading.FULL)
         joints.open(problem.read("unknowns"))
         outcome.integrations += lost
         left = 1.0 - (np.zeros(len(sign)) if outcome.reached is None else outcome.reached)
         through = _through_folds(problem, lost, sign, left, outcome, newton.allowed())
         joints.close(Loading.RISING)
-        problem.load_factor.fill_(1.0)
         newton.run(through)
         counts = newton.outcome()
         outcome.iterations += through * counts.iterations
         outcome.integrations += through * counts.integrations
         outcome.status[through] = counts.status[through]
     joints.shut()
-    problem.active.fill_(1)
     return outcome
 
 
@@ -139,17 +137,14 @@ def _through_folds(
         on &= outcome.integrations < allowed
         if not on.any():
             break
-        problem.active.assign(on.astype(np.int32))
-        problem.focus(np.flatnonzero(on))
-        problem.load_factor.assign(level)
-        residual, gamma = problem.evaluate(trial)
+        with problem.only(on), problem.at_load(level):
+            residual, gamma = problem.evaluate(trial)
         outcome.integrations += on
         outcome.iterations += on
         for i in np.flatnonzero(on).tolist():
             arc = arcs[i]
             on[i] = arc.advance(residual[i], gamma[i] * unit[i])
             trial[i], level[i] = arc.trial[:-1] * unit[i], arc.trial[-1]
-    problem.focus()
     there = chosen.copy()
     for i, arc in arcs.items():
         there[i] = arc.found is not None

@@ -88,10 +88,8 @@ class Catalogue:
 
 def degrees(problem: BoundaryProblem) -> FloatArray:
     """Sign of ``det Gamma`` at the unloaded equilibrium of each instance, shape (instance_count,)."""
-    problem.load_factor.fill_(0.0)
-    problem.active.fill_(1)
-    _, gamma = problem.evaluate(problem.guess())
-    problem.load_factor.fill_(1.0)
+    with problem.everyone(), problem.at_load(0.0):
+        _, gamma = problem.evaluate(problem.guess())
     return np.asarray(np.sign(np.linalg.det(gamma)))
 
 
@@ -166,10 +164,10 @@ def _search_unloaded(problem: BoundaryProblem, newton: Newton, *, max_steps: int
     resting = outcome.status == Status.CONVERGED
     newton.allow(np.maximum(newton.allowed() - outcome.integrations - 2, 0))
     raised = Paths(problem, newton, max_steps).change_inputs(resting, before, unknowns, gamma)
-    problem.active.fill_(1)
-    problem.integrate()
     there = resting & (raised.status == Status.CONVERGED)
-    there &= ~_stability(problem).unstable()
+    with problem.everyone():
+        problem.integrate()
+        there &= ~_stability(problem).unstable()
     outcome.iterations += raised.iterations
     outcome.integrations += raised.integrations + 1 + resting
     outcome.status[resting & ~there] = Status.BRANCH_END
@@ -191,8 +189,8 @@ def _search(problem: BoundaryProblem, newton: Newton) -> Outcome:
     last = newton.outcome()
     outcome.status[chosen] = last.status[chosen]
     outcome.integrations += chosen * last.integrations
-    problem.active.fill_(1)
-    problem.integrate()  # the buffers hold every instance again
+    with problem.everyone():
+        problem.integrate()  # the buffers hold every instance again
     return outcome
 
 
@@ -264,7 +262,6 @@ def _lowest(
     The integrations that tell are counted in ``outcome``.
     """
     analysis = _stability(problem)
-    problem.active.fill_(1)
     best = np.array(unknowns)
     least = np.full(len(catalogues), np.inf)
     for k in range(max(len(catalogue.unknowns) for catalogue in catalogues)):
@@ -273,8 +270,9 @@ def _lowest(
         for i in np.flatnonzero(having):
             trial[i] = catalogues[int(i)].unknowns[k]
         problem.write("unknowns", trial)
-        stability = analysis.modes().stability
-        potential = analysis.potential()
+        with problem.everyone():
+            stability = analysis.modes().stability
+            potential = analysis.potential()
         outcome.integrations += having
         # of mirror images, whose energies differ by rounding, the first
         better = having & (stability == Stability.STABLE) & (potential < least - 1e-9 * np.abs(potential))
