@@ -354,7 +354,7 @@ class Solution:
         if twin and not self.inputs.is_active(name):
             # a follower force is an unknown's worth of equations more, but to first order only its direction counts
             return np.asarray(frozen(self.jacobian(twin) @ self.tip_rotation))
-        count = len(self.assembly.rods) if specs[name].per_rod else 3
+        count = specs[name].size(len(self.assembly.rods))
 
         def columns(problem: BoundaryProblem) -> tuple[FloatArray]:
             slopes, moved = problem.input_columns(name)

@@ -104,3 +104,20 @@ def test_a_batch_is_refused() -> None:
     robot = single_rod()
     with pytest.raises(ValueError, match="takes one instance"):
         check_assembly(robot, robot.inputs(tip_force=np.zeros((2, 3))))
+
+
+def test_inputs_say_what_they_mean() -> None:
+    specs = {spec.name: spec for spec in single_rod().input_specs}
+    assert {name: spec.power for name, spec in specs.items() if spec.load} == {
+        "tip_force": 2,
+        "tip_moment": 1,
+        "follower_force": 2,
+        "follower_moment": 1,
+        "distributed_force": 3,
+        "distributed_moment": 2,
+        "gravity": 3,
+    }
+    dead = {"tip_force", "distributed_force", "gravity"}
+    assert {name for name, spec in specs.items() if spec.load and spec.has_potential} == dead
+    assert not specs["tip_curvature"].has_potential
+    assert [specs[name].size(3) for name in ("rotation", "tip_force")] == [3, 3]

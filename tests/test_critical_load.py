@@ -9,7 +9,8 @@ from test_stability import two_tubes
 
 import multirod as mr
 from multirod.inputs import Inputs
-from multirod.models.backbone.problem import BACKBONE_INPUTS, BackboneProblem
+from multirod.models.backbone.inputs import BACKBONE_INPUTS
+from multirod.models.backbone.problem import BackboneProblem
 from multirod.solvers.continuation.branch_step import Apart, Inspection, Point, heights
 from multirod.stability import Modes
 

@@ -18,6 +18,7 @@ from multirod.inputs import Inputs, InputSpec
 from multirod.integrators import AdaptiveIntegrator, Integrator
 from multirod.launch import LONGEST
 from multirod.models.backbone.influence import Influence, influences
+from multirod.models.backbone.inputs import BACKBONE_INPUTS, LOADS
 from multirod.models.backbone.kernels.layout import arguments as kernels
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.passes import LanePass
@@ -332,12 +333,10 @@ class BackboneProblem(BoundaryProblem):
         stiffness = table.material[:, 0, :, :3].min(axis=(1, 2))
         length = table.end[:, 0, -1] + inputs[:, self.input_slice("translation")][:, 0]
         weight = table.material[:, 0, :, 9].max(axis=1)
-        power = {"tip_force": 2, "follower_force": 2, "tip_moment": 1, "follower_moment": 1}
-        power |= {"distributed_force": 3, "distributed_moment": 2, "gravity": 3}
         total = np.zeros(self.instance_count)
-        for name, exponent in power.items():
-            size = np.linalg.norm(inputs[:, self.input_slice(name)], axis=1) * length**exponent / stiffness
-            total += size * weight if name == "gravity" else size
+        for spec in LOADS:
+            size = np.linalg.norm(inputs[:, self.input_slice(spec.name)], axis=1) * length**spec.power / stiffness
+            total += size * weight if spec.name == "gravity" else size
         if self.features.measured:
             gap = inputs[:, self.input_slice("tip_curvature")] - table.precurvature[:, 0, -1, :3]
             total += np.linalg.norm(gap, axis=1) * length
@@ -477,19 +476,6 @@ class BackboneParts(Parts):
             result.write(name, whole.read(name)[instances])
         result.breakpoints = taken(whole.breakpoints, instances)
         return result
-
-
-BACKBONE_INPUTS = (
-    InputSpec(name="rotation", unit="rad", per_rod=True, description="angle of each rod's base about its axis"),
-    InputSpec(name="translation", unit="m", per_rod=True, description="how far each rod is pushed out of the base"),
-    InputSpec(name="tip_force", unit="N", description="dead force on the tip, world frame"),
-    InputSpec(name="tip_moment", unit="N m", description="dead moment on the tip, world frame"),
-    InputSpec(name="follower_force", unit="N", dead_twin="tip_force", description="force on the tip, fixed in the tip frame"),
-    InputSpec(name="follower_moment", unit="N m", description="moment on the tip, fixed in the tip frame"),
-    InputSpec(name="distributed_force", unit="N/m", function=True, description="dead force per length, world frame"),
-    InputSpec(name="distributed_moment", unit="N", function=True, description="dead moment per length, world frame"),
-    InputSpec(name="gravity", unit="m/s^2", description="acceleration, world frame; acts on linear_density"),
-)
 
 
 class BackboneAssembly(Assembly):

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod.models.backbone.inputs import LOADS
 from multirod.models.backbone.kernels.layout import arguments as kernels
 from multirod.models.backbone.mode_bounds import bound_modes
 from multirod.models.backbone.second_variation import (
@@ -38,9 +39,8 @@ class BackboneStability(StabilityAnalysis):
 
     @property
     def has_potential(self) -> NDArray[np.bool_]:  # noqa: D102
-        # a moment has none, dead or not, nor what follows the tip
         inputs = self.problem.read("inputs")
-        without = ("tip_moment", "distributed_moment", "follower_force", "follower_moment")
+        without = [spec.name for spec in LOADS if not spec.has_potential]
         acting = np.column_stack([inputs[:, self.problem.input_slice(name)] for name in without]).any(axis=1)
         profiles = (
             self.problem.table.profile.numpy().reshape(-1, 6, DEGREE + 1)

@@ -16,7 +16,8 @@ from multirod.capabilities import Loading, Parts, Shapes
 from multirod.inputs import Inputs, InputSpec
 from multirod.integrators import Integrator
 from multirod.launch import record
-from multirod.models.backbone.problem import BACKBONE_INPUTS, BackboneAssembly, BackboneProblem
+from multirod.models.backbone.inputs import BACKBONE_INPUTS
+from multirod.models.backbone.problem import BackboneAssembly, BackboneProblem
 from multirod.models.platform import platform_kernels as kernels
 from multirod.models.platform.guess import (
     COMPLIANCES,
@@ -37,9 +38,7 @@ from multirod.validation import FloatArray, frozen
 
 POSE = kernels.POSE
 PER_ROD = ("rotation", "translation")
-LEG_INPUTS = tuple(
-    spec for spec in BACKBONE_INPUTS if spec.per_rod or spec.name in kernels.LEG_VECTORS
-)  # what acts on a leg itself
+LEG_INPUTS = tuple(spec for spec in BACKBONE_INPUTS if spec.acts in ("base", "along"))  # what acts on a leg itself
 
 
 class Geometry:
@@ -497,10 +496,11 @@ class ParallelProblem(BoundaryProblem):
         inputs = self.read("inputs")
         length = np.broadcast_to(self.length[:, -1], self.instance_count)
         stiffness = np.broadcast_to(self.stiffness[:, -1], self.instance_count)
-        force = sum(np.linalg.norm(inputs[:, self._places[name]], axis=1) for name in ("tip_force", "follower_force"))
-        moment = sum(np.linalg.norm(inputs[:, self._places[name]], axis=1) for name in ("tip_moment", "follower_moment"))
         weight = self.geometry.mass * np.linalg.norm(inputs[:, self._places["gravity"]], axis=1)
-        total = (np.asarray(force) + weight) * length**2 / stiffness + np.asarray(moment) * length / stiffness
+        total = weight * length**2 / stiffness
+        for spec in PLATFORM_INPUTS:
+            if spec.load is not None:
+                total += np.linalg.norm(inputs[:, self._places[spec.name]], axis=1) * length**spec.power / stiffness
         for group in self.groups:
             own = group.backbones.load_scale().reshape(self.instance_count, -1)
             total += own.max(axis=1)
@@ -616,9 +616,25 @@ class PlatformShapes(Shapes):
 
 
 PLATFORM_INPUTS = (
-    InputSpec(name="tip_force", unit="N", description="dead force on the platform at force_point, world frame"),
-    InputSpec(name="tip_moment", unit="N m", description="dead moment on the platform, world frame"),
-    InputSpec(name="follower_force", unit="N", description="force on the platform at force_point, fixed in its frame"),
-    InputSpec(name="follower_moment", unit="N m", description="moment on the platform, fixed in its frame"),
-    InputSpec(name="force_point", unit="m", description="where forces act on the platform, platform frame"),
+    InputSpec(
+        name="tip_force", unit="N", acts="tip", load="force", description="dead force on the platform at force_point, world frame"
+    ),
+    InputSpec(name="tip_moment", unit="N m", acts="tip", load="moment", description="dead moment on the platform, world frame"),
+    InputSpec(
+        name="follower_force",
+        unit="N",
+        acts="tip",
+        load="force",
+        follows=True,
+        description="force on the platform at force_point, fixed in its frame",
+    ),
+    InputSpec(
+        name="follower_moment",
+        unit="N m",
+        acts="tip",
+        load="moment",
+        follows=True,
+        description="moment on the platform, fixed in its frame",
+    ),
+    InputSpec(name="force_point", unit="m", acts="tip", description="where forces act on the platform, platform frame"),
 )

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.capabilities import ResultTest
+from multirod.models.backbone.inputs import LOADS
 from multirod.models.backbone.second_variation import CondensedForm, certain_determinant, symmetric_eigenvalues
 from multirod.models.platform.guess import cross_matrix
 from multirod.models.platform.platform_kernels import POSE, REVOLUTE, SPHERICAL
@@ -146,7 +147,7 @@ class PlatformStability(StabilityAnalysis):
     def has_potential(self) -> NDArray[np.bool_]:
         """Whether the loads derive from one, shape (instance_count,)."""
         inputs = self.problem.read("inputs")
-        without = ("tip_moment", "follower_force", "follower_moment")
+        without = [spec.name for spec in LOADS if spec.acts == "tip" and not spec.has_potential]
         result = ~np.column_stack([inputs[:, self.problem.input_slice(name)] for name in without]).any(axis=1)
         for group in self.problem.groups:
             result &= group.backbones.stability.has_potential.reshape(self.problem.instance_count, -1).all(axis=1)

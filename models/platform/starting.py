@@ -6,6 +6,7 @@ import numpy as np
 
 from multirod.batch import IntArray
 from multirod.capabilities import Joints, Loading, Starts
+from multirod.models.backbone.inputs import LOADS
 from multirod.models.backbone.starts import spread
 from multirod.models.platform import platform_kernels as kernels
 from multirod.models.platform.guess import COMPLIANCES, beam_unknowns, fitted_platform
@@ -59,8 +60,8 @@ class PlatformJoints(Joints):
         if self.problem.inputs_given.profiles:
             return None
         rows = self.problem.read("inputs")
-        for name in (*kernels.PLATFORM_VECTORS[:4], *kernels.LEG_VECTORS):
-            rows[:, self.problem.input_slice(name)] = 0.0
+        for spec in LOADS:  # a platform's have the names of a backbone's
+            rows[:, self.problem.input_slice(spec.name)] = 0.0
         return rows
 
     @staticmethod

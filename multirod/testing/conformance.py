@@ -25,6 +25,7 @@ CLOSE = 1e-5  # of derivatives and their differences, of the largest in a matrix
 ALIKE = 1e-12  # of an instance alone and in a batch, of the largest
 INTEGRATED = 1e-7  # error of an integration with step control, of the curvature scale
 TIGHT = 1e-10  # tolerance of solutions that are differentiated [1/m]
+LOAD_UNITS = ("N", "N m", "N/m", "m/s^2")
 STATE = ("records", "active", "load_factor", "order", "directions")
 
 
@@ -160,10 +161,15 @@ def _inputs(study: Study) -> None:
     names = [spec.name for spec in specs]
     if len(set(names)) < len(names):
         raise Nonconformance(f"input_specs names an input twice: {names}")
+    for spec in specs:
+        if (spec.unit in LOAD_UNITS) != (spec.load is not None):
+            raise Nonconformance(
+                f"{spec.name} is in {spec.unit}, but its load is {spec.load!r}: it must say 'force' or 'moment' if it is one"
+            )
     problem = study.problem()
     taken = np.zeros(problem.input_count, dtype=int)
     for spec in specs:
-        place, size = problem.input_slice(spec.name), study.robot.rod_count if spec.per_rod else 3
+        place, size = problem.input_slice(spec.name), spec.size(study.robot.rod_count)
         if place.stop - place.start != size or place.start < 0 or place.stop > problem.input_count:
             raise Nonconformance(f"input_slice({spec.name!r}) is {place}: it must hold {size} of {problem.input_count} numbers")
         taken[place] += 1
@@ -427,7 +433,7 @@ def _stability(study: Study) -> None:
     if problem.stability is None:
         return
     names = [name for name in study.inputs.given if name not in study.inputs.profiles]
-    loads = [name for name in names if _specs(study)[name].unit in ("N", "N m", "N/m", "m/s^2")]
+    loads = [name for name in names if _specs(study)[name].load is not None]
     unloaded = study.solve(study.inputs.without([*loads, *study.inputs.profiles])).raise_if_failed()
     parity = []
     for solution in (unloaded, study.solution):
