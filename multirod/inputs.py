@@ -22,6 +22,7 @@ class InputSpec:
             all, as a ``"sensor"`` reads it.
         load: ``"force"`` or ``"moment"``, which ``load_factor`` multiplies; None for what is no load.
         follows: Of a load: fixed in the frame of where it acts, rather than dead, fixed in the world.
+        potential: Of a load: whether its work derives from a potential. That of a dead moment does not, nor of what follows the tip.
         per_rod: One number per rod, shape (..., rod_count); otherwise a vector, shape (..., 3).
         unit: SI unit.
         function: Whether it may be a function of arclength.
@@ -42,15 +43,11 @@ class InputSpec:
     acts: Literal["base", "tip", "along", "sensor"] = "base"
     load: Literal["force", "moment"] | None = None
     follows: bool = False
+    potential: bool = False
 
     def size(self, rod_count: int) -> int:
         """Numbers of an instance: one a rod, or the three of a vector."""
         return rod_count if self.per_rod else 3
-
-    @property
-    def has_potential(self) -> bool:
-        """Whether what acts derives from a potential: a moment has none, dead or not, nor what follows the tip."""
-        return self.load != "moment" and not self.follows and not self.measured
 
     @property
     def power(self) -> int:

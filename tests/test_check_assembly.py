@@ -116,8 +116,8 @@ def test_inputs_say_what_they_mean() -> None:
         "distributed_force": 3,
         "distributed_moment": 2,
         "gravity": 3,
+        "magnetic_field": 2,
     }
-    dead = {"tip_force", "distributed_force", "gravity"}
-    assert {name for name, spec in specs.items() if spec.load and spec.has_potential} == dead
-    assert not specs["tip_curvature"].has_potential
+    conservative = {"tip_force", "distributed_force", "gravity", "magnetic_field"}
+    assert {name for name, spec in specs.items() if spec.potential} == conservative
     assert [specs[name].size(3) for name in ("rotation", "tip_force")] == [3, 3]

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from multirod.inputs import Inputs, InputSpec
-from multirod.models.backbone.inputs import BACKBONE_INPUTS
+from multirod.models.backbone.inputs import BACKBONE_INPUTS, BY_MATERIAL
 from multirod.models.backbone.problem import BackboneAssembly
 from multirod.rod import Rod
 from multirod.validation import refuse
@@ -55,6 +55,8 @@ class SingleRod(BackboneAssembly):
             refuse(
                 "translation", shortest, f"must be > -length = {-float(np.min(self.rods[0].length)):g} m: no rod is left in use"
             )
+        if "tip_curvature" in inputs.given and self.rods[0].members:
+            refuse("tip_curvature", inputs.tip_curvature.tolist(), "must not be given: the rod has members")
         for name in (spec.name for spec in BACKBONE_INPUTS if spec.acts == "tip" and spec.load == "moment"):
             if "tip_curvature" in inputs.given and inputs.is_active(name):
                 refuse(
@@ -64,7 +66,7 @@ class SingleRod(BackboneAssembly):
                 )
 
     def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102
-        return name != "translation" or values[0] > -self._shortest
+        return name not in BY_MATERIAL and (name != "translation" or values[0] > -self._shortest)
 
     def __repr__(self) -> str:
         return f"SingleRod({self.rods[0]!r})"

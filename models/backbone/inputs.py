@@ -5,7 +5,9 @@ from multirod.inputs import InputSpec
 BACKBONE_INPUTS = (
     InputSpec(name="rotation", unit="rad", per_rod=True, description="angle of each rod's base about its axis"),
     InputSpec(name="translation", unit="m", per_rod=True, description="how far each rod is pushed out of the base"),
-    InputSpec(name="tip_force", unit="N", acts="tip", load="force", description="dead force on the tip, world frame"),
+    InputSpec(
+        name="tip_force", unit="N", acts="tip", load="force", potential=True, description="dead force on the tip, world frame"
+    ),
     InputSpec(name="tip_moment", unit="N m", acts="tip", load="moment", description="dead moment on the tip, world frame"),
     InputSpec(
         name="follower_force",
@@ -29,6 +31,7 @@ BACKBONE_INPUTS = (
         unit="N/m",
         acts="along",
         load="force",
+        potential=True,
         function=True,
         description="dead force per length, world frame",
     ),
@@ -41,7 +44,21 @@ BACKBONE_INPUTS = (
         description="dead moment per length, world frame",
     ),
     InputSpec(
-        name="gravity", unit="m/s^2", acts="along", load="force", description="acceleration, world frame; acts on linear_density"
+        name="gravity",
+        unit="m/s^2",
+        acts="along",
+        load="force",
+        potential=True,
+        description="acceleration, world frame; acts on linear_density",
+    ),
+    InputSpec(
+        name="magnetic_field",
+        unit="T",
+        acts="along",
+        load="moment",
+        potential=True,
+        description="uniform magnetic field, world frame; acts on magnetisation",
     ),
 )
 LOADS = tuple(spec for spec in BACKBONE_INPUTS if spec.load is not None)
+BY_MATERIAL = ("gravity", "magnetic_field")  # inputs that act on a property which rods may lack

@@ -43,6 +43,7 @@ FEATURE_INPUTS = {
     "distributed_moment": ("distributed_moment",),
     "follower_force": ("follower_force",),
     "follower_moment": ("follower_moment",),
+    "magnetised": ("magnetic_field",),
     "measured": ("tip_curvature",),
 }
 
@@ -65,6 +66,7 @@ def scene_features(
         precurvature_degree=arrays.degree,
         profile_degree=DEGREE if profiles else -1,
         shear=arrays.shear,
+        members=arrays.members,
         transmission=transmission,
         anisotropic=arrays.anisotropic and rod_count > 1,
         torsion=rod_count > 1 and (held or arrays.torsion),
@@ -335,6 +337,9 @@ class BackboneProblem(BoundaryProblem):
         weight = table.material[:, 0, :, 9].max(axis=1)
         total = np.zeros(self.instance_count)
         for spec in LOADS:
+            if spec.name == "magnetic_field":
+                total += self.magnetic_load() * length**spec.power / stiffness
+                continue
             size = np.linalg.norm(inputs[:, self.input_slice(spec.name)], axis=1) * length**spec.power / stiffness
             total += size * weight if spec.name == "gravity" else size
         if self.features.measured:
@@ -345,6 +350,14 @@ class BackboneProblem(BoundaryProblem):
             size = np.abs(profile.reshape(len(profile), 6, -1)).sum(-1).max(0)
             total += (size[:3].max() * length**3 + size[3:].max() * length**2) / stiffness
         return total
+
+    def magnetic_load(self) -> FloatArray:
+        """Bound of the moment per length of a magnetic field on all rods [N], shape (instance_count,)."""
+        if not self.features.magnetised:
+            return np.zeros(self.instance_count)
+        strongest = np.linalg.norm(self.arrays.material[..., 10:13], axis=-1).max(axis=2).sum(axis=1)
+        field = np.linalg.norm(self.read("inputs")[:, self.input_slice("magnetic_field")], axis=1)
+        return np.asarray(self.each(strongest) * field)
 
     def turning(self, before: FloatArray | None = None) -> FloatArray:  # noqa: D102
         angles = self.read("inputs")[:, self.input_slice("rotation")]
@@ -513,6 +526,8 @@ class BackboneAssembly(Assembly):
     def check(self, inputs: Inputs) -> None:  # noqa: D102
         if inputs.is_active("gravity") and not any(rod.has_mass for rod in self.rods):
             refuse("gravity", inputs.gravity.tolist(), "must be zero: no rod has a linear_density (or, for Rod.tube, a density)")
+        if inputs.is_active("magnetic_field") and not any(rod.is_magnetised for rod in self.rods):
+            refuse("magnetic_field", inputs.magnetic_field.tolist(), "must be zero: no rod has a magnetisation")
 
     @cached_property
     def arrays(self) -> RodArrays:
@@ -531,6 +546,8 @@ class BackboneAssembly(Assembly):
         return (scene_features(self.arrays, active, inputs.profiles, **options),)
 
     def influences(self, inputs: Inputs) -> Mapping[str, Influence]:  # noqa: D102
+        if self.arrays.members:
+            return {}  # how much stiffer they make the rod is not bounded
         whole = np.broadcast_shapes(inputs.batch_shape, self.batch_shape)
         return influences(self.arrays, inputs, whole, transmission=self.transmission)
 

@@ -40,7 +40,7 @@ class BackboneStability(StabilityAnalysis):
     @property
     def has_potential(self) -> NDArray[np.bool_]:  # noqa: D102
         inputs = self.problem.read("inputs")
-        without = [spec.name for spec in LOADS if not spec.has_potential]
+        without = [spec.name for spec in LOADS if not spec.potential]
         acting = np.column_stack([inputs[:, self.problem.input_slice(name)] for name in without]).any(axis=1)
         profiles = (
             self.problem.table.profile.numpy().reshape(-1, 6, DEGREE + 1)
@@ -63,8 +63,9 @@ class BackboneStability(StabilityAnalysis):
         form, determinant = self.condensed_form()
         modes = form.modes(self.problem.stiffness_over_length())
         potential = self.has_potential
-        modes.known[~potential] = False
-        modes.values[~potential] = np.nan
+        judged = potential & all(kind.convex for kind in self.problem.features.members)
+        modes.known[~judged] = False
+        modes.values[~judged] = np.nan
         # det Gamma is positive where nothing acts
         modes.diverging[:] = ~potential & (determinant < 0) & (not self.problem.features.measured)
         return modes
@@ -136,12 +137,12 @@ class BackboneStability(StabilityAnalysis):
 
     def _segments(self, moment: FloatArray, force: FloatArray, curvature: FloatArray) -> FloatArray:
         """(7) from bounds [N m], [N], [1/m], shape (instance_count,)."""
-        coupling, potential = moment, force
+        coupling, potential = moment, force + self.problem.magnetic_load()
         if len(self.problem.rods) > 1:
             EI, kappa = self.problem.by_section()
             bend = EI * kappa
             coupling = moment + bend.max(axis=2).sum(axis=1)
-            potential = force + (bend * (kappa + curvature[:, None, None])).max(axis=2).sum(axis=1)
+            potential = potential + (bend * (kappa + curvature[:, None, None])).max(axis=2).sum(axis=1)
         return segments_needed(self.problem.ends().max(axis=1), self.problem.least_stiffness(), coupling, potential)
 
     def mode_bounds(self) -> FloatArray | None:  # noqa: D102
@@ -154,7 +155,9 @@ class BackboneStability(StabilityAnalysis):
         bounds = bound_modes(start, end, compliance, EI, kappa, self._dead_load())
         bounds[:, 0] += np.where(self.has_potential, 0.0, 0.5 * self.problem.load_scale())
         bounds[~self.has_potential, 1] = np.inf
-        if self.problem.features.anisotropic:  # they resist being turned against their neighbours even where all are straight
+        if (
+            self.problem.features.anisotropic or self.problem.features.magnetised
+        ):  # they resist being turned against their neighbours even where all are straight
             bounds = np.maximum(bounds, (1.0, np.inf))
         return np.asarray(bounds)
 

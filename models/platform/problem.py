@@ -231,9 +231,9 @@ class ParallelProblem(BoundaryProblem):
             "direction_count": self.leg_direction_count + int(inverse),
             "enabled": [name for name in kernels.LEG_VECTORS if name in enabled or inputs.is_active(name)],
         }
-        builds: dict[tuple[int, bool], list[int]] = {}
+        builds: dict[tuple[Any, ...], list[int]] = {}
         for k, leg in enumerate(geometry.legs):
-            builds.setdefault((leg.rod_count, leg.transmission), []).append(k)
+            builds.setdefault((leg.rod_count, leg.transmission, leg.arrays.members), []).append(k)
         self.groups = [LegGroup(self, members, inputs, options) for members in builds.values()]
         self.rounding = self.groups[0].backbones.rounding
         self.measured = inputs.measured
@@ -617,7 +617,12 @@ class PlatformShapes(Shapes):
 
 PLATFORM_INPUTS = (
     InputSpec(
-        name="tip_force", unit="N", acts="tip", load="force", description="dead force on the platform at force_point, world frame"
+        name="tip_force",
+        unit="N",
+        acts="tip",
+        load="force",
+        potential=True,
+        description="dead force on the platform at force_point, world frame",
     ),
     InputSpec(name="tip_moment", unit="N m", acts="tip", load="moment", description="dead moment on the platform, world frame"),
     InputSpec(

@@ -147,7 +147,7 @@ class PlatformStability(StabilityAnalysis):
     def has_potential(self) -> NDArray[np.bool_]:
         """Whether the loads derive from one, shape (instance_count,)."""
         inputs = self.problem.read("inputs")
-        without = [spec.name for spec in LOADS if spec.acts == "tip" and not spec.has_potential]
+        without = [spec.name for spec in LOADS if spec.acts == "tip" and not spec.potential]
         result = ~np.column_stack([inputs[:, self.problem.input_slice(name)] for name in without]).any(axis=1)
         for group in self.problem.groups:
             result &= group.backbones.stability.has_potential.reshape(self.problem.instance_count, -1).all(axis=1)

@@ -18,7 +18,7 @@ from multirod.studies.terms.leaving_out import DROPPABLE, SECTIONS, left_out
 from multirod.validation import boolean, positive_int, refuse
 
 SYMBOLS = {"tip_force": "F", "follower_force": "F", "tip_moment": "M", "follower_moment": "M"}
-SYMBOLS |= {"distributed_force": "f", "distributed_moment": "l", "gravity": "w"}
+SYMBOLS |= {"distributed_force": "f", "distributed_moment": "l", "gravity": "w", "magnetic_field": "μ B"}
 POWERS = {1: "L", 2: "L²", 3: "L³"}
 GROUPS = {
     **{spec.name: f"{SYMBOLS[spec.name]} {POWERS[spec.power]}/EI" for spec in SPECS},
@@ -199,6 +199,9 @@ class Explanation:
         loads = [name for name in LOADS if self.inputs.is_active(name)] if self._takes("gravity") else []
         if any(f.measured for f in self.features):
             yield Term("measured", "inputs.tip_curvature takes the place of the condition at the tip")
+        carrying = [f"rods[{k}]" for k, rod in enumerate(self.robot.rods) if rod.members]
+        if carrying:
+            yield Term("members", f"{', '.join(carrying)}: carry something that gives way with them")
         profiles = [f"inputs.{name}" for name in self.inputs.profiles]
         if profiles:
             yield Term("load_profile", f"{', '.join(profiles)}: a function of arclength")
