@@ -21,6 +21,7 @@ from multirod.models.backbone.influence import Influence, influences
 from multirod.models.backbone.inputs import BACKBONE_INPUTS, LOADS
 from multirod.models.backbone.kernels.layout import arguments as kernels
 from multirod.models.backbone.kernels.layout.features import Features
+from multirod.models.backbone.kernels.layout.layout import unknowns_of
 from multirod.models.backbone.passes import LanePass
 from multirod.models.backbone.segments import BackboneSegments
 from multirod.models.backbone.shapes import BackboneShapes
@@ -121,7 +122,8 @@ class BackboneProblem(BoundaryProblem):
         self.held = held
         self.arrays = arrays.take(batch_shape)
         self.features = self._features(inputs, pose, pose_sensitivities, direction_count)
-        n = self.features.unknown_count
+        self.slots = unknowns_of(self.features)
+        n = self.slots.size
         super().__init__(
             unknown_count=n,
             batch_shape=batch_shape,
@@ -296,21 +298,20 @@ class BackboneProblem(BoundaryProblem):
     def guess(self) -> FloatArray:  # noqa: D102
         result = np.zeros((self.instance_count, self.unknown_count))
         if len(self.rods) == 1:
-            result[:, :3] = self.arrays.precurvature[:, 0, 0, :3]
+            result[:, self.slots.places["moment"]] = self.arrays.precurvature[:, 0, 0, :3]
         return result
 
     def adopt(self, unknowns: FloatArray) -> FloatArray:  # noqa: D102
-        torques = self.features.torque_count
-        given, own = unknowns.shape[1] - torques, self.unknown_count - torques
-        if given == own or given not in ((0, 3, 6) if torques else (3, 6)):
+        kinds = [(True, False), (True, True)] + [(False, False)] * (self.features.torque_count > 0)
+        others = {unknowns_of(self.features, moment=moment, force=force).size: (moment, force) for moment, force in kinds}
+        if unknowns.shape[1] == self.unknown_count or unknowns.shape[1] not in others:
             return super().adopt(unknowns)
-        if given == 0:
-            unknowns = self.with_moment(unknowns)
-        if own == 0:
-            return unknowns[:, 3 : 3 + torques]
-        if own == 3:
-            return unknowns[:, : 3 + torques]
-        return unknowns if given == 6 else np.concatenate([unknowns, self._dead_base_force(unknowns)], axis=1)
+        moment, force = others[unknowns.shape[1]]
+        unknowns = unknowns if moment else self.with_moment(unknowns)
+        parts = unknowns_of(self.features, moment=True, force=force).split(unknowns)
+        if self.features.base_force_unknown and not force:
+            parts["force"] = self._dead_base_force(unknowns)
+        return np.asarray(self.slots.joined(parts))
 
     def with_moment(self, torques: FloatArray) -> FloatArray:
         """Unknowns of rods that carry a moment, from those of unloaded ones: none, and rod 1 has what the others leave, (8b)."""
@@ -568,15 +569,15 @@ def _blocks(features: Features) -> list[Block]:
 
     An unknown base force, which all rods share, is the last.
     """
-    torques, count = features.torque_count, features.unknown_count
-    force = count - 3 if features.base_force_unknown and torques else count
-    inner = force - torques
+    slots = unknowns_of(features)
+    moment, force, first = slots.places["moment"], slots.places["force"], slots.places["torques"].start
     places: list[tuple[str, slice, int | None]]
-    places = [(f"tube {k + 1}", slice(inner + k - 1, inner + k), k) for k in range(torques, 0, -1)]
-    if inner:
-        places.append(("tube 1" if torques else "rod 1", slice(0, inner), 0))
-    if force < count:
-        places.append(("base force", slice(force, count), None))
+    if not features.torque_count:  # one rod, or several that are one
+        places = [("rod 1", slice(0, slots.size), 0)]
+    else:
+        places = [(f"tube {k + 1}", slice(first + k - 1, first + k), k) for k in range(features.torque_count, 0, -1)]
+        places += [("tube 1", moment, 0)] if features.moment else []
+        places += [("base force", force, None)] if features.base_force_unknown else []
     return [Block(name, place, place, rod) for name, place, rod in places]
 
 

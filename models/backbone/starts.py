@@ -31,18 +31,19 @@ class BackboneStarts(Starts):
         points = spread(np.arange(first, first + count), n + 2)[:, None]
         points = np.sign(points) * np.abs(points) ** _CROWDING
         torques = self.problem.features.torque_count
-        result = np.zeros(
-            (count, self.problem.instance_count, 3 + torques + (3 if self.problem.features.base_force_unknown else 0))
-        )
-        result[..., :2] = points[..., :2] * moment[:, None] * unit[:, :2]
+        slots = self.problem.slots
+        parts = {name: np.zeros((count, self.problem.instance_count, 3)) for name in ("moment", "force")}
+        parts["moment"][..., :2] = points[..., :2] * moment[:, None] * unit[:, :2]
+        parts["torques"] = np.zeros((count, self.problem.instance_count, 0))
         if not torques:
-            result[..., 2] = points[..., 2] * moment * unit[:, 2]
-            return result + self.problem.guess()
+            parts["moment"][..., 2] = points[..., 2] * moment * unit[:, 2]
+            return np.asarray(slots.joined(parts) + self.problem.guess())
         tau = points[..., 2:] * torque
         # all torques together balance the load
         tau[..., -1] = points[..., -1] * moment - tau[..., :-1].sum(axis=-1)
-        result[..., 2 : 2 + n] = tau * unit[:, 2:]
-        return result if self.problem.features.moment else result[..., 3:]
+        turns = tau * unit[:, 2:]
+        parts["moment"][..., 2], parts["torques"] = turns[..., 0], turns[..., 1:]
+        return np.asarray(slots.joined(parts))
 
     def _start_sizes(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """What bounds the equilibria: moment of the loads at the base [N m], (instance_count,), torques there that the tubes'
