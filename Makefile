@@ -31,6 +31,7 @@ bench: $(VENV)/.installed
 	$(BIN)/python tests/benchmarks/sweep.py
 	$(BIN)/python tests/benchmarks/stability.py $(ARGS)
 	$(BIN)/python tests/benchmarks/features.py
+	$(BIN)/python tests/benchmarks/first_call.py
 
 $(BIN)/python:
 	$(PYTHON) -c "import sys; sys.exit('multirod needs Python 3.11 or later: make PYTHON=python3.11') if sys.version_info < (3, 11) else 0"

@@ -38,6 +38,16 @@ def _pair(name: str, value: Any, *, infinite: bool) -> FloatArray:
     return np.broadcast_to(result, (*result.shape[:-1], 2))
 
 
+def _foundation(name: str, value: Any) -> FloatArray:
+    """Stiffness of a medium along three axes, shape (..., 3), from one number or three."""
+    result = array(name, value)
+    if (result < 0).any():
+        refuse(name, value, "must be finite and >= 0")
+    if result.ndim == 0 or result.shape[-1] not in (1, 3):
+        result = result[..., None]
+    return np.broadcast_to(result, (*result.shape[:-1], 3))
+
+
 def _is_function(value: object) -> bool:
     return callable(value) and not isinstance(value, np.ndarray)
 
@@ -67,6 +77,8 @@ class Section:
         axial_stiffness: ``EA`` [N]; ``inf`` (default) is inextensible.
         linear_density: Mass per length [kg/m], for gravity.
         magnetisation: Magnetic moment per length in the material frame [A m], shape (..., 3), for magnetic fields.
+        foundation: Stiffness per length of an elastic medium around it [N/m^2], one number, or three along the axes of the base,
+            shape (..., 3) once built.
 
     Raises:
         ValueError: If a field is out of range; the message names the field, its value and what is allowed.
@@ -80,6 +92,7 @@ class Section:
     axial_stiffness: Any = math.inf
     linear_density: Any = 0.0
     magnetisation: Any = (0.0, 0.0, 0.0)
+    foundation: Any = 0.0
 
     def __post_init__(self) -> None:
         self._check("Section")
@@ -98,6 +111,7 @@ class Section:
             refuse(f"{owner}.linear_density", self.linear_density, "must be finite and >= 0")
         put("linear_density", density)
         put("magnetisation", array(f"{owner}.magnetisation", self.magnetisation, (3,)))
+        put("foundation", _foundation(f"{owner}.foundation", self.foundation))
         if _is_function(self.precurvature):
             if np.ndim(self.length):
                 refuse(f"{owner}.length", self.length, "must be one number where precurvature is a function")
@@ -116,7 +130,10 @@ class Section:
         shapes = {
             name: np.shape(getattr(self, name)) for name in ("length", "torsional_stiffness", "axial_stiffness", "linear_density")
         }
-        shapes |= {name: getattr(self, name).shape[:-1] for name in ("bending_stiffness", "shear_stiffness", "magnetisation")}
+        shapes |= {
+            name: getattr(self, name).shape[:-1]
+            for name in ("bending_stiffness", "shear_stiffness", "magnetisation", "foundation")
+        }
         if isinstance(self.precurvature, np.ndarray):
             shapes["precurvature"] = self.precurvature.shape[:-1]
         try:
@@ -142,6 +159,8 @@ class Rod:
         axial_stiffness: ``EA`` [N]; ``inf`` (default) is inextensible.
         linear_density: Mass per length [kg/m].
         magnetisation: Magnetic moment per length in the material frame [A m]: three numbers, volume magnetisation times cross-section.
+        foundation: Stiffness per length of an elastic medium that holds each piece of the rod to its place on the line straight out of
+            its base [N/m^2]: one number, or three along the axes of the base.
         members: What the rod carries along itself and that gives way with it (``Member``), whichever way its sections are given.
         sections: ``Section`` objects from base to tip, instead of all the above.
         outer_diameter: For drawing, and to check that tubes nest [m].
@@ -164,6 +183,7 @@ class Rod:
         axial_stiffness: Any = None,
         linear_density: Any = None,
         magnetisation: Any = None,
+        foundation: Any = None,
         members: Sequence["Member"] = (),
         sections: Sequence[Section] | None = None,
         outer_diameter: float | None = None,
@@ -179,6 +199,7 @@ class Rod:
             "axial_stiffness": axial_stiffness,
             "linear_density": linear_density,
             "magnetisation": magnetisation,
+            "foundation": foundation,
         }
         properties = {key: value for key, value in given.items() if value is not None}
         if sections is not None:
@@ -282,6 +303,11 @@ class Rod:
         """Whether a magnetic field acts on any of its sections."""
         return any(np.any(section.magnetisation) for section in self.sections)
 
+    @property
+    def is_embedded(self) -> bool:
+        """Whether an elastic medium is around any of its sections."""
+        return any(np.any(section.foundation) for section in self.sections)
+
     def __repr__(self) -> str:
         label = f"{self.name!r}, " if self.name else ""
         size = f"{float(self.length):g} m" if self.length.ndim == 0 else f"batch {self.batch_shape}"
@@ -337,13 +363,14 @@ class RodArrays:
     Attributes:
         end: Arclength of section ends from the base [m], shape (batch, rod_count, section_count); short rods are padded
             with sections of no length.
-        material: ``EI_x, EI_y, GJ``, their inverses, ``1/GA_x, 1/GA_y, 1/EA``, mass per length, magnetic moment per length,
-            shape (batch, rod_count, section_count, 13).
+        material: ``EI_x, EI_y, GJ``, their inverses, ``1/GA_x, 1/GA_y, 1/EA``, mass per length, magnetic moment per length, stiffness of the
+            foundation, parameters of members, shape (batch, rod_count, section_count, 16 or more).
         precurvature: Polynomial coefficients, shape (batch, rod_count, section_count, 3 (degree + 1)).
         degree: Degree of the polynomials.
         shear: Whether any rod shears or extends.
         anisotropic: Whether any bending stiffness differs between the axes.
         torsion: Whether any rod twists elastically.
+        foundation: Whether a medium is around any rod.
         members: Laws of what the rods carry along themselves, whose parameters are further columns of ``material``.
         batch_shape: Leading axes; where there are none, the batch axis is 1.
     """
@@ -355,6 +382,7 @@ class RodArrays:
     shear: bool
     anisotropic: bool
     torsion: bool
+    foundation: bool = False
     members: "tuple[type[Member], ...]" = ()
     batch_shape: tuple[int, ...] = field(default=())
 
@@ -411,6 +439,7 @@ def stack(backbones: Sequence[RodArrays], batch_shape: tuple[int, ...]) -> RodAr
         shear=any(arrays.shear for arrays in backbones),
         anisotropic=any(arrays.anisotropic for arrays in backbones),
         torsion=any(arrays.torsion for arrays in backbones),
+        foundation=any(arrays.foundation for arrays in backbones),
         members=backbones[0].members,
         batch_shape=(*batch_shape, len(backbones)),
     )
@@ -446,6 +475,7 @@ def lower(rods: Sequence[Rod]) -> RodArrays:
                 + [batch(1 / np.asarray(p)) for p in inverses]
                 + [batch(section.linear_density)]
                 + [batch(section.magnetisation[..., k]) for k in range(3)]
+                + [batch(section.foundation[..., k]) for k in range(3)]
                 + [batch(value) for member in rod.members for value in _values(member, section)],
                 -1,
             )
@@ -477,6 +507,7 @@ def lower(rods: Sequence[Rod]) -> RodArrays:
         shear=bool((material[..., 6:9] > 0).any()),
         anisotropic=bool((material[..., 0] != material[..., 1]).any()),
         torsion=bool(np.isfinite(material[..., 2]).any()),
+        foundation=bool(material[..., 13:16].any()),
         members=kinds(rods[0].members),
         batch_shape=batch_shape,
     )

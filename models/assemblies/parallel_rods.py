@@ -70,6 +70,11 @@ class ParallelRods(Assembly):
             refuse("ParallelRods.legs", Described(f"{count} legs"), "must be 2 to 12")
         mass = nonnegative_float("ParallelRods.platform_mass", platform_mass)
         robots: list[BackboneAssembly] = [SingleRod(leg) if isinstance(leg, Rod) else leg for leg in legs]
+        for k, robot in enumerate(robots):
+            if any(rod.is_embedded for rod in robot.rods):
+                refuse(
+                    f"ParallelRods.legs[{k}]", legs[k], "must have no foundation: it is modelled for one backbone with a free tip"
+                )
         self.legs = tuple(legs)
         self.geometry = Geometry(
             robots,
@@ -137,11 +142,11 @@ class ParallelRods(Assembly):
 
     def features(self, inputs: Inputs, *, enabled: Iterable[str] = ()) -> tuple[Features, ...]:  # noqa: D102
         active = [name for name in kernels.LEG_VECTORS if name in enabled or inputs.is_active(name)]
-        found: dict[tuple[int, bool], list[Features]] = {}
+        found: dict[tuple[Any, ...], list[Features]] = {}
         for leg in self.geometry.legs:
             options: dict[str, Any] = {"rod_count": leg.rod_count, "transmission": leg.transmission, "held": True}
             own = scene_features(leg.arrays, active, inputs.profiles, **options)
-            found.setdefault((leg.rod_count, leg.transmission), []).append(own)
+            found.setdefault((leg.rod_count, leg.transmission, leg.arrays.members), []).append(own)
         return tuple(
             replace(
                 same[0],
@@ -155,7 +160,7 @@ class ParallelRods(Assembly):
     def influences(self, inputs: Inputs) -> Mapping[str, Influence]:
         """An estimate, not a bound (``docs/explain.md``): each leg a cantilever that carries its share of the platform's loads."""
         geometry, legs = self.geometry, len(self.legs)
-        if (geometry.joints != kernels.CLAMPED).any():
+        if (geometry.joints != kernels.CLAMPED).any() or any(rod.members for rod in self.rods):
             return {}
         found: dict[str, Influence] = {}
         for k, (leg, own) in enumerate(zip(geometry.legs, self._own_rods, strict=True)):

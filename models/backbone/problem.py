@@ -61,13 +61,14 @@ def scene_features(
     """The terms that rods ask for, and inputs by the names of those that act and of those that are functions of arclength."""
     acting = set(active)
     needs = {feature: not acting.isdisjoint(names) for feature, names in FEATURE_INPUTS.items()}
-    needs["force"] |= held or "distributed_force" in profiles
+    needs["force"] |= held or arrays.foundation or "distributed_force" in profiles
     return Features(
         rod_count=rod_count,
         precurvature_degree=arrays.degree,
         profile_degree=DEGREE if profiles else -1,
         shear=arrays.shear,
         members=arrays.members,
+        foundation=arrays.foundation,
         transmission=transmission,
         anisotropic=arrays.anisotropic and rod_count > 1,
         torsion=rod_count > 1 and (held or arrays.torsion),
@@ -237,7 +238,7 @@ class BackboneProblem(BoundaryProblem):
 
     @property
     def segments(self) -> BackboneSegments | None:  # noqa: D102
-        return self.cut if len(self.rods) == 1 and not self.held else None
+        return self.cut if len(self.rods) == 1 and not self.held and not self.features.foundation else None
 
     @cached_property
     def cut(self) -> BackboneSegments:
@@ -343,6 +344,7 @@ class BackboneProblem(BoundaryProblem):
                 continue
             size = np.linalg.norm(inputs[:, self.input_slice(spec.name)], axis=1) * length**spec.power / stiffness
             total += size * weight if spec.name == "gravity" else size
+        total += self._medium_load()
         if self.features.measured:
             gap = inputs[:, self.input_slice("tip_curvature")] - table.precurvature[:, 0, -1, :3]
             total += np.linalg.norm(gap, axis=1) * length
@@ -351,6 +353,14 @@ class BackboneProblem(BoundaryProblem):
             size = np.abs(profile.reshape(len(profile), 6, -1)).sum(-1).max(0)
             total += (size[:3].max() * length**3 + size[3:].max() * length**2) / stiffness
         return total
+
+    def _medium_load(self) -> FloatArray:
+        """How much a medium bends rods that are not straight, ``k L^4/EI`` times their bend, shape (instance_count,)."""
+        table = self.arrays
+        length = table.end[:, 0, -1]
+        stiffness = table.material[..., 13:16].max(axis=(1, 2, 3)) * length**4 / table.material[:, 0, :, :3].min(axis=(1, 2))
+        _, kappa = self.by_section()
+        return np.asarray(self.each(stiffness) * np.minimum(kappa.max(axis=(1, 2)) * self.each(length), 1.0))
 
     def magnetic_load(self) -> FloatArray:
         """Bound of the moment per length of a magnetic field on all rods [N], shape (instance_count,)."""
@@ -375,7 +385,7 @@ class BackboneProblem(BoundaryProblem):
 
     def _make_free_tip(self) -> FreeTip | None:
         """(11), (11b), (12)."""
-        if len(self.rods) > 1 or self.held or self.features.follower_force:
+        if len(self.rods) > 1 or self.held or self.features.base_force_unknown:
             return None
         unit = np.array(self.arrays.material[:, 0, -1, :3])
         axes = None
@@ -547,8 +557,8 @@ class BackboneAssembly(Assembly):
         return (scene_features(self.arrays, active, inputs.profiles, **options),)
 
     def influences(self, inputs: Inputs) -> Mapping[str, Influence]:  # noqa: D102
-        if self.arrays.members:
-            return {}  # how much stiffer they make the rod is not bounded
+        if self.arrays.members or self.arrays.foundation:
+            return {}  # what they hold the rod back by is not bounded
         whole = np.broadcast_shapes(inputs.batch_shape, self.batch_shape)
         return influences(self.arrays, inputs, whole, transmission=self.transmission)
 

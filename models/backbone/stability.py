@@ -63,11 +63,13 @@ class BackboneStability(StabilityAnalysis):
         form, determinant = self.condensed_form()
         modes = form.modes(self.problem.stiffness_over_length())
         potential = self.has_potential
-        judged = potential & all(kind.convex for kind in self.problem.features.members)
+        judged = potential & all(kind.convex for kind in self.problem.features.members) & (not self.problem.features.foundation)
         modes.known[~judged] = False
         modes.values[~judged] = np.nan
         # det Gamma is positive where nothing acts
-        modes.diverging[:] = ~potential & (determinant < 0) & (not self.problem.features.measured)
+        modes.diverging[:] = (
+            (~potential | self.problem.features.foundation) & (determinant < 0) & (not self.problem.features.measured)
+        )
         return modes
 
     def condensed_form(self) -> tuple[CondensedForm, FloatArray]:

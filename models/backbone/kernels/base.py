@@ -24,7 +24,7 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
     PerRod = wp.types.vector(length=n, dtype=f64)
     s, c = layout.state, layout.column
     N_AT, THETA_AT, TAU_AT, Q_AT, ENERGY_AT = s["force"], s["angles"], s["torques"], s["frame"], s["energy"]
-    DQ_AT = c["frame"]
+    DQ_AT, WORLD_AT, FOUNDATION = c["frame"], s["world_force"], layout.FOUNDATION  # a column's stands alike
     FORCE_STATE, FRAME, COLUMN_FRAME = layout.FORCE_STATE, layout.FRAME, layout.COLUMN_FRAME
     FORCE_UNKNOWN, TRANSMISSION, TUBES = features.base_force_unknown, features.transmission, n > 1
     MOMENT, TORQUES, FORCE, FIXED = layout.MOMENT, layout.TORQUES, layout.FORCE, layout.FIXED
@@ -197,6 +197,9 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
             N = rotate_inverse(b.q, n0)
             for j in range(3):
                 y[N_AT + j] = N[j]
+        if wp.static(FOUNDATION):
+            for j in range(3):
+                y[WORLD_AT + j] = n0[j]
         for i in range(1, rods.end.shape[1]):
             y[wp.static(THETA_AT) + i - 1] = b.angles[i] - b.angles[0]
         if wp.static(TORQUES > 0):
@@ -266,6 +269,9 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
                 dN = rotate_inverse(b.q, dn) + turn * wp.vec3d(b.N[1], -b.N[0], f64(0.0))
                 for j in range(3):
                     y[N_AT + j] = dN[j]
+        if wp.static(FOUNDATION):
+            for j in range(3):
+                y[WORLD_AT + j] = dn[j]
         if wp.static(COLUMN_FRAME):
             dq = turn_base(b.q, turn)
             for j in range(4):

@@ -65,7 +65,8 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
     SEVERAL, HELD, NODES = n > 1, features.held, layout.NODES
     PROFILE, PROFILE_TERMS, CURVATURE_TERMS = layout.PROFILE, layout.PROFILE_TERMS, layout.CURVATURE_TERMS
     SPREAD_FORCE, SPREAD_MOMENT, VARIED = layout.SPREAD_FORCE, layout.SPREAD_MOMENT, layout.VARIED
-    WORLD_FORCE, ANISOTROPIC, SHEAR = layout.FORCE and not layout.FORCE_STATE, features.anisotropic, features.shear
+    WORLD_FORCE = layout.FORCE and not layout.FORCE_STATE and not layout.FOUNDATION
+    FOUNDATION, ANISOTROPIC, SHEAR = layout.FOUNDATION, features.anisotropic, features.shear
     DIRECTIONS = layout.DIRECTIONS
     SINGLE = d is wp.float32
     # of the parameters of members: powers of newton and metre
@@ -351,6 +352,7 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
             factor = case.unit * wp.sqrt(call.load_factor[case.index])
         EI = f64(0.0)
         stiffness = f64(0.0)
+        medium = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
         for i in range(rods.end.shape[1]):
             from_here = section_from(rods, call, case, i, s)
             m = wp.min(from_here, rods.end.shape[2] - 1)
@@ -376,6 +378,9 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
                     if wp.static(SHEAR):
                         shear = rods.material[case.rods, i, m, 6 + j] * case.force
                         set_number(memory, z + wp.static(z_at("shear")) + j, l, shear)
+            if wp.static(FOUNDATION):
+                for j in range(3):
+                    medium[j] = medium[j] + present * rods.material[case.rods, i, m, 13 + j]
             if wp.static(MAGNETISED):
                 for j in range(3):
                     mu = present * rods.material[case.rods, i, m, 10 + j] / case.force
@@ -399,6 +404,10 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
                     slope = f64(2.0) / (end - begin)
                 set_number(memory, z + wp.static(z_at("centre")) + i, l, centre / case.unit)
                 set_number(memory, z + wp.static(z_at("slope")) + i, l, slope * case.unit)
+        if wp.static(FOUNDATION):  # a medium that is raised with the loads: the unloaded rod is where solvers begin
+            scale = call.load_factor[case.index] * case.unit * case.unit / case.force
+            set_vector(memory, z + wp.static(z_at("foundation")), l, scale * medium)
+            set_number(memory, z + wp.static(z_at("from_base")), l, s / case.unit)
         if wp.static(SEVERAL):
             set_number(memory, z + wp.static(z_at("softness")), l, case.stiffness / EI)
         set_number(memory, z + wp.static(z_at("unit_moment")), l, stiffness / case.scale / case.moment)

@@ -365,7 +365,8 @@ def make_kernel(features: Features, tableau: Tableau, precision: str = "float64"
     write_momenta = nodes.write_tip_column
     state_in, column_in, force_column_in = record.state_in, record.column_in, record.force_column_in
     put_state, put_column = record.put_state, record.put_column
-    NODE_COLUMNS = features.node_columns
+    NODE_COLUMNS, FOUNDATION = features.node_columns, features.foundation
+    WORLD_AT = own.layout.state["world_force"]  # a column's stands alike
 
     @wp.func
     def count(call: Call, jobs: Call) -> int:
@@ -403,6 +404,8 @@ def make_kernel(features: Features, tableau: Tableau, precision: str = "float64"
         t = case.index
         y = state_in(case, memory, o, l)
         n_tip = force_at(call, p)
+        if wp.static(FOUNDATION):
+            n_tip = wp.vec3d(y[WORLD_AT], y[WORLD_AT + 1], y[WORLD_AT + 2])
         total = f64(0.0)
         if job % call.parts == 0:
             total += write_tip(rods, call, case, y, s, n_tip, precurvature_here(case, memory, o, l))
@@ -413,6 +416,8 @@ def make_kernel(features: Features, tableau: Tableau, precision: str = "float64"
         for c in range(column_count(call, job)):
             v = column_in(case, memory, o, l, c)
             dn = force_column_in(case, memory, o, l, c)
+            if wp.static(FOUNDATION):
+                dn = wp.vec3d(v[WORLD_AT], v[WORLD_AT + 1], v[WORLD_AT + 2])
             total += write_tip_column(rods, call, case, y, v, s, n_tip, dn, first + c)
             write_pose_column(call, case, y, v, first + c)
             if wp.static(NODE_COLUMNS):

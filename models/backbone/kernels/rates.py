@@ -12,6 +12,7 @@ import warp as wp
 
 from multirod.models.backbone.kernels.layout.layout import Layout
 from multirod.models.backbone.kernels.loads.dead import make_loads
+from multirod.models.backbone.kernels.loads.foundation import make_foundation
 from multirod.models.backbone.kernels.loads.magnetic import make_magnetic
 from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul, neg, sub  # noqa: F401  (operators: looked up by name)
 from multirod.models.backbone.kernels.numbers.vectors import vectors
@@ -44,6 +45,11 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
     loads, law = make_loads(layout, W, d), make_strains(layout, W, d)
     world_force, spread_moment = loads.world_force, loads.spread_moment
     force_variation, moment_variation = loads.force_variation, loads.moment_variation
+    WORLD_AT, DWORLD_AT, FOUNDATION, SPREAD_FORCE = s["world_force"], c["world_force"], layout.FOUNDATION, layout.SPREAD_FORCE
+    medium = make_foundation(layout, W, d)
+    foundation_force, foundation_variation = medium.foundation_force, medium.foundation_variation
+    foundation_work = medium.foundation_work
+    spread_force, spread_force_variation = loads.spread_force, loads.spread_force_variation
     MAGNETISED = layout.MAGNETISED
     field = make_magnetic(layout, W, d)
     magnetic_moment, magnetic_torques, magnetic_work = field.magnetic_moment, field.magnetic_torques, field.magnetic_work
@@ -108,7 +114,10 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
         if wp.static(FORCE_STATE):
             N = part3(b, wp.static(N_AT))
         if wp.static(FORCE and not FORCE_STATE):
-            n = world_force(memory, z, x)
+            if wp.static(FOUNDATION):
+                n = part3(b, wp.static(WORLD_AT))
+            else:
+                n = world_force(memory, z, x)
             N = rotate_inverse(frame, n)
         u = strain(memory, z, a, x, b, M, N)
         put3(memory, a + wp.static(MOMENT_AT), M)
@@ -136,6 +145,11 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
             if wp.static(SHEAR):
                 M_s = plus(M_s, cross(N, extension))
             keep3(f, wp.static(M_AT), M_s)
+        if wp.static(FOUNDATION):  # (3e)
+            n_s = foundation_force(memory, z, x, part3(b, wp.static(P_AT)))
+            if wp.static(SPREAD_FORCE):
+                n_s = minus(n_s, spread_force(memory, z, x))
+            keep3(f, wp.static(WORLD_AT), n_s)
         if wp.static(FORCE_STATE):  # (3b)
             keep3(f, wp.static(N_AT), cross(N, u))
         if wp.static(FRAME):  # (2a)
@@ -150,6 +164,8 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
             work = N.z
             if wp.static(SHEAR):
                 work = work + dot(N, extension)
+            if wp.static(FOUNDATION):
+                work = work + foundation_work(memory, z, x, part3(b, wp.static(P_AT)))
             if wp.static(MAGNETISED):
                 work = work + magnetic_work(memory, a)
             keep(f, wp.static(ENERGY), d(0.5) * energy)
@@ -188,8 +204,11 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
             dN = part3_of(v, wp.static(DN_AT))
         elif wp.static(FORCE):  # (16)
             dN = cross(N, dphi)
-        if wp.static(GIVEN_FORCE):
-            dn = force_variation(memory, z, g, x)
+        if wp.static(GIVEN_FORCE or FOUNDATION):
+            if wp.static(FOUNDATION):
+                dn = part3_of(v, wp.static(DWORLD_AT))
+            else:
+                dn = force_variation(memory, z, g, x)
             dN = plus(dN, rotate_inverse(frame, dn))
         du, dextension = strain_variation(memory, z, a, g, v, dM, dN)
         if wp.static(SHEAR):
@@ -203,7 +222,7 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
                 keep3_in(f, wp.static(DP_AT), dp_s)
         if wp.static(FIXED):  # (18b)
             dm_s = cross(row3(memory, a + wp.static(WORLD_FORCE_AT)), dp_s)
-            if wp.static(GIVEN_FORCE):
+            if wp.static(GIVEN_FORCE or FOUNDATION):
                 dm_s = plus(dm_s, cross(dn, row3(memory, a + wp.static(TANGENT_AT))))
             if wp.static(DIRECTIONS and SPREAD_MOMENT):
                 dm_s = minus(dm_s, moment_variation(memory, z, g, x))
@@ -216,6 +235,11 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
             if wp.static(SHEAR):
                 dM_s = plus(dM_s, plus(cross(dN, extension), cross(N, dextension)))
             keep3_in(f, wp.static(DM_AT), dM_s)
+        if wp.static(FOUNDATION):  # (18e)
+            dn_s = foundation_variation(memory, z, g, x, part3_of(v, wp.static(DP_AT)))
+            if wp.static(SPREAD_FORCE and DIRECTIONS):
+                dn_s = minus(dn_s, spread_force_variation(memory, z, g, x))
+            keep3_in(f, wp.static(DWORLD_AT), dn_s)
         if wp.static(FORCE_STATE):
             keep3_in(f, wp.static(DN_AT), plus(cross(dN, u), cross(N, du)))
         own_rate_variations(memory, z, a, g, v, du, f)

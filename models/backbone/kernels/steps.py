@@ -41,6 +41,7 @@ def make_steps(layout: Layout, memory: Memory, tableau: Tableau, rate: SimpleNam
     # the moment, or what stands for it where several rods carry none together: their torques
     MOMENT_AT, MOMENT_SIZE = (s["moment"], 3) if MOMENT else (s["torques"], TORQUES)
     UNIT_MOMENT, UNIT_FORCE, UNIT_LENGTH = z["unit_moment"], z["unit_force"], z["unit_length"]
+    WORLD_AT = s["world_force"]
     N_AT, THETA_AT, TAU_AT, Q_AT, P_AT = s["force"], s["angles"], s["torques"], s["frame"], s["position"]
     X, LENGTH, SIZE, LEFT = steps["x"], steps["length"], steps["size"], steps["left"]
     ACTIVE, COUNT, REJECTED, LONGEST = steps["active"], steps["count"], steps["rejected"], steps["longest"]
@@ -72,6 +73,9 @@ def make_steps(layout: Layout, memory: Memory, tableau: Tableau, rate: SimpleNam
         if wp.static(FORCE_STATE):
             unit = row(memory, z + wp.static(UNIT_FORCE))
             error = largest(error, block_error(e, b, wp.static(N_AT), 3, unit, rtol, atol))
+        if wp.static(WORLD_AT >= 0):
+            unit = row(memory, z + wp.static(UNIT_FORCE))
+            error = largest(error, block_error(e, b, wp.static(WORLD_AT), 3, unit, rtol, atol))
         if wp.static(n > 1):
             error = largest(error, block_error(e, b, wp.static(THETA_AT), wp.static(n - 1), one, rtol, atol))
         if wp.static(MOMENT and TORQUES > 0):

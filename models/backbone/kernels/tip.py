@@ -34,11 +34,11 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
     s_, c_ = layout.state, layout.column
     THETA_AT, TAU_AT, Q_AT, P_AT = s_["angles"], s_["torques"], s_["frame"], s_["position"]
     ENERGY_AT, WORK_AT, DQ_AT, DP_AT = s_["energy"], s_["work"], c_["frame"], c_["position"]
-    FRAME, COLUMN_FRAME, POSE, POSE_COLUMNS = layout.FRAME, layout.COLUMN_FRAME, layout.POSE, layout.POSE_COLUMNS
+    FRAME, COLUMN_FRAME, POSE, POSE_COLUMNS = layout.FRAME, layout.COLUMN_FRAME, layout.POSE, features.pose_sensitivities
     TUBES, MEASURED, FIXED, HELD = n > 1, features.measured, layout.FIXED, features.held
     MOMENT, TORQUES, NODES = layout.MOMENT, layout.TORQUES, layout.NODES
     FIRST_TORQUE = layout.unknowns.places["torques"].start - 1  # row of the residual, less the index of the rod
-    FOLLOWER, FOLLOWER_MOMENT = features.follower_force, features.follower_moment
+    FREE_FORCE, FOLLOWER_MOMENT = features.base_force_unknown and not features.held, features.follower_moment
     FIRST_FORCE = layout.unknowns.places["force"].start
     at = InputOffsets(n)
     ROTATION, TIP_FORCE, TIP_MOMENT, TIP_CURVATURE = at.ROTATION, at.TIP_FORCE, at.TIP_MOMENT, at.TIP_CURVATURE
@@ -305,7 +305,7 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
                         lack -= follower_torque(call, case, i)
                     call.residual[t, wp.static(FIRST_TORQUE) + i] = torque_unit(rods, call, case, s, i) * lack
                     total += wp.abs(lack)
-        if wp.static(FOLLOWER):
+        if wp.static(FREE_FORCE):
             pull = force_gap(rods, call, case, y, s, n_tip)
             total += total_magnitude(pull)
             for j in range(3):
@@ -344,7 +344,7 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
                         lack -= follower_torque_rate(call, case, i, direction)
                     write_entry(call, case, wp.static(FIRST_TORQUE) + i, k, torque_unit(rods, call, case, s, i) * lack)
                     total += wp.abs(lack)
-        if wp.static(FOLLOWER):
+        if wp.static(FREE_FORCE):
             pull = force_gap_column(rods, call, case, y, v, s, n_tip, dn, direction)
             total += total_magnitude(pull)
             for j in range(3):

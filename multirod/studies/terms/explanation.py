@@ -199,6 +199,9 @@ class Explanation:
         loads = [name for name in LOADS if self.inputs.is_active(name)] if self._takes("gravity") else []
         if any(f.measured for f in self.features):
             yield Term("measured", "inputs.tip_curvature takes the place of the condition at the tip")
+        embedded = [f"rods[{k}]" for k, rod in enumerate(self.robot.rods) if rod.is_embedded]
+        if embedded:
+            yield Term("foundation", f"{', '.join(embedded)}: an elastic medium is around them")
         carrying = [f"rods[{k}]" for k, rod in enumerate(self.robot.rods) if rod.members]
         if carrying:
             yield Term("members", f"{', '.join(carrying)}: carry something that gives way with them")

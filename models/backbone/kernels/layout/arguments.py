@@ -3,7 +3,8 @@
 
 import warp as wp
 
-MATERIAL_SIZE = 13  # EI_x, EI_y, GJ, their inverses, 1/GA_x, 1/GA_y, 1/EA, mass per length, magnetic moment per length
+# EI_x, EI_y, GJ, their inverses, 1/GA_x, 1/GA_y, 1/EA, mass per length, magnetic moment per length, stiffness of the foundation
+MATERIAL_SIZE = 16
 INPUT_VECTORS = (
     "tip_force",
     "tip_moment",

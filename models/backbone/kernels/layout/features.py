@@ -27,6 +27,7 @@ class Features:
         follower_moment: The tip moment has a part that follows the tip frame, equation (11).
         held: Something else holds the tip: the base force is unknown, and the tip's wrench is written out, equation (22).
         magnetised: Magnetised rods stand in a magnetic field, equation (3d).
+        foundation: The rods stand in an elastic medium, equation (3e): the force is a state, and the base force unknown.
         measured: A measured tip curvature takes the place of the boundary condition, equation (12).
         members: What the rod carries along itself, kinds of ``Member`` in their order, equation (5m).
         shear: Shear and extension, equation (5); without it ``v = e3``.
@@ -51,6 +52,7 @@ class Features:
     follower_moment: bool = False
     held: bool = False
     magnetised: bool = False
+    foundation: bool = False
     measured: bool = False
     members: tuple[type["Member"], ...] = ()
     shear: bool = False
@@ -66,7 +68,7 @@ class Features:
     @property
     def base_force_unknown(self) -> bool:
         """Whether what acts on the tip is not known beforehand in the world frame."""
-        return self.follower_force or self.held
+        return self.follower_force or self.held or self.foundation
 
     @property
     def loads_need_frame(self) -> bool:

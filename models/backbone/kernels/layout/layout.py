@@ -98,8 +98,9 @@ class Layout:
         self.PROFILE_TERMS = max(f.profile_degree, 0) + 1
         self.CURVATURE_TERMS = f.precurvature_degree + 1
         self.VARIED = self.CURVATURE_TERMS > 1
-        self.POSE = f.pose or f.nodes or f.pose_sensitivities
-        self.POSE_COLUMNS = f.pose_sensitivities
+        self.FOUNDATION = f.foundation
+        self.POSE = f.pose or f.nodes or f.pose_sensitivities or f.foundation
+        self.POSE_COLUMNS = f.pose_sensitivities or f.foundation
         self.NODES = f.nodes
         self.FIXED = f.fixed_moment
         self.DIRECTIONS = f.directions
@@ -108,10 +109,11 @@ class Layout:
         self.STRAINS = 6 if f.shear else 3
         self.member_slots = [Slot(f"{k} {name}", 1) for k, kind in enumerate(f.members) for name in kind.parameters]
         # an unknown base force, or a direction, makes n depend on it
-        self.GIVEN_FORCE = f.force and not f.force_is_state and (f.directions or f.base_force_unknown)
+        self.GIVEN_FORCE = f.force and not f.force_is_state and not f.foundation and (f.directions or f.base_force_unknown)
         statics = [
             Slot("moment", 3 * self.MOMENT, "moment"),
             Slot("force", 3 * self.FORCE_STATE, "force"),
+            Slot("world_force", 3 * f.foundation, "force"),  # n, which depends on the position
             Slot("angles", n - 1),
             Slot("torques", self.TORQUES, "moment"),
         ]
@@ -152,13 +154,15 @@ class Layout:
                 Slot("precurvature", 3 * self.CURVATURE_TERMS * n, "1/length"),
                 Slot("centre", n * self.VARIED, "length"),
                 Slot("slope", n * self.VARIED, "1/length"),
-                Slot("force", 3 * (f.force and not f.force_is_state), "force"),  # n at the start
+                Slot("force", 3 * (f.force and not f.force_is_state and not f.foundation), "force"),  # n at the start
                 Slot("distributed_force", 3 * self.SPREAD_FORCE, "force per length"),
                 Slot("distributed_moment", 3 * self.SPREAD_MOMENT, "force"),
                 Slot("profile_force", 3 * self.PROFILE_TERMS * self.PROFILE, "force per length"),
                 Slot("profile_moment", 3 * self.PROFILE_TERMS * (self.PROFILE and self.SPREAD_MOMENT), "force"),
                 Slot("profile_centre", 1 * self.PROFILE, "length"),
                 Slot("profile_slope", 1 * self.PROFILE, "1/length"),
+                Slot("foundation", 3 * f.foundation, "force per area"),
+                Slot("from_base", 1 * f.foundation, "length"),  # arclength of the start
                 Slot("field", 3 * f.magnetised),  # magnetic, along the axes of the base [T]
                 Slot("magnetisation", 3 * n * f.magnetised, "force"),  # per tesla
                 *self.member_slots,

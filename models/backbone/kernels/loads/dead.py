@@ -125,6 +125,21 @@ def make_loads(layout: Layout, W: int, d) -> SimpleNamespace:
             dl = ahead3(dl, arclength_variation(memory, g, x), slope)
         return dl
 
+    @wp.func
+    def spread_force_variation(memory: memory_type, z: int, g: int, x: Real) -> Vec3:
+        """Variation of f, at a fixed part of the stretch."""
+        df = row3(memory, g + wp.static(GIVEN_SPREAD))
+        if wp.static(PROFILE):
+            df = ahead3(df, row(memory, g + wp.static(GIVEN_PROFILE)), profile(memory, z, wp.static(PROFILE_FORCE), x))
+            slope = profile_derivative(memory, z, wp.static(PROFILE_FORCE), x)
+            df = ahead3(df, arclength_variation(memory, g, x), slope)
+        return df
+
     return SimpleNamespace(
-        world_force=world_force, spread_moment=spread_moment, force_variation=force_variation, moment_variation=moment_variation
+        spread_force=spread_force,
+        spread_force_variation=spread_force_variation,
+        world_force=world_force,
+        spread_moment=spread_moment,
+        force_variation=force_variation,
+        moment_variation=moment_variation,
     )

@@ -1,0 +1,65 @@
+"""The first solve of a scene from an empty kernel cache, and what is asked of it then, each in a process of its own: processor time and wall.
+
+python tests/benchmarks/first_call.py [--rounds N]
+"""
+
+import argparse
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from time import perf_counter
+
+import numpy as np
+
+README = """
+wire = mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638, precurvature=(14, 5, 0))
+robot = mr.SingleRod(wire)
+inputs = robot.inputs(rotation=0.1, tip_force=(1, 0, 0))
+"""
+SCENE = """
+from multirod.studies.scenes import load
+motion = load("{name}")
+robot, inputs = motion.robot, motion.inputs[0]
+"""
+SOLVE = "solution = mr.solve(robot, inputs, progress=False)\nsolution.raise_if_failed()\n"
+ASKED = 'solution.rod(0), solution.stability, solution.jacobian("rotation")\n'
+CASES = {
+    "README's rod": (README + SOLVE, "7.9 s", "3 s"),
+    "three tubes, loaded": (SCENE.format(name="three-tubes") + SOLVE, "9.9 s", "3.5 s"),
+    "six legs": (SCENE.format(name="six-legs") + SOLVE, "18.9 s", "6 s"),
+    "three tubes, then shape, stability, jacobian": (SCENE.format(name="three-tubes") + SOLVE + ASKED, "30 s", "5.5 s"),
+    "import multirod": ("", "2.1 s", "0.6 s"),
+}
+
+
+def run(code: str, cache: str) -> tuple[float, float]:
+    """Processor time and wall time of a Python program [s]."""
+    before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), perf_counter()
+    environment = os.environ | {"WARP_CACHE_PATH": cache}
+    subprocess.run([sys.executable, "-c", "import multirod as mr\n" + code], env=environment, check=True, capture_output=True)
+    wall, after = perf_counter() - begin, resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, wall
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--rounds", type=int, default=3)
+    rounds = parser.parse_args(arguments).rounds
+    print(f"{'':48}{'processor time':>24}{'wall':>18}{'again':>8}{'stood before':>14}{'goal':>8}")
+    for name, (code, before, goal) in CASES.items():
+        times, again = [], []
+        for _ in range(rounds):
+            with tempfile.TemporaryDirectory() as cache:
+                times.append(run(code, cache))
+                again.append(run(code, cache)[0])
+        cpu, wall = np.array(times).T
+        spread = f"{np.median(cpu):.2f} s ({cpu.min():.2f} to {cpu.max():.2f})"
+        print(f"{name:48}{spread:>24}{np.median(wall):>16.2f} s{np.median(again):>6.2f} s{before:>14}{goal:>8}")
+
+
+if __name__ == "__main__":
+    main()
