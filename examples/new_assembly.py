@@ -1,19 +1,28 @@
-"""A new assembly: a rod whose base turns about its axis against a torsional spring.
+"""A new assembly: a rod whose base turns about its axis on a torsional spring.
 
-The base angle is ``alpha - M_z(0) / spring`` instead of ``alpha``. The boundary problem wraps that of the rod: it sets the
-base angle that belongs to the unknowns, and adds to ``Gamma`` what the angle's change adds, by the rod's own sensitivity.
+The rod's moment about that axis, ``M``, turns the base from ``alpha``, the input, to ``alpha + M / spring``. So the boundary problem is that
+of a clamped rod at a base angle that depends on the unknowns, and all derivatives follow from those of the clamped rod by
+the chain rule. ``WrappedProblem`` hands on what is the same; what differs is here.
 """
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import replace
+from typing import Any, Self
 
 import numpy as np
 
 import multirod as mr
+from multirod.batch import take
+from multirod.capabilities import FreeTip
+from multirod.segments import Propagation, Request, Segments
+from multirod.stability import Modes, StabilityAnalysis
+from multirod.wrapped import WrappedProblem, WrappedSegments
+
+TWIST = 2  # the unknown that is the rod's curvature about its axis at the base
 
 
 class SprungRod(mr.Assembly):
-    """One rod on a torsional spring of stiffness ``spring`` [N m/rad]; inputs as for ``SingleRod``."""
+    """One rod on a torsional spring of stiffness ``spring`` [N m/rad]; inputs as for ``SingleRod``, ``rotation`` is ``alpha``."""
 
     def __init__(self, rod: mr.Rod, *, spring: float) -> None:
         self.clamped = mr.SingleRod(rod)
@@ -24,84 +33,172 @@ class SprungRod(mr.Assembly):
     def input_specs(self) -> tuple[mr.InputSpec, ...]:
         return self.clamped.input_specs
 
+    def check(self, inputs: mr.Inputs) -> None:
+        self.clamped.check(inputs)
+
     def problem(
-        self, inputs: mr.Inputs, *, direction_count: int = 0, enabled: Sequence[str] = (), **options: Any
+        self, inputs: mr.Inputs, *, direction_count: int = 0, instances: Any = None, enabled: Sequence[str] = (), **options: Any
     ) -> "SprungProblem":
-        if direction_count or options.get("pose_sensitivities"):
-            raise ValueError(
-                "SprungRod offers no derivatives by its inputs: use a solver without feed-forward or corrected output"
-            )
-        inner = self.clamped.problem(inputs, direction_count=1, enabled=enabled, **options)
-        return SprungProblem(inner, self.spring)
+        # one direction more, the last: along the base angle
+        inner = self.clamped.problem(inputs, direction_count=direction_count + 1, instances=instances, enabled=enabled, **options)
+        section = self.rods[0].sections[0]
+        stiffness = np.minimum(section.torsional_stiffness, np.max(section.bending_stiffness, axis=-1))
+        whole = np.broadcast_shapes(inputs.batch_shape, self.batch_shape)
+        return SprungProblem(inner, take(stiffness, whole, instances, tail=0).reshape(-1), self.spring, direction_count)
 
 
-class SprungProblem(mr.BoundaryProblem):
-    """Unknowns and residual are the rod's own."""
+class SprungProblem(WrappedProblem):
+    """Unknowns and residual are the clamped rod's.
 
-    def __init__(self, inner: mr.BoundaryProblem, spring: float) -> None:
-        super().__init__(
-            unknown_count=3,
-            batch_shape=inner.batch_shape,
-            input_count=inner.input_count,
-            blocks=inner.blocks,
-            device=inner.device,
-        )
-        self.inner = inner
-        self.rounding = inner.rounding
-        self.measured = inner.measured
-        rod = inner.rods[0]
-        self.give = float(rod.sections[0].torsional_stiffness) / spring  # angle of the spring per twist at the base
-        self.write("inputs", inner.read("inputs"))
+    Args:
+        inner: The clamped rod.
+        stiffness: Moment about the axis of one unit of that unknown [N m^2], shape (instance_count,): ``GJ``, or ``EI`` where that is less.
+        spring: Stiffness [N m/rad].
+        direction_count: Directions in input space, one less than those of ``inner``.
+    """
+
+    def __init__(self, inner: mr.BoundaryProblem, stiffness: np.ndarray, spring: float, direction_count: int) -> None:
+        super().__init__(inner, direction_count=direction_count)
+        self.stiffness, self.spring = stiffness, spring
+        self.angle = inner.input_slice("rotation").start
         turn = np.zeros(inner.directions.shape)
-        turn[:, 0, inner.input_slice("rotation")] = 1.0
+        turn[:, -1, self.angle] = 1.0
         inner.directions.assign(turn)
 
-    def guess(self) -> np.ndarray:
-        return self.inner.guess()
+    def around(self, inner: mr.BoundaryProblem, instances: np.ndarray) -> Self:
+        return type(self)(inner, self.stiffness[instances], self.spring, self.direction_count)
 
-    def curvature_scale(self) -> np.ndarray:
-        return self.inner.curvature_scale()
+    @property
+    def give(self) -> np.ndarray:
+        """How far the base turns by one unit of the unknown [rad m], shape (instance_count,)."""
+        return self.stiffness / self.spring
 
-    def input_slice(self, name: str) -> slice:
-        return self.inner.input_slice(name)
+    def torque(self, unknowns: np.ndarray) -> np.ndarray:
+        """The rod's moment on the spring [N m], shape (instance_count,)."""
+        return self.stiffness * (unknowns - self.inner.guess())[:, TWIST]
 
-    def pack(self, inputs: mr.Inputs) -> np.ndarray:
-        return self.inner.pack(inputs)
+    def inner_inputs(self, unknowns: np.ndarray) -> np.ndarray:
+        inputs = self.read("inputs")
+        inputs[:, self.angle] += self.torque(unknowns) / self.spring
+        return inputs
 
-    def takes(self, name: str) -> bool:
-        return self.inner.takes(name)
+    def _corrected(self, gamma: np.ndarray, directions: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        gamma, columns = gamma.copy(), pose[:, :, : self.unknown_count].copy()
+        gamma[:, :, TWIST] += self.give[:, None] * directions[:, :, -1]
+        if self.pose_sensitivities:
+            columns[:, :, TWIST] += self.give[:, None] * pose[:, :, -1]
+        return gamma, columns
 
     def load_scale(self) -> np.ndarray:
-        return self.inner.load_scale()
+        # the spring gives way as so much more rod would
+        return super().load_scale() * (1 + self.give * self.curvature_scale())
 
-    def _integrate(self) -> None:
-        unknowns, inputs = self.read("unknowns"), self.read("inputs")
-        inputs[:, self.input_slice("rotation")] -= self.give * (unknowns[:, 2:] - self.inner.guess()[:, 2:])
-        self.inner.write("unknowns", unknowns)
-        self.inner.write("inputs", inputs)
-        self.inner.load_factor.assign(self.load_factor.numpy())
-        self.inner.integrate()
-        gamma = self.inner.read("gamma").reshape(-1, 3, 3)
-        gamma[:, :, 2] -= self.give * self.inner.residual_directions.numpy()[:, :, 0]
-        active = self.active.numpy() != 0
-        for name in ("residual", "position", "rotation"):
-            self.write(name, np.where(active[:, None], self.inner.read(name), self.read(name)))
-        self.write("gamma", np.where(active[:, None], gamma.reshape(len(gamma), -1), self.read("gamma")))
-        self.fault.assign(np.where(active, self.inner.fault.numpy(), self.fault.numpy()))
+    # ---- what a clamped rod offers too, but not the same ----
 
-    def shapes(self, node_count: int) -> Any:
-        self.integrate()
-        return self.inner.shapes(node_count)
+    @property
+    def stability(self) -> "SprungStability":
+        return SprungStability(self)
+
+    @property
+    def segments(self) -> "SprungSegments | None":
+        return None if self.inner.segments is None else SprungSegments(self, self.inner.segments)
+
+    @property
+    def free_tip(self) -> FreeTip | None:
+        """None where moments are fixed in the world: their residual turns with the base, whose angle is no input here."""
+        tip = self.inner.free_tip
+        return None if tip is None or tip.moment_axes is not None else tip
+
+
+class SprungStability(StabilityAnalysis):
+    """The clamped rod's second variation, and one number more: how stiffly base and rod together resist being turned."""
+
+    def __init__(self, problem: SprungProblem) -> None:
+        self.problem = problem
+
+    def _clamped(self) -> StabilityAnalysis:
+        self.problem.present()
+        analysis = self.problem.inner.stability
+        assert analysis is not None
+        return analysis
+
+    @property
+    def has_potential(self) -> np.ndarray:
+        return self._clamped().has_potential
+
+    def potential(self) -> np.ndarray:
+        torque = self.problem.torque(self.problem.read("unknowns"))
+        return self._clamped().potential() + 0.5 * torque**2 / self.problem.spring
+
+    def modes(self) -> Modes:
+        problem, clamped = self.problem, self._clamped().modes()
+        # the Schur complement of the clamped rod's form: by Sylvester's law as many values are negative as of the whole form
+        problem.inner.active.fill_(1)
+        problem.inner.integrate()
+        n = problem.unknown_count
+        gamma = problem.inner.read("gamma").reshape(-1, n, n)
+        by_angle = problem.inner.residual_directions.numpy()[:, :, -1]
+        sound = np.isfinite(gamma).all(axis=(1, 2)) & (np.linalg.det(np.nan_to_num(gamma)) != 0)
+        whole = np.full(len(gamma), np.nan)
+        whole[sound] = 1 + problem.give[sound] * np.linalg.solve(gamma[sound], by_angle[sound, :, None])[:, TWIST, 0]
+        known = clamped.known & sound
+        known[list(problem.breakpoints)] = False
+        unit = problem.stiffness * problem.curvature_scale()
+        values = np.column_stack([clamped.values, np.where(known, whole * problem.spring / unit, np.nan)])
+        uncertainty = np.column_stack([clamped.uncertainty, 0 * whole])
+        order = np.argsort(values, axis=1)
+        sort = [np.take_along_axis(array, order, axis=1) for array in (values, uncertainty)]
+        # of loads without a potential nothing is said
+        return Modes(sort[0], clamped.hidden, sort[1], known, np.zeros(len(whole), dtype=bool))
+
+
+class SprungSegments(WrappedSegments):
+    """The clamped rod's; the first begins at the base angle that belongs to the unknowns."""
+
+    def __init__(self, problem: SprungProblem, inner: Segments) -> None:
+        super().__init__(inner)
+        self.problem = problem
+
+    def base_state(self, instance: int, unknowns: np.ndarray) -> np.ndarray:
+        everyone = self.problem.read("unknowns")
+        everyone[instance] = unknowns
+        self.problem.inner.write("inputs", self.problem.inner_inputs(everyone))
+        return self.inner.base_state(instance, unknowns)
+
+    def propagate(self, requests: Sequence[Request]) -> list[Propagation]:
+        count = self.problem.direction_count
+        directions = self.problem.inner.directions.numpy().copy()
+        directions[:, :count] = self.problem.directions.numpy()[:, :count]
+        self.problem.inner.directions.assign(directions)
+        return [self._by_own_unknowns(r, found) for r, found in zip(requests, self.inner.propagate(requests), strict=True)]
+
+    def _by_own_unknowns(self, request: Request, found: Propagation) -> Propagation:
+        """What varies with the twist at the base varies with the base angle too; its direction, the last, is left out."""
+        give = self.problem.give[request.instance]
+        transition, residual, displacement = (
+            np.array(columns) for columns in (found.transition, found.residual_columns, found.displacement_columns)
+        )
+        if request.start[0] == 0.0:
+            transition[0, :, TWIST] += give * transition[0, :, -1]
+            displacement[0, :, TWIST] += give * displacement[0, :, -1]
+            if len(request.start) == 1:
+                residual[:, TWIST] += give * residual[:, -1]
+        return replace(
+            found,
+            transition=transition[..., :-1],
+            residual_columns=residual[..., :-1],
+            displacement_columns=displacement[..., :-1],
+        )
 
 
 def main() -> float:
     rod = mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638, precurvature=(14, 5, 0))
     robot = SprungRod(rod, spring=0.05)
     solution = mr.solve(robot, robot.inputs(tip_force=(0.3, 0.2, 0))).raise_if_failed()
-    torque = solution.rod(0).moment[0, 2]
-    clamped = mr.solve(robot.clamped, robot.clamped.inputs(rotation=-torque / robot.spring, tip_force=(0.3, 0.2, 0)))
+    angle = solution.rod(0).moment[0, 2] / robot.spring
+    clamped = mr.solve(robot.clamped, robot.clamped.inputs(rotation=angle, tip_force=(0.3, 0.2, 0)))
     error = float(np.linalg.norm(solution.tip_position - clamped.tip_position))
-    print(f"base torque {torque:.4f} N m turns the spring by {-torque / robot.spring:.4f} rad")
+    print(f"the rod turns its spring by {angle:.4f} rad; the equilibrium is {solution.stability}")
     print(f"the clamped rod at that angle is {error:.1e} m away")
     return error
 

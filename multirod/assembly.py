@@ -68,8 +68,8 @@ class Assembly(ABC):
 
     def input_directions(self, name: str) -> dict[str, int]:
         """Options of ``problem`` that give it the directions which ``BoundaryProblem.input_columns`` needs for an input."""
-        per_rod = {spec.name: spec.per_rod for spec in self.input_specs}[name]
-        return {"direction_count": self.rod_count if per_rod else 3}
+        (spec,) = (spec for spec in self.input_specs if spec.name == name)
+        return {"direction_count": spec.size(self.rod_count)}
 
     def with_rods(self, rods: Sequence[Rod]) -> Self:
         """The same assembly of other rods, as many, and as long."""

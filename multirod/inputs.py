@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -14,10 +14,15 @@ from multirod.validation import FloatArray, array, unknown_names
 
 @dataclass(frozen=True, kw_only=True)
 class InputSpec:
-    """One input that an assembly takes.
+    """One input that an assembly takes, and what it means: whatever treats inputs of one kind alike asks here, not for names.
 
     Attributes:
         name: How it is called.
+        acts: Where: at the ``"base"``, at the ``"tip"`` or on what the tips hold, ``"along"`` the rods (per length, or per mass), or not at
+            all, as a ``"sensor"`` reads it.
+        load: ``"force"`` or ``"moment"``, which ``load_factor`` multiplies; None for what is no load.
+        follows: Of a load: fixed in the frame of where it acts, rather than dead, fixed in the world.
+        potential: Of a load: whether its work derives from a potential. That of a dead moment does not, nor of what follows the tip.
         per_rod: One number per rod, shape (..., rod_count); otherwise a vector, shape (..., 3).
         unit: SI unit.
         function: Whether it may be a function of arclength.
@@ -35,6 +40,19 @@ class InputSpec:
     optional: bool = False
     measured: bool = False
     dead_twin: str = ""
+    acts: Literal["base", "tip", "along", "sensor"] = "base"
+    load: Literal["force", "moment"] | None = None
+    follows: bool = False
+    potential: bool = False
+
+    def size(self, rod_count: int) -> int:
+        """Numbers of an instance: one a rod, or the three of a vector."""
+        return rod_count if self.per_rod else 3
+
+    @property
+    def power(self) -> int:
+        """Of a load: that of the length by which it compares with ``EI``, 2 for the ``F L^2/EI`` of a force on the tip; 0 of others."""
+        return 0 if self.load is None else (2 if self.load == "force" else 1) + (self.acts == "along")
 
 
 class Inputs:
@@ -82,7 +100,7 @@ class Inputs:
             raise AttributeError(f"inputs have no {name!r}: they have " + ", ".join(specs))
         if name in self._profiles:
             raise AttributeError(f"inputs.{name} is a function of arclength: see inputs.profile({name!r})")
-        width = self._rod_count if specs[name].per_rod else 3
+        width = specs[name].size(self._rod_count)
         value = self._arrays.get(name, np.zeros(width))
         return np.broadcast_to(value, (*self.batch_shape, width))
 

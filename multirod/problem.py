@@ -5,7 +5,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from enum import IntEnum
 from functools import cached_property
 from threading import Event
 from typing import Any
@@ -15,11 +14,12 @@ import warp as wp
 from numpy.typing import NDArray
 
 from multirod.batch import IntArray, Interrupted
+from multirod.capabilities import FreeTip, Joints, Parts, ResultTest, Shapes, Starts
 from multirod.compiling import start_warp
 from multirod.exclusive import Exclusive, Uncopied
 from multirod.inputs import Inputs
 from multirod.segments import Breakpoints, Segments
-from multirod.stability import Modes
+from multirod.stability import StabilityAnalysis
 from multirod.validation import Described, FloatArray, frozen, refuse
 
 TOLERANCE = 1e-9  # default of solvers, of the residual [1/m]
@@ -43,14 +43,6 @@ BUFFERS = (
     "rotation",
     "pose_columns",
 )
-
-
-class Loading(IntEnum):
-    """How loads act while an assembly is put together, ``load_factor`` from 0 to 1: in proportion, not at all, or all of them."""
-
-    RISING = 0
-    NONE = 1
-    FULL = 2
 
 
 @dataclass(frozen=True)
@@ -105,6 +97,9 @@ class BoundaryProblem(Uncopied, ABC):
     write the arrays below and call ``integrate``; solvers written with NumPy call ``evaluate``. One thread works on a problem
     at a time: ``Solver.solve`` and ``evaluate`` refuse another.
 
+    A problem implements ``guess``, ``_integrate`` and ``input_slice``. What only some can do are objects that it offers, or None
+    (``multirod.capabilities``): ``stability``, ``shapes``, ``starts``, ``parts``, ``segments``, ``joints``, ``result_test``, ``free_tip``.
+
     Attributes:
         unknown_count: Unknowns ``n`` of an instance, and residuals.
         batch_shape: Leading axes of the instances.
@@ -120,14 +115,8 @@ class BoundaryProblem(Uncopied, ABC):
         load_factor: What multiplies all loads of an instance, and the part of the way from ``guess`` to the robot as it is,
             shape (instance_count,).
         guess_integrations: Integrations per rod that ``guess`` takes.
-        moment_unit: Where the residual is the moment on a single tip, and nothing else: that of one unit of each component [N m^2], shape
-            (instance_count, n); else None.
-        moment_axes: Along which axes of the world such a residual stands where ``rotation`` is zero, with which they turn, shape
-            (instance_count, 3, 3); None where it stands along those of the tip.
-        turn_stiffness: How stiffly such a tip of the unloaded rod resists being turned, ``K/L`` at the first inputs [N m], shape
-            (instance_count,).
-        breakpoints: Instances whose equilibrium is known by its states there, not by ``unknowns`` alone; ``shapes``,
-            ``modes`` and ``potential`` are of these states.
+        breakpoints: Instances whose equilibrium is known by its states there, not by ``unknowns`` alone; ``shapes`` and
+            ``stability`` are of these states.
         fault: Why an evaluation failed, by the numbers of ``status.Fault``, shape (instance_count,).
         residual: ``eps`` [1/m], shape (instance_count, n).
         gamma: ``Gamma``, shape (instance_count, n, n).
@@ -169,9 +158,6 @@ class BoundaryProblem(Uncopied, ABC):
         self.device = device
         self.blocks = tuple(blocks)
         self.arrow: tuple[int, ...] = ()
-        self.moment_unit: FloatArray | None = None
-        self.moment_axes: FloatArray | None = None
-        self.turn_stiffness: FloatArray = np.ones(count)
         self.breakpoints: dict[int, Breakpoints] = {}
         self.measured: tuple[str, ...] = ()
         self.rounding = DOUBLE_ROUNDING
@@ -264,37 +250,6 @@ class BoundaryProblem(Uncopied, ABC):
         """
         return np.ones(self.instance_count)
 
-    @property
-    def comes_apart(self) -> bool:
-        """Whether ``apart`` offers another way to the natural branch, from legs that nothing holds."""
-        return False
-
-    def apart(self, numbers: IntArray | None = None) -> FloatArray:
-        """Unknowns [1/m] of an assembly taken apart, shape (instance_count, n), an equilibrium where ``load_factor`` is 0.
-
-        As ``load_factor`` goes to 1 it is put together. ``load_factor`` is left at 0, and all instances active.
-
-        Args:
-            numbers: Of an endless sequence of places to put it together at, 0 the best, shape (instance_count,); 0 by default.
-        """
-        raise NotImplementedError(f"{type(self).__name__} does not come apart")
-
-    def open_joints(self, unknowns: FloatArray) -> None:
-        """Make ``unknowns`` (instance_count, n) an equilibrium at a ``load_factor`` of 0: the residual there closes on the way to 1."""
-        raise NotImplementedError(f"{type(self).__name__} does not come apart")
-
-    def close_joints(self, loading: Loading) -> None:
-        """How loads act from now on while ``load_factor`` goes to 1."""
-        raise NotImplementedError(f"{type(self).__name__} does not come apart")
-
-    def shut_joints(self) -> None:
-        """Forget what the residual was: the assembly is together whatever ``load_factor`` is."""
-        raise NotImplementedError(f"{type(self).__name__} does not come apart")
-
-    def unloaded_inputs(self) -> FloatArray | None:
-        """Rows of ``inputs`` without their loads, shape (instance_count, input_count); None where rows cannot say that."""
-        return None
-
     def adopt(self, unknowns: FloatArray) -> FloatArray:
         """Unknowns (instance_count, m) of a problem of the same assembly, as those of this one, (instance_count, n).
 
@@ -343,16 +298,35 @@ class BoundaryProblem(Uncopied, ABC):
         self.order.assign(listed)
         self.listed = len(chosen)
 
-    def part(self, instances: IntArray, *, double: bool = False) -> "BoundaryProblem":
-        """A problem of some of the instances, (k,), at their present inputs and unknowns; with ``double`` in double precision.
+    @contextmanager
+    def at_load(self, factor: float | FloatArray) -> Iterator[None]:
+        """Within it, ``load_factor`` is this, one number or one for each instance (instance_count,); then what it was."""
+        before = self.load_factor.numpy().copy()
+        self.load_factor.assign(np.broadcast_to(np.asarray(factor, dtype=np.float64), self.instance_count))
+        try:
+            yield
+        finally:
+            self.load_factor.assign(before)
 
-        What takes long for a few takes no time for the others there. ``keep`` brings back what came of it.
-        """
-        raise NotImplementedError(f"{type(self).__name__} offers no parts")
+    @contextmanager
+    def only(self, chosen: NDArray[np.bool_]) -> Iterator[None]:
+        """Within it, these instances, (instance_count,), are active, and launches pass over them alone; then as it was."""
+        active, listed = self.active.numpy().copy(), self.order.numpy()[: self.listed].copy()
+        self.active.assign(np.asarray(chosen, dtype=np.int32))
+        if self.listed < self.instance_count or not chosen.all():
+            self.focus(np.flatnonzero(chosen))
+        try:
+            yield
+        finally:
+            self.active.assign(active)
+            if self.listed != len(listed) or len(listed) < self.instance_count:
+                self.focus(None if len(listed) == self.instance_count else listed)
 
-    def finer(self, instances: IntArray) -> "BoundaryProblem | None":
-        """The same as ``part``, its integration as exact as rounding lets it be; None where that is not offered, or it is so already."""
-        return None
+    @contextmanager
+    def everyone(self) -> Iterator[None]:
+        """Within it, all instances are active; then as it was."""
+        with self.only(np.ones(self.instance_count, dtype=bool)):
+            yield
 
     def keep(self, part: "BoundaryProblem", instances: IntArray, rows: IntArray | None = None) -> None:
         """Take over the records of a part of the instances, of its ``rows`` (k,) or all."""
@@ -431,75 +405,63 @@ class BoundaryProblem(Uncopied, ABC):
         """
         return np.zeros(self.instance_count)
 
-    def mode_bounds(self) -> FloatArray:
-        """Where the first is less than 1, the assembly has no unstable mode in any configuration; where the second is, no more
-        than one. Shape (instance_count, 2); by default what ``load_scale`` says of columns.
-        """
-        first = 0.5 * self.load_scale()
-        return np.stack([first, np.full(self.instance_count, np.inf)], axis=1)
+    # ---- what only some offer ----
 
-    def shapes(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:
-        """Shape of each rod at ``unknowns``, and the elastic energy [J], shape (instance_count,)."""
-        raise NotImplementedError(f"{type(self).__name__} offers no shapes")
-
-    def segments(self) -> Segments | None:
-        """The problem cut into segments, for multiple shooting; None where it offers none, as by default."""
+    @property
+    def stability(self) -> StabilityAnalysis | None:
+        """Whether equilibria are stable, and what that tells solvers."""
         return None
 
     @property
-    def multistable(self) -> bool:
-        """Whether there are several equilibria even unloaded, so that where the natural branch ends, another stable one is meant."""
-        return False
+    def shapes(self) -> Shapes | None:
+        """The rods on nodes along their arclength."""
+        return None
 
     @property
-    def has_potential(self) -> NDArray[np.bool_]:
-        """Whether the loads derive from a potential, shape (instance_count,); not known to by default."""
-        return np.zeros(self.instance_count, dtype=bool)
+    def starts(self) -> Starts | None:
+        """Guesses that cover where equilibria may lie."""
+        return None
 
     @property
-    def guess_is_stable(self) -> bool:
-        """Whether ``guess`` is a stable equilibrium of the unloaded assembly; where not, what it leads to is tested."""
-        return True
+    def parts(self) -> Parts | None:
+        """Problems of some of the instances."""
+        return None
+
+    @property
+    def segments(self) -> Segments | None:
+        """The problem cut into segments, for multiple shooting."""
+        return None
+
+    @property
+    def joints(self) -> Joints | None:
+        """Joints that may be taken apart."""
+        return None
+
+    @property
+    def result_test(self) -> ResultTest | None:
+        """What any solver's results have to pass."""
+        return None
+
+    @property
+    def free_tip(self) -> FreeTip | None:
+        """Where the residual is the moment on a single tip, and nothing else."""
+        return None
+
+    # ---- what is assumed where nothing is offered ----
 
     @property
     def may_jump(self) -> bool:
-        """Whether paths begin at a stable equilibrium among several: a step may then end at another, and its ends not tell."""
-        return self.multistable and self.guess_is_stable
+        """Whether a step may end on another branch, and its ends not tell: not unless ``stability`` says so."""
+        return self.stability is not None and self.stability.may_jump
 
-    @property
-    def results_are_tested(self) -> bool:
-        """Whether ``refusals`` tests what any solver finds, because ``Gamma`` does not tell where stability is lost, or results have limits."""
-        return False
+    def mode_bounds(self) -> FloatArray:
+        """As ``StabilityAnalysis.mode_bounds``; where that says nothing, what ``load_scale`` says of columns."""
+        found = None if self.stability is None else self.stability.mode_bounds()
+        if found is not None:
+            return found
+        return np.stack([0.5 * self.load_scale(), np.full(self.instance_count, np.inf)], axis=1)
 
-    def refusals(self, settled: NDArray[np.bool_]) -> NDArray[np.int32]:
-        """The ``Status`` by which what is at ``unknowns`` is no result, shape (instance_count,); ``NOT_RUN`` where it is one.
-
-        What is ``settled`` is an equilibrium within the tolerance, the others are estimates or have failed.
-        """
-        return np.zeros(self.instance_count, dtype=np.int32)
-
-    @property
-    def signs_add_up(self) -> bool:
-        """Whether the signs of ``det Gamma`` over all equilibria add up to that of the unloaded one (``docs/stability.md``)."""
-        return True
-
-    def starts(self, count: int, first: int = 0) -> FloatArray:
-        """Guesses that cover where equilibria may lie [1/m], shape (count, instance_count, n); none by default.
-
-        They are those from number ``first`` on of an endless sequence that lies the closer the longer it is.
-        """
-        return np.zeros((0, self.instance_count, self.unknown_count))
-
-    def modes(self) -> Modes:
-        """The second variation of the energy of the equilibria at ``unknowns``; unknown by default."""
-        return Modes.unknown(self.instance_count)
-
-    def potential(self) -> FloatArray:
-        """Total potential energy at ``unknowns`` [J], shape (instance_count,): elastic energy less the work of dead forces.
-
-        NaN where the loads have no potential, as everywhere by default.
-        """
-        return np.full(self.instance_count, np.nan)
+    # ---- for solvers written with NumPy, and for all that reads results ----
 
     def evaluate(self, unknowns: FloatArray) -> tuple[FloatArray, FloatArray]:
         """``(eps, Gamma)`` at ``unknowns`` (instance_count, n), as new NumPy arrays; NaN where the integration failed.

@@ -73,6 +73,15 @@ def stand_in(robot: Assembly, inputs: Inputs, **options: Any) -> BoundaryProblem
     return robot.problem(inputs.with_arrays({name: np.zeros(getattr(inputs, name).shape[-1]) for name in names}), **options)
 
 
+def _potential(problem: BoundaryProblem) -> tuple[FloatArray]:
+    return (np.full(problem.instance_count, np.nan) if problem.stability is None else problem.stability.potential(),)
+
+
+def _modes(problem: BoundaryProblem) -> tuple[Any, ...]:
+    modes = Modes.unknown(problem.instance_count) if problem.stability is None else problem.stability.modes()
+    return tuple(vars(modes).values())
+
+
 class Solution:
     """Equilibria of all instances; every array has the batch's leading axes ``...`` and is read-only: change a copy of it.
 
@@ -271,11 +280,11 @@ class Solution:
 
         NaN where the loads have no potential: moments, and what follows the tip.
         """
-        return self._masked(self._gather(lambda problem: (problem.potential(),))[0], ())
+        return self._masked(self._gather(_potential)[0], ())
 
     @cached_property
     def _modes(self) -> Modes:
-        modes = Modes(*self._gather(lambda problem: tuple(vars(problem.modes()).values())))
+        modes = Modes(*self._gather(_modes))
         modes.known[self._failed] = False
         modes.diverging[self._failed] = False
         return modes
@@ -347,7 +356,7 @@ class Solution:
         if twin and not self.inputs.is_active(name):
             # a follower force is an unknown's worth of equations more, but to first order only its direction counts
             return np.asarray(frozen(self.jacobian(twin) @ self.tip_rotation))
-        count = len(self.assembly.rods) if specs[name].per_rod else 3
+        count = specs[name].size(len(self.assembly.rods))
 
         def columns(problem: BoundaryProblem) -> tuple[FloatArray]:
             slopes, moved = problem.input_columns(name)
@@ -360,7 +369,7 @@ class Solution:
             shift = np.linalg.solve(gamma[sound], slopes[sound])
             result[sound] = moved[sound] - pose[sound] @ shift
             for k, points in problem.breakpoints.items():
-                segments = problem.segments()
+                segments = problem.segments
                 assert segments is not None
                 result[k] = pose_jacobian(segments, k, points)
             return (result,)
@@ -441,7 +450,9 @@ class Solution:
         names = [field.name for field in fields(Shape)]
 
         def flat(problem: BoundaryProblem) -> tuple[FloatArray, ...]:
-            shapes, energy = problem.shapes(node_count)
+            if problem.shapes is None:
+                raise NotImplementedError(f"{type(self.assembly).__name__} offers no shapes")
+            shapes, energy = problem.shapes.at_nodes(node_count)
             return energy, *(getattr(shape, name) for shape in shapes for name in names)
 
         energy, *arrays = self._gather(flat)

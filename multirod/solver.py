@@ -82,10 +82,10 @@ SETTLED = (Status.CONVERGED, Status.LOWEST_ENERGY, Status.MULTIPLE_SHOOTING)
 
 def refuse_unfit(problem: BoundaryProblem, outcome: Outcome) -> None:
     """Say so where what a solver found is no result, for a problem that tests this."""
-    if not problem.results_are_tested:
+    if problem.result_test is None:
         return
     found, settled = ~failures(outcome.status), np.isin(outcome.status, SETTLED)
-    refusals = problem.refusals(settled)
+    refusals = problem.result_test.refusals(settled)
     refused = found & (refusals != Status.NOT_RUN)
     outcome.status[refused] = refusals[refused]
     outcome.integrations += settled
@@ -138,7 +138,7 @@ class Solver(ABC):
         reasons = self.unsupported(problem)
         if reasons:
             raise ValueError(f"{type(self).__name__} cannot take this problem: " + "; ".join(reasons))
-        with problem.alone:
+        with problem.alone, problem.everyone(), problem.at_load(1.0):
             outcome = self._solve(problem, guess)
             refuse_unfit(problem, outcome)
         return outcome

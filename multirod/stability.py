@@ -1,5 +1,6 @@
 """Whether an equilibrium is stable, and by how much."""
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -102,3 +103,52 @@ class Modes:
         result = np.where(index > 0, int(Stability.UNSTABLE), result)
         result = np.where(index < 0, int(Stability.UNKNOWN), result)
         return np.where(self.diverging, int(Stability.UNSTABLE), result).astype(np.int32)
+
+
+class StabilityAnalysis(ABC):
+    """What a boundary problem knows of the stability of its equilibria: those at its ``unknowns``, and how they lie.
+
+    A problem that offers none is taken for one whose natural branch begins stable and has no other near it; its results have no
+    ``stability`` and no ``potential``.
+    """
+
+    @abstractmethod
+    def modes(self) -> Modes:
+        """The second variation of the energy of the equilibria at ``unknowns``; it may take integrations."""
+
+    @property
+    @abstractmethod
+    def has_potential(self) -> NDArray[np.bool_]:
+        """Whether the loads derive from a potential, shape (instance_count,)."""
+
+    @abstractmethod
+    def potential(self) -> FloatArray:
+        """Total potential energy at ``unknowns`` [J], shape (instance_count,): elastic energy less the work of dead forces.
+
+        NaN where the loads have no potential.
+        """
+
+    @property
+    def multistable(self) -> bool:
+        """Whether there are several equilibria even unloaded, so that where the natural branch ends, another stable one is meant."""
+        return False
+
+    @property
+    def guess_is_stable(self) -> bool:
+        """Whether ``guess`` is a stable equilibrium of the unloaded assembly; where not, what it leads to is tested."""
+        return True
+
+    def mode_bounds(self) -> FloatArray | None:
+        """Where the first is less than 1, the assembly has no unstable mode in any configuration; where the second is, no more
+        than one. Shape (instance_count, 2); None for what the loads say of columns.
+        """
+        return None
+
+    @property
+    def may_jump(self) -> bool:
+        """Whether paths begin at a stable equilibrium among several: a step may then end at another, and its ends not tell."""
+        return self.multistable and self.guess_is_stable
+
+    def unstable(self) -> NDArray[np.bool_]:
+        """Whether what is at ``unknowns`` is known to be unstable, shape (instance_count,)."""
+        return np.asarray(self.modes().stability == Stability.UNSTABLE)

@@ -70,7 +70,7 @@ class EnergyDescent(Solver):
         """Problems whose residual is not the moment on one tip that is free to turn."""
         if not problem.pose_sensitivities or problem.direction_count < self.direction_count:
             return ("it carries no columns of the pose, or of the inputs' change",)
-        if problem.moment_unit is None:
+        if problem.free_tip is None:
             return ("its residual is not the moment on a single rod's tip alone, which energy descent needs",)
         return ()
 
@@ -88,18 +88,18 @@ class EnergyDescentTrack(SampledTrack):
 
     def __init__(self, options: EnergyDescent, problem: BoundaryProblem, *, corrected: bool) -> None:
         count, device = problem.instance_count, problem.device
-        unit: Any = problem.moment_unit
+        tip = problem.free_tip
+        assert tip is not None  # or the problem was refused
         first = problem.guess()
         state: Any = DescentState()
         problem.share(state, ("active", "fault", "inputs", "unknowns", "residual", "gamma", "residual_directions"))
         problem.share(state, ("position", "rotation", "pose_columns"))
-        axes: Any = problem.moment_axes
-        state.fixed_axes = int(axes is not None)
-        axes = np.zeros((0, 3, 3)) if axes is None else axes
+        state.fixed_axes = int(tip.moment_axes is not None)
+        axes = np.zeros((0, 3, 3)) if tip.moment_axes is None else tip.moment_axes
         state.base_axes = wp.array(np.ascontiguousarray(axes), dtype=wp.mat33d, device=device)
         state.rotation_at = problem.input_slice("rotation").start
-        state.moment_unit = wp.array(np.ascontiguousarray(unit), dtype=wp.float64, device=device)
-        state.stiffness = wp.array(problem.turn_stiffness, dtype=wp.float64, device=device)
+        state.moment_unit = wp.array(np.ascontiguousarray(tip.moment_unit), dtype=wp.float64, device=device)
+        state.stiffness = wp.array(tip.turn_stiffness, dtype=wp.float64, device=device)
         state.following = wp.zeros((count, problem.unknown_count), dtype=wp.float64, device=device)
         for name in ("size", "margin"):
             setattr(state, name, wp.zeros(count, dtype=wp.float64, device=device))

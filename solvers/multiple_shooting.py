@@ -62,7 +62,7 @@ class MultipleShooting(Solver):
 
     def unsupported(self, problem: BoundaryProblem) -> tuple[str, ...]:
         """Every reason why this solver cannot take ``problem``; empty if it can."""
-        return () if problem.segments() is not None else ("it offers no segments: it is not a single rod",)
+        return () if problem.segments is not None else ("it offers no segments: it is not a single rod",)
 
     def _solve(self, problem: BoundaryProblem, guess: FloatArray | None) -> Outcome:
         allowed = np.full(problem.instance_count, self.max_integrations)
@@ -84,13 +84,13 @@ class MultipleShooting(Solver):
         What is found goes into the problem's buffers and the outcome, and that a branch ends; all else stays as it was. An
         instance takes no more integrations than are ``left``, (instance_count,), nor than this solver may.
         """
-        if self.unsupported(problem):
+        if self.unsupported(problem) or problem.parts is None:
             return
         places = np.flatnonzero(_ill_conditioned(problem, outcome))
         if not len(places):
             return
         before = problem.snapshot()[places]
-        part = problem.part(places, double=True)
+        part = problem.parts.of(places, double=True)
         mine = self._anew(part, np.minimum(left[places], self.max_integrations))
         found = ~failures(mine.status)
         part.restore(np.where(found[:, None], part.snapshot(), before))
@@ -125,7 +125,7 @@ class MultipleShooting(Solver):
 
     @staticmethod
     def _segments(problem: BoundaryProblem) -> Segments:
-        segments = problem.segments()
+        segments = problem.segments
         assert segments is not None  # or the problem was refused
         return segments
 
@@ -181,7 +181,6 @@ class MultipleShooting(Solver):
         self, problem: BoundaryProblem, unknowns: FloatArray, poses: dict[int, Any], segments: Segments, outcome: Outcome
     ) -> None:
         """Newton on the unknowns alone, which converges to the same pose where the problem is well conditioned."""
-        problem.load_factor.fill_(1.0)
         problem.write("unknowns", unknowns)
         newton = Newton(problem, tolerance=self.tolerance, max_iterations=POLISH, line_search=False)
         tried = np.zeros(problem.instance_count, dtype=bool)
@@ -198,8 +197,8 @@ class MultipleShooting(Solver):
         lost = failures(outcome.status) & (outcome.status != Status.NOT_RUN)
         if lost.any():
             # what is left of the residual at the full load
-            problem.active.assign(lost.astype(np.int32))
-            problem.integrate()
+            with problem.only(lost):
+                problem.integrate()
             outcome.integrations += lost
 
 
@@ -252,12 +251,10 @@ def _ill_conditioned(problem: BoundaryProblem, outcome: Outcome) -> Any:
     if ended.any() and outcome.reached is not None:
         # Gamma where the branch seems to end, not at the full load, which may be far beyond
         records = problem.snapshot()
-        problem.load_factor.assign(np.where(ended, outcome.reached, 1.0))
-        problem.active.assign(ended.astype(np.int32))
-        problem.integrate()
+        with problem.only(ended), problem.at_load(np.where(ended, outcome.reached, 1.0)):
+            problem.integrate()
         growth = np.linalg.norm(np.nan_to_num(problem.read("gamma"), nan=np.inf), axis=1)
         lost |= ended & (growth > NOISY)
-        problem.load_factor.fill_(1.0)
         problem.restore(records)
         outcome.integrations += ended
     return lost

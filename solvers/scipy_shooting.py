@@ -66,22 +66,20 @@ class ScipyShooting(Solver):
             loads = np.maximum(1, np.ceil(2 * problem.load_scale())).astype(int)
         for k in range(problem.instance_count):
             x = start[k]
-            problem.active.assign((np.arange(problem.instance_count) == k).astype(np.int32))
-            for step in range(min(loads[k], 200)):
-                problem.load_factor.fill_((step + 1) / min(loads[k], 200))
-                sample = _Sample(problem, k)
-                iterations = self._minimise(sample, x)
-                x = sample.best
-                outcome.iterations[k] += iterations
-                outcome.integrations[k] += sample.integrations
-            sample(x)  # the buffers hold the result
+            with problem.only(np.arange(problem.instance_count) == k):
+                for step in range(min(loads[k], 200)):
+                    sample = _Sample(problem, k)
+                    with problem.at_load((step + 1) / min(loads[k], 200)):
+                        iterations = self._minimise(sample, x)
+                    x = sample.best
+                    outcome.iterations[k] += iterations
+                    outcome.integrations[k] += sample.integrations
+                sample(x)  # the buffers hold the result
             outcome.integrations[k] += 1
             residual = np.abs(sample.residual).max()
             outcome.status[k] = Status.CONVERGED if residual <= self.max_residual else Status.STALLED
             if not math.isfinite(residual):
                 outcome.status[k] = Status.NONFINITE
-        problem.load_factor.fill_(1.0)
-        problem.active.fill_(1)
         return outcome
 
     def _minimise(self, sample: "_Sample", start: FloatArray) -> int:

@@ -9,7 +9,8 @@ from test_stability import two_tubes
 
 import multirod as mr
 from multirod.inputs import Inputs
-from multirod.models.backbone.problem import BACKBONE_INPUTS, BackboneProblem
+from multirod.models.backbone.inputs import BACKBONE_INPUTS
+from multirod.models.backbone.problem import BackboneProblem
 from multirod.solvers.continuation.branch_step import Apart, Inspection, Point, heights
 from multirod.stability import Modes
 
@@ -329,7 +330,7 @@ def held(case, moment, force):
     K, length = case["inputs"]["rods"][0]["K"], case["inputs"]["rods"][0]["length"]
     problem = BackboneProblem([rod], np.eye(4), Inputs(BACKBONE_INPUTS, 1, {}), integrator=mr.RK4(1000), held=True)
     problem.write("unknowns", np.concatenate([moment / np.array([K[0], K[1], min(K[2], max(K[:2]))]), force * length / K[0]]))
-    form, _ = problem.condensed_form()
+    form, _ = problem.stability.condensed_form()
     return form, np.array([length]), np.array([K[0]])
 
 

@@ -41,14 +41,14 @@ def test_the_gradient_is_that_of_the_energy(robot):
     x = np.array([[11.0, 8.0, 1.5]])
     eps, _ = problem.evaluate(x)
     turns = np.swapaxes(problem.read("rotation").reshape(3, 3), 0, 1) @ problem.pose_columns.numpy()[0, 3:, :3]
-    expected = turns.T @ (problem.moment_unit[0] * eps[0])
+    expected = turns.T @ (problem.free_tip.moment_unit[0] * eps[0])
     step = 1e-4
     slope = []
     for k in range(3):
         energy = []
         for sign in (1, -1):
             problem.evaluate(x + sign * step * np.eye(3)[k])
-            energy.append(problem.potential()[0])
+            energy.append(problem.stability.potential()[0])
         slope.append((energy[0] - energy[1]) / (2 * step))
     # the differences' own error is step^2 times a third derivative of order one
     np.testing.assert_allclose(slope, expected, rtol=0, atol=1e-6 * np.abs(expected).max())

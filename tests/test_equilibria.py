@@ -9,7 +9,8 @@ from scipy.optimize import brentq
 from test_concentric_tubes import NAMES, assembly
 
 import multirod as mr
-from multirod.models.backbone.problem import BackboneProblem, spread
+from multirod.models.backbone.problem import BackboneProblem
+from multirod.models.backbone.starts import spread
 from multirod.problem import BoundaryProblem
 from multirod.solvers.starting.multistart import Catalogue
 from multirod.stability import Modes

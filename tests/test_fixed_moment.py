@@ -140,7 +140,7 @@ def test_a_moment_that_turns_with_the_tip_is_unstable_only_where_its_determinant
     x = moment[None] / ORDERS[0]
     _, gamma = problem.evaluate(x)
     assert np.linalg.cond(gamma[0]) > 1e12
-    assert problem.modes().stability[0] == mr.Stability.UNKNOWN
+    assert problem.stability.modes().stability[0] == mr.Stability.UNKNOWN
 
 
 def test_a_determinant_whose_sign_rounding_hides_is_none():

@@ -176,7 +176,7 @@ def test_segments_lead_where_one_integration_leads(given, monkeypatch):
     inputs = robot.inputs(**LOADS[given])
     truth = mr.solve(robot, inputs).raise_if_failed()
     problem = robot.problem(inputs, integrator=mr.RK45())
-    segments = problem.segments()
+    segments = problem.segments
     branch = Branch(segments, 0, tolerance=1e-9, max_iterations=30, max_steps=100, max_integrations=1000, integrator=mr.RK45())
     result = run_together(segments, {0: branch.follow(problem.guess()[0], float(problem.load_scale()[0]))})[0]
     assert not result.status.failed
@@ -297,7 +297,7 @@ def test_slow_contraction_is_refused(soft):
     """The unloaded shape is no start for 64 EI/L^2: it is left after the second step, where Newton would wander on."""
     problem = soft.problem(soft.inputs(tip_force=(8.0, 0.0, 0.0)), integrator=mr.RK45())
     branch = Branch(
-        problem.segments(), 0, tolerance=1e-9, max_iterations=30, max_steps=1, max_integrations=1000, integrator=mr.RK45()
+        problem.segments, 0, tolerance=1e-9, max_iterations=30, max_steps=1, max_integrations=1000, integrator=mr.RK45()
     )
 
     def attempt():
@@ -305,7 +305,7 @@ def test_slow_contraction_is_refused(soft):
         reached = yield from branch.correct(points, 1.0)
         return reached
 
-    assert run_together(problem.segments(), {0: attempt()})[0] is None
+    assert run_together(problem.segments, {0: attempt()})[0] is None
     assert branch.iterations <= 2
 
 
@@ -450,7 +450,7 @@ def test_what_is_not_found_either_stays_as_it_was(soft):
 
 def test_a_stopped_problem_integrates_no_segment(soft):
     problem = soft.problem(soft.inputs(), integrator=mr.RK45())
-    segments = problem.segments()
+    segments = problem.segments
     problem.stop = Event()
     problem.stop.set()
     points = Breakpoints(np.array([0, 0.4]), segments.base_state(0, np.zeros(3))[None], np.zeros(3), np.array([4]))
@@ -463,7 +463,7 @@ def test_modes_of_a_rod_rigid_in_torsion():
     robot = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=(0.02, 0.03), torsional_stiffness=np.inf))
     inputs = robot.inputs(tip_force=(0, 0, -0.2))
     solution = mr.solve(robot, inputs).raise_if_failed()
-    segments = robot.problem(inputs, integrator=mr.RK45()).segments()
+    segments = robot.problem(inputs, integrator=mr.RK45()).segments
     zero = np.zeros(3)
     modes = segments.modes({0: Breakpoints(np.array([0, 0.4]), segments.base_state(0, zero)[None], zero, np.array([64]))})
     assert modes.stability.tolist() == [solution.stability] == [mr.Stability.STABLE]
@@ -486,7 +486,7 @@ def test_steps_are_short_enough_for_columns_along_a_straight_rod():
     robot = mr.SingleRod(mr.Rod(length=0.5, bending_stiffness=0.02, torsional_stiffness=0.013))
     load = 400.0
     problem = robot.problem(robot.inputs(tip_force=(0, 0, load * 0.02 / 0.25)), integrator=mr.RK45())
-    segments = problem.segments()
+    segments = problem.segments
     branch = Branch(segments, 0, tolerance=1e-9, max_iterations=30, max_steps=100, max_integrations=1000, integrator=mr.RK45())
     found = run_together(segments, {0: branch.follow(np.zeros(3), load)})[0].found
     product = np.eye(6)

@@ -33,7 +33,7 @@ OFF = ("three tubes", 7, 136)
 @pytest.mark.parametrize(("kind", "seed", "place"), [TWO_TURNS, SNAPPED, OTHER, OFF])
 def test_scenes_that_fewer_tests_lose(kind, seed, place):
     robot, inputs = study.draw(kind, 250, seed)
-    problem = robot.problem(inputs, integrator=study.INTEGRATOR).part(np.array([place]))
+    problem = robot.problem(inputs, integrator=study.INTEGRATOR).parts.of(np.array([place]))
     newton = mr.Shooting(integrator=study.INTEGRATOR).newton(problem)
     outcome = natural_branch(problem, newton, 1000)
     unknowns = problem.read("unknowns")
@@ -107,7 +107,7 @@ def test_what_steps_bring_to_an_unstable_equilibrium_is_followed_again(monkeypat
 def test_a_motion_in_coarse_samples_is_the_one_in_fine_ones(place):
     """Tubes turned from in line to where a random scene has them; 67 by 30 degrees a sample, 175 by 2 rad."""
     robot, inputs = study.draw("two tubes", 200, 500)
-    problem = robot.problem(inputs, integrator=study.INTEGRATOR).part(np.array([place]))
+    problem = robot.problem(inputs, integrator=study.INTEGRATOR).parts.of(np.array([place]))
     row = problem.read("inputs")
     ends = []
     for samples in (3, 120):
@@ -168,7 +168,7 @@ def test_bounds_hold_for_the_worst_configuration(kind):
     problem = robot.problem(inputs, integrator=study.INTEGRATOR)
     bounds = problem.mode_bounds()
     for k in range(4):
-        first, second = eigenvalues(problem.part(np.array([k])))[:2]
+        first, second = eigenvalues(problem.parts.of(np.array([k])))[:2]
         # elements give less than all, by a part of the square of their size
         assert first < bounds[k, 0]
         assert second < bounds[k, 1]
@@ -180,5 +180,5 @@ def test_bounds_are_bitwise_those_of_each_alone(kind):
     robot, inputs = study.draw(kind, 60, 3)
     problem = robot.problem(inputs, integrator=study.INTEGRATOR)
     for name in ("mode_bounds", "turning", "load_scale"):
-        alone = [getattr(problem.part(np.array([k])), name)()[0] for k in range(60)]
+        alone = [getattr(problem.parts.of(np.array([k])), name)()[0] for k in range(60)]
         np.testing.assert_array_equal(getattr(problem, name)(), alone)

@@ -589,7 +589,7 @@ def count_integrations(monkeypatch) -> list[int]:
         monkeypatch.setattr(kind, method.__name__, call)
 
     counted(mr.BoundaryProblem, mr.BoundaryProblem.integrate, 0)
-    counted(BackboneProblem, BackboneProblem._node_pass, 1)
+    counted(BackboneProblem, BackboneProblem.node_pass, 1)
     return counts
 
 

@@ -9,7 +9,8 @@ import pytest
 
 import multirod as mr
 from multirod.inputs import Inputs
-from multirod.models.backbone.problem import BACKBONE_INPUTS, BackboneProblem
+from multirod.models.backbone.inputs import BACKBONE_INPUTS
+from multirod.models.backbone.problem import BackboneProblem
 from multirod.problem import SINGLE_TOLERANCE
 
 EPS = float(np.finfo(np.float32).eps)

@@ -235,7 +235,7 @@ def test_an_unstable_state_that_a_cold_start_leads_to_is_no_result():
     problem = robot.problem(inputs, integrator=mr.RK45())
     method = mr.Shooting()
     assert natural_branch(problem, method.newton(problem), 1000).status[0] == mr.Status.CONVERGED
-    assert problem.modes().stability[0] == UNSTABLE
+    assert problem.stability.modes().stability[0] == UNSTABLE
     cold = mr.solve(robot, inputs)
     assert cold.status is mr.Status.CONVERGED
     assert cold.stability == STABLE

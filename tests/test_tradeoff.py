@@ -351,10 +351,7 @@ def test_rows_are_in_the_file_while_others_run(tmp_path):
 
 
 def test_an_assembly_without_shapes_has_the_other_errors(monkeypatch):
-    def shapes(self, node_count):
-        raise NotImplementedError
-
-    monkeypatch.setattr("multirod.models.backbone.problem.BackboneProblem.shapes", shapes)
+    monkeypatch.setattr("multirod.models.backbone.problem.BackboneProblem.shapes", None)
     row = measure({"Newton, fine": SOLVERS["Newton, fine"]}).rows[0]
     assert 0 < row.position < 1e-5
     assert np.isnan(row.shape)

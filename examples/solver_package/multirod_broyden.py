@@ -26,24 +26,24 @@ class Broyden(mr.Solver):
         x = problem.guess() if guess is None else np.array(guess)
         loads = 1 if guess is not None else int(np.ceil(1 + problem.load_scale().max()))
         for load in np.arange(1, loads + 1) / loads:
-            problem.load_factor.fill_(load)
-            residual, gamma = problem.evaluate(x)
-            outcome.integrations += 1
-            for _ in range(self.max_iterations):
-                going = np.abs(residual).max(axis=1) > self.tolerance
-                if not going.any():
-                    break
-                step = np.zeros_like(x)
-                step[going] = -np.linalg.solve(gamma[going], residual[going, :, None])[..., 0]
-                x = x + step
-                change = -residual
-                residual, _ = problem.evaluate(x)
-                change += residual
-                slope = change - np.einsum("bij,bj->bi", gamma, step)
-                length = np.maximum(np.einsum("bi,bi->b", step, step), 1e-300)
-                gamma += np.einsum("bi,bj->bij", slope, step) / length[:, None, None]
-                outcome.iterations += going
-                outcome.integrations += going
+            with problem.at_load(load):
+                residual, gamma = problem.evaluate(x)
+                outcome.integrations += 1
+                for _ in range(self.max_iterations):
+                    going = np.abs(residual).max(axis=1) > self.tolerance
+                    if not going.any():
+                        break
+                    step = np.zeros_like(x)
+                    step[going] = -np.linalg.solve(gamma[going], residual[going, :, None])[..., 0]
+                    x = x + step
+                    change = -residual
+                    residual, _ = problem.evaluate(x)
+                    change += residual
+                    slope = change - np.einsum("bij,bj->bi", gamma, step)
+                    length = np.maximum(np.einsum("bi,bi->b", step, step), 1e-300)
+                    gamma += np.einsum("bi,bj->bij", slope, step) / length[:, None, None]
+                    outcome.iterations += going
+                    outcome.integrations += going
         with np.errstate(invalid="ignore"):
             good = np.abs(residual).max(axis=1) <= self.tolerance
         outcome.status[:] = np.where(good, int(mr.Status.CONVERGED), int(mr.Status.MAX_ITERATIONS))

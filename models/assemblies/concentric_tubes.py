@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from multirod.inputs import Inputs
-from multirod.models.backbone.problem import BY_MATERIAL, BackboneAssembly
+from multirod.models.backbone.inputs import BY_MATERIAL
+from multirod.models.backbone.problem import BackboneAssembly
 from multirod.rod import Rod
 from multirod.validation import FloatArray, refuse, sequence
 

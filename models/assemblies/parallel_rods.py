@@ -15,8 +15,9 @@ from multirod.inputs import Inputs, InputSpec
 from multirod.models.assemblies.concentric_tubes import ConcentricTubes
 from multirod.models.assemblies.single_rod import SingleRod
 from multirod.models.backbone.influence import Influence, influences
+from multirod.models.backbone.inputs import BY_MATERIAL
 from multirod.models.backbone.kernels.layout.features import Features
-from multirod.models.backbone.problem import BY_MATERIAL, BackboneAssembly, scene_features
+from multirod.models.backbone.problem import BackboneAssembly, scene_features
 from multirod.models.platform import platform_kernels as kernels
 from multirod.models.platform.problem import LEG_INPUTS, PER_ROD, PLATFORM_INPUTS, Geometry, ParallelProblem
 from multirod.reuse import reusable

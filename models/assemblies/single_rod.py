@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from multirod.inputs import Inputs, InputSpec
-from multirod.models.backbone.problem import BACKBONE_INPUTS, BY_MATERIAL, BackboneAssembly
+from multirod.models.backbone.inputs import BACKBONE_INPUTS, BY_MATERIAL
+from multirod.models.backbone.problem import BackboneAssembly
 from multirod.rod import Rod
 from multirod.validation import refuse
 
@@ -39,6 +40,7 @@ class SingleRod(BackboneAssembly):
         measured = InputSpec(
             name="tip_curvature",
             unit="1/m",
+            acts="sensor",
             optional=True,
             measured=True,
             description="measured curvature at the tip, tip frame",
@@ -55,7 +57,7 @@ class SingleRod(BackboneAssembly):
             )
         if "tip_curvature" in inputs.given and self.rods[0].members:
             refuse("tip_curvature", inputs.tip_curvature.tolist(), "must not be given: the rod has members")
-        for name in ("tip_moment", "follower_moment"):
+        for name in (spec.name for spec in BACKBONE_INPUTS if spec.acts == "tip" and spec.load == "moment"):
             if "tip_curvature" in inputs.given and inputs.is_active(name):
                 refuse(
                     name,

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from multirod.batch import IntArray
 from multirod.inputs import Inputs
+from multirod.models.backbone.inputs import LOADS as SPECS
 from multirod.rod import RodArrays
 from multirod.validation import FloatArray
 
@@ -22,10 +23,11 @@ GROUPS = 16  # of a batch, each of which is bounded as a whole
 LARGEST_GROUP = 4096
 SAMPLES = 65  # of a load that is a function of arclength
 
-FORCES = ("tip_force", "follower_force", "distributed_force", "gravity")
-MOMENTS = ("tip_moment", "follower_moment", "distributed_moment", "magnetic_field")
+FORCES = tuple(spec.name for spec in SPECS if spec.load == "force")
+MOMENTS = tuple(spec.name for spec in SPECS if spec.load == "moment")
 LOADS = FORCES + MOMENTS
-ALONG = ("distributed_force", "distributed_moment", "gravity", "magnetic_field")
+ALONG = tuple(spec.name for spec in SPECS if spec.acts == "along")
+POWER = {spec.name: spec.power for spec in SPECS}
 
 T = (np.arange(NODES) + 0.5) / NODES
 FROM_BASE = (np.tril(np.ones((NODES, NODES)), -1) + 0.5 * np.eye(NODES)) / NODES  # integrates from the base to each node
@@ -200,15 +202,11 @@ def _loads(
     own: Inputs, density: FloatArray, magnetisation: FloatArray, unit: FloatArray, length: FloatArray
 ) -> dict[str, FloatArray]:
     """Magnitudes of the loads that act, dimensionless, the largest of all instances."""
-    force, result = unit / length**2, {}
+    result = {}
     for name in LOADS:
         if not own.is_active(name):
             continue
-        scale = force
-        if name in ("tip_moment", "follower_moment"):
-            scale = force * length
-        elif name in ("distributed_force", "gravity"):
-            scale = force / length
+        scale = unit / length ** POWER[name]
         profile = own.profile(name)
         if profile is not None:
             size = max(float(np.linalg.norm(profile(s))) for s in np.linspace(0, profile.ends[-1], SAMPLES))

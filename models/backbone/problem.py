@@ -13,43 +13,32 @@ from numpy.typing import NDArray
 
 from multirod.assembly import Assembly, pose
 from multirod.batch import IntArray, take
+from multirod.capabilities import FreeTip, Parts
 from multirod.inputs import Inputs, InputSpec
 from multirod.integrators import AdaptiveIntegrator, Integrator
 from multirod.launch import LONGEST
 from multirod.models.backbone.influence import Influence, influences
+from multirod.models.backbone.inputs import BACKBONE_INPUTS, LOADS
 from multirod.models.backbone.kernels.layout import arguments as kernels
 from multirod.models.backbone.kernels.layout.features import Features
-from multirod.models.backbone.mode_bounds import bound_modes
+from multirod.models.backbone.kernels.layout.layout import unknowns_of
 from multirod.models.backbone.passes import LanePass
-from multirod.models.backbone.second_variation import (
-    MOST_NODES,
-    CondensedForm,
-    NodeColumns,
-    certain_determinant,
-    condensed_form,
-    segments_needed,
-)
 from multirod.models.backbone.segments import BackboneSegments
-from multirod.problem import Block, BoundaryProblem, Shape
+from multirod.models.backbone.shapes import BackboneShapes
+from multirod.models.backbone.stability import BackboneStability
+from multirod.models.backbone.starts import BackboneStarts
+from multirod.problem import Block, BoundaryProblem
 from multirod.profile import DEGREE, interpolate
 from multirod.reuse import reusable
 from multirod.rod import Rod, RodArrays, lower
-from multirod.segments import Segments, taken
-from multirod.stability import Modes
+from multirod.segments import taken
 from multirod.validation import Described, FloatArray, refuse
 
 STEP_LIMIT = 100_000
 FINEST = 1e-12  # relative tolerance of an integration to which rounding leaves its order
 POSES_APART = 64  # instances from which leaving poses out saves more than two kernels cost
-FEWEST_NODES = 9
-MOST_NODES_AT_FIRST = 33
 NODES_KEPT = 1024  # of all instances, of a pass over nodes that is kept for the next
 RIGID = 1e6  # torsional over bending stiffness, of a rod rigid in torsion, where its modes are counted
-_PARTS = 64  # of the length, over which starts are bounded
-_CROWDING = 1.5  # most equilibria are far inside the bounds
-# of the length, in what makes a load a number
-LOAD_POWERS = {"tip_force": 2, "follower_force": 2, "tip_moment": 1, "follower_moment": 1}
-LOAD_POWERS |= {"distributed_force": 3, "distributed_moment": 2, "gravity": 3}
 FEATURE_INPUTS = {
     "force": ("tip_force", "follower_force", "distributed_force", "gravity"),
     "tip_moment": ("tip_moment",),
@@ -160,8 +149,8 @@ class BackboneProblem(BoundaryProblem):
         self.base = base
         self.integrator = integrator
         self.enabled = frozenset(enabled)
-        self._inputs = inputs
-        self._options: dict[str, Any] = {
+        self.inputs_given = inputs
+        self.options: dict[str, Any] = {
             "integrator": integrator,
             "device": device,
             "transmission": transmission,
@@ -174,7 +163,8 @@ class BackboneProblem(BoundaryProblem):
         self.held = held
         self.arrays = arrays.take(batch_shape)
         self.features = self._features(inputs, pose, pose_sensitivities, direction_count)
-        n = self.features.unknown_count
+        self.slots = unknowns_of(self.features)
+        n = self.slots.size
         super().__init__(
             unknown_count=n,
             batch_shape=batch_shape,
@@ -190,11 +180,9 @@ class BackboneProblem(BoundaryProblem):
             self.wrench_columns: Any = wp.zeros((self.instance_count, 6, columns), dtype=wp.float64, device=device)
         self.rounding = float(np.finfo(integrator.precision).eps)
         self.measured = inputs.measured
-        self._table = self._make_table(inputs)
+        self.table = self._make_table(inputs)
         self.write("inputs", self.pack(inputs))
-        self.moment_unit = self._moment_unit()
-        self.moment_axes = self._moment_axes()
-        self.turn_stiffness = self._stiffness_over_length()
+        self._free_tip = self._make_free_tip()
         self._passes: dict[Any, NodePass] = {}
         self._call = self._make_call(0)
         self.launch = self._record(self.features, self._call)
@@ -226,7 +214,7 @@ class BackboneProblem(BoundaryProblem):
         table.base_position = self._array(base[:, :3, 3], wp.vec3d)
         table.base_rotation = self._array(base[:, :3, :3], wp.mat33d)
         if inputs is None:
-            table.profile_end, table.profile = self._table.profile_end, self._table.profile
+            table.profile_end, table.profile = self.table.profile_end, self.table.profile
             return table
         ends, coefficients = _merge_profiles(inputs)
         table.profile_end = self._array(ends)
@@ -263,7 +251,7 @@ class BackboneProblem(BoundaryProblem):
             features,
             self.integrator,
             precision,
-            table or self._table,
+            table or self.table,
             call,
             (features.unknown_count, self.direction_count) if columns is None else columns,
             self.device,
@@ -271,45 +259,54 @@ class BackboneProblem(BoundaryProblem):
             heed=self.heed_stop,
         )
 
+    # ---- what is offered ----
+
+    @property
+    def stability(self) -> BackboneStability:  # noqa: D102
+        return BackboneStability(self)
+
+    @property
+    def shapes(self) -> BackboneShapes:  # noqa: D102
+        return BackboneShapes(self)
+
+    @property
+    def starts(self) -> BackboneStarts:  # noqa: D102
+        return BackboneStarts(self)
+
+    @property
+    def parts(self) -> "BackboneParts":  # noqa: D102
+        return BackboneParts(self)
+
+    @property
+    def segments(self) -> BackboneSegments | None:  # noqa: D102
+        return self.cut if len(self.rods) == 1 and not self.held and not self.features.foundation else None
+
+    @cached_property
+    def cut(self) -> BackboneSegments:
+        """The segments of a single rod, for those who know that it is one."""
+        return BackboneSegments(self)
+
+    @property
+    def free_tip(self) -> FreeTip | None:  # noqa: D102
+        return self._free_tip
+
     # ---- the interface ----
 
     def renew(self, inputs: Inputs) -> bool:  # noqa: D102
-        if inputs.profiles or self._inputs.profiles:
+        if inputs.profiles or self.inputs_given.profiles:
             return False
         self._clear()
-        self._inputs = inputs
+        self.inputs_given = inputs
         self.write("inputs", self.pack(inputs))
-        self.turn_stiffness = self._stiffness_over_length()
+        self._free_tip = self._make_free_tip()
         return True
 
     def _clear(self) -> None:
         super()._clear()
-        self.__dict__.pop("_cut", None)
+        self.__dict__.pop("cut", None)
 
     def _zeros(self) -> list[Any]:
         return [*super()._zeros(), *((self.tip_wrench, self.wrench_columns) if self.held else ())]
-
-    def part(self, instances: IntArray, *, double: bool = False) -> "BackboneProblem":  # noqa: D102
-        return self._part(instances, self.integrator.in_double() if double else self.integrator)
-
-    def finer(self, instances: IntArray) -> "BackboneProblem | None":  # noqa: D102
-        coarse = self.integrator.in_double()
-        if not isinstance(coarse, AdaptiveIntegrator) or not coarse.adaptive or coarse.rtol <= FINEST:
-            return None
-        return self._part(instances, replace(coarse, rtol=FINEST, atol=min(coarse.atol, 0.01 * FINEST)))
-
-    def _part(self, instances: IntArray, integrator: Integrator) -> "BackboneProblem":
-        shape = self.batch_shape
-        base = take(self.base, shape, instances, tail=2) if self.base.ndim > 2 else self.base
-        arrays = self.arrays.take(shape, instances)
-        inputs = self._inputs.take(shape, instances)
-        options = {**self._options, "integrator": integrator}
-        result = BackboneProblem(self.rods, base, inputs, enabled=tuple(self.enabled), arrays=arrays, **options)
-        result.stop = self.stop
-        for name in ("inputs", "unknowns"):
-            result.write(name, self.read(name)[instances])
-        result.breakpoints = taken(self.breakpoints, instances)
-        return result
 
     def takes(self, name: str) -> bool:  # noqa: D102
         needed = [feature for feature, names in FEATURE_INPUTS.items() if name in names]
@@ -359,23 +356,22 @@ class BackboneProblem(BoundaryProblem):
     def guess(self) -> FloatArray:  # noqa: D102
         result = np.zeros((self.instance_count, self.unknown_count))
         if len(self.rods) == 1:
-            result[:, :3] = self.arrays.precurvature[:, 0, 0, :3]
+            result[:, self.slots.places["moment"]] = self.arrays.precurvature[:, 0, 0, :3]
         return result
 
     def adopt(self, unknowns: FloatArray) -> FloatArray:  # noqa: D102
-        torques = self.features.torque_count
-        given, own = unknowns.shape[1] - torques, self.unknown_count - torques
-        if given == own or given not in ((0, 3, 6) if torques else (3, 6)):
+        kinds = [(True, False), (True, True)] + [(False, False)] * (self.features.torque_count > 0)
+        others = {unknowns_of(self.features, moment=moment, force=force).size: (moment, force) for moment, force in kinds}
+        if unknowns.shape[1] == self.unknown_count or unknowns.shape[1] not in others:
             return super().adopt(unknowns)
-        if given == 0:
-            unknowns = self._with_moment(unknowns)
-        if own == 0:
-            return unknowns[:, 3 : 3 + torques]
-        if own == 3:
-            return unknowns[:, : 3 + torques]
-        return unknowns if given == 6 else np.concatenate([unknowns, self._dead_base_force(unknowns)], axis=1)
+        moment, force = others[unknowns.shape[1]]
+        unknowns = unknowns if moment else self.with_moment(unknowns)
+        parts = unknowns_of(self.features, moment=True, force=force).split(unknowns)
+        if self.features.base_force_unknown and not force:
+            parts["force"] = self._dead_base_force(unknowns)
+        return np.asarray(self.slots.joined(parts))
 
-    def _with_moment(self, torques: FloatArray) -> FloatArray:
+    def with_moment(self, torques: FloatArray) -> FloatArray:
         """Unknowns of rods that carry a moment, from those of unloaded ones: none, and rod 1 has what the others leave, (8b)."""
         first = self.arrays.material[:, :, 0]
         unit = np.minimum(first[..., 2], first[..., :2].max(axis=-1))
@@ -384,13 +380,13 @@ class BackboneProblem(BoundaryProblem):
 
     def _dead_base_force(self, unknowns: FloatArray) -> FloatArray:
         """The base force in curvature units, equation (13), without the follower force, at ``unknowns`` without it."""
-        call = self._node_pass(2, unknowns=unknowns, follower_force=False)
-        scale = self._table.length_scale.numpy() / self.arrays.material[:, 0, 0, :2].max(axis=-1)
+        call = self.node_pass(2, unknowns=unknowns, follower_force=False)
+        scale = self.table.length_scale.numpy() / self.arrays.material[:, 0, 0, :2].max(axis=-1)
         return np.asarray(call.read("node_force")[:, 0] * scale[:, None])
 
     def curvature_scale(self) -> FloatArray:  # noqa: D102
         bent = np.abs(self.arrays.precurvature).reshape(*self.arrays.precurvature.shape[:3], -1, 3).sum(axis=(3, 4))
-        return self._each(np.maximum(1 / self.arrays.end[:, 0, -1], bent.max(axis=(1, 2))))
+        return self.each(np.maximum(1 / self.arrays.end[:, 0, -1], bent.max(axis=(1, 2))))
 
     def load_scale(self) -> FloatArray:  # noqa: D102
         inputs = self.read("inputs")
@@ -402,20 +398,20 @@ class BackboneProblem(BoundaryProblem):
         vectors = inputs[:, first : first + 3 * len(kernels.INPUT_VECTORS)].reshape(self.instance_count, -1, 3)
         sizes = np.sqrt((vectors**2).sum(axis=2))
         total = np.zeros(self.instance_count)
-        for name, exponent in LOAD_POWERS.items():
-            size = sizes[:, kernels.INPUT_VECTORS.index(name)]
+        for spec in LOADS:
+            size = sizes[:, kernels.INPUT_VECTORS.index(spec.name)]
+            if spec.name == "magnetic_field":
+                size = self.magnetic_load()
             if size.any():
-                size = size * length**exponent / stiffness
-                total += size * weight if name == "gravity" else size
-        if self.features.magnetised:
-            total += self._magnetic_load() * length**2 / stiffness
+                size = size * length**spec.power / stiffness
+                total += size * weight if spec.name == "gravity" else size
         if self.features.foundation:
             total += self._medium_load()
         if self.features.measured:
             gap = inputs[:, self.input_slice("tip_curvature")] - table.precurvature[:, 0, -1, :3]
             total += np.linalg.norm(gap, axis=1) * length
         if self.features.profile_degree >= 0:
-            profile = self._table.profile.numpy()
+            profile = self.table.profile.numpy()
             size = np.abs(profile.reshape(len(profile), 6, -1)).sum(-1).max(0)
             total += (size[:3].max() * length**3 + size[3:].max() * length**2) / stiffness
         return total
@@ -425,16 +421,16 @@ class BackboneProblem(BoundaryProblem):
         table = self.arrays
         length = table.end[:, 0, -1]
         stiffness = table.material[..., 13:16].max(axis=(1, 2, 3)) * length**4 / table.material[:, 0, :, :3].min(axis=(1, 2))
-        _, kappa = self._by_section()
-        return np.asarray(self._each(stiffness) * np.minimum(kappa.max(axis=(1, 2)) * self._each(length), 1.0))
+        _, kappa = self.by_section()
+        return np.asarray(self.each(stiffness) * np.minimum(kappa.max(axis=(1, 2)) * self.each(length), 1.0))
 
-    def _magnetic_load(self) -> FloatArray:
+    def magnetic_load(self) -> FloatArray:
         """Bound of the moment per length of a magnetic field on all rods [N], shape (instance_count,)."""
         if not self.features.magnetised:
             return np.zeros(self.instance_count)
         strongest = np.linalg.norm(self.arrays.material[..., 10:13], axis=-1).max(axis=2).sum(axis=1)
         field = np.linalg.norm(self.read("inputs")[:, self.input_slice("magnetic_field")], axis=1)
-        return np.asarray(self._each(strongest) * field)
+        return np.asarray(self.each(strongest) * field)
 
     def turning(self, before: FloatArray | None = None) -> FloatArray:  # noqa: D102
         angles = self.read("inputs")[:, self.input_slice("rotation")]
@@ -445,256 +441,43 @@ class BackboneProblem(BoundaryProblem):
         twist = (own * size).sum(axis=2).max(axis=1) if len(self.rods) > 1 and not self.held else 0.0
         return np.asarray(np.ptp(angles, axis=1) + twist)
 
-    def mode_bounds(self) -> FloatArray:  # noqa: D102
-        if len(self.rods) == 1 or self.held or not self.features.torsion:
-            return super().mode_bounds()
-        inputs = self.read("inputs")
-        EI, kappa = self._by_section()
-        start = inputs[:, self.input_slice("translation")]
-        end, compliance = self._each(self.arrays.end), self._each(self.arrays.material[..., 5])
-        bounds = bound_modes(start, end, compliance, EI, kappa, self._dead_load())
-        bounds[:, 0] += np.where(self.has_potential, 0.0, 0.5 * self.load_scale())
-        bounds[~self.has_potential, 1] = np.inf
-        if (
-            self.features.anisotropic or self.features.magnetised
-        ):  # they resist being turned against their neighbours even where all are straight
-            bounds = np.maximum(bounds, (1.0, np.inf))
-        return np.asarray(bounds)
-
-    def _dead_load(self) -> FloatArray:
-        """Bound of the dead forces' part of the internal force [N], shape (instance_count,)."""
-        inputs = self.read("inputs")
-        length = self._ends().max(axis=1)
-        sizes = {name: np.linalg.norm(inputs[:, self.input_slice(name)], axis=1) for name in kernels.INPUT_VECTORS}
-        weight = self._each(self.arrays.material[..., 9].max(axis=2).sum(axis=1))
-        total = sizes["tip_force"] + (sizes["distributed_force"] + weight * sizes["gravity"]) * length
-        if self.features.profile_degree >= 0:
-            profile = self._table.profile.numpy()
-            total = total + np.abs(profile.reshape(len(profile), 6, -1)).sum(-1).max(0)[:3].sum() * length * np.abs(inputs[:, -1])
-        return np.asarray(total)
-
-    def shapes(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:  # noqa: D102
-        fields = ("arclength", "position", "rotation", "curvature", "moment", "force")
-        calls = [self._node_pass(node_count, rod=rod) for rod in range(len(self.rods))]
-        shapes = [{name: np.array(call.read(f"node_{name}")) for name in fields} for call in calls]
-        energy = np.array(calls[0].read("energy"))
-        if self.breakpoints:
-            others, stored, _ = self._cut.shapes(self.breakpoints, node_count)
-            for k in self.breakpoints:
-                energy[k] = stored[k]
-                for shape, other in zip(shapes, others, strict=True):
-                    for name in fields:
-                        shape[name][k] = getattr(other, name)[k]
-        return tuple(Shape(**shape) for shape in shapes), energy
-
-    def segments(self) -> Segments | None:  # noqa: D102
-        return self._cut if len(self.rods) == 1 and not self.held and not self.features.foundation else None
-
-    @cached_property
-    def _cut(self) -> BackboneSegments:
-        return BackboneSegments(self)
-
-    # ---- stability and multiplicity ----
-
-    @property
-    def multistable(self) -> bool:  # noqa: D102
-        return len(self.rods) > 1
-
-    @property
-    def has_potential(self) -> NDArray[np.bool_]:  # noqa: D102
-        # a moment has none, dead or not, nor what follows the tip
-        inputs = self.read("inputs")
-        without = ("tip_moment", "distributed_moment", "follower_force", "follower_moment")
-        acting = np.column_stack([inputs[:, self.input_slice(name)] for name in without]).any(axis=1)
-        profiles = (
-            self._table.profile.numpy().reshape(-1, 6, DEGREE + 1) if self.features.profile_degree >= 0 else np.zeros((1, 6, 1))
-        )
-        acting |= bool(profiles[:, 3:].any()) & (inputs[:, -1] != 0)
-        return np.asarray(~acting & (not self.features.measured))
-
-    def potential(self) -> FloatArray:  # noqa: D102
-        call = self._node_pass(2)
-        stored, work = np.array(call.read("energy")), np.array(call.read("work"))
-        if self.breakpoints:
-            _, energy, done = self._cut.shapes(self.breakpoints, 2)
-            for k in self.breakpoints:
-                stored[k], work[k] = energy[k], done[k]
-        return np.where(self.has_potential, stored - work, np.nan)
-
-    def stored_and_lost(self) -> tuple[FloatArray, FloatArray]:
-        """Elastic energy, and the potential energy of what acts along a held rod but not at its tip [J], shape (instance_count,)."""
-        call = self._node_pass(2)
-        base = np.broadcast_to(self._table.base_position.numpy(), (self.instance_count, 3))
-        tip = (self.tip_wrench.numpy()[:, :3] * (call.read("position") - base)).sum(axis=1)
-        return np.array(call.read("energy")), np.asarray(tip - call.read("work"))
-
-    def starts(self, count: int, first: int = 0) -> FloatArray:  # noqa: D102
-        n = len(self.rods)
-        moment, torque, unit = self._start_sizes()
-        points = spread(np.arange(first, first + count), n + 2)[:, None]
-        points = np.sign(points) * np.abs(points) ** _CROWDING
-        torques = self.features.torque_count
-        result = np.zeros((count, self.instance_count, 3 + torques + (3 if self.features.base_force_unknown else 0)))
-        result[..., :2] = points[..., :2] * moment[:, None] * unit[:, :2]
-        if not torques:
-            result[..., 2] = points[..., 2] * moment * unit[:, 2]
-            return result + self.guess()
-        tau = points[..., 2:] * torque
-        # all torques together balance the load
-        tau[..., -1] = points[..., -1] * moment - tau[..., :-1].sum(axis=-1)
-        result[..., 2 : 2 + n] = tau * unit[:, 2:]
-        return result if self.features.moment else result[..., 3:]
-
-    def _start_sizes(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """What bounds the equilibria: moment of the loads at the base [N m], (instance_count,), torques there that the tubes'
-        precurvatures give each other [N m], (instance_count, n), and the unknowns of a unit moment or torque.
-        """
-        table = self.arrays
-        start = self.read("inputs")[:, self.input_slice("translation")]
-        length = (table.end[:, :, -1] + start).max(axis=1)
-        first = self._each(table.material[:, :, 0, :3])
-        bending = first[..., :2].max(axis=2)
-        moment = self.load_scale() * self._each(table.material[:, 0, :, :3].min(axis=(1, 2))) / length
-        torque = np.zeros((self.instance_count, len(self.rods)))
-        for part in (np.arange(_PARTS) + 0.5) / _PARTS:
-            stiffness, bend = self._bending_at((part * length)[:, None] - start)
-            others = bend.sum(axis=1, keepdims=True) - bend
-            torque += bend * others / stiffness.sum(axis=1, keepdims=True) * (length / _PARTS)[:, None]
-        shared = np.broadcast_to(bending.sum(axis=1)[:, None], (self.instance_count, 2))
-        return moment, torque, 1 / np.concatenate([shared, np.minimum(first[..., 2], bending)], axis=1)
-
-    def _bending_at(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """``EI`` [N m^2] and a bound of ``EI |u*_xy|`` [N m] of each rod at arclengths of its own, shape (instance_count, n)."""
-        end = self._each(self.arrays.end)
-        section = (s[..., None] >= end).sum(axis=2)[..., None]
-        present = section[..., 0] < end.shape[2]
-        section = np.minimum(section, end.shape[2] - 1)
-        EI, kappa = self._by_section()
-        values = (np.take_along_axis(value, section, axis=2)[..., 0] * present for value in (EI, EI * kappa))
-        return next(values), next(values)
-
-    def _by_section(self) -> tuple[FloatArray, FloatArray]:
-        """Larger ``EI`` [N m^2] and a bound of ``|u*_xy|`` [1/m] of each section, shape (instance_count, n, section)."""
-        coefficients = self.arrays.precurvature.reshape(*self.arrays.precurvature.shape[:3], -1, 3)
-        kappa = np.linalg.norm(coefficients[..., :2], axis=-1).sum(axis=-1)
-        return self._each(self.arrays.material[..., :2].max(axis=-1)), self._each(kappa)
-
-    def modes(self) -> Modes:  # noqa: D102
-        form, determinant = self.condensed_form()
-        modes = form.modes(self._stiffness_over_length())
-        potential = self.has_potential
-        judged = potential & all(kind.convex for kind in self.features.members) & (not self.features.foundation)
-        modes.known[~judged] = False
-        modes.values[~judged] = np.nan
-        # det Gamma is positive where nothing acts
-        modes.diverging[:] = (~potential | self.features.foundation) & (determinant < 0) & (not self.features.measured)
-        return modes
-
-    def condensed_form(self) -> tuple[CondensedForm, FloatArray]:
-        """The second variation at ``unknowns``, condensed to the tip, and ``det Gamma`` (instance_count,), NaN of breakpoints, of
-        a held tip and where rounding hides its sign.
-
-        One integration over as many nodes as the loads call for; where the moments found call for more, another one.
-        """
-        unit, n = self._stiffness_over_length(), len(self.rods)
-        size = n + 2 + (3 if self.held else 0)
-        count = self.instance_count
-        form = CondensedForm(np.full((count, size, size), np.nan), np.zeros(count, dtype=np.int32), np.zeros(count, dtype=bool))
-        determinant = np.full(count, np.nan)
-        if n > 1 and not np.isfinite(self.arrays.material[..., 2]).all():
-            return form, determinant  # a torque of each that nothing determines
-        # each instance has its own number of nodes, whatever stands beside it in the batch
-        nodes = _nodes(np.minimum(np.nan_to_num(self._segments_expected()), MOST_NODES_AT_FIRST - 2))
-        open_ = np.ones(count, dtype=bool)
-        if self.breakpoints:
-            cut = list(self.breakpoints)
-            form.put(cut, self._cut.condensed_form(self.breakpoints))
-            open_[cut] = False
-        while open_.any():
-            node_count = int(nodes[open_].min())
-            chosen = open_ & (nodes == node_count)
-            call = self._node_pass(node_count, chosen, columns=True)
-            needed = self._segments_of(call)
-            done = chosen & (needed < node_count)
-            if done.any():
-                found = condensed_form(self._node_columns(call, done), unit[done])
-                form.put(done, found)
-                if not self.held:
-                    determinant[done] = certain_determinant(call.read("gamma")[done])
-            more = chosen & ~done & (needed < MOST_NODES - 1)
-            nodes[more] = _nodes(needed[more])
-            open_ &= ~chosen | more
-        return form, determinant
-
-    def _node_columns(self, call: "NodePass", chosen: NDArray[np.bool_]) -> NodeColumns:
-        """What a pass over nodes says of variations of the instances ``chosen``."""
-        rows = len(self.rods) + 2
-        ends = self._ends()[chosen]
-        arclength, configuration = call.read("column_arclength")[chosen], call.read("node_columns")[chosen, :, :rows]
-        momenta = call.read("tip_columns")[chosen, :rows]
-        if not self.held:
-            # base forces that follow a load are no variations that keep the forces
-            return NodeColumns(arclength, configuration[..., :rows], momenta[..., :rows], ends)
-        by_unknowns = self.wrench_columns.numpy()[chosen, :, : self.unknown_count]
-        momenta = np.concatenate([by_unknowns[:, 3:], momenta[:, 3:]], axis=1)
-        return NodeColumns(arclength, configuration, momenta, ends, by_unknowns[:, :3], call.read("pose_columns")[chosen, :3])
-
-    def _ends(self) -> FloatArray:
+    def ends(self) -> FloatArray:
         """Arclength at which each rod ends [m], shape (instance_count, n)."""
         return np.asarray(self.arrays.end[:, :, -1] + self.read("inputs")[:, self.input_slice("translation")])
 
-    def _moment_unit(self) -> FloatArray | None:
-        """(11), (12)."""
+    def _make_free_tip(self) -> FreeTip | None:
+        """(11), (11b), (12)."""
         if len(self.rods) > 1 or self.held or self.features.base_force_unknown:
             return None
         unit = np.array(self.arrays.material[:, 0, -1, :3])
+        axes = None
         if not self.features.measured:
             unit[:, 2] = np.minimum(unit[:, 2], unit[:, :2].max(axis=1))
-        return np.broadcast_to(unit, (self.instance_count, 3)) if np.isfinite(unit).all() else None
-
-    def _moment_axes(self) -> FloatArray | None:
-        """(11b): those of the base."""
-        if not self.features.fixed_moment or self.features.measured:
+            if self.features.fixed_moment:  # along those of the base
+                axes = np.broadcast_to(self.table.base_rotation.numpy(), (self.instance_count, 3, 3))
+        if not np.isfinite(unit).all():
             return None
-        return np.broadcast_to(self._table.base_rotation.numpy(), (self.instance_count, 3, 3))
+        return FreeTip(np.broadcast_to(unit, (self.instance_count, 3)), self.stiffness_over_length(), axes)
 
-    def _stiffness_over_length(self) -> FloatArray:
+    def stiffness_over_length(self) -> FloatArray:
         """What stiffnesses of the tip are counted in [N m], shape (instance_count,): the least of the rods', over the length."""
-        return np.asarray(self._least_stiffness() / self._ends().max(axis=1))
+        return np.asarray(self.least_stiffness() / self.ends().max(axis=1))
 
-    def _least_stiffness(self) -> FloatArray:
-        return self._each(self.arrays.material[..., :3].min(axis=(1, 2, 3)))
+    def least_stiffness(self) -> FloatArray:
+        """The least of all that a rod resists bending or twisting with [N m^2], shape (instance_count,)."""
+        return self.each(self.arrays.material[..., :3].min(axis=(1, 2, 3)))
 
-    def _segments_expected(self) -> FloatArray:
-        """(7) by what the moments cannot exceed."""
-        length, scale = self._ends().max(axis=1), self.load_scale()
-        if self.held:
-            x = np.abs(self.read("unknowns") - self.guess())
-            stiffest = self._each(self.arrays.material[..., :2].max(axis=(1, 2, 3))) / self._least_stiffness()
-            scale = scale + stiffest * length * (np.linalg.norm(x[:, :-3], axis=1) + np.linalg.norm(x[:, -3:], axis=1))
-        unit = self._least_stiffness() / length
-        return self._segments(scale * unit, scale * unit / length, scale / length)
+    def by_section(self) -> tuple[FloatArray, FloatArray]:
+        """Larger ``EI`` [N m^2] and a bound of ``|u*_xy|`` [1/m] of each section, shape (instance_count, n, section)."""
+        coefficients = self.arrays.precurvature.reshape(*self.arrays.precurvature.shape[:3], -1, 3)
+        kappa = np.linalg.norm(coefficients[..., :2], axis=-1).sum(axis=-1)
+        return self.each(self.arrays.material[..., :2].max(axis=-1)), self.each(kappa)
 
-    def _segments_of(self, call: "NodePass") -> FloatArray:
-        """(7) by the moments, forces and curvatures of a pass over nodes."""
-        largest = (np.linalg.norm(call.read(f"node_{name}"), axis=2) for name in ("moment", "force", "curvature"))
-        return self._segments(*(values.max(axis=1) for values in largest))
-
-    def _segments(self, moment: FloatArray, force: FloatArray, curvature: FloatArray) -> FloatArray:
-        """(7) from bounds [N m], [N], [1/m], shape (instance_count,)."""
-        coupling, potential = moment, force + self._magnetic_load()
-        if len(self.rods) > 1:
-            EI, kappa = self._by_section()
-            bend = EI * kappa
-            coupling = moment + bend.max(axis=2).sum(axis=1)
-            potential = potential + (bend * (kappa + curvature[:, None, None])).max(axis=2).sum(axis=1)
-        return segments_needed(self._ends().max(axis=1), self._least_stiffness(), coupling, potential)
-
-    def _each(self, values: FloatArray) -> FloatArray:
+    def each(self, values: FloatArray) -> FloatArray:
         """Values of the rods' batch, one an instance."""
         return np.broadcast_to(values, (self.instance_count, *values.shape[1:]))
 
-    def _node_pass(
+    def node_pass(
         self,
         node_count: int,
         chosen: NDArray[np.bool_] | None = None,
@@ -709,7 +492,7 @@ class BackboneProblem(BoundaryProblem):
         Columns are those of the model with all its unknowns. ``unknowns`` are those of the solve by default.
         """
         if columns and not self.features.moment:
-            unknowns = self._with_moment(self.read("unknowns"))
+            unknowns = self.with_moment(self.read("unknowns"))
         key = (node_count, columns, rod, chosen is None, unknowns is None, *changes.items())
         made = self._passes.get(key)
         if made is None:
@@ -749,7 +532,7 @@ class BackboneProblem(BoundaryProblem):
         if chosen:
             call.active = wp.zeros(count, dtype=wp.int32, device=self.device)
         if columns:
-            nodes = node_count - 1 + self.arrays.end[0].size + self._table.profile_end.size
+            nodes = node_count - 1 + self.arrays.end[0].size + self.table.profile_end.size
             call.column_arclength = wp.full((count, nodes), np.nan, dtype=wp.float64, device=self.device)
             call.node_columns = wp.zeros((count, nodes, m, m), dtype=wp.float64, device=self.device)
             call.tip_columns = wp.zeros((count, m, m), dtype=wp.float64, device=self.device)
@@ -764,7 +547,7 @@ class BackboneProblem(BoundaryProblem):
         material = self.arrays.material
         rigid = np.isinf(material[..., 2])
         if not rigid.any():
-            return self._table
+            return self.table
         material = np.array(material)
         material[..., 5][rigid] = 1 / (RIGID * material[..., :2].max(axis=-1)[rigid])
         table = self._make_table(None)
@@ -772,20 +555,33 @@ class BackboneProblem(BoundaryProblem):
         return table
 
 
-BY_MATERIAL = ("gravity", "magnetic_field")  # inputs that act on a property which rods may lack
+class BackboneParts(Parts):
+    """Of a ``BackboneProblem``: finer by step control alone, which fixed steps and the finest tolerances have no use for."""
 
-BACKBONE_INPUTS = (
-    InputSpec(name="rotation", unit="rad", per_rod=True, description="angle of each rod's base about its axis"),
-    InputSpec(name="translation", unit="m", per_rod=True, description="how far each rod is pushed out of the base"),
-    InputSpec(name="tip_force", unit="N", description="dead force on the tip, world frame"),
-    InputSpec(name="tip_moment", unit="N m", description="dead moment on the tip, world frame"),
-    InputSpec(name="follower_force", unit="N", dead_twin="tip_force", description="force on the tip, fixed in the tip frame"),
-    InputSpec(name="follower_moment", unit="N m", description="moment on the tip, fixed in the tip frame"),
-    InputSpec(name="distributed_force", unit="N/m", function=True, description="dead force per length, world frame"),
-    InputSpec(name="distributed_moment", unit="N", function=True, description="dead moment per length, world frame"),
-    InputSpec(name="gravity", unit="m/s^2", description="acceleration, world frame; acts on linear_density"),
-    InputSpec(name="magnetic_field", unit="T", description="uniform magnetic field, world frame; acts on magnetisation"),
-)
+    def __init__(self, problem: BackboneProblem) -> None:
+        self.problem = problem
+
+    def of(self, instances: IntArray, *, double: bool = False) -> BackboneProblem:  # noqa: D102
+        return self._part(instances, self.problem.integrator.in_double() if double else self.problem.integrator)
+
+    def finer(self, instances: IntArray) -> BackboneProblem | None:  # noqa: D102
+        coarse = self.problem.integrator.in_double()
+        if not isinstance(coarse, AdaptiveIntegrator) or not coarse.adaptive or coarse.rtol <= FINEST:
+            return None
+        return self._part(instances, replace(coarse, rtol=FINEST, atol=min(coarse.atol, 0.01 * FINEST)))
+
+    def _part(self, instances: IntArray, integrator: Integrator) -> BackboneProblem:
+        whole = self.problem
+        shape = whole.batch_shape
+        base = take(whole.base, shape, instances, tail=2) if whole.base.ndim > 2 else whole.base
+        arrays, inputs = whole.arrays.take(shape, instances), whole.inputs_given.take(shape, instances)
+        options = {**whole.options, "integrator": integrator}
+        result = BackboneProblem(whole.rods, base, inputs, enabled=tuple(whole.enabled), arrays=arrays, **options)
+        result.stop = whole.stop
+        for name in ("inputs", "unknowns"):
+            result.write(name, whole.read(name)[instances])
+        result.breakpoints = taken(whole.breakpoints, instances)
+        return result
 
 
 class BackboneAssembly(Assembly):
@@ -861,38 +657,21 @@ class BackboneAssembly(Assembly):
         return BackboneProblem(self.rods, base, inputs, transmission=self.transmission, arrays=arrays, **options)
 
 
-def spread(numbers: NDArray[np.int_], dimensions: int) -> FloatArray:
-    """Points of a sequence that fills the cube from -1 to 1 evenly, number 0 in its centre, shape (len(numbers), dimensions).
-
-    Roberts' additive recurrence: steps by powers of the generalised golden ratio.
-    """
-    ratio = 2.0
-    for _ in range(40):
-        ratio = (1 + ratio) ** (1 / (dimensions + 1))
-    steps = ratio ** -np.arange(1.0, dimensions + 1)
-    return np.asarray(2 * ((0.5 + np.outer(numbers, steps)) % 1) - 1)
-
-
 def _blocks(features: Features) -> list[Block]:
     """One block a rod with a torque of its own, the outermost first; what is left is the innermost's, and couples the others.
 
     An unknown base force, which all rods share, is the last.
     """
-    torques, count = features.torque_count, features.unknown_count
-    force = count - 3 if features.base_force_unknown and torques else count
-    inner = force - torques
+    slots = unknowns_of(features)
+    moment, force, first = slots.places["moment"], slots.places["force"], slots.places["torques"].start
     places: list[tuple[str, slice, int | None]]
-    places = [(f"tube {k + 1}", slice(inner + k - 1, inner + k), k) for k in range(torques, 0, -1)]
-    if inner:
-        places.append(("tube 1" if torques else "rod 1", slice(0, inner), 0))
-    if force < count:
-        places.append(("base force", slice(force, count), None))
+    if not features.torque_count:  # one rod, or several that are one
+        places = [("rod 1", slice(0, slots.size), 0)]
+    else:
+        places = [(f"tube {k + 1}", slice(first + k - 1, first + k), k) for k in range(features.torque_count, 0, -1)]
+        places += [("tube 1", moment, 0)] if features.moment else []
+        places += [("base force", force, None)] if features.base_force_unknown else []
     return [Block(name, place, place, rod) for name, place, rod in places]
-
-
-def _nodes(segments: FloatArray) -> NDArray[np.int_]:
-    """Numbers of nodes for more than so many segments: one more than a power of two."""
-    return np.asarray(1 + 2 ** np.ceil(np.log2(np.maximum(segments + 1e-6, FEWEST_NODES - 1))).astype(int))
 
 
 def step_multiple(steps: int) -> int:

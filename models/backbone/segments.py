@@ -139,7 +139,7 @@ class BackboneSegments(Segments):
         record(make, threads(call, count), [table, call, memory, seg], problem.device).launch()
 
     def propagate(self, requests: Sequence[Request]) -> list[Propagation]:  # noqa: D102
-        return self._propagate(requests, self.problem._table)
+        return self._propagate(requests, self.problem.table)
 
     def _propagate(self, requests: Sequence[Request], table: Any) -> list[Propagation]:
         problem, call, d = self.problem, self._call, self.variation_size
@@ -175,7 +175,7 @@ class BackboneSegments(Segments):
     # ---- results ----
 
     def _base(self, instance: int) -> tuple[FloatArray, FloatArray]:
-        table = self.problem._table
+        table = self.problem.table
         row = instance * table.base_stride
         return table.base_rotation.numpy()[row], table.base_position.numpy()[row]
 
@@ -207,7 +207,7 @@ class BackboneSegments(Segments):
         seg, places = self._load(placed, call)
         seg.energy = wp.zeros(int(places[-1]), dtype=wp.float64, device=problem.device)
         seg.work = wp.zeros(int(places[-1]), dtype=wp.float64, device=problem.device)
-        self._launch(features, int(places[-1]), 0, problem._table, call, seg)
+        self._launch(features, int(places[-1]), 0, problem.table, call, seg)
         others = np.setdiff1d(np.arange(problem.instance_count), list(points))
         values = {name: np.array(getattr(call, f"node_{name}").numpy()) for name in NODE_FIELDS}
         energy, work = np.full((2, problem.instance_count), np.nan)
@@ -222,8 +222,8 @@ class BackboneSegments(Segments):
 
     def modes(self, points: dict[int, Breakpoints]) -> Modes:  # noqa: D102
         instances = list(points)
-        modes = self.condensed_form(points).modes(self.problem._stiffness_over_length()[instances])
-        known = modes.known & self.problem.has_potential[instances]
+        modes = self.condensed_form(points).modes(self.problem.stiffness_over_length()[instances])
+        known = modes.known & self.problem.stability.has_potential[instances]
         modes.put(~known, Modes.unknown(len(instances), modes.values.shape[1]))
         return modes
 
@@ -240,7 +240,7 @@ class BackboneSegments(Segments):
         length = self.length(instance)
         moment = max(np.linalg.norm(shape.moment[instance], axis=1).max(), np.linalg.norm(points.states[:, :3], axis=1).max())
         force = np.linalg.norm(shape.force[instance], axis=1).max()
-        stiffness = problem._least_stiffness()[instance]
+        stiffness = problem.least_stiffness()[instance]
         needed = segments_needed(*(np.array([value]) for value in (length, stiffness, moment, force)))[0]
         if not needed < MOST_NODES - 1:
             return np.full((3, 3), np.nan), 0, False

@@ -13,6 +13,9 @@ from multirod.models.platform.platform_kernels import REVOLUTE, SPHERICAL
 from multirod.rotations import cross, cross_matrix, matrices, vectors
 from multirod.validation import FloatArray
 
+# In L^3/EI, added to the tips of beams in all directions: one that is straight and inextensible gives way along itself by
+# bending, once it has bent, and how much depends on how far it has to.
+COMPLIANCES = (1e-4, 1e-3, 1e-2, 1e-1)
 ITERATIONS = 8  # 4 are enough for the tip to move by less than 1 % of what the beams are off
 
 

@@ -8,6 +8,7 @@ each leg's tip to the residual of its joint) and ``balance`` (the platform).
 
 import warp as wp
 
+from multirod.capabilities import Loading
 from multirod.models.rotation_kernels import (
     inverse_right_jacobian,
     left_jacobian,
@@ -15,7 +16,6 @@ from multirod.models.rotation_kernels import (
     rotation_vector,
     swing,
 )
-from multirod.problem import Loading
 
 f64 = wp.float64
 

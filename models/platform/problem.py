@@ -12,42 +12,33 @@ import warp as wp
 from numpy.typing import NDArray
 
 from multirod.batch import IntArray, take
+from multirod.capabilities import Loading, Parts, Shapes
 from multirod.inputs import Inputs, InputSpec
 from multirod.integrators import Integrator
 from multirod.launch import record
-from multirod.models.backbone.problem import BACKBONE_INPUTS, BackboneAssembly, BackboneProblem, spread
-from multirod.models.backbone.second_variation import CondensedForm
+from multirod.models.backbone.inputs import BACKBONE_INPUTS
+from multirod.models.backbone.problem import BackboneAssembly, BackboneProblem
 from multirod.models.platform import platform_kernels as kernels
 from multirod.models.platform.guess import (
+    COMPLIANCES,
     Attachments,
     Legs,
     beam_equilibrium,
     beam_reach,
-    beam_unknowns,
     fitted_platform,
     nearest_rotation,
     rotation_vectors,
 )
-from multirod.models.platform.stability import HeldLeg, PlatformLoads, platform_modes
-from multirod.problem import Block, BoundaryProblem, Loading, Shape
+from multirod.models.platform.stability import InverseTest, PlatformStability
+from multirod.models.platform.starting import PlatformJoints, PlatformStarts
+from multirod.problem import Block, BoundaryProblem, Shape
 from multirod.rod import RodArrays, stack
 from multirod.rotations import matrices
-from multirod.stability import Modes, Stability
-from multirod.status import Status
 from multirod.validation import FloatArray, frozen
 
 POSE = kernels.POSE
 PER_ROD = ("rotation", "translation")
-LEG_INPUTS = tuple(
-    spec for spec in BACKBONE_INPUTS if spec.per_rod or spec.name in kernels.LEG_VECTORS
-)  # what acts on a leg itself
-
-
-# In L^3/EI, added to the tips of beams in all directions: one that is straight and inextensible gives way along itself by
-# bending, once it has bent, and how much depends on how far it has to.
-COMPLIANCES = (1e-4, 1e-3, 1e-2, 1e-1)
-REACH = (0.6, 0.6)  # of starts from the unloaded pose: in lengths, and radians
-CROWDING = 1.5  # most equilibria are not far
+LEG_INPUTS = tuple(spec for spec in BACKBONE_INPUTS if spec.acts in ("base", "along"))  # what acts on a leg itself
 
 
 class Geometry:
@@ -134,12 +125,6 @@ class Closed:
     singular_value: FloatArray
 
 
-def crowded(numbers: IntArray) -> FloatArray:
-    """Displacements, in lengths, and rotation vectors by number, that lie the closer the nearer they are to none; shape (k, 6)."""
-    points = spread(numbers, POSE)
-    return np.asarray(np.sign(points) * np.abs(points) ** CROWDING * np.repeat(REACH, 3))
-
-
 class LegGroup:
     """Legs of one build, integrated in one launch."""
 
@@ -224,12 +209,12 @@ class ParallelProblem(BoundaryProblem):
         self.leg_direction_count = direction_count if leg_direction_count is None else leg_direction_count
         self.geometry = geometry
         self.inverse = inverse
-        self._limits = np.array([-np.inf, np.inf])[:, None] if limits is None else limits
+        self.limits = np.array([-np.inf, np.inf])[:, None] if limits is None else limits
         self._places = input_places(len(geometry.rods), inverse)
         first = [int(k) for k in geometry.first_unknown]
         # what each leg's unknowns are: its own, in the order of the arrow
-        self._own = [slice(a, b) for a, b in pairwise(first)]
-        self._platform = slice(first[-1], first[-1] + POSE)
+        self.own = [slice(a, b) for a, b in pairwise(first)]
+        self.platform = slice(first[-1], first[-1] + POSE)
         super().__init__(
             unknown_count=int(first[-1]) + POSE,
             batch_shape=np.broadcast_shapes(inputs.batch_shape, geometry.batch_shape),
@@ -241,8 +226,8 @@ class ParallelProblem(BoundaryProblem):
         )
         self.arrow = (*first, self.unknown_count)
         self.integrator = integrator
-        self._inputs = inputs
-        self._options: dict[str, Any] = {
+        self.inputs_given = inputs
+        self.options: dict[str, Any] = {
             "device": device,
             "inverse": inverse,
             "pose_sensitivities": pose_sensitivities,
@@ -262,7 +247,7 @@ class ParallelProblem(BoundaryProblem):
         self.rounding = self.groups[0].backbones.rounding
         self.measured = inputs.measured
         self._found: Closed | None = None
-        self._robots = self._make_robots()
+        self.robots = self._make_robots()
         self._launches = self._record()
         self.write("inputs", self.pack(inputs))
 
@@ -290,17 +275,17 @@ class ParallelProblem(BoundaryProblem):
         platform = batched(geometry.platform, (legs, 4, 4))
         robots.stride = int(bool(geometry.batch_shape))
         position, rotation = geometry.reference()
-        self._reference = batched(position, (3,)), batched(rotation, (3, 3))
-        robots.reference_position = array(self._reference[0], wp.vec3d)
-        robots.reference_rotation = array(self._reference[1], wp.mat33d)
+        self.reference = batched(position, (3,)), batched(rotation, (3, 3))
+        robots.reference_position = array(self.reference[0], wp.vec3d)
+        robots.reference_rotation = array(self.reference[1], wp.mat33d)
         robots.attachment_position = array(platform[:, :, :3, 3], wp.vec3d)
         robots.attachment_rotation = array(platform[:, :, :3, :3], wp.mat33d)
         robots.joint = array(geometry.joints, wp.int32)
         robots.axis = array(geometry.axes, wp.vec3d)
         length, stiffness = geometry.scales()
-        self._length = batched(length.reshape(*geometry.batch_shape, legs + 1), (legs + 1,))
-        self._stiffness = batched(stiffness.reshape(*geometry.batch_shape, legs + 1), (legs + 1,))
-        robots.length, robots.stiffness = array(self._length), array(self._stiffness)
+        self.length = batched(length.reshape(*geometry.batch_shape, legs + 1), (legs + 1,))
+        self.stiffness = batched(stiffness.reshape(*geometry.batch_shape, legs + 1), (legs + 1,))
+        robots.length, robots.stiffness = array(self.length), array(self.stiffness)
         robots.mass = geometry.mass
         robots.mass_centre = wp.vec3d(*geometry.mass_centre)
         robots.pose = self._places["platform_position"].start if self.inverse else 0
@@ -323,11 +308,38 @@ class ParallelProblem(BoundaryProblem):
         launches = []
         for group in self.groups:
             dim = group.backbones.instance_count
-            launches.append(recorded(kernels.spread, dim, self._robots, group.table))
+            launches.append(recorded(kernels.spread, dim, self.robots, group.table))
             launches.append(group.backbones.launch)
-            launches.append(recorded(kernels.attach, dim, self._robots, group.table))
-        launches.append(recorded(kernels.balance, self.instance_count, self._robots))
+            launches.append(recorded(kernels.attach, dim, self.robots, group.table))
+        launches.append(recorded(kernels.balance, self.instance_count, self.robots))
         return launches
+
+    # ---- what is offered ----
+
+    @property
+    def stability(self) -> PlatformStability:  # noqa: D102
+        return PlatformStability(self)
+
+    @property
+    def shapes(self) -> "PlatformShapes":  # noqa: D102
+        return PlatformShapes(self)
+
+    @property
+    def parts(self) -> "PlatformParts":  # noqa: D102
+        return PlatformParts(self)
+
+    @property
+    def joints(self) -> PlatformJoints:  # noqa: D102
+        return PlatformJoints(self)
+
+    @property
+    def starts(self) -> PlatformStarts | None:
+        """None of the inverse problem: its platform is where it is to be."""
+        return None if self.inverse else PlatformStarts(self)
+
+    @property
+    def result_test(self) -> InverseTest | None:  # noqa: D102
+        return InverseTest(self) if self.inverse else None
 
     # ---- the interface ----
 
@@ -349,10 +361,10 @@ class ParallelProblem(BoundaryProblem):
             launch.launch()
 
     def renew(self, inputs: Inputs) -> bool:  # noqa: D102
-        if inputs.profiles or self._inputs.profiles:
+        if inputs.profiles or self.inputs_given.profiles:
             return False
         self._clear()
-        self._inputs = inputs
+        self.inputs_given = inputs
         rows = self.pack(inputs)
         self.write("inputs", rows)
         for group in self.groups:
@@ -360,17 +372,8 @@ class ParallelProblem(BoundaryProblem):
         return True
 
     def _zeros(self) -> list[Any]:
-        own = self._robots
+        own = self.robots
         return [*super()._zeros(), own.opening, own.loading, own.law, own.leg_fault, own.leg_step_count]
-
-    def part(self, instances: IntArray, *, double: bool = False) -> "ParallelProblem":  # noqa: D102
-        integrator = self.integrator.in_double() if double else self.integrator
-        geometry, inputs = self.geometry.take(self.batch_shape, instances), self._inputs.take(self.batch_shape, instances)
-        result = ParallelProblem(geometry, inputs, integrator=integrator, **self._options)
-        result.stop = self.stop
-        for name in ("inputs", "unknowns"):
-            result.write(name, self.read(name)[instances])
-        return result
 
     def takes(self, name: str) -> bool:  # noqa: D102
         if name in kernels.LEG_VECTORS:
@@ -390,21 +393,21 @@ class ParallelProblem(BoundaryProblem):
 
         What its residual is there is remembered and closes as ``load_factor`` goes from 0 to 1, (9).
         """
-        closed = self._closed()
-        self._robots.opening.assign(closed.residual)
+        closed = self.closed()
+        self.robots.opening.assign(closed.residual)
         return np.array(closed.unknowns)
 
     @property
     def natural_singular_value(self) -> FloatArray:
         """That at ``guess``: legs that are long and thin answer a force along themselves by bending alone."""
-        return self._closed().singular_value
+        return self.closed().singular_value
 
-    def _closed(self) -> "Closed":
+    def closed(self) -> "Closed":
         """The unloaded robot at the present inputs; found once for all who ask."""
-        inputs = self.read("inputs")[:, : self._robots.loads]
+        inputs = self.read("inputs")[:, : self.robots.loads]
         if self._found is None or not np.array_equal(self._found.inputs, inputs):
-            with self._unloaded():
-                x, legs, at = self._unloaded_legs()
+            with self.unloaded():
+                x, legs, at = self.unloaded_legs()
                 candidates = self._bent(x, legs, at)
                 x, residual, gamma = self._best(candidates)
             sound = np.isfinite(gamma).all(axis=(1, 2))
@@ -413,64 +416,18 @@ class ParallelProblem(BoundaryProblem):
             self._found = Closed(inputs, x, residual, least)
         return self._found
 
-    @property
-    def comes_apart(self) -> bool:  # noqa: D102
-        return True
-
-    def apart(self, numbers: IntArray | None = None) -> FloatArray:
-        """Legs that nothing holds, and a platform as near to their tips as it can be, or around there (``docs/parallel.md``).
-
-        The mismatch of each joint is remembered and closes as ``load_factor`` goes from 0 to 1, (9).
-        """
-        with self._unloaded():
-            x, legs, at = self._unloaded_legs()
-        if not self.inverse:
-            position, rotation = fitted_platform(legs, at)
-            if numbers is not None:
-                aside = self._around(numbers)
-                position = position + np.broadcast_to(self._length[:, -1:], (self.instance_count, 1)) * aside[:, :3]
-                rotation = matrices(aside[:, 3:]) @ rotation
-            x[:, self._platform] = self._pose_unknowns(position, rotation)
-        self.active.fill_(1)
-        self.open_joints(x)
-        return x
-
-    def open_joints(self, unknowns: FloatArray) -> None:  # noqa: D102
-        self._robots.opening.zero_()
-        self.load_factor.zero_()
-        self._robots.opening.assign(self.evaluate(unknowns)[0])
-
-    def close_joints(self, loading: Loading) -> None:  # noqa: D102
-        self._robots.loading.fill_(int(loading))
-
-    def shut_joints(self) -> None:  # noqa: D102
-        self._robots.opening.zero_()
-
-    def unloaded_inputs(self) -> FloatArray | None:  # noqa: D102
-        if self._inputs.profiles:
-            return None
-        rows = self.read("inputs")
-        for name in (*kernels.PLATFORM_VECTORS[:4], *kernels.LEG_VECTORS):
-            rows[:, self._places[name]] = 0.0
-        return rows
-
-    @staticmethod
-    def _around(numbers: IntArray) -> FloatArray:
-        """Those of ``crowded``, but none for the first; shape (k, 6)."""
-        return np.where(numbers[:, None] == 0, 0.0, crowded(numbers))
-
     @contextmanager
-    def _unloaded(self) -> Iterator[None]:
+    def unloaded(self) -> Iterator[None]:
         """Within it, all instances may be evaluated without loads; everything is as it was afterwards."""
         records, listed = self.snapshot(), self.order.numpy()[: self.listed].copy()
         outputs = (self.fault, self.step_count, self.residual_directions, self.pose_columns)
-        kept = (self.active, self.load_factor, self._robots.opening, self._robots.loading, *outputs)
+        kept = (self.active, self.load_factor, self.robots.opening, self.robots.loading, *outputs)
         values = [np.array(array.numpy()) for array in kept]
         everything = len(listed) == self.instance_count
         if not everything:
             self.focus()
-        self._robots.opening.zero_()
-        self._robots.loading.fill_(int(Loading.RISING))
+        self.robots.opening.zero_()
+        self.robots.loading.fill_(int(Loading.RISING))
         self.active.fill_(1)
         self.load_factor.zero_()
         try:
@@ -482,16 +439,16 @@ class ParallelProblem(BoundaryProblem):
             if not everything:
                 self.focus(listed)
 
-    def _unloaded_legs(self) -> tuple[FloatArray, Legs, Attachments]:
+    def unloaded_legs(self) -> tuple[FloatArray, Legs, Attachments]:
         """Unknowns of legs that nothing holds, and what they say of how the legs bend; the problem is unloaded."""
         x = np.zeros((self.instance_count, self.unknown_count))
         for group in self.groups:
             unloaded = group.backbones.guess().reshape(self.instance_count, len(group.members), -1)
             for place, leg in enumerate(group.members):
-                x[:, self._own[leg]] = unloaded[:, place]
+                x[:, self.own[leg]] = unloaded[:, place]
         self.write("unknowns", x)
         self.integrate()
-        return x, self._legs(), self._attachments()
+        return x, self._legs(), self.attachments()
 
     def _best(self, candidates: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Of several unknowns, for each instance those from which Newton's first step is shortest; residual and Gamma there."""
@@ -516,20 +473,20 @@ class ParallelProblem(BoundaryProblem):
         if start is None:
             pose = np.concatenate([self.read("inputs")[:, self._places["platform_position"].start :][:, :POSE]] * ways)
             reach, added = beam_reach(legs, at, pose[:, :3], matrices(pose[:, 3:]))
-            x[:, self._platform] = reach / legs.length**2
+            x[:, self.platform] = reach / legs.length**2
         else:
             position, rotation, added = beam_equilibrium(legs, at, *(np.concatenate([value] * ways) for value in start))
-            found = [self._pose_unknowns(p, R) for p, R in zip(np.split(position, ways), np.split(rotation, ways), strict=True)]
-            x[:, self._platform] = np.concatenate(found)
-        for own, values in zip(self._own, added, strict=True):
+            found = [self.pose_unknowns(p, R) for p, R in zip(np.split(position, ways), np.split(rotation, ways), strict=True)]
+            x[:, self.platform] = np.concatenate(found)
+        for own, values in zip(self.own, added, strict=True):
             x[:, own] += values
         return np.split(x, ways)
 
-    def _pose_unknowns(self, position: FloatArray, rotation: FloatArray) -> FloatArray:
+    def pose_unknowns(self, position: FloatArray, rotation: FloatArray) -> FloatArray:
         """The platform's unknowns (instance_count, 6) at a pose: (1), (2) solved for them."""
-        length = np.broadcast_to(self._length[:, -1:], (self.instance_count, 1))
-        turn = rotation_vectors(rotation @ np.swapaxes(self._reference[1], 1, 2))
-        move = position - self._reference[0]
+        length = np.broadcast_to(self.length[:, -1:], (self.instance_count, 1))
+        turn = rotation_vectors(rotation @ np.swapaxes(self.reference[1], 1, 2))
+        move = position - self.reference[0]
         return np.concatenate([move / length**2, turn / length], axis=1)
 
     def _legs(self) -> Legs:
@@ -549,13 +506,14 @@ class ParallelProblem(BoundaryProblem):
             rotation[:, members] = own.read("rotation").reshape(*shape, 3, 3)
             for place, leg in enumerate(members):
                 by_wrench[leg] = unknowns[:, place]
-        length, stiffness = (np.broadcast_to(scale[:, :legs], (count, legs)) for scale in (self._length, self._stiffness))
+        length, stiffness = (np.broadcast_to(scale[:, :legs], (count, legs)) for scale in (self.length, self.stiffness))
         return Legs(position, rotation, flexibility, by_wrench, length, stiffness)
 
-    def _attachments(self) -> Attachments:
+    def attachments(self) -> Attachments:
+        """Where each leg is joined to the platform, and how."""
         count, legs = self.instance_count, len(self.geometry.legs)
-        arm = np.broadcast_to(self._robots.attachment_position.numpy(), (count, legs, 3))
-        frame = np.broadcast_to(self._robots.attachment_rotation.numpy(), (count, legs, 3, 3))
+        arm = np.broadcast_to(self.robots.attachment_position.numpy(), (count, legs, 3))
+        frame = np.broadcast_to(self.robots.attachment_rotation.numpy(), (count, legs, 3, 3))
         return Attachments(arm, frame, self.geometry.joints, self.geometry.axes)
 
     def curvature_scale(self) -> FloatArray:  # noqa: D102
@@ -564,30 +522,17 @@ class ParallelProblem(BoundaryProblem):
 
     def load_scale(self) -> FloatArray:  # noqa: D102
         inputs = self.read("inputs")
-        length = np.broadcast_to(self._length[:, -1], self.instance_count)
-        stiffness = np.broadcast_to(self._stiffness[:, -1], self.instance_count)
-        force = sum(np.linalg.norm(inputs[:, self._places[name]], axis=1) for name in ("tip_force", "follower_force"))
-        moment = sum(np.linalg.norm(inputs[:, self._places[name]], axis=1) for name in ("tip_moment", "follower_moment"))
+        length = np.broadcast_to(self.length[:, -1], self.instance_count)
+        stiffness = np.broadcast_to(self.stiffness[:, -1], self.instance_count)
         weight = self.geometry.mass * np.linalg.norm(inputs[:, self._places["gravity"]], axis=1)
-        total = (np.asarray(force) + weight) * length**2 / stiffness + np.asarray(moment) * length / stiffness
+        total = weight * length**2 / stiffness
+        for spec in PLATFORM_INPUTS:
+            if spec.load is not None:
+                total += np.linalg.norm(inputs[:, self._places[spec.name]], axis=1) * length**spec.power / stiffness
         for group in self.groups:
             own = group.backbones.load_scale().reshape(self.instance_count, -1)
             total += own.max(axis=1)
         return np.asarray(total)
-
-    def shapes(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:  # noqa: D102
-        self._spread()
-        count = self.instance_count
-        found: list[Shape | None] = [None] * len(self.geometry.rods)
-        energy = np.zeros(count)
-        for group in self.groups:
-            shapes, own = group.backbones.shapes(node_count)
-            energy += own.reshape(count, -1).sum(axis=1)
-            for i, shape in enumerate(shapes):
-                for place, leg in enumerate(group.members):
-                    values = {name: v.reshape(count, -1, *v.shape[1:])[:, place] for name, v in vars(shape).items()}
-                    found[self.geometry.first_rod[leg] + i] = Shape(**values)
-        return tuple(shape for shape in found if shape is not None), energy
 
     def input_columns(self, name: str) -> tuple[FloatArray, FloatArray]:
         """What ``BoundaryProblem.input_columns`` says; what acts on one leg alone shares its column with the same of all other legs."""
@@ -603,146 +548,35 @@ class ParallelProblem(BoundaryProblem):
         self.integrate()
         count = self.instance_count
         columns = self.residual_directions.numpy()
-        law = self._robots.law.numpy().reshape(count, legs, -1)[:, :, kernels.DIRECTIONS_AT :].reshape(count, legs, -1, 2, 3)
+        law = self.robots.law.numpy().reshape(count, legs, -1)[:, :, kernels.DIRECTIONS_AT :].reshape(count, legs, -1, 2, 3)
         # (8) of one leg's pull and twist on the platform
-        scale = np.stack([self._length[:, -1], np.ones(len(self._length))], axis=1) / self._stiffness[:, -1:]
+        scale = np.stack([self.length[:, -1], np.ones(len(self.length))], axis=1) / self.stiffness[:, -1:]
         slopes = np.zeros((count, self.unknown_count, rods))
-        for leg, own in enumerate(self._own):
+        for leg, own in enumerate(self.own):
             for k in range(first[leg + 1] - first[leg]):
                 slopes[:, own, first[leg] + k] = columns[:, own, k]
-                slopes[:, self._platform, first[leg] + k] = (scale[:, :, None] * law[:, leg, k]).reshape(count, POSE)
+                slopes[:, self.platform, first[leg] + k] = (scale[:, :, None] * law[:, leg, k]).reshape(count, POSE)
         return slopes, np.zeros((count, POSE, rods))
 
-    # ---- stability ----
-
-    def modes(self) -> Modes:  # noqa: D102
-        self._spread()
-        rotation = self._pose()[1]
-        count, legs = self.instance_count, len(self.geometry.legs)
-        at = self._attachments()
-        arms = np.einsum("bij,blj->bli", rotation, at.arm)
-        axes = np.einsum("bij,bljk,lk->bli", rotation, at.frame, at.axes)
-        held: list[HeldLeg | None] = [None] * legs
-        for group in self.groups:
-            form, _ = group.backbones.condensed_form()
-            wrench = group.backbones.tip_wrench.numpy().reshape(count, -1, 6)
-            for place, leg in enumerate(group.members):
-                own = CondensedForm(*(v.reshape(count, -1, *v.shape[1:])[:, place] for v in vars(form).values()))
-                force, moment = wrench[:, place, :3], wrench[:, place, 3:]
-                held[leg] = HeldLeg(own, force, moment, arms[:, leg], int(at.joints[leg]), axes[:, leg])
-        length, stiffness = self._scale()
-        return platform_modes(
-            [leg for leg in held if leg is not None], self._loads(rotation), length, stiffness, self.has_potential
-        )
-
-    @property
-    def has_potential(self) -> NDArray[np.bool_]:
-        """Whether the loads derive from one, shape (instance_count,)."""
-        inputs = self.read("inputs")
-        without = ("tip_moment", "follower_force", "follower_moment")
-        result = ~np.column_stack([inputs[:, self._places[name]] for name in without]).any(axis=1)
-        for group in self.groups:
-            result &= group.backbones.has_potential.reshape(self.instance_count, -1).all(axis=1)
-        return np.asarray(result)
-
-    def potential(self) -> FloatArray:
-        """Elastic energy less the work of dead forces [J]: on the legs from their bases, on the platform from where its pose is zero."""
-        self._spread()
-        position, rotation = self._pose()
-        total = np.zeros(self.instance_count)
-        for group in self.groups:
-            for part in group.backbones.stored_and_lost():
-                total += part.reshape(self.instance_count, -1).sum(axis=1)
-        origin, start = self._reference
-        for (force, arm), local in zip(
-            self._loads(rotation).forces, self._loads(np.broadcast_to(start, rotation.shape)).forces, strict=True
-        ):
-            total -= (force * (position + arm - origin - local[1])).sum(axis=1)
-        return np.where(self.has_potential, total, np.nan)
-
-    @property
-    def multistable(self) -> bool:  # noqa: D102
-        return not self.inverse
-
-    @property
-    def guess_is_stable(self) -> bool:  # noqa: D102
-        return self.inverse  # where every result is tested, whatever it began at
-
-    @property
-    def results_are_tested(self) -> bool:
-        """Of the inverse problem: with the platform held, no mode of ``Gamma`` vanishes where the robot loses stability."""
-        return self.inverse
-
-    def refusals(self, settled: NDArray[np.bool_]) -> NDArray[np.int32]:  # noqa: D102
-        result = super().refusals(settled)
-        if not self.inverse:
-            return result
-        if settled.any():
-            result[settled & (self.modes().stability == Stability.UNSTABLE)] = Status.UNSTABLE
-        length = self._length[:, :-1]
-        translation = self.read("inputs")[:, self._places["translation"]] + length**2 * self.read("unknowns")[:, self._platform]
-        low, high = self._limits
-        outside = (translation < low) | (translation > high) | (length + translation <= 0)
-        result[outside.any(axis=1)] = Status.OUT_OF_LIMITS
-        return result
-
-    @property
-    def signs_add_up(self) -> bool:  # noqa: D102
-        return False
-
-    def starts(self, count: int, first: int = 0) -> FloatArray:
-        """Poses of the platform around that of the unloaded robot, its legs taken for beams that reach there."""
-        if self.inverse:
-            return super().starts(count, first)
-        middle = self._closed().unknowns
-        with self._unloaded():
-            x, legs, at = self._unloaded_legs()
-        legs = legs.softened(COMPLIANCES[-1:])
-        points = crowded(np.arange(first, first + count))
-        length = np.broadcast_to(self._length[:, -1:], (self.instance_count, 1))
-        result = np.empty((count, *x.shape))
-        for k, point in enumerate(points):
-            result[k] = x
-            pose = middle[:, self._platform] + point / np.concatenate([length] * 6, axis=1)
-            result[k][:, self._platform] = pose
-            position, rotation = self._pose_of(pose)
-            for own, values in zip(self._own, beam_unknowns(legs, at, position, rotation), strict=True):
-                result[k][:, own] += values
-        return result
-
-    def _scale(self) -> tuple[FloatArray, FloatArray]:
-        """Mean length [m] and bending stiffness [N m^2] of the legs, shape (instance_count,)."""
-        length, stiffness = (np.broadcast_to(v[:, -1], self.instance_count) for v in (self._length, self._stiffness))
-        return length, stiffness / len(self.geometry.legs)
-
-    def _spread(self) -> None:
+    def to_legs(self) -> None:
         """Unknowns and inputs to the legs, without an integration."""
         if self.listed < self.instance_count:
             self.focus()
         for launch in self._launches[:-1:3]:
             launch.launch()
 
-    def _pose(self) -> tuple[FloatArray, FloatArray]:
+    def pose(self) -> tuple[FloatArray, FloatArray]:
         """(1), (2) Position (instance_count, 3) and rotation (instance_count, 3, 3) of the platform."""
         if self.inverse:
             pose = self.read("inputs")[:, self._places["platform_position"].start :][:, :POSE]
             return pose[:, :3], matrices(pose[:, 3:])
-        return self._pose_of(self.read("unknowns")[:, self._platform])
+        return self.pose_of(self.read("unknowns")[:, self.platform])
 
-    def _pose_of(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def pose_of(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(1), (2) by the platform's unknowns."""
-        length = np.broadcast_to(self._length[:, -1:], (self.instance_count, 1))
-        turned = matrices(length * x[:, 3:]) @ self._reference[1]
-        return self._reference[0] + length**2 * x[:, :3], turned
-
-    def _loads(self, rotation: FloatArray) -> PlatformLoads:
-        inputs = self.read("inputs")
-        force, follower, moment, point = (
-            inputs[:, self._places[name]] for name in ("tip_force", "follower_force", "follower_moment", "force_point")
-        )
-        weight = self.geometry.mass * inputs[:, self._places["gravity"]]
-        follower, moment, point = (np.einsum("bij,bj->bi", rotation, v) for v in (follower, moment, point))
-        return PlatformLoads([(force, point), (weight, rotation @ self.geometry.mass_centre)], follower, moment)
+        length = np.broadcast_to(self.length[:, -1:], (self.instance_count, 1))
+        turned = matrices(length * x[:, 3:]) @ self.reference[1]
+        return self.reference[0] + length**2 * x[:, :3], turned
 
 
 def _blocks(geometry: Geometry) -> list[Block]:
@@ -771,10 +605,71 @@ def input_places(rod_count: int, inverse: bool) -> dict[str, slice]:
     return places
 
 
+class PlatformParts(Parts):
+    """Of a ``ParallelProblem``."""
+
+    def __init__(self, problem: ParallelProblem) -> None:
+        self.problem = problem
+
+    def of(self, instances: IntArray, *, double: bool = False) -> ParallelProblem:  # noqa: D102
+        integrator = self.problem.integrator.in_double() if double else self.problem.integrator
+        geometry, inputs = (
+            self.problem.geometry.take(self.problem.batch_shape, instances),
+            self.problem.inputs_given.take(self.problem.batch_shape, instances),
+        )
+        result = ParallelProblem(geometry, inputs, integrator=integrator, **self.problem.options)
+        result.stop = self.problem.stop
+        for name in ("inputs", "unknowns"):
+            result.write(name, self.problem.read(name)[instances])
+        return result
+
+
+class PlatformShapes(Shapes):
+    """Of a ``ParallelProblem``: those of its legs."""
+
+    def __init__(self, problem: ParallelProblem) -> None:
+        self.problem = problem
+
+    def at_nodes(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:  # noqa: D102
+        self.problem.to_legs()
+        count = self.problem.instance_count
+        found: list[Shape | None] = [None] * len(self.problem.geometry.rods)
+        energy = np.zeros(count)
+        for group in self.problem.groups:
+            shapes, own = group.backbones.shapes.at_nodes(node_count)
+            energy += own.reshape(count, -1).sum(axis=1)
+            for i, shape in enumerate(shapes):
+                for place, leg in enumerate(group.members):
+                    values = {name: v.reshape(count, -1, *v.shape[1:])[:, place] for name, v in vars(shape).items()}
+                    found[self.problem.geometry.first_rod[leg] + i] = Shape(**values)
+        return tuple(shape for shape in found if shape is not None), energy
+
+
 PLATFORM_INPUTS = (
-    InputSpec(name="tip_force", unit="N", description="dead force on the platform at force_point, world frame"),
-    InputSpec(name="tip_moment", unit="N m", description="dead moment on the platform, world frame"),
-    InputSpec(name="follower_force", unit="N", description="force on the platform at force_point, fixed in its frame"),
-    InputSpec(name="follower_moment", unit="N m", description="moment on the platform, fixed in its frame"),
-    InputSpec(name="force_point", unit="m", description="where forces act on the platform, platform frame"),
+    InputSpec(
+        name="tip_force",
+        unit="N",
+        acts="tip",
+        load="force",
+        potential=True,
+        description="dead force on the platform at force_point, world frame",
+    ),
+    InputSpec(name="tip_moment", unit="N m", acts="tip", load="moment", description="dead moment on the platform, world frame"),
+    InputSpec(
+        name="follower_force",
+        unit="N",
+        acts="tip",
+        load="force",
+        follows=True,
+        description="force on the platform at force_point, fixed in its frame",
+    ),
+    InputSpec(
+        name="follower_moment",
+        unit="N m",
+        acts="tip",
+        load="moment",
+        follows=True,
+        description="moment on the platform, fixed in its frame",
+    ),
+    InputSpec(name="force_point", unit="m", acts="tip", description="where forces act on the platform, platform frame"),
 )

@@ -5,15 +5,22 @@ Numbers in parentheses are those of ``docs/stability.md``.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod.capabilities import ResultTest
+from multirod.models.backbone.inputs import LOADS
 from multirod.models.backbone.second_variation import CondensedForm, certain_determinant, symmetric_eigenvalues
 from multirod.models.platform.platform_kernels import POSE, REVOLUTE, SPHERICAL
 from multirod.rotations import cross, cross_matrix
-from multirod.stability import Modes
+from multirod.stability import Modes, StabilityAnalysis
+from multirod.status import Status
 from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.models.platform.problem import ParallelProblem
 
 
 @dataclass(frozen=True)
@@ -110,3 +117,101 @@ def _whole_form(
     turned = loads.follower_moment + cross(loads.forces[0][1], loads.follower_force)
     form[:, rotation, rotation] += cross_matrix(turned)
     return form, unit
+
+
+class PlatformStability(StabilityAnalysis):
+    """Of a ``ParallelProblem``: with several legs there are several equilibria, and the one that beams lead to may be unstable."""
+
+    def __init__(self, problem: "ParallelProblem") -> None:
+        self.problem = problem
+
+    def modes(self) -> Modes:  # noqa: D102
+        self.problem.to_legs()
+        rotation = self.problem.pose()[1]
+        count, legs = self.problem.instance_count, len(self.problem.geometry.legs)
+        at = self.problem.attachments()
+        arms = np.einsum("bij,blj->bli", rotation, at.arm)
+        axes = np.einsum("bij,bljk,lk->bli", rotation, at.frame, at.axes)
+        held: list[HeldLeg | None] = [None] * legs
+        for group in self.problem.groups:
+            form, _ = group.backbones.stability.condensed_form()
+            wrench = group.backbones.tip_wrench.numpy().reshape(count, -1, 6)
+            for place, leg in enumerate(group.members):
+                own = CondensedForm(*(v.reshape(count, -1, *v.shape[1:])[:, place] for v in vars(form).values()))
+                force, moment = wrench[:, place, :3], wrench[:, place, 3:]
+                held[leg] = HeldLeg(own, force, moment, arms[:, leg], int(at.joints[leg]), axes[:, leg])
+        length, stiffness = self._scale()
+        return platform_modes(
+            [leg for leg in held if leg is not None], self._loads(rotation), length, stiffness, self.has_potential
+        )
+
+    @property
+    def has_potential(self) -> NDArray[np.bool_]:
+        """Whether the loads derive from one, shape (instance_count,)."""
+        inputs = self.problem.read("inputs")
+        without = [spec.name for spec in LOADS if spec.acts == "tip" and not spec.potential]
+        result = ~np.column_stack([inputs[:, self.problem.input_slice(name)] for name in without]).any(axis=1)
+        for group in self.problem.groups:
+            result &= group.backbones.stability.has_potential.reshape(self.problem.instance_count, -1).all(axis=1)
+        return np.asarray(result)
+
+    def potential(self) -> FloatArray:
+        """Elastic energy less the work of dead forces [J]: on the legs from their bases, on the platform from where its pose is zero."""
+        self.problem.to_legs()
+        position, rotation = self.problem.pose()
+        total = np.zeros(self.problem.instance_count)
+        for group in self.problem.groups:
+            for part in group.backbones.shapes.stored_and_lost():
+                total += part.reshape(self.problem.instance_count, -1).sum(axis=1)
+        origin, start = self.problem.reference
+        for (force, arm), local in zip(
+            self._loads(rotation).forces, self._loads(np.broadcast_to(start, rotation.shape)).forces, strict=True
+        ):
+            total -= (force * (position + arm - origin - local[1])).sum(axis=1)
+        return np.where(self.has_potential, total, np.nan)
+
+    @property
+    def multistable(self) -> bool:  # noqa: D102
+        return not self.problem.inverse
+
+    @property
+    def guess_is_stable(self) -> bool:  # noqa: D102
+        return self.problem.inverse  # where every result is tested, whatever it began at
+
+    def _scale(self) -> tuple[FloatArray, FloatArray]:
+        """Mean length [m] and bending stiffness [N m^2] of the legs, shape (instance_count,)."""
+        length, stiffness = (
+            np.broadcast_to(v[:, -1], self.problem.instance_count) for v in (self.problem.length, self.problem.stiffness)
+        )
+        return length, stiffness / len(self.problem.geometry.legs)
+
+    def _loads(self, rotation: FloatArray) -> PlatformLoads:
+        inputs = self.problem.read("inputs")
+        force, follower, moment, point = (
+            inputs[:, self.problem.input_slice(name)]
+            for name in ("tip_force", "follower_force", "follower_moment", "force_point")
+        )
+        weight = self.problem.geometry.mass * inputs[:, self.problem.input_slice("gravity")]
+        follower, moment, point = (np.einsum("bij,bj->bi", rotation, v) for v in (follower, moment, point))
+        return PlatformLoads([(force, point), (weight, rotation @ self.problem.geometry.mass_centre)], follower, moment)
+
+
+class InverseTest(ResultTest):
+    """Of the inverse problem: with the platform held, no mode of ``Gamma`` vanishes where the robot loses stability."""
+
+    def __init__(self, problem: "ParallelProblem") -> None:
+        self.problem = problem
+
+    def refusals(self, settled: NDArray[np.bool_]) -> NDArray[np.int32]:  # noqa: D102
+        result = np.zeros(self.problem.instance_count, dtype=np.int32)
+        if settled.any():
+            result[settled & (self.problem.stability.unstable())] = Status.UNSTABLE
+        length = self.problem.length[:, :-1]
+        translation = (
+            self.problem.read("inputs")[:, self.problem.input_slice("translation")]
+            + length**2 * self.problem.read("unknowns")[:, self.problem.platform]
+        )
+        low, high = self.problem.limits
+        outside = (translation < low) | (translation > high) | (length + translation <= 0)
+        result[outside.any(axis=1)] = Status.OUT_OF_LIMITS
+        return result

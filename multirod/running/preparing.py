@@ -96,7 +96,7 @@ def _stand_in(
         records = np.zeros((count, max(field.stop for field in fields.values())))
         return Solution(scene, records, outcome, inputs, instances)
 
-    return make, problem.results_are_tested
+    return make, problem.result_test is not None
 
 
 def _rehearse(question: Callable[[Solution], Any], solution: Solution) -> None:

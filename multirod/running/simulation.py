@@ -214,7 +214,7 @@ class Runner:
         if reasons:
             raise ValueError(f"{type(solver).__name__} cannot take this problem: " + "; ".join(reasons))
         track = solver.track(self.problem, dt)
-        self.track = Tested(track) if self.problem.results_are_tested else track
+        self.track = track if self.problem.result_test is None else Tested(track)
 
     def start(self, guess: Any, count: int, piece: slice) -> None:
         """Start from a guess of ``count`` instances, of which the problem's are a piece; None is no guess."""

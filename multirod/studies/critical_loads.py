@@ -20,8 +20,6 @@ from multirod.stability import Stability
 from multirod.status import Status, failures
 from multirod.validation import Described, FloatArray, device_name, frozen, number, positive_float, positive_int, refuse
 
-LOAD_UNITS = frozenset({"N", "N m", "N/m", "m/s^2", "T"})  # of inputs that are loads: rotation, translation and places are not
-
 GROWTH = 0.1  # of steps as loads are raised, whose waves grow with their root; angles have a period
 
 PRECISE = Shooting(tolerance=1e-10, integrator=RK4(400))
@@ -242,7 +240,7 @@ def natural_start(robot: Assembly, begin: Inputs, inputs: Inputs, method: Shooti
 
 def unloaded(robot: Assembly, inputs: Inputs) -> Inputs:
     """The same inputs without loads: forces, moments, gravity."""
-    loads = {spec.name for spec in robot.input_specs if spec.unit in LOAD_UNITS}
+    loads = {spec.name for spec in robot.input_specs if spec.load is not None}
     return robot.inputs(**{name: getattr(inputs, name) for name in inputs.given if name not in loads})
 
 

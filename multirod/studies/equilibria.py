@@ -94,15 +94,16 @@ def equilibria(
         )
     count = min(ROUND, positive_int("starts", starts))
     problem = robot.problem(_repeated(inputs, count), integrator=method.integrator, device=device)
-    if not len(problem.starts(1)):
-        raise TypeError(f"{type(robot).__name__} offers no starts: its problem has no starts()")
-    limit = limits(problem.starts(ROUND)[:, :1])
+    guesses = problem.starts
+    if guesses is None:
+        raise TypeError(f"{type(robot).__name__} offers no starts: its problem's starts are None")
+    limit = limits(guesses.guesses(ROUND)[:, :1])
     newton = method.newton(problem)
     tolerance = float(problem.tolerance(method.tolerance)[0])
-    catalogue = Catalogue(float(degrees(problem)[0]) if problem.signs_add_up else None, tolerance)
+    catalogue = Catalogue(float(degrees(problem)[0]) if guesses.signs_add_up else None, tolerance)
     everyone = np.ones(count, dtype=bool)
     for first in range(0, starts, count):
-        reached = converge(problem, newton, problem.starts(count, first)[:, 0], everyone, limit)
+        reached = converge(problem, newton, guesses.guesses(count, first)[:, 0], everyone, limit)
         unknowns, gamma = problem.read("unknowns"), problem.read("gamma").reshape(count, problem.unknown_count, -1)
         for k in np.flatnonzero(reached):
             catalogue.add(unknowns[k], gamma[k])

@@ -57,7 +57,6 @@ class Branch:
         self.scale = np.append(np.full(problem.unknown_count, 1 / length), unit)
         self.tolerance, self.growth, self.inspected = tolerance, growth, inspected
         problem.directions.assign(rate[None, None, :])
-        problem.active.fill_(1)
         self._why = ""
         self._cuts = CUTS
 
@@ -161,7 +160,7 @@ class Branch:
     def slopes(self, point: Point, numbers: range) -> FloatArray:
         """How ``heights`` change along the branch, per length."""
         self._evaluate(point.place + AHEAD * point.tangent)
-        return (heights(self.problem.modes(), numbers) - heights(point.modes, numbers)) / AHEAD
+        return (heights(self._modes(), numbers) - heights(point.modes, numbers)) / AHEAD
 
     def _try(self, point: Point, length: float) -> tuple[Step | None, float]:
         """One step further, if it surely is on the same branch, and Newton's contraction."""
@@ -222,5 +221,7 @@ class Branch:
         if not tangent.any():  # at a fold no way leads ahead
             tangent = vectors[-1]
         tangent /= np.linalg.norm(tangent)
-        modes = self.problem.modes() if self.inspected else Modes.unknown(1)
-        return Point(place, tangent, matrix[:, :-1] / self.scale[:-1], modes)
+        return Point(place, tangent, matrix[:, :-1] / self.scale[:-1], self._modes() if self.inspected else Modes.unknown(1))
+
+    def _modes(self) -> Modes:
+        return Modes.unknown(1) if self.problem.stability is None else self.problem.stability.modes()

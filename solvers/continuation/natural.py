@@ -11,7 +11,6 @@ from multirod.problem import FEW, BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.continuation.continuation_kernels import PathState, make_path
 from multirod.solvers.newton.iteration import Newton, leave
-from multirod.stability import Stability
 from multirod.status import Status
 from multirod.validation import FloatArray
 
@@ -133,12 +132,10 @@ class Paths:
         self._set("most_step", most_step)
         self._set("sure_level", sure)
         state.growth = growth
-        self._set("load_factor", ~chosen)
         problem.write("unknowns", np.where(chosen[:, None], unknowns, problem.read("unknowns")))
-        self._set_out(chosen, known=0)
-        outcome = self._follow()
-        self._set("load_factor", 1.0)
-        return outcome
+        with problem.at_load(np.where(chosen, 0.0, 1.0)):
+            self._set_out(chosen, known=0)
+            return self._follow()
 
     def _get(self, name: str) -> Any:
         """A copy of a number of every instance."""
@@ -238,8 +235,8 @@ def natural_branch(problem: BoundaryProblem, newton: Newton, max_steps: int, cho
     lost = outcome.status != Status.CONVERGED
     if lost.any():
         # what is left of the residual at the full load
-        problem.active.assign(lost.astype(np.int32))
-        problem.integrate()
+        with problem.only(lost):
+            problem.integrate()
         outcome.integrations += lost
     return outcome
 
@@ -248,15 +245,20 @@ def _leave_unstable(
     problem: BoundaryProblem, newton: Newton, max_steps: int, chosen: BoolArray, bounds: FloatArray, outcome: Outcome
 ) -> None:
     """Follow those branches again that led to an unstable equilibrium."""
+    stability = problem.stability
+    assert stability is not None  # which says that a path may jump
     gamma = problem.read("gamma").reshape(problem.instance_count, problem.unknown_count, -1)
     # with one unstable mode at most, the sign of det Gamma says whether there is one
     sure = (bounds[:, 1] < 1) & (np.linalg.det(gamma) > 0)
-    places = np.flatnonzero(chosen & (outcome.status == Status.CONVERGED) & ~sure & problem.has_potential)
+    places = np.flatnonzero(chosen & (outcome.status == Status.CONVERGED) & ~sure & stability.has_potential)
     outcome.integrations[places] += 1
     places = places[_unstable(problem, places)]
     if not len(places):
         return
-    part = problem.part(places)
+    if problem.parts is None:
+        outcome.status[places] = Status.BRANCH_END
+        return
+    part = problem.parts.of(places)
     method = newton.of(part, places)
     method.allow(np.maximum(method.allowed() - outcome.integrations[places], 0))
     again = Paths(part, method, max_steps * FINER).raise_loads(np.ones(len(places), dtype=bool), bounds[places], FINER)
@@ -270,14 +272,15 @@ def _leave_unstable(
 
 def _unstable(problem: BoundaryProblem, places: Any) -> BoolArray:
     """Whether the equilibria of some instances, (k,), are unstable, shape (k,)."""
+    assert problem.stability is not None
     if len(places) == problem.instance_count <= FEW:
-        active = problem.active.numpy().copy()
-        problem.active.fill_(1)
-        found = problem.modes().stability == Stability.UNSTABLE
-        problem.active.assign(active)
-        return np.asarray(found)
+        with problem.everyone():
+            return np.asarray(problem.stability.unstable())
+    if problem.parts is None:
+        return np.asarray(problem.stability.unstable()[places])
     result = np.zeros(len(places), dtype=bool)
     for part in np.split(np.arange(len(places)), range(TOGETHER, len(places), TOGETHER)):
         if len(part):
-            result[part] = problem.part(places[part]).modes().stability == Stability.UNSTABLE
+            stability = problem.parts.of(places[part]).stability
+            result[part] = stability is not None and stability.unstable()
     return result

@@ -21,7 +21,7 @@ def refine(problem: BoundaryProblem, newton: Newton, outcome: Outcome, chosen: N
     gamma = problem.read("gamma").reshape(problem.instance_count, problem.unknown_count, -1)
     places = np.flatnonzero(chosen & ~failures(outcome.status))
     places = places[_amplify(gamma[places])]
-    part = problem.finer(places) if len(places) else None
+    part = problem.parts.finer(places) if len(places) and problem.parts is not None else None
     if part is None:
         return
     again = newton.of(part, places)

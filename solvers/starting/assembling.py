@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.batch import IntArray
-from multirod.problem import BoundaryProblem, Loading
+from multirod.capabilities import Joints, Loading
+from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.continuation.natural import SAFE_LOAD, Paths
 from multirod.solvers.newton.iteration import Newton
-from multirod.stability import Stability
 from multirod.status import Status
 from multirod.validation import FloatArray
 
@@ -34,10 +34,10 @@ def assemble(problem: BoundaryProblem, newton: Newton, outcome: Outcome, lost: B
     Steps pass the tests of every branch (``Paths``), ``max_steps`` at most for the joints and as many for the loads. What is not
     found is left as it is.
     """
-    if not problem.comes_apart or not lost.any():
+    if problem.joints is None or problem.parts is None or not lost.any():
         return
     for places in np.split(np.flatnonzero(lost), range(TOGETHER, int(lost.sum()), TOGETHER)):
-        part = problem.part(places)
+        part = problem.parts.of(places)
         found = _natural(part, newton.of(part, places), max_steps)
         outcome.iterations[places] += found.iterations
         outcome.integrations[places] += found.integrations
@@ -51,54 +51,58 @@ def assemble(problem: BoundaryProblem, newton: Newton, outcome: Outcome, lost: B
 def _natural(problem: BoundaryProblem, newton: Newton, max_steps: int) -> Outcome:
     """First the joints, then the loads; statuses as ``Paths`` gives them, ``UNSTABLE`` where that is what is reached."""
     paths = Paths(problem, newton, max_steps)
-    count = problem.instance_count
-    problem.close_joints(Loading.NONE)
-    closed = paths.raise_from(np.ones(count, dtype=bool), problem.apart(), np.full(count, CLOSING_STEP))
-    problem.close_joints(Loading.RISING)
-    problem.shut_joints()
+    count, joints = problem.instance_count, _joints(problem)
+    joints.close(Loading.NONE)
+    closed = paths.raise_from(np.ones(count, dtype=bool), joints.apart(), np.full(count, CLOSING_STEP))
+    joints.close(Loading.RISING)
+    joints.shut()
     whole = closed.status == Status.CONVERGED
     newton.allow(np.maximum(newton.allowed() - closed.integrations - 3, 0))
     loaded = paths.raise_from(whole, problem.read("unknowns"), _safe_step(problem))
     status = np.where(whole, loaded.status, closed.status)
     whole = status == Status.CONVERGED
-    if whole.any():
-        problem.active.fill_(1)
-        status[whole & (problem.modes().stability == Stability.UNSTABLE)] = Status.UNSTABLE
+    if whole.any() and problem.stability is not None:
+        with problem.everyone():
+            status[whole & problem.stability.unstable()] = Status.UNSTABLE
     # legs that nothing holds take one, and the mismatch of their joints another
     integrations = 2 + closed.integrations + loaded.integrations + whole
     return Outcome(status, closed.iterations + loaded.iterations, integrations)
 
 
 def settle(problem: BoundaryProblem, newton: Newton, numbers: IntArray) -> Outcome:
-    """Put every instance together at the places ``numbers`` (see ``BoundaryProblem.apart``), joints and loads in proportion.
+    """Put every instance together at the places ``numbers`` (see ``Joints.apart``), joints and loads in proportion.
 
     Where its branch ends on the way, it is followed by its arclength, back and forth through the folds, to where it meets the full
     load with as many unstable modes as at the start, or two more, or four. Whether that is stable is for the caller to ask.
     """
-    unknowns = problem.apart(numbers)
-    sign = _signs(problem.evaluate(unknowns)[1])
+    joints = _joints(problem)
+    unknowns = joints.apart(numbers)
+    with problem.everyone(), problem.at_load(0.0):
+        sign = _signs(problem.evaluate(unknowns)[1])
     sound = sign != 0
     outcome = Paths(problem, newton, SETTLING_STEPS).raise_from(sound, unknowns, np.minimum(CLOSING_STEP, _safe_step(problem)))
     outcome.status[~sound] = Status.SINGULAR_JACOBIAN
     outcome.integrations += 3
     lost = sound & (outcome.status != Status.CONVERGED)
     if lost.any():
-        problem.active.fill_(1)
-        problem.close_joints(Loading.FULL)
-        problem.open_joints(problem.read("unknowns"))
+        joints.close(Loading.FULL)
+        joints.open(problem.read("unknowns"))
         outcome.integrations += lost
         left = 1.0 - (np.zeros(len(sign)) if outcome.reached is None else outcome.reached)
         through = _through_folds(problem, lost, sign, left, outcome, newton.allowed())
-        problem.close_joints(Loading.RISING)
-        problem.load_factor.fill_(1.0)
+        joints.close(Loading.RISING)
         newton.run(through)
         counts = newton.outcome()
         outcome.iterations += through * counts.iterations
         outcome.integrations += through * counts.integrations
         outcome.status[through] = counts.status[through]
-    problem.shut_joints()
-    problem.active.fill_(1)
+    joints.shut()
     return outcome
+
+
+def _joints(problem: BoundaryProblem) -> Joints:
+    assert problem.joints is not None  # or nobody asked for it to be put together
+    return problem.joints
 
 
 def _safe_step(problem: BoundaryProblem) -> FloatArray:
@@ -133,17 +137,14 @@ def _through_folds(
         on &= outcome.integrations < allowed
         if not on.any():
             break
-        problem.active.assign(on.astype(np.int32))
-        problem.focus(np.flatnonzero(on))
-        problem.load_factor.assign(level)
-        residual, gamma = problem.evaluate(trial)
+        with problem.only(on), problem.at_load(level):
+            residual, gamma = problem.evaluate(trial)
         outcome.integrations += on
         outcome.iterations += on
         for i in np.flatnonzero(on).tolist():
             arc = arcs[i]
             on[i] = arc.advance(residual[i], gamma[i] * unit[i])
             trial[i], level[i] = arc.trial[:-1] * unit[i], arc.trial[-1]
-    problem.focus()
     there = chosen.copy()
     for i, arc in arcs.items():
         there[i] = arc.found is not None

@@ -12,7 +12,7 @@ from multirod.solver import Outcome
 from multirod.solvers.continuation.natural import Paths
 from multirod.solvers.newton.iteration import Newton
 from multirod.solvers.starting.assembling import settle
-from multirod.stability import Stability
+from multirod.stability import Stability, StabilityAnalysis
 from multirod.status import Status, failures
 from multirod.validation import FloatArray
 
@@ -88,10 +88,8 @@ class Catalogue:
 
 def degrees(problem: BoundaryProblem) -> FloatArray:
     """Sign of ``det Gamma`` at the unloaded equilibrium of each instance, shape (instance_count,)."""
-    problem.load_factor.fill_(0.0)
-    problem.active.fill_(1)
-    _, gamma = problem.evaluate(problem.guess())
-    problem.load_factor.fill_(1.0)
+    with problem.everyone(), problem.at_load(0.0):
+        _, gamma = problem.evaluate(problem.guess())
     return np.asarray(np.sign(np.linalg.det(gamma)))
 
 
@@ -118,9 +116,9 @@ def limits(starts: FloatArray) -> FloatArray:
 def refuse_unstable(problem: BoundaryProblem, outcome: Outcome, chosen: NDArray[np.bool_]) -> None:
     """Say so where a search for the ``chosen`` that did not begin at a stable equilibrium led to an unstable one."""
     found = chosen & ~failures(outcome.status)
-    if problem.guess_is_stable or not found.any():
+    if problem.stability is None or problem.stability.guess_is_stable or not found.any():
         return
-    outcome.status[found & (problem.modes().stability == Stability.UNSTABLE)] = Status.UNSTABLE
+    outcome.status[found & problem.stability.unstable()] = Status.UNSTABLE
     outcome.integrations += found
 
 
@@ -131,14 +129,15 @@ def lowest_stable(problem: BoundaryProblem, newton: Newton, outcome: Outcome, lo
     double precision, and left so. Newton's method starts from many points; what comes apart is put together at several places
     (``settle``), and where its loads have no potential, that is done without them: then they are raised, in ``max_steps`` at most.
     """
-    if not problem.multistable or not lost.any() or not len(problem.starts(1)):
+    stability, parts = problem.stability, problem.parts
+    if stability is None or not stability.multistable or parts is None or problem.starts is None or not lost.any():
         return
-    raised = lost & ~problem.has_potential if problem.comes_apart else np.zeros_like(lost)
+    raised = lost & ~stability.has_potential if problem.joints is not None else np.zeros_like(lost)
     for chosen, search in ((lost & ~raised, _search), (raised, partial(_search_unloaded, max_steps=max_steps))):
         for places in np.split(np.flatnonzero(chosen), range(TOGETHER, int(chosen.sum()), TOGETHER)):
             if not len(places):
                 continue
-            part = problem.part(places, double=True)
+            part = parts.of(places, double=True)
             found = search(part, newton.of(part, places))
             outcome.iterations[places] += found.iterations
             outcome.integrations[places] += found.integrations
@@ -147,9 +146,15 @@ def lowest_stable(problem: BoundaryProblem, newton: Newton, outcome: Outcome, lo
             problem.keep(part, places)
 
 
+def _stability(problem: BoundaryProblem) -> StabilityAnalysis:
+    assert problem.stability is not None  # or nobody asked for what is stable
+    return problem.stability
+
+
 def _search_unloaded(problem: BoundaryProblem, newton: Newton, *, max_steps: int) -> Outcome:
     """The same as ``_search`` without loads, then where raising them leads, unless that is unstable."""
-    after, before = problem.read("inputs"), problem.unloaded_inputs()
+    assert problem.joints is not None
+    after, before = problem.read("inputs"), problem.joints.unloaded_inputs()
     if before is None:
         return Outcome.zeros(problem.instance_count)
     problem.write("inputs", before)
@@ -159,10 +164,10 @@ def _search_unloaded(problem: BoundaryProblem, newton: Newton, *, max_steps: int
     resting = outcome.status == Status.CONVERGED
     newton.allow(np.maximum(newton.allowed() - outcome.integrations - 2, 0))
     raised = Paths(problem, newton, max_steps).change_inputs(resting, before, unknowns, gamma)
-    problem.active.fill_(1)
-    problem.integrate()
     there = resting & (raised.status == Status.CONVERGED)
-    there &= problem.modes().stability != Stability.UNSTABLE
+    with problem.everyone():
+        problem.integrate()
+        there &= ~_stability(problem).unstable()
     outcome.iterations += raised.iterations
     outcome.integrations += raised.integrations + 1 + resting
     outcome.status[resting & ~there] = Status.BRANCH_END
@@ -176,7 +181,7 @@ def _search(problem: BoundaryProblem, newton: Newton) -> Outcome:
     """
     outcome = Outcome.zeros(problem.instance_count)
     before = problem.read("unknowns")
-    catalogues = (_settled if problem.comes_apart else _converged)(problem, newton, outcome)
+    catalogues = (_converged if problem.joints is None else _settled)(problem, newton, outcome)
     best, chosen = _lowest(problem, catalogues, before, outcome)
     chosen &= outcome.status != Status.INTEGRATION_LIMIT
     problem.write("unknowns", np.where(chosen[:, None], best, before))
@@ -184,13 +189,14 @@ def _search(problem: BoundaryProblem, newton: Newton) -> Outcome:
     last = newton.outcome()
     outcome.status[chosen] = last.status[chosen]
     outcome.integrations += chosen * last.integrations
-    problem.active.fill_(1)
-    problem.integrate()  # the buffers hold every instance again
+    with problem.everyone():
+        problem.integrate()  # the buffers hold every instance again
     return outcome
 
 
 def _settled(problem: BoundaryProblem, newton: Newton, outcome: Outcome) -> list[Catalogue]:
     """Stable equilibria that each instance comes to rest at; what is counted is added to ``outcome``."""
+    assert problem.parts is not None
     catalogues = [Catalogue(None) for _ in range(problem.instance_count)]
     allowed = newton.allowed()
     open_ = np.arange(problem.instance_count)
@@ -201,14 +207,14 @@ def _settled(problem: BoundaryProblem, newton: Newton, outcome: Outcome) -> list
         if not len(open_):
             break
         rows = np.repeat(open_, SETTLED_ROUND)
-        trial = problem.part(rows)
+        trial = problem.parts.of(rows)
         method = newton.of(trial, rows)
         method.allow(share[rows])
         counts = settle(trial, method, np.tile(np.arange(first, first + SETTLED_ROUND), len(open_)))
         np.add.at(outcome.iterations, rows, counts.iterations)
         np.add.at(outcome.integrations, rows, counts.integrations)
         unknowns, gamma = trial.read("unknowns"), trial.read("gamma").reshape(len(rows), problem.unknown_count, -1)
-        stable = (counts.status == Status.CONVERGED) & (trial.modes().stability == Stability.STABLE)
+        stable = (counts.status == Status.CONVERGED) & (_stability(trial).modes().stability == Stability.STABLE)
         for row in np.flatnonzero(stable):
             catalogues[rows[row]].add(unknowns[row], gamma[row])
         open_ = open_[[not catalogues[i].unknowns for i in open_]]
@@ -217,9 +223,12 @@ def _settled(problem: BoundaryProblem, newton: Newton, outcome: Outcome) -> list
 
 def _converged(problem: BoundaryProblem, newton: Newton, outcome: Outcome) -> list[Catalogue]:
     """Equilibria of each instance by Newton's method from many starts; what is counted is added to ``outcome``."""
+    starts = problem.starts
+    assert starts is not None
+    assert problem.parts is not None
     tolerance = newton.state.tolerance.numpy()
     catalogues = [Catalogue(degree, float(least)) for degree, least in zip(degrees(problem), tolerance, strict=True)]
-    limit = limits(problem.starts(ROUND))
+    limit = limits(starts.guesses(ROUND))
     allowed = newton.allowed()
     open_ = np.arange(problem.instance_count)
     for first in range(0, STARTS, ROUND):
@@ -229,9 +238,9 @@ def _converged(problem: BoundaryProblem, newton: Newton, outcome: Outcome) -> li
         if not len(open_):
             break
         rows = np.repeat(open_, ROUND)
-        trial = problem.part(rows)
+        trial = problem.parts.of(rows)
         method = newton.of(trial, rows)
-        guesses = np.swapaxes(problem.starts(ROUND, first)[:, open_], 0, 1).reshape(len(rows), -1)
+        guesses = np.swapaxes(starts.guesses(ROUND, first)[:, open_], 0, 1).reshape(len(rows), -1)
         reached = converge(trial, method, guesses, np.ones(len(rows), dtype=bool), limit[rows])
         counts = method.outcome()
         np.add.at(outcome.iterations, rows, counts.iterations)
@@ -252,7 +261,7 @@ def _lowest(
 
     The integrations that tell are counted in ``outcome``.
     """
-    problem.active.fill_(1)
+    analysis = _stability(problem)
     best = np.array(unknowns)
     least = np.full(len(catalogues), np.inf)
     for k in range(max(len(catalogue.unknowns) for catalogue in catalogues)):
@@ -261,8 +270,9 @@ def _lowest(
         for i in np.flatnonzero(having):
             trial[i] = catalogues[int(i)].unknowns[k]
         problem.write("unknowns", trial)
-        stability = problem.modes().stability
-        potential = problem.potential()
+        with problem.everyone():
+            stability = analysis.modes().stability
+            potential = analysis.potential()
         outcome.integrations += having
         # of mirror images, whose energies differ by rounding, the first
         better = having & (stability == Stability.STABLE) & (potential < least - 1e-9 * np.abs(potential))

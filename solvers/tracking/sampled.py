@@ -91,9 +91,8 @@ class SampledTrack(Track):
         before: FloatArray | None = None
         for iteration in range(max_iterations):
             load = min(1.0, (iteration + 1) / ramp)
-            problem.load_factor.fill_(load)
-            problem.active.assign(active.astype(np.int32))
-            self.step()
+            with problem.only(active), problem.at_load(load):
+                self.step()
             outcome.integrations[active] += 1
             status = self.state.status.numpy()
             done = active & self._settled(limit) & (load == 1.0)
@@ -114,7 +113,6 @@ class SampledTrack(Track):
                 self._hold(~active)  # what has ended stays where its residual was taken
         outcome.status[active] = Status.MAX_ITERATIONS
         outcome.iterations[:] = outcome.integrations
-        problem.load_factor.fill_(1.0)
         return outcome
 
     def _hold(self, instances: Any) -> None:

@@ -203,7 +203,7 @@ def reference(problem: BoundaryProblem) -> Reference:
     while steps < FINEST and not agreed.all():
         steps *= 2
         places = np.flatnonzero(~agreed)
-        finer, there = follow(problem.part(places), steps)
+        finer, there = follow(problem.parts.of(places), steps)
         same = (np.abs(finer - level[places]) < 1e-4) & ((finer < 1) == (level[places] < 1))
         same &= (finer < 1) | alike(there, unknowns[places])
         level[places], unknowns[places] = finer, there
@@ -219,7 +219,7 @@ def alike(a: Any, b: Any) -> Any:
 def unstable(problem: BoundaryProblem, unknowns: Any) -> Any:
     """Whether an equilibrium is surely unstable."""
     problem.write("unknowns", unknowns)
-    return problem.modes().stability == Stability.UNSTABLE
+    return problem.stability.modes().stability == Stability.UNSTABLE
 
 
 def judge(kind: str, count: int, seed: int) -> dict[str, Any]:

@@ -19,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 from random_legs import Drawn, draw, violation
 
 import multirod as mr
-from multirod.problem import Loading
+from multirod.capabilities import Loading
 from multirod.solvers.continuation.natural import Paths
 from multirod.status import Status
 
@@ -32,14 +32,14 @@ def by_small_steps(drawn: Drawn) -> bool:
     problem = drawn.robot.problem(drawn.inputs, integrator=mr.RK45())
     paths = Paths(problem, mr.Shooting().newton(problem), 10000)
     everyone, step = np.ones(1, dtype=bool), np.full(1, FINE)
-    problem.close_joints(Loading.NONE)
-    if paths.raise_from(everyone, problem.apart(), step).status[0] != Status.CONVERGED:
+    problem.joints.close(Loading.NONE)
+    if paths.raise_from(everyone, problem.joints.apart(), step).status[0] != Status.CONVERGED:
         return False
-    problem.close_joints(Loading.RISING)
-    problem.shut_joints()
+    problem.joints.close(Loading.RISING)
+    problem.joints.shut()
     if paths.raise_from(everyone, problem.read("unknowns"), step).status[0] != Status.CONVERGED:
         return False
-    return bool(problem.modes().stability[0] != mr.Stability.UNSTABLE)
+    return bool(problem.stability.modes().stability[0] != mr.Stability.UNSTABLE)
 
 
 def by_search(drawn: Drawn) -> bool:

@@ -55,17 +55,17 @@ def scenes(count: int) -> dict[str, tuple[mr.Assembly, mr.Inputs]]:
 def passes(problem: mr.BoundaryProblem) -> float:
     """Integrations of each leg that ``modes`` takes, the mean over instances."""
     taken: dict[int, float] = {}
-    node_pass = BackboneProblem._node_pass
+    node_pass = BackboneProblem.node_pass
 
     def counted(self: BackboneProblem, node_count: int, chosen: NDArray[np.bool_], **options: object) -> object:
         taken[id(self)] = taken.get(id(self), 0.0) + float(chosen.mean())
         return node_pass(self, node_count, chosen, **options)
 
-    BackboneProblem._node_pass = counted  # type: ignore[method-assign, assignment]
+    BackboneProblem.node_pass = counted  # type: ignore[method-assign, assignment]
     try:
-        problem.modes()
+        problem.stability.modes()
     finally:
-        BackboneProblem._node_pass = node_pass  # type: ignore[method-assign]
+        BackboneProblem.node_pass = node_pass  # type: ignore[method-assign]
     return max(taken.values())
 
 
@@ -82,7 +82,8 @@ def main() -> None:
         for integrator in (mr.RK45(), mr.RK4(50)):
             solution = mr.solve(robot, inputs, solver=mr.Shooting(integrator=integrator))
             with solution._problem() as problem:
-                one, test = (1e6 * seconds(call, options.rounds) / options.batch for call in (problem.integrate, problem.modes))
+                calls = (problem.integrate, problem.stability.modes)
+                one, test = (1e6 * seconds(call, options.rounds) / options.batch for call in calls)
             kind = type(integrator).__name__
             mean = np.mean(solution.integrations)
             print(

@@ -33,9 +33,8 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
     # in torsion, the torque of all is the third of the moments; several unloaded rods have torques only, that of rod 1 the
     # negative sum of the others
     RIGID = TUBES and TORQUES == 0
-    FIRST_TORQUE = 2 if MOMENT else -1  # less the index of its rod
-    UNKNOWNS = layout.UNKNOWNS
-    FIRST_FORCE = UNKNOWNS - 3 if FORCE_UNKNOWN else UNKNOWNS
+    FIRST_TORQUE = layout.unknowns.places["torques"].start - 1  # less the index of its rod
+    FIRST_FORCE = layout.unknowns.places["force"].start
     MOMENTS = (3 if RIGID else 2) if MOMENT else 0
     LAST_TORQUE = MOMENTS if RIGID else FIRST_TORQUE + n
     at = InputOffsets(n)

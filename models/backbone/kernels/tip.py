@@ -37,9 +37,9 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
     FRAME, COLUMN_FRAME, POSE, POSE_COLUMNS = layout.FRAME, layout.COLUMN_FRAME, layout.POSE, features.pose_sensitivities
     TUBES, MEASURED, FIXED, HELD = n > 1, features.measured, layout.FIXED, features.held
     MOMENT, TORQUES, NODES = layout.MOMENT, layout.TORQUES, layout.NODES
-    FIRST_TORQUE = 2 if MOMENT else -1  # row of the residual, less the index of the rod
+    FIRST_TORQUE = layout.unknowns.places["torques"].start - 1  # row of the residual, less the index of the rod
     FREE_FORCE, FOLLOWER_MOMENT = features.base_force_unknown and not features.held, features.follower_moment
-    FIRST_FORCE = layout.UNKNOWNS - 3
+    FIRST_FORCE = layout.unknowns.places["force"].start
     at = InputOffsets(n)
     ROTATION, TIP_FORCE, TIP_MOMENT, TIP_CURVATURE = at.ROTATION, at.TIP_FORCE, at.TIP_MOMENT, at.TIP_CURVATURE
     FOLLOWER_FORCE_INPUT, FOLLOWER_MOMENT_INPUT = at.FOLLOWER_FORCE, at.FOLLOWER_MOMENT

@@ -11,20 +11,17 @@ from multirod.assembly import Assembly
 from multirod.inputs import Inputs
 from multirod.integrators import RK4, Integrator
 from multirod.models.backbone.envelope import LOADS
+from multirod.models.backbone.inputs import LOADS as SPECS
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.rod import Rod
 from multirod.studies.terms.leaving_out import DROPPABLE, SECTIONS, left_out
 from multirod.validation import boolean, positive_int, refuse
 
+SYMBOLS = {"tip_force": "F", "follower_force": "F", "tip_moment": "M", "follower_moment": "M"}
+SYMBOLS |= {"distributed_force": "f", "distributed_moment": "l", "gravity": "w", "magnetic_field": "μ B"}
+POWERS = {1: "L", 2: "L²", 3: "L³"}
 GROUPS = {
-    "tip_force": "F L²/EI",
-    "follower_force": "F L²/EI",
-    "tip_moment": "M L/EI",
-    "follower_moment": "M L/EI",
-    "distributed_force": "f L³/EI",
-    "distributed_moment": "l L²/EI",
-    "gravity": "w L³/EI",
-    "magnetic_field": "μ B L²/EI",
+    **{spec.name: f"{SYMBOLS[spec.name]} {POWERS[spec.power]}/EI" for spec in SPECS},
     "shear": "N/GA",
     "torsion": "EI/GJ",
     "anisotropy": "ΔEI/EI",

@@ -165,8 +165,8 @@ class Measurement:
         # kernels are made or loaded here, which is no part of any time
         problem = Runner(setting.robot, setting.solver, one, 1.0, "cpu", setting.inputs.active).problem
         problem.integrate()
-        with suppress(NotImplementedError):
-            problem.shapes(SHAPE_NODES)
+        if problem.shapes is not None:
+            problem.shapes.at_nodes(SHAPE_NODES)
         guess = None
         with suppress(ValueError):  # a model may have other unknowns
             guess = problem.adopt(self.reference.history.unknowns[:1]) if self.reference.known[0] else None

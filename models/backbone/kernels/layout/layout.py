@@ -4,8 +4,11 @@
 A record is a list of ``Slot``; offsets, sizes and units follow from it. Numbers in parentheses are those of ``docs/model.md``.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
 
 from multirod.models.backbone.kernels.layout.features import Features
 
@@ -20,28 +23,59 @@ class Slot:
 
 
 class Record:
-    """Numbers that stand together: where each begins (``at``; -1 if it is not there) and how many there are (``size``)."""
+    """Numbers that stand together: where each begins (``at``; -1 if it is not there) and how many there are (``size``).
+
+    ``places`` are those of all entries, also of what is not there: empty, where it would be.
+    """
 
     def __init__(self, slots: Iterable[Slot]) -> None:
-        self.slots = [slot for slot in slots if slot.size]
+        self.slots: list[Slot] = []
         self.at: dict[str, int] = {}
+        self.places: dict[str, slice] = {}
         self.size = 0
-        for slot in self.slots:
-            self.at[slot.name] = self.size
-            self.size += slot.size
+        for slot in slots:
+            self.places[slot.name] = slice(self.size, self.size + slot.size)
+            if slot.size:
+                self.slots.append(slot)
+                self.at[slot.name] = self.size
+                self.size += slot.size
 
     def __getitem__(self, name: str) -> int:
         return self.at.get(name, -1)
+
+    def split(self, values: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+        """The entries of rows (..., size), by name."""
+        return {name: values[..., place] for name, place in self.places.items()}
+
+    def joined(self, parts: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
+        """The reverse: rows (..., size) of the entries that there are; what else is given is left out."""
+        return np.concatenate([parts[slot.name] for slot in self.slots], axis=-1)
 
     def units(self) -> list[str]:
         """Of each number."""
         return [slot.unit for slot in self.slots for _ in range(slot.size)]
 
 
+def unknowns_of(features: Features, *, moment: bool | None = None, force: bool | None = None) -> Record:
+    """The unknowns of a backbone, (10), and so its columns, and in the same order its residuals; or those of a problem of the same
+    rods with or without the ``moment`` and the base ``force``.
+    """
+    moment = features.moment if moment is None else moment
+    force = features.base_force_unknown if force is None else force
+    return Record(
+        [
+            Slot("moment", 3 * moment, "1/length"),
+            Slot("torques", features.torque_count, "1/length"),  # of the second rod and those outside it
+            Slot("force", 3 * force, "1/length"),
+        ]
+    )
+
+
 class Layout:
     """The records of a backbone with certain features. How many columns there are is known to a launch only.
 
     Attributes:
+        unknowns: What is solved for, one column each.
         state: What is integrated of the backbone itself.
         column: What is integrated of one column, the derivative of the state by an unknown or along a direction of inputs.
         given: What stands beside a column: what its direction varies of the loads and of the stretch.
@@ -53,7 +87,8 @@ class Layout:
     def __init__(self, features: Features) -> None:
         f = self.features = features
         self.n = n = f.rod_count
-        self.UNKNOWNS = f.unknown_count
+        self.unknowns = unknowns_of(f)
+        self.UNKNOWNS = self.unknowns.size
         self.MOMENT, self.TORQUES = f.moment, f.torque_count
         self.FRAME, self.COLUMN_FRAME = f.frame, f.column_has_frame
         self.FORCE, self.FORCE_STATE = f.force, f.force_is_state

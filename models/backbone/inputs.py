@@ -1,0 +1,64 @@
+"""The inputs of a backbone, and what they mean."""
+
+from multirod.inputs import InputSpec
+
+BACKBONE_INPUTS = (
+    InputSpec(name="rotation", unit="rad", per_rod=True, description="angle of each rod's base about its axis"),
+    InputSpec(name="translation", unit="m", per_rod=True, description="how far each rod is pushed out of the base"),
+    InputSpec(
+        name="tip_force", unit="N", acts="tip", load="force", potential=True, description="dead force on the tip, world frame"
+    ),
+    InputSpec(name="tip_moment", unit="N m", acts="tip", load="moment", description="dead moment on the tip, world frame"),
+    InputSpec(
+        name="follower_force",
+        unit="N",
+        acts="tip",
+        load="force",
+        follows=True,
+        dead_twin="tip_force",
+        description="force on the tip, fixed in the tip frame",
+    ),
+    InputSpec(
+        name="follower_moment",
+        unit="N m",
+        acts="tip",
+        load="moment",
+        follows=True,
+        description="moment on the tip, fixed in the tip frame",
+    ),
+    InputSpec(
+        name="distributed_force",
+        unit="N/m",
+        acts="along",
+        load="force",
+        potential=True,
+        function=True,
+        description="dead force per length, world frame",
+    ),
+    InputSpec(
+        name="distributed_moment",
+        unit="N",
+        acts="along",
+        load="moment",
+        function=True,
+        description="dead moment per length, world frame",
+    ),
+    InputSpec(
+        name="gravity",
+        unit="m/s^2",
+        acts="along",
+        load="force",
+        potential=True,
+        description="acceleration, world frame; acts on linear_density",
+    ),
+    InputSpec(
+        name="magnetic_field",
+        unit="T",
+        acts="along",
+        load="moment",
+        potential=True,
+        description="uniform magnetic field, world frame; acts on magnetisation",
+    ),
+)
+LOADS = tuple(spec for spec in BACKBONE_INPUTS if spec.load is not None)
+BY_MATERIAL = ("gravity", "magnetic_field")  # inputs that act on a property which rods may lack

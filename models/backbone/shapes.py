@@ -1,0 +1,40 @@
+"""One backbone between base and tip: shapes and energies by passes over nodes."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multirod.capabilities import Shapes
+from multirod.problem import Shape
+from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.models.backbone.problem import BackboneProblem
+
+
+class BackboneShapes(Shapes):
+    """Of a ``BackboneProblem``; instances that are known by their breakpoints, by these."""
+
+    def __init__(self, problem: "BackboneProblem") -> None:
+        self.problem = problem
+
+    def at_nodes(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:  # noqa: D102
+        fields = ("arclength", "position", "rotation", "curvature", "moment", "force")
+        calls = [self.problem.node_pass(node_count, rod=rod) for rod in range(len(self.problem.rods))]
+        shapes = [{name: np.array(call.read(f"node_{name}")) for name in fields} for call in calls]
+        energy = np.array(calls[0].read("energy"))
+        if self.problem.breakpoints:
+            others, stored, _ = self.problem.cut.shapes(self.problem.breakpoints, node_count)
+            for k in self.problem.breakpoints:
+                energy[k] = stored[k]
+                for shape, other in zip(shapes, others, strict=True):
+                    for name in fields:
+                        shape[name][k] = getattr(other, name)[k]
+        return tuple(Shape(**shape) for shape in shapes), energy
+
+    def stored_and_lost(self) -> tuple[FloatArray, FloatArray]:
+        """Elastic energy, and the potential energy of what acts along a held rod but not at its tip [J], shape (instance_count,)."""
+        call = self.problem.node_pass(2)
+        base = np.broadcast_to(self.problem.table.base_position.numpy(), (self.problem.instance_count, 3))
+        tip = (self.problem.tip_wrench.numpy()[:, :3] * (call.read("position") - base)).sum(axis=1)
+        return np.array(call.read("energy")), np.asarray(tip - call.read("work"))

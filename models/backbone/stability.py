@@ -1,0 +1,182 @@
+"""Stability of one backbone: its second variation by columns at nodes, its potential, and what its rods say beforehand."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod.models.backbone.inputs import LOADS
+from multirod.models.backbone.kernels.layout import arguments as kernels
+from multirod.models.backbone.mode_bounds import bound_modes
+from multirod.models.backbone.second_variation import (
+    MOST_NODES,
+    CondensedForm,
+    NodeColumns,
+    certain_determinant,
+    condensed_form,
+    segments_needed,
+)
+from multirod.profile import DEGREE
+from multirod.stability import Modes, StabilityAnalysis
+from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.models.backbone.problem import BackboneProblem, NodePass
+
+FEWEST_NODES = 9
+MOST_NODES_AT_FIRST = 33
+
+
+class BackboneStability(StabilityAnalysis):
+    """Of a ``BackboneProblem``, free at its tip or held there."""
+
+    def __init__(self, problem: "BackboneProblem") -> None:
+        self.problem = problem
+
+    @property
+    def multistable(self) -> bool:  # noqa: D102
+        return len(self.problem.rods) > 1
+
+    @property
+    def has_potential(self) -> NDArray[np.bool_]:  # noqa: D102
+        inputs = self.problem.read("inputs")
+        without = [spec.name for spec in LOADS if not spec.potential]
+        acting = np.column_stack([inputs[:, self.problem.input_slice(name)] for name in without]).any(axis=1)
+        profiles = (
+            self.problem.table.profile.numpy().reshape(-1, 6, DEGREE + 1)
+            if self.problem.features.profile_degree >= 0
+            else np.zeros((1, 6, 1))
+        )
+        acting |= bool(profiles[:, 3:].any()) & (inputs[:, -1] != 0)
+        return np.asarray(~acting & (not self.problem.features.measured))
+
+    def potential(self) -> FloatArray:  # noqa: D102
+        call = self.problem.node_pass(2)
+        stored, work = np.array(call.read("energy")), np.array(call.read("work"))
+        if self.problem.breakpoints:
+            _, energy, done = self.problem.cut.shapes(self.problem.breakpoints, 2)
+            for k in self.problem.breakpoints:
+                stored[k], work[k] = energy[k], done[k]
+        return np.where(self.has_potential, stored - work, np.nan)
+
+    def modes(self) -> Modes:  # noqa: D102
+        form, determinant = self.condensed_form()
+        modes = form.modes(self.problem.stiffness_over_length())
+        potential = self.has_potential
+        judged = potential & all(kind.convex for kind in self.problem.features.members) & (not self.problem.features.foundation)
+        modes.known[~judged] = False
+        modes.values[~judged] = np.nan
+        # det Gamma is positive where nothing acts
+        modes.diverging[:] = (
+            (~potential | self.problem.features.foundation) & (determinant < 0) & (not self.problem.features.measured)
+        )
+        return modes
+
+    def condensed_form(self) -> tuple[CondensedForm, FloatArray]:
+        """The second variation at ``unknowns``, condensed to the tip, and ``det Gamma`` (instance_count,), NaN of breakpoints, of
+        a held tip and where rounding hides its sign.
+
+        One integration over as many nodes as the loads call for; where the moments found call for more, another one.
+        """
+        unit, n = self.problem.stiffness_over_length(), len(self.problem.rods)
+        size = n + 2 + (3 if self.problem.held else 0)
+        count = self.problem.instance_count
+        form = CondensedForm(np.full((count, size, size), np.nan), np.zeros(count, dtype=np.int32), np.zeros(count, dtype=bool))
+        determinant = np.full(count, np.nan)
+        if n > 1 and not np.isfinite(self.problem.arrays.material[..., 2]).all():
+            return form, determinant  # a torque of each that nothing determines
+        # each instance has its own number of nodes, whatever stands beside it in the batch
+        nodes = _nodes(np.minimum(np.nan_to_num(self._segments_expected()), MOST_NODES_AT_FIRST - 2))
+        open_ = np.ones(count, dtype=bool)
+        if self.problem.breakpoints:
+            cut = list(self.problem.breakpoints)
+            form.put(cut, self.problem.cut.condensed_form(self.problem.breakpoints))
+            open_[cut] = False
+        while open_.any():
+            node_count = int(nodes[open_].min())
+            chosen = open_ & (nodes == node_count)
+            call = self.problem.node_pass(node_count, chosen, columns=True)
+            needed = self._segments_of(call)
+            done = chosen & (needed < node_count)
+            if done.any():
+                found = condensed_form(self._node_columns(call, done), unit[done])
+                form.put(done, found)
+                if not self.problem.held:
+                    determinant[done] = certain_determinant(call.read("gamma")[done])
+            more = chosen & ~done & (needed < MOST_NODES - 1)
+            nodes[more] = _nodes(needed[more])
+            open_ &= ~chosen | more
+        return form, determinant
+
+    def _node_columns(self, call: "NodePass", chosen: NDArray[np.bool_]) -> NodeColumns:
+        """What a pass over nodes says of variations of the instances ``chosen``."""
+        rows = len(self.problem.rods) + 2
+        ends = self.problem.ends()[chosen]
+        arclength, configuration = call.read("column_arclength")[chosen], call.read("node_columns")[chosen, :, :rows]
+        momenta = call.read("tip_columns")[chosen, :rows]
+        if not self.problem.held:
+            # base forces that follow a load are no variations that keep the forces
+            return NodeColumns(arclength, configuration[..., :rows], momenta[..., :rows], ends)
+        by_unknowns = self.problem.wrench_columns.numpy()[chosen, :, : self.problem.unknown_count]
+        momenta = np.concatenate([by_unknowns[:, 3:], momenta[:, 3:]], axis=1)
+        return NodeColumns(arclength, configuration, momenta, ends, by_unknowns[:, :3], call.read("pose_columns")[chosen, :3])
+
+    def _segments_expected(self) -> FloatArray:
+        """(7) by what the moments cannot exceed."""
+        length, scale = self.problem.ends().max(axis=1), self.problem.load_scale()
+        if self.problem.held:
+            x = np.abs(self.problem.read("unknowns") - self.problem.guess())
+            stiffest = (
+                self.problem.each(self.problem.arrays.material[..., :2].max(axis=(1, 2, 3))) / self.problem.least_stiffness()
+            )
+            scale = scale + stiffest * length * (np.linalg.norm(x[:, :-3], axis=1) + np.linalg.norm(x[:, -3:], axis=1))
+        unit = self.problem.least_stiffness() / length
+        return self._segments(scale * unit, scale * unit / length, scale / length)
+
+    def _segments_of(self, call: "NodePass") -> FloatArray:
+        """(7) by the moments, forces and curvatures of a pass over nodes."""
+        largest = (np.linalg.norm(call.read(f"node_{name}"), axis=2) for name in ("moment", "force", "curvature"))
+        return self._segments(*(values.max(axis=1) for values in largest))
+
+    def _segments(self, moment: FloatArray, force: FloatArray, curvature: FloatArray) -> FloatArray:
+        """(7) from bounds [N m], [N], [1/m], shape (instance_count,)."""
+        coupling, potential = moment, force + self.problem.magnetic_load()
+        if len(self.problem.rods) > 1:
+            EI, kappa = self.problem.by_section()
+            bend = EI * kappa
+            coupling = moment + bend.max(axis=2).sum(axis=1)
+            potential = potential + (bend * (kappa + curvature[:, None, None])).max(axis=2).sum(axis=1)
+        return segments_needed(self.problem.ends().max(axis=1), self.problem.least_stiffness(), coupling, potential)
+
+    def mode_bounds(self) -> FloatArray | None:  # noqa: D102
+        if len(self.problem.rods) == 1 or self.problem.held or not self.problem.features.torsion:
+            return super().mode_bounds()
+        inputs = self.problem.read("inputs")
+        EI, kappa = self.problem.by_section()
+        start = inputs[:, self.problem.input_slice("translation")]
+        end, compliance = self.problem.each(self.problem.arrays.end), self.problem.each(self.problem.arrays.material[..., 5])
+        bounds = bound_modes(start, end, compliance, EI, kappa, self._dead_load())
+        bounds[:, 0] += np.where(self.has_potential, 0.0, 0.5 * self.problem.load_scale())
+        bounds[~self.has_potential, 1] = np.inf
+        if (
+            self.problem.features.anisotropic or self.problem.features.magnetised
+        ):  # they resist being turned against their neighbours even where all are straight
+            bounds = np.maximum(bounds, (1.0, np.inf))
+        return np.asarray(bounds)
+
+    def _dead_load(self) -> FloatArray:
+        """Bound of the dead forces' part of the internal force [N], shape (instance_count,)."""
+        inputs = self.problem.read("inputs")
+        length = self.problem.ends().max(axis=1)
+        sizes = {name: np.linalg.norm(inputs[:, self.problem.input_slice(name)], axis=1) for name in kernels.INPUT_VECTORS}
+        weight = self.problem.each(self.problem.arrays.material[..., 9].max(axis=2).sum(axis=1))
+        total = sizes["tip_force"] + (sizes["distributed_force"] + weight * sizes["gravity"]) * length
+        if self.problem.features.profile_degree >= 0:
+            profile = self.problem.table.profile.numpy()
+            total = total + np.abs(profile.reshape(len(profile), 6, -1)).sum(-1).max(0)[:3].sum() * length * np.abs(inputs[:, -1])
+        return np.asarray(total)
+
+
+def _nodes(segments: FloatArray) -> NDArray[np.int_]:
+    """Numbers of nodes for more than so many segments: one more than a power of two."""
+    return np.asarray(1 + 2 ** np.ceil(np.log2(np.maximum(segments + 1e-6, FEWEST_NODES - 1))).astype(int))

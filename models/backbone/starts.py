@@ -1,0 +1,86 @@
+"""Many starts for one backbone: base moments and torques that its equilibria can have."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod.capabilities import Starts
+from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.models.backbone.problem import BackboneProblem
+
+_PARTS = 64  # of the length, over which starts are bounded
+_CROWDING = 1.5  # most equilibria are far inside the bounds
+
+
+class BackboneStarts(Starts):
+    """Of a ``BackboneProblem``."""
+
+    def __init__(self, problem: "BackboneProblem") -> None:
+        self.problem = problem
+
+    @property
+    def signs_add_up(self) -> bool:  # noqa: D102
+        return True
+
+    def guesses(self, count: int, first: int = 0) -> FloatArray:  # noqa: D102
+        n = len(self.problem.rods)
+        moment, torque, unit = self._start_sizes()
+        points = spread(np.arange(first, first + count), n + 2)[:, None]
+        points = np.sign(points) * np.abs(points) ** _CROWDING
+        torques = self.problem.features.torque_count
+        slots = self.problem.slots
+        parts = {name: np.zeros((count, self.problem.instance_count, 3)) for name in ("moment", "force")}
+        parts["moment"][..., :2] = points[..., :2] * moment[:, None] * unit[:, :2]
+        parts["torques"] = np.zeros((count, self.problem.instance_count, 0))
+        if not torques:
+            parts["moment"][..., 2] = points[..., 2] * moment * unit[:, 2]
+            return np.asarray(slots.joined(parts) + self.problem.guess())
+        tau = points[..., 2:] * torque
+        # all torques together balance the load
+        tau[..., -1] = points[..., -1] * moment - tau[..., :-1].sum(axis=-1)
+        turns = tau * unit[:, 2:]
+        parts["moment"][..., 2], parts["torques"] = turns[..., 0], turns[..., 1:]
+        return np.asarray(slots.joined(parts))
+
+    def _start_sizes(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """What bounds the equilibria: moment of the loads at the base [N m], (instance_count,), torques there that the tubes'
+        precurvatures give each other [N m], (instance_count, n), and the unknowns of a unit moment or torque.
+        """
+        table = self.problem.arrays
+        start = self.problem.read("inputs")[:, self.problem.input_slice("translation")]
+        length = (table.end[:, :, -1] + start).max(axis=1)
+        first = self.problem.each(table.material[:, :, 0, :3])
+        bending = first[..., :2].max(axis=2)
+        moment = self.problem.load_scale() * self.problem.each(table.material[:, 0, :, :3].min(axis=(1, 2))) / length
+        torque = np.zeros((self.problem.instance_count, len(self.problem.rods)))
+        for part in (np.arange(_PARTS) + 0.5) / _PARTS:
+            stiffness, bend = self._bending_at((part * length)[:, None] - start)
+            others = bend.sum(axis=1, keepdims=True) - bend
+            torque += bend * others / stiffness.sum(axis=1, keepdims=True) * (length / _PARTS)[:, None]
+        shared = np.broadcast_to(bending.sum(axis=1)[:, None], (self.problem.instance_count, 2))
+        return moment, torque, 1 / np.concatenate([shared, np.minimum(first[..., 2], bending)], axis=1)
+
+    def _bending_at(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """``EI`` [N m^2] and a bound of ``EI |u*_xy|`` [N m] of each rod at arclengths of its own, shape (instance_count, n)."""
+        end = self.problem.each(self.problem.arrays.end)
+        section = (s[..., None] >= end).sum(axis=2)[..., None]
+        present = section[..., 0] < end.shape[2]
+        section = np.minimum(section, end.shape[2] - 1)
+        EI, kappa = self.problem.by_section()
+        values = (np.take_along_axis(value, section, axis=2)[..., 0] * present for value in (EI, EI * kappa))
+        return next(values), next(values)
+
+
+def spread(numbers: NDArray[np.int_], dimensions: int) -> FloatArray:
+    """Points of a sequence that fills the cube from -1 to 1 evenly, number 0 in its centre, shape (len(numbers), dimensions).
+
+    Roberts' additive recurrence: steps by powers of the generalised golden ratio.
+    """
+    ratio = 2.0
+    for _ in range(40):
+        ratio = (1 + ratio) ** (1 / (dimensions + 1))
+    steps = ratio ** -np.arange(1.0, dimensions + 1)
+    return np.asarray(2 * ((0.5 + np.outer(numbers, steps)) % 1) - 1)

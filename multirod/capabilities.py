@@ -1,0 +1,124 @@
+"""What only some boundary problems can do: each capability is an object that a problem offers, or None.
+
+A solver asks ``problem.starts is not None`` and goes on without, or says in ``unsupported`` that it needs it. Segments, for multiple
+shooting, are in ``multirod.segments``; stability is in ``multirod.stability``.
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod.batch import IntArray
+from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.problem import BoundaryProblem, Shape
+
+
+class Shapes(ABC):
+    """The rods between base and tip: what ``solution.rod(...)`` and ``solution.energy`` are read from."""
+
+    @abstractmethod
+    def at_nodes(self, node_count: int) -> "tuple[tuple[Shape, ...], FloatArray]":
+        """Shape of each rod at the problem's ``unknowns``, and the elastic energy [J], shape (instance_count,)."""
+
+
+class Starts(ABC):
+    """Guesses that cover where equilibria may lie, for the search from many starts (``mr.equilibria``)."""
+
+    @property
+    @abstractmethod
+    def signs_add_up(self) -> bool:
+        """Whether the signs of ``det Gamma`` over all equilibria add up to that of the unloaded one (``docs/stability.md``)."""
+
+    @abstractmethod
+    def guesses(self, count: int, first: int = 0) -> FloatArray:
+        """Those from number ``first`` on of an endless sequence that lies the closer the longer it is [1/m].
+
+        Shape (count, instance_count, n).
+        """
+
+
+class Parts(ABC):
+    """Problems of some of the instances: what takes long for a few takes no time for the others there.
+
+    ``BoundaryProblem.keep`` brings back what came of one.
+    """
+
+    @abstractmethod
+    def of(self, instances: IntArray, *, double: bool = False) -> "BoundaryProblem":
+        """A problem of these instances, (k,), at their present inputs and unknowns; with ``double`` in double precision."""
+
+    def finer(self, instances: IntArray) -> "BoundaryProblem | None":
+        """The same, its integration as exact as rounding lets it be; None where that is not offered, or it is so already."""
+        return None
+
+
+class Loading(IntEnum):
+    """How loads act while an assembly is put together, ``load_factor`` from 0 to 1: in proportion, not at all, or all of them."""
+
+    RISING = 0
+    NONE = 1
+    FULL = 2
+
+
+class Joints(ABC):
+    """Joints that may be taken apart: another way to the natural branch, from legs that nothing holds."""
+
+    @abstractmethod
+    def apart(self, numbers: IntArray | None = None) -> FloatArray:
+        """Unknowns [1/m] of the assembly taken apart, shape (instance_count, n), and the joints opened there.
+
+        They are an equilibrium at a ``load_factor`` of 0; as it goes to 1 the assembly is put together.
+
+        Args:
+            numbers: Of an endless sequence of places to put it together at, 0 the best, shape (instance_count,); 0 by default.
+        """
+
+    @abstractmethod
+    def open(self, unknowns: FloatArray) -> None:
+        """Make ``unknowns`` (instance_count, n) an equilibrium at a ``load_factor`` of 0: the residual there closes on the way to 1."""
+
+    @abstractmethod
+    def close(self, loading: Loading) -> None:
+        """How loads act from now on while ``load_factor`` goes to 1."""
+
+    @abstractmethod
+    def shut(self) -> None:
+        """Forget what the residual was: the assembly is together whatever ``load_factor`` is."""
+
+    @abstractmethod
+    def unloaded_inputs(self) -> FloatArray | None:
+        """Rows of ``inputs`` without their loads, shape (instance_count, input_count); None where rows cannot say that."""
+
+
+class ResultTest(ABC):
+    """Tests what any solver finds: where ``Gamma`` does not tell that stability is lost, or results have limits."""
+
+    @abstractmethod
+    def refusals(self, settled: NDArray[np.bool_]) -> NDArray[np.int32]:
+        """The ``Status`` by which what is at ``unknowns`` is no result, shape (instance_count,); ``NOT_RUN`` where it is one.
+
+        What is ``settled`` is an equilibrium within the tolerance, the others are estimates or have failed.
+        """
+
+
+@dataclass(frozen=True)
+class FreeTip:
+    """A single tip that is free to turn, the moment on which is the whole residual: what energy descent needs.
+
+    Attributes:
+        moment_unit: Moment of one unit of each component of the residual [N m^2], shape (instance_count, n).
+        turn_stiffness: How stiffly the tip of the unloaded rod resists being turned, ``K/L`` at the first inputs [N m], shape
+            (instance_count,).
+        moment_axes: Along which axes of the world the residual stands where ``rotation`` is zero, with which they turn, shape
+            (instance_count, 3, 3); None where it stands along those of the tip.
+    """
+
+    moment_unit: FloatArray
+    turn_stiffness: FloatArray
+    moment_axes: FloatArray | None = None

@@ -1,0 +1,123 @@
+"""The conformance kit for those who write assemblies, over the package's own robots and over the example's."""
+
+import importlib.util
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from test_conformance import SCENES, single_rod
+
+import multirod as mr
+from multirod.problem import BoundaryProblem
+from multirod.testing import Nonconformance, check_assembly
+from multirod.wrapped import WrappedProblem
+
+EXAMPLES = Path(__file__).parent.parent / "examples"
+WIRE = mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638, precurvature=(14, 5, 0))
+
+
+def example(name: str) -> Any:
+    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize(
+    ("scene", "given", "tip_rod"),
+    [("SingleRod", "tip force", 0), ("ConcentricTubes", "dead loads", 0), ("ParallelRods", "loads", None)],
+)
+def test_own_assemblies_conform(scene: str, given: str, tip_rod: int | None) -> None:
+    robot = SCENES[scene].robot()
+    inputs = robot.inputs(**SCENES[scene].inputs[given])[0]
+    check_assembly(robot, inputs, tip_rod=tip_rod, vary=("tip_force", "rotation", "translation"))
+
+
+@pytest.mark.parametrize("inputs", [{"tip_force": (0.3, 0.2, 0.1), "rotation": 0.4}, {"follower_force": (0.2, 0.1, 0)}])
+def test_the_example_conforms(inputs: dict[str, Any]) -> None:
+    robot = example("new_assembly").SprungRod(WIRE, spring=0.05)
+    check_assembly(robot, robot.inputs(**inputs), vary=("tip_force", "rotation", "translation"))
+
+
+class Wrong(WrappedProblem):
+    """A clamped rod that is wrong in one way."""
+
+    def __init__(self, inner: BoundaryProblem, way: str, direction_count: int) -> None:
+        super().__init__(inner, direction_count=direction_count)
+        self.way = way
+
+    def around(self, inner: BoundaryProblem, instances: np.ndarray) -> "Wrong":
+        return Wrong(inner, self.way, self.direction_count)
+
+    def guess(self) -> np.ndarray:
+        return super().guess() + (0.1 if self.way == "guess" else 0.0)
+
+    def load_scale(self) -> np.ndarray:
+        if self.way == "questions":
+            self.load_factor.fill_(0.5)
+        return super().load_scale()
+
+    def inner_inputs(self, unknowns: np.ndarray) -> np.ndarray:
+        inputs = super().inner_inputs(unknowns)
+        if self.way == "batches":
+            inputs[:, 0] += unknowns[:, 0].sum()
+        return inputs
+
+    def _corrected(self, gamma: np.ndarray, directions: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        gamma, pose = super()._corrected(gamma, directions, pose)
+        return gamma * (1.001 if self.way == "derivatives" else 1.0), pose * (1.001 if self.way == "pose" else 1.0)
+
+
+class WrongRod(mr.Assembly):
+    def __init__(self, way: str) -> None:
+        self.right, self.way = mr.SingleRod(WIRE), way
+        self.rods = self.right.rods
+
+    @property
+    def input_specs(self) -> tuple[mr.InputSpec, ...]:
+        return self.right.input_specs
+
+    def problem(self, inputs: mr.Inputs, *, direction_count: int = 0, **options: Any) -> Wrong:
+        return Wrong(self.right.problem(inputs, direction_count=direction_count, **options), self.way, direction_count)
+
+
+@pytest.mark.parametrize(
+    ("way", "said"),
+    [
+        ("guess", "guess: at a load_factor of 0 the residual of guess"),
+        ("questions", "questions: asking for load_scale changes load_factor"),
+        ("batches", "batches: the residual of instance 0 of a batch, against it alone"),
+        ("derivatives", r"derivatives: Gamma at the equilibrium\["),
+        ("pose", "derivatives: pose_columns of the position"),
+    ],
+)
+def test_what_is_wrong_is_named(way: str, said: str) -> None:
+    robot = WrongRod(way)
+    with pytest.raises(Nonconformance, match=said):
+        check_assembly(robot, robot.inputs(tip_force=(0.3, 0.2, 0.1)), vary=("tip_force",), solvers=("shooting",))
+
+
+def test_a_batch_is_refused() -> None:
+    robot = single_rod()
+    with pytest.raises(ValueError, match="takes one instance"):
+        check_assembly(robot, robot.inputs(tip_force=np.zeros((2, 3))))
+
+
+def test_inputs_say_what_they_mean() -> None:
+    specs = {spec.name: spec for spec in single_rod().input_specs}
+    assert {name: spec.power for name, spec in specs.items() if spec.load} == {
+        "tip_force": 2,
+        "tip_moment": 1,
+        "follower_force": 2,
+        "follower_moment": 1,
+        "distributed_force": 3,
+        "distributed_moment": 2,
+        "gravity": 3,
+        "magnetic_field": 2,
+    }
+    conservative = {"tip_force", "distributed_force", "gravity", "magnetic_field"}
+    assert {name for name, spec in specs.items() if spec.potential} == conservative
+    assert [specs[name].size(3) for name in ("rotation", "tip_force")] == [3, 3]
