@@ -126,7 +126,7 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
         over: f64,
     ):
         """A lane at the start of its next stretch: its share of ``steps`` equal ones over a length, or as errors choose where that is 0."""
-        load_stretch(rods, call, case, memory, o, l, p, first_column(call, job), column_count(call, job))
+        load_stretch(rods, call, case, memory, o, l, p, job, first_column(call, job), column_count(call, job))
         length = call.lane[p, END] - call.lane[p, START]
         set_number(memory, o + wp.static(X), l, f64(0.0))
         set_number(memory, o + wp.static(LENGTH), l, length / case.unit)

@@ -100,7 +100,7 @@ def lanes(W: int, d=wp.float64) -> SimpleNamespace:
     """Types and functions of numbers in ``W`` lanes of the scalar type ``d``.
 
     ``Real``, one number a lane; ``few(n)``, n of them that stand together in registers, indexed by constants only; ``row`` and
-    ``put``, a Real from and to memory, and ``get`` and ``set``, one lane of it. Memory is counted in rows of W numbers.
+    ``put``, a Real from and to memory, ``get`` and ``set``, one lane of it, and ``copy``, rows of a lane from those of another. Memory is counted in rows of W numbers.
     """
     Real = d if W == 1 else _operators(W, d)
     t, integer = NAMES[d], INTEGERS[d]
@@ -163,6 +163,11 @@ def lanes(W: int, d=wp.float64) -> SimpleNamespace:
 
     @wp.func_native(fused(f"memory.data[(long long)i * {W} + l] = v;"))
     def set(memory: memory_type, i: int, l: int, v: d): ...
+
+    @wp.func_native(
+        f"for (int i = at; i < at + count; i++) memory.data[(long long)i * {W} + l] = memory.data[(long long)i * {W} + of];"
+    )
+    def copy(memory: memory_type, at: int, count: int, l: int, of: int): ...
 
     @wp.func_native(fused(f"return ((const {t}*)&a)[l];"))
     def one(a: Real, l: int) -> d: ...
@@ -274,6 +279,7 @@ def lanes(W: int, d=wp.float64) -> SimpleNamespace:
         put=put,
         get=get,
         set=set,
+        copy=copy,
         one=one,
         power_root=power_root,
         few=few,
