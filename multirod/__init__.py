@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from multirod.models.assemblies.concentric_tubes import ConcentricTubes
     from multirod.models.assemblies.parallel_rods import InverseParallelRods, ParallelRods
     from multirod.models.assemblies.single_rod import SingleRod
+    from multirod.models.backbone.members import Member
     from multirod.problem import Block, BoundaryProblem, Shape
     from multirod.recording import Recorder
     from multirod.rod import Rod, Section
@@ -76,6 +77,7 @@ __all__ = [
     "Integrator",
     "InverseParallelRods",
     "Measured",
+    "Member",
     "MultipleShooting",
     "Observer",
     "Outcome",
@@ -117,6 +119,7 @@ _PUBLIC = {
     "studies.equilibria": "Equilibria equilibria",
     "inputs": "Inputs InputSpec",
     "models.assemblies.concentric_tubes": "ConcentricTubes",
+    "models.backbone.members": "Member",
     "integrators": "RK4 RK23 RK45 AdaptiveIntegrator FixedStepIntegrator Integrator Tableau",
     "models.assemblies.parallel_rods": "InverseParallelRods ParallelRods",
     "models.assemblies.single_rod": "SingleRod",

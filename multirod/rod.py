@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,6 +22,9 @@ from multirod.validation import (
     positive_float,
     refuse,
 )
+
+if TYPE_CHECKING:
+    from multirod.models.backbone.members import Member
 
 SHORTEST_SECTION = 1e-300  # m: as good as none
 LARGEST_DIAMETER = 1e12  # m, whose fourth power no modulus makes too large
@@ -63,6 +66,7 @@ class Section:
         shear_stiffness: ``GA``, or a pair [N], shape (..., 2) once built; ``inf`` (default) is unshearable.
         axial_stiffness: ``EA`` [N]; ``inf`` (default) is inextensible.
         linear_density: Mass per length [kg/m], for gravity.
+        magnetisation: Magnetic moment per length in the material frame [A m], shape (..., 3), for magnetic fields.
 
     Raises:
         ValueError: If a field is out of range; the message names the field, its value and what is allowed.
@@ -75,6 +79,7 @@ class Section:
     shear_stiffness: Any = math.inf
     axial_stiffness: Any = math.inf
     linear_density: Any = 0.0
+    magnetisation: Any = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         self._check("Section")
@@ -92,6 +97,7 @@ class Section:
         if (density < 0).any():
             refuse(f"{owner}.linear_density", self.linear_density, "must be finite and >= 0")
         put("linear_density", density)
+        put("magnetisation", array(f"{owner}.magnetisation", self.magnetisation, (3,)))
         if _is_function(self.precurvature):
             if np.ndim(self.length):
                 refuse(f"{owner}.length", self.length, "must be one number where precurvature is a function")
@@ -110,7 +116,7 @@ class Section:
         shapes = {
             name: np.shape(getattr(self, name)) for name in ("length", "torsional_stiffness", "axial_stiffness", "linear_density")
         }
-        shapes |= {name: getattr(self, name).shape[:-1] for name in ("bending_stiffness", "shear_stiffness")}
+        shapes |= {name: getattr(self, name).shape[:-1] for name in ("bending_stiffness", "shear_stiffness", "magnetisation")}
         if isinstance(self.precurvature, np.ndarray):
             shapes["precurvature"] = self.precurvature.shape[:-1]
         try:
@@ -135,6 +141,8 @@ class Rod:
         shear_stiffness: ``GA`` or a pair [N]; ``inf`` (default) is unshearable.
         axial_stiffness: ``EA`` [N]; ``inf`` (default) is inextensible.
         linear_density: Mass per length [kg/m].
+        magnetisation: Magnetic moment per length in the material frame [A m]: three numbers, volume magnetisation times cross-section.
+        members: What the rod carries along itself and that gives way with it (``Member``), whichever way its sections are given.
         sections: ``Section`` objects from base to tip, instead of all the above.
         outer_diameter: For drawing, and to check that tubes nest [m].
         inner_diameter: The same [m].
@@ -155,6 +163,8 @@ class Rod:
         shear_stiffness: Any = None,
         axial_stiffness: Any = None,
         linear_density: Any = None,
+        magnetisation: Any = None,
+        members: Sequence["Member"] = (),
         sections: Sequence[Section] | None = None,
         outer_diameter: float | None = None,
         inner_diameter: float | None = None,
@@ -168,6 +178,7 @@ class Rod:
             "shear_stiffness": shear_stiffness,
             "axial_stiffness": axial_stiffness,
             "linear_density": linear_density,
+            "magnetisation": magnetisation,
         }
         properties = {key: value for key, value in given.items() if value is not None}
         if sections is not None:
@@ -187,6 +198,7 @@ class Rod:
                 Described(self.length.tolist()),
                 f"must be from {SMALLEST:g} to {LARGEST:g} m, all sections together",
             )
+        self.members = _members(members)
         self.outer_diameter, self.inner_diameter = _diameters(outer_diameter, inner_diameter)
         if not isinstance(name, str):
             refuse("Rod.name", name, "must be a string")
@@ -207,6 +219,7 @@ class Rod:
         shear_modulus: float,
         precurvature: Any = None,
         density: float = 0.0,
+        magnetisation: Any = None,
         name: str = "",
     ) -> "Rod":
         """A round tube, or a wire when ``inner_diameter`` is 0: ``EI``, ``GJ`` and mass from its cross-section.
@@ -219,6 +232,7 @@ class Rod:
             shear_modulus: ``G`` [Pa].
             precurvature: As for ``Rod``.
             density: Mass per volume [kg/m^3].
+            magnetisation: Magnetic moment per volume in the material frame [A/m], three numbers; ``Rod`` itself takes it per length.
             name: As for ``Rod``.
 
         Raises:
@@ -247,6 +261,7 @@ class Rod:
             torsional_stiffness=GJ,
             precurvature=precurvature,
             linear_density=float(mass),
+            magnetisation=None if magnetisation is None else float(A) * array("Rod.magnetisation", magnetisation, (3,)),
             outer_diameter=outer,
             inner_diameter=inner,
             name=name,
@@ -262,10 +277,23 @@ class Rod:
         """Whether gravity acts on any of its sections."""
         return any(np.any(section.linear_density) for section in self.sections)
 
+    @property
+    def is_magnetised(self) -> bool:
+        """Whether a magnetic field acts on any of its sections."""
+        return any(np.any(section.magnetisation) for section in self.sections)
+
     def __repr__(self) -> str:
         label = f"{self.name!r}, " if self.name else ""
         size = f"{float(self.length):g} m" if self.length.ndim == 0 else f"batch {self.batch_shape}"
         return f"Rod({label}{size}, {len(self.sections)} section{'s' if len(self.sections) > 1 else ''})"
+
+
+def _members(given: Any) -> "tuple[Member, ...]":
+    from multirod.models.backbone.members import Member
+
+    if not isinstance(given, (list, tuple)) or not all(isinstance(member, Member) for member in given):
+        refuse("Rod.members", given, "must be a list of Member")
+    return tuple(given)
 
 
 def _diameters(outer: float | None, inner: float | None) -> tuple[float | None, float | None]:
@@ -309,13 +337,14 @@ class RodArrays:
     Attributes:
         end: Arclength of section ends from the base [m], shape (batch, rod_count, section_count); short rods are padded
             with sections of no length.
-        material: ``EI_x, EI_y, GJ``, their inverses, ``1/GA_x, 1/GA_y, 1/EA``, mass per length,
-            shape (batch, rod_count, section_count, 10).
+        material: ``EI_x, EI_y, GJ``, their inverses, ``1/GA_x, 1/GA_y, 1/EA``, mass per length, magnetic moment per length,
+            shape (batch, rod_count, section_count, 13).
         precurvature: Polynomial coefficients, shape (batch, rod_count, section_count, 3 (degree + 1)).
         degree: Degree of the polynomials.
         shear: Whether any rod shears or extends.
         anisotropic: Whether any bending stiffness differs between the axes.
         torsion: Whether any rod twists elastically.
+        members: Laws of what the rods carry along themselves, whose parameters are further columns of ``material``.
         batch_shape: Leading axes; where there are none, the batch axis is 1.
     """
 
@@ -326,6 +355,7 @@ class RodArrays:
     shear: bool
     anisotropic: bool
     torsion: bool
+    members: "tuple[type[Member], ...]" = ()
     batch_shape: tuple[int, ...] = field(default=())
 
     def __post_init__(self) -> None:
@@ -381,12 +411,22 @@ def stack(backbones: Sequence[RodArrays], batch_shape: tuple[int, ...]) -> RodAr
         shear=any(arrays.shear for arrays in backbones),
         anisotropic=any(arrays.anisotropic for arrays in backbones),
         torsion=any(arrays.torsion for arrays in backbones),
+        members=backbones[0].members,
         batch_shape=(*batch_shape, len(backbones)),
     )
 
 
+def _values(member: "Member", section: Section) -> list[FloatArray]:
+    """The parameters of a member at a section, one by one."""
+    count = len(member.parameters)
+    values = array(f"{type(member).__name__}.values", member.values(section), (count,))
+    return [values[..., k] for k in range(count)]
+
+
 def lower(rods: Sequence[Rod]) -> RodArrays:
     """Arrays of ``rods``, their leading axes broadcast with each other (a batch axis of 1 where there are none)."""
+    from multirod.models.backbone.members import kinds
+
     batch_shape = np.broadcast_shapes(*(rod.batch_shape for rod in rods))
     degree = profile.DEGREE if any(isinstance(s.precurvature, profile.Profile) for rod in rods for s in rod.sections) else 0
 
@@ -402,7 +442,12 @@ def lower(rods: Sequence[Rod]) -> RodArrays:
             parts = [bending[..., 0], bending[..., 1], section.torsional_stiffness]
             inverses = [*parts, shear[..., 0], shear[..., 1], section.axial_stiffness]
             material = np.stack(
-                [batch(p) for p in parts] + [batch(1 / np.asarray(p)) for p in inverses] + [batch(section.linear_density)], -1
+                [batch(p) for p in parts]
+                + [batch(1 / np.asarray(p)) for p in inverses]
+                + [batch(section.linear_density)]
+                + [batch(section.magnetisation[..., k]) for k in range(3)]
+                + [batch(value) for member in rod.members for value in _values(member, section)],
+                -1,
             )
             if isinstance(section.precurvature, profile.Profile):
                 pieces = section.precurvature
@@ -432,5 +477,6 @@ def lower(rods: Sequence[Rod]) -> RodArrays:
         shear=bool((material[..., 6:9] > 0).any()),
         anisotropic=bool((material[..., 0] != material[..., 1]).any()),
         torsion=bool(np.isfinite(material[..., 2]).any()),
+        members=kinds(rods[0].members),
         batch_shape=batch_shape,
     )

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from multirod.inputs import Inputs
-from multirod.models.backbone.problem import BackboneAssembly
+from multirod.models.backbone.problem import BY_MATERIAL, BackboneAssembly
 from multirod.rod import Rod
 from multirod.validation import FloatArray, refuse, sequence
 
@@ -28,7 +28,7 @@ class ConcentricTubes(BackboneAssembly):
         base: Pose of the plate in the world, shape (..., 4, 4); the identity by default.
 
     Raises:
-        ValueError: If tubes do not nest (where diameters are given), or shear, or ``base`` is not a pose.
+        ValueError: If tubes do not nest (where diameters are given), or shear, or have members, or ``base`` is not a pose.
         TypeError: If ``tubes`` are not ``Rod`` objects.
     """
 
@@ -43,6 +43,8 @@ class ConcentricTubes(BackboneAssembly):
         for k, tube in enumerate(tubes):
             if any(np.isfinite(s.shear_stiffness).any() or np.isfinite(s.axial_stiffness).any() for s in tube.sections):
                 refuse(f"ConcentricTubes.tubes[{k}]", tube, "shear_stiffness and axial_stiffness must be inf")
+            if tube.members:
+                refuse(f"ConcentricTubes.tubes[{k}]", tube, "must have no members: how tubes share them is not modelled")
         super().__init__(tuple(tubes), base)
         self._shortest = [float(np.min(tube.length)) for tube in tubes]
 
@@ -60,7 +62,7 @@ class ConcentricTubes(BackboneAssembly):
 
     def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102
         if name != "translation":
-            return True
+            return name not in BY_MATERIAL
         low = -inf
         for value, length in zip(values, self._shortest, strict=True):
             if not (low <= value <= 0.0 and value > -length):

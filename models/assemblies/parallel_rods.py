@@ -16,7 +16,7 @@ from multirod.models.assemblies.concentric_tubes import ConcentricTubes
 from multirod.models.assemblies.single_rod import SingleRod
 from multirod.models.backbone.influence import Influence, influences
 from multirod.models.backbone.kernels.layout.features import Features
-from multirod.models.backbone.problem import BackboneAssembly, scene_features
+from multirod.models.backbone.problem import BY_MATERIAL, BackboneAssembly, scene_features
 from multirod.models.platform import platform_kernels as kernels
 from multirod.models.platform.problem import LEG_INPUTS, PER_ROD, PLATFORM_INPUTS, Geometry, ParallelProblem
 from multirod.rod import Rod
@@ -100,6 +100,8 @@ class ParallelRods(Assembly):
                 raise ValueError(f"legs[{k}]: {error}") from None
         if inputs.is_active("gravity") and not (self.geometry.mass > 0 or any(rod.has_mass for rod in self.rods)):
             refuse("gravity", inputs.gravity.tolist(), "must be zero: no rod has a linear_density, and the platform no mass")
+        if inputs.is_active("magnetic_field") and not any(rod.is_magnetised for rod in self.rods):
+            refuse("magnetic_field", inputs.magnetic_field.tolist(), "must be zero: no rod has a magnetisation")
 
     def input_directions(self, name: str) -> dict[str, int]:
         """Directions for the derivatives by an input: rods of different legs share one, and what acts on the platform touches no leg."""
@@ -109,7 +111,7 @@ class ParallelRods(Assembly):
 
     def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102
         if name != "translation":
-            return True
+            return name not in BY_MATERIAL
         return all(leg.surely_takes(name, values[own]) for leg, own in zip(self.geometry.legs, self._own_rods, strict=True))
 
     def problem(  # noqa: D102

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from multirod.inputs import Inputs, InputSpec
-from multirod.models.backbone.problem import BACKBONE_INPUTS, BackboneAssembly
+from multirod.models.backbone.problem import BACKBONE_INPUTS, BY_MATERIAL, BackboneAssembly
 from multirod.rod import Rod
 from multirod.validation import refuse
 
@@ -53,6 +53,8 @@ class SingleRod(BackboneAssembly):
             refuse(
                 "translation", shortest, f"must be > -length = {-float(np.min(self.rods[0].length)):g} m: no rod is left in use"
             )
+        if "tip_curvature" in inputs.given and self.rods[0].members:
+            refuse("tip_curvature", inputs.tip_curvature.tolist(), "must not be given: the rod has members")
         for name in ("tip_moment", "follower_moment"):
             if "tip_curvature" in inputs.given and inputs.is_active(name):
                 refuse(
@@ -62,7 +64,7 @@ class SingleRod(BackboneAssembly):
                 )
 
     def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102
-        return name != "translation" or values[0] > -self._shortest
+        return name not in BY_MATERIAL and (name != "translation" or values[0] > -self._shortest)
 
     def __repr__(self) -> str:
         return f"SingleRod({self.rods[0]!r})"

@@ -23,9 +23,9 @@ LARGEST_GROUP = 4096
 SAMPLES = 65  # of a load that is a function of arclength
 
 FORCES = ("tip_force", "follower_force", "distributed_force", "gravity")
-MOMENTS = ("tip_moment", "follower_moment", "distributed_moment")
+MOMENTS = ("tip_moment", "follower_moment", "distributed_moment", "magnetic_field")
 LOADS = FORCES + MOMENTS
-ALONG = ("distributed_force", "distributed_moment", "gravity")
+ALONG = ("distributed_force", "distributed_moment", "gravity", "magnetic_field")
 
 T = (np.arange(NODES) + 0.5) / NODES
 FROM_BASE = (np.tril(np.ones((NODES, NODES)), -1) + 0.5 * np.eye(NODES)) / NODES  # integrates from the base to each node
@@ -123,7 +123,7 @@ def _envelope(
         measured = float((gap * length / unit[:, 0] * arrays.material[:, 0, -1, :3].max(axis=-1)).max())
     behind = _behind(arrays, translation) * (unit / length[:, None]) if transmission else np.zeros((1, high.shape[1]))
     return Envelope(
-        loads=_loads(own, rod["density"], unit[:, 0], length),
+        loads=_loads(own, rod["density"], rod["magnetisation"], unit[:, 0], length),
         measured=measured,
         bending=(unit / low.sum(axis=1)).max(axis=0),
         least=(unit * rod["least"][:, 0]).max(axis=0),
@@ -153,6 +153,7 @@ def _materials(arrays: RodArrays, ends: FloatArray, length: FloatArray) -> tuple
         "shear": material[..., 6:9].max(axis=-1),
         "across": np.abs(material[..., 6] - material[..., 7]),
         "density": material[..., 9],
+        "magnetisation": np.linalg.norm(material[..., 10:13], axis=-1),
         "curved": EI.max(axis=-1) * np.linalg.norm(arrays.precurvature[..., :2], axis=-1),
     }
     edges = np.arange(NODES + 1) / NODES * length[:, None, None]
@@ -195,7 +196,9 @@ def _precurvature(arrays: RodArrays, x: FloatArray) -> tuple[FloatArray, FloatAr
     return mean, value - mean
 
 
-def _loads(own: Inputs, density: FloatArray, unit: FloatArray, length: FloatArray) -> dict[str, FloatArray]:
+def _loads(
+    own: Inputs, density: FloatArray, magnetisation: FloatArray, unit: FloatArray, length: FloatArray
+) -> dict[str, FloatArray]:
     """Magnitudes of the loads that act, dimensionless, the largest of all instances."""
     force, result = unit / length**2, {}
     for name in LOADS:
@@ -215,5 +218,7 @@ def _loads(own: Inputs, density: FloatArray, unit: FloatArray, length: FloatArra
         value = value / scale[:, None]
         if name == "gravity":  # by mass per length: a force per length
             value = value * density.sum(axis=1)
+        if name == "magnetic_field":  # by magnetisation: a moment per length, at most
+            value = value * magnetisation.sum(axis=1)
         result[name] = np.broadcast_to(value.max(axis=0), NODES if name in ALONG else 1)
     return result

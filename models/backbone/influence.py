@@ -13,6 +13,7 @@ from multirod.models.backbone.envelope import FORCES, FROM_BASE, NODES, TO_TIP, 
 from multirod.rod import RodArrays
 from multirod.validation import FloatArray
 
+SPREAD = ("distributed_moment", "magnetic_field")  # moments per length
 ROUNDING = 1 + 1 / (2 * NODES**2)  # what the midpoint rule may lack
 WHOLE = np.full(NODES, 1 / NODES)  # integrates over the length
 ZERO = np.zeros(NODES)
@@ -90,7 +91,7 @@ class Comparison:
         self._compliance = bounds.bending if rods else bounds.least
         self._stretched = 1 + bounds.shear * force
         self._arm = 1 + 2 * bounds.shear * force  # (6)
-        self._spread = ZERO + bounds.loads.get("distributed_moment", 0.0)
+        self._spread = ZERO + sum(bounds.loads.get(name, 0.0) for name in SPREAD)
         self._dead = self._at_tip("tip_moment")
         self._following = self._at_tip("follower_moment") + bounds.measured
         self._moment = TO_TIP @ (self._stretched * force + self._spread) + self._dead + self._following
@@ -122,6 +123,8 @@ class Comparison:
 
     def _influence(self) -> FloatArray | None:
         """What the tip moves by for each unit of the system's right side (12); None where the system does not bound anything."""
+        if len(self._bounds.curved) > 1 and "magnetic_field" in self._bounds.loads:
+            return None  # it turns tubes against each other as they turn
         answers = self._answers()
         size = len(answers)
         if not np.isfinite(answers).all():
@@ -193,8 +196,9 @@ class Comparison:
                 own, sheared = self._bounds.force((name,)), self._bounds.shear
                 torque = every * (self._across * self._force * own)
                 found[name] = Source(TO_TIP @ (self._stretched * own), stretch=sheared * own, torque=torque)
-            elif name == "distributed_moment":
-                found[name] = Source(TO_TIP @ self._spread, torque=every * self._spread)
+            elif name in SPREAD:
+                own = ZERO + size
+                found[name] = Source(TO_TIP @ own, torque=every * own)
             else:
                 found[name] = Source(ZERO + size, tip_torque=self._at_tip(name))
         return found

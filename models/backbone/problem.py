@@ -52,6 +52,7 @@ FEATURE_INPUTS = {
     "distributed_moment": ("distributed_moment",),
     "follower_force": ("follower_force",),
     "follower_moment": ("follower_moment",),
+    "magnetised": ("magnetic_field",),
     "measured": ("tip_curvature",),
 }
 
@@ -74,6 +75,7 @@ def scene_features(
         precurvature_degree=arrays.degree,
         profile_degree=DEGREE if profiles else -1,
         shear=arrays.shear,
+        members=arrays.members,
         transmission=transmission,
         anisotropic=arrays.anisotropic and rod_count > 1,
         torsion=rod_count > 1 and (held or arrays.torsion),
@@ -341,6 +343,7 @@ class BackboneProblem(BoundaryProblem):
         for name, exponent in power.items():
             size = np.linalg.norm(inputs[:, self.input_slice(name)], axis=1) * length**exponent / stiffness
             total += size * weight if name == "gravity" else size
+        total += self._magnetic_load() * length**2 / stiffness
         if self.features.measured:
             gap = inputs[:, self.input_slice("tip_curvature")] - table.precurvature[:, 0, -1, :3]
             total += np.linalg.norm(gap, axis=1) * length
@@ -349,6 +352,14 @@ class BackboneProblem(BoundaryProblem):
             size = np.abs(profile.reshape(len(profile), 6, -1)).sum(-1).max(0)
             total += (size[:3].max() * length**3 + size[3:].max() * length**2) / stiffness
         return total
+
+    def _magnetic_load(self) -> FloatArray:
+        """Bound of the moment per length of a magnetic field on all rods [N], shape (instance_count,)."""
+        if not self.features.magnetised:
+            return np.zeros(self.instance_count)
+        strongest = np.linalg.norm(self.arrays.material[..., 10:13], axis=-1).max(axis=2).sum(axis=1)
+        field = np.linalg.norm(self.read("inputs")[:, self.input_slice("magnetic_field")], axis=1)
+        return np.asarray(self._each(strongest) * field)
 
     def turning(self, before: FloatArray | None = None) -> FloatArray:  # noqa: D102
         angles = self.read("inputs")[:, self.input_slice("rotation")]
@@ -369,7 +380,9 @@ class BackboneProblem(BoundaryProblem):
         bounds = bound_modes(start, end, compliance, EI, kappa, self._dead_load())
         bounds[:, 0] += np.where(self.has_potential, 0.0, 0.5 * self.load_scale())
         bounds[~self.has_potential, 1] = np.inf
-        if self.features.anisotropic:  # they resist being turned against their neighbours even where all are straight
+        if (
+            self.features.anisotropic or self.features.magnetised
+        ):  # they resist being turned against their neighbours even where all are straight
             bounds = np.maximum(bounds, (1.0, np.inf))
         return np.asarray(bounds)
 
@@ -495,8 +508,9 @@ class BackboneProblem(BoundaryProblem):
         form, determinant = self.condensed_form()
         modes = form.modes(self._stiffness_over_length())
         potential = self.has_potential
-        modes.known[~potential] = False
-        modes.values[~potential] = np.nan
+        judged = potential & all(kind.convex for kind in self.features.members)
+        modes.known[~judged] = False
+        modes.values[~judged] = np.nan
         # det Gamma is positive where nothing acts
         modes.diverging[:] = ~potential & (determinant < 0) & (not self.features.measured)
         return modes
@@ -592,12 +606,12 @@ class BackboneProblem(BoundaryProblem):
 
     def _segments(self, moment: FloatArray, force: FloatArray, curvature: FloatArray) -> FloatArray:
         """(7) from bounds [N m], [N], [1/m], shape (instance_count,)."""
-        coupling, potential = moment, force
+        coupling, potential = moment, force + self._magnetic_load()
         if len(self.rods) > 1:
             EI, kappa = self._by_section()
             bend = EI * kappa
             coupling = moment + bend.max(axis=2).sum(axis=1)
-            potential = force + (bend * (kappa + curvature[:, None, None])).max(axis=2).sum(axis=1)
+            potential = potential + (bend * (kappa + curvature[:, None, None])).max(axis=2).sum(axis=1)
         return segments_needed(self._ends().max(axis=1), self._least_stiffness(), coupling, potential)
 
     def _each(self, values: FloatArray) -> FloatArray:
@@ -662,6 +676,8 @@ class BackboneProblem(BoundaryProblem):
         return table
 
 
+BY_MATERIAL = ("gravity", "magnetic_field")  # inputs that act on a property which rods may lack
+
 BACKBONE_INPUTS = (
     InputSpec(name="rotation", unit="rad", per_rod=True, description="angle of each rod's base about its axis"),
     InputSpec(name="translation", unit="m", per_rod=True, description="how far each rod is pushed out of the base"),
@@ -672,6 +688,7 @@ BACKBONE_INPUTS = (
     InputSpec(name="distributed_force", unit="N/m", function=True, description="dead force per length, world frame"),
     InputSpec(name="distributed_moment", unit="N", function=True, description="dead moment per length, world frame"),
     InputSpec(name="gravity", unit="m/s^2", description="acceleration, world frame; acts on linear_density"),
+    InputSpec(name="magnetic_field", unit="T", description="uniform magnetic field, world frame; acts on magnetisation"),
 )
 
 
@@ -710,6 +727,8 @@ class BackboneAssembly(Assembly):
     def check(self, inputs: Inputs) -> None:  # noqa: D102
         if inputs.is_active("gravity") and not any(rod.has_mass for rod in self.rods):
             refuse("gravity", inputs.gravity.tolist(), "must be zero: no rod has a linear_density (or, for Rod.tube, a density)")
+        if inputs.is_active("magnetic_field") and not any(rod.is_magnetised for rod in self.rods):
+            refuse("magnetic_field", inputs.magnetic_field.tolist(), "must be zero: no rod has a magnetisation")
 
     @cached_property
     def arrays(self) -> RodArrays:
@@ -728,6 +747,8 @@ class BackboneAssembly(Assembly):
         return (scene_features(self.arrays, active, inputs.profiles, **options),)
 
     def influences(self, inputs: Inputs) -> Mapping[str, Influence]:  # noqa: D102
+        if self.arrays.members:
+            return {}  # how much stiffer they make the rod is not bounded
         whole = np.broadcast_shapes(inputs.batch_shape, self.batch_shape)
         return influences(self.arrays, inputs, whole, transmission=self.transmission)
 

@@ -24,7 +24,7 @@ REVOLUTE = 1
 SPHERICAL = 2
 POSE = 6  # unknowns and residuals of the platform, and of a leg's joint
 PLATFORM_VECTORS = ("tip_force", "tip_moment", "follower_force", "follower_moment", "force_point")
-LEG_VECTORS = ("distributed_force", "distributed_moment", "gravity")
+LEG_VECTORS = ("distributed_force", "distributed_moment", "gravity", "magnetic_field")
 POSE_VECTORS = ("platform_position", "platform_rotation")  # of the inverse problem
 # what a leg hands to the balance of its platform
 FORCE_AT = 0
@@ -173,7 +173,7 @@ def spread(robots: Robots, legs: Legs):
         for k in range(robots.leg_direction_count):
             legs.directions[t, k, i] = robots.directions[b, k, rod]
             legs.directions[t, k, legs.rods + i] = robots.directions[b, k, robots.rod_count + rod]
-    for i in range(9):
+    for i in range(wp.static(3 * len(LEG_VECTORS))):
         legs.inputs[t, legs.vectors + i] = robots.inputs[b, robots.spread + i]
         for k in range(robots.leg_direction_count):
             legs.directions[t, k, legs.vectors + i] = robots.directions[b, k, robots.spread + i]

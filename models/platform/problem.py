@@ -246,9 +246,9 @@ class ParallelProblem(BoundaryProblem):
             "direction_count": self.leg_direction_count + int(inverse),
             "enabled": [name for name in kernels.LEG_VECTORS if name in enabled or inputs.is_active(name)],
         }
-        builds: dict[tuple[int, bool], list[int]] = {}
+        builds: dict[tuple[Any, ...], list[int]] = {}
         for k, leg in enumerate(geometry.legs):
-            builds.setdefault((leg.rod_count, leg.transmission), []).append(k)
+            builds.setdefault((leg.rod_count, leg.transmission, leg.arrays.members), []).append(k)
         self.groups = [LegGroup(self, members, inputs, options) for members in builds.values()]
         self.rounding = self.groups[0].backbones.rounding
         self.measured = inputs.measured

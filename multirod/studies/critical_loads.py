@@ -20,7 +20,7 @@ from multirod.stability import Stability
 from multirod.status import Status, failures
 from multirod.validation import Described, FloatArray, device_name, frozen, number, positive_float, positive_int, refuse
 
-LOAD_UNITS = frozenset({"N", "N m", "N/m", "m/s^2"})  # of inputs that are loads: rotation, translation and places are not
+LOAD_UNITS = frozenset({"N", "N m", "N/m", "m/s^2", "T"})  # of inputs that are loads: rotation, translation and places are not
 
 GROWTH = 0.1  # of steps as loads are raised, whose waves grow with their root; angles have a period
 

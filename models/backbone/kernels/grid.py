@@ -15,6 +15,7 @@ from multirod.models.backbone.kernels.layout.arguments import (
     END_MOVER,
     FORCE,
     JOB,
+    MATERIAL_SIZE,
     OUTPUT,
     START,
     START_MOVER,
@@ -47,6 +48,7 @@ class Instance:
     distributed_force: wp.vec3d
     distributed_moment: wp.vec3d
     gravity: wp.vec3d
+    magnetic_field: wp.vec3d
     profile_factor: f64
     # what numbers in lanes are counted in: SI units, or natural ones in single precision, which ends at 1e38
     moment: f64
@@ -67,9 +69,13 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
     WORLD_FORCE, ANISOTROPIC, SHEAR = layout.FORCE and not layout.FORCE_STATE, features.anisotropic, features.shear
     DIRECTIONS = layout.DIRECTIONS
     SINGLE = d is wp.float32
+    # of the parameters of members: powers of newton and metre
+    POWERS = [powers for kind in features.members for powers in kind.parameters.values()]
+    MEMBERS_AT = layout.stretch[layout.member_slots[0].name] if POWERS else -1
     at = InputOffsets(n)
     TRANSLATION, PROFILE_FACTOR = at.TRANSLATION, at.PROFILE_FACTOR
     TIP_FORCE, TIP_MOMENT, GRAVITY = at.TIP_FORCE, at.TIP_MOMENT, at.GRAVITY
+    MAGNETISED, MAGNETIC_FIELD = layout.MAGNETISED, at.MAGNETIC_FIELD
     DISTRIBUTED_FORCE, DISTRIBUTED_MOMENT = at.DISTRIBUTED_FORCE, at.DISTRIBUTED_MOMENT
     Z, COLUMNS, COLUMN_SIZE, GIVEN = memory.STRETCH, memory.COLUMNS, memory.COLUMN_SIZE, layout.column.size
     z_at, given_at = layout.stretch.__getitem__, layout.given.__getitem__
@@ -131,6 +137,8 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         case.distributed_force = case.to_base * load_vector(call, t, DISTRIBUTED_FORCE)
         case.distributed_moment = case.to_base * load_vector(call, t, DISTRIBUTED_MOMENT)
         case.gravity = case.to_base * load_vector(call, t, GRAVITY)
+        if wp.static(MAGNETISED):
+            case.magnetic_field = case.to_base * load_vector(call, t, MAGNETIC_FIELD)
         case.profile_factor = call.load_factor[t] * call.inputs[t, PROFILE_FACTOR]
         case.unit = f64(1.0)
         case.stiffness = f64(1.0)
@@ -369,6 +377,15 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
                     if wp.static(SHEAR):
                         shear = rods.material[case.rods, i, m, 6 + j] * case.force
                         set_number(memory, z + wp.static(z_at("shear")) + j, l, shear)
+            if wp.static(MAGNETISED):
+                for j in range(3):
+                    mu = present * rods.material[case.rods, i, m, 10 + j] / case.force
+                    set_number(memory, z + wp.static(z_at("magnetisation")) + 3 * i + j, l, mu)
+            for j in range(wp.static(len(POWERS))):
+                value = rods.material[case.rods, i, m, wp.static(MATERIAL_SIZE) + j]
+                if wp.static(SINGLE):
+                    value /= wp.pow(case.force, f64(wp.static(POWERS[j][0]))) * wp.pow(case.unit, f64(wp.static(POWERS[j][1])))
+                set_number(memory, z + wp.static(MEMBERS_AT) + j, l, value)
             for j in range(wp.static(3 * CURVATURE_TERMS)):
                 u = factor * rods.precurvature[case.rods, i, m, j]
                 set_number(memory, z + wp.static(z_at("precurvature")) + i * wp.static(3 * CURVATURE_TERMS) + j, l, u)
@@ -447,6 +464,9 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
                 if case.profile_factor != f64(0.0):
                     profile /= case.profile_factor
                 set_number(memory, g + wp.static(given_at("profile")), l, profile / unit)
+                if wp.static(MAGNETISED):
+                    field = (f64(1.0) / unit) * (case.to_base * direction_vector(call, case, k, MAGNETIC_FIELD))
+                    set_vector(memory, g + wp.static(given_at("field")), l, field)
                 start_rate = moved(call, case, k, int(call.lane[p, START_MOVER]))
                 end_rate = moved(call, case, k, int(call.lane[p, END_MOVER]))
                 set_number(memory, g + wp.static(given_at("start")), l, start_rate / (case.unit * unit))
@@ -481,6 +501,8 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
                 set_vector(memory, z + wp.static(z_at("distributed_force")), l, force)
             if wp.static(SPREAD_MOMENT):
                 set_vector(memory, z + wp.static(z_at("distributed_moment")), l, case.distributed_moment / case.force)
+            if wp.static(MAGNETISED):
+                set_vector(memory, z + wp.static(z_at("field")), l, case.magnetic_field)
             if wp.static(PROFILE):
                 load_profile(rods, case, memory, o, l, start)
         if wp.static(DIRECTIONS):

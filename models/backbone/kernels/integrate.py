@@ -36,7 +36,7 @@ from multirod.models.backbone.kernels.layout.arguments import (
 )
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.kernels.layout.layout import Layout
-from multirod.models.backbone.kernels.loads import make_loads
+from multirod.models.backbone.kernels.loads.dead import make_loads
 from multirod.models.backbone.kernels.nodes import make_nodes
 from multirod.models.backbone.kernels.numbers.lanes import lanes
 from multirod.models.backbone.kernels.numbers.scalars import rotate_inverse

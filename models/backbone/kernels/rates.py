@@ -11,7 +11,8 @@ from types import SimpleNamespace
 import warp as wp
 
 from multirod.models.backbone.kernels.layout.layout import Layout
-from multirod.models.backbone.kernels.loads import make_loads
+from multirod.models.backbone.kernels.loads.dead import make_loads
+from multirod.models.backbone.kernels.loads.magnetic import make_magnetic
 from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul, neg, sub  # noqa: F401  (operators: looked up by name)
 from multirod.models.backbone.kernels.numbers.vectors import vectors
 from multirod.models.backbone.kernels.strains import make_strains
@@ -22,16 +23,8 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
     L, V = lanes(W, d), vectors(W, d)
     Real, fill, row, put = L.Real, L.fill, L.row, L.put
     Vec3, Frame, row3, put3, zero3 = V.Vec3, V.Frame, V.row3, V.put3, V.zero3
-    cross, ahead_cross, dot, plus, minus, scaled, ahead3, times = (
-        V.cross,
-        V.ahead_cross,
-        V.dot,
-        V.plus,
-        V.minus,
-        V.scaled,
-        V.ahead3,
-        V.times,
-    )
+    cross, ahead_cross, dot, plus, minus = V.cross, V.ahead_cross, V.dot, V.plus, V.minus
+    scaled, ahead3 = V.scaled, V.ahead3
     rotate, rotate_inverse, tangent, body_rotation = V.rotate, V.rotate_inverse, V.tangent, V.body_rotation
     memory_type = wp.array(dtype=d)
     state, column = L.few(layout.state.size), L.few(layout.column.size)
@@ -43,7 +36,7 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
     DM_AT, DN_AT, DQ_AT, DP_AT = c["moment"], c["force"], c["frame"], c["position"]
     X, FRAME_AT, MOMENT_AT, FORCE_AT, CURVATURE_AT = p["x"], p["frame"], p["moment"], p["force"], p["curvature"]
     EXTENSION_AT, WORLD_FORCE_AT, TANGENT_AT, RATE_AT = p["extension"], p["world_force"], p["tangent"], p["rate"]
-    SHEAR_AT, GROWTH = layout.stretch["shear"], layout.given["growth"]
+    GROWTH = layout.given["growth"]
     MOMENT, FORCE, FORCE_STATE, FRAME = layout.MOMENT, layout.FORCE, layout.FORCE_STATE, layout.FRAME
     COLUMN_FRAME, POSE, POSE_COLUMNS, FIXED = layout.COLUMN_FRAME, layout.POSE, layout.POSE_COLUMNS, layout.FIXED
     SHEAR, NODES, SPREAD_MOMENT = layout.features.shear, layout.NODES, layout.SPREAD_MOMENT
@@ -52,6 +45,11 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
     loads, law = make_loads(layout, W, d), make_strains(layout, W, d)
     world_force, spread_moment = loads.world_force, loads.spread_moment
     force_variation, moment_variation = loads.force_variation, loads.moment_variation
+    MAGNETISED = layout.MAGNETISED
+    field = make_magnetic(layout, W, d)
+    magnetic_moment, magnetic_torques, magnetic_work = field.magnetic_moment, field.magnetic_torques, field.magnetic_work
+    field_variation, magnetic_moment_variation = field.field_variation, field.magnetic_moment_variation
+    magnetic_torque_variations = field.magnetic_torque_variations
     strain, own_rates, own_energy = law.strain, law.rates, law.energy_rate
     strain_variation, own_rate_variations = law.strain_variation, law.rate_variations
 
@@ -113,13 +111,12 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
         if wp.static(FORCE and not FORCE_STATE):
             n = world_force(memory, z, x)
             N = rotate_inverse(frame, n)
-        u = strain(memory, z, a, x, b, M)
+        u = strain(memory, z, a, x, b, M, N)
         put3(memory, a + wp.static(MOMENT_AT), M)
         put3(memory, a + wp.static(FORCE_AT), N)
         put3(memory, a + wp.static(CURVATURE_AT), u)
         if wp.static(SHEAR):
-            extension = times(row3(memory, z + wp.static(SHEAR_AT)), N)
-            put3(memory, a + wp.static(EXTENSION_AT), extension)
+            extension = row3(memory, a + wp.static(EXTENSION_AT))
         if wp.static(POSE or FIXED):
             p_s = tangent(frame)
             if wp.static(SHEAR):
@@ -130,6 +127,8 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
             m_s = cross(n, p_s)
             if wp.static(SPREAD_MOMENT):
                 m_s = minus(m_s, spread_moment(memory, z, x))
+            if wp.static(MAGNETISED):
+                m_s = minus(m_s, magnetic_moment(memory, z, a, frame))
             keep3(f, wp.static(M_AT), m_s)
             put3(memory, a + wp.static(WORLD_FORCE_AT), n)
             put3(memory, a + wp.static(TANGENT_AT), p_s)
@@ -145,12 +144,15 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
             keep3(f, wp.static(Q_AT), scaled(half, ahead3(cross(frame.r, u), frame.w, u)))
             keep(f, wp.static(Q_AT + 3), d(-0.5) * dot(frame.r, u))
         own_rates(memory, z, a, x, b, u, f)
+        if wp.static(MAGNETISED):
+            magnetic_torques(memory, a, f)
         if wp.static(NODES):
-            energy = own_energy(memory, z, a, x, b, M, u)
+            energy = own_energy(memory, z, a, x, b, M, N, u)
             work = N.z
             if wp.static(SHEAR):
-                energy = energy + dot(N, extension)
                 work = work + dot(N, extension)
+            if wp.static(MAGNETISED):
+                work = work + magnetic_work(memory, a)
             keep(f, wp.static(ENERGY), d(0.5) * energy)
             keep(f, wp.static(WORK), work)
         if wp.static(DIRECTIONS):
@@ -190,10 +192,9 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
         if wp.static(GIVEN_FORCE):
             dn = force_variation(memory, z, g, x)
             dN = plus(dN, rotate_inverse(frame, dn))
-        du = strain_variation(memory, z, a, g, v, dM)
+        du, dextension = strain_variation(memory, z, a, g, v, dM, dN)
         if wp.static(SHEAR):
             extension = row3(memory, a + wp.static(EXTENSION_AT))
-            dextension = times(row3(memory, z + wp.static(SHEAR_AT)), dN)
         if wp.static(POSE_COLUMNS or FIXED):  # (19)
             lever = Vec3(dphi.y, -dphi.x, fill(d(0.0)))
             if wp.static(SHEAR):
@@ -207,6 +208,9 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
                 dm_s = plus(dm_s, cross(dn, row3(memory, a + wp.static(TANGENT_AT))))
             if wp.static(DIRECTIONS and SPREAD_MOMENT):
                 dm_s = minus(dm_s, moment_variation(memory, z, g, x))
+            if wp.static(MAGNETISED):
+                dB = field_variation(memory, a, g, frame, dphi)
+                dm_s = minus(dm_s, magnetic_moment_variation(memory, a, frame, v, dphi, dB))
             keep3_in(f, wp.static(DM_AT), dm_s)
         if wp.static(MOMENT and not FIXED):  # (18)
             dM_s = ahead_cross(ahead_cross(couple(dN), dM, u), M, du)
@@ -216,6 +220,8 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
         if wp.static(FORCE_STATE):
             keep3_in(f, wp.static(DN_AT), ahead_cross(cross(dN, u), N, du))
         own_rate_variations(memory, z, a, g, v, du, f)
+        if wp.static(MAGNETISED):
+            magnetic_torque_variations(memory, a, v, dB, f)
         if wp.static(COLUMN_FRAME):  # (19)
             half = fill(d(0.5))
             dr_s = ahead_cross(ahead3(ahead3(cross(dr, u), dw, u), frame.w, du), frame.r, du)

@@ -1,7 +1,7 @@
 # mypy: ignore-errors
 """The strain law: how the rods of a backbone bend and twist under its moment, and their torques; (5) to (8), (14), (17).
 
-This is the one file that knows it. ``z`` is where the record of a stretch stands in memory, ``b`` the state, ``a`` where the
+This is the one file that knows it; ``members`` adds what rods carry along themselves. ``z`` is where the record of a stretch stands in memory, ``b`` the state, ``a`` where the
 record of a place stands, ``v`` a column of the state and ``g`` where stands what its direction varies. Numbers in parentheses
 are those of ``docs/model.md``.
 """
@@ -11,14 +11,15 @@ from types import SimpleNamespace
 import warp as wp
 
 from multirod.models.backbone.kernels.layout.layout import Layout
+from multirod.models.backbone.kernels.members import make_rod_with_members
 from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul, neg, sub  # noqa: F401  (operators: looked up by name)
 from multirod.models.backbone.kernels.numbers.vectors import vectors
 
 
 def make_strains(layout: Layout, W: int, d) -> SimpleNamespace:
-    """The law of one rod, (5), or of several that share a centreline, (7) and (8)."""
+    """The law of one rod, (5), of one with members, (5m), or of several that share a centreline, (7) and (8)."""
     precurvature = make_precurvature(layout, W, d)
-    make = make_one_rod if layout.n == 1 else make_several_rods
+    make = make_rod_with_members if layout.features.members else make_one_rod if layout.n == 1 else make_several_rods
     return SimpleNamespace(**(vars(precurvature) | vars(make(layout, W, d, precurvature))))
 
 
@@ -73,21 +74,24 @@ def make_one_rod(layout: Layout, W: int, d, law: SimpleNamespace) -> SimpleNames
     """(5): ``u = u* + K^-1 M``."""
     L, V = lanes(W, d), vectors(W, d)
     Real, row, put = L.Real, L.row, L.put
-    Vec3, row3, plus, times, dot = V.Vec3, V.row3, V.plus, V.times, V.dot
+    Vec3, row3, put3, zero3, plus, times, dot = V.Vec3, V.row3, V.put3, V.zero3, V.plus, V.times, V.dot
     memory_type = wp.array(dtype=d)
     state, column = L.few(layout.state.size), L.few(layout.column.size)
     State, Column = state.type, column.type
     COMPLIANCE, X, OWN_TWIST = layout.stretch["compliance"], layout.place["x"], layout.place["own_twist"]
+    SHEAR_AT, EXTENSION_AT, SHEAR = layout.stretch["shear"], layout.place["extension"], layout.features.shear
     NODES = layout.NODES
     VARIED = layout.VARIED and layout.DIRECTIONS
     precurvature, precurvature_variation = law.precurvature, law.precurvature_variation
 
     @wp.func
-    def strain(memory: memory_type, z: int, a: int, x: Real, b: State, M: Vec3) -> Vec3:
-        """(5) u"""
+    def strain(memory: memory_type, z: int, a: int, x: Real, b: State, M: Vec3, N: Vec3) -> Vec3:
+        """(5) u, and v - e3 to the place"""
         u_star = precurvature(memory, z, 0, x)
         if wp.static(NODES):
             put(memory, a + wp.static(OWN_TWIST), u_star.z)
+        if wp.static(SHEAR):
+            put3(memory, a + wp.static(EXTENSION_AT), times(row3(memory, z + wp.static(SHEAR_AT)), N))
         return plus(u_star, times(row3(memory, z + wp.static(COMPLIANCE)), M))
 
     @wp.func
@@ -95,17 +99,23 @@ def make_one_rod(layout: Layout, W: int, d, law: SimpleNamespace) -> SimpleNames
         """No angles, no torques."""
 
     @wp.func
-    def energy_rate(memory: memory_type, z: int, a: int, x: Real, b: State, M: Vec3, u: Vec3) -> Real:
-        """(14) Twice the energy per length, shear and extension aside."""
-        return dot(M, times(row3(memory, z + wp.static(COMPLIANCE)), M))
+    def energy_rate(memory: memory_type, z: int, a: int, x: Real, b: State, M: Vec3, N: Vec3, u: Vec3) -> Real:
+        """(14) Twice the energy per length."""
+        energy = dot(M, times(row3(memory, z + wp.static(COMPLIANCE)), M))
+        if wp.static(SHEAR):
+            energy = energy + dot(N, row3(memory, a + wp.static(EXTENSION_AT)))
+        return energy
 
     @wp.func
-    def strain_variation(memory: memory_type, z: int, a: int, g: int, v: Column, dM: Vec3) -> Vec3:
-        """(17) du; dM in the frame"""
+    def strain_variation(memory: memory_type, z: int, a: int, g: int, v: Column, dM: Vec3, dN: Vec3):
+        """(17) du and d(v - e3); dM and dN in the frame"""
         du = times(row3(memory, z + wp.static(COMPLIANCE)), dM)
         if wp.static(VARIED):
             du = plus(du, precurvature_variation(memory, z, 0, row(memory, a + wp.static(X)), g))
-        return du
+        de = zero3()
+        if wp.static(SHEAR):
+            de = times(row3(memory, z + wp.static(SHEAR_AT)), dN)
+        return du, de
 
     @wp.func
     def rate_variations(memory: memory_type, z: int, a: int, g: int, v: Column, du: Vec3, f: wp.ref[Column]):
@@ -120,7 +130,7 @@ def make_several_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simple
     """(7), (8): rods that share bending, each with its own angle and torque."""
     L, V = lanes(W, d), vectors(W, d)
     Real, row, put, fill = L.Real, L.row, L.put, L.fill
-    Vec3, row3, put3, cosine_and_sine = V.Vec3, V.row3, V.put3, V.cosine_and_sine
+    Vec3, row3, put3, zero3, cosine_and_sine = V.Vec3, V.row3, V.put3, V.zero3, V.cosine_and_sine
     memory_type = wp.array(dtype=d)
     state, column = L.few(layout.state.size), L.few(layout.column.size)
     State, Column = state.type, column.type
@@ -157,7 +167,7 @@ def make_several_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simple
         return softness * x, softness * y
 
     @wp.func
-    def strain(memory: memory_type, z: int, a: int, x: Real, b: State, M: Vec3) -> Vec3:
+    def strain(memory: memory_type, z: int, a: int, x: Real, b: State, M: Vec3, N: Vec3) -> Vec3:
         """(7) u; what each rod brings in is put to the place.
 
         Equal bending stiffness needs no ``K_i u`` in (8): it is parallel to u, which drops out, and does not turn.
@@ -253,8 +263,8 @@ def make_several_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simple
         return Vec3(EI * v.x, EI * v.y, v.z)
 
     @wp.func
-    def energy_rate(memory: memory_type, z: int, a: int, x: Real, b: State, M: Vec3, u: Vec3) -> Real:
-        """(14) Twice the energy per length, shear and extension aside."""
+    def energy_rate(memory: memory_type, z: int, a: int, x: Real, b: State, M: Vec3, N: Vec3, u: Vec3) -> Real:
+        """(14) Twice the energy per length."""
         tau = inner_torque(memory, z, b, M.z)
         energy = row(memory, z + wp.static(TORSION)) * tau * tau
         for i in range(wp.static(n)):
@@ -284,8 +294,8 @@ def make_several_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simple
         return Vec3(c * v.x - s * v.y, s * v.x + c * v.y, v.z)
 
     @wp.func
-    def strain_variation(memory: memory_type, z: int, a: int, g: int, v: Column, dM: Vec3) -> Vec3:
-        """(17) du; dM in the frame"""
+    def strain_variation(memory: memory_type, z: int, a: int, g: int, v: Column, dM: Vec3, dN: Vec3):
+        """(17) du, and no shear; dM in the frame"""
         gx = dM.x
         gy = dM.y
         tau_1 = dM.z
@@ -307,7 +317,7 @@ def make_several_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simple
         if wp.static(TORQUES > 0):
             uz = uz + row(memory, z + wp.static(TORSION)) * tau_1
         ux, uy = bent(memory, z, a, gx, gy)
-        return Vec3(ux, uy, uz)
+        return Vec3(ux, uy, uz), zero3()
 
     @wp.func
     def rate_variations(memory: memory_type, z: int, a: int, g: int, v: Column, du: Vec3, f: wp.ref[Column]):

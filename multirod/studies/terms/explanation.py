@@ -24,6 +24,7 @@ GROUPS = {
     "distributed_force": "f L³/EI",
     "distributed_moment": "l L²/EI",
     "gravity": "w L³/EI",
+    "magnetic_field": "μ B L²/EI",
     "shear": "N/GA",
     "torsion": "EI/GJ",
     "anisotropy": "ΔEI/EI",
@@ -201,6 +202,9 @@ class Explanation:
         loads = [name for name in LOADS if self.inputs.is_active(name)] if self._takes("gravity") else []
         if any(f.measured for f in self.features):
             yield Term("measured", "inputs.tip_curvature takes the place of the condition at the tip")
+        carrying = [f"rods[{k}]" for k, rod in enumerate(self.robot.rods) if rod.members]
+        if carrying:
+            yield Term("members", f"{', '.join(carrying)}: carry something that gives way with them")
         profiles = [f"inputs.{name}" for name in self.inputs.profiles]
         if profiles:
             yield Term("load_profile", f"{', '.join(profiles)}: a function of arclength")

@@ -3,7 +3,7 @@
 
 import warp as wp
 
-MATERIAL_SIZE = 10  # EI_x, EI_y, GJ, their inverses, 1/GA_x, 1/GA_y, 1/EA, mass per length
+MATERIAL_SIZE = 13  # EI_x, EI_y, GJ, their inverses, 1/GA_x, 1/GA_y, 1/EA, mass per length, magnetic moment per length
 INPUT_VECTORS = (
     "tip_force",
     "tip_moment",
@@ -12,6 +12,7 @@ INPUT_VECTORS = (
     "distributed_force",
     "distributed_moment",
     "gravity",
+    "magnetic_field",
     "tip_curvature",
 )
 

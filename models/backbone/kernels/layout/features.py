@@ -1,6 +1,10 @@
 """What a scene needs of its equations, and so what is compiled into its kernel."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from multirod.models.backbone.members import Member
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,7 +26,9 @@ class Features:
         follower_force: The tip force has a part that follows the tip frame, so the base force is unknown, equation (13).
         follower_moment: The tip moment has a part that follows the tip frame, equation (11).
         held: Something else holds the tip: the base force is unknown, and the tip's wrench is written out, equation (22).
+        magnetised: Magnetised rods stand in a magnetic field, equation (3d).
         measured: A measured tip curvature takes the place of the boundary condition, equation (12).
+        members: What the rod carries along itself, kinds of ``Member`` in their order, equation (5m).
         shear: Shear and extension, equation (5); without it ``v = e3``.
         anisotropic: Bending stiffness differs between the two axes; a distinct term for ``rod_count > 1`` only.
         torsion: One of several rods twists elastically; without it all torsional stiffnesses are infinite, equation (8c).
@@ -44,7 +50,9 @@ class Features:
     follower_force: bool = False
     follower_moment: bool = False
     held: bool = False
+    magnetised: bool = False
     measured: bool = False
+    members: tuple[type["Member"], ...] = ()
     shear: bool = False
     anisotropic: bool = False
     torsion: bool = False
@@ -67,14 +75,15 @@ class Features:
             self.tip_moment
             or self.distributed_force
             or self.distributed_moment
+            or self.magnetised
             or self.base_force_unknown
             or self.profile_degree >= 0
         )
 
     @property
     def fixed_moment(self) -> bool:
-        """Whether a moment acts that is fixed in the world: then the state carries the moment along fixed axes, equation (4b)."""
-        return self.tip_moment or self.distributed_moment
+        """Whether a moment acts whose law is told in the world: then the state carries the moment along fixed axes, equation (4b)."""
+        return self.tip_moment or self.distributed_moment or self.magnetised
 
     @property
     def loaded(self) -> bool:

@@ -68,6 +68,10 @@ class Layout:
         self.NODES = f.nodes
         self.FIXED = f.fixed_moment
         self.DIRECTIONS = f.directions
+        self.MAGNETISED = f.magnetised
+        # strains that members depend on: u, and v - e3 where the rod shears
+        self.STRAINS = 6 if f.shear else 3
+        self.member_slots = [Slot(f"{k} {name}", 1) for k, kind in enumerate(f.members) for name in kind.parameters]
         # an unknown base force, or a direction, makes n depend on it
         self.GIVEN_FORCE = f.force and not f.force_is_state and (f.directions or f.base_force_unknown)
         statics = [
@@ -96,6 +100,7 @@ class Layout:
                 Slot("profile", directed),  # relative
                 Slot("start", directed, "length"),  # of the arclength of the start
                 Slot("growth", directed),  # (20) of the stretch, relative
+                Slot("field", 3 * directed * f.magnetised),  # magnetic, base axes
                 Slot("shift", n * directed, "length"),  # of the rods, along themselves
             ]
         )
@@ -119,6 +124,9 @@ class Layout:
                 Slot("profile_moment", 3 * self.PROFILE_TERMS * (self.PROFILE and self.SPREAD_MOMENT), "force"),
                 Slot("profile_centre", 1 * self.PROFILE, "length"),
                 Slot("profile_slope", 1 * self.PROFILE, "1/length"),
+                Slot("field", 3 * f.magnetised),  # magnetic, along the axes of the base [T]
+                Slot("magnetisation", 3 * n * f.magnetised, "force"),  # per tesla
+                *self.member_slots,
                 Slot("unit_moment", 1, "moment"),  # what counts as one in the errors of a step
                 Slot("unit_force", 1, "force"),
                 Slot("unit_length", 1, "length"),
@@ -144,6 +152,11 @@ class Layout:
                 Slot("flexibility", 3 * f.anisotropic),
                 Slot("cosine", tube),
                 Slot("sine", tube),
+                Slot("field", 3 * f.magnetised),  # R^T B
+                Slot("turned_magnetisation", 3 * n * f.magnetised, "force"),  # along the axes of rod 1
+                Slot("system", self.STRAINS**2 * bool(f.members)),  # I + C D, factored
+                Slot("member_moment", 3 * bool(f.members and f.nodes), "moment"),
+                Slot("member_force", 3 * bool(f.members and f.nodes), "force"),
                 Slot("own_twist", n * f.nodes, "1/length"),  # u*_i,z
                 Slot("rate", self.column.size * directed),  # of what of the state stands in a column
             ]

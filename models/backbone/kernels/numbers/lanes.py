@@ -263,6 +263,31 @@ def lanes(W: int, d=wp.float64) -> SimpleNamespace:
 
         return SimpleNamespace(type=Slopes, stage=stage, advance=advance, error=error, keep=keep, place=place)
 
+    @cache
+    def system(m: int) -> SimpleNamespace:
+        """Type of m x m Reals, and how linear equations are solved that need no pivots, such as ``I + C D`` of semi-definite C, D."""
+        Matrix, Few = few(m * m).type, few(m).type
+        held = f"wp::vec_t<{m},{t}>" if W == 1 else f"wp::mat_t<{m},{W},{t}>"
+        inside = "c" if W == 1 else "data"
+
+        @wp.func_native(
+            f"{V} V* A = (V*)A_.{inside}; for (int k = 0; k < {m}; k++) {{ V p = ({t})1 / A[k * {m} + k]; A[k * {m} + k] = p;"
+            f" for (int i = k + 1; i < {m}; i++) {{ V q = A[i * {m} + k] * p; A[i * {m} + k] = q;"
+            f" for (int j = k + 1; j < {m}; j++) A[i * {m} + j] -= q * A[k * {m} + j]; }} }}"
+        )
+        def factor(A_: wp.ref[Matrix]):
+            """In place, the inverse of what stands on the diagonal."""
+
+        @wp.func_native(
+            f"{V} {held} r; V* o = (V*)r.{inside}; const V* A = (const V*)A_.{inside}; const V* c = (const V*)c_.{inside};"
+            f" for (int i = 0; i < {m}; i++) {{ o[i] = c[i]; for (int j = 0; j < i; j++) o[i] -= A[i * {m} + j] * o[j]; }}"
+            f" for (int i = {m} - 1; i >= 0; i--) {{ for (int j = i + 1; j < {m}; j++) o[i] -= A[i * {m} + j] * o[j];"
+            f" o[i] *= A[i * {m} + i]; }} return r;"
+        )
+        def solve(A_: Matrix, c_: Few) -> Few: ...
+
+        return SimpleNamespace(type=Matrix, factor=factor, solve=solve)
+
     return SimpleNamespace(
         W=W,
         d=d,
@@ -284,4 +309,5 @@ def lanes(W: int, d=wp.float64) -> SimpleNamespace:
         power_root=power_root,
         few=few,
         slopes=slopes,
+        system=system,
     )

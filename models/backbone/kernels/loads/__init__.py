@@ -1,0 +1,1 @@
+"""What acts along the rods: dead loads, and loads that depend on the configuration."""

@@ -1,0 +1,175 @@
+"""Magnetised rods in a uniform field: analytic solutions, the energy, and exact derivatives."""
+
+import numpy as np
+import pytest
+from scipy.integrate import simpson, solve_bvp
+
+import multirod as mr
+
+EI, GJ, LENGTH = 0.01, 0.008, 0.2
+PRECISE = mr.Shooting(tolerance=1e-11, integrator=mr.RK45(rtol=1e-11, atol=1e-13))
+
+
+def wire(**properties) -> mr.Rod:
+    return mr.Rod(
+        **{"length": LENGTH, "bending_stiffness": EI, "torsional_stiffness": GJ, "magnetisation": (0, 0, 2.0)} | properties
+    )
+
+
+def tubes() -> mr.ConcentricTubes:
+    inner = wire(precurvature=(6.0, 2.0, 0.5), magnetisation=(0.6, -0.9, 2.0))
+    outer = wire(length=0.14, bending_stiffness=(0.03, 0.025), torsional_stiffness=0.02, precurvature=(0, 9.0, 0))
+    return mr.ConcentricTubes([inner, outer])
+
+
+def hexapod() -> mr.ParallelRods:
+    angles = np.arange(3) * 2 * np.pi / 3
+    base, platform = np.tile(np.eye(4), (2, 3, 1, 1))
+    base[:, :2, 3] = 0.06 * np.stack([np.cos(angles), np.sin(angles)], 1)
+    platform[:, :2, 3] = 0.03 * np.stack([np.cos(angles), np.sin(angles)], 1)
+    return mr.ParallelRods(legs=[wire(magnetisation=(0.5, 0, 1.5))] * 3, base=base, platform=platform)
+
+
+ROBOTS = {
+    "rod": (lambda: mr.SingleRod(wire(precurvature=(3, 1, 2), magnetisation=(0.4, -0.2, 2.0))), {"tip_force": (0.1, 0.2, -0.1)}),
+    "rod without other loads": (lambda: mr.SingleRod(wire()), {}),
+    "rod that shears": (
+        lambda: mr.SingleRod(wire(shear_stiffness=40.0, axial_stiffness=90.0, linear_density=0.1)),
+        {"gravity": (0, 9.81, 0)},
+    ),
+    "tubes": (tubes, {"rotation": (0.3, 1.2), "translation": (-0.03, -0.01)}),
+    "tubes under a force": (tubes, {"rotation": (0.3, 1.2), "tip_force": (0.1, 0.05, 0.0)}),
+    "rods on a platform": (hexapod, {"tip_force": (0.3, 0.1, -0.2)}),
+}
+FIELD = np.array([0.05, -0.03, 0.02])
+
+
+@pytest.fixture(params=ROBOTS)
+def scene(request):
+    make, inputs = ROBOTS[request.param]
+    return make(), inputs
+
+
+@pytest.mark.parametrize("strength", [0.02, 0.1, 1.0])
+def test_planar_rod_across_the_field(strength):
+    """``EI theta'' = -mu B cos(theta)``, solved as a boundary value problem by SciPy."""
+    k = 2.0 * strength / EI
+    s = np.linspace(0, LENGTH, 200)
+    start = np.vstack([0.1 * s / LENGTH, 0.1 + 0 * s])
+    exact = solve_bvp(
+        lambda _, y: np.vstack([y[1], -k * np.cos(y[0])]),
+        lambda a, b: np.array([a[0], b[1]]),
+        s,
+        start,
+        tol=1e-11,
+        max_nodes=50_000,
+    )
+    assert exact.success
+    fine = np.linspace(0, LENGTH, 4001)
+    angle = exact.sol(fine)[0]
+    robot = mr.SingleRod(wire())
+    found = mr.solve(robot, robot.inputs(magnetic_field=(strength, 0, 0)), solver=PRECISE)
+    tip = simpson(np.sin(angle), x=fine), 0.0, simpson(np.cos(angle), x=fine)
+    np.testing.assert_allclose(found.tip_position, tip, atol=1e-9)  # what SciPy's tolerance leaves
+    assert str(found.stability) == "STABLE"
+
+
+def test_a_rod_against_its_field_buckles_where_theory_says():
+    """``mu B L^2/EI = pi^2/4`` and ``9 pi^2/4``: a cantilever whose moment per length points against the field."""
+    robot = mr.SingleRod(wire(bending_stiffness=(EI, 4 * EI)))
+    unit = np.pi**2 / 4 * EI / (2.0 * LENGTH**2)
+    found = mr.critical_loads(robot, robot.inputs(magnetic_field=(0, 0, -unit)), count=2)
+    np.testing.assert_allclose([load.load_factor for load in found], [1.0, 4.0], rtol=1e-6)
+
+
+def dipole(solution: mr.Solution, robot: mr.Assembly, nodes: int = 2001) -> np.ndarray:
+    """Magnetic moment of all rods in the world [A m^2], by their shapes."""
+    total = np.zeros(3)
+    for k, rod in enumerate(robot.rods):
+        shape = solution.rod(k, nodes=nodes)
+        total += simpson(shape.rotation @ rod.sections[0].magnetisation, x=shape.arclength, axis=0)
+    return total
+
+
+def test_energy_changes_with_the_field_by_the_dipole(scene):
+    """Where the total energy is stationary, its rate with the field is the explicit one, minus the dipole moment."""
+    robot, inputs = scene
+    h = 1e-4
+
+    def potential(field):
+        solution = mr.solve(robot, robot.inputs(magnetic_field=field, **inputs), solver=PRECISE)
+        assert solution.status == mr.Status.CONVERGED
+        return solution.potential
+
+    rates = [(potential(FIELD + h * e) - potential(FIELD - h * e)) / (2 * h) for e in np.eye(3)]
+    solution = mr.solve(robot, robot.inputs(magnetic_field=FIELD, **inputs), solver=PRECISE)
+    expected = -dipole(solution, robot)
+    np.testing.assert_allclose(rates, expected, atol=2e-6 * np.abs(expected).max())  # differences of second order
+
+
+def test_derivatives_are_exact(scene):
+    robot, inputs = scene
+    solution = mr.solve(robot, robot.inputs(magnetic_field=FIELD, **inputs), solver=PRECISE)
+    for name, value in (("magnetic_field", FIELD), ("rotation", np.broadcast_to(inputs.get("rotation", 0.0), robot.rod_count))):
+        jacobian = solution.jacobian(name)
+        h = 1e-5
+        for k, e in enumerate(np.eye(len(value))):
+            ends = []
+            for sign in (1, -1):
+                changed = {**inputs, "magnetic_field": FIELD, name: value + sign * h * e}
+                ends.append(mr.solve(robot, robot.inputs(**changed), solver=PRECISE, guess=solution))
+            moved = (ends[0].tip_position - ends[1].tip_position) / (2 * h)
+            turned = ends[0].tip_rotation @ ends[1].tip_rotation.T / (2 * h)
+            spin = np.array([turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0], turned[1, 0] - turned[0, 1]]) / 2
+            size = np.abs(jacobian).max()
+            np.testing.assert_allclose(jacobian[:3, k], moved, atol=1e-6 * size)
+            np.testing.assert_allclose(jacobian[3:, k], spin, atol=1e-6 * size)
+
+
+def test_gamma_is_exact(scene):
+    robot, inputs = scene
+    problem = robot.problem(robot.inputs(magnetic_field=FIELD, **inputs), integrator=mr.RK4(20))
+    x = problem.guess() + 0.3 * np.sin(1 + np.arange(problem.unknown_count))
+    _, gamma = problem.evaluate(x)
+    h = 1e-6
+    for k, e in enumerate(np.eye(problem.unknown_count)):
+        difference = (problem.evaluate(x + h * e)[0] - problem.evaluate(x - h * e)[0]) / (2 * h)
+        np.testing.assert_allclose(gamma[0, :, k], difference[0], atol=1e-7 * max(1.0, np.abs(gamma).max()))
+
+
+def test_a_batch_is_bitwise_what_each_is_alone():
+    robot = tubes()
+    fields = FIELD * np.linspace(-1, 1, 7)[:, None]
+    batch = mr.solve(robot, robot.inputs(magnetic_field=fields, rotation=(0.3, 1.2)))
+    for k in (1, 5):
+        alone = mr.solve(robot, robot.inputs(magnetic_field=fields[k], rotation=(0.3, 1.2)))
+        np.testing.assert_array_equal(batch.tip_position[k], alone.tip_position)
+
+
+def test_single_precision_finds_the_same_in_any_unit():
+    for scale in (1e-3, 1.0, 1e3):
+        rod = wire(length=LENGTH * scale, bending_stiffness=EI * scale**4, torsional_stiffness=GJ * scale**4)
+        robot = mr.SingleRod(rod)
+        field = np.array([0.05, 0, 0.01]) * scale**2
+        single = mr.solve(
+            robot, robot.inputs(magnetic_field=field), solver=mr.Shooting(integrator=mr.RK4(50, precision="float32"))
+        )
+        double = mr.solve(robot, robot.inputs(magnetic_field=field))
+        assert single.status == double.status == mr.Status.CONVERGED
+        np.testing.assert_allclose(single.tip_position, double.tip_position, atol=1e-5 * LENGTH * scale)
+
+
+def test_a_field_without_a_magnetised_rod_is_refused():
+    robot = mr.SingleRod(wire(magnetisation=None))
+    with pytest.raises(ValueError, match=r"magnetic_field = .* is not allowed: must be zero: no rod has a magnetisation"):
+        robot.inputs(magnetic_field=(0, 0, 1))
+    tracker = mr.Tracker(robot, solver=mr.Shooting(), dt=0.01)
+    with pytest.raises(ValueError, match="no rod has a magnetisation"):
+        tracker.step(magnetic_field=(0, 0, 1))
+
+
+def test_a_tube_takes_magnetisation_per_volume():
+    tube = mr.Rod.tube(
+        length=0.1, outer_diameter=2e-3, inner_diameter=1e-3, young_modulus=1e9, shear_modulus=4e8, magnetisation=(0, 0, 1e5)
+    )
+    np.testing.assert_allclose(tube.sections[0].magnetisation, (0, 0, 1e5 * np.pi / 4 * 3e-6), rtol=1e-15)
