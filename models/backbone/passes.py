@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 import warp as wp
 
 from multirod.integrators import Integrator
@@ -13,7 +12,18 @@ from multirod.models.backbone.kernels.layout.arguments import LANE_SIZE, Call
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.kernels.layout.layout import Layout
 
-WIDTH = {"float64": 4, "float32": 8}  # lanes on a processor
+
+def processor_has(feature: str) -> bool:
+    """Whether the processor has instructions of such a name; False where NumPy does not tell."""
+    try:
+        from numpy._core._multiarray_umath import __cpu_features__  # type: ignore[import-not-found]
+    except ImportError:
+        return False
+    return bool(__cpu_features__.get(feature, False))
+
+
+WIDE = processor_has("AVX512F")
+WIDTH = {"float64": 8 if WIDE else 4, "float32": 16 if WIDE else 8}  # lanes on a processor: what its vectors hold, or two of them
 CHUNK = 256  # instances of a thread: its lanes, refilled, stay busy
 BASE_COST = 2.0  # of the state, in columns
 
@@ -132,4 +142,4 @@ def deal(
     call.chunk = call.parts * (CHUNK if lanes > 1 else 1)
     call.lane = wp.zeros((threads(call, count) * lanes, LANE_SIZE), dtype=wp.float64, device=device)
     rows = Layout(features).memory(len(integrator.tableau.b)).rows(call.part_columns)
-    return wp.zeros(int(np.int64(threads(call, count)) * lanes * rows), dtype=SCALARS[precision], device=device)
+    return wp.zeros((threads(call, count), lanes * rows), dtype=SCALARS[precision], device=device)

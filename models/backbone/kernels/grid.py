@@ -14,6 +14,7 @@ from multirod.models.backbone.kernels.layout.arguments import (
     END,
     END_MOVER,
     FORCE,
+    JOB,
     MATERIAL_SIZE,
     OUTPUT,
     START,
@@ -59,7 +60,7 @@ class Instance:
 def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
     """Functions that load an instance and walk along it."""
     L = lanes(W, d)
-    set_lane, get_lane = L.set, L.get
+    set_lane, get_lane, copy_lane = L.set, L.get, L.copy
     memory_type = wp.array(dtype=d)
     n, features = layout.n, layout.features
     SEVERAL, HELD, NODES = n > 1, features.held, layout.NODES
@@ -485,25 +486,34 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
 
     @wp.func
     def load_stretch(
-        rods: RodTable, call: Call, case: Instance, memory: memory_type, o: int, l: int, p: int, first: int, count: int
+        rods: RodTable, call: Call, case: Instance, memory: memory_type, o: int, l: int, p: int, job: int, first: int, count: int
     ):
         """The stretch from the node where a lane stands to the next; arclengths count from its start."""
-        find_end(rods, call, case, p)
         start = call.lane[p, START]
         z = o + wp.static(Z)
-        load_sections(rods, call, case, memory, o, l, start)
-        if wp.static(WORLD_FORCE):
-            n0 = wp.vec3d(call.lane[p, FORCE], call.lane[p, wp.static(FORCE + 1)], call.lane[p, wp.static(FORCE + 2)])
-            set_vector(memory, z + wp.static(z_at("force")), l, n0 / case.force)
-        if wp.static(SPREAD_FORCE):
-            force = (case.unit / case.force) * spread_here(rods, call, case, start)
-            set_vector(memory, z + wp.static(z_at("distributed_force")), l, force)
-        if wp.static(SPREAD_MOMENT):
-            set_vector(memory, z + wp.static(z_at("distributed_moment")), l, case.distributed_moment / case.force)
-        if wp.static(MAGNETISED):
-            set_vector(memory, z + wp.static(z_at("field")), l, case.magnetic_field)
-        if wp.static(PROFILE):
-            load_profile(rods, case, memory, o, l, start)
+        known = bool(False)
+        if l > 0:  # where the lane before carries another part of the same job, it may stand on this stretch
+            before = int(call.lane[p - 1, JOB])
+            known = before >= 0 and before // call.parts == job // call.parts and call.lane[p - 1, START] == start
+        if known:
+            copy_lane(memory, z, wp.static(layout.stretch.size), l, l - 1)
+            call.lane[p, END] = call.lane[p - 1, END]
+            call.lane[p, END_MOVER] = call.lane[p - 1, END_MOVER]
+        else:
+            find_end(rods, call, case, p)
+            load_sections(rods, call, case, memory, o, l, start)
+            if wp.static(WORLD_FORCE):
+                n0 = wp.vec3d(call.lane[p, FORCE], call.lane[p, wp.static(FORCE + 1)], call.lane[p, wp.static(FORCE + 2)])
+                set_vector(memory, z + wp.static(z_at("force")), l, n0 / case.force)
+            if wp.static(SPREAD_FORCE):
+                force = (case.unit / case.force) * spread_here(rods, call, case, start)
+                set_vector(memory, z + wp.static(z_at("distributed_force")), l, force)
+            if wp.static(SPREAD_MOMENT):
+                set_vector(memory, z + wp.static(z_at("distributed_moment")), l, case.distributed_moment / case.force)
+            if wp.static(MAGNETISED):
+                set_vector(memory, z + wp.static(z_at("field")), l, case.magnetic_field)
+            if wp.static(PROFILE):
+                load_profile(rods, case, memory, o, l, start)
         if wp.static(DIRECTIONS):
             load_directions(rods, call, case, memory, o, l, p, first, count)
 

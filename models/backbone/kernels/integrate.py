@@ -126,7 +126,7 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
         over: f64,
     ):
         """A lane at the start of its next stretch: its share of ``steps`` equal ones over a length, or as errors choose where that is 0."""
-        load_stretch(rods, call, case, memory, o, l, p, first_column(call, job), column_count(call, job))
+        load_stretch(rods, call, case, memory, o, l, p, job, first_column(call, job), column_count(call, job))
         length = call.lane[p, END] - call.lane[p, START]
         set_number(memory, o + wp.static(X), l, f64(0.0))
         set_number(memory, o + wp.static(LENGTH), l, length / case.unit)
@@ -272,14 +272,13 @@ def make_carry(parts: SimpleNamespace, features: Features, jobs: SimpleNamespace
             its next stretch (``go_on``), and at its end (``finish``).
     """
     own, grid = parts.own, parts.grid
-    memory, memory_type, W = own.memory, own.memory_type, own.lanes
+    memory_type, W = own.memory_type, own.lanes
     at_end, wait, free, some_at_end, is_at_end = own.at_end, own.wait, own.free, own.some_at_end, own.is_at_end
     advance, at_base, place_here, load_instance = own.advance, own.at_base, own.place_here, grid.load_instance
     write_node, state_in = parts.nodes.write_node, parts.record.state_in
     Jobs, count, wanted, instance_of = jobs.Jobs, jobs.count, jobs.wanted, jobs.instance_of
     enter, go_on, finish = jobs.enter, jobs.go_on, jobs.finish
     NODES, MEASURED = own.layout.NODES, features.measured
-    COLUMNS, COLUMN_SIZE = memory.COLUMNS, memory.COLUMN_SIZE
 
     @wp.func
     def attend(
@@ -324,7 +323,7 @@ def make_carry(parts: SimpleNamespace, features: Features, jobs: SimpleNamespace
         coming = thread * call.chunk
         stop = wp.min(coming + call.chunk, count(call, jobs) * call.parts)
         p = thread * wp.static(W)
-        o = thread * (wp.static(COLUMNS) + call.part_columns * wp.static(COLUMN_SIZE))
+        o = 0  # a constant: then so are the addresses of all records but the columns
         for l in range(wp.static(W)):
             free(call, memory, o, l, p + l)
         busy = int(1)
@@ -356,7 +355,7 @@ def make_kernel(features: Features, tableau: Tableau, precision: str = "float64"
     """Kernel for one set of features, one integrator and W lanes; arguments ``(RodTable, Call, memory)``, see ``Memory``."""
     parts = make_parts(features, tableau, precision, W)
     own, base, tip, nodes, record = parts.own, parts.base, parts.tip, parts.nodes, parts.record
-    memory_type = own.memory_type
+    memory_type, d = own.memory_type, SCALARS[precision]
     first_column, column_count, begin, onto_stretch = own.first_column, own.column_count, own.begin, own.onto_stretch
     force_at, precurvature_here, step_count = own.force_at, own.precurvature_here, own.step_count
     make_base_of, base_force, base_state, base_column = base.make_base_of, base.base_force, base.base_state, base.base_column
@@ -431,8 +430,9 @@ def make_kernel(features: Features, tableau: Tableau, precision: str = "float64"
     carry = make_carry(parts, features, jobs)
 
     @wp.kernel(module="unique", enable_backward=False)
-    def integrate(rods: RodTable, call: Call, memory: memory_type):
+    def integrate(rods: RodTable, call: Call, memory: wp.array2d(dtype=d)):
         """From the base to the tip, stretch by stretch; then the residual."""
-        carry(rods, call, call, memory, wp.tid())
+        thread = wp.tid()
+        carry(rods, call, call, memory[thread], thread)
 
     return integrate

@@ -24,7 +24,8 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
     L, V = lanes(W, d), vectors(W, d)
     Real, fill, row, put = L.Real, L.fill, L.row, L.put
     Vec3, Frame, row3, put3, zero3 = V.Vec3, V.Frame, V.row3, V.put3, V.zero3
-    cross, dot, plus, minus, scaled, ahead3 = V.cross, V.dot, V.plus, V.minus, V.scaled, V.ahead3
+    cross, ahead_cross, dot, plus, minus = V.cross, V.ahead_cross, V.dot, V.plus, V.minus
+    scaled, ahead3 = V.scaled, V.ahead3
     rotate, rotate_inverse, tangent, body_rotation = V.rotate, V.rotate_inverse, V.tangent, V.body_rotation
     memory_type = wp.array(dtype=d)
     state, column = L.few(layout.state.size), L.few(layout.column.size)
@@ -141,9 +142,9 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
             put3(memory, a + wp.static(WORLD_FORCE_AT), n)
             put3(memory, a + wp.static(TANGENT_AT), p_s)
         if wp.static(MOMENT and not FIXED):  # (4)
-            M_s = plus(cross(M, u), couple(N))
+            M_s = ahead_cross(couple(N), M, u)
             if wp.static(SHEAR):
-                M_s = plus(M_s, cross(N, extension))
+                M_s = ahead_cross(M_s, N, extension)
             keep3(f, wp.static(M_AT), M_s)
         if wp.static(FOUNDATION):  # (3e)
             n_s = foundation_force(memory, z, x, part3(b, wp.static(P_AT)))
@@ -199,7 +200,7 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
             dw = part_of(v, wp.static(DQ_AT + 3))
             dphi = body_rotation(frame, dr, dw)
         if wp.static(FIXED):  # (18b)
-            dM = plus(rotate_inverse(frame, dM), cross(M, dphi))
+            dM = ahead_cross(rotate_inverse(frame, dM), M, dphi)
         if wp.static(FORCE_STATE):
             dN = part3_of(v, wp.static(DN_AT))
         elif wp.static(FORCE):  # (16)
@@ -231,9 +232,9 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
                 dm_s = minus(dm_s, magnetic_moment_variation(memory, a, frame, v, dphi, dB))
             keep3_in(f, wp.static(DM_AT), dm_s)
         if wp.static(MOMENT and not FIXED):  # (18)
-            dM_s = plus(plus(cross(dM, u), cross(M, du)), couple(dN))
+            dM_s = ahead_cross(ahead_cross(couple(dN), dM, u), M, du)
             if wp.static(SHEAR):
-                dM_s = plus(dM_s, plus(cross(dN, extension), cross(N, dextension)))
+                dM_s = ahead_cross(ahead_cross(dM_s, dN, extension), N, dextension)
             keep3_in(f, wp.static(DM_AT), dM_s)
         if wp.static(FOUNDATION):  # (18e)
             dn_s = foundation_variation(memory, z, g, x, part3_of(v, wp.static(DP_AT)))
@@ -241,13 +242,13 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
                 dn_s = minus(dn_s, spread_force_variation(memory, z, g, x))
             keep3_in(f, wp.static(DWORLD_AT), dn_s)
         if wp.static(FORCE_STATE):
-            keep3_in(f, wp.static(DN_AT), plus(cross(dN, u), cross(N, du)))
+            keep3_in(f, wp.static(DN_AT), ahead_cross(cross(dN, u), N, du))
         own_rate_variations(memory, z, a, g, v, du, f)
         if wp.static(MAGNETISED):
             magnetic_torque_variations(memory, a, v, dB, f)
         if wp.static(COLUMN_FRAME):  # (19)
             half = fill(d(0.5))
-            dr_s = plus(ahead3(cross(dr, u), dw, u), ahead3(cross(frame.r, du), frame.w, du))
+            dr_s = ahead_cross(ahead3(ahead3(cross(dr, u), dw, u), frame.w, du), frame.r, du)
             keep3_in(f, wp.static(DQ_AT), scaled(half, dr_s))
             keep_in(f, wp.static(DQ_AT + 3), d(-0.5) * (dot(dr, u) + dot(frame.r, du)))
         if wp.static(DIRECTIONS):  # (20)

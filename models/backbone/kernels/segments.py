@@ -255,8 +255,9 @@ def make_segment_kernel(features: SegmentFeatures, tableau: Tableau, W: int = 8)
     carry = make_carry(parts, features, jobs)
 
     @wp.kernel(module="unique", enable_backward=False)
-    def integrate(rods: RodTable, call: Call, memory: memory_type, seg: SegmentCall):
+    def integrate(rods: RodTable, call: Call, memory: wp.array2d(dtype=f64), seg: SegmentCall):
         """From the start of each segment to its end, stretch by stretch; then the residual, if that is the tip."""
-        carry(rods, call, seg, memory, wp.tid())
+        thread = wp.tid()
+        carry(rods, call, seg, memory[thread], thread)
 
     return integrate

@@ -17,6 +17,11 @@ SCALE_AND_BIAS = {wp.float64: (2.0**52, 1023), wp.float32: (2.0**23, 127)}
 ROOT_STEPS = 2  # of Newton's method: 1e-4 from a start that is 12 % off
 
 
+def fused(body: str) -> str:
+    """C++ in which a product and the sum it goes into, here or in what is inlined around it, may become one instruction."""
+    return f'{{ _Pragma("clang fp contract(fast)") {body} }}'
+
+
 def _vector(W: int, d, name: str = "V") -> str:
     """C++ of the vector type; memory that Warp gives is aligned to its numbers only."""
     aligned = 8 if d is wp.float64 else 4
@@ -39,43 +44,43 @@ def _operators(W: int, d) -> type:
     Real = wp.types.vector(length=W, dtype=d)
     H = _returned(W, d)
 
-    @wp.func_native(f"{H} o = {A} + {B}; return r;")
+    @wp.func_native(fused(f"{H} o = {A} + {B}; return r;"))
     def add(a: Real, b: Real) -> Real: ...
 
-    @wp.func_native(f"{H} o = {A} + (V)b; return r;")
+    @wp.func_native(fused(f"{H} o = {A} + (V)b; return r;"))
     def add(a: Real, b: d) -> Real: ...
 
-    @wp.func_native(f"{H} o = (V)a + {B}; return r;")
+    @wp.func_native(fused(f"{H} o = (V)a + {B}; return r;"))
     def add(a: d, b: Real) -> Real: ...
 
-    @wp.func_native(f"{H} o = {A} - {B}; return r;")
+    @wp.func_native(fused(f"{H} o = {A} - {B}; return r;"))
     def sub(a: Real, b: Real) -> Real: ...
 
-    @wp.func_native(f"{H} o = {A} - (V)b; return r;")
+    @wp.func_native(fused(f"{H} o = {A} - (V)b; return r;"))
     def sub(a: Real, b: d) -> Real: ...
 
-    @wp.func_native(f"{H} o = (V)a - {B}; return r;")
+    @wp.func_native(fused(f"{H} o = (V)a - {B}; return r;"))
     def sub(a: d, b: Real) -> Real: ...
 
-    @wp.func_native(f"{H} o = {A} * {B}; return r;")
+    @wp.func_native(fused(f"{H} o = {A} * {B}; return r;"))
     def mul(a: Real, b: Real) -> Real: ...
 
-    @wp.func_native(f"{H} o = {A} * (V)b; return r;")
+    @wp.func_native(fused(f"{H} o = {A} * (V)b; return r;"))
     def mul(a: Real, b: d) -> Real: ...
 
-    @wp.func_native(f"{H} o = (V)a * {B}; return r;")
+    @wp.func_native(fused(f"{H} o = (V)a * {B}; return r;"))
     def mul(a: d, b: Real) -> Real: ...
 
-    @wp.func_native(f"{H} o = {A} / {B}; return r;")
+    @wp.func_native(fused(f"{H} o = {A} / {B}; return r;"))
     def div(a: Real, b: Real) -> Real: ...
 
-    @wp.func_native(f"{H} o = {A} / (V)b; return r;")
+    @wp.func_native(fused(f"{H} o = {A} / (V)b; return r;"))
     def div(a: Real, b: d) -> Real: ...
 
-    @wp.func_native(f"{H} o = (V)a / {B}; return r;")
+    @wp.func_native(fused(f"{H} o = (V)a / {B}; return r;"))
     def div(a: d, b: Real) -> Real: ...
 
-    @wp.func_native(f"{H} o = -{A}; return r;")
+    @wp.func_native(fused(f"{H} o = -{A}; return r;"))
     def neg(a: Real) -> Real: ...
 
     for name, function in {"add": add, "sub": sub, "mul": mul, "div": div, "neg": neg}.items():
@@ -95,7 +100,7 @@ def lanes(W: int, d=wp.float64) -> SimpleNamespace:
     """Types and functions of numbers in ``W`` lanes of the scalar type ``d``.
 
     ``Real``, one number a lane; ``few(n)``, n of them that stand together in registers, indexed by constants only; ``row`` and
-    ``put``, a Real from and to memory, and ``get`` and ``set``, one lane of it. Memory is counted in rows of W numbers.
+    ``put``, a Real from and to memory, ``get`` and ``set``, one lane of it, and ``copy``, rows of a lane from those of another. Memory is counted in rows of W numbers.
     """
     Real = d if W == 1 else _operators(W, d)
     t, integer = NAMES[d], INTEGERS[d]
@@ -118,44 +123,53 @@ def lanes(W: int, d=wp.float64) -> SimpleNamespace:
             f"typedef {integer} I __attribute__((ext_vector_type({W}))); typedef {t} U __attribute__((ext_vector_type({W}))); "
         )
         to_whole, of_whole = "__builtin_convertvector({}, I)", "__builtin_convertvector({}, U)"
+    loaded = f"*(const V*)(memory.data + (long long)i * {W})"
+    if W > 1:
+        # Clang uses the widest vectors of a processor only in functions that take them by value, and in what such are inlined into
+        loaded = f"[](V a) __attribute__((always_inline)) {{ return a; }}({loaded})"
 
-    @wp.func_native(f"{H} o = {floor_}; return r;")
+    @wp.func_native(fused(f"{H} o = {floor_}; return r;"))
     def floor(a: Real) -> Real: ...
 
-    @wp.func_native(f"{H} o = {abs_}; return r;")
+    @wp.func_native(fused(f"{H} o = {abs_}; return r;"))
     def absolute(a: Real) -> Real: ...
 
-    @wp.func_native(f"{H} o = {sqrt_}; return r;")
+    @wp.func_native(fused(f"{H} o = {sqrt_}; return r;"))
     def root(a: Real) -> Real: ...
 
-    @wp.func_native(f"{H} o = {b_} < {a_} ? {a_} : {b_}; return r;")
+    @wp.func_native(fused(f"{H} o = {b_} < {a_} ? {a_} : {b_}; return r;"))
     def largest(a: Real, b: Real) -> Real: ...
 
-    @wp.func_native(f"{H} o = {least_} ? {a_} : {b_}; return r;")
+    @wp.func_native(fused(f"{H} o = {least_} ? {a_} : {b_}; return r;"))
     def least(a: Real, b: Real) -> Real: ...
 
-    @wp.func_native(f"{H} o = {least_} ? {x_} : {y_}; return r;")
+    @wp.func_native(fused(f"{H} o = {least_} ? {x_} : {y_}; return r;"))
     def where_less(a: Real, b: Real, x: Real, y: Real) -> Real: ...
 
-    @wp.func_native(f"{H} o = (V)a; return r;")
+    @wp.func_native(fused(f"{H} o = (V)a; return r;"))
     def fill(a: d) -> Real: ...
 
-    @wp.func_native(f"{V} {any_}")
+    @wp.func_native(fused(f"{V} {any_}"))
     def any_less(a: Real, b: Real) -> bool: ...
 
-    @wp.func_native(f"{H} o = *(const V*)(memory.data + i * {W}); return r;")
+    @wp.func_native(fused(f"{H} o = {loaded}; return r;"))
     def row(memory: memory_type, i: int) -> Real: ...
 
-    @wp.func_native(f"{V} *(V*)(memory.data + i * {W}) = {v_};")
+    @wp.func_native(fused(f"{V} *(V*)(memory.data + (long long)i * {W}) = {v_};"))
     def put(memory: memory_type, i: int, v: Real): ...
 
-    @wp.func_native(f"return memory.data[i * {W} + l];")
+    @wp.func_native(fused(f"return memory.data[(long long)i * {W} + l];"))
     def get(memory: memory_type, i: int, l: int) -> d: ...
 
-    @wp.func_native(f"memory.data[i * {W} + l] = v;")
+    @wp.func_native(fused(f"memory.data[(long long)i * {W} + l] = v;"))
     def set(memory: memory_type, i: int, l: int, v: d): ...
 
-    @wp.func_native(f"return ((const {t}*)&a)[l];")
+    @wp.func_native(
+        f"for (int i = at; i < at + count; i++) memory.data[(long long)i * {W} + l] = memory.data[(long long)i * {W} + of];"
+    )
+    def copy(memory: memory_type, at: int, count: int, l: int, of: int): ...
+
+    @wp.func_native(fused(f"return ((const {t}*)&a)[l];"))
     def one(a: Real, l: int) -> d: ...
 
     @cache
@@ -170,7 +184,7 @@ def lanes(W: int, d=wp.float64) -> SimpleNamespace:
             f" y *= ({t}){1 + part!r} - ({t}){part!r} * z; }} o = y; return r;"
         )
 
-        @wp.func_native(snippet)
+        @wp.func_native(fused(snippet))
         def inverse_root(a: Real) -> Real: ...
 
         return inverse_root
@@ -181,24 +195,24 @@ def lanes(W: int, d=wp.float64) -> SimpleNamespace:
         Few = wp.types.vector(length=n, dtype=d) if W == 1 else wp.types.matrix(shape=(n, W), dtype=d)
         held = f"wp::vec_t<{n},{t}>" if W == 1 else f"wp::mat_t<{n},{W},{t}>"
         inside = "c" if W == 1 else "data"
-        F, each = f"{V} {held} r; V* o = (V*)r.{inside}; ", f"for (int i = 0; i < {n}; i++)"
+        F, each = f"{V} {held} r; V* o = (V*)r.{inside}; ", f'_Pragma("unroll") for (int i = 0; i < {n}; i++)'
 
         def of(name: str) -> str:
             return f"((const V*){name}.{inside})"
 
-        @wp.func_native(f"{H} o = {of('a')}[i]; return r;")
+        @wp.func_native(fused(f"{H} o = {of('a')}[i]; return r;"))
         def part(a: Few, i: int) -> Real: ...
 
-        @wp.func_native(f"{V} ((V*)a.{inside})[i] = {v_};")
+        @wp.func_native(fused(f"{V} ((V*)a.{inside})[i] = {v_};"))
         def keep(a: wp.ref[Few], i: int, v: Real): ...
 
-        @wp.func_native(f"{F} {each} o[i] = {x_} < {y_} ? {of('a')}[i] : {of('b')}[i]; return r;")
+        @wp.func_native(fused(f"{F} {each} o[i] = {x_} < {y_} ? {of('a')}[i] : {of('b')}[i]; return r;"))
         def where_less(x: Real, y: Real, a: Few, b: Few) -> Few: ...
 
-        @wp.func_native(f"{F} {each} o[i] = *(const V*)(memory.data + (at + i) * {W}); return r;")
+        @wp.func_native(fused(f"{F} {each} o[i] = *(const V*)(memory.data + ((long long)at + i) * {W}); return r;"))
         def read(memory: memory_type, at: int) -> Few: ...
 
-        @wp.func_native(f"{V} {each} *(V*)(memory.data + (at + i) * {W}) = {of('a')}[i];")
+        @wp.func_native(fused(f"{V} {each} *(V*)(memory.data + ((long long)at + i) * {W}) = {of('a')}[i];"))
         def write(memory: memory_type, at: int, a: Few): ...
 
         return SimpleNamespace(type=Few, part=part, keep=keep, where_less=where_less, read=read, write=write)
@@ -210,34 +224,41 @@ def lanes(W: int, d=wp.float64) -> SimpleNamespace:
         Slopes = wp.types.vector(length=n * stages, dtype=d) if W == 1 else wp.types.matrix(shape=(n * stages, W), dtype=d)
         held = f"wp::vec_t<{n},{t}>" if W == 1 else f"wp::mat_t<{n},{W},{t}>"
         inside = "c" if W == 1 else "data"
-        F, each = f"{V} {held} r; V* o = (V*)r.{inside}; ", f"for (int j = 0; j < {n}; j++)"
+        F, each = f"{V} {held} r; V* o = (V*)r.{inside}; ", f'_Pragma("unroll") for (int j = 0; j < {n}; j++)'
         K = f"((const V*)k.{inside})"
 
         def weighted(weights) -> str:
             terms = [f"({t}){w!r} * {K}[{n * m} + j]" for m, w in enumerate(weights) if w != 0.0]
             return " + ".join(terms) or "(V)0"
 
-        cases = " ".join(
-            f"case {m}: {each} o[j] = ((const V*)y.{inside})[j] + {h_} * ({weighted(weights)}); break;"
-            for m, weights in enumerate(tableau.a)
-            if m > 0
-        )
+        def ahead(weights, last: bool) -> str:
+            """y and the weighted slopes, of which the latest comes in last: what waits for it is one product and sum."""
+            used = [m for m, w in enumerate(weights) if w != 0.0]
+            sizes = " ".join(f"const V h{m} = {h_} * ({t}){weights[m]!r};" for m in used)
+            y = f"((const V*)y.{inside})[j]"
+            *early, late = [f"h{m} * {K}[{n * m} + j]" for m in used]
+            total = f"({y} + ({' + '.join(early)})) + {late}" if early else f"{y} + {late}"
+            if last:  # rounded once: this is what steps add up
+                total = f"{y} + ({' + '.join([*early, late])})"
+            return f"{sizes} {each} o[j] = {total};"
 
-        @wp.func_native(f"{F} switch (i) {{ {cases} default: return y; }} return r;")
+        cases = " ".join(f"case {m}: {{ {ahead(weights, False)} break; }}" for m, weights in enumerate(tableau.a) if m > 0)
+
+        @wp.func_native(fused(f"{F} switch (i) {{ {cases} default: return y; }} return r;"))
         def stage(y: Few, h: Real, k: wp.ref[Slopes], i: int) -> Few: ...
 
-        @wp.func_native(f"{F} {each} o[j] = ((const V*)y.{inside})[j] + {h_} * ({weighted(tableau.b)}); return r;")
+        @wp.func_native(fused(f"{F} {ahead(tableau.b, True)} return r;"))
         def advance(y: Few, h: Real, k: wp.ref[Slopes]) -> Few: ...
 
-        @wp.func_native(f"{F} {each} o[j] = {h_} * ({weighted(tableau.error)}); return r;")
+        @wp.func_native(fused(f"{F} {each} o[j] = {h_} * ({weighted(tableau.error)}); return r;"))
         def error(h: Real, k: wp.ref[Slopes]) -> Few: ...
 
-        @wp.func_native(f"{V} {each} ((V*)k.{inside})[i * {n} + j] = ((const V*)f.{inside})[j];")
+        @wp.func_native(fused(f"{V} {each} ((V*)k.{inside})[i * {n} + j] = ((const V*)f.{inside})[j];"))
         def keep(k: wp.ref[Slopes], i: int, f: Few): ...
 
         places = ", ".join(repr(float(c)) for c in tableau.c)
 
-        @wp.func_native(f"static const {t} places[] = {{{places}}}; return places[i];")
+        @wp.func_native(fused(f"static const {t} places[] = {{{places}}}; return places[i];"))
         def place(i: int) -> d: ...
 
         return SimpleNamespace(type=Slopes, stage=stage, advance=advance, error=error, keep=keep, place=place)
@@ -283,6 +304,7 @@ def lanes(W: int, d=wp.float64) -> SimpleNamespace:
         put=put,
         get=get,
         set=set,
+        copy=copy,
         one=one,
         power_root=power_root,
         few=few,

@@ -51,6 +51,11 @@ def vectors(W: int, d=wp.float64) -> SimpleNamespace:
         return Vec3(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x)
 
     @wp.func
+    def ahead_cross(c: Vec3, a: Vec3, b: Vec3) -> Vec3:
+        """c + a x b, each product with its sum in one instruction."""
+        return Vec3(c.x + a.y * b.z - a.z * b.y, c.y + a.z * b.x - a.x * b.z, c.z + a.x * b.y - a.y * b.x)
+
+    @wp.func
     def dot(a: Vec3, b: Vec3) -> Real:
         return a.x * b.x + a.y * b.y + a.z * b.z
 
@@ -180,6 +185,7 @@ def vectors(W: int, d=wp.float64) -> SimpleNamespace:
         row3=row3,
         put3=put3,
         cross=cross,
+        ahead_cross=ahead_cross,
         dot=dot,
         plus=plus,
         minus=minus,
