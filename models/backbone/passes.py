@@ -16,7 +16,7 @@ from multirod.models.backbone.kernels.layout.layout import Layout
 def processor_has(feature: str) -> bool:
     """Whether the processor has instructions of such a name; False where NumPy does not tell."""
     try:
-        from numpy._core._multiarray_umath import __cpu_features__
+        from numpy._core._multiarray_umath import __cpu_features__  # type: ignore[import-not-found]
     except ImportError:
         return False
     return bool(__cpu_features__.get(feature, False))
