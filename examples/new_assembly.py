@@ -1,8 +1,8 @@
 """A new assembly: a rod whose base turns about its axis on a torsional spring.
 
-The rod's moment about that axis, ``M``, turns the base from ``alpha``, the input, to ``alpha + M / spring``. So the boundary problem is that
-of a clamped rod at a base angle that depends on the unknowns, and all derivatives follow from those of the clamped rod by
-the chain rule. ``WrappedProblem`` hands on what is the same; what differs is here.
+The rod's moment about that axis, ``M``, turns the base from ``alpha``, the input, to ``alpha + M / spring``. So the boundary
+problem is that of a clamped rod at a base angle that depends on the unknowns, and all derivatives follow from those of the
+clamped rod by the chain rule. ``WrappedProblem`` hands on what is the same; what differs is here.
 """
 
 from collections.abc import Sequence
@@ -52,7 +52,8 @@ class SprungProblem(WrappedProblem):
 
     Args:
         inner: The clamped rod.
-        stiffness: Moment about the axis of one unit of that unknown [N m^2], shape (instance_count,): ``GJ``, or ``EI`` where that is less.
+        stiffness: Moment about the axis of one unit of that unknown [N m^2], shape (instance_count,): ``GJ``, or ``EI`` where
+            that is less.
         spring: Stiffness [N m/rad].
         direction_count: Directions in input space, one less than those of ``inner``.
     """

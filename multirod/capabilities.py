@@ -1,7 +1,7 @@
 """What only some boundary problems can do: each capability is an object that a problem offers, or None.
 
-A solver asks ``problem.starts is not None`` and goes on without, or says in ``unsupported`` that it needs it. Segments, for multiple
-shooting, are in ``multirod.segments``; stability is in ``multirod.stability``.
+A solver asks ``problem.starts is not None`` and goes on without, or says in ``unsupported`` that it needs it. Segments, for
+multiple shooting, are in ``multirod.segments``; stability is in ``multirod.stability``.
 """
 
 from abc import ABC, abstractmethod
@@ -81,7 +81,8 @@ class Joints(ABC):
 
     @abstractmethod
     def open(self, unknowns: FloatArray) -> None:
-        """Make ``unknowns`` (instance_count, n) an equilibrium at a ``load_factor`` of 0: the residual there closes on the way to 1."""
+        """Make ``unknowns`` (instance_count, n) an equilibrium at a ``load_factor`` of 0: the residual there closes on the way to
+        1."""
 
     @abstractmethod
     def close(self, loading: Loading) -> None:

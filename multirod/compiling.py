@@ -157,7 +157,8 @@ def _quieten() -> None:
 class _Headers:
     """Warp's headers, which Clang takes longer to read than most kernels: precompiled once, and kept beside the kernels.
 
-    Warp has each thread of each process precompile them. Where they are being precompiled, others read them as they are meanwhile.
+    Warp has each thread of each process precompile them. Where they are being precompiled, others read them as they are
+    meanwhile.
 
     Args:
         folder: Where they are kept.

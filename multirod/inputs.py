@@ -18,11 +18,12 @@ class InputSpec:
 
     Attributes:
         name: How it is called.
-        acts: Where: at the ``"base"``, at the ``"tip"`` or on what the tips hold, ``"along"`` the rods (per length, or per mass), or not at
-            all, as a ``"sensor"`` reads it.
+        acts: Where: at the ``"base"``, at the ``"tip"`` or on what the tips hold, ``"along"`` the rods (per length, or per mass),
+            or not at all, as a ``"sensor"`` reads it.
         load: ``"force"`` or ``"moment"``, which ``load_factor`` multiplies; None for what is no load.
         follows: Of a load: fixed in the frame of where it acts, rather than dead, fixed in the world.
-        potential: Of a load: whether its work derives from a potential. That of a dead moment does not, nor of what follows the tip.
+        potential: Of a load: whether its work derives from a potential. That of a dead moment does not, nor of what follows the
+            tip.
         per_rod: One number per rod, shape (..., rod_count); otherwise a vector, shape (..., 3).
         unit: SI unit.
         function: Whether it may be a function of arclength.
@@ -51,7 +52,8 @@ class InputSpec:
 
     @property
     def power(self) -> int:
-        """Of a load: that of the length by which it compares with ``EI``, 2 for the ``F L^2/EI`` of a force on the tip; 0 of others."""
+        """Of a load: that of the length by which it compares with ``EI``, 2 for the ``F L^2/EI`` of a force on the tip; 0 of
+        others."""
         return 0 if self.load is None else (2 if self.load == "force" else 1) + (self.acts == "along")
 
 

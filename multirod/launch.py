@@ -1,7 +1,9 @@
 """Recorded launches of kernels, from any thread, that wait for what is being compiled."""
 
+import ctypes
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
+from functools import partial
 from threading import RLock
 from typing import Any
 
@@ -52,7 +54,52 @@ def _requested(make: Callable[[], Any], device: str) -> "tuple[Any, Future[None]
 
 def _record(kernel: Any, dim: int, arguments: Sequence[Any], device: str) -> Any:
     with _MAKING:
-        return wp.launch(kernel, dim=dim, inputs=list(arguments), device=device, record_cmd=True)
+        recorded = wp.launch(kernel, dim=dim, inputs=list(arguments), device=device, record_cmd=True)
+    try:
+        return Direct(recorded) if recorded.device.is_cpu else recorded
+    except (AttributeError, TypeError):  # another version of Warp, whose own launches do as well
+        return recorded
+
+
+class Direct:
+    """A recorded launch on the CPU whose arguments stand ready as the kernel reads them.
+
+    Warp's own puts them together anew at each launch, which takes as long as a rod's integration of ten steps.
+
+    Args:
+        recorded: What Warp recorded.
+
+    Attributes:
+        launch: Launches; the same function whatever is set.
+    """
+
+    def __init__(self, recorded: Any) -> None:
+        self._recorded = recorded
+        labels = [argument.label for argument in recorded.kernel.adj.args]
+        values = recorded.params[1:]
+        kind = type("Arguments", (ctypes.Structure,), {"_fields_": list(zip(labels, map(type, values), strict=True))})
+        self._arguments, self._bounds = kind(), type(recorded.params[0])()
+        self._labels = labels
+        self._take_over()
+        self.launch: Callable[[], None] = partial(
+            recorded.hooks.forward, ctypes.byref(self._bounds), ctypes.byref(self._arguments)
+        )
+
+    def _take_over(self) -> None:
+        bounds, *values = self._recorded.params
+        ctypes.pointer(self._bounds)[0] = bounds
+        for label, value in zip(self._labels, values, strict=True):
+            setattr(self._arguments, label, value)
+
+    def set_param_at_index(self, index: int, value: Any) -> None:
+        """Another argument from now on."""
+        self._recorded.set_param_at_index(index, value)
+        self._take_over()
+
+    def set_dim(self, dim: int) -> None:
+        """Another number of threads from now on."""
+        self._recorded.set_dim(dim)
+        self._take_over()
 
 
 class Pending:

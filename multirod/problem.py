@@ -98,7 +98,8 @@ class BoundaryProblem(Uncopied, ABC):
     at a time: ``Solver.solve`` and ``evaluate`` refuse another.
 
     A problem implements ``guess``, ``_integrate`` and ``input_slice``. What only some can do are objects that it offers, or None
-    (``multirod.capabilities``): ``stability``, ``shapes``, ``starts``, ``parts``, ``segments``, ``joints``, ``result_test``, ``free_tip``.
+    (``multirod.capabilities``): ``stability``, ``shapes``, ``starts``, ``parts``, ``segments``, ``joints``, ``result_test``,
+    ``free_tip``.
 
     Attributes:
         unknown_count: Unknowns ``n`` of an instance, and residuals.
@@ -201,7 +202,8 @@ class BoundaryProblem(Uncopied, ABC):
         )
 
     def renew(self, inputs: Inputs) -> bool:
-        """Be as a new problem at other inputs, of the same leading axes and the same that are not zero; False if it cannot, as by default."""
+        """Be as a new problem at other inputs, of the same leading axes and the same that are not zero; False if it cannot, as by
+        default."""
         return False
 
     def _clear(self) -> None:
@@ -381,8 +383,10 @@ class BoundaryProblem(Uncopied, ABC):
     def tolerance(self, given: float | None) -> FloatArray:
         """Largest residual of a solution [1/m], shape (instance_count,): what is given, or the default of the precision.
 
-        That is ``TOLERANCE`` in double precision, and that part of ``curvature_scale`` where it is less than 1/m, as for rods longer than a metre.
-        Rounding sets a floor that is proportional to curvature: ``ROUNDED`` of its scale, which rods of less than a millimetre come to, and in
+        That is ``TOLERANCE`` in double precision, and that part of ``curvature_scale`` where it is less than 1/m, as for rods
+        longer than a metre.
+        Rounding sets a floor that is proportional to curvature: ``ROUNDED`` of its scale, which rods of less than a millimetre
+            come to, and in
         single precision ``SINGLE_TOLERANCE`` of it (measured: ``docs/solvers.md``, Single precision).
         """
         if given is not None:
@@ -400,8 +404,8 @@ class BoundaryProblem(Uncopied, ABC):
         return np.zeros(self.instance_count)
 
     def turning(self, before: FloatArray | None = None) -> FloatArray:
-        """How far rods that share their bending are turned against each other [rad], shape (instance_count,), since the inputs ``before``,
-        (instance_count, input_count), or since they were straight and in line; zero where none share it.
+        """How far rods that share their bending are turned against each other [rad], shape (instance_count,), since the inputs
+        ``before``, (instance_count, input_count), or since they were straight and in line; zero where none share it.
         """
         return np.zeros(self.instance_count)
 

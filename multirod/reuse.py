@@ -75,7 +75,8 @@ if hasattr(os, "register_at_fork"):
 def borrowed(
     robot: Assembly, inputs: Inputs, *, instances: IntArray | None = None, device: str = "cpu", **options: Any
 ) -> Iterator[BoundaryProblem]:
-    """``robot.problem(inputs, ...)`` for as long as it is needed: of few instances on the CPU it may be one that was made before, as new.
+    """``robot.problem(inputs, ...)`` for as long as it is needed: of few instances on the CPU it may be one that was made before,
+    as new.
 
     What is read from it must be copied. After an error it is not used again.
     """

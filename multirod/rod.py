@@ -151,16 +151,18 @@ class Rod:
 
     Args:
         length: Arclength [m].
-        bending_stiffness: ``EI`` or ``(EI_x, EI_y)`` [N m^2]; a batch is given as (..., 1) or (..., 2), or (...,) of another size.
+        bending_stiffness: ``EI`` or ``(EI_x, EI_y)`` [N m^2]; a batch is given as (..., 1) or (..., 2), or (...,) of another
+            size.
         torsional_stiffness: ``GJ`` [N m^2]; ``inf`` is rigid.
         precurvature: ``u*`` [1/m]: three numbers; a list of ``(section length, u*)`` pairs whose lengths add up to
             ``length``; or a function of the arclength [m] from the base that returns three numbers.
         shear_stiffness: ``GA`` or a pair [N]; ``inf`` (default) is unshearable.
         axial_stiffness: ``EA`` [N]; ``inf`` (default) is inextensible.
         linear_density: Mass per length [kg/m].
-        magnetisation: Magnetic moment per length in the material frame [A m]: three numbers, volume magnetisation times cross-section.
-        foundation: Stiffness per length of an elastic medium that holds each piece of the rod to its place on the line straight out of
-            its base [N/m^2]: one number, or three along the axes of the base.
+        magnetisation: Magnetic moment per length in the material frame [A m]: three numbers, volume magnetisation times
+            cross-section.
+        foundation: Stiffness per length of an elastic medium that holds each piece of the rod to its place on the line straight
+            out of its base [N/m^2]: one number, or three along the axes of the base.
         members: What the rod carries along itself and that gives way with it (``Member``), whichever way its sections are given.
         sections: ``Section`` objects from base to tip, instead of all the above.
         outer_diameter: For drawing, and to check that tubes nest [m].
@@ -253,7 +255,8 @@ class Rod:
             shear_modulus: ``G`` [Pa].
             precurvature: As for ``Rod``.
             density: Mass per volume [kg/m^3].
-            magnetisation: Magnetic moment per volume in the material frame [A/m], three numbers; ``Rod`` itself takes it per length.
+            magnetisation: Magnetic moment per volume in the material frame [A/m], three numbers; ``Rod`` itself takes it per
+                length.
             name: As for ``Rod``.
 
         Raises:
@@ -363,8 +366,8 @@ class RodArrays:
     Attributes:
         end: Arclength of section ends from the base [m], shape (batch, rod_count, section_count); short rods are padded
             with sections of no length.
-        material: ``EI_x, EI_y, GJ``, their inverses, ``1/GA_x, 1/GA_y, 1/EA``, mass per length, magnetic moment per length, stiffness of the
-            foundation, parameters of members, shape (batch, rod_count, section_count, 16 or more).
+        material: ``EI_x, EI_y, GJ``, their inverses, ``1/GA_x, 1/GA_y, 1/EA``, mass per length, magnetic moment per length,
+            stiffness of the foundation, parameters of members, shape (batch, rod_count, section_count, 16 or more).
         precurvature: Polynomial coefficients, shape (batch, rod_count, section_count, 3 (degree + 1)).
         degree: Degree of the polynomials.
         shear: Whether any rod shears or extends.

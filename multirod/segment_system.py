@@ -107,7 +107,8 @@ class System:
 
 
 def pose_jacobian(segments: Segments, instance: int, points: Breakpoints) -> FloatArray:
-    """Derivative of the end effector's pose by the problem's directions, at equilibrium, shape (6, direction_count); NaN at a fold."""
+    """Derivative of the end effector's pose by the problem's directions, at equilibrium, shape (6, direction_count); NaN at a
+    fold."""
     found = segments.propagate([Request.all_of(instance, points, 1.0)])[0]
     d, places = segments.variation_size, segments.unknown_places
     system = System(found, places)

@@ -305,8 +305,9 @@ class Solution:
         """Least eigenvalue of the second variation, condensed to tips and platform, over ``K/L``, shape (...).
 
         Positive where the equilibrium is stable, zero at a fold or bifurcation, negative beyond, ``-inf`` where an unstable mode
-        leaves the tip at rest. It is 1 for an unloaded straight rod of equal section. ``K`` is the least stiffness of a backbone's rods, for several legs their mean bending
-        stiffness, ``L`` the length, or the mean of the legs'. NaN where it cannot be said.
+        leaves the tip at rest. It is 1 for an unloaded straight rod of equal section. ``K`` is the least stiffness of a
+        backbone's rods, for several legs their mean bending stiffness, ``L`` the length, or the mean of the legs'. NaN where it
+        cannot be said.
         """
         return np.asarray(self._shaped(self._modes.eigenvalue(0)))
 

@@ -16,9 +16,10 @@ class Stability(IntEnum):
     """Whether an equilibrium is a minimum of the total potential energy (``docs/stability.md``). Never renumbered.
 
     ``UNKNOWN``: the loads have no potential (a moment on the tip or along the rod, a load that follows the tip, a measured
-    tip curvature) and nothing shows that the state is unstable, several tubes are rigid in torsion, rounding hides the answer, or the assembly
-    offers none. ``FOLD``: no mode is unstable that can be told from a neutral one, and one cannot be told from neutral.
-    ``UNSTABLE`` also where loads have no potential and an odd number of modes grow without oscillating; the index is then -1.
+    tip curvature) and nothing shows that the state is unstable, several tubes are rigid in torsion, rounding hides the answer, or
+    the assembly offers none. ``FOLD``: no mode is unstable that can be told from a neutral one, and one cannot be told from
+    neutral. ``UNSTABLE`` also where loads have no potential and an odd number of modes grow without oscillating; the index is
+    then -1.
     """
 
     UNKNOWN = 0
@@ -130,7 +131,8 @@ class StabilityAnalysis(ABC):
 
     @property
     def multistable(self) -> bool:
-        """Whether there are several equilibria even unloaded, so that where the natural branch ends, another stable one is meant."""
+        """Whether there are several equilibria even unloaded, so that where the natural branch ends, another stable one is
+        meant."""
         return False
 
     @property

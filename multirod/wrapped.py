@@ -20,9 +20,9 @@ COPIED = ("residual", "gamma", "position", "rotation")
 class WrappedProblem(BoundaryProblem):
     """A problem of the same unknowns and inputs as ``inner``, which it integrates at inputs of its own, ``inner_inputs``.
 
-    A subclass says in ``inner_inputs`` what the inner problem's inputs are, adds in ``_corrected`` what that changes in the derivatives,
-    and makes itself again around another inner problem in ``around``. Scales, tolerances, guess, shapes, starts and parts
-    are those of the inner problem. Not offered, because they are not the same: ``stability``, ``segments``, ``free_tip``.
+    A subclass says in ``inner_inputs`` what the inner problem's inputs are, adds in ``_corrected`` what that changes in the
+    derivatives, and makes itself again around another inner problem in ``around``. Scales, tolerances, guess, shapes, starts and
+    parts are those of the inner problem. Not offered, because they are not the same: ``stability``, ``segments``, ``free_tip``.
 
     Args:
         inner: The problem within.

@@ -29,8 +29,8 @@ class EnergyDescent(Solver):
         integrator: Of the spatial equations.
         radius: Largest turn of the tip by one sample [rad], half of it again for what the inputs' change asks for.
         feed_forward: Whether the unknowns also follow the inputs' rates, extrapolated from the last samples.
-        fold_threshold: ``solution.stability_margin``, with the length at the start, below which the status is ``NEAR_FOLD``: 1 is a straight unloaded rod. It is
-            also that where a step was longer than an eighth of the radius.
+        fold_threshold: ``solution.stability_margin``, with the length at the start, below which the status is ``NEAR_FOLD``: 1 is
+            a straight unloaded rod. It is also that where a step was longer than an eighth of the radius.
         tolerance: Largest residual for ``solve``, max norm [1/m]; None is that of ``Shooting``.
         max_iterations: Samples allowed for ``solve``.
         ramp: Samples over which ``solve`` raises the loads.

@@ -35,7 +35,8 @@ class MultipleShooting(Solver):
     natural branch, by the tests that ``Shooting`` makes (``docs/solvers.md``).
 
     Attributes:
-        tolerance: Largest residual of the boundary conditions, and gap between two segments, max norm [1/m]; None is that of ``Shooting``.
+        tolerance: Largest residual of the boundary conditions, and gap between two segments, max norm [1/m]; None is that of
+            ``Shooting``.
         integrator: Of the spatial equations, in double precision: what is asked for in ``"float32"`` is made so.
         max_iterations: Newton iterations allowed in each continuation step, or from a guess.
         max_continuation_steps: Load steps allowed.
@@ -75,7 +76,8 @@ class MultipleShooting(Solver):
         return self._report(problem, self._natural(problem, range(problem.instance_count), allowed), natural=True)
 
     def track(self, problem: BoundaryProblem, dt: float) -> Track:
-        """Follow a motion, each sample from the states of the last, or anew along its natural branch where that might leave it."""
+        """Follow a motion, each sample from the states of the last, or anew along its natural branch where that might leave
+        it."""
         return _Resumed(self, problem)
 
     def rescue(self, problem: BoundaryProblem, outcome: Outcome, left: IntArray) -> None:

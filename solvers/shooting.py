@@ -33,7 +33,8 @@ class Shooting(Solver):
 
     Attributes:
         tolerance: Largest residual, max norm [1/m]; None is 1e-9 for rods of usual size, and otherwise a part of the largest
-            precurvature, or of one over the length: 1e-9 of it where that is less than 1/m, 1e-12 of it where it is more than 1000/m, and for an
+            precurvature, or of one over the length: 1e-9 of it where that is less than 1/m, 1e-12 of it where it is more than
+                1000/m, and for an
             integrator in ``"float32"`` 1e-5 (``docs/solvers.md``, Single precision).
         integrator: Of the spatial equations.
         max_iterations: Newton iterations allowed, in each continuation step and in all of a warm start.
@@ -41,9 +42,10 @@ class Shooting(Solver):
             ``"quadratic"`` extrapolation in time.
         line_search: Whether steps that do not reduce the residual are halved.
         max_continuation_steps: Load steps allowed.
-        max_integrations: Integrations of a rod allowed in all that one solve does for an instance, or one sample of a motion: continuation, the
-            search for a stable equilibrium and ``MultipleShooting`` (no more there than its own default). What has taken them without a
-            result ends as ``INTEGRATION_LIMIT``. The few that judge a result, or tell what is left of the residual, come on top.
+        max_integrations: Integrations of a rod allowed in all that one solve does for an instance, or one sample of a motion:
+            continuation, the search for a stable equilibrium and ``MultipleShooting`` (no more there than its own default). What
+            has taken them without a result ends as ``INTEGRATION_LIMIT``. The few that judge a result, or tell what is left of
+            the residual, come on top.
         fallback: Whether ``MultipleShooting`` goes on where rounding or these steps end the natural branch.
 
     Raises:
@@ -93,8 +95,8 @@ class Shooting(Solver):
         return newton.outcome()
 
     def _first(self, problem: BoundaryProblem, newton: Newton, chosen: Any = None, *, poses_apart: bool = False) -> Outcome:
-        """Without a guess: the end of the natural branch, by one of two ways where there are two, or where it ends early and others are meant,
-        the lowest stable one.
+        """Without a guess: the end of the natural branch, by one of two ways where there are two, or where it ends early and
+        others are meant, the lowest stable one.
         """
         chosen = np.ones(problem.instance_count, dtype=bool) if chosen is None else chosen
         with problem.without_poses() if poses_apart else nullcontext():

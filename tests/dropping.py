@@ -24,8 +24,8 @@ class Family:
     """Scenes of one kind, all made at once.
 
     Attributes:
-        build: The robot and the inputs of some scenes, by their numbers, (k,) for a batch, and by terms that some of them have not:
-            1 or 0 for each. So scenes with and without a term are one batch, solved by one kernel.
+        build: The robot and the inputs of some scenes, by their numbers, (k,) for a batch, and by terms that some of them have
+            not: 1 or 0 for each. So scenes with and without a term are one batch, solved by one kernel.
         terms: What may be dropped.
         count: Scenes.
         length: In use, shape (count,).

@@ -11,7 +11,8 @@ NEARBY = 0.01  # lengths, and radians, that the platform may move
 class LegEquations:
     """Legs (section lists) from ``base`` to ``platform`` poses (leg, 4, 4), a dead force and moment at the platform's origin.
 
-    ``joints`` name the kind of each leg's joint, all clamped by default; ``axes`` are those of revolute ones, in the attachment's frame.
+    ``joints`` name the kind of each leg's joint, all clamped by default; ``axes`` are those of revolute ones, in the attachment's
+    frame.
     """
 
     def __init__(self, rods, loads, joints=None, axes=None):

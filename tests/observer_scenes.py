@@ -79,7 +79,8 @@ def follow(name, gain, dt, **options):
 
 
 def measure(amplitude, gain):
-    """The single rod's motion with a tip curvature that is measured with white noise of up to ``amplitude`` [1/m], sampled at 1 Hz."""
+    """The single rod's motion with a tip curvature that is measured with white noise of up to ``amplitude`` [1/m], sampled at 1
+    Hz."""
     robot, motion = single_rod()
     noise = np.random.default_rng(0).uniform(-1, 1, (MOVING + STILL, 3))
     inputs = robot.inputs(rotation=phase(), tip_force=motion.tip_force, tip_curvature=(14, 5, 0) + amplitude * noise)

@@ -124,7 +124,8 @@ def _ring(rng, count, radius, tilt):
 def violation(drawn, solution):
     """Largest violation of the equations of ``LegEquations`` at a solution, dimensionless; None where a leg is of several tubes.
 
-    It is how far the platform stands from the nearest root of these equations: a joint that is open by the solver's tolerance at the
+    It is how far the platform stands from the nearest root of these equations: a joint that is open by the solver's tolerance at
+        the
     far end of a stiff leg is no violation.
     """
     if any(len(leg) > 1 for leg in drawn.sections):

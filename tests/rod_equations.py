@@ -1,6 +1,8 @@
-"""The equations of one rod in world components, integrated by SciPy, and the second variation of its energy: nothing of the package.
+"""The equations of one rod in world components, integrated by SciPy, and the second variation of its energy: nothing of the
+package.
 
-A rod is a list of sections, each a dictionary of ``mr.Section``'s arguments with all stiffnesses given; loads are named as the inputs.
+A rod is a list of sections, each a dictionary of ``mr.Section``'s arguments with all stiffnesses given; loads are named as the
+inputs.
 """
 
 import numpy as np
@@ -124,7 +126,8 @@ class RodEquations:
     def index(self, shape):
         """Negative eigenvalues of the second variation under dead forces, and the one nearest zero over the largest.
 
-        With ``R -> exp([phi]x) R``, ``u`` changes by ``R^T (phi' - phi x phi' / 2)``, and (1) of docs/stability.md to second order by
+        With ``R -> exp([phi]x) R``, ``u`` changes by ``R^T (phi' - phi x phi' / 2)``, and (1) of docs/stability.md to second
+        order by
 
             (R^T phi')^T K (R^T phi') - m . (phi x phi') - n . (phi x (phi x t)) - (shear and extension)
 

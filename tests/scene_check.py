@@ -56,7 +56,8 @@ class Verdict:
 
 
 def violations(solution: mr.Solution, rod: RodEquations) -> tuple[float, float, float]:
-    """Of a single rod: the equations from node to node; the tip, by the equilibrium nearby; conditions at the tip and pose of the shape."""
+    """Of a single rod: the equations from node to node; the tip, by the equilibrium nearby; conditions at the tip and pose of the
+    shape."""
     shape = solution.rod(0, nodes=rod.node_count(solution.rod(0)))
     gap = max(rod.gap(shape), np.abs(shape.position[0]).max() / rod.length, np.abs(shape.rotation[0] - np.eye(3)).max())
     pose = np.abs(shape.position[-1] - solution.tip_position).max() / rod.length

@@ -34,7 +34,8 @@ def test_single_rods(kind):
 
 @pytest.mark.parametrize("kind", ["two tubes", "three legs"])
 def test_robots_of_several_rods(kind):
-    """Whatever is solved is an equilibrium, and no unstable one is called stable; how many are solved is for the command to say."""
+    """Whatever is solved is an equilibrium, and no unstable one is called stable; how many are solved is for the command to
+    say."""
     verdicts = [check(draw(kind, seed)) for seed in range(8)]
     assert not [v for v in verdicts if v.wrong]
     assert not [v for v in verdicts if v.unstable and not v.flagged]
@@ -43,7 +44,8 @@ def test_robots_of_several_rods(kind):
 
 
 def test_a_segment_that_cannot_be_integrated_fails_its_step_alone():
-    """Torsion 6e-5 times as stiff as bending, under 3e4 EI/L^2 of the softest section: on the way a trial overflows, which once raised."""
+    """Torsion 6e-5 times as stiff as bending, under 3e4 EI/L^2 of the softest section: on the way a trial overflows, which once
+    raised."""
     verdict = check(draw("force and shear", 11004))
     assert not verdict.status.failed
     assert not verdict.wrong
@@ -92,7 +94,8 @@ def test_the_check_sees_another_branch(loaded):
 
 
 def test_the_second_variation_counts_the_modes_of_columns():
-    """Clamped-free: pi^2 EI/(4 L^2) (2 k + 1)^2, here about two axes that differ by 1.3; the straight column is an equilibrium at any load."""
+    """Clamped-free: pi^2 EI/(4 L^2) (2 k + 1)^2, here about two axes that differ by 1.3; the straight column is an equilibrium at
+    any load."""
     section = {"length": 1.0, "bending_stiffness": (1.0, 1.3), "torsional_stiffness": 0.8}
     robot = mr.SingleRod(mr.Rod(sections=[mr.Section(**section)]))
     for load, modes in ((0.99, 0), (1.01, 1), (1.29, 1), (1.31, 2), (8.9, 2), (9.1, 3)):

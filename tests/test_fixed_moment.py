@@ -133,7 +133,8 @@ def test_the_residual_is_that_of_the_frame_seen_along_the_base(make_pose):
 
 @pytest.mark.parametrize("turns", [7, 8, 9, 10, 12, 14])
 def test_a_moment_that_turns_with_the_tip_is_unstable_only_where_its_determinant_has_a_sign(turns):
-    """``Gamma`` is the top's own flow, whose determinant is 1: rounding leaves -1e20 to 1e20, negative for some of these turns."""
+    """``Gamma`` is the top's own flow, whose determinant is 1: rounding leaves -1e20 to 1e20, negative for some of these
+    turns."""
     moment, _ = about_the_middle(ORDERS[0], turns)
     robot = mr.SingleRod(rod_of(ORDERS[0]))
     problem = robot.problem(robot.inputs(follower_moment=moment), integrator=mr.RK45())

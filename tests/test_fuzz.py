@@ -1,4 +1,5 @@
-"""Bad values for every parameter of every public callable: what comes is a result, or a ValueError or TypeError that names the parameter."""
+"""Bad values for every parameter of every public callable: what comes is a result, or a ValueError or TypeError that names the
+parameter."""
 
 import datetime
 import inspect

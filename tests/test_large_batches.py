@@ -231,7 +231,8 @@ except KeyboardInterrupt:
 @pytest.mark.skipif(sys.platform != "linux", reason="reads processor time from /proc")
 @pytest.mark.parametrize("threads", [1, 2])
 def test_ctrl_c_stops_before_much_more_is_solved(threads):
-    """Less than what 20,000 rods take, counted in processor time, which a busy machine does not stretch; a million were asked for."""
+    """Less than what 20,000 rods take, counted in processor time, which a busy machine does not stretch; a million were asked
+    for."""
     with programs.started("-c", ENDLESS, str(threads)) as process:
         lines = iter(process.stdout.readline, "")
         takes = float(next(line for line in lines if line.startswith("takes")).split()[-1])

@@ -40,11 +40,12 @@ def soft() -> mr.SingleRod:
 
 
 def elastica(load: float, angle: float) -> tuple[float, float]:
-    """Tip of a planar elastica of unit length, along and across a force of ``F L^2/EI = load`` that starts at ``angle`` to the base.
+    """Tip of a planar elastica of unit length, along and across a force of ``F L^2/EI = load`` that starts at ``angle`` to the
+    base.
 
-    With ``t`` the angle of the tangent to the force and ``k^2`` the load, ``t'' = k^2 sin t``, ``t(0) = angle``, ``t'(1) = 0``, so
-    ``cos(t/2) = p sin f`` with ``p = cos(t(1)/2)`` leads to elliptic integrals of ``f``; where ``p`` nears 1, ``1 - p^2`` is sought
-    by its logarithm, as it is of the order of ``exp(-2 k)``.
+    With ``t`` the angle of the tangent to the force and ``k^2`` the load, ``t'' = k^2 sin t``, ``t(0) = angle``, ``t'(1) = 0``,
+    so ``cos(t/2) = p sin f`` with ``p = cos(t(1)/2)`` leads to elliptic integrals of ``f``; where ``p`` nears 1, ``1 - p^2`` is
+    sought by its logarithm, as it is of the order of ``exp(-2 k)``.
     """
     k = np.sqrt(load)
 

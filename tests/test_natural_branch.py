@@ -132,7 +132,8 @@ def test_bounds_of_two_equal_tubes(root):
 
 
 def eigenvalues(problem, elements=400):
-    """Of ``P`` over the torsional energy (13), descending, by linear elements on the angles of tubes behind and before the plate."""
+    """Of ``P`` over the torsional energy (13), descending, by linear elements on the angles of tubes behind and before the
+    plate."""
     arrays = problem.arrays
     start = problem.read("inputs")[0, problem.input_slice("translation")]
     end, EI, GJ = (a[0] for a in (arrays.end, arrays.material[..., 0], arrays.material[..., 2]))

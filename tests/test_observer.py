@@ -379,7 +379,8 @@ def test_measured_tip_curvature_shows_a_hidden_moment(robot: mr.SingleRod, solve
     unaware = mr.solve(robot, robot.inputs(tip_force=force), solver=newton).raise_if_failed()
     measured = robot.inputs(tip_force=force, tip_curvature=hidden.rod().curvature[-1])
     solution = mr.solve(robot, measured, solver=solver).raise_if_failed()
-    # the moment is carried along fixed axes, without it the frame's, and RK4(100) then errs otherwise: by up to 2e-6 1/m and 1e-7 m
+    # the moment is carried along fixed axes, without it the frame's, and RK4(100) then errs otherwise: by up to 2e-6 1/m and 1e-7
+    # m
     np.testing.assert_allclose(solution.unknowns, hidden.unknowns, rtol=0, atol=5e-6)
     np.testing.assert_allclose(solution.rod().position, hidden.rod().position, rtol=0, atol=5e-7)
     assert np.linalg.norm(unaware.tip_position - hidden.tip_position) > 0.1 * size

@@ -46,7 +46,8 @@ def test_only_gain_times_sample_time_counts(name):
 
 @pytest.mark.parametrize("product", [1e-2, 1.0, 1e2])
 def test_error_is_proportional_to_the_noise_of_a_measured_curvature(product):
-    """``x' = -R Gamma^T P (eps - noise)`` filters noise: what it adds to ``x`` is at most the noise over the smallest singular value."""
+    """``x' = -R Gamma^T P (eps - noise)`` filters noise: what it adds to ``x`` is at most the noise over the smallest singular
+    value."""
     clean = measure(0.0, product)
     tips = []
     for amplitude in (1e-6, 1e-4, 1e-2, 0.1):

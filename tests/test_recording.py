@@ -570,7 +570,8 @@ def test_errors_are_split_by_leg(tripod_history, tmp_path):
     (plate,) = recording.column("/world/platform", "Mesh3D:albedo_factor", static=True)
     assert shades[3] >> 8 == plate[0] >> 8  # of the platform's colour, which is also somewhat transparent
     parts = recording.scalars("/error/blocks")
-    # three tubes have 8 residuals, a rod 6; of each leg the third, its gap along the base, is the platform's, which has 6 of its own
+    # three tubes have 8 residuals, a rod 6; of each leg the third, its gap along the base, is the platform's, which has 6 of its
+    # own
     legs = [[0, 1, 3, 4, 5, 6, 7], [8, 9, 11, 12, 13], [14, 15, 17, 18, 19]]
     residual = np.abs(observed.boundary_residual)
     for k, own in enumerate([*legs, [2, 10, 16, *range(20, 26)]]):

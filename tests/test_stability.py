@@ -228,7 +228,8 @@ def test_what_a_solve_returns_is_stable(reference_cases, make_pose):
 
 
 def test_an_unstable_state_that_a_cold_start_leads_to_is_no_result():
-    """Legs turned and pushed: the state that beams suggest is beyond a snap; put together anew it is stable, as where it is led in steps."""
+    """Legs turned and pushed: the state that beams suggest is beyond a snap; put together anew it is stable, as where it is led
+    in steps."""
     robot = SCENES["six rods"]()
     values = {name: 0.3 * value for name, value in actuation(robot, np.random.default_rng(1)).items()}
     inputs = robot.inputs(**values)

@@ -1,7 +1,8 @@
-"""The equations of round concentric tubes in world components, shot by SciPy, and the second variation of their energy: nothing of the package.
+"""The equations of round concentric tubes in world components, shot by SciPy, and the second variation of their energy: nothing
+of the package.
 
-A tube is a list of sections as in ``rod_equations``, each equally stiff about both axes; ``alpha`` and ``beta`` are how far it is turned and
-pushed out of the plate.
+A tube is a list of sections as in ``rod_equations``, each equally stiff about both axes; ``alpha`` and ``beta`` are how far it is
+turned and pushed out of the plate.
 """
 
 from itertools import pairwise
@@ -14,7 +15,8 @@ PERTURBATION = 1e-6
 
 
 class TubeEquations:
-    """World position, rotation of tube 1 and moment of all, ``y = (p, R, m, theta_i, tau_i)``, ``i >= 2``; a dead force on the tip."""
+    """World position, rotation of tube 1 and moment of all, ``y = (p, R, m, theta_i, tau_i)``, ``i >= 2``; a dead force on the
+    tip."""
 
     def __init__(self, tubes, alpha, beta, force):
         self.count = len(tubes)
@@ -117,7 +119,8 @@ class TubeEquations:
         return np.array(lacks) * self.length / self.EI, y, np.array(states)
 
     def solve(self, moment, torque):
-        """Newton's method from a moment and torques: the state at the plate, the tip, and how far it moved them; None if it fails."""
+        """Newton's method from a moment and torques: the state at the plate, the tip, and how far it moved them; None if it
+        fails."""
         x = np.concatenate([moment, torque])
         begin, unit = x.copy(), self.EI / self.length
         for _ in range(8):
@@ -133,7 +136,8 @@ class TubeEquations:
         return None
 
     def index(self, y, elements=60):
-        """Negative eigenvalues of the second variation at the solution that starts with ``y``, and the least |one| over the largest.
+        """Negative eigenvalues of the second variation at the solution that starts with ``y``, and the least |one| over the
+        largest.
 
         Unknown are ``phi``, as in ``RodEquations.index``, and the changes of ``theta_i``; at the plate the angle of each tube.
         """

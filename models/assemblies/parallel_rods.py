@@ -44,7 +44,8 @@ class ParallelRods(Assembly):
         platform: Pose of each leg's attachment in the platform's frame, shape (..., leg_count, 4, 4): a clamped tip takes it.
         joints: At the platform: ``"clamped"``, ``"spherical"`` (no moment), or ``"revolute"`` (free to turn about its axis),
             for all legs or one for each.
-        joint_axes: Axes of revolute joints in the frame of the attachment, shape (3,) or (leg_count, 3); the leg's own by default.
+        joint_axes: Axes of revolute joints in the frame of the attachment, shape (3,) or (leg_count, 3); the leg's own by
+            default.
         platform_mass: [kg]; gravity acts on it at ``platform_centre``.
         platform_centre: Centre of mass in the platform's frame [m], shape (3,).
 
@@ -112,7 +113,8 @@ class ParallelRods(Assembly):
             refuse("magnetic_field", inputs.magnetic_field.tolist(), "must be zero: no rod has a magnetisation")
 
     def input_directions(self, name: str) -> dict[str, int]:
-        """Directions for the derivatives by an input: rods of different legs share one, and what acts on the platform touches no leg."""
+        """Directions for the derivatives by an input: rods of different legs share one, and what acts on the platform touches no
+        leg."""
         most = max(leg.rod_count for leg in self.geometry.legs)
         count = most if name in PER_ROD else 3
         return {"direction_count": count, "leg_direction_count": count if name in (*PER_ROD, *kernels.LEG_VECTORS) else 0}
@@ -161,7 +163,8 @@ class ParallelRods(Assembly):
         )
 
     def influences(self, inputs: Inputs) -> Mapping[str, Influence]:
-        """An estimate, not a bound (``docs/explain.md``): each leg a cantilever that carries its share of the platform's loads."""
+        """An estimate, not a bound (``docs/explain.md``): each leg a cantilever that carries its share of the platform's
+        loads."""
         geometry, legs = self.geometry, len(self.legs)
         if (geometry.joints != kernels.CLAMPED).any() or any(rod.members for rod in self.rods):
             return {}

@@ -142,7 +142,8 @@ def _envelope(
 
 
 def _materials(arrays: RodArrays, ends: FloatArray, length: FloatArray) -> tuple[FloatArray, FloatArray, dict[str, FloatArray]]:
-    """Largest and least bending stiffness of each rod about each node, and the largest of other quantities, (instances, n, NODES).
+    """Largest and least bending stiffness of each rod about each node, and the largest of other quantities, (instances, n,
+    NODES).
 
     Of all sections that reach into a node's part of the length, however short they are.
     """
@@ -182,7 +183,8 @@ def _behind(arrays: RodArrays, translation: FloatArray) -> FloatArray:
 
 
 def _precurvature(arrays: RodArrays, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Mean of ``u*`` over the piece at arclengths ``x`` of the rods, and how far it is from that [1/m], (instances, n, NODES, 3)."""
+    """Mean of ``u*`` over the piece at arclengths ``x`` of the rods, and how far it is from that [1/m], (instances, n, NODES,
+    3)."""
     rows = (np.arange(len(arrays.end))[:, None, None], np.arange(arrays.end.shape[1])[:, None])
     piece = np.minimum((x[..., None] >= arrays.end[:, :, None, :]).sum(axis=-1), arrays.end.shape[2] - 1)
     piece = piece + (arrays.end[*rows, piece] == 0)  # what is pushed out of the base continues the first

@@ -1,4 +1,5 @@
-"""How many unstable modes concentric tubes can have, whatever their configuration, from their precurvatures and stiffnesses alone.
+"""How many unstable modes concentric tubes can have, whatever their configuration, from their precurvatures and stiffnesses
+alone.
 
 Numbers in parentheses are those of ``docs/stability.md``.
 """

@@ -89,7 +89,8 @@ class CondensedForm:
 
 
 def symmetric_eigenvalues(form: FloatArray, known: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
-    """Eigenvalues (batch, n) of the symmetric part, and what the rest does to their eigenvectors (batch, n); NaN where not known."""
+    """Eigenvalues (batch, n) of the symmetric part, and what the rest does to their eigenvectors (batch, n); NaN where not
+    known."""
     values, uncertainty = np.full((2, *form.shape[:2]), np.nan)
     turned = form.swapaxes(1, 2)
     values[known], vectors = np.linalg.eigh((form + turned)[known] / 2)
@@ -238,7 +239,8 @@ def _by_force(tip_force: FloatArray) -> FloatArray:
 
 
 def _without_torque(torque: FloatArray, r: int) -> FloatArray:
-    """Combinations (batch, c, c - 1) of columns that leave a torque (batch, c) as it is: of the first r alone, then of each other."""
+    """Combinations (batch, c, c - 1) of columns that leave a torque (batch, c) as it is: of the first r alone, then of each
+    other."""
     count, c = torque.shape
     free = np.zeros((count, c, c - 1))
     own = torque[:, :r]

@@ -33,7 +33,8 @@ class BackboneShapes(Shapes):
         return tuple(Shape(**shape) for shape in shapes), energy
 
     def stored_and_lost(self) -> tuple[FloatArray, FloatArray]:
-        """Elastic energy, and the potential energy of what acts along a held rod but not at its tip [J], shape (instance_count,)."""
+        """Elastic energy, and the potential energy of what acts along a held rod but not at its tip [J], shape
+        (instance_count,)."""
         call = self.problem.node_pass(2)
         base = np.broadcast_to(self.problem.table.base_position.numpy(), (self.problem.instance_count, 3))
         tip = (self.problem.tip_wrench.numpy()[:, :3] * (call.read("position") - base)).sum(axis=1)

@@ -81,7 +81,8 @@ class Geometry:
         self.first_unknown: NDArray[np.intp] = frozen(np.cumsum([0] + [leg.rod_count + 5 for leg in self.legs]))
 
     def reference(self) -> tuple[FloatArray, FloatArray]:
-        """Position [m] and rotation where the unknown pose is zero, shapes (..., 3), (..., 3, 3): the same whatever the inputs."""
+        """Position [m] and rotation where the unknown pose is zero, shapes (..., 3), (..., 3, 3): the same whatever the
+        inputs."""
         turned = (self.base[..., :3, :3] @ np.swapaxes(self.platform[..., :3, :3], -1, -2)).sum(axis=-3)
         return self.base[..., :3, 3].mean(axis=-2), nearest_rotation(turned)
 
@@ -535,7 +536,8 @@ class ParallelProblem(BoundaryProblem):
         return np.asarray(total)
 
     def input_columns(self, name: str) -> tuple[FloatArray, FloatArray]:
-        """What ``BoundaryProblem.input_columns`` says; what acts on one leg alone shares its column with the same of all other legs."""
+        """What ``BoundaryProblem.input_columns`` says; what acts on one leg alone shares its column with the same of all other
+        legs."""
         geometry, place = self.geometry, self._places[name]
         if name not in PER_ROD:
             return super().input_columns(name)

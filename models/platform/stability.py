@@ -120,7 +120,8 @@ def _whole_form(
 
 
 class PlatformStability(StabilityAnalysis):
-    """Of a ``ParallelProblem``: with several legs there are several equilibria, and the one that beams lead to may be unstable."""
+    """Of a ``ParallelProblem``: with several legs there are several equilibria, and the one that beams lead to may be
+    unstable."""
 
     def __init__(self, problem: "ParallelProblem") -> None:
         self.problem = problem
@@ -156,7 +157,8 @@ class PlatformStability(StabilityAnalysis):
         return np.asarray(result)
 
     def potential(self) -> FloatArray:
-        """Elastic energy less the work of dead forces [J]: on the legs from their bases, on the platform from where its pose is zero."""
+        """Elastic energy less the work of dead forces [J]: on the legs from their bases, on the platform from where its pose is
+        zero."""
         self.problem.to_legs()
         position, rotation = self.problem.pose()
         total = np.zeros(self.problem.instance_count)

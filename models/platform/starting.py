@@ -100,6 +100,7 @@ class PlatformStarts(Starts):
 
 
 def crowded(numbers: IntArray) -> FloatArray:
-    """Displacements, in lengths, and rotation vectors by number, that lie the closer the nearer they are to none; shape (k, 6)."""
+    """Displacements, in lengths, and rotation vectors by number, that lie the closer the nearer they are to none; shape (k,
+    6)."""
     points = spread(numbers, kernels.POSE)
     return np.asarray(np.sign(points) * np.abs(points) ** CROWDING * np.repeat(REACH, 3))

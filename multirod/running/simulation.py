@@ -66,8 +66,8 @@ def solve(
         robot: The assembly.
         inputs: Made by ``robot.inputs(...)``; none are all zero.
         solver: ``Shooting()`` by default.
-        guess: Where to start: a ``Solution``, also one under other loads, or unknowns (..., n). Without it, the equilibrium on the natural branch is
-            meant: the one reached from the unloaded assembly by raising all loads in proportion.
+        guess: Where to start: a ``Solution``, also one under other loads, or unknowns (..., n). Without it, the equilibrium on
+            the natural branch is meant: the one reached from the unloaded assembly by raising all loads in proportion.
         device: Warp device.
         threads: That share the parts of a batch on the CPU; one for each core by default.
         instances: Numbers, in the flattened batch, of the only ones to be solved, shape (k,): the result has that shape.

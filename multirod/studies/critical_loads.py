@@ -96,16 +96,16 @@ def critical_loads(
 ) -> CriticalLoads:
     """The load factors at which the equilibrium on the natural branch loses stability.
 
-    The inputs are raised from ``start`` in proportion, ``start + load_factor * (inputs - start)``, and the branch is followed from
-    the stable equilibrium at ``start``, through folds and past bifurcations. Every step is cut in two until the eigenvalues at
-    the ends of its parts tell what happens in between; where that cannot be told, the result and a warning say so. That is a
+    The inputs are raised from ``start`` in proportion, ``start + load_factor * (inputs - start)``, and the branch is followed
+    from the stable equilibrium at ``start``, through folds and past bifurcations. Every step is cut in two until the eigenvalues
+    at the ends of its parts tell what happens in between; where that cannot be told, the result and a warning say so. That is a
     strong check, but no proof. Equation numbers and the method: ``docs/stability.md``.
 
     Args:
         robot: The assembly.
         inputs: Made by ``robot.inputs(...)``, without leading axes: what a load factor of 1 means.
-        start: Inputs at load factor 0; by default ``inputs`` without loads (forces, gravity). Give it to raise something else, such as
-            the rotation of a tube, or one load while another stays.
+        start: Inputs at load factor 0; by default ``inputs`` without loads (forces, gravity). Give it to raise something else,
+            such as the rotation of a tube, or one load while another stays.
         count: How many changes of stability to look for, along the branch.
         up_to: Load factor where the search ends.
         max_steps: Steps along the branch.

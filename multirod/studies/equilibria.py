@@ -55,16 +55,18 @@ def equilibria(
 ) -> Equilibria:
     """All equilibria that Newton's method finds from many starts, the one of lowest potential energy first.
 
-    Starts cover all base moments and torques that an equilibrium can have (for parallel robots, poses of the platform), in rounds,
-    until a round brings nothing new and the signs of ``determinant`` add up as they must (``docs/stability.md``). Then branches
-    that cross the natural one as loads are raised are followed, and where the signs still do not add up, branches from the
-    equilibria that were found. That is no proof that none is missing; where some are known to be, ``missing`` and a warning say so.
+    Starts cover all base moments and torques that an equilibrium can have (for parallel robots, poses of the platform), in
+    rounds, until a round brings nothing new and the signs of ``determinant`` add up as they must (``docs/stability.md``). Then
+    branches that cross the natural one as loads are raised are followed, and where the signs still do not add up, branches from
+    the equilibria that were found. That is no proof that none is missing; where some are known to be, ``missing`` and a warning
+    say so.
 
     Args:
         robot: The assembly.
         inputs: Made by ``robot.inputs(...)``, without leading axes; none are all zero.
         starts: Starts at most.
-        solver: ``Shooting()`` by default, of which the tolerance, the iteration limit and the integrator, in double precision, are used.
+        solver: ``Shooting()`` by default, of which the tolerance, the iteration limit and the integrator, in double precision,
+            are used.
         device: Warp device.
 
     Returns:

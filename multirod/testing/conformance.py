@@ -98,17 +98,19 @@ def check_assembly(
     tip_rod: int | None = 0,
     solvers: Sequence[str] | None = None,
 ) -> None:
-    """Check that an assembly keeps the contract at some inputs, by numbers: derivatives, batches, load factor, solvers, shapes, energy.
+    """Check that an assembly keeps the contract at some inputs, by numbers: derivatives, batches, load factor, solvers, shapes,
+    energy.
 
     It solves the scene some tens of times, and takes as long as compiling its kernels does the first time.
 
     Args:
         robot: The assembly, without leading axes.
-        inputs: Made by ``robot.inputs(...)``, without leading axes: loads that bend it well, far from any fold. None are all zero.
+        inputs: Made by ``robot.inputs(...)``, without leading axes: loads that bend it well, far from any fold. None are all
+            zero.
         vary: Inputs by which derivatives are checked; by default those that were given, and are no functions of arclength.
         tip_rod: The rod that ends at the end effector; None where none does, as for a platform.
-        solvers: Names of registered solvers; all by default. A solver that refuses the problem, or says that it failed, is no error,
-            but for ``shooting``.
+        solvers: Names of registered solvers; all by default. A solver that refuses the problem, or says that it failed, is no
+            error, but for ``shooting``.
 
     Raises:
         Nonconformance: If a check failed; the message lists all that did.
@@ -303,7 +305,8 @@ def _jacobian(study: Study) -> None:
 
 
 def _batches(study: Study) -> None:
-    """An instance of a batch is what it is alone, also where ``instances`` asks for it; leaving others out leaves them as they are."""
+    """An instance of a batch is what it is alone, also where ``instances`` asks for it; leaving others out leaves them as they
+    are."""
     x, count = study.near, len(study.near)
     problem = study.problem(study.repeated(count))
     residual, gamma = problem.evaluate(x)

@@ -77,7 +77,8 @@ class Branch:
     def connected(self, first: Point, factor: float) -> list[FloatArray]:
         """Unknowns near equilibria at a load factor, on the branch through ``first`` and on those that cross it on the way.
 
-        Branches that cross are followed either way from each bifurcation with one or two neutral modes, and so are those that cross them.
+        Branches that cross are followed either way from each bifurcation with one or two neutral modes, and so are those that
+        cross them.
         """
         found: list[FloatArray] = []
         open_ = [first]
@@ -112,7 +113,8 @@ class Branch:
         return result
 
     def returns(self, first: Point, reach: float, max_steps: int) -> Iterator[Point]:
-        """Equilibria at load factor 0 that the branch through ``first`` comes by, until it is ``reach`` away from there, or ends."""
+        """Equilibria at load factor 0 that the branch through ``first`` comes by, until it is ``reach`` away from there, or
+        ends."""
         at_load = np.append(np.zeros(self.problem.unknown_count), 1.0)
         try:
             for step in self.steps(first, max_steps):

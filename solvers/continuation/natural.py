@@ -31,9 +31,9 @@ class Paths:
     they do inside the ball around a solution in which it is the only one (Newton-Kantorovich), if ``Gamma`` at its end, times
     the inverse of that at its start, is near the identity: no mode has vanished or changed sign on the way, not even two at
     once, and if the equilibrium lies where the extrapolation led, or goes on in proportion as the step is halved: near a
-    bifurcation that is imperfect by a little, the other branch passes the first two tests. What has several equilibria unloaded is looked at halfway too: the
-    step is kept if there is an equilibrium on the curve through its ends, and ``Gamma`` there is like both. The step is otherwise halved; the branch ends
-    where that makes it too small.
+    bifurcation that is imperfect by a little, the other branch passes the first two tests. What has several equilibria unloaded
+    is looked at halfway too: the step is kept if there is an equilibrium on the curve through its ends, and ``Gamma`` there is
+    like both. The step is otherwise halved; the branch ends where that makes it too small.
 
     Args:
         problem: Its buffers hold the last equilibrium of each instance afterwards.
@@ -123,8 +123,8 @@ class Paths:
         """From the equilibrium ``unknowns`` (instance_count, n) where the load factor is 0, to where it is 1.
 
         ``safe_step`` (instance_count,) is a step that is short enough wherever it starts, and ``growth`` the part of the load
-        reached that one may be if that is more, up to ``most_step``. Where it is ``sure`` that no mode can vanish and come back, steps
-        are not looked at halfway. What is not ``chosen`` is left as it is.
+        reached that one may be if that is more, up to ``most_step``. Where it is ``sure`` that no mode can vanish and come back,
+        steps are not looked at halfway. What is not ``chosen`` is left as it is.
         """
         problem, state = self.problem, self.state
         state.by_inputs = 0
@@ -224,8 +224,8 @@ def natural_branch(problem: BoundaryProblem, newton: Newton, max_steps: int, cho
     """Raise all loads in proportion, from the unloaded equilibrium to the full load; see ``Paths``.
 
     What has several equilibria unloaded is followed again in shorter steps where it came to an unstable one, which cannot be the
-    end of a branch that starts stable; what does so again is lost: its status is ``BRANCH_END``. ``chosen`` (bool, (instance_count,))
-    leaves the other instances as they are; their status is ``CONVERGED``.
+    end of a branch that starts stable; what does so again is lost: its status is ``BRANCH_END``. ``chosen`` (bool,
+    (instance_count,)) leaves the other instances as they are; their status is ``CONVERGED``.
     """
     chosen = np.ones(problem.instance_count, dtype=bool) if chosen is None else chosen
     bounds = problem.mode_bounds()

@@ -26,7 +26,8 @@ FEWER = 0.7  # of the instances that launches pass over, below which those that 
 
 
 def leave(problem: BoundaryProblem, remaining: int) -> None:
-    """Have launches pass over the active instances alone, of which ``remaining`` are left, where that saves time; over all at the end."""
+    """Have launches pass over the active instances alone, of which ``remaining`` are left, where that saves time; over all at the
+    end."""
     if not remaining:
         if problem.listed < problem.instance_count:
             problem.focus()
@@ -113,7 +114,8 @@ class Newton:
         return block, border
 
     def _room(self, *shape: int) -> Any:
-        """Room to work in of every instance, shape (instance_count, ...): on a processor, which takes one after another, the same."""
+        """Room to work in of every instance, shape (instance_count, ...): on a processor, which takes one after another, the
+        same."""
         problem = self.problem
         own = wp.zeros((1 if self._on_cpu else problem.instance_count, *shape), dtype=wp.float64, device=problem.device)
         if not self._on_cpu:
@@ -169,7 +171,8 @@ class Newton:
         return (change > LARGE_CHANGE) | (contraction > self._slow)
 
     def wandered(self) -> Any:
-        """Whether an instance of the last run contracted too slowly to be near where it started; bool, shape (instance_count,)."""
+        """Whether an instance of the last run contracted too slowly to be near where it started; bool, shape
+        (instance_count,)."""
         return self.state.contraction.numpy() > LARGE_CHANGE
 
     def reference(self) -> FloatArray:

@@ -72,8 +72,8 @@ def _natural(problem: BoundaryProblem, newton: Newton, max_steps: int) -> Outcom
 def settle(problem: BoundaryProblem, newton: Newton, numbers: IntArray) -> Outcome:
     """Put every instance together at the places ``numbers`` (see ``Joints.apart``), joints and loads in proportion.
 
-    Where its branch ends on the way, it is followed by its arclength, back and forth through the folds, to where it meets the full
-    load with as many unstable modes as at the start, or two more, or four. Whether that is stable is for the caller to ask.
+    Where its branch ends on the way, it is followed by its arclength, back and forth through the folds, to where it meets the
+    full load with as many unstable modes as at the start, or two more, or four. Whether that is stable is for the caller to ask.
     """
     joints = _joints(problem)
     unknowns = joints.apart(numbers)
@@ -119,8 +119,8 @@ def _through_folds(
 ) -> BoolArray:
     """Follow branches by their arclength from a load factor of 0 to 1, to where ``det Gamma`` has its ``sign`` there.
 
-    The joints were opened at ``problem.unknowns``: the residual closes in proportion, so what it was is its derivative by the load
-    factor. ``left`` (instance_count,) is the part of the whole way that this one is.
+    The joints were opened at ``problem.unknowns``: the residual closes in proportion, so what it was is its derivative by the
+    load factor. ``left`` (instance_count,) is the part of the whole way that this one is.
 
     Returns:
         Which of the ``chosen`` are there, shape (instance_count,); ``problem.unknowns`` are then near the equilibrium.

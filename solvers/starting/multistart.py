@@ -127,7 +127,8 @@ def lowest_stable(problem: BoundaryProblem, newton: Newton, outcome: Outcome, lo
 
     Their status is then ``LOWEST_ENERGY``; what is unstable, neutral or cannot be said is never taken. They are told apart in
     double precision, and left so. Newton's method starts from many points; what comes apart is put together at several places
-    (``settle``), and where its loads have no potential, that is done without them: then they are raised, in ``max_steps`` at most.
+    (``settle``), and where its loads have no potential, that is done without them: then they are raised, in ``max_steps`` at
+    most.
     """
     stability, parts = problem.stability, problem.parts
     if stability is None or not stability.multistable or parts is None or problem.starts is None or not lost.any():

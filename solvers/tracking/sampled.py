@@ -76,8 +76,9 @@ class SampledTrack(Track):
         Args:
             tolerance: Largest residual, max norm [1/m]; None is that of the problem.
             max_iterations: Samples allowed.
-            ramp: Samples over which the loads are raised from zero, without a ``guess``; what comes near a fold then, or whose ``Gamma`` changes
-                from one sample to the next as it does between two branches, may have left the natural branch: ``BRANCH_END``.
+            ramp: Samples over which the loads are raised from zero, without a ``guess``; what comes near a fold then, or whose
+                ``Gamma`` changes from one sample to the next as it does between two branches, may have left the natural branch:
+                ``BRANCH_END``.
             guess: Unknowns to start from (instance_count, n).
         """
         problem, count = self.problem, self.problem.instance_count

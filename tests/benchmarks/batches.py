@@ -1,4 +1,5 @@
-"""Batches: solves a second, against a bare C loop on as many threads, by size, by threads, with impossible instances, of all robots.
+"""Batches: solves a second, against a bare C loop on as many threads, by size, by threads, with impossible instances, of all
+robots.
 
 python tests/benchmarks/batches.py [--rounds N] [--quick]
 """
@@ -56,7 +57,8 @@ class Batch:
 
 
 def motions(solver: mr.Solver, count: int) -> tuple[float, float]:
-    """Microseconds a sample and instance of a batch of motions on one thread: all of ``simulate``, and the solver's steps in it."""
+    """Microseconds a sample and instance of a batch of motions on one thread: all of ``simulate``, and the solver's steps in
+    it."""
     t = 0.005 * np.arange(200)
     phase = np.random.default_rng(0).uniform(0, 6, count)
     force = np.stack([np.sin(t[:, None] + phase), np.cos(t[:, None] + phase), 0 * t[:, None] + 0 * phase], axis=-1)

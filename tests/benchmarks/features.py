@@ -1,8 +1,9 @@
 """What leaving out saves: a scene's own kernel against the full model of its assembly, rounds interleaved, the same answer.
 
 The full model has every load of the assembly compiled in, follower loads and so an unknown base force among them, and shear and
-extension of a single rod, anisotropy of tubes; "dead" is the same without the follower force and its three unknowns. Times are of one integration with residual and Gamma (the whole step of Newton's
-method but for its small linear algebra), and of a cold solve; both per robot, on one thread, in processor time.
+extension of a single rod, anisotropy of tubes; "dead" is the same without the follower force and its three unknowns. Times are of
+one integration with residual and Gamma (the whole step of Newton's method but for its small linear algebra), and of a cold solve;
+both per robot, on one thread, in processor time.
 
 python tests/benchmarks/features.py [--rounds N]
 """

@@ -1,4 +1,5 @@
-"""The first solve of a scene from an empty kernel cache, and what is asked of it then, each in a process of its own: processor time and wall.
+"""The first solve of a scene from an empty kernel cache, and what is asked of it then, each in a process of its own: processor
+time and wall.
 
 python tests/benchmarks/first_call.py [--rounds N]
 """

@@ -15,7 +15,8 @@ LOADS = (10.0, 100.0, 400.0, 1e3, 1e4, 1e5, 1e6)
 
 
 def along_the_force(load: float) -> float:
-    """Tip of the elastica along a large force that starts across it, over the length: ``2 E(1) - 2 E(pi/4, 1)`` layers are lost."""
+    """Tip of the elastica along a large force that starts across it, over the length: ``2 E(1) - 2 E(pi/4, 1)`` layers are
+    lost."""
     return 1 - (2 - np.sqrt(2)) / np.sqrt(load)
 
 

@@ -3,8 +3,8 @@
 python tests/benchmarks/natural_branch.py [--scenes N] [--seed N] [--piece N]
 
 The reference follows the same homotopy in steps of 1/80 and less, extrapolated from the last three equilibria, each corrected by
-Newton's method in NumPy and kept only where the correction is a small part of the step and contracts by 50; a step that fails is halved, to 1e-9.
-Where twice as many steps lead elsewhere, four times as many are taken, and so on.
+Newton's method in NumPy and kept only where the correction is a small part of the step and contracts by 50; a step that fails is
+halved, to 1e-9. Where twice as many steps lead elsewhere, four times as many are taken, and so on.
 """
 
 import argparse
@@ -96,7 +96,8 @@ def draw(kind: str, count: int, seed: int) -> tuple[mr.ConcentricTubes, mr.Input
 
 
 def coupling(EI: Any, GJ: Any, bend: Any) -> Any:
-    """``c`` of the stiffest pull that round tubes' precurvatures exert on their twist, (batch,): theta'' = c sin theta for two."""
+    """``c`` of the stiffest pull that round tubes' precurvatures exert on their twist, (batch,): theta'' = c sin theta for
+    two."""
     pull = EI * bend
     pair = pull[:, :, None] * pull[:, None] / EI.sum(axis=1)[:, None, None]
     count = EI.shape[1]

@@ -1,12 +1,14 @@
-"""Tracking near folds and through snaps: trackers with one integration a sample, tuned on one half of the motions, reported on the other.
+"""Tracking near folds and through snaps: trackers with one integration a sample, tuned on one half of the motions, reported on
+the other.
 
     OMP_NUM_THREADS=1 python tests/benchmarks/near_folds.py [--motions 48] [--seed 0]
 
-Motions are random: a wire of random length, precurvature and torsional stiffness is turned and pulled by forces that oscillate in all three
-directions, for 10 s at 200 Hz. A motion is hard if the equilibrium snaps on the way, or comes near a fold. The reference
-is quasi-static: the branch as long as it lasts, then the equilibrium that energy descent leads to at fixed inputs by turns of at most 0.05 rad a step; it
-is followed again by turns of at most 0.02 rad, and said where the two disagree. A tracker passes a motion if its tip is within 5 mm of the
-reference but for 0.3 s at the start and after a snap, and within 1 mm at the end.
+Motions are random: a wire of random length, precurvature and torsional stiffness is turned and pulled by forces that oscillate in
+    all three directions, for 10 s at 200 Hz. A motion is hard if the equilibrium snaps on the way, or comes near a fold. The
+    reference is quasi-static: the branch as long as it lasts, then the equilibrium that energy descent leads to at fixed inputs
+    by turns of at most 0.05 rad a step; it is followed again by turns of at most 0.02 rad, and said where the two disagree. A
+    tracker passes a motion if its tip is within 5 mm of the reference but for 0.3 s at the start and after a snap, and within 1
+    mm at the end.
 """
 
 import argparse
@@ -83,7 +85,8 @@ def motions(seed, count):
 
 
 def reference(robot, inputs, samples, radius):
-    """Tip (sample, motion, 3) and stability margin (sample, motion), settled at every sample; NaN from where one does not come to rest."""
+    """Tip (sample, motion, 3) and stability margin (sample, motion), settled at every sample; NaN from where one does not come to
+    rest."""
     solver = mr.EnergyDescent(integrator=INTEGRATOR, radius=radius, feed_forward=False, max_iterations=300)
     tip, margin, guess = [], [], None
     lost = np.zeros(robot.batch_shape, dtype=bool)

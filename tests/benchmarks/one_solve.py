@@ -1,7 +1,7 @@
 """What one call takes when kernels are compiled: processor time, the least and the median, and in bare C loops of the same run.
 
-A C loop is one integration of a rod with residual and Gamma, RK4(50). Calls take turns, some in a row, so that what else the machine does
-meets all alike.
+A C loop is one integration of a rod with residual and Gamma, RK4(50). Calls take turns, some in a row, so that what else the
+machine does meets all alike.
 
 python tests/benchmarks/one_solve.py [--rounds N]
 """

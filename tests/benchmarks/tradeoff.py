@@ -2,8 +2,8 @@
 
 python tests/benchmarks/tradeoff.py [SCENE ...] [--budget S] [--images FOLDER] [--tables FOLDER] [--fresh N] [--rate HZ]
 
-Each scene is measured once; what ``mr.tune(rate=1000)`` and ``mr.tune(error=1e-5)`` choose from that is written as Python, and run
-by a fresh interpreter, which computes its own reference.
+Each scene is measured once; what ``mr.tune(rate=1000)`` and ``mr.tune(error=1e-5)`` choose from that is written as Python, and
+run by a fresh interpreter, which computes its own reference.
 """
 
 import argparse

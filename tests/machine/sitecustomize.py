@@ -1,8 +1,10 @@
-"""This machine as another one: `make test CPU=x86-64-v3 CORES=1`. Python imports it at its start where this folder is on `PYTHONPATH`.
+"""This machine as another one: `make test CPU=x86-64-v3 CORES=1`. Python imports it at its start where this folder is on
+`PYTHONPATH`.
 
-So it holds for every process that a test starts, too. `MULTIROD_TEST_CPU` is a processor as LLVM names it, whose instructions this one
-has: kernels are compiled for it, and NumPy and BLAS take the loops that they have for it. `MULTIROD_TEST_CORES` is how many cores a
-process believes it may use, which says how many threads share a batch.
+So it holds for every process that a test starts, too. `MULTIROD_TEST_CPU` is a processor as LLVM names it, whose instructions
+this one
+has: kernels are compiled for it, and NumPy and BLAS take the loops that they have for it. `MULTIROD_TEST_CORES` is how many cores
+    a process believes it may use, which says how many threads share a batch.
 """
 
 import os

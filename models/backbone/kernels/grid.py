@@ -1,9 +1,9 @@
 # mypy: ignore-errors
 """The grid of one backbone: its loads and geometry, its nodes, and the stretches between them, one lane at a time.
 
-A node stands wherever a section of a rod or a piece of a load profile ends, and at the tip. Where an input moves it, it moves with one
-rod, its mover. ``p`` is the row of ``Call.lane`` that tells where a lane stands, ``l`` the lane in its thread, ``o`` where the thread's
-memory begins. Numbers in parentheses are those of ``docs/model.md``.
+A node stands wherever a section of a rod or a piece of a load profile ends, and at the tip. Where an input moves it, it moves
+with one rod, its mover. ``p`` is the row of ``Call.lane`` that tells where a lane stands, ``l`` the lane in its thread, ``o``
+where the thread's memory begins. Numbers in parentheses are those of ``docs/model.md``.
 """
 
 from types import SimpleNamespace

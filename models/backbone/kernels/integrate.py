@@ -6,10 +6,10 @@ rod 1, the innermost; rod ``i`` is turned about it by ``theta_i`` (``theta_1 = 0
 and ``N`` are the moment and force of all rods together in that frame. With one rod this is the Cosserat rod of equation
 (1c) of the paper.
 
-A thread has W lanes. Each carries one job, an instance with all or some of its columns, from node to node, by stretches and steps of
-its own, and takes the next job when it is done. What happens along a stretch is done in all lanes at once: ``strains``, ``loads``,
-``rates``, ``steps``. What happens at the ends and at nodes is done for one lane, in double precision: ``grid``, ``base``, ``tip``,
-``nodes``. See ``docs/kernels.md``.
+A thread has W lanes. Each carries one job, an instance with all or some of its columns, from node to node, by stretches and steps
+of its own, and takes the next job when it is done. What happens along a stretch is done in all lanes at once: ``strains``,
+``loads``, ``rates``, ``steps``. What happens at the ends and at nodes is done for one lane, in double precision: ``grid``,
+``base``, ``tip``, ``nodes``. See ``docs/kernels.md``.
 """
 
 from functools import cache

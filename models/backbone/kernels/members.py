@@ -1,8 +1,8 @@
 # mypy: ignore-errors
 """The strain law of a rod with members: strains from force and moment by Newton's method, (5m), and its variation, (17m).
 
-``z`` is where the record of a stretch stands in memory, ``a`` where that of a place stands, ``x`` the arclength from the start of the stretch.
-Numbers in parentheses are those of ``docs/model.md``.
+``z`` is where the record of a stretch stands in memory, ``a`` where that of a place stands, ``x`` the arclength from the start of
+the stretch. Numbers in parentheses are those of ``docs/model.md``.
 """
 
 from types import SimpleNamespace
@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from multirod.models.backbone.kernels.layout.layout import Layout
-from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul, neg, sub  # noqa: F401  (operators: looked up by name)
+from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul, neg, sub  # noqa: F401  (by name)
 from multirod.models.backbone.kernels.numbers.vectors import vectors
 
 MOST_ITERATIONS = 20

@@ -14,7 +14,7 @@ from multirod.models.backbone.kernels.layout.layout import Layout
 from multirod.models.backbone.kernels.loads.dead import make_loads
 from multirod.models.backbone.kernels.loads.foundation import make_foundation
 from multirod.models.backbone.kernels.loads.magnetic import make_magnetic
-from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul, neg, sub  # noqa: F401  (operators: looked up by name)
+from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul, neg, sub  # noqa: F401  (by name)
 from multirod.models.backbone.kernels.numbers.vectors import vectors
 from multirod.models.backbone.kernels.strains import make_strains
 

@@ -10,7 +10,7 @@ import warp as wp
 
 from multirod.integrators import Tableau
 from multirod.models.backbone.kernels.layout.layout import Layout, Memory
-from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul, neg, sub  # noqa: F401  (operators: looked up by name)
+from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul, neg, sub  # noqa: F401  (by name)
 
 LONGER, SHORTER = 5.0, 0.2  # most by which a step may grow or shrink
 SAFETY = 0.9

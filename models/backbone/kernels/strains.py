@@ -1,9 +1,9 @@
 # mypy: ignore-errors
 """The strain law: how the rods of a backbone bend and twist under its moment, and their torques; (5) to (8), (14), (17).
 
-This is the one file that knows it; ``members`` adds what rods carry along themselves. ``z`` is where the record of a stretch stands in memory, ``b`` the state, ``a`` where the
-record of a place stands, ``v`` a column of the state and ``g`` where stands what its direction varies. Numbers in parentheses
-are those of ``docs/model.md``.
+This is the one file that knows it; ``members`` adds what rods carry along themselves. ``z`` is where the record of a stretch
+stands in memory, ``b`` the state, ``a`` where the record of a place stands, ``v`` a column of the state and ``g`` where stands
+what its direction varies. Numbers in parentheses are those of ``docs/model.md``.
 """
 
 from types import SimpleNamespace
@@ -12,7 +12,7 @@ import warp as wp
 
 from multirod.models.backbone.kernels.layout.layout import Layout
 from multirod.models.backbone.kernels.members import make_rod_with_members
-from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul, neg, sub  # noqa: F401  (operators: looked up by name)
+from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul, neg, sub  # noqa: F401  (by name)
 from multirod.models.backbone.kernels.numbers.vectors import vectors
 
 

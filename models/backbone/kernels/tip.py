@@ -1,9 +1,9 @@
 # mypy: ignore-errors
 """The tip of a backbone: residual (11) to (13) and its columns, or the wrench of a tip that something else holds (22).
 
-``y`` is the state at the tip and ``v`` a column of it, in SI units; ``s`` is where the last stretch began, ``n_tip`` the force at the tip
-and ``dn`` its column, in the base frame. Functions return a number that is not finite if one of what they write is not. Numbers in
-parentheses are those of ``docs/model.md``.
+``y`` is the state at the tip and ``v`` a column of it, in SI units; ``s`` is where the last stretch began, ``n_tip`` the force at
+the tip and ``dn`` its column, in the base frame. Functions return a number that is not finite if one of what they write is not.
+Numbers in parentheses are those of ``docs/model.md``.
 """
 
 from types import SimpleNamespace

@@ -41,8 +41,10 @@ def sweep(
 ) -> Study:
     """Solve every instance of a large batch, chunk by chunk, into a folder; go on where an earlier call stopped.
 
-    Each chunk that is done is one file, there as a whole or not at all, whatever ends the process; it is never solved again unless
-    its checksum says that it is no longer what was written: then a ``RuntimeWarning`` names it. The arrays equal those of ``solve``,
+    Each chunk that is done is one file, there as a whole or not at all, whatever ends the process; it is never solved again
+    unless
+    its checksum says that it is no longer what was written: then a ``RuntimeWarning`` names it. The arrays equal those of
+        ``solve``,
     bitwise, whatever the chunk and the executor (``docs/sweep.md``).
 
     Args:
@@ -53,8 +55,8 @@ def sweep(
         chunk: Instances of a chunk.
         quantities: Kept besides status, residual, iterations, integrations, tip_position, tip_rotation, unknowns and the inputs:
             any of boundary_residual, condition, determinant, energy, gamma, index, potential, smallest_singular_value, stability.
-        executor: Where chunks are solved: in this process by default, on a ``concurrent.futures.Executor``, or on one made by this
-            function, which is asked for another when the first breaks, and which are shut down in the end.
+        executor: Where chunks are solved: in this process by default, on a ``concurrent.futures.Executor``, or on one made by
+            this function, which is asked for another when the first breaks, and which are shut down in the end.
         in_flight: Chunks that the executor has at a time: at least twice its workers.
         progress: Whether a bar is shown after two seconds, if on a terminal; or called with the number of instances done.
         device: Warp device.

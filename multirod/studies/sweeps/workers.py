@@ -10,9 +10,9 @@ from typing import Any
 class Workers:
     """The processes that an executor has at present: those of a ``ProcessPoolExecutor`` not yet shut down, of any other none.
 
-    Such a pool has no way to end that is sure to end (Python 3.14 has ``kill_workers``, which waits like the rest): its own thread waits
-    for a process that is stopped, and where one dies while it hands over a result, for the rest of that result; so does the interpreter
-    at its exit, for that thread.
+    Such a pool has no way to end that is sure to end (Python 3.14 has ``kill_workers``, which waits like the rest): its own
+    thread waits for a process that is stopped, and where one dies while it hands over a result, for the rest of that result; so
+    does the interpreter at its exit, for that thread.
     """
 
     def __init__(self, executor: Executor) -> None:

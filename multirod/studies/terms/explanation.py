@@ -137,8 +137,8 @@ class Explanation:
     def without(self, *names: str) -> tuple[Assembly, Inputs]:
         """The robot and the inputs without these terms, ready to be solved.
 
-        Loads become zero; ``shear`` and ``torsion`` rigid; ``anisotropy`` the mean of both axes; ``precurvature_profile`` the mean
-        over each piece that the function was resolved into.
+        Loads become zero; ``shear`` and ``torsion`` rigid; ``anisotropy`` the mean of both axes; ``precurvature_profile`` the
+        mean over each piece that the function was resolved into.
 
         Raises:
             ValueError: If a name is not one of a droppable term of this scene; the message lists them.

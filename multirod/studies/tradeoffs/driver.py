@@ -36,14 +36,14 @@ def tradeoff(
         robot: The assembly, without leading axes.
         inputs: Made by ``robot.inputs(...)``, with time as the first axis.
         time: Of the samples [s], shape (sample_count,).
-        solvers: Settings by name; by default ``multirod.studies.tradeoffs.grid(robot, inputs)`` and what else is registered. A name up
-            to its first comma is the family in plots.
+        solvers: Settings by name; by default ``multirod.studies.tradeoffs.grid(robot, inputs)`` and what else is registered. A
+            name up to its first comma is the family in plots.
         models: Robots and inputs of the same motion with some terms left out, by name, such as ``{"without gravity": (robot2,
             inputs2)}``. Every solver is run on each of them too; errors are against the full model.
         settle: Errors count from here on [s]: an observer starts off the solution.
         budget: Time that all of it should take [s]: settings that would take longer than their share run on
-            fewer samples, and those for which nothing is left are skipped. It is over after twice as long, a kernel aside that is being
-            compiled then, and those of the reference (``docs/tradeoff.md``).
+            fewer samples, and those for which nothing is left are skipped. It is over after twice as long, a kernel aside that is
+            being compiled then, and those of the reference (``docs/tradeoff.md``).
         csv: File (``.csv``) that every row is written to as it comes, so that a run that is stopped leaves what it measured.
         progress: Whether to show a bar, or a function that is called with the number of settings done.
 

@@ -61,9 +61,9 @@ def integrators() -> tuple[Integrator, ...]:
 def grid(robot: Assembly, inputs: Inputs | None = None, *, tried: Sequence[Integrator] | None = None) -> dict[str, Solver]:
     """The settings that are tried by default.
 
-    Newton's method with each predictor, four forms of the observer, and energy descent where it takes the robot, by all integrators; the observer in other
-    couplings, where the robot has several rods to couple, by ``RK4`` at up to 50 steps, as it is the lag that they change; the paper's three root
-    finders with ``RK4(50)``.
+    Newton's method with each predictor, four forms of the observer, and energy descent where it takes the robot, by all
+    integrators; the observer in other couplings, where the robot has several rods to couple, by ``RK4`` at up to 50 steps, as it
+    is the lag that they change; the paper's three root finders with ``RK4(50)``.
 
     Args:
         robot: The assembly: one with a single block of unknowns has one coupling.

@@ -1,8 +1,8 @@
 # mypy: ignore-errors
 """Rods in an elastic medium, in lanes: the force per length (3e), its variation (18e), and the energy (14e).
 
-``z`` is where the record of the stretch stands in memory, ``x`` the arclength from its start, ``p`` the position in the frame of the base
-and ``g`` where stands what a column's direction varies. Numbers in parentheses are those of ``docs/model.md``.
+``z`` is where the record of the stretch stands in memory, ``x`` the arclength from its start, ``p`` the position in the frame of
+the base and ``g`` where stands what a column's direction varies. Numbers in parentheses are those of ``docs/model.md``.
 """
 
 from types import SimpleNamespace
@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from multirod.models.backbone.kernels.layout.layout import Layout
-from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul, neg, sub  # noqa: F401  (operators: looked up by name)
+from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul, neg, sub  # noqa: F401  (by name)
 from multirod.models.backbone.kernels.numbers.vectors import vectors
 
 

@@ -1,8 +1,8 @@
 # mypy: ignore-errors
 """Magnetised rods in a uniform field, in lanes: the moment per length (3d), their torques (8d), and the variations (18d).
 
-``z`` is where the record of the stretch stands in memory, ``a`` that of the place, ``b`` the state, ``v`` a column of it and ``g`` where
-stands what its direction varies. Numbers in parentheses are those of ``docs/model.md``.
+``z`` is where the record of the stretch stands in memory, ``a`` that of the place, ``b`` the state, ``v`` a column of it and
+``g`` where stands what its direction varies. Numbers in parentheses are those of ``docs/model.md``.
 """
 
 from types import SimpleNamespace
@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from multirod.models.backbone.kernels.layout.layout import Layout
-from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul, neg, sub  # noqa: F401  (operators: looked up by name)
+from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul, neg, sub  # noqa: F401  (by name)
 from multirod.models.backbone.kernels.numbers.vectors import vectors
 
 
