@@ -11,9 +11,10 @@ import pytest
 from rerun.chunk import RrdReader
 
 import multirod as mr
-from multirod import RK4, Observer, Shooting, experiment
+from multirod import RK4, Observer, Shooting
 from multirod.cli import main
 from multirod.cli.terminal import duration
+from multirod.studies import experiment
 from multirod.studies.scenes import SCENES
 from multirod.studies.tradeoffs import Measurement
 

@@ -10,6 +10,7 @@ from test_concentric_tubes import NAMES, assembly
 
 import multirod as mr
 from multirod.models.backbone.problem import BackboneProblem
+from multirod.models.backbone.stability import BackboneStability
 from multirod.models.backbone.starts import spread
 from multirod.problem import BoundaryProblem
 from multirod.solvers.starting.multistart import Catalogue
@@ -186,7 +187,7 @@ def test_what_is_not_known_to_be_stable_is_never_returned(reference_cases, make_
         answer = Modes(
             np.array([[value]]), np.zeros(1, dtype=np.int32), np.zeros((1, 1)), np.array([known]), np.zeros(1, dtype=bool)
         )
-        monkeypatch.setattr(BackboneProblem, "modes", lambda self, answer=answer: answer)
+        monkeypatch.setattr(BackboneStability, "modes", lambda self, answer=answer: answer)
         solution = mr.solve(robot, inputs)
         assert solution.status is mr.Status.BRANCH_END
         assert np.isnan(solution.unknowns).all()

@@ -83,7 +83,11 @@ def test_every_load_is_within_its_bound():
     """All loads at once on a curved, sheared rod with unequal axes; each instance of the batch lacks one of them."""
     random = np.random.default_rng(5)
     robot = straight(
-        bending_stiffness=(1.0, 1.4), shear_stiffness=(50.0, 80.0), axial_stiffness=100.0, precurvature=(0.8, -0.5, 0.6)
+        bending_stiffness=(1.0, 1.4),
+        shear_stiffness=(50.0, 80.0),
+        axial_stiffness=100.0,
+        precurvature=(0.8, -0.5, 0.6),
+        magnetisation=(0.4, 0.2, 1.0),
     )
     values = {name: 0.04 * random.standard_normal(3) for name in LOADS}
     present = {name: np.array([1.0] + [float(other != name) for other in LOADS]) for name in LOADS}

@@ -9,7 +9,8 @@ import programs
 import pytest
 
 import multirod as mr
-from multirod import batch, progress
+from multirod import batch
+from multirod.running import progress
 
 RK4 = mr.RK4(40)
 NEWTON = mr.Shooting(integrator=RK4)

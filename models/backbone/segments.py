@@ -1,7 +1,7 @@
 """Segments of a backbone of one rod: the launches of its segment kernels, and its states' variations."""
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,13 +9,13 @@ import warp as wp
 
 from multirod.launch import record
 from multirod.models.backbone.kernels.layout.features import Features
+from multirod.models.backbone.kernels.layout.layout import unknowns_of
 from multirod.models.backbone.kernels.segments import (
     BASE_FORCE_AT,
     POSITION_AT,
     ROTATION_AT,
     STATE_SIZE,
     SegmentCall,
-    SegmentFeatures,
     make_segment_kernel,
 )
 from multirod.models.backbone.passes import deal, threads, width
@@ -42,10 +42,9 @@ class BackboneSegments(Segments):
 
     def __init__(self, problem: "BackboneProblem") -> None:
         self.problem = problem
-        self.features = self._with(problem.features, pose=True, pose_sensitivities=True, nodes=False)
+        self.features = replace(problem.features, segment=True, pose=True, pose_sensitivities=True, nodes=False)
         d = self.variation_size = self.features.unknown_count
-        force = self.features.base_force_unknown
-        self.unknown_places = np.array([0, 1, 2, 6, 7, 8] if force else [0, 1, 2])
+        self.unknown_places = np.delete(np.arange(d), unknowns_of(self.features).places["rotation"])
         count, device = problem.instance_count, problem.device
         self._call = call = problem._make_call(0)
         call.load_factor = wp.ones(count, dtype=wp.float64, device=device)
@@ -58,11 +57,6 @@ class BackboneSegments(Segments):
         self._stiffness = np.broadcast_to(stiffness, (count, 3))
         self._precurvature = np.broadcast_to(problem.arrays.precurvature[:, 0, 0, :3], (count, 3))
         self._scale = np.broadcast_to(problem.arrays.end[:, 0, -1], (count,))
-
-    @staticmethod
-    def _with(features: Features, **changes: Any) -> SegmentFeatures:
-        values = {field.name: getattr(features, field.name) for field in fields(features)}
-        return SegmentFeatures(**values | changes)
 
     # ---- states ----
 
@@ -125,7 +119,7 @@ class BackboneSegments(Segments):
         call.unknowns.assign(unknowns)
         return seg, places
 
-    def _launch(self, features: SegmentFeatures, count: int, columns: int, table: Any, call: Any, seg: Any) -> None:
+    def _launch(self, features: Features, count: int, columns: int, table: Any, call: Any, seg: Any) -> None:
         """One pass over ``count`` segments with columns by their first states, ``columns`` of them, and by directions."""
         problem = self.problem
         problem.heed_stop()
@@ -199,7 +193,7 @@ class BackboneSegments(Segments):
             states = request.states.copy()
             states[:, POSITION_AT:] = np.cumsum(found.displacement, axis=0) - found.displacement
             placed.append(replace(request, states=states, steps=0 * request.steps))
-        features = self._with(self.features, nodes=True, pose_sensitivities=False, directions=False)
+        features = replace(self.features, nodes=True, pose_sensitivities=False, directions=False)
         call = problem._make_call(node_count)
         call.node_rod = 0
         for name in ("load_factor", "unknowns", "residual"):

@@ -6,7 +6,6 @@ rod (``docs/solvers.md``). The unknowns of a segment are the variations of its f
 rotation over the rod's length, then, where something follows the tip, the base force in the units of (13).
 """
 
-from dataclasses import dataclass
 from functools import cache
 from types import SimpleNamespace
 
@@ -24,15 +23,6 @@ f64 = wp.float64
 
 ROTATION_AT, POSITION_AT, STATE_SIZE = 3, 7, 10  # M, q, p in a segment's state
 BASE_FORCE_AT = 6  # of the variations
-
-
-@dataclass(frozen=True, kw_only=True)
-class SegmentFeatures(Features):
-    """The terms of a segment: those of a backbone whose unknowns are all that its first state can vary by."""
-
-    @property
-    def unknown_count(self) -> int:
-        return 9 if self.base_force_unknown else 6
 
 
 @wp.struct
@@ -54,7 +44,7 @@ class SegmentCall:
 
 
 @cache
-def make_segment_kernel(features: SegmentFeatures, tableau: Tableau, W: int = 8):
+def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
     """Kernel for one set of features and one integrator; arguments ``(RodTable, Call, memory, SegmentCall)``."""
     parts = make_parts(features, tableau, "float64", W)
     own, grid, base, tip, record = parts.own, parts.grid, parts.base, parts.tip, parts.record

@@ -39,6 +39,7 @@ class Features:
         directions: Some of the columns are derivatives along directions in input space, equation (20).
         nodes: States are written at nodes along the arclength, and the elastic energy is integrated.
         node_columns: So are columns, of a model with all its unknowns.
+        segment: A segment of the rods, from any state on, is integrated: the frame it begins with is an unknown too.
     """
 
     rod_count: int = 1
@@ -64,6 +65,7 @@ class Features:
     directions: bool = False
     nodes: bool = False
     node_columns: bool = False
+    segment: bool = False
 
     @property
     def base_force_unknown(self) -> bool:
@@ -124,4 +126,4 @@ class Features:
     @property
     def unknown_count(self) -> int:
         """Unknowns of an instance."""
-        return (3 if self.moment else 0) + self.torque_count + (3 if self.base_force_unknown else 0)
+        return 3 * (self.moment + self.segment + self.base_force_unknown) + self.torque_count
