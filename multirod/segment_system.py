@@ -11,10 +11,6 @@ from numpy.typing import NDArray
 from multirod.segments import Breakpoints, Propagation, Request, Segments
 from multirod.validation import FloatArray
 
-GAMMA_CHANGE = 0.25  # smallest real part of an eigenvalue of J_new J_old^-1
-MODES = 8  # eigenvalues furthest from one that are looked at
-DENSE = 120  # unknowns up to which all are
-
 
 class System:
     """The Jacobian (2) of all segments: unknowns at the base, then the variation at every further breakpoint.
@@ -120,32 +116,3 @@ def pose_jacobian(segments: Segments, instance: int, points: Breakpoints) -> Flo
     variations[0, places] = rates[: system.n]
     variations[1:] = rates[system.n :].reshape(-1, d, slopes.shape[1])
     return segments.tip_pose_columns(instance, found, variations)
-
-
-def same_branch(before: System, after: System) -> bool:
-    """Whether no mode of ``J`` came near zero or changed sign between two equilibria on the same breakpoints.
-
-    The eigenvalues of ``J_new J_old^-1`` do not depend on the units of states and residuals, nor on the frames they are told in,
-    and their product is the ratio of the determinants of ``Gamma``.
-    """
-    if before.singular or after.singular:
-        return False
-
-    def change(x: FloatArray) -> FloatArray:
-        return after.times(before.solve(x)) - x
-
-    if before.size <= DENSE:
-        shift = np.linalg.eigvals(np.linalg.solve(before.dense().T, after.dense().T) - np.eye(before.size))
-        complete = True
-    else:
-        from scipy.sparse.linalg import ArpackError, ArpackNoConvergence, LinearOperator, eigs
-
-        operator = LinearOperator((before.size, before.size), matvec=change, dtype=np.float64)
-        try:
-            start = np.ones(before.size)
-            shift = eigs(operator, k=MODES, which="LM", v0=start, tol=1e-3, maxiter=200, return_eigenvectors=False)
-        except (ArpackNoConvergence, ArpackError):
-            return False
-        complete = bool(np.abs(shift).min() < 1 - GAMMA_CHANGE)
-    values = 1 + shift
-    return complete and bool((values.real > GAMMA_CHANGE).all() and (np.abs(values) < 1 / GAMMA_CHANGE).all())

@@ -13,7 +13,7 @@ from multirod.segment_system import System
 from multirod.segments import Breakpoints, Segments, placed
 from multirod.solver import Outcome, Solver, Track
 from multirod.solvers.newton.iteration import Newton
-from multirod.solvers.segments.branch import Branch, Result, Run, run_together
+from multirod.solvers.segments.path import Result, Run, SegmentedPath, run_together
 from multirod.stability import Stability
 from multirod.status import IntArray, Status, failures
 from multirod.validation import FloatArray, positive_int
@@ -23,7 +23,7 @@ POLISH = 5  # iterations on the unknowns alone
 MAX_INTEGRATIONS = 4000  # some seconds; the hardest loads of docs/solvers.md take 700
 SAME_POSE = 1e-7  # of the length, and of a rotation: how near these lead to the tip that the segments lead to
 
-_Ended = tuple[Result, Branch]
+_Ended = tuple[Result, SegmentedPath]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,14 +109,14 @@ class MultipleShooting(Solver):
 
     def _natural(self, problem: BoundaryProblem, chosen: Iterable[int], allowed: IntArray) -> dict[int, _Ended]:
         guess, scale = problem.guess(), np.maximum(problem.load_scale(), 1e-300)
-        starts = {k: partial(Branch.follow, unknowns=guess[k], scale=float(scale[k])) for k in chosen}
+        starts = {k: partial(SegmentedPath.follow, unknowns=guess[k], scale=float(scale[k])) for k in chosen}
         ended = self._run(problem, starts, allowed)
         for _, branch in ended.values():
             branch.integrations += problem.guess_integrations
         return ended
 
     def _run(
-        self, problem: BoundaryProblem, starts: Mapping[int, Callable[[Branch], Run]], allowed: IntArray
+        self, problem: BoundaryProblem, starts: Mapping[int, Callable[[SegmentedPath], Run]], allowed: IntArray
     ) -> dict[int, _Ended]:
         """Run instances together, each by what it is started with, and by as many integrations as it is allowed."""
         segments = self._segments(problem)
@@ -131,8 +131,8 @@ class MultipleShooting(Solver):
         assert segments is not None  # or the problem was refused
         return segments
 
-    def _branch(self, segments: Segments, instance: int, tolerance: float, allowed: int) -> Branch:
-        return Branch(
+    def _branch(self, segments: Segments, instance: int, tolerance: float, allowed: int) -> SegmentedPath:
+        return SegmentedPath(
             segments,
             instance,
             tolerance=tolerance,
@@ -226,7 +226,9 @@ class _Resumed(Track):
         if first is not None:
             ended = solver._run(problem, _from(first), allowed)
         else:
-            resumed = {k: partial(Branch.resume, points=points, before=system) for k, (points, system) in self.last.items()}
+            resumed = {
+                k: partial(SegmentedPath.resume, points=points, before=system) for k, (points, system) in self.last.items()
+            }
             ended = solver._run(problem, resumed, allowed)
             spent = {k: branch.integrations for k, (result, branch) in ended.items() if result is None}
             for k, integrations in spent.items():
@@ -241,9 +243,9 @@ class _Resumed(Track):
         return solver._report(problem, ended, natural=self.natural)
 
 
-def _from(guess: FloatArray) -> dict[int, Callable[[Branch], Run]]:
+def _from(guess: FloatArray) -> dict[int, Callable[[SegmentedPath], Run]]:
     """How instances start from a guess (instance_count, n)."""
-    return {k: partial(Branch.solve_from, unknowns=unknowns) for k, unknowns in enumerate(guess)}
+    return {k: partial(SegmentedPath.solve_from, unknowns=unknowns) for k, unknowns in enumerate(guess)}
 
 
 def _ill_conditioned(problem: BoundaryProblem, outcome: Outcome) -> Any:

@@ -5,15 +5,15 @@ import pytest
 import warp as wp
 
 import multirod as mr
-from multirod.solvers.continuation.continuation_kernels import LARGEST_RATIO, RATIO_POWERS, SMALLEST_RATIO
+from multirod.solvers.continuation.acceptance import LARGEST_RATIO, RATIO_POWERS, SMALLEST_RATIO
 from multirod.solvers.newton.newton_kernels import NewtonState, make_iteration
 
 N = 4
 
 
-def spread(before, after, centre, enough, most):
+def spectral_radius(before, after, centre, enough, most):
     """The kernels' bound on the distance of the eigenvalues of ``after before^-1`` from ``centre``."""
-    of = make_iteration().spread
+    of = make_iteration().spectral_radius
 
     @wp.kernel(module="unique", enable_backward=False)
     def probe(state: NewtonState, bound: wp.array[wp.float64], centre: wp.float64, enough: wp.float64, most: wp.float64):
@@ -35,7 +35,7 @@ def test_the_bound_holds_all_eigenvalues_and_is_nearly_tight():
     before = random.standard_normal((3000, N, N))
     after = (np.eye(N) + random.uniform(0, 0.8, (3000, 1, 1)) * random.standard_normal((3000, N, N))) @ before
     centre, radius = 0.5 * (SMALLEST_RATIO + LARGEST_RATIO), 0.5 * (LARGEST_RATIO - SMALLEST_RATIO)
-    bound = spread(before, after, centre, 0.0, RATIO_POWERS)
+    bound = spectral_radius(before, after, centre, 0.0, RATIO_POWERS)
     values = np.linalg.eigvals(after @ np.linalg.inv(before))
     true = np.abs(values - centre).max(axis=1)
     assert (bound >= true * (1 - 1e-9)).all()
@@ -43,7 +43,7 @@ def test_the_bound_holds_all_eigenvalues_and_is_nearly_tight():
     assert (bound <= 1.12 * true).mean() > 0.99
     assert 0.2 < (bound < radius).mean() < 0.95, "all alike: no test of the decision"
     # stopping once it is enough changes no decision
-    np.testing.assert_array_equal(spread(before, after, centre, radius, RATIO_POWERS) < radius, bound < radius)
+    np.testing.assert_array_equal(spectral_radius(before, after, centre, radius, RATIO_POWERS) < radius, bound < radius)
 
 
 def test_what_changed_sign_grew_or_is_no_number_is_another_branch():
@@ -51,7 +51,7 @@ def test_what_changed_sign_grew_or_is_no_number_is_another_branch():
     after = before * np.array([4.1, 3.9, 0.24, 0.3, -1, 1, 2, 1, 1])[:, None, None]
     before[7], after[8] = 0, np.nan
     centre, radius = 0.5 * (SMALLEST_RATIO + LARGEST_RATIO), 0.5 * (LARGEST_RATIO - SMALLEST_RATIO)
-    found = spread(before, after, centre, radius, RATIO_POWERS) < radius
+    found = spectral_radius(before, after, centre, radius, RATIO_POWERS) < radius
     np.testing.assert_array_equal(found, [0, 1, 0, 1, 0, 1, 1, 0, 0])
 
 

@@ -11,7 +11,7 @@ from test_concentric_tubes import NAMES, assembly
 import multirod as mr
 from multirod.models.backbone.problem import BackboneProblem
 from multirod.models.backbone.stability import BackboneStability
-from multirod.models.backbone.starts import spread
+from multirod.models.backbone.starts import quasirandom
 from multirod.problem import BoundaryProblem
 from multirod.solvers.starting.multistart import Catalogue
 from multirod.stability import Modes
@@ -320,10 +320,10 @@ def test_what_a_tolerance_leaves_of_one_equilibrium_is_no_second_one():
 
 
 def test_starts_fill_their_cube():
-    points = spread(np.arange(4096), 3)
+    points = quasirandom(np.arange(4096), 3)
     assert (np.abs(points) <= 1).all()
     np.testing.assert_array_equal(points[0], 0)
-    np.testing.assert_array_equal(points[100:110], spread(np.arange(100, 110), 3))
+    np.testing.assert_array_equal(points[100:110], quasirandom(np.arange(100, 110), 3))
     counts, _ = np.histogramdd(points, bins=4)
     # 64 on average; random points would spread by 8
     assert counts.min() > 52

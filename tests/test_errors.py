@@ -277,7 +277,10 @@ def test_load_functions_must_return_three_finite_numbers(
 
 
 def test_unknown_input_is_refused_and_the_known_are_listed(robot: mr.SingleRod) -> None:
-    with pytest.raises(TypeError, match="inputs.*'tip_fource'.*" + ", ".join(("rotation", "translation", *VECTORS, "magnetic_field", "tip_curvature"))):
+    with pytest.raises(
+        TypeError,
+        match="inputs.*'tip_fource'.*" + ", ".join(("rotation", "translation", *VECTORS, "magnetic_field", "tip_curvature")),
+    ):
         robot.inputs(tip_fource=(1, 0, 0))
 
 

@@ -15,10 +15,11 @@ from multirod import batch
 from multirod.models.backbone.problem import POSES_APART
 from multirod.models.backbone.segments import BackboneSegments
 from multirod.recording.samples import first_instances
-from multirod.segment_system import DENSE, System, same_branch
+from multirod.segment_system import System
 from multirod.segments import Breakpoints, Propagation, Request
-from multirod.solvers.segments import branch as multiple_shooting_branch
-from multirod.solvers.segments.branch import Branch, run_together
+from multirod.solvers.continuation.acceptance import DENSE, same_branch_in_segments
+from multirod.solvers.segments import path as segmented_path
+from multirod.solvers.segments.path import SegmentedPath, run_together
 from multirod.stability import Modes
 
 EXTREME = (
@@ -110,9 +111,9 @@ def test_a_helix_held_by_its_wrench_reaches_the_end_of_its_natural_branch(refere
     robot = mr.SingleRod(rod, base=make_pose(base["R0"], base["p0"]))
     inputs = robot.inputs(tip_force=loads["tip_force_world"], tip_moment=loads["tip_moment_world"])
     solution = mr.solve(robot, inputs, solver=mr.MultipleShooting()).raise_if_failed()
-    monkeypatch.setattr(multiple_shooting_branch, "CONTRACTION", 0.03)
-    monkeypatch.setattr(multiple_shooting_branch, "SAFE_LOAD", 0.5)
-    monkeypatch.setattr(multiple_shooting_branch, "LOAD_RATIO", 0.05)
+    monkeypatch.setattr(segmented_path, "CONTRACTION", 0.03)
+    monkeypatch.setattr(segmented_path, "SAFE_LOAD", 0.5)
+    monkeypatch.setattr(segmented_path, "LOAD_RATIO", 0.05)
     slow = mr.solve(robot, inputs, solver=mr.MultipleShooting()).raise_if_failed()
     assert slow.integrations > 2 * solution.integrations
     np.testing.assert_allclose(slow.tip_position, solution.tip_position, rtol=0, atol=1e-9 * stored["length"])
@@ -163,7 +164,7 @@ LOADS = {
 @pytest.mark.parametrize("given", LOADS)
 def test_segments_lead_where_one_integration_leads(given, monkeypatch):
     """Cut in more than ten, sections and profiles cut across: the same unknowns and the same tip, under every load."""
-    monkeypatch.setattr(multiple_shooting_branch, "GROWTH", 1.05)
+    monkeypatch.setattr(segmented_path, "GROWTH", 1.05)
     sections = [
         mr.Section(
             length=0.15, bending_stiffness=(0.22, 0.25), torsional_stiffness=0.06, precurvature=(8, 3, 0), linear_density=0.03
@@ -178,7 +179,9 @@ def test_segments_lead_where_one_integration_leads(given, monkeypatch):
     truth = mr.solve(robot, inputs).raise_if_failed()
     problem = robot.problem(inputs, integrator=mr.RK45())
     segments = problem.segments
-    branch = Branch(segments, 0, tolerance=1e-9, max_iterations=30, max_steps=100, max_integrations=1000, integrator=mr.RK45())
+    branch = SegmentedPath(
+        segments, 0, tolerance=1e-9, max_iterations=30, max_steps=100, max_integrations=1000, integrator=mr.RK45()
+    )
     result = run_together(segments, {0: branch.follow(problem.guess()[0], float(problem.load_scale()[0]))})[0]
     assert not result.status.failed
     assert len(result.points.steps) > 10
@@ -297,7 +300,7 @@ def test_an_unstable_end_is_refused(soft, monkeypatch):
 def test_slow_contraction_is_refused(soft):
     """The unloaded shape is no start for 64 EI/L^2: it is left after the second step, where Newton would wander on."""
     problem = soft.problem(soft.inputs(tip_force=(8.0, 0.0, 0.0)), integrator=mr.RK45())
-    branch = Branch(
+    branch = SegmentedPath(
         problem.segments, 0, tolerance=1e-9, max_iterations=30, max_steps=1, max_integrations=1000, integrator=mr.RK45()
     )
 
@@ -488,7 +491,9 @@ def test_steps_are_short_enough_for_columns_along_a_straight_rod():
     load = 400.0
     problem = robot.problem(robot.inputs(tip_force=(0, 0, load * 0.02 / 0.25)), integrator=mr.RK45())
     segments = problem.segments
-    branch = Branch(segments, 0, tolerance=1e-9, max_iterations=30, max_steps=100, max_integrations=1000, integrator=mr.RK45())
+    branch = SegmentedPath(
+        segments, 0, tolerance=1e-9, max_iterations=30, max_steps=100, max_integrations=1000, integrator=mr.RK45()
+    )
     found = run_together(segments, {0: branch.follow(np.zeros(3), load)})[0].found
     product = np.eye(6)
     for transition in found.transition:
@@ -537,7 +542,7 @@ def test_a_mode_that_changes_sign_is_seen(modes, count):
     after.last = after.last.copy()
     after.last[:modes] *= -1
     assert (before.size > DENSE) == (count == 60)
-    assert same_branch(before, after) == (modes == 0)
+    assert same_branch_in_segments(before, after) == (modes == 0)
 
 
 def test_errors(soft, monkeypatch):
@@ -551,7 +556,7 @@ def test_errors(soft, monkeypatch):
         mr.Shooting(fallback=1)
     inputs = soft.inputs(tip_force=(60.0, -50.0, 30.0))
     assert mr.solve(soft, inputs, solver=mr.MultipleShooting(max_continuation_steps=3)).status == mr.Status.MAX_ITERATIONS
-    monkeypatch.setattr(multiple_shooting_branch, "MOST_SEGMENTS", 3)
+    monkeypatch.setattr(segmented_path, "MOST_SEGMENTS", 3)
     assert mr.solve(soft, inputs, solver=mr.MultipleShooting()).status == mr.Status.STEP_LIMIT
 
 

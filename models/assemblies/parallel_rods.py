@@ -27,7 +27,7 @@ from multirod.validation import Described, FloatArray, array, choice, frozen, in
 JOINTS = {"clamped": kernels.CLAMPED, "revolute": kernels.REVOLUTE, "spherical": kernels.SPHERICAL}
 
 SMALLEST_AXIS = 1e-100  # whose square still is a number
-PLATFORM_WEIGHT = 8 / 3  # a weight on the tip against the same spread along the rod
+PLATFORM_WEIGHT = 8 / 3  # a weight on the tip against the same distributed along the rod
 CLOSURE = ("shear", "torsion", "anisotropy", "precurvature_profile")  # what these do depends on how the legs hold each other
 
 

@@ -13,7 +13,7 @@ from multirod.models.backbone.envelope import FORCES, FROM_BASE, NODES, TO_TIP, 
 from multirod.rod import RodArrays
 from multirod.validation import FloatArray
 
-SPREAD = ("distributed_moment", "magnetic_field")  # moments per length
+MOMENTS_PER_LENGTH = ("distributed_moment", "magnetic_field")
 ROUNDING = 1 + 1 / (2 * NODES**2)  # what the midpoint rule may lack
 WHOLE = np.full(NODES, 1 / NODES)  # integrates over the length
 ZERO = np.zeros(NODES)
@@ -91,10 +91,10 @@ class Comparison:
         self._compliance = bounds.bending if rods else bounds.least
         self._stretched = 1 + bounds.shear * force
         self._arm = 1 + 2 * bounds.shear * force  # (6)
-        self._spread = ZERO + sum(bounds.loads.get(name, 0.0) for name in SPREAD)
+        self._moment_per_length = ZERO + sum(bounds.loads.get(name, 0.0) for name in MOMENTS_PER_LENGTH)
         self._dead = self._at_tip("tip_moment")
         self._following = self._at_tip("follower_moment") + bounds.measured
-        self._moment = TO_TIP @ (self._stretched * force + self._spread) + self._dead + self._following
+        self._moment = TO_TIP @ (self._stretched * force + self._moment_per_length) + self._dead + self._following
         curved = bounds.curved[:rods]
         self._curvature = self._compliance * (self._moment + curved.sum(axis=0))
         self._uneven = bounds.anisotropy[:rods]
@@ -162,7 +162,7 @@ class Comparison:
             result[:NODES, place] = np.diag(c * self._coupled[k]) + (c[:, None] * twisted if k == 0 else 0.0)
         for k, place in enumerate(places):  # (11)
             rate = self._coupled[k] * c
-            by_turning = rate[:, None] * turned + (self._spread + force**2 * self._across)[:, None] * FROM_BASE
+            by_turning = rate[:, None] * turned + (self._moment_per_length + force**2 * self._across)[:, None] * FROM_BASE
             result[place, :NODES] = self._twists[k] @ by_turning + np.outer(self._tip_twists[k], self._dead * WHOLE)
             for j, other in enumerate(places):
                 others = total - self._coupled[k] + 3 * self._own[k]
@@ -196,7 +196,7 @@ class Comparison:
                 own, sheared = self._bounds.force((name,)), self._bounds.shear
                 torque = every * (self._across * self._force * own)
                 found[name] = Source(TO_TIP @ (self._stretched * own), stretch=sheared * own, torque=torque)
-            elif name in SPREAD:
+            elif name in MOMENTS_PER_LENGTH:
                 own = ZERO + size
                 found[name] = Source(TO_TIP @ own, torque=every * own)
             else:
@@ -215,7 +215,7 @@ class Comparison:
                 "precurvature_profile": Source(bend=np.hypot(bend, twist)),
             }
         others = self._coupled.sum(axis=0) - self._coupled + self._own
-        rates = self._coupled * self._compliance * (self._moment + others) + self._spread + self._across * force**2
+        rates = self._coupled * self._compliance * (self._moment + others) + self._moment_per_length + self._across * force**2
         at_tip = bounds.furthest[:, None] * (self._dead + self._following)
         twist = (bounds.torsion * (rates @ FROM_BASE + at_tip)) @ TO_TIP
         twist = twist + bounds.transmission[:, None] * (rates @ WHOLE[:, None] + at_tip)

@@ -28,7 +28,7 @@ class BackboneStarts(Starts):
     def guesses(self, count: int, first: int = 0) -> FloatArray:  # noqa: D102
         n = len(self.problem.rods)
         moment, torque, unit = self._start_sizes()
-        points = spread(np.arange(first, first + count), n + 2)[:, None]
+        points = quasirandom(np.arange(first, first + count), n + 2)[:, None]
         points = np.sign(points) * np.abs(points) ** _CROWDING
         torques = self.problem.features.torque_count
         slots = self.problem.slots
@@ -74,7 +74,7 @@ class BackboneStarts(Starts):
         return next(values), next(values)
 
 
-def spread(numbers: NDArray[np.int_], dimensions: int) -> FloatArray:
+def quasirandom(numbers: NDArray[np.int_], dimensions: int) -> FloatArray:
     """Points of a sequence that fills the cube from -1 to 1 evenly, number 0 in its centre, shape (len(numbers), dimensions).
 
     Roberts' additive recurrence: steps by powers of the generalised golden ratio.

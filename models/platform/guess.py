@@ -83,9 +83,9 @@ def _repeated(values: FloatArray, count: int) -> FloatArray:
 def fitted_platform(legs: Legs, at: Attachments) -> tuple[FloatArray, FloatArray]:
     """Position (instance, 3) and rotation (instance, 3, 3) that fit the tips best, in the sense of least squares."""
     centre, middle = legs.position.mean(axis=1), at.arm.mean(axis=1)
-    spread = at.arm - middle[:, None]
-    size = np.maximum((spread**2).sum(axis=(1, 2)), 1e-300)[:, None, None]
-    fit = np.einsum("bli,blj->bij", legs.position - centre[:, None], spread) / size
+    arms = at.arm - middle[:, None]
+    size = np.maximum((arms**2).sum(axis=(1, 2)), 1e-300)[:, None, None]
+    fit = np.einsum("bli,blj->bij", legs.position - centre[:, None], arms) / size
     fit += np.einsum("l,blij,blkj->bik", at.joints != SPHERICAL, legs.rotation, at.frame) / len(at.joints)
     rotation = nearest_rotation(fit)
     return centre - np.einsum("bij,bj->bi", rotation, middle), rotation

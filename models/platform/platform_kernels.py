@@ -2,7 +2,7 @@
 """What couples rods that hold one platform: joints, and the equilibrium of the platform.
 
 Numbers in parentheses are those of ``docs/parallel.md``. The legs are integrated by the backbone kernels, many at a time;
-around each such launch stand ``spread`` (unknowns and inputs of the robots to their legs), ``attach`` (pose and wrench of
+around each such launch stand ``hand_over`` (unknowns and inputs of the robots to their legs), ``attach`` (pose and wrench of
 each leg's tip to the residual of its joint) and ``balance`` (the platform).
 """
 
@@ -73,7 +73,7 @@ class Robots:
     # where inputs begin
     pose: int  # POSE_VECTORS
     loads: int  # PLATFORM_VECTORS
-    spread: int  # LEG_VECTORS
+    leg_vectors: int  # LEG_VECTORS
     # of the path from open to closed joints
     opening: wp.array2d[wp.float64]  # (instance, unknown): residual of the unloaded robot where the path begins
     loading: wp.array[int]  # ``Loading``: how loads act while joints close
@@ -154,7 +154,7 @@ def load_of(robots: Robots, b: int) -> f64:
 
 
 @wp.kernel(module="unique", enable_backward=False)
-def spread(robots: Robots, legs: Legs):
+def hand_over(robots: Robots, legs: Legs):
     """Unknowns, inputs and directions of the robots to their legs."""
     t = legs.order[wp.tid()]
     b = t // legs.count
@@ -174,9 +174,9 @@ def spread(robots: Robots, legs: Legs):
             legs.directions[t, k, i] = robots.directions[b, k, rod]
             legs.directions[t, k, legs.rods + i] = robots.directions[b, k, robots.rod_count + rod]
     for i in range(wp.static(3 * len(LEG_VECTORS))):
-        legs.inputs[t, legs.vectors + i] = robots.inputs[b, robots.spread + i]
+        legs.inputs[t, legs.vectors + i] = robots.inputs[b, robots.leg_vectors + i]
         for k in range(robots.leg_direction_count):
-            legs.directions[t, k, legs.vectors + i] = robots.directions[b, k, robots.spread + i]
+            legs.directions[t, k, legs.vectors + i] = robots.directions[b, k, robots.leg_vectors + i]
     if robots.inverse != 0:
         # (10) the unknown translation, and its own column
         L = length_of(robots, b, leg)
@@ -450,7 +450,7 @@ def balance(robots: Robots):
     follower_force = load * (pose.rotation * vector(robots.inputs, b, first + 6))
     follower_moment = load * (pose.rotation * vector(robots.inputs, b, first + 9))
     point = pose.rotation * vector(robots.inputs, b, first + 12)
-    gravity = robots.spread + 6
+    gravity = robots.leg_vectors + 6
     weight = (load * robots.mass) * vector(robots.inputs, b, gravity)
     centre = pose.rotation * robots.mass_centre
     pushed = tip_force + follower_force

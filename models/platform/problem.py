@@ -291,7 +291,7 @@ class ParallelProblem(BoundaryProblem):
         robots.mass_centre = wp.vec3d(*geometry.mass_centre)
         robots.pose = self._places["platform_position"].start if self.inverse else 0
         robots.loads = self._places[kernels.PLATFORM_VECTORS[0]].start
-        robots.spread = self._places[kernels.LEG_VECTORS[0]].start
+        robots.leg_vectors = self._places[kernels.LEG_VECTORS[0]].start
         robots.opening = wp.zeros((count, self.unknown_count), dtype=wp.float64, device=device)
         robots.loading = wp.zeros(count, dtype=wp.int32, device=device)
         size = kernels.DIRECTIONS_AT + 6 * self.leg_direction_count
@@ -309,7 +309,7 @@ class ParallelProblem(BoundaryProblem):
         launches = []
         for group in self.groups:
             dim = group.backbones.instance_count
-            launches.append(recorded(kernels.spread, dim, self.robots, group.table))
+            launches.append(recorded(kernels.hand_over, dim, self.robots, group.table))
             launches.append(group.backbones.launch)
             launches.append(recorded(kernels.attach, dim, self.robots, group.table))
         launches.append(recorded(kernels.balance, self.instance_count, self.robots))

@@ -7,7 +7,7 @@ import numpy as np
 from multirod.batch import IntArray
 from multirod.capabilities import Joints, Loading, Starts
 from multirod.models.backbone.inputs import LOADS
-from multirod.models.backbone.starts import spread
+from multirod.models.backbone.starts import quasirandom
 from multirod.models.platform import platform_kernels as kernels
 from multirod.models.platform.guess import COMPLIANCES, beam_unknowns, fitted_platform
 from multirod.rotations import matrices
@@ -102,5 +102,5 @@ class PlatformStarts(Starts):
 def crowded(numbers: IntArray) -> FloatArray:
     """Displacements, in lengths, and rotation vectors by number, that lie the closer the nearer they are to none; shape (k,
     6)."""
-    points = spread(numbers, kernels.POSE)
+    points = quasirandom(numbers, kernels.POSE)
     return np.asarray(np.sign(points) * np.abs(points) ** CROWDING * np.repeat(REACH, 3))

@@ -5,13 +5,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from multirod.problem import BoundaryProblem
+from multirod.solvers.continuation.acceptance import CONTRACTION
 from multirod.solvers.continuation.branch_step import CUTS, Apart, Change, Inspection, Point, Step, heights
 from multirod.solvers.continuation.crossings import at, crossings, cubic
 from multirod.stability import Modes
 from multirod.validation import FloatArray
 
 ITERATIONS = 8
-CONTRACTION = 0.3  # largest ratio of successive Newton steps
 TURN = 0.9  # smallest cosine between the tangents at both ends of a step
 FIRST_STEP = 0.25
 SMALLEST_STEP = 1e-7

@@ -9,19 +9,21 @@ from functools import cache
 
 import warp as wp
 
+from multirod.solvers.continuation.acceptance import (
+    CONTRACTION,
+    LARGEST_RATIO,
+    MIN_STEP,
+    RATIO_POWERS,
+    SMALLEST_RATIO,
+    SURPRISE,
+)
 from multirod.solvers.newton.newton_kernels import NewtonState, begin, make_iteration
 from multirod.status import Fault, Status
 
-CONTRACTION = 0.3  # largest ratio of successive Newton steps
-SMALLEST_RATIO = 0.25  # all eigenvalues of Gamma_new Gamma_old^-1 lie in the disc from this
-LARGEST_RATIO = 4.0  # to this
-RATIO_POWERS = 64.0  # powers by which that is told
-SURPRISE = 0.5  # largest distance of an equilibrium from its extrapolation, relative to its distance from the last
 AGREEMENT = 0.25  # the same from half the way to where twice the step led: half for one that stays a distance away
 HALFWAY = 0.1  # largest distance of the equilibrium halfway from the curve through the ends, relative to theirs
 HALFWAY_FIRST = 0.35  # the same where that curve is a straight line
 NEAR = 0.1  # of a step, that Newton's next may be where it is looked at halfway
-MIN_STEP = 1e-7
 f64 = wp.float64
 
 
@@ -72,7 +74,7 @@ def make_path(block: int = 0, border: int = 0):
     The arguments say what ``Gamma`` is like, as for ``make_iteration``.
     """
     iteration = make_iteration(block, border)
-    iterate, spread, newton_step = iteration.iterate, iteration.spread, iteration.aim
+    iterate, spectral_radius, newton_step = iteration.iterate, iteration.spectral_radius, iteration.aim
     CENTRE = 0.5 * (SMALLEST_RATIO + LARGEST_RATIO)
     RADIUS = 0.5 * (LARGEST_RATIO - SMALLEST_RATIO)
 
@@ -88,7 +90,7 @@ def make_path(block: int = 0, border: int = 0):
             if test % 2 == 1:
                 centre, enough, most = f64(wp.static(CENTRE)), f64(wp.static(RADIUS)), f64(wp.static(RATIO_POWERS))
             test += 1
-            if spread(state.newton, t, other, centre, enough, most) < enough:
+            if spectral_radius(state.newton, t, other, centre, enough, most) < enough:
                 test += test % 2
             elif test % 2 == 0:
                 return False

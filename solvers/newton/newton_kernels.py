@@ -83,7 +83,9 @@ def make_dense() -> SimpleNamespace:
         return wp.sqrt(total)
 
     @wp.func(inline=False)
-    def spread(state: wp.ref[NewtonState], t: int, reference: wp.array3d[wp.float64], centre: f64, enough: f64, most: f64) -> f64:
+    def spectral_radius(
+        state: wp.ref[NewtonState], t: int, reference: wp.array3d[wp.float64], centre: f64, enough: f64, most: f64
+    ) -> f64:
         """Bound on the distance from ``centre`` of the eigenvalues of Gamma reference^-1, by the Frobenius norm of
         E = Gamma reference^-1 - centre I and its powers, up to ``most`` or until it is ``enough``.
         """
@@ -116,7 +118,7 @@ def make_dense() -> SimpleNamespace:
             bound = wp.min(bound, wp.pow(total, f64(0.5) / power))
         return wp.where(wp.isfinite(bound), bound, f64(1.0e30))
 
-    return SimpleNamespace(aim=aim, spread=spread)
+    return SimpleNamespace(aim=aim, spectral_radius=spectral_radius)
 
 
 @cache
@@ -145,7 +147,9 @@ def make_arrow(block: int, border: int) -> SimpleNamespace:
         return wp.sqrt(total)
 
     @wp.func(inline=False)
-    def spread(state: wp.ref[NewtonState], t: int, reference: wp.array3d[wp.float64], centre: f64, enough: f64, most: f64) -> f64:
+    def spectral_radius(
+        state: wp.ref[NewtonState], t: int, reference: wp.array3d[wp.float64], centre: f64, enough: f64, most: f64
+    ) -> f64:
         """The same, with estimates of the norms: the mean of |E z|^2 over vectors z of random signs is the norm's square."""
         n = state.residual.shape[1]
         for i in range(n):
@@ -168,17 +172,17 @@ def make_arrow(block: int, border: int) -> SimpleNamespace:
             bound = wp.min(bound, wp.pow(total / f64(wp.static(PROBES)), f64(0.5) / power))
         return wp.where(wp.isfinite(bound), bound, f64(1.0e30))
 
-    return SimpleNamespace(aim=aim, spread=spread)
+    return SimpleNamespace(aim=aim, spectral_radius=spectral_radius)
 
 
 @cache
 def make_iteration(block: int = 0, border: int = 0) -> SimpleNamespace:
-    """``iterate``, from one integration to the next, ``spread``, how unlike two ``Gamma`` are, and ``aim``, the Newton step.
+    """``iterate``, from one integration to the next, ``spectral_radius``, how unlike two ``Gamma`` are, and ``aim``, the Newton step.
 
     Gamma is dense, or, with a ``border``, an arrow of blocks of at most ``block`` rows. The number of unknowns is that of the arrays.
     """
     linear = make_arrow(block, border) if border else make_dense()
-    aim, spread = linear.aim, linear.spread
+    aim, spectral_radius = linear.aim, linear.spectral_radius
 
     @wp.func
     def iterate(state: wp.ref[NewtonState], t: int, line_search: int, max_contraction: f64) -> int:
@@ -205,7 +209,7 @@ def make_iteration(block: int = 0, border: int = 0) -> SimpleNamespace:
             if size <= state.tolerance[t]:
                 status = int(wp.static(int(Status.CONVERGED)))
                 if state.has_reference[t] != 0:
-                    state.change[t] = spread(state, t, state.reference, f64(1.0), f64(wp.static(LARGE_CHANGE)), f64(8.0))
+                    state.change[t] = spectral_radius(state, t, state.reference, f64(1.0), f64(wp.static(LARGE_CHANGE)), f64(8.0))
             else:
                 length = aim(state, t)
                 before = f64(0.0)
@@ -247,7 +251,7 @@ def make_iteration(block: int = 0, border: int = 0) -> SimpleNamespace:
                 state.unknowns[t, i] = state.accepted[t, i] + damping * state.step[t, i]
         return status
 
-    return SimpleNamespace(iterate=iterate, spread=spread, aim=aim)
+    return SimpleNamespace(iterate=iterate, spectral_radius=spectral_radius, aim=aim)
 
 
 @cache

@@ -5,11 +5,10 @@ from typing import Any
 
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
 
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome, Track
-from multirod.solvers.continuation.continuation_kernels import LARGEST_RATIO, RATIO_POWERS, SMALLEST_RATIO
+from multirod.solvers.continuation.acceptance import same_branch
 from multirod.status import Status
 from multirod.validation import FloatArray, frozen
 
@@ -137,21 +136,3 @@ class SampledTrack(Track):
             else:
                 self.problem.directions.assign(expected[:, None])
         self._previous = inputs
-
-
-def same_branch(gamma: FloatArray, before: FloatArray) -> NDArray[np.bool_]:
-    """Whether all eigenvalues of ``gamma before^-1``, both (k, n, n), lie in the disc that one branch's do; shape (k,).
-
-    As in ``continuation_kernels``: no mode of ``Gamma`` came near zero or changed sign in between.
-    """
-    n = gamma.shape[-1]
-    regular = np.linalg.det(before) != 0
-    start = np.where(regular[:, None, None], before, np.eye(n))
-    centre, radius = 0.5 * (SMALLEST_RATIO + LARGEST_RATIO), 0.5 * (LARGEST_RATIO - SMALLEST_RATIO)
-    power, bound = 1.0, np.full(len(gamma), np.inf)
-    with np.errstate(all="ignore"):
-        E = gamma @ np.linalg.inv(start) - centre * np.eye(n)
-        while power <= RATIO_POWERS:
-            bound = np.fmin(bound, np.linalg.norm(E, axis=(1, 2)) ** (1 / power))
-            E, power = E @ E, 2 * power
-    return np.asarray(regular & (bound < radius))

@@ -65,7 +65,7 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
     n, features = layout.n, layout.features
     SEVERAL, HELD, NODES = n > 1, features.held, layout.NODES
     PROFILE, PROFILE_TERMS, CURVATURE_TERMS = layout.PROFILE, layout.PROFILE_TERMS, layout.CURVATURE_TERMS
-    SPREAD_FORCE, SPREAD_MOMENT, VARIED = layout.SPREAD_FORCE, layout.SPREAD_MOMENT, layout.VARIED
+    FORCE_PER_LENGTH, MOMENT_PER_LENGTH, VARIED = layout.FORCE_PER_LENGTH, layout.MOMENT_PER_LENGTH, layout.VARIED
     WORLD_FORCE = layout.FORCE and not layout.FORCE_STATE and not layout.FOUNDATION
     FOUNDATION, ANISOTROPIC, SHEAR = layout.FOUNDATION, features.anisotropic, features.shear
     DIRECTIONS = layout.DIRECTIONS
@@ -252,9 +252,9 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
 
     @wp.func
     def load_until(rods: RodTable, call: Call, case: Instance, s: f64) -> wp.vec3d:
-        """(3a) What is spread between the base and s."""
+        """(3a) What is distributed between the base and s."""
         total = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
-        if wp.static(SPREAD_FORCE):
+        if wp.static(FORCE_PER_LENGTH):
             total += s * case.distributed_force + mass_until(rods, call, case, s) * case.gravity
         if wp.static(PROFILE):
             total += case.profile_factor * (case.to_base * profile_until(rods, s))
@@ -264,19 +264,19 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
     def load_rate_until(rods: RodTable, call: Call, case: Instance, s: f64, k: int) -> wp.vec3d:
         """(3a) Its rate for direction k at a fixed s, or, but for what the rod grows by, at the tip."""
         rate = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
-        if wp.static(SPREAD_FORCE):
+        if wp.static(FORCE_PER_LENGTH):
             rate += s * direction_vector(call, case, k, DISTRIBUTED_FORCE)
             rate += mass_until(rods, call, case, s) * direction_vector(call, case, k, GRAVITY)
         if wp.static(PROFILE):
             rate += call.directions[case.direction, k, PROFILE_FACTOR] * profile_until(rods, s)
         rate = case.to_base * rate
-        if wp.static(SPREAD_FORCE):
+        if wp.static(FORCE_PER_LENGTH):
             rate += mass_rate_until(rods, call, case, s, k) * case.gravity
         return rate
 
     @wp.func
     def total_load(rods: RodTable, call: Call, case: Instance) -> wp.vec3d:
-        """(3a) Force at the base: the tip force and all that is spread over the length."""
+        """(3a) Force at the base: the tip force and all that is distributed over the length."""
         return case.tip_force + load_until(rods, call, case, case.length)
 
     @wp.func
@@ -284,7 +284,7 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         """(3a) Its rate for direction k."""
         rate = case.to_base * direction_vector(call, case, k, TIP_FORCE) + load_rate_until(rods, call, case, case.length, k)
         longer = moved(call, case, k, case.longest)
-        if wp.static(SPREAD_FORCE):
+        if wp.static(FORCE_PER_LENGTH):
             rate += longer * case.distributed_force
         if wp.static(PROFILE):
             at_tip = case.to_base * profile_force(rods, piece_from(rods, case.length), case.length)
@@ -426,7 +426,7 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         return density
 
     @wp.func
-    def spread_here(rods: RodTable, call: Call, case: Instance, s: f64) -> wp.vec3d:
+    def distributed_here(rods: RodTable, call: Call, case: Instance, s: f64) -> wp.vec3d:
         """Uniform part of the force per length, weight included."""
         return case.distributed_force + density_at(rods, call, case, s) * case.gravity
 
@@ -441,7 +441,7 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         for j in range(wp.static(PROFILE_TERMS)):
             a = (case.profile_factor * case.unit / case.force) * (case.to_base * profile_coefficient(rods, piece, 0, j))
             set_vector(memory, z + wp.static(z_at("profile_force")) + 3 * j, l, a)
-            if wp.static(SPREAD_MOMENT):
+            if wp.static(MOMENT_PER_LENGTH):
                 a = (case.profile_factor / case.force) * (case.to_base * profile_coefficient(rods, piece, 3, j))
                 set_vector(memory, z + wp.static(z_at("profile_moment")) + 3 * j, l, a)
 
@@ -464,7 +464,7 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
                 force = direction_vector(call, case, k, DISTRIBUTED_FORCE) + density * direction_vector(call, case, k, GRAVITY)
                 force = (case.unit / (case.force * unit)) * (case.to_base * force)
                 set_vector(memory, g + wp.static(given_at("distributed_force")), l, force)
-                if wp.static(SPREAD_MOMENT):
+                if wp.static(MOMENT_PER_LENGTH):
                     moment = (f64(1.0) / (case.force * unit)) * (
                         case.to_base * direction_vector(call, case, k, DISTRIBUTED_MOMENT)
                     )
@@ -505,10 +505,10 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
             if wp.static(WORLD_FORCE):
                 n0 = wp.vec3d(call.lane[p, FORCE], call.lane[p, wp.static(FORCE + 1)], call.lane[p, wp.static(FORCE + 2)])
                 set_vector(memory, z + wp.static(z_at("force")), l, n0 / case.force)
-            if wp.static(SPREAD_FORCE):
-                force = (case.unit / case.force) * spread_here(rods, call, case, start)
+            if wp.static(FORCE_PER_LENGTH):
+                force = (case.unit / case.force) * distributed_here(rods, call, case, start)
                 set_vector(memory, z + wp.static(z_at("distributed_force")), l, force)
-            if wp.static(SPREAD_MOMENT):
+            if wp.static(MOMENT_PER_LENGTH):
                 set_vector(memory, z + wp.static(z_at("distributed_moment")), l, case.distributed_moment / case.force)
             if wp.static(MAGNETISED):
                 set_vector(memory, z + wp.static(z_at("field")), l, case.magnetic_field)
@@ -520,14 +520,14 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
     @wp.func
     def pass_force(rods: RodTable, call: Call, case: Instance, p: int):
         """(3a) n at the end of a lane's stretch."""
-        if wp.static(WORLD_FORCE and SPREAD_FORCE):
+        if wp.static(WORLD_FORCE and FORCE_PER_LENGTH):
             start = call.lane[p, START]
             end = call.lane[p, END]
-            spread = (end - start) * spread_here(rods, call, case, start)
+            taken = (end - start) * distributed_here(rods, call, case, start)
             if wp.static(PROFILE):
-                spread += case.profile_factor * (case.to_base * profile_integral(rods, piece_from(rods, start), start, end))
+                taken += case.profile_factor * (case.to_base * profile_integral(rods, piece_from(rods, start), start, end))
             for j in range(3):
-                call.lane[p, FORCE + j] = call.lane[p, FORCE + j] - spread[j]
+                call.lane[p, FORCE + j] = call.lane[p, FORCE + j] - taken[j]
 
     return SimpleNamespace(
         load_vector=load_vector,

@@ -40,17 +40,22 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
     GROWTH = layout.given["growth"]
     MOMENT, FORCE, FORCE_STATE, FRAME = layout.MOMENT, layout.FORCE, layout.FORCE_STATE, layout.FRAME
     COLUMN_FRAME, POSE, POSE_COLUMNS, FIXED = layout.COLUMN_FRAME, layout.POSE, layout.POSE_COLUMNS, layout.FIXED
-    SHEAR, NODES, SPREAD_MOMENT = layout.features.shear, layout.NODES, layout.SPREAD_MOMENT
+    SHEAR, NODES, MOMENT_PER_LENGTH = layout.features.shear, layout.NODES, layout.MOMENT_PER_LENGTH
     DIRECTIONS, GIVEN_FORCE = layout.DIRECTIONS, layout.GIVEN_FORCE
     STATICS, COLUMN_SIZE = layout.column.size - 4 * COLUMN_FRAME - 3 * POSE_COLUMNS, layout.column.size
     loads, law = make_loads(layout, W, d), make_strains(layout, W, d)
-    world_force, spread_moment = loads.world_force, loads.spread_moment
+    world_force, distributed_moment = loads.world_force, loads.distributed_moment
     force_variation, moment_variation = loads.force_variation, loads.moment_variation
-    WORLD_AT, DWORLD_AT, FOUNDATION, SPREAD_FORCE = s["world_force"], c["world_force"], layout.FOUNDATION, layout.SPREAD_FORCE
+    WORLD_AT, DWORLD_AT, FOUNDATION, FORCE_PER_LENGTH = (
+        s["world_force"],
+        c["world_force"],
+        layout.FOUNDATION,
+        layout.FORCE_PER_LENGTH,
+    )
     medium = make_foundation(layout, W, d)
     foundation_force, foundation_variation = medium.foundation_force, medium.foundation_variation
     foundation_work = medium.foundation_work
-    spread_force, spread_force_variation = loads.spread_force, loads.spread_force_variation
+    distributed_force, distributed_force_variation = loads.distributed_force, loads.distributed_force_variation
     MAGNETISED = layout.MAGNETISED
     field = make_magnetic(layout, W, d)
     magnetic_moment, magnetic_torques, magnetic_work = field.magnetic_moment, field.magnetic_torques, field.magnetic_work
@@ -134,8 +139,8 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
                 keep3(f, wp.static(P_AT), p_s)
         if wp.static(FIXED):  # (4b)
             m_s = cross(n, p_s)
-            if wp.static(SPREAD_MOMENT):
-                m_s = minus(m_s, spread_moment(memory, z, x))
+            if wp.static(MOMENT_PER_LENGTH):
+                m_s = minus(m_s, distributed_moment(memory, z, x))
             if wp.static(MAGNETISED):
                 m_s = minus(m_s, magnetic_moment(memory, z, a, frame))
             keep3(f, wp.static(M_AT), m_s)
@@ -148,8 +153,8 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
             keep3(f, wp.static(M_AT), M_s)
         if wp.static(FOUNDATION):  # (3e)
             n_s = foundation_force(memory, z, x, part3(b, wp.static(P_AT)))
-            if wp.static(SPREAD_FORCE):
-                n_s = minus(n_s, spread_force(memory, z, x))
+            if wp.static(FORCE_PER_LENGTH):
+                n_s = minus(n_s, distributed_force(memory, z, x))
             keep3(f, wp.static(WORLD_AT), n_s)
         if wp.static(FORCE_STATE):  # (3b)
             keep3(f, wp.static(N_AT), cross(N, u))
@@ -225,7 +230,7 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
             dm_s = cross(row3(memory, a + wp.static(WORLD_FORCE_AT)), dp_s)
             if wp.static(GIVEN_FORCE or FOUNDATION):
                 dm_s = plus(dm_s, cross(dn, row3(memory, a + wp.static(TANGENT_AT))))
-            if wp.static(DIRECTIONS and SPREAD_MOMENT):
+            if wp.static(DIRECTIONS and MOMENT_PER_LENGTH):
                 dm_s = minus(dm_s, moment_variation(memory, z, g, x))
             if wp.static(MAGNETISED):
                 dB = field_variation(memory, a, g, frame, dphi)
@@ -238,8 +243,8 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
             keep3_in(f, wp.static(DM_AT), dM_s)
         if wp.static(FOUNDATION):  # (18e)
             dn_s = foundation_variation(memory, z, g, x, part3_of(v, wp.static(DP_AT)))
-            if wp.static(SPREAD_FORCE and DIRECTIONS):
-                dn_s = minus(dn_s, spread_force_variation(memory, z, g, x))
+            if wp.static(FORCE_PER_LENGTH and DIRECTIONS):
+                dn_s = minus(dn_s, distributed_force_variation(memory, z, g, x))
             keep3_in(f, wp.static(DWORLD_AT), dn_s)
         if wp.static(FORCE_STATE):
             keep3_in(f, wp.static(DN_AT), ahead_cross(cross(dN, u), N, du))

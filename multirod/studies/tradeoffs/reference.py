@@ -86,7 +86,7 @@ class Reference:
         own = self.history
         position = np.linalg.norm(history.tip_position - own.tip_position[:count], axis=-1)
         counted = np.flatnonzero(settled[:count])
-        chosen = _spread(counted, SHAPE_SAMPLES)
+        chosen = _evenly(counted, SHAPE_SAMPLES)
         if len(counted):
             worst = counted[np.argmax(np.nan_to_num(position[counted]))]
             chosen = np.unique(np.append(chosen, worst))
@@ -106,7 +106,7 @@ class Reference:
         if not self.known.all():
             return inf
         own, count = self.history, len(self.history.time)
-        chosen = _spread(np.arange(count), CHECKED_SAMPLES)
+        chosen = _evenly(np.arange(count), CHECKED_SAMPLES)
         inputs = own.inputs.take((count,), chosen)
         unknowns = own.unknowns[chosen]
         # off the solution, or one that is within the tolerance of both would be taken as it is, and agree with itself
@@ -117,7 +117,7 @@ class Reference:
         return float(gap.max()) if np.isfinite(gap).all() else inf
 
 
-def _spread(samples: IntArray, count: int) -> IntArray:
+def _evenly(samples: IntArray, count: int) -> IntArray:
     """Some of the samples, evenly."""
     return np.asarray(samples[np.unique(np.linspace(0, len(samples) - 1, count).astype(int))]) if len(samples) else samples
 

@@ -94,8 +94,8 @@ class Layout:
         self.FRAME, self.COLUMN_FRAME = f.frame, f.column_has_frame
         self.FORCE, self.FORCE_STATE = f.force, f.force_is_state
         self.PROFILE = f.profile_degree >= 0
-        self.SPREAD_FORCE = f.distributed_force or self.PROFILE
-        self.SPREAD_MOMENT = f.distributed_moment
+        self.FORCE_PER_LENGTH = f.distributed_force or self.PROFILE
+        self.MOMENT_PER_LENGTH = f.distributed_moment
         self.PROFILE_TERMS = max(f.profile_degree, 0) + 1
         self.CURVATURE_TERMS = f.precurvature_degree + 1
         self.VARIED = self.CURVATURE_TERMS > 1
@@ -134,7 +134,7 @@ class Layout:
                 Slot("unit", 1),
                 Slot("force", 3 * self.GIVEN_FORCE, "force"),  # dn at the start of the stretch, base frame
                 Slot("distributed_force", 3 * directed, "force per length"),
-                Slot("distributed_moment", 3 * directed * self.SPREAD_MOMENT, "force"),
+                Slot("distributed_moment", 3 * directed * self.MOMENT_PER_LENGTH, "force"),
                 Slot("profile", directed),  # relative
                 Slot("start", directed, "length"),  # of the arclength of the start
                 Slot("growth", directed),  # (20) of the stretch, relative
@@ -156,10 +156,10 @@ class Layout:
                 Slot("centre", n * self.VARIED, "length"),
                 Slot("slope", n * self.VARIED, "1/length"),
                 Slot("force", 3 * (f.force and not f.force_is_state and not f.foundation), "force"),  # n at the start
-                Slot("distributed_force", 3 * self.SPREAD_FORCE, "force per length"),
-                Slot("distributed_moment", 3 * self.SPREAD_MOMENT, "force"),
+                Slot("distributed_force", 3 * self.FORCE_PER_LENGTH, "force per length"),
+                Slot("distributed_moment", 3 * self.MOMENT_PER_LENGTH, "force"),
                 Slot("profile_force", 3 * self.PROFILE_TERMS * self.PROFILE, "force per length"),
-                Slot("profile_moment", 3 * self.PROFILE_TERMS * (self.PROFILE and self.SPREAD_MOMENT), "force"),
+                Slot("profile_moment", 3 * self.PROFILE_TERMS * (self.PROFILE and self.MOMENT_PER_LENGTH), "force"),
                 Slot("profile_centre", 1 * self.PROFILE, "length"),
                 Slot("profile_slope", 1 * self.PROFILE, "1/length"),
                 Slot("foundation", 3 * f.foundation, "force per area"),

@@ -21,17 +21,17 @@ def make_loads(layout: Layout, W: int, d) -> SimpleNamespace:
     Vec3, row3, zero3, plus, minus, scaled, ahead3 = V.Vec3, V.row3, V.zero3, V.plus, V.minus, V.scaled, V.ahead3
     memory_type = wp.array(dtype=d)
     s, given = layout.stretch, layout.given
-    FORCE, SPREAD, MOMENT = s["force"], s["distributed_force"], s["distributed_moment"]
+    FORCE, DISTRIBUTED, MOMENT = s["force"], s["distributed_force"], s["distributed_moment"]
     PROFILE_FORCE, PROFILE_MOMENT, CENTRE, SLOPE = (
         s["profile_force"],
         s["profile_moment"],
         s["profile_centre"],
         s["profile_slope"],
     )
-    GIVEN_FORCE, GIVEN_SPREAD, GIVEN_MOMENT = given["force"], given["distributed_force"], given["distributed_moment"]
+    GIVEN_FORCE, GIVEN_DISTRIBUTED, GIVEN_MOMENT = given["force"], given["distributed_force"], given["distributed_moment"]
     GIVEN_PROFILE, GIVEN_START, GROWTH = given["profile"], given["start"], given["growth"]
     TERMS, PROFILE = layout.PROFILE_TERMS, layout.PROFILE
-    SPREAD_FORCE, DIRECTIONS = layout.SPREAD_FORCE, layout.DIRECTIONS
+    FORCE_PER_LENGTH, DIRECTIONS = layout.FORCE_PER_LENGTH, layout.DIRECTIONS
 
     @wp.func
     def coordinate(memory: memory_type, z: int, x: Real) -> Real:
@@ -72,25 +72,25 @@ def make_loads(layout: Layout, W: int, d) -> SimpleNamespace:
         return scaled(d(1.0) / row(memory, z + wp.static(SLOPE)), minus(scaled(t1, a), scaled(t0, b)))
 
     @wp.func
-    def spread_force(memory: memory_type, z: int, x: Real) -> Vec3:
+    def distributed_force(memory: memory_type, z: int, x: Real) -> Vec3:
         """f, the force per length."""
-        f = row3(memory, z + wp.static(SPREAD))
+        f = row3(memory, z + wp.static(DISTRIBUTED))
         if wp.static(PROFILE):
             f = plus(f, profile(memory, z, wp.static(PROFILE_FORCE), x))
         return f
 
     @wp.func
     def world_force(memory: memory_type, z: int, x: Real) -> Vec3:
-        """(3a) n: that at the start of the stretch less what is spread from there to x."""
+        """(3a) n: that at the start of the stretch less what is distributed from there to x."""
         n = row3(memory, z + wp.static(FORCE))
-        if wp.static(SPREAD_FORCE):
-            n = ahead3(n, -x, row3(memory, z + wp.static(SPREAD)))
+        if wp.static(FORCE_PER_LENGTH):
+            n = ahead3(n, -x, row3(memory, z + wp.static(DISTRIBUTED)))
         if wp.static(PROFILE):
             n = minus(n, profile_integral(memory, z, x))
         return n
 
     @wp.func
-    def spread_moment(memory: memory_type, z: int, x: Real) -> Vec3:
+    def distributed_moment(memory: memory_type, z: int, x: Real) -> Vec3:
         """l, the moment per length."""
         l = row3(memory, z + wp.static(MOMENT))
         if wp.static(PROFILE):
@@ -107,10 +107,10 @@ def make_loads(layout: Layout, W: int, d) -> SimpleNamespace:
         """(3a) Variation of n, at a fixed part of the stretch."""
         dn = row3(memory, g + wp.static(GIVEN_FORCE))
         if wp.static(DIRECTIONS):
-            dn = ahead3(dn, -x, row3(memory, g + wp.static(GIVEN_SPREAD)))
-            if wp.static(SPREAD_FORCE):
-                dn = ahead3(dn, -arclength_variation(memory, g, x), spread_force(memory, z, x))
-                dn = ahead3(dn, row(memory, g + wp.static(GIVEN_START)), spread_force(memory, z, fill(d(0.0))))
+            dn = ahead3(dn, -x, row3(memory, g + wp.static(GIVEN_DISTRIBUTED)))
+            if wp.static(FORCE_PER_LENGTH):
+                dn = ahead3(dn, -arclength_variation(memory, g, x), distributed_force(memory, z, x))
+                dn = ahead3(dn, row(memory, g + wp.static(GIVEN_START)), distributed_force(memory, z, fill(d(0.0))))
             if wp.static(PROFILE):
                 dn = ahead3(dn, -row(memory, g + wp.static(GIVEN_PROFILE)), profile_integral(memory, z, x))
         return dn
@@ -126,9 +126,9 @@ def make_loads(layout: Layout, W: int, d) -> SimpleNamespace:
         return dl
 
     @wp.func
-    def spread_force_variation(memory: memory_type, z: int, g: int, x: Real) -> Vec3:
+    def distributed_force_variation(memory: memory_type, z: int, g: int, x: Real) -> Vec3:
         """Variation of f, at a fixed part of the stretch."""
-        df = row3(memory, g + wp.static(GIVEN_SPREAD))
+        df = row3(memory, g + wp.static(GIVEN_DISTRIBUTED))
         if wp.static(PROFILE):
             df = ahead3(df, row(memory, g + wp.static(GIVEN_PROFILE)), profile(memory, z, wp.static(PROFILE_FORCE), x))
             slope = profile_derivative(memory, z, wp.static(PROFILE_FORCE), x)
@@ -136,10 +136,10 @@ def make_loads(layout: Layout, W: int, d) -> SimpleNamespace:
         return df
 
     return SimpleNamespace(
-        spread_force=spread_force,
-        spread_force_variation=spread_force_variation,
+        distributed_force=distributed_force,
+        distributed_force_variation=distributed_force_variation,
         world_force=world_force,
-        spread_moment=spread_moment,
+        distributed_moment=distributed_moment,
         force_variation=force_variation,
         moment_variation=moment_variation,
     )

@@ -10,18 +10,16 @@ from typing import Any
 import numpy as np
 
 from multirod.integrators import Integrator
-from multirod.segment_system import System, same_branch
+from multirod.segment_system import System
 from multirod.segments import Breakpoints, Propagation, Request, Segments
+from multirod.solvers.continuation.acceptance import CONTRACTION, MIN_STEP, SURPRISE, same_branch_in_segments
 from multirod.status import Status
 from multirod.validation import FloatArray
 
-CONTRACTION = 0.3  # largest ratio of successive Newton steps
 PACE = 100  # steps over which it is told
 HOPELESS = 5.0  # times the steps that are left: more than that is given up
-SURPRISE = 0.5  # largest distance of an equilibrium from where the tangent leads, relative to its distance from the last
 SAFE_LOAD = 5.0  # first step, in F L^2/EI
 LOAD_RATIO = 0.5  # later steps, relative to the load reached
-MIN_STEP = 1e-7
 ROUNDING = 1e-11  # Newton steps no longer than this, relative to the unknowns, are rounding
 GROWTH = 100.0  # most by which a segment may amplify a variation
 FEWEST_STEPS = 4  # of a segment
@@ -59,7 +57,7 @@ class Spent(Exception):
     """An instance has taken the integrations that it may."""
 
 
-class Branch:
+class SegmentedPath:
     """One instance on its way. What integrates is a generator: it yields segments, and is sent where they lead.
 
     So many instances, each with breakpoints and steps of its own, share every launch (``run_together``).
@@ -323,7 +321,7 @@ class Branch:
     def _on_branch(self, system: System, reached: Any, points: Breakpoints, expected: Breakpoints) -> bool:
         """Whether an equilibrium is on the branch of the last: ``J`` stays itself, and no surprise."""
         found_at, _, after = reached
-        if not same_branch(system, after):
+        if not same_branch_in_segments(system, after):
             return False
         missed, moved = self.distance(found_at, expected), self.distance(found_at, points)
         return missed <= SURPRISE * moved + 1e-6 * (1 + float(np.abs(found_at.unknowns).max()))
@@ -351,7 +349,7 @@ class Branch:
     def _resume(self, points: Breakpoints, before: System) -> Run:
         found = yield from self.evaluate(points, 1.0)
         reached = yield from self.descend(points, found)
-        if reached is None or not same_branch(before, reached[2]):
+        if reached is None or not same_branch_in_segments(before, reached[2]):
             return None
         result = yield from self._settled(reached[0], 1.0)
         return result if not result.status.failed else None
