@@ -27,6 +27,7 @@ from multirod.models.backbone.segments import BackboneSegments
 from multirod.models.backbone.shapes import BackboneShapes
 from multirod.models.backbone.stability import BackboneStability
 from multirod.models.backbone.starts import BackboneStarts
+from multirod.models.backbone.units import unit_stiffness
 from multirod.problem import Block, BoundaryProblem
 from multirod.profile import DEGREE, interpolate
 from multirod.reuse import reusable
@@ -373,8 +374,7 @@ class BackboneProblem(BoundaryProblem):
 
     def with_moment(self, torques: FloatArray) -> FloatArray:
         """Unknowns of rods that carry a moment, from those of unloaded ones: none, and rod 1 has what the others leave, (8b)."""
-        first = self.arrays.material[:, :, 0]
-        unit = np.minimum(first[..., 2], first[..., :2].max(axis=-1))
+        unit = unit_stiffness(self.arrays.material[:, :, 0])[..., 2]
         inner = -(torques * unit[:, 1:]).sum(axis=1, keepdims=True) / unit[:, :1]
         return np.concatenate([np.zeros((len(torques), 2)), inner, torques], axis=1)
 
@@ -449,12 +449,11 @@ class BackboneProblem(BoundaryProblem):
         """(11), (11b), (12)."""
         if len(self.rods) > 1 or self.held or self.features.base_force_unknown:
             return None
-        unit = np.array(self.arrays.material[:, 0, -1, :3])
+        last = self.arrays.material[:, 0, -1, :3]
+        unit = last if self.features.measured else unit_stiffness(last)
         axes = None
-        if not self.features.measured:
-            unit[:, 2] = np.minimum(unit[:, 2], unit[:, :2].max(axis=1))
-            if self.features.fixed_moment:  # along those of the base
-                axes = np.broadcast_to(self.table.base_rotation.numpy(), (self.instance_count, 3, 3))
+        if self.features.fixed_moment and not self.features.measured:  # along those of the base
+            axes = np.broadcast_to(self.table.base_rotation.numpy(), (self.instance_count, 3, 3))
         if not np.isfinite(unit).all():
             return None
         return FreeTip(np.broadcast_to(unit, (self.instance_count, 3)), self.stiffness_over_length(), axes)

@@ -20,6 +20,7 @@ from multirod.models.backbone.kernels.segments import (
 )
 from multirod.models.backbone.passes import deal, threads, width
 from multirod.models.backbone.second_variation import MOST_NODES, CondensedForm, form_by_segments, segments_needed
+from multirod.models.backbone.units import unit_stiffness
 from multirod.problem import Shape
 from multirod.segments import Breakpoints, Propagation, Request, Segments
 from multirod.stability import Modes
@@ -52,9 +53,7 @@ class BackboneSegments(Segments):
         call.residual = wp.zeros((count, d), dtype=wp.float64, device=device)
         call.gamma = wp.zeros((count, d, d), dtype=wp.float64, device=device)
         call.residual_directions = wp.zeros((count, d, max(problem.direction_count, 1)), dtype=wp.float64, device=device)
-        first = problem.arrays.material[:, 0, 0]
-        stiffness = np.column_stack([first[:, 0], first[:, 1], np.minimum(first[:, 2], first[:, :2].max(axis=1))])
-        self._stiffness = np.broadcast_to(stiffness, (count, 3))
+        self._stiffness = np.broadcast_to(unit_stiffness(problem.arrays.material[:, 0, 0]), (count, 3))
         self._precurvature = np.broadcast_to(problem.arrays.precurvature[:, 0, 0, :3], (count, 3))
         self._scale = np.broadcast_to(problem.arrays.end[:, 0, -1], (count,))
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.capabilities import Starts
+from multirod.models.backbone.units import unit_stiffness
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -61,7 +62,7 @@ class BackboneStarts(Starts):
             others = bend.sum(axis=1, keepdims=True) - bend
             torque += bend * others / stiffness.sum(axis=1, keepdims=True) * (length / _PARTS)[:, None]
         shared = np.broadcast_to(bending.sum(axis=1)[:, None], (self.problem.instance_count, 2))
-        return moment, torque, 1 / np.concatenate([shared, np.minimum(first[..., 2], bending)], axis=1)
+        return moment, torque, 1 / np.concatenate([shared, unit_stiffness(first)[..., 2]], axis=1)
 
     def _bending_at(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """``EI`` [N m^2] and a bound of ``EI |u*_xy|`` [N m] of each rod at arclengths of its own, shape (instance_count, n)."""

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from multirod.models.backbone.kernels.grid import Instance
+from multirod.models.backbone.kernels.grid import Instance, bending_stiffness, section_unit
 from multirod.models.backbone.kernels.layout.arguments import Call, InputOffsets, RodTable
 from multirod.models.backbone.kernels.layout.layout import Layout
 from multirod.models.backbone.kernels.numbers.scalars import axes_rotation, rotate, rotate_inverse, turn_base
@@ -79,20 +79,19 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
     @wp.func
     def unknown_unit(rods: RodTable, case: Instance, i: int) -> wp.vec3d:
         """(10) Curvature per moment, by the first sections: it does not jump when a section is pulled into the base."""
-        EI_x = rods.material[case.rods, i, 0, 0]
-        EI_y = rods.material[case.rods, i, 0, 1]
-        GJ = wp.min(rods.material[case.rods, i, 0, 2], wp.max(EI_x, EI_y))
+        result = section_unit(rods, case, i, 0)
         if wp.static(TUBES):
             EI = f64(0.0)
             for j in range(rods.end.shape[1]):
-                EI += wp.max(rods.material[case.rods, j, 0, 0], rods.material[case.rods, j, 0, 1])
-            return wp.vec3d(f64(1.0) / EI, f64(1.0) / EI, f64(1.0) / GJ)
-        return wp.vec3d(f64(1.0) / EI_x, f64(1.0) / EI_y, f64(1.0) / GJ)
+                EI += bending_stiffness(rods, case, j, 0)
+            result[0] = f64(1.0) / EI
+            result[1] = f64(1.0) / EI
+        return result
 
     @wp.func
     def force_unit(rods: RodTable, case: Instance) -> f64:
         """(13) Force per unknown of the base force."""
-        return wp.max(rods.material[case.rods, 0, 0, 0], rods.material[case.rods, 0, 0, 1]) / case.scale
+        return bending_stiffness(rods, case, 0, 0) / case.scale
 
     @wp.func
     def base_torques(rods: RodTable, call: Call, case: Instance) -> PerRod:

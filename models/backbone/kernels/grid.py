@@ -57,6 +57,20 @@ class Instance:
     stiffness: f64
 
 
+@wp.func
+def bending_stiffness(rods: RodTable, case: Instance, i: int, m: int) -> f64:
+    """The larger one of section m of rod i [N m^2]."""
+    return wp.max(rods.material[case.rods, i, m, 0], rods.material[case.rods, i, m, 1])
+
+
+@wp.func
+def section_unit(rods: RodTable, case: Instance, i: int, m: int) -> wp.vec3d:
+    """(10), (11) Curvature per moment there; where torsion is stiffer than bending, the bending stiffness scales it."""
+    GJ = wp.min(rods.material[case.rods, i, m, 2], bending_stiffness(rods, case, i, m))
+    EI_x = rods.material[case.rods, i, m, 0]
+    return wp.vec3d(f64(1.0) / EI_x, f64(1.0) / rods.material[case.rods, i, m, 1], f64(1.0) / GJ)
+
+
 def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
     """Functions that load an instance and walk along it."""
     L = lanes(W, d)

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from multirod.models.backbone.kernels.grid import Instance
+from multirod.models.backbone.kernels.grid import Instance, bending_stiffness, section_unit
 from multirod.models.backbone.kernels.layout.arguments import Call, InputOffsets, RodTable
 from multirod.models.backbone.kernels.layout.layout import Layout
 from multirod.models.backbone.kernels.numbers.scalars import (
@@ -94,19 +94,18 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
 
     @wp.func
     def moment_unit(rods: RodTable, call: Call, case: Instance, s: f64, i: int) -> wp.vec3d:
-        """(11) C: curvature per moment; where torsion is stiffer than bending, the bending stiffness scales it."""
+        """(11) C: curvature per moment."""
         m = section_here(rods, call, case, i, s)
-        EI_x = rods.material[case.rods, i, m, 0]
-        EI_y = rods.material[case.rods, i, m, 1]
-        GJ = wp.min(rods.material[case.rods, i, m, 2], wp.max(EI_x, EI_y))
+        result = section_unit(rods, case, i, m)
         if wp.static(TUBES):
             EI = f64(0.0)
             for j in range(rods.end.shape[1]):
                 k = section_from(rods, call, case, j, s)
                 if k < rods.end.shape[2]:
-                    EI += wp.max(rods.material[case.rods, j, k, 0], rods.material[case.rods, j, k, 1])
-            return wp.vec3d(f64(1.0) / EI, f64(1.0) / EI, f64(1.0) / GJ)
-        return wp.vec3d(f64(1.0) / EI_x, f64(1.0) / EI_y, f64(1.0) / GJ)
+                    EI += bending_stiffness(rods, case, j, k)
+            result[0] = f64(1.0) / EI
+            result[1] = f64(1.0) / EI
+        return result
 
     @wp.func
     def torque_unit(rods: RodTable, call: Call, case: Instance, s: f64, i: int) -> f64:
@@ -118,7 +117,7 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
     def force_unit(rods: RodTable, call: Call, case: Instance, s: f64) -> f64:
         """(13) L/EI at the tip."""
         m = section_here(rods, call, case, 0, s)
-        return case.scale / wp.max(rods.material[case.rods, 0, m, 0], rods.material[case.rods, 0, m, 1])
+        return case.scale / bending_stiffness(rods, case, 0, m)
 
     @wp.func
     def reaches_as_far(rods: RodTable, call: Call, case: Instance, i: int) -> bool:
