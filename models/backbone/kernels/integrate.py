@@ -125,7 +125,7 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
         multiple: f64,
         over: f64,
     ):
-        """A lane at the start of its next stretch: its share of ``steps`` equal ones over a length, or as errors choose where that is 0."""
+        """A lane at the start of its next stretch: of ``steps`` equal ones over a length, or as errors choose where that is 0."""
         load_stretch(rods, call, case, memory, o, l, p, job, first_column(call, job), column_count(call, job))
         length = call.lane[p, END] - call.lane[p, START]
         set_number(memory, o + wp.static(X), l, f64(0.0))
@@ -267,9 +267,9 @@ def make_carry(parts: SimpleNamespace, features: Features, jobs: SimpleNamespace
     Args:
         parts: Of the kernel.
         features: Its terms.
-        jobs: What a job is: ``Jobs``, the type of the argument that lists what there is to do, and functions of it: how many there are
-            (``count``), whether one is ``wanted``, the instance of one (``instance_of``), a lane at its beginning (``enter``), on to
-            its next stretch (``go_on``), and at its end (``finish``).
+        jobs: What a job is: ``Jobs``, the type of the argument that lists what there is to do, and functions of it: how many
+            there are (``count``), whether one is ``wanted``, the instance of one (``instance_of``), a lane at its beginning
+            (``enter``), on to its next stretch (``go_on``), and at its end (``finish``).
     """
     own, grid = parts.own, parts.grid
     memory_type, W = own.memory_type, own.lanes
