@@ -512,11 +512,14 @@ class BackboneProblem(BoundaryProblem):
     def _make_node_pass(
         self, node_count: int, chosen: bool, columns: bool, rod: int | None, unknowns: FloatArray | None, changes: dict[str, Any]
     ) -> "NodePass":
+        # one kernel serves with columns and without, where both have the same unknowns
+        capable = replace(self.features, **{"node_columns": True} | changes)
+        columns_too = columns or capable.unknown_count == replace(capable, node_columns=False).unknown_count
         options = {
             "nodes": True,
             "pose": True,
-            "node_columns": columns,
-            "pose_sensitivities": columns and self.held,
+            "node_columns": columns_too,
+            "pose_sensitivities": columns_too and self.held,
             "directions": False,
         }
         features = replace(self.features, **options | changes)

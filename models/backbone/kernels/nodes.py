@@ -29,7 +29,6 @@ def make_nodes(layout: Layout, memory: Memory, base: SimpleNamespace, tip: Simpl
     p = layout.place
     MOMENT_AT, FORCE_AT, CURVATURE_AT, TWIST_AT = p["moment"], p["force"], p["curvature"], p["own_twist"]
     TUBE_X, TUBE_Y, PRESENT, BENDING = p["tube_x"], p["tube_y"], layout.stretch["present"], layout.stretch["bending"]
-    COLUMNS = layout.features.node_columns
     MEMBERS, MEMBER_MOMENT, MEMBER_FORCE = bool(layout.features.members), p["member_moment"], p["member_force"]
     frame, world_position = tip.frame, tip.world_position
     turn_column, tip_angle_column = tip.turn_column, tip.tip_angle_column
@@ -60,9 +59,10 @@ def make_nodes(layout: Layout, memory: Memory, base: SimpleNamespace, tip: Simpl
         u = vector_of(memory, a + wp.static(CURVATURE_AT), l) / case.unit
         M = case.moment * vector_of(memory, a + wp.static(MOMENT_AT), l)
         N = case.force * vector_of(memory, a + wp.static(FORCE_AT), l)
-        if wp.static(MEMBERS and not COLUMNS):  # the rod's own, beside what its members carry
-            M -= case.moment * vector_of(memory, a + wp.static(MEMBER_MOMENT), l)
-            N -= case.force * vector_of(memory, a + wp.static(MEMBER_FORCE), l)
+        if wp.static(MEMBERS):
+            if call.unknown_columns == 0:  # a shape: the rod's own, beside what its members carry
+                M -= case.moment * vector_of(memory, a + wp.static(MEMBER_MOMENT), l)
+                N -= case.force * vector_of(memory, a + wp.static(MEMBER_FORCE), l)
         to_rod = wp.identity(3, dtype=f64)
         if wp.static(TUBES):
             for i in range(rods.end.shape[1]):
