@@ -18,7 +18,13 @@ def wire(**properties) -> mr.Rod:
 
 def tubes() -> mr.ConcentricTubes:
     inner = wire(precurvature=(6.0, 2.0, 0.5), magnetisation=(0.6, -0.9, 2.0))
-    outer = wire(length=0.14, bending_stiffness=(0.03, 0.025), torsional_stiffness=0.02, precurvature=(0, 9.0, 0))
+    outer = wire(
+        length=0.14,
+        bending_stiffness=(0.03, 0.025),
+        torsional_stiffness=0.02,
+        precurvature=(0, 9.0, 0),
+        magnetisation=(-0.8, 0.5, 0.7),
+    )
     return mr.ConcentricTubes([inner, outer])
 
 
