@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from multirod.models.backbone.kernels.layout.features import Features
     from multirod.solver import Solver
 
+NOT_ALWAYS = ("tension",)  # inputs that a robot takes where it has what they drive
+
 
 class Assembly(ABC):
     """Rods, how they are coupled, and what actuates them. Knows nothing of solvers.
@@ -92,6 +94,9 @@ class Assembly(ABC):
             TypeError: If a name is not one of ``input_specs``.
             ValueError: If a value is out of range, not finite or of a wrong shape, or the leading axes do not broadcast.
         """
+        for name in values.keys() & NOT_ALWAYS:
+            if all(spec.name != name for spec in self.input_specs):
+                refuse(name, values[name], "must not be given: no rod has a line that is driven by it")
         needs_length = any(callable(value) for value in values.values())
         length = 0.0
         if needs_length:

@@ -166,7 +166,7 @@ class ParallelRods(Assembly):
         """An estimate, not a bound (``docs/explain.md``): each leg a cantilever that carries its share of the platform's
         loads."""
         geometry, legs = self.geometry, len(self.legs)
-        if (geometry.joints != kernels.CLAMPED).any() or any(rod.members for rod in self.rods):
+        if (geometry.joints != kernels.CLAMPED).any() or any(rod.carried for rod in self.rods):
             return {}
         found: dict[str, Influence] = {}
         for k, (leg, own) in enumerate(zip(geometry.legs, self._own_rods, strict=True)):
