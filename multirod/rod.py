@@ -529,9 +529,7 @@ def lower(rods: Sequence[Rod]) -> RodArrays:
     def batch(value: Any, tail: tuple[int, ...] = ()) -> FloatArray:
         return np.broadcast_to(value, (*batch_shape, *tail)).reshape(-1, *tail)
 
-    def material(
-        rod: Rod, section: Section, own: list[FloatArray], s: float, start: FloatArray, end: FloatArray
-    ) -> FloatArray:
+    def made_of(rod: Rod, section: Section, own: list[FloatArray], s: float, start: FloatArray, end: FloatArray) -> FloatArray:
         place = (s, start.reshape(batch_shape), end.reshape(batch_shape))
         return np.stack(own + [batch(value) for value in _carried(rod, section, *place, member_degree)], -1)
 
@@ -564,12 +562,12 @@ def lower(rods: Sequence[Rod]) -> RodArrays:
                 # what is pushed out of the base continues the first section, as it is there
                 constant = np.zeros((end.size, degree + 1, 3))
                 constant[:, 0] = at_base
-                column.append((end, material(rod, section, own, 0.0, end, end), constant.reshape(end.size, -1)))
+                column.append((end, made_of(rod, section, own, 0.0, end, end), constant.reshape(end.size, -1)))
             for last, coefficients in curves:
                 for s, start, stop in _cut(end, last, cuts):
                     moved = profile.recentred(coefficients, end, last, start, stop)
                     curved = np.broadcast_to(moved, (end.size, degree + 1, 3)).reshape(end.size, -1)
-                    column.append((stop, material(rod, section, own, s, start, stop), curved))
+                    column.append((stop, made_of(rod, section, own, s, start, stop), curved))
                 end = last
         columns.append(column)
     count = max(len(column) for column in columns)

@@ -78,7 +78,9 @@ DRIVES: dict[str, dict[str, Any]] = {
 
 def drive_specs(rods: "Sequence[Rod]") -> tuple[InputSpec, ...]:
     """The inputs that drive lines of these rods, one number a line."""
-    counts = {name: sum(line.drive is not None and line.drive[0] == name for rod in rods for line in rod.lines) for name in DRIVES}
+    counts = {
+        name: sum(line.drive is not None and line.drive[0] == name for rod in rods for line in rod.lines) for name in DRIVES
+    }
     return tuple(InputSpec(name=name, acts="lines", count=count, **DRIVES[name]) for name, count in counts.items() if count)
 
 

@@ -207,7 +207,7 @@ class BackboneProblem(BoundaryProblem):
         active = (*inputs.active, *self.enabled)
         options: dict[str, Any] = {"rod_count": len(self.rods), "transmission": self.transmission, "held": self.held}
         needed = scene_features(self.arrays, active, inputs.profiles, **options)
-        columns = {"pose_sensitivities": pose_sensitivities, "directions": direction_count > 0}
+        columns: dict[str, Any] = {"pose_sensitivities": pose_sensitivities, "directions": direction_count > 0}
         return replace(needed, pose=pose, lengths=self.options["lengths"] and bool(drives(needed.members)), **columns)
 
     # ---- arrays ----

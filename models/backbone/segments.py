@@ -202,7 +202,12 @@ class BackboneSegments(Segments):
             states = request.states.copy()
             states[:, POSITION_AT:] = np.cumsum(found.displacement, axis=0) - found.displacement
             placed.append(replace(request, states=states, steps=0 * request.steps))
-        options = {"nodes": True, "pose_sensitivities": False, "directions": False, "lengths": problem.drive_count > 0}
+        options: dict[str, Any] = {
+            "nodes": True,
+            "pose_sensitivities": False,
+            "directions": False,
+            "lengths": problem.drive_count > 0,
+        }
         features = replace(self.features, **options)
         call = problem._make_call(node_count)
         call.node_rod = 0
@@ -246,7 +251,9 @@ class BackboneSegments(Segments):
         problem = self.problem
         shape = self.shapes({instance: points}, LOOKED_AT)[0][0]
         length = self.length(instance)
-        moment = max(np.linalg.norm(shape.total_moment[instance], axis=1).max(), np.linalg.norm(points.states[:, :3], axis=1).max())
+        moment = max(
+            np.linalg.norm(shape.total_moment[instance], axis=1).max(), np.linalg.norm(points.states[:, :3], axis=1).max()
+        )
         force = np.linalg.norm(shape.total_force[instance], axis=1).max()
         stiffness = problem.least_stiffness()[instance]
         needed = segments_needed(*(np.array([value]) for value in (length, stiffness, moment, force)))[0]

@@ -17,7 +17,7 @@ def tendon_law(numbers: SimpleNamespace) -> SimpleNamespace:
     """(L2) to (L6): ``W = T |a|``, ``a = v + u x rho + rho'``."""
     d, Real, Vec3, Response, memory_type = numbers.d, numbers.Real, numbers.Vec3, numbers.Response, numbers.memory_type
     row, fill, root, where_less = numbers.row, numbers.fill, numbers.root, numbers.where_less
-    dot, scaled, zero3 = numbers.dot, numbers.scaled, numbers.zero3
+    dot, scaled = numbers.dot, numbers.scaled
     value, slope, bend = numbers.value, numbers.slope, numbers.bend
     add_moment, add_force, add_stiffness = numbers.add_moment, numbers.add_force, numbers.add_stiffness
     SHEAR, VARIED = numbers.SHEAR, numbers.VARIED

@@ -87,12 +87,17 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
     FUNCTIONS_AT, ROWS_AT, FUNCTIONS, TERMS = p["functions"], s["functions"], layout.FUNCTIONS, layout.FUNCTION_TERMS
     ROUTED, CENTRE, SLOPE = layout.ROUTED, s["centre"], s["slope"]
     ALONG, DIRECTIONS = layout.ROUTED and layout.DIRECTIONS, layout.DIRECTIONS
-    DRIVES, LENGTHS, LENGTHS_AT, PULLS_AT, SLIDES_AT = layout.DRIVES, layout.LENGTHS, layout.state["lengths"], p["pulls"], p["slides"]
+    DRIVES, LENGTHS, LENGTHS_AT, PULLS_AT, SLIDES_AT = (
+        layout.DRIVES,
+        layout.LENGTHS,
+        layout.state["lengths"],
+        p["pulls"],
+        p["slides"],
+    )
     PULLS = DRIVES * (layout.DIRECTIONS or layout.LENGTHS > 0)
-    part_of, keep, keep_in = column.part, state.keep, column.keep
+    keep, keep_in = state.keep, column.keep
     given = layout.given
     DRIVES_GIVEN, GIVEN_START, GROWTH, SHIFT = given["drives"], given["start"], given["growth"], given["shift"]
-    CURVATURE_AT = p["curvature"]
 
     @wp.func
     def value(memory: memory_type, on: int) -> Real:
@@ -415,7 +420,9 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
     def moved(memory: memory_type, a: int, g: int) -> Real:
         """How far a place at a fixed part of the stretch moves along the rod, for a direction."""
         x = row(memory, a + wp.static(X))
-        return row(memory, g + wp.static(GIVEN_START)) + x * row(memory, g + wp.static(GROWTH)) - row(memory, g + wp.static(SHIFT))
+        return (
+            row(memory, g + wp.static(GIVEN_START)) + x * row(memory, g + wp.static(GROWTH)) - row(memory, g + wp.static(SHIFT))
+        )
 
     @wp.func
     def less_pulls(memory: memory_type, a: int, g: int, dM: Vec3, dN: Vec3):
