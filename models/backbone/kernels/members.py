@@ -398,7 +398,7 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
 
     @wp.func
     def length_rates(memory: memory_type, z: int, a: int, u: Vec3, f: wp.ref[State]):
-        """(L5) What drives work on."""
+        """(5l) What drives work on."""
         keep_lengths(memory, z, a, u, extension_at(memory, a), f, 0)
 
     @wp.func
@@ -479,7 +479,7 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
 
     @wp.func
     def length_variations(memory: memory_type, a: int, g: int, du: Vec3, de: Vec3, f: wp.ref[Column]):
-        """(L5) for a column."""
+        """(5l) for a column."""
         count = int(wp.static(LENGTHS))
         for k in range(count):
             at = a + wp.static(PULLS_AT) + k * wp.static(m)
