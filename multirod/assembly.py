@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
@@ -29,6 +29,7 @@ class Assembly(ABC):
     """
 
     rods: tuple[Rod, ...]
+    length_columns: ClassVar[bool] = False  # whether its problems take ``lengths``, and give how the lengths of lines vary
 
     @property
     @abstractmethod

@@ -411,6 +411,7 @@ class Solution:
         Raises:
             TypeError: If the assembly takes no such input.
             ValueError: If ``of`` is neither.
+            NotImplementedError: If the robot is no single backbone, and ``of`` is the lengths.
         """
         choice("of", of, ("pose", "line_length"))
         specs = {spec.name: spec for spec in self.assembly.input_specs}
@@ -446,6 +447,8 @@ class Solution:
 
     def _length_jacobian(self, name: str, count: int) -> FloatArray:
         rows = len(self._lines())
+        if not self.assembly.length_columns:
+            raise NotImplementedError(f"{type(self.assembly).__name__} does not give the derivatives of its lines' lengths")
 
         def columns(problem: Any) -> tuple[FloatArray]:
             slopes, _ = problem.input_columns(name)

@@ -631,6 +631,7 @@ class BackboneAssembly(Assembly):
         ValueError: If ``base`` is not a pose, or its leading axes do not broadcast with the rods'.
     """
 
+    length_columns: ClassVar[bool] = True
     transmission: ClassVar[bool] = False  # whether the rods twist behind the base plate
 
     def __init__(self, rods: tuple[Rod, ...], base: Any) -> None:
