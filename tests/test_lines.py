@@ -221,6 +221,13 @@ def test_a_tracker_follows_tensions_by_one_integration():
         tracker.step(tension=-1.0)
 
 
+def test_a_recording_draws_lines(tmp_path):
+    robot = mr.SingleRod(STRAIGHT)
+    motion = mr.simulate(robot, robot.inputs(tension=np.linspace(0, 1, 5)[:, None]), time=np.arange(5) * 0.01, solver=FIXED)
+    motion.save(tmp_path / "motion.rrd")
+    assert b"/world/lines/" in (tmp_path / "motion.rrd").read_bytes()
+
+
 # ---- what is refused ----
 
 
