@@ -203,6 +203,9 @@ def test_one_straight_tendon_bends_the_rod_to_a_circle_at_order_four():
     assert 14 < errors[0] / errors[1] < 18
     assert 14 < errors[1] / errors[2] < 18
     np.testing.assert_allclose(solution.line_length, LENGTH * (1 - kappa * 0.008), rtol=1e-12)
+    shape = solution.rod(0)
+    np.testing.assert_allclose(shape.force, np.tile([0, 0, -9.0], (33, 1)), atol=1e-12)  # the tendon pulls it together
+    np.testing.assert_allclose(shape.moment, np.tile([0, EI * kappa, 0], (33, 1)), atol=1e-12)
     np.testing.assert_allclose(solution.energy, EI * kappa**2 * LENGTH / 2, rtol=1e-12)
 
 

@@ -20,7 +20,7 @@ def tendon_law(numbers: SimpleNamespace) -> SimpleNamespace:
     dot, scaled = numbers.dot, numbers.scaled
     value, slope, bend = numbers.value, numbers.slope, numbers.bend
     add_moment, add_force, add_stiffness = numbers.add_moment, numbers.add_force, numbers.add_stiffness
-    SHEAR, VARIED = numbers.SHEAR, numbers.VARIED
+    FORCES, VARIED = numbers.FORCES, numbers.VARIED
 
     @wp.func
     def tangent(memory: memory_type, on: int, u: Vec3, e: Vec3) -> Vec3:
@@ -28,7 +28,7 @@ def tendon_law(numbers: SimpleNamespace) -> SimpleNamespace:
         x = value(memory, on)
         y = value(memory, on + 1)
         a = Vec3(-u.z * y, u.z * x, u.x * y - u.y * x + d(1.0))
-        if wp.static(SHEAR):
+        if wp.static(FORCES):
             a = Vec3(a.x + e.x, a.y + e.y, a.z + e.z)
         if wp.static(VARIED):
             a = Vec3(a.x + slope(memory, on), a.y + slope(memory, on + 1), a.z)
@@ -74,7 +74,7 @@ def tendon_law(numbers: SimpleNamespace) -> SimpleNamespace:
         add_stiffness(r, 1, 1, x * x * zz)
         add_stiffness(r, 1, 2, -x * pz)
         add_stiffness(r, 2, 2, x * py - y * px)
-        if wp.static(SHEAR):
+        if wp.static(FORCES):
             add_force(r, scaled(T, t))
             add_stiffness(r, 0, 3, y * xz)
             add_stiffness(r, 0, 4, y * yz)

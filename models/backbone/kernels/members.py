@@ -16,21 +16,21 @@ from multirod.models.backbone.kernels.numbers.vectors import vectors
 
 MOST_ITERATIONS = 20
 CLOSE = {wp.float64: 1e-8, wp.float32: 1e-4}  # a step of Newton's method after which the next would be lost in rounding
-SIZE = 6  # strains: u, then e = v - e3
 
 
-def place_of(i: int, j: int) -> int:
-    """Where the second derivative by strains i <= j stands in a response, after the six first ones."""
-    return SIZE + i * SIZE - i * (i - 1) // 2 + j - i
+def place_of(i: int, j: int, m: int) -> int:
+    """Where the second derivative by strains i <= j of m stands in a response, after the first ones."""
+    return m + i * m - i * (i - 1) // 2 + j - i
 
 
-def make_response(W: int, d) -> SimpleNamespace:
-    """What members answer to strains: first and second derivatives of their energy."""
+def make_response(W: int, d, m: int) -> SimpleNamespace:
+    """What members answer to m strains, u or u and e = v - e3: first and second derivatives of their energy."""
     L, V = lanes(W, d), vectors(W, d)
     Real, Vec3 = L.Real, V.Vec3
-    numbers = L.few(place_of(SIZE - 1, SIZE - 1) + 1)
+    numbers = L.few(place_of(m - 1, m - 1, m) + 1)
     Response, part, keep = numbers.type, numbers.part, numbers.keep
-    PLACES = tuple(tuple(place_of(min(i, j), max(i, j)) for j in range(SIZE)) for i in range(SIZE))
+    PLACES = tuple(tuple(place_of(min(i, j), max(i, j), m) for j in range(m)) for i in range(m))
+    FORCES = m > 3
 
     @wp.func
     def add_moment(r: wp.ref[Response], a: Vec3):
@@ -40,14 +40,16 @@ def make_response(W: int, d) -> SimpleNamespace:
 
     @wp.func
     def add_force(r: wp.ref[Response], a: Vec3):
-        keep(r, 3, part(r, 3) + a.x)
-        keep(r, 4, part(r, 4) + a.y)
-        keep(r, 5, part(r, 5) + a.z)
+        if wp.static(FORCES):
+            keep(r, 3, part(r, 3) + a.x)
+            keep(r, 4, part(r, 4) + a.y)
+            keep(r, 5, part(r, 5) + a.z)
 
     @wp.func
     def add_stiffness(r: wp.ref[Response], i: int, j: int, a: Real):
-        k = 6 + i * 6 - (i * (i - 1)) // 2 + j - i
-        keep(r, k, part(r, k) + a)
+        if j < wp.static(m):
+            k = wp.static(m) + i * wp.static(m) - (i * (i - 1)) // 2 + j - i
+            keep(r, k, part(r, k) + a)
 
     return SimpleNamespace(
         Response=Response,
@@ -61,7 +63,8 @@ def make_response(W: int, d) -> SimpleNamespace:
 
 def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> SimpleNamespace:
     """(5m): the rod and its members share the strains, and carry force and moment together."""
-    L, V, R = lanes(W, d), vectors(W, d), make_response(W, d)
+    FORCES = layout.features.shear or layout.NODES  # whether it is asked what force members carry
+    L, V, R = lanes(W, d), vectors(W, d), make_response(W, d, 6 if FORCES else 3)
     Real, row, put, fill, any_less = L.Real, L.row, L.put, L.fill, L.any_less
     absolute, largest, where_less = L.absolute, L.largest, L.where_less
     Vec3, row3, put3, zero3 = V.Vec3, V.row3, V.put3, V.zero3
@@ -111,7 +114,7 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
     def bend(memory: memory_type, on: int) -> Real:
         return row(memory, on + wp.static(2 * FUNCTIONS))
 
-    own = {"memory_type": memory_type, "SHEAR": SHEAR, "VARIED": ROUTED, "value": value, "slope": slope, "bend": bend}
+    own = {"memory_type": memory_type, "FORCES": FORCES, "VARIED": ROUTED, "value": value, "slope": slope, "bend": bend}
     numbers = SimpleNamespace(**(vars(L) | vars(V) | vars(R) | own))
     laws = {kind: kind.law(numbers) for kind in layout.features.members}
 
