@@ -209,6 +209,14 @@ def test_one_straight_tendon_bends_the_rod_to_a_circle_at_order_four():
     np.testing.assert_allclose(solution.energy, EI * kappa**2 * LENGTH / 2, rtol=1e-12)
 
 
+def test_a_line_at_the_centre_of_curvature_fails():
+    """Where a tenth of its length is left: ``1 - T r^2/EI = 0.1``."""
+    robot = mr.SingleRod(STRAIGHT)
+    solution = mr.solve(robot, robot.inputs(tension=[[140.0], [141.0]]), solver=FIXED)
+    assert solution.status.tolist() == [mr.Status.CONVERGED, mr.Status.NONFINITE]
+    assert np.isnan(solution.line_length[1]).all()
+
+
 def test_a_tracker_follows_tensions_by_one_integration():
     robot = mr.SingleRod(STRAIGHT)
     tracker = mr.Tracker(robot, inputs=robot.inputs(tension=1.0), solver=FIXED, dt=0.01)
