@@ -38,7 +38,8 @@ def main(arguments: Sequence[str] | None = None) -> float:
             recorder.log(k * dt, solution)
     residual = float(solution.residual)
     print(
-        f"{len(times)} samples, median {1e6 * np.median(times):.0f} µs, last residual {residual:.1e} 1/m; recorded to {options.out}"
+        f"{len(times)} samples, median {1e6 * np.median(times):.0f} µs, last residual {residual:.1e} 1/m; "
+        f"recorded to {options.out}"
     )
     return residual
 

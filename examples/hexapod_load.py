@@ -42,7 +42,8 @@ def main(arguments: Sequence[str] | None = None) -> float:
     carried = sum(np.einsum("tij,tj->ti", leg.rotation[:, 0], leg.force[:, 0]) for leg in legs_at_base)
     imbalance = np.abs(carried - inputs.tip_force).max()
     print(
-        f"the platform tilts by up to {tilt.max():.2f} deg, its middle moves by {1e3 * np.ptp(history.tip_position, axis=0).max():.1f} mm"
+        f"the platform tilts by up to {tilt.max():.2f} deg, "
+        f"its middle moves by {1e3 * np.ptp(history.tip_position, axis=0).max():.1f} mm"
     )
     print(f"forces at the six bases add up to the load within {imbalance:.1e} N")
     print(f"a sample takes {1e6 * np.median(history.step_time):.0f} µs in the median; recorded to {options.out}")

@@ -42,7 +42,8 @@ def main(arguments: Sequence[str] | None = None) -> float:
     path = 1e3 * np.linalg.norm(np.diff(exact.tip_position, axis=0), axis=-1).sum()
     print(f"tip path of {path:.0f} mm; the observer is {lag.max():.2g} mm off at most, {np.median(lag):.2g} mm in the median")
     print(
-        f"a sample takes {1e6 * np.median(history.step_time):.0f} µs, by Newton's method {1e6 * np.median(exact.step_time):.0f} µs"
+        f"a sample takes {1e6 * np.median(history.step_time):.0f} µs, "
+        f"by Newton's method {1e6 * np.median(exact.step_time):.0f} µs"
     )
     print(f"recorded to {options.out}")
     return float(np.median(lag))

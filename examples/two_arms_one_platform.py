@@ -47,7 +47,8 @@ def main(arguments: Sequence[str] | None = None) -> float:
     print(f"the platform is {height.min():.0f} to {height.max():.0f} mm high and tilts by up to {tilt.max():.0f} deg")
     print(f"the observer is {np.median(lag):.2g} mm off in the median, {lag.max():.2g} mm at most, when the motion begins")
     print(
-        f"a sample takes {1e6 * np.median(history.step_time):.0f} µs, by Newton's method {1e6 * np.median(exact.step_time):.0f} µs"
+        f"a sample takes {1e6 * np.median(history.step_time):.0f} µs, "
+        f"by Newton's method {1e6 * np.median(exact.step_time):.0f} µs"
     )
     print(f"recorded to {options.out}")
     return float(np.median(lag))

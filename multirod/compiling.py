@@ -128,6 +128,8 @@ def cache() -> str:
 
 def _load(module: Any, device: Any) -> None:
     try:
+        if _headers is not None and device.is_cpu:
+            _headers.precompile(device)
         wp.force_load(device, [module], max_workers=0)
     except Exception as error:
         raise CompileError(f"the kernel {module.name} could not be compiled into {cache()}: {error}") from error
@@ -157,40 +159,73 @@ def _quieten() -> None:
 class _Headers:
     """Warp's headers, which Clang takes longer to read than most kernels: precompiled once, and kept beside the kernels.
 
-    Warp has each thread of each process precompile them. Where they are being precompiled, others read them as they are
-    meanwhile.
+    Warp would have each thread of each process precompile them.
 
     Args:
         folder: Where they are kept.
+        number: Of what they are made from and for.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, number: int) -> None:
         self.folder = folder
+        self._number = number
         self._lock = Lock()
         self._maker: int | None = None
+        self._room = ""
+
+    def precompile(self, device: Any) -> None:
+        """Have Warp precompile them with a kernel that does nothing, if nobody has: other threads wait for it.
+
+        That is done elsewhere, and what is complete is moved here: other processes may be doing the same.
+        """
+        with self._lock:
+            if self._are_there():
+                return
+            with tempfile.TemporaryDirectory(dir=self.folder.parent) as room:
+                self._maker, self._room = get_ident(), room
+                try:
+                    wp.force_load(device, [_kernel_of(self._number).module], max_workers=0)
+                    for file in Path(room).glob("*.pch"):
+                        file.replace(self.folder / file.name)
+                finally:
+                    self._maker = None
 
     def __call__(self) -> str | None:
         """The folder where Warp looks for them, and else puts them; None where it does without."""
-        with self._lock:
-            if not any(self.folder.glob("*.pch")):
-                self._maker = self._maker or get_ident()
-                if self._maker != get_ident():
-                    return None
-        return str(self.folder)
+        if self._maker == get_ident():
+            return self._room
+        return str(self.folder) if self._are_there() else None
+
+    def _are_there(self) -> bool:
+        return any(self.folder.glob("*.pch"))
+
+
+def _kernel_of(number: int) -> Any:
+    """A kernel that does nothing, another one for each number: Warp compiles it if its cache lacks it."""
+
+    @wp.kernel(enable_backward=False, module="unique")  # type: ignore[untyped-decorator]
+    def nothing() -> None:
+        _ = wp.int64(wp.static(number))
+
+    return nothing
+
+
+_headers: _Headers | None = None
 
 
 def _keep_headers() -> None:
     """Have Warp keep its precompiled headers, where it lets itself be told to: there is no public way."""
+    global _headers
     runtime: Any = getattr(getattr(getattr(wp, "_src", None), "context", None), "runtime", None)
     header = Path(str(wp.__file__)).parent / "native" / "builtin.h"
     if not hasattr(runtime, "get_clang_pch_dir") or not header.exists() or not wp.config.cache_kernels:
         return
     # Clang refuses headers of another processor, place or time, with a message
-    made = f"{wp.get_cpu_kernel_cache_key()} {header} {header.stat().st_mtime_ns}"
-    folder = Path(str(wp.config.kernel_cache_dir)) / f"multirod_headers_{sha256(made.encode()).hexdigest()[:16]}"
+    made = sha256(f"{wp.get_cpu_kernel_cache_key()} {header} {header.stat().st_mtime_ns}".encode()).hexdigest()[:15]
+    folder = Path(str(wp.config.kernel_cache_dir)) / f"multirod_headers_{made}"
     with suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True)
-        runtime.get_clang_pch_dir = _Headers(folder)
+        _headers = runtime.get_clang_pch_dir = _Headers(folder, int(made, 16))
 
 
 _started = False

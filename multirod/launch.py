@@ -78,7 +78,7 @@ class Direct:
         labels = [argument.label for argument in recorded.kernel.adj.args]
         values = recorded.params[1:]
         kind = type("Arguments", (ctypes.Structure,), {"_fields_": list(zip(labels, map(type, values), strict=True))})
-        self._arguments, self._bounds = kind(), type(recorded.params[0])()
+        self._arguments, self._bounds = kind(), type(recorded.params[0]).from_buffer_copy(recorded.params[0])
         self._labels = labels
         self._take_over()
         self.launch: Callable[[], None] = partial(
@@ -87,7 +87,7 @@ class Direct:
 
     def _take_over(self) -> None:
         bounds, *values = self._recorded.params
-        ctypes.pointer(self._bounds)[0] = bounds
+        ctypes.memmove(ctypes.byref(self._bounds), ctypes.byref(bounds), ctypes.sizeof(self._bounds))
         for label, value in zip(self._labels, values, strict=True):
             setattr(self._arguments, label, value)
 

@@ -77,8 +77,8 @@ _MESSAGES = {
     Status.CONVERGED: "the residual is within the tolerance",
     Status.MAX_ITERATIONS: "the iteration limit was reached: raise max_iterations (or, without a guess, max_continuation_steps), "
     "start nearer, or loosen the tolerance",
-    Status.INTEGRATION_LIMIT: "the integrations allowed for one solve, fallbacks included, were used up before it was decided: raise "
-    "max_integrations, start nearer by a guess, or follow a motion (simulate) from where a solution is known",
+    Status.INTEGRATION_LIMIT: "the integrations allowed for one solve, fallbacks included, were used up before it was decided: "
+    "raise max_integrations, start nearer by a guess, or follow a motion (simulate) from where a solution is known",
     Status.SINGULAR_JACOBIAN: "the Jacobian is singular here (a fold or a bifurcation): start elsewhere or change the load",
     Status.NONFINITE: "the integration overflowed: start nearer, or apply the load in smaller steps",
     Status.STEP_LIMIT: "the integrator reached its step limit: loosen rtol, or the rod is far longer than its curvature allows",
@@ -86,26 +86,27 @@ _MESSAGES = {
     "minimum; loosen the tolerance, tighten the integrator, or start nearer",
     Status.BRANCH_END: "the equilibrium reached by raising the loads in proportion ends before the full load (a fold or a "
     "bifurcation: the rod snaps or buckles); give a guess to follow another branch",
-    Status.UNSTABLE: "the equilibrium that was found is unstable: the robot would leave it; lead it there from where it is stable (simulate), or give "
-    "another guess; of an inverse problem, ask for another pose",
-    Status.OUT_OF_LIMITS: "the translations that lead to this pose are beyond the limits that inverse() was given, or leave nothing of a leg in use: ask "
-    "for another pose, give wider limits, or begin at another translation or guess",
-    Status.LOWEST_ENERGY: "the residual is within the tolerance; raising loads (of tubes also precurvature and the angles between them) in "
-    "proportion ends before the full load, so this is the stable equilibrium of lowest potential energy that was found from many starts (for a "
-    "parallel robot whose loads have no potential, where raising these leads from there): equilibria() lists all",
+    Status.UNSTABLE: "the equilibrium that was found is unstable: the robot would leave it; lead it there from where it is "
+    "stable (simulate), or give another guess; of an inverse problem, ask for another pose",
+    Status.OUT_OF_LIMITS: "the translations that lead to this pose are beyond the limits that inverse() was given, or leave "
+    "nothing of a leg in use: ask for another pose, give wider limits, or begin at another translation or guess",
+    Status.LOWEST_ENERGY: "the residual is within the tolerance; raising loads (of tubes also precurvature and the angles "
+    "between them) in proportion ends before the full load, so this is the stable equilibrium of lowest potential energy that "
+    "was found from many starts (for a parallel robot whose loads have no potential, where raising these leads from "
+    "there): equilibria() lists all",
     Status.TRACKING: "an estimate by one integration; residual says how far it is",
     Status.EULER_LIMIT: "the observer's explicit Euler update left its stability limit: use update='exact', a shorter time "
     "step, or lower gains",
     Status.EULER_DIVERGED: "the observer's explicit Euler update left its stability limit before the residual was within the "
     "tolerance: use update='exact', a shorter dt, or lower gains",
-    Status.NEAR_FOLD: "an estimate near a fold or on its way through a snap: a mode of Gamma is near zero, so the shape may be far off "
-    "although the residual is not",
-    Status.SINGULAR_PIVOT: "an estimate of the observer whose elimination meets a nearly singular pivot while Gamma is regular: use "
-    "coupling='full', or another order of the blocks",
-    Status.UNSTABLE_COUPLING: "an estimate of the observer whose closed loop is unstable, as the gains of each rod leave out what "
-    "couples them: use coupling='per-rod' or 'full'",
-    Status.MULTIPLE_SHOOTING: "the residual is within the tolerance, by multiple shooting: the rod is so long, soft or strongly loaded that "
-    "its unknowns at the base alone do not determine the tip, and gamma is NaN",
+    Status.NEAR_FOLD: "an estimate near a fold or on its way through a snap: a mode of Gamma is near zero, so the shape may be "
+    "far off although the residual is not",
+    Status.SINGULAR_PIVOT: "an estimate of the observer whose elimination meets a nearly singular pivot while Gamma is regular: "
+    "use coupling='full', or another order of the blocks",
+    Status.UNSTABLE_COUPLING: "an estimate of the observer whose closed loop is unstable, as the gains of each rod leave out "
+    "what couples them: use coupling='per-rod' or 'full'",
+    Status.MULTIPLE_SHOOTING: "the residual is within the tolerance, by multiple shooting: the rod is so long, soft or "
+    "strongly loaded that its unknowns at the base alone do not determine the tip, and gamma is NaN",
 }
 
 

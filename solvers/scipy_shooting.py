@@ -54,7 +54,8 @@ class ScipyShooting(Solver):
             refuse(
                 "ScipyShooting.integrator",
                 self.integrator,
-                "must be in float64, whose differences are gradients: give exact_gradient=True or method='nelder-mead' for float32",
+                "must be in float64, whose differences are gradients: "
+                "give exact_gradient=True or method='nelder-mead' for float32",
             )
         positive_int("ScipyShooting.max_iterations", self.max_iterations)
 

@@ -247,7 +247,8 @@ def main() -> None:
     parser.add_argument("--families", nargs="+", choices=FAMILIES, default=list(FAMILIES))
     options = parser.parse_args()
     print(
-        "| scenes | bound | solved | something dropped | terms dropped, of what could be | bound broken | worst, of the bound | ms |"
+        "| scenes | bound | solved | something dropped | terms dropped, of what could be "
+        "| bound broken | worst, of the bound | ms |"
     )
     print("|---|---|---|---|---|---|---|---|")
     for name in options.families:

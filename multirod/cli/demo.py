@@ -24,7 +24,10 @@ from multirod.studies import experiment
 from multirod.studies.experiment import SLOW, Comparison, compare
 from multirod.studies.scenes import Motion
 
-_PAPER_TABLE_II = "paper, Table II: observer 0.0241 / 0.0537, interior point 0.0055 / 0.0053, quasi-Newton 0.0087 / 0.0065, Nelder-Mead 0.0101 / 0.1034"
+_PAPER_TABLE_II = (
+    "paper, Table II: observer 0.0241 / 0.0537, interior point 0.0055 / 0.0053, "
+    "quasi-Newton 0.0087 / 0.0065, Nelder-Mead 0.0101 / 0.1034"
+)
 
 
 def add_parser(commands: Any) -> None:
@@ -75,8 +78,8 @@ def run(options: argparse.Namespace, console: Console) -> int:
     console.print(_table(rows, "The paper's experiment", console.width))
     settled = min(experiment.SETTLING_TIME, options.time / 2)
     console.print(
-        f"Errors from {settled:g} s on; tip error against the converged solution (Newton, 1e-9, integrated to 1e-11). The paper's "
-        "mean tip error of 0.13 mm could not be reproduced: what stands here is ours.",
+        f"Errors from {settled:g} s on; tip error against the converged solution (Newton, 1e-9, integrated to 1e-11). "
+        "The paper's mean tip error of 0.13 mm could not be reproduced: what stands here is ours.",
         style="dim",
     )
     for name, history in histories.items():

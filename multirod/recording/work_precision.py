@@ -219,17 +219,23 @@ def _description(table: "Tradeoff", front: "list[Measured]", shown: "list[Measur
         f"### {title}",
         "",
         f"**Robot** `{table.reference.history.assembly!r}`  ",
-        f"**Small points** a setting each, {len(table.rows)} in all, coloured by solver: {colors}. The line joins those that no other ",
+        (
+            f"**Small points** a setting each, {len(table.rows)} in all, coloured by solver: {colors}. "
+            "The line joins those that no other "
+        ),
         "beats in both time and error; down and left is better. Hover over a point for its figures.  ",
-        f"**Large points** {len(shown)} of those on the line: the error of their tip over the motion is drawn below, and their tip in ",
+        (
+            f"**Large points** {len(shown)} of those on the line: the error of their tip over the motion "
+            "is drawn below, and their tip in "
+        ),
         f"the scene, in the colour of the point. The robot there is the reference. Errors count from {table.settle:g} s on.  ",
         "",
         "| on the line | tip [m] | frame [rad] | shape [m] | median [µs] | 95 % [µs] | samples |",
         "|---|---|---|---|---|---|---|",
     ]
     lines += [
-        f"| {row.name} | {row.position:.1e} | {row.rotation:.1e} | {row.shape:.1e} | {1e6 * row.median:.0f} | {1e6 * row.slow:.0f} "
-        f"| {row.samples} |"
+        f"| {row.name} | {row.position:.1e} | {row.rotation:.1e} | {row.shape:.1e} | {1e6 * row.median:.0f} "
+        f"| {1e6 * row.slow:.0f} | {row.samples} |"
         for row in front
     ]
     return "\n".join([*lines, "", *(f"{note[0].upper()}{note[1:]}.  " for note in table.notes())])

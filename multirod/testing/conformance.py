@@ -445,7 +445,8 @@ def _stability(study: Study) -> None:
         parity.append(np.sign(solution.determinant) * (-1.0) ** solution.index)
     if parity[0] != parity[1]:
         raise Nonconformance(
-            f"the index is {unloaded.index} without loads and {study.solution.index} with them, but the sign of det Gamma says otherwise"
+            f"the index is {unloaded.index} without loads and {study.solution.index} with them, "
+            "but the sign of det Gamma says otherwise"
         )
 
 

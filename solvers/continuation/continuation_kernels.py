@@ -80,7 +80,10 @@ def make_path(block: int = 0, border: int = 0):
 
     @wp.func(inline=False)
     def alike(state: wp.ref[PathState], t: int, others: int) -> bool:
-        """Whether no mode of Gamma came near zero or changed sign since the last equilibrium, nor, with two ``others``, since halfway."""
+        """Whether no mode of Gamma came near zero or changed sign since the last equilibrium.
+
+        With two ``others``, nor since halfway.
+        """
         test = int(0)
         while test < 2 * others:
             other = state.reference

@@ -177,9 +177,10 @@ def make_arrow(block: int, border: int) -> SimpleNamespace:
 
 @cache
 def make_iteration(block: int = 0, border: int = 0) -> SimpleNamespace:
-    """``iterate``, from one integration to the next, ``spectral_radius``, how unlike two ``Gamma`` are, and ``aim``, the Newton step.
+    """``iterate``, from one integration to the next, ``spectral_radius``, how unlike two ``Gamma`` are, and ``aim``, the step.
 
-    Gamma is dense, or, with a ``border``, an arrow of blocks of at most ``block`` rows. The number of unknowns is that of the arrays.
+    ``aim`` is the Newton step. Gamma is dense, or, with a ``border``, an arrow of blocks of at most ``block`` rows. The number of
+    unknowns is that of the arrays.
     """
     linear = make_arrow(block, border) if border else make_dense()
     aim, spectral_radius = linear.aim, linear.spectral_radius

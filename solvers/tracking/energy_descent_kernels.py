@@ -122,7 +122,7 @@ def make_descent(feed_forward: bool):
 
     @wp.func
     def by_inputs(state: DescentState, t: int, Y: Matrix, A: Matrix, modes: Eigen) -> Vector:
-        """(6) What the expected change of the inputs asks for: the tip held in the world, then turned by the moment this takes."""
+        """(6) What the expected change of inputs asks for: the tip held in the world, then turned by the moment this takes."""
         turn = wp.vec3d(state.pose_columns[t, 3, 3], state.pose_columns[t, 4, 3], state.pose_columns[t, 5, 3])
         turn = to_axes(state, t) * turn
         held = -solve(Y, Vector(turn[0], turn[1], turn[2]))

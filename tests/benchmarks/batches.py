@@ -144,7 +144,8 @@ def main() -> None:
     if floors:
         ratio = shared * cores / (np.array(floors) * integrations)
         print(
-            f"{np.median(ratio):.2f} times a bare C loop of the same integrations on as many threads ({np.median(floors):.2f} µs each)"
+            f"{np.median(ratio):.2f} times a bare C loop of the same integrations on as many threads "
+            f"({np.median(floors):.2f} µs each)"
         )
     for text, ratio in (
         (f"times as fast on {cores} threads as on one", alone / shared),
@@ -155,7 +156,8 @@ def main() -> None:
     print(f"a loop of SciPy shooting: {each:.0f} µs each, {each / np.median(shared):.0f} times as long")
 
     print(
-        "\n| robots | seconds | solves a second | integrations a rod, mean | most | the same alone, mean |\n|---|---|---|---|---|---|"
+        "\n| robots | seconds | solves a second | integrations a rod, mean | most | the same alone, mean |\n"
+        "|---|---|---|---|---|---|"
     )
     tubes, hexapod = concentric_tubes.tubes(), parallel_rods.robot(6)
     random = np.random.default_rng(1)
@@ -185,7 +187,8 @@ def main() -> None:
         )
 
     print(
-        "\n| motions of 200 samples at once, one thread | µs a sample and instance | of which steps of the solver |\n|---|---|---|"
+        "\n| motions of 200 samples at once, one thread | µs a sample and instance | of which steps of the solver |\n"
+        "|---|---|---|"
     )
     for name, solver in (("observer", mr.Observer(integrator=mr.RK4(STEPS))), ("Newton", NEWTON)):
         for count in (1, 10, 100, 1000):

@@ -193,7 +193,8 @@ def main() -> None:
             if k:  # the first compiles
                 times[name].append(sample)
     print(
-        "| scene | against | integration [µs] | against [µs] | ratio | quartiles | cold solve, ratio | quartiles | tips apart / L |"
+        "| scene | against | integration [µs] | against [µs] | ratio | quartiles "
+        "| cold solve, ratio | quartiles | tips apart / L |"
     )
     print("|---|---|---|---|---|---|---|---|---|")
     for name, samples in times.items():

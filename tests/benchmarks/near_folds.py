@@ -144,7 +144,8 @@ def main():
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     header = (
-        f"{'':36}{'hard passed':>11}{'easy passed':>13}{'easy, median':>14}{'wrong':>14}{'said':>8}{'cried wolf':>12}{'integr.':>9}\n"
+        f"{'':36}{'hard passed':>11}{'easy passed':>13}{'easy, median':>14}{'wrong':>14}{'said':>8}"
+        f"{'cried wolf':>12}{'integr.':>9}\n"
         f"{'':36}{'':11}{'':13}{'error [mm]':>14}{'of samples':>14}{'so':>8}{'':12}{'a sample':>9}"
     )
 
@@ -174,8 +175,8 @@ def main():
     for name, solver in trackers.items():
         follow(name, report, solver)
     print(
-        f"\nwrong: the tip is more than {1e3 * WRONG:g} mm from the reference, snaps included; said so: part of these samples with another status "
-        "than TRACKING (CONVERGED);\ncried wolf: part of the other samples with such a status"
+        f"\nwrong: the tip is more than {1e3 * WRONG:g} mm from the reference, snaps included; said so: part of these "
+        "samples with another status than TRACKING (CONVERGED);\ncried wolf: part of the other samples with such a status"
     )
 
 

@@ -111,7 +111,8 @@ def main() -> None:
         for name, pair in pairs.items():
             times[name].append(pair.measure())
     print(
-        "| an integration of | float64 [µs] | float32 [µs] | float32 / float64 | residual differs, median, most | tip, median, most | lost |"
+        "| an integration of | float64 [µs] | float32 [µs] | float32 / float64 "
+        "| residual differs, median, most | tip, median, most | lost |"
     )
     print("|---|---|---|---|---|---|---|")
     for name, pair in pairs.items():

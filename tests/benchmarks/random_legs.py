@@ -84,7 +84,8 @@ def main() -> None:
     print("\n| end | robots | integrations: median, 95 %, most |\n|---|---|---|")
     for name, counts in sorted(ends.items()):
         print(f"| `{name}` | {len(counts)} | {np.median(counts):.0f}, {np.percentile(counts, 95):.0f}, {max(counts)} |")
-    print(f"violate the equations: {wrong}; unstable: {unstable}; not solved, with a moment: {moments['moment']}, without: {moments['none']}"
+    print(f"violate the equations: {wrong}; unstable: {unstable}; "
+          f"not solved, with a moment: {moments['moment']}, without: {moments['none']}"
           + (f"; not solved though there is an equilibrium: {found}" if options.search else ""))  # fmt: skip
 
 

@@ -57,7 +57,7 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
         compliance_rate: PerRod  # 1/GJ at s = 0
 
     @wp.func
-    def torsional_precurvature(rods: RodTable, case: Instance, i: int, m: int, t: f64) -> f64:
+    def torsional_precurvature(rods: wp.ref[RodTable], case: wp.ref[Instance], i: int, m: int, t: f64) -> f64:
         """(6) u*_z of section m of rod i, at t from -1 to 1."""
         u = f64(0.0)
         for k in range(wp.static(CURVATURE_TERMS)):
@@ -65,7 +65,7 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
         return u
 
     @wp.func
-    def torsional_precurvature_integral(rods: RodTable, case: Instance, i: int, m: int, t: f64) -> f64:
+    def torsional_precurvature_integral(rods: wp.ref[RodTable], case: wp.ref[Instance], i: int, m: int, t: f64) -> f64:
         """Integral of u*_z of section m of rod i over -1 to t."""
         upper = f64(0.0)
         lower = f64(0.0)
@@ -77,7 +77,7 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
         return t * upper + lower
 
     @wp.func
-    def unknown_unit(rods: RodTable, case: Instance, i: int) -> wp.vec3d:
+    def unknown_unit(rods: wp.ref[RodTable], case: wp.ref[Instance], i: int) -> wp.vec3d:
         """(10) Curvature per moment, by the first sections: it does not jump when a section is pulled into the base."""
         result = section_unit(rods, case, i, 0)
         if wp.static(TUBES):
@@ -89,12 +89,12 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
         return result
 
     @wp.func
-    def force_unit(rods: RodTable, case: Instance) -> f64:
+    def force_unit(rods: wp.ref[RodTable], case: wp.ref[Instance]) -> f64:
         """(13) Force per unknown of the base force."""
         return bending_stiffness(rods, case, 0, 0) / case.scale
 
     @wp.func
-    def base_torques(rods: RodTable, call: Call, case: Instance) -> PerRod:
+    def base_torques(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance]) -> PerRod:
         """(10) tau_i(0) of several rods."""
         torques = PerRod()
         last = int(wp.static(TORQUES + 1))
@@ -106,7 +106,7 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
         return torques
 
     @wp.func
-    def base_moment(rods: RodTable, call: Call, case: Instance) -> wp.vec3d:
+    def base_moment(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance]) -> wp.vec3d:
         """(10) M(0)."""
         if wp.static(not MOMENT):
             return wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
@@ -124,7 +124,7 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
         return M
 
     @wp.func
-    def behind_plate(rods: RodTable, call: Call, case: Instance, known: Base) -> Base:
+    def behind_plate(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], known: Base) -> Base:
         """(9) What the rods twist behind the plate; what stands at s = 0 is of the sections that go on from there."""
         b = known
         factor = f64(1.0)
@@ -155,7 +155,7 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
         return b
 
     @wp.func
-    def base_force(rods: RodTable, call: Call, case: Instance, q: wp.vec4d) -> wp.vec3d:
+    def base_force(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], q: wp.vec4d) -> wp.vec3d:
         """n(0): unknown under a follower force (13) or with a held tip, else all that acts further on (3a)."""
         if wp.static(not FORCE):
             return wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
@@ -166,8 +166,8 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
         x = wp.vec3d(call.unknowns[t, j], call.unknowns[t, j + 1], call.unknowns[t, j + 2])
         return rotate(q, force_unit(rods, case) * x)
 
-    @wp.func
-    def make_base_of(rods: RodTable, call: Call, case: Instance) -> Base:
+    @wp.func(inline=False)
+    def make_base_of(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance]) -> Base:
         """(9), (10)"""
         b = Base()
         for i in range(rods.end.shape[1]):
@@ -183,7 +183,7 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
         return b
 
     @wp.func
-    def base_state(rods: RodTable, call: Call, case: Instance, b: Base, n0: wp.vec3d) -> State:
+    def base_state(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], b: Base, n0: wp.vec3d) -> State:
         """(9), (10): the state at the base, where the force is n0."""
         y = State()
         if wp.static(MOMENT):
@@ -213,15 +213,15 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
         return y
 
     @wp.func
-    def angle_rate(call: Call, case: Instance, b: Base, k: int, i: int) -> f64:
+    def angle_rate(call: wp.ref[Call], case: wp.ref[Instance], b: Base, k: int, i: int) -> f64:
         """(9) Variation of an angle for direction k: a rod that is pushed out has less of itself behind the plate."""
         rate = call.directions[case.direction, k, wp.static(ROTATION) + i]
         if wp.static(TRANSMISSION):
             rate -= moved(call, case, k, i) * (b.twist_rate[i] + b.compliance_rate[i] * b.torques[i])
         return rate
 
-    @wp.func
-    def base_column(rods: RodTable, call: Call, case: Instance, b: Base, k: int):
+    @wp.func(inline=False)
+    def base_column(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], b: Base, k: int):
         """(9), (10), (15), (16): column k at the base, and its dn; ``k`` counts unknowns, then directions."""
         y = Column()
         dn = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))

@@ -58,13 +58,13 @@ class Instance:
 
 
 @wp.func
-def bending_stiffness(rods: RodTable, case: Instance, i: int, m: int) -> f64:
+def bending_stiffness(rods: wp.ref[RodTable], case: wp.ref[Instance], i: int, m: int) -> f64:
     """The larger one of section m of rod i [N m^2]."""
     return wp.max(rods.material[case.rods, i, m, 0], rods.material[case.rods, i, m, 1])
 
 
 @wp.func
-def section_unit(rods: RodTable, case: Instance, i: int, m: int) -> wp.vec3d:
+def section_unit(rods: wp.ref[RodTable], case: wp.ref[Instance], i: int, m: int) -> wp.vec3d:
     """(10), (11) Curvature per moment there; where torsion is stiffer than bending, the bending stiffness scales it."""
     GJ = wp.min(rods.material[case.rods, i, m, 2], bending_stiffness(rods, case, i, m))
     EI_x = rods.material[case.rods, i, m, 0]
@@ -100,42 +100,42 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
     given_first, given_last = layout.given["distributed_force"], layout.given.size
 
     @wp.func
-    def load_vector(call: Call, t: int, first: int) -> wp.vec3d:
+    def load_vector(call: wp.ref[Call], t: int, first: int) -> wp.vec3d:
         """A load as it acts: the load factor included."""
         return call.load_factor[t] * wp.vec3d(call.inputs[t, first], call.inputs[t, first + 1], call.inputs[t, first + 2])
 
     @wp.func
-    def direction_vector(call: Call, case: Instance, k: int, first: int) -> wp.vec3d:
+    def direction_vector(call: wp.ref[Call], case: wp.ref[Instance], k: int, first: int) -> wp.vec3d:
         """Part of direction k, of a load as it acts."""
         j = case.direction
         return wp.vec3d(call.directions[j, k, first], call.directions[j, k, first + 1], call.directions[j, k, first + 2])
 
     @wp.func
-    def moved(call: Call, case: Instance, k: int, mover: int) -> f64:
+    def moved(call: wp.ref[Call], case: wp.ref[Instance], k: int, mover: int) -> f64:
         """How direction k moves a node with its mover."""
         if mover < 0:
             return f64(0.0)
         return call.directions[case.direction, k, wp.static(TRANSLATION) + mover]
 
     @wp.func
-    def section_end(rods: RodTable, call: Call, case: Instance, i: int, m: int) -> f64:
+    def section_end(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], i: int, m: int) -> f64:
         """Where section m of rod i ends."""
         return rods.end[case.rods, i, m] + call.inputs[case.index, wp.static(TRANSLATION) + i]
 
     @wp.func
-    def rod_end(rods: RodTable, call: Call, case: Instance, i: int) -> f64:
+    def rod_end(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], i: int) -> f64:
         return section_end(rods, call, case, i, rods.end.shape[2] - 1)
 
     @wp.func
-    def section_from(rods: RodTable, call: Call, case: Instance, i: int, s: f64) -> int:
+    def section_from(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], i: int, s: f64) -> int:
         """The section of rod i that begins at s or goes on there; their number where the rod has ended."""
         m = int(0)
         while m < rods.end.shape[2] and section_end(rods, call, case, i, wp.min(m, rods.end.shape[2] - 1)) <= s:
             m += int(1)
         return m
 
-    @wp.func
-    def load_instance(rods: RodTable, call: Call, t: int) -> Instance:
+    @wp.func(inline=False)
+    def load_instance(rods: wp.ref[RodTable], call: wp.ref[Call], t: int) -> Instance:
         """Geometry of an instance, and its loads in the base frame."""
         case = Instance()
         case.index = t
@@ -174,7 +174,7 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
     # ---- (3a): the force at the base ----
 
     @wp.func
-    def mass_until(rods: RodTable, call: Call, case: Instance, s: f64) -> f64:
+    def mass_until(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], s: f64) -> f64:
         """Mass of all rods between the base and s."""
         mass = f64(0.0)
         for i in range(rods.end.shape[1]):
@@ -187,7 +187,7 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         return mass
 
     @wp.func
-    def mass_rate_until(rods: RodTable, call: Call, case: Instance, s: f64, k: int) -> f64:
+    def mass_rate_until(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], s: f64, k: int) -> f64:
         """Its rate for direction k at a fixed s, or at the tip: what is pushed out of the base, and what moves past s."""
         rate = f64(0.0)
         for i in range(rods.end.shape[1]):
@@ -204,7 +204,7 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         return rate
 
     @wp.func
-    def piece_from(rods: RodTable, s: f64) -> int:
+    def piece_from(rods: wp.ref[RodTable], s: f64) -> int:
         """The piece of the load profiles that begins at s or goes on there; the last one goes on for ever."""
         piece = int(0)
         while piece < rods.profile_end.shape[0] - 1 and rods.profile_end[piece] <= s:
@@ -212,14 +212,14 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         return piece
 
     @wp.func
-    def piece_centre(rods: RodTable, piece: int) -> f64:
+    def piece_centre(rods: wp.ref[RodTable], piece: int) -> f64:
         begin = f64(0.0)
         if piece > 0:
             begin = rods.profile_end[piece - 1]
         return f64(0.5) * (begin + rods.profile_end[piece])
 
     @wp.func
-    def profile_coefficient(rods: RodTable, piece: int, first: int, j: int) -> wp.vec3d:
+    def profile_coefficient(rods: wp.ref[RodTable], piece: int, first: int, j: int) -> wp.vec3d:
         """Of force (first = 0) or moment (3) per length, in the world."""
         return wp.vec3d(
             rods.profile[piece, first * wp.static(PROFILE_TERMS) + j],
@@ -228,7 +228,7 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         )
 
     @wp.func
-    def profile_force(rods: RodTable, piece: int, s: f64) -> wp.vec3d:
+    def profile_force(rods: wp.ref[RodTable], piece: int, s: f64) -> wp.vec3d:
         """Force per length at s, in the world."""
         centre = piece_centre(rods, piece)
         t = (s - centre) / (rods.profile_end[piece] - centre)
@@ -238,7 +238,7 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         return a
 
     @wp.func
-    def profile_integral(rods: RodTable, piece: int, start: f64, end: f64) -> wp.vec3d:
+    def profile_integral(rods: wp.ref[RodTable], piece: int, start: f64, end: f64) -> wp.vec3d:
         """Integral of the force profile within a piece, in the world."""
         centre = piece_centre(rods, piece)
         half = rods.profile_end[piece] - centre
@@ -254,7 +254,7 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         return half * (t1 * a - t0 * b)
 
     @wp.func
-    def profile_until(rods: RodTable, s: f64) -> wp.vec3d:
+    def profile_until(rods: wp.ref[RodTable], s: f64) -> wp.vec3d:
         """Integral of the force profile from the base to s, in the world, profile factor aside."""
         total = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
         start = f64(0.0)
@@ -268,7 +268,7 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         return total
 
     @wp.func
-    def load_until(rods: RodTable, call: Call, case: Instance, s: f64) -> wp.vec3d:
+    def load_until(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], s: f64) -> wp.vec3d:
         """(3a) What is distributed between the base and s."""
         total = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
         if wp.static(FORCE_PER_LENGTH):
@@ -278,7 +278,7 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         return total
 
     @wp.func
-    def load_rate_until(rods: RodTable, call: Call, case: Instance, s: f64, k: int) -> wp.vec3d:
+    def load_rate_until(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], s: f64, k: int) -> wp.vec3d:
         """(3a) Its rate for direction k at a fixed s, or, but for what the rod grows by, at the tip."""
         rate = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
         if wp.static(FORCE_PER_LENGTH):
@@ -292,12 +292,12 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         return rate
 
     @wp.func
-    def total_load(rods: RodTable, call: Call, case: Instance) -> wp.vec3d:
+    def total_load(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance]) -> wp.vec3d:
         """(3a) Force at the base: the tip force and all that is distributed over the length."""
         return case.tip_force + load_until(rods, call, case, case.length)
 
     @wp.func
-    def total_load_rate(rods: RodTable, call: Call, case: Instance, k: int) -> wp.vec3d:
+    def total_load_rate(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], k: int) -> wp.vec3d:
         """(3a) Its rate for direction k."""
         rate = case.to_base * direction_vector(call, case, k, TIP_FORCE) + load_rate_until(rods, call, case, case.length, k)
         longer = moved(call, case, k, case.longest)
@@ -311,7 +311,7 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
     # ---- nodes ----
 
     @wp.func
-    def output_arclength(rods: RodTable, call: Call, case: Instance, output: int) -> f64:
+    def output_arclength(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], output: int) -> f64:
         """Where an output node is: they are spaced evenly along one rod or all; past its end there are none."""
         s = case.length
         if call.node_rod < wp.static(n):
@@ -322,8 +322,8 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
             s = f64(2.0) * case.length
         return s
 
-    @wp.func
-    def find_end(rods: RodTable, call: Call, case: Instance, p: int):
+    @wp.func(inline=False)
+    def find_end(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], p: int):
         """The next node of a lane: the nearest end of a section or piece of profile, output node, or tip."""
         start = call.lane[p, START]
         s = case.length
@@ -351,7 +351,7 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
     # ---- stretches ----
 
     @wp.func
-    def counted(case: Instance, value: f64, newtons: f64, metres: f64) -> f64:
+    def counted(case: wp.ref[Instance], value: f64, newtons: f64, metres: f64) -> f64:
         """A number of a unit of these powers, in what numbers in lanes are counted in."""
         if wp.static(SINGLE):
             return value / (wp.pow(case.force, newtons) * wp.pow(case.unit, metres))
@@ -374,7 +374,7 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         driven, unit = kind.drive is not None, kind.drive[1] if kind.drive is not None else (0, 0)
 
         @wp.func
-        def load(rods: RodTable, call: Call, case: Instance, memory: memory_type, z: int, l: int, m: int):
+        def load(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, z: int, l: int, m: int):
             for j in range(wp.static(len(powers))):
                 value = rods.material[case.rods, 0, m, wp.static(column) + j]
                 value = counted(case, value, f64(wp.static(powers[j][0])), f64(wp.static(powers[j][1])))
@@ -388,7 +388,9 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         return load
 
     @wp.func
-    def load_no_member(rods: RodTable, call: Call, case: Instance, memory: memory_type, z: int, l: int, m: int):
+    def load_no_member(
+        rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, z: int, l: int, m: int
+    ):
         """After the last."""
 
     load_members = load_no_member
@@ -396,7 +398,7 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         load_members = load_member(k, kind, load_members)
 
     @wp.func
-    def load_functions(rods: RodTable, case: Instance, memory: memory_type, z: int, l: int, m: int):
+    def load_functions(rods: wp.ref[RodTable], case: wp.ref[Instance], memory: memory_type, z: int, l: int, m: int):
         """The polynomials of members."""
         terms = int(wp.static(FUNCTION_TERMS))
         for k in range(terms):
@@ -410,7 +412,7 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         """The function that loads what a direction varies of drive k, then of those after it."""
 
         @wp.func
-        def load(call: Call, case: Instance, memory: memory_type, g: int, l: int, direction: int, scale: f64):
+        def load(call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, g: int, l: int, direction: int, scale: f64):
             value = call.directions[case.direction, direction, wp.static(DRIVES_AT + k)] / scale
             value = counted(case, value, f64(wp.static(unit[0])), f64(wp.static(unit[1])))
             set_number(memory, g + wp.static(given_at("drives") + k), l, value)
@@ -419,7 +421,9 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         return load
 
     @wp.func
-    def load_no_drive_direction(call: Call, case: Instance, memory: memory_type, g: int, l: int, direction: int, scale: f64):
+    def load_no_drive_direction(
+        call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, g: int, l: int, direction: int, scale: f64
+    ):
         """After the last."""
 
     load_drive_directions = load_no_drive_direction
@@ -427,8 +431,10 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         for k, kind in reversed(list(enumerate([kind for kind in features.members if kind.drive is not None]))):
             load_drive_directions = load_drive_direction(k, kind.drive[1], load_drive_directions)
 
-    @wp.func
-    def load_sections(rods: RodTable, call: Call, case: Instance, memory: memory_type, o: int, l: int, s: f64):
+    @wp.func(inline=False)
+    def load_sections(
+        rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, o: int, l: int, s: f64
+    ):
         """Stiffness and precurvature of each rod from s on; a rod that has ended keeps its last section."""
         z = o + wp.static(Z)
         factor = case.unit
@@ -500,7 +506,7 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         set_number(memory, z + wp.static(z_at("unit_length")), l, case.scale / case.unit)
 
     @wp.func
-    def density_at(rods: RodTable, call: Call, case: Instance, s: f64) -> f64:
+    def density_at(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], s: f64) -> f64:
         """Mass per length of all rods from s on."""
         density = f64(0.0)
         for i in range(rods.end.shape[1]):
@@ -510,12 +516,12 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         return density
 
     @wp.func
-    def distributed_here(rods: RodTable, call: Call, case: Instance, s: f64) -> wp.vec3d:
+    def distributed_here(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], s: f64) -> wp.vec3d:
         """Uniform part of the force per length, weight included."""
         return case.distributed_force + density_at(rods, call, case, s) * case.gravity
 
     @wp.func
-    def load_profile(rods: RodTable, case: Instance, memory: memory_type, o: int, l: int, s: f64):
+    def load_profile(rods: wp.ref[RodTable], case: wp.ref[Instance], memory: memory_type, o: int, l: int, s: f64):
         """The piece of the load profiles from s on."""
         z = o + wp.static(Z)
         piece = piece_from(rods, s)
@@ -531,7 +537,15 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
 
     @wp.func
     def load_directions(
-        rods: RodTable, call: Call, case: Instance, memory: memory_type, o: int, l: int, p: int, first: int, count: int
+        rods: wp.ref[RodTable],
+        call: wp.ref[Call],
+        case: wp.ref[Instance],
+        memory: memory_type,
+        o: int,
+        l: int,
+        p: int,
+        first: int,
+        count: int,
     ):
         """What directions vary of the stretch, of a lane's columns from ``first`` on; nothing of those of unknowns."""
         start = call.lane[p, START]
@@ -570,9 +584,18 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
                     shift = moved(call, case, k, i) / (case.unit * unit)
                     set_number(memory, g + wp.static(given_at("shift")) + i, l, shift)
 
-    @wp.func
+    @wp.func(inline=False)
     def load_stretch(
-        rods: RodTable, call: Call, case: Instance, memory: memory_type, o: int, l: int, p: int, job: int, first: int, count: int
+        rods: wp.ref[RodTable],
+        call: wp.ref[Call],
+        case: wp.ref[Instance],
+        memory: memory_type,
+        o: int,
+        l: int,
+        p: int,
+        job: int,
+        first: int,
+        count: int,
     ):
         """The stretch from the node where a lane stands to the next; arclengths count from its start."""
         start = call.lane[p, START]
@@ -604,7 +627,7 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
             load_directions(rods, call, case, memory, o, l, p, first, count)
 
     @wp.func
-    def pass_force(rods: RodTable, call: Call, case: Instance, p: int):
+    def pass_force(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], p: int):
         """(3a) n at the end of a lane's stretch."""
         if wp.static(WORLD_FORCE and FORCE_PER_LENGTH):
             start = call.lane[p, START]

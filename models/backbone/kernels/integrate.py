@@ -86,17 +86,27 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
     COMPLIANCE_AT = layout.stretch["compliance"]
 
     @wp.func
-    def first_column(call: Call, job: int) -> int:
+    def first_column(call: wp.ref[Call], job: int) -> int:
         return (job % call.parts) * call.part_columns
 
     @wp.func
-    def column_count(call: Call, job: int) -> int:
+    def column_count(call: wp.ref[Call], job: int) -> int:
         """Columns of a lane: the last part may have fewer."""
         rest = call.unknown_columns + call.direction_columns - first_column(call, job)
         return wp.max(0, wp.min(call.part_columns, rest))
 
-    @wp.func
-    def begin(call: Call, case: Instance, memory: memory_type, o: int, l: int, p: int, start: f64, stop: f64, n0: wp.vec3d):
+    @wp.func(inline=False)
+    def begin(
+        call: wp.ref[Call],
+        case: wp.ref[Instance],
+        memory: memory_type,
+        o: int,
+        l: int,
+        p: int,
+        start: f64,
+        stop: f64,
+        n0: wp.vec3d,
+    ):
         """A lane at ``start``, on its way to ``stop``; its state is there."""
         call.lane[p, START] = start
         call.lane[p, START_MOVER] = f64(-1.0)
@@ -111,11 +121,11 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
         set_number(memory, o + wp.static(REJECTED), l, f64(0.0))
         set_number(memory, o + wp.static(LONGEST), l, case.length / case.unit)
 
-    @wp.func
+    @wp.func(inline=False)
     def onto_stretch(
-        rods: RodTable,
-        call: Call,
-        case: Instance,
+        rods: wp.ref[RodTable],
+        call: wp.ref[Call],
+        case: wp.ref[Instance],
         memory: memory_type,
         o: int,
         l: int,
@@ -125,7 +135,7 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
         multiple: f64,
         over: f64,
     ):
-        """A lane at the start of its next stretch: its share of ``steps`` equal ones over a length, or as errors choose where that is 0."""
+        """A lane at the start of its next stretch: of ``steps`` equal ones over a length, or as errors choose where that is 0."""
         load_stretch(rods, call, case, memory, o, l, p, job, first_column(call, job), column_count(call, job))
         length = call.lane[p, END] - call.lane[p, START]
         set_number(memory, o + wp.static(X), l, f64(0.0))
@@ -141,8 +151,10 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
         set_number(memory, o + wp.static(LEFT), l, left)
         set_number(memory, o + wp.static(CONTROLLED), l, controlled)
 
-    @wp.func
-    def at_end(rods: RodTable, call: Call, case: Instance, memory: memory_type, o: int, l: int, p: int, job: int):
+    @wp.func(inline=False)
+    def at_end(
+        rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, o: int, l: int, p: int, job: int
+    ):
         """A lane at the end of its stretch: outputs there, and the force from there on."""
         start = call.lane[p, START]
         end = call.lane[p, END]
@@ -172,7 +184,7 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
         call.lane[p, START] = end
         call.lane[p, START_MOVER] = call.lane[p, END_MOVER]
 
-    @wp.func
+    @wp.func(inline=False)
     def wait(memory: memory_type, o: int, l: int):
         """A lane without a job."""
         set_number(memory, o + wp.static(ACTIVE), l, f64(0.0))
@@ -185,15 +197,15 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
         set_number(memory, o + wp.static(LONGEST), l, f64(1.0))
         set_number(memory, o + wp.static(CONTROLLED), l, f64(0.0))
 
-    @wp.func
-    def free(call: Call, memory: memory_type, o: int, l: int, p: int):
+    @wp.func(inline=False)
+    def free(call: wp.ref[Call], memory: memory_type, o: int, l: int, p: int):
         """A lane that takes the first job it is offered."""
         wait(memory, o, l)
         call.lane[p, JOB] = f64(-1.0)
         set_number(memory, o + wp.static(LEFT), l, f64(0.0))
 
-    @wp.func
-    def check(call: Call, memory: memory_type, o: int, p: int):
+    @wp.func(inline=False)
+    def check(call: wp.ref[Call], memory: memory_type, o: int, p: int):
         """Lanes whose steps came to nothing, or are too many, end as they are."""
         for l in range(wp.static(W)):
             if call.lane[p + l, JOB] >= f64(0.0):
@@ -215,7 +227,7 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
         return get_lane(memory, o + wp.static(LEFT), l) < d(0.5)
 
     @wp.func
-    def advance(call: Call, memory: memory_type, o: int, p: int):
+    def advance(call: wp.ref[Call], memory: memory_type, o: int, p: int):
         """One step in every lane."""
         if wp.static(ADAPTIVE):
             controlled_step(memory, o, call.part_columns, d(call.rtol), d(call.atol), d(wp.static(SMALL_MOMENT)))
@@ -226,18 +238,18 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
             equal_step(memory, o, call.part_columns)
 
     @wp.func
-    def at_base(call: Call, memory: memory_type, o: int, l: int, p: int) -> bool:
+    def at_base(call: wp.ref[Call], memory: memory_type, o: int, l: int, p: int) -> bool:
         """Whether a lane stands on its base and has written no node yet."""
         there = call.lane[p, JOB] >= f64(0.0) and call.lane[p, START] == f64(0.0) and call.lane[p, OUTPUT] == f64(0.0)
         return there and get_lane(memory, o + wp.static(X), l) == d(0.0)
 
     @wp.func
-    def force_at(call: Call, p: int) -> wp.vec3d:
+    def force_at(call: wp.ref[Call], p: int) -> wp.vec3d:
         """(3a) n where a lane stands."""
         return wp.vec3d(call.lane[p, FORCE], call.lane[p, wp.static(FORCE + 1)], call.lane[p, wp.static(FORCE + 2)])
 
     @wp.func
-    def precurvature_here(case: Instance, memory: memory_type, o: int, l: int) -> wp.vec3d:
+    def precurvature_here(case: wp.ref[Instance], memory: memory_type, o: int, l: int) -> wp.vec3d:
         """u* of the one rod where a lane stands, as (12) needs it; else zero."""
         u_star = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
         if wp.static(features.measured):
@@ -267,9 +279,9 @@ def make_carry(parts: SimpleNamespace, features: Features, jobs: SimpleNamespace
     Args:
         parts: Of the kernel.
         features: Its terms.
-        jobs: What a job is: ``Jobs``, the type of the argument that lists what there is to do, and functions of it: how many there are
-            (``count``), whether one is ``wanted``, the instance of one (``instance_of``), a lane at its beginning (``enter``), on to
-            its next stretch (``go_on``), and at its end (``finish``).
+        jobs: What a job is: ``Jobs``, the type of the argument that lists what there is to do, and functions of it: how many
+            there are (``count``), whether one is ``wanted``, the instance of one (``instance_of``), a lane at its beginning
+            (``enter``), on to its next stretch (``go_on``), and at its end (``finish``).
     """
     own, grid = parts.own, parts.grid
     memory_type, W = own.memory_type, own.lanes
@@ -282,7 +294,15 @@ def make_carry(parts: SimpleNamespace, features: Features, jobs: SimpleNamespace
 
     @wp.func
     def attend(
-        rods: RodTable, call: Call, jobs: Jobs, memory: memory_type, o: int, l: int, p: int, coming: int, stop: int
+        rods: wp.ref[RodTable],
+        call: wp.ref[Call],
+        jobs: wp.ref[Jobs],
+        memory: memory_type,
+        o: int,
+        l: int,
+        p: int,
+        coming: int,
+        stop: int,
     ) -> int:
         """A lane that is at the end of a stretch, or free, goes on to its next stretch or job. Returns the next job."""
         job = int(call.lane[p, JOB])
@@ -318,7 +338,7 @@ def make_carry(parts: SimpleNamespace, features: Features, jobs: SimpleNamespace
         return following
 
     @wp.func
-    def carry(rods: RodTable, call: Call, jobs: Jobs, memory: memory_type, thread: int):
+    def carry(rods: wp.ref[RodTable], call: wp.ref[Call], jobs: wp.ref[Jobs], memory: memory_type, thread: int):
         """All lanes of a thread, stretch by stretch, until no job is left."""
         coming = thread * call.chunk
         stop = wp.min(coming + call.chunk, count(call, jobs) * call.parts)
@@ -369,19 +389,29 @@ def make_kernel(features: Features, tableau: Tableau, precision: str = "float64"
     LENGTHS, LENGTHS_AT = own.layout.LENGTHS, own.layout.state["lengths"]  # likewise
 
     @wp.func
-    def count(call: Call, jobs: Call) -> int:
+    def count(call: wp.ref[Call], jobs: wp.ref[Call]) -> int:
         return call.order.shape[0]
 
     @wp.func
-    def wanted(call: Call, jobs: Call, t: int) -> bool:
+    def wanted(call: wp.ref[Call], jobs: wp.ref[Call], t: int) -> bool:
         return call.active[call.order[t]] != 0
 
     @wp.func
-    def instance_of(call: Call, jobs: Call, t: int) -> int:
+    def instance_of(call: wp.ref[Call], jobs: wp.ref[Call], t: int) -> int:
         return call.order[t]
 
-    @wp.func
-    def enter(rods: RodTable, call: Call, jobs: Call, case: Instance, memory: memory_type, o: int, l: int, p: int, job: int):
+    @wp.func(inline=False)
+    def enter(
+        rods: wp.ref[RodTable],
+        call: wp.ref[Call],
+        jobs: wp.ref[Call],
+        case: wp.ref[Instance],
+        memory: memory_type,
+        o: int,
+        l: int,
+        p: int,
+        job: int,
+    ):
         """A lane at the base of its instance."""
         b = make_base_of(rods, call, case)
         n0 = base_force(rods, call, case, b.q)
@@ -392,13 +422,32 @@ def make_kernel(features: Features, tableau: Tableau, precision: str = "float64"
             put_column(case, memory, o, l, c, v, dn)
         begin(call, case, memory, o, l, p, f64(0.0), case.length, n0)
 
-    @wp.func
-    def go_on(rods: RodTable, call: Call, jobs: Call, case: Instance, memory: memory_type, o: int, l: int, p: int, job: int):
+    @wp.func(inline=False)
+    def go_on(
+        rods: wp.ref[RodTable],
+        call: wp.ref[Call],
+        jobs: wp.ref[Call],
+        case: wp.ref[Instance],
+        memory: memory_type,
+        o: int,
+        l: int,
+        p: int,
+        job: int,
+    ):
         onto_stretch(rods, call, case, memory, o, l, p, job, call.steps, call.step_multiple, case.length)
 
-    @wp.func
+    @wp.func(inline=False)
     def finish(
-        rods: RodTable, call: Call, jobs: Call, case: Instance, memory: memory_type, o: int, l: int, p: int, job: int, s: f64
+        rods: wp.ref[RodTable],
+        call: wp.ref[Call],
+        jobs: wp.ref[Call],
+        case: wp.ref[Instance],
+        memory: memory_type,
+        o: int,
+        l: int,
+        p: int,
+        job: int,
+        s: f64,
     ):
         """What a lane has found at the tip; its last stretch began at s."""
         t = case.index

@@ -323,7 +323,10 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
 
     @wp.func
     def strain(memory: memory_type, z: int, a: int, x: Real, b: State, M: Vec3, N: Vec3) -> Vec3:
-        """(5m) u, and v - e3 to the place: the zero of ``u* + K^-1 (M - dW/du) - u`` and its like, from where members carry nothing."""
+        """(5m) u, and v - e3 to the place: the zero of ``u* + K^-1 (M - dW/du) - u`` and its like.
+
+        The search for it begins from where members carry nothing.
+        """
         u_star = precurvature(memory, z, 0, x)
         if wp.static(NODES):
             put(memory, a + wp.static(OWN_TWIST), u_star.z)

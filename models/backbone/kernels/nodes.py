@@ -42,7 +42,16 @@ def make_nodes(layout: Layout, memory: Memory, base: SimpleNamespace, tip: Simpl
 
     @wp.func
     def write_node(
-        rods: RodTable, call: Call, case: Instance, memory: memory_type, o: int, l: int, y: State, output: int, s0: f64, s: f64
+        rods: wp.ref[RodTable],
+        call: wp.ref[Call],
+        case: wp.ref[Instance],
+        memory: memory_type,
+        o: int,
+        l: int,
+        y: State,
+        output: int,
+        s0: f64,
+        s: f64,
     ):
         """One rod at an output node at s; the stretch began at s0."""
         t = case.index
@@ -89,7 +98,7 @@ def make_nodes(layout: Layout, memory: Memory, base: SimpleNamespace, tip: Simpl
         call.node_force[t, output] = to_rod * N
 
     @wp.func
-    def write_node_column(call: Call, case: Instance, passed: int, y: State, v: Column, s: f64, k: int):
+    def write_node_column(call: wp.ref[Call], case: wp.ref[Instance], passed: int, y: State, v: Column, s: f64, k: int):
         """How the configuration at s varies with an unknown: rotation vector of the longest rod in the world, then the angle
         of each other rod from it.
         """
@@ -111,7 +120,7 @@ def make_nodes(layout: Layout, memory: Memory, base: SimpleNamespace, tip: Simpl
                 row += int(1)
 
     @wp.func
-    def write_tip_column(call: Call, case: Instance, y: State, v: Column, k: int):
+    def write_tip_column(call: wp.ref[Call], case: wp.ref[Instance], y: State, v: Column, k: int):
         """Momenta of that configuration at the tip: the moment of all rods in the world, then the torque that each other rod has
         at its own end. The moment itself is taken to be zero, so the frame's turning adds nothing.
         """

@@ -26,7 +26,7 @@ def make_records(layout: Layout, memory: Memory, base: SimpleNamespace, grid: Si
         """What number j of a record is counted in; of a column, its own unit aside."""
 
         @wp.func
-        def unit_of(case: Instance, j: int) -> f64:
+        def unit_of(case: wp.ref[Instance], j: int) -> f64:
             unit = f64(1.0)
             if wp.static(SINGLE):
                 for k in range(wp.static(len(units))):
@@ -44,7 +44,7 @@ def make_records(layout: Layout, memory: Memory, base: SimpleNamespace, grid: Si
     state_unit, column_unit = make_unit(layout.state.units()), make_unit(layout.column.units())
 
     @wp.func
-    def state_in(case: Instance, memory: memory_type, o: int, l: int) -> State:
+    def state_in(case: wp.ref[Instance], memory: memory_type, o: int, l: int) -> State:
         """The state of a lane, in SI units."""
         y = State()
         for j in range(wp.static(layout.state.size)):
@@ -52,7 +52,7 @@ def make_records(layout: Layout, memory: Memory, base: SimpleNamespace, grid: Si
         return y
 
     @wp.func
-    def column_in(case: Instance, memory: memory_type, o: int, l: int, c: int) -> Column:
+    def column_in(case: wp.ref[Instance], memory: memory_type, o: int, l: int, c: int) -> Column:
         """One of its columns."""
         v = Column()
         at = o + wp.static(COLUMNS) + c * wp.static(COLUMN_SIZE)
@@ -64,7 +64,7 @@ def make_records(layout: Layout, memory: Memory, base: SimpleNamespace, grid: Si
         return v
 
     @wp.func
-    def force_column_in(case: Instance, memory: memory_type, o: int, l: int, c: int) -> wp.vec3d:
+    def force_column_in(case: wp.ref[Instance], memory: memory_type, o: int, l: int, c: int) -> wp.vec3d:
         """dn of a column where the lane's stretch begins."""
         dn = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
         if wp.static(GIVEN_FORCE):
@@ -76,14 +76,14 @@ def make_records(layout: Layout, memory: Memory, base: SimpleNamespace, grid: Si
                 dn[j] = unit * f64(get_lane(memory, at + wp.static(GIVEN_FORCE_AT) + j, l))
         return dn
 
-    @wp.func
-    def put_state(case: Instance, memory: memory_type, o: int, l: int, y: State):
+    @wp.func(inline=False)
+    def put_state(case: wp.ref[Instance], memory: memory_type, o: int, l: int, y: State):
         """The state to a lane."""
         for j in range(wp.static(layout.state.size)):
             set_number(memory, o + wp.static(STATE) + j, l, y[j] / state_unit(case, j))
 
-    @wp.func
-    def put_column(case: Instance, memory: memory_type, o: int, l: int, c: int, v: Column, dn: wp.vec3d):
+    @wp.func(inline=False)
+    def put_column(case: wp.ref[Instance], memory: memory_type, o: int, l: int, c: int, v: Column, dn: wp.vec3d):
         """A column and its dn to a lane."""
         at = o + wp.static(COLUMNS) + c * wp.static(COLUMN_SIZE)
         unit = f64(1.0)

@@ -68,19 +68,19 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
     DQ_AT, DP_AT, FORCE_STATE, COLUMN_FRAME = c_["frame"], c_["position"], layout.FORCE_STATE, layout.COLUMN_FRAME
 
     @wp.func
-    def count(call: Call, seg: SegmentCall) -> int:
+    def count(call: wp.ref[Call], seg: wp.ref[SegmentCall]) -> int:
         return seg.instance.shape[0]
 
     @wp.func
-    def wanted(call: Call, seg: SegmentCall, t: int) -> bool:
+    def wanted(call: wp.ref[Call], seg: wp.ref[SegmentCall], t: int) -> bool:
         return True
 
     @wp.func
-    def instance_of(call: Call, seg: SegmentCall, t: int) -> int:
+    def instance_of(call: wp.ref[Call], seg: wp.ref[SegmentCall], t: int) -> int:
         return seg.instance[t]
 
     @wp.func
-    def given_state(seg: SegmentCall, t: int, known: State, n0: wp.vec3d) -> State:
+    def given_state(seg: wp.ref[SegmentCall], t: int, known: State, n0: wp.vec3d) -> State:
         """The state where a segment begins."""
         y = known
         q = wp.vec4d(
@@ -106,7 +106,7 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
         return y
 
     @wp.func
-    def varied(case: Instance, y: State, known: Column, k: int) -> Column:
+    def varied(case: wp.ref[Instance], y: State, known: Column, k: int) -> Column:
         """(15), (18b) Column k by the moment or by the rotation where a segment begins."""
         v = known
         q = frame(y)
@@ -129,9 +129,17 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
             v[j] = dM[j]
         return v
 
-    @wp.func
+    @wp.func(inline=False)
     def enter(
-        rods: RodTable, call: Call, seg: SegmentCall, case: Instance, memory: memory_type, o: int, l: int, p: int, job: int
+        rods: wp.ref[RodTable],
+        call: wp.ref[Call],
+        seg: wp.ref[SegmentCall],
+        case: wp.ref[Instance],
+        memory: memory_type,
+        o: int,
+        l: int,
+        p: int,
+        job: int,
     ):
         """A lane where its segment begins."""
         t = job // call.parts
@@ -176,9 +184,17 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
                 output += int(1)
             call.lane[p, OUTPUT] = f64(output)
 
-    @wp.func
+    @wp.func(inline=False)
     def go_on(
-        rods: RodTable, call: Call, seg: SegmentCall, case: Instance, memory: memory_type, o: int, l: int, p: int, job: int
+        rods: wp.ref[RodTable],
+        call: wp.ref[Call],
+        seg: wp.ref[SegmentCall],
+        case: wp.ref[Instance],
+        memory: memory_type,
+        o: int,
+        l: int,
+        p: int,
+        job: int,
     ):
         """On to the next stretch, by the segment's own equal steps or as in a whole rod."""
         t = job // call.parts
@@ -191,12 +207,12 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
             over = case.length
         onto_stretch(rods, call, case, memory, o, l, p, job, steps, multiple, over)
 
-    @wp.func
+    @wp.func(inline=False)
     def finish(
-        rods: RodTable,
-        call: Call,
-        seg: SegmentCall,
-        case: Instance,
+        rods: wp.ref[RodTable],
+        call: wp.ref[Call],
+        seg: wp.ref[SegmentCall],
+        case: wp.ref[Instance],
         memory: memory_type,
         o: int,
         l: int,

@@ -89,11 +89,11 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
         return moment_column_of(v)
 
     @wp.func
-    def section_here(rods: RodTable, call: Call, case: Instance, i: int, s: f64) -> int:
+    def section_here(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], i: int, s: f64) -> int:
         return wp.min(section_from(rods, call, case, i, s), rods.end.shape[2] - 1)
 
     @wp.func
-    def moment_unit(rods: RodTable, call: Call, case: Instance, s: f64, i: int) -> wp.vec3d:
+    def moment_unit(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], s: f64, i: int) -> wp.vec3d:
         """(11) C: curvature per moment."""
         m = section_here(rods, call, case, i, s)
         result = section_unit(rods, case, i, m)
@@ -108,19 +108,19 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
         return result
 
     @wp.func
-    def torque_unit(rods: RodTable, call: Call, case: Instance, s: f64, i: int) -> f64:
+    def torque_unit(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], s: f64, i: int) -> f64:
         """The same for the torque of one of several rods."""
         unit = moment_unit(rods, call, case, s, i)
         return unit[2]
 
     @wp.func
-    def force_unit(rods: RodTable, call: Call, case: Instance, s: f64) -> f64:
+    def force_unit(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], s: f64) -> f64:
         """(13) L/EI at the tip."""
         m = section_here(rods, call, case, 0, s)
         return case.scale / bending_stiffness(rods, case, 0, m)
 
     @wp.func
-    def reaches_as_far(rods: RodTable, call: Call, case: Instance, i: int) -> bool:
+    def reaches_as_far(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], i: int) -> bool:
         """Whether rod i reaches as far as rod 1.
 
         The torque of a rod that has ended is constant from there on, and so is what the others leave of M_z.
@@ -128,7 +128,7 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
         return rod_end(rods, call, case, i) >= rod_end(rods, call, case, 0)
 
     @wp.func
-    def torque(rods: RodTable, call: Call, case: Instance, y: State, i: int) -> f64:
+    def torque(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], y: State, i: int) -> f64:
         """Torque of rod i at its own end."""
         if i > 0:
             return y[wp.static(TAU_AT) + i - 1]
@@ -141,7 +141,7 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
         return rest
 
     @wp.func
-    def torque_column(rods: RodTable, call: Call, case: Instance, y: State, v: Column, i: int) -> f64:
+    def torque_column(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], y: State, v: Column, i: int) -> f64:
         """Its variation."""
         if i > 0:
             return v[wp.static(TAU_AT) + i - 1]
@@ -156,12 +156,12 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
     # ---- (11), (11b), (12): moments ----
 
     @wp.func
-    def axes(call: Call, case: Instance) -> wp.mat33d:
+    def axes(call: wp.ref[Call], case: wp.ref[Instance]) -> wp.mat33d:
         """(11b) Axes of the residual, from those of the base: they turn with the input ``rotation`` of rod 1."""
         return turned_about_z(call.inputs[case.index, wp.static(ROTATION)])
 
     @wp.func
-    def lacking(call: Call, case: Instance, y: State) -> wp.vec3d:
+    def lacking(call: wp.ref[Call], case: wp.ref[Instance], y: State) -> wp.vec3d:
         """(11), (11b) The moment at the tip less what acts there, in the frame there or along the axes of the residual."""
         if wp.static(FIXED):
             m = moment_of(y) - case.tip_moment
@@ -174,7 +174,7 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
         return M
 
     @wp.func
-    def lacking_column(call: Call, case: Instance, y: State, v: Column, direction: int) -> wp.vec3d:
+    def lacking_column(call: wp.ref[Call], case: wp.ref[Instance], y: State, v: Column, direction: int) -> wp.vec3d:
         """(11), (11b) Its variation; ``direction`` is negative of an unknown."""
         dM = moment_column_of(v)
         if wp.static(FIXED):
@@ -197,7 +197,7 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
         return dM
 
     @wp.func
-    def moment_row(case: Instance, j: int) -> int:
+    def moment_row(case: wp.ref[Instance], j: int) -> int:
         """Residual of component j of what lacks: the last stands for the torque of the rod that ends at the tip."""
         if wp.static(TORQUES > 0):
             if j == 2:
@@ -205,7 +205,7 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
         return j
 
     @wp.func
-    def follower_torque(call: Call, case: Instance, i: int) -> f64:
+    def follower_torque(call: wp.ref[Call], case: wp.ref[Instance], i: int) -> f64:
         """(11) What of the follower moment twists rod i: all of it the rod that ends at the tip."""
         if wp.static(FOLLOWER_MOMENT):
             if i == case.longest:
@@ -214,7 +214,7 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
         return f64(0.0)
 
     @wp.func
-    def follower_torque_rate(call: Call, case: Instance, i: int, direction: int) -> f64:
+    def follower_torque_rate(call: wp.ref[Call], case: wp.ref[Instance], i: int, direction: int) -> f64:
         """Its rate along a direction; ``direction`` is negative of an unknown."""
         if wp.static(FOLLOWER_MOMENT):
             if direction >= 0 and i == case.longest:
@@ -223,7 +223,9 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
         return f64(0.0)
 
     @wp.func
-    def measured_gap(rods: RodTable, call: Call, case: Instance, y: State, s: f64, u_star: wp.vec3d) -> wp.vec3d:
+    def measured_gap(
+        rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], y: State, s: f64, u_star: wp.vec3d
+    ) -> wp.vec3d:
         """(12): u(L) less what was measured, which is raised with the loads: the unloaded rod is where continuation begins."""
         t = case.index
         j = wp.static(TIP_CURVATURE)
@@ -233,7 +235,9 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
         return wp.cw_mul(K, body_moment(y)) - call.load_factor[t] * (measured - u_star)
 
     @wp.func
-    def measured_gap_column(rods: RodTable, call: Call, case: Instance, y: State, v: Column, s: f64, direction: int) -> wp.vec3d:
+    def measured_gap_column(
+        rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], y: State, v: Column, s: f64, direction: int
+    ) -> wp.vec3d:
         m = section_here(rods, call, case, 0, s)
         K = wp.vec3d(rods.material[case.rods, 0, m, 3], rods.material[case.rods, 0, m, 4], rods.material[case.rods, 0, m, 5])
         gap = wp.cw_mul(K, body_moment_column(y, v))
@@ -244,14 +248,24 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
     # ---- (13): the force ----
 
     @wp.func
-    def force_gap(rods: RodTable, call: Call, case: Instance, y: State, s: f64, n_tip: wp.vec3d) -> wp.vec3d:
+    def force_gap(
+        rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], y: State, s: f64, n_tip: wp.vec3d
+    ) -> wp.vec3d:
         """(13) What the internal force at the tip lacks."""
         N = rotate_inverse(frame(y), n_tip - case.tip_force)
         return force_unit(rods, call, case, s) * (N - load_vector(call, case.index, FOLLOWER_FORCE_INPUT))
 
     @wp.func
     def force_gap_column(
-        rods: RodTable, call: Call, case: Instance, y: State, v: Column, s: f64, n_tip: wp.vec3d, dn: wp.vec3d, direction: int
+        rods: wp.ref[RodTable],
+        call: wp.ref[Call],
+        case: wp.ref[Instance],
+        y: State,
+        v: Column,
+        s: f64,
+        n_tip: wp.vec3d,
+        dn: wp.vec3d,
+        direction: int,
     ) -> wp.vec3d:
         """(13), (16): its variation."""
         q = frame(y)
@@ -267,7 +281,7 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
     # ---- what is written ----
 
     @wp.func
-    def write_entry(call: Call, case: Instance, row: int, k: int, value: f64):
+    def write_entry(call: wp.ref[Call], case: wp.ref[Instance], row: int, k: int, value: f64):
         """One number of Gamma, or of the residual's derivative by a direction."""
         if k < call.unknown_columns:
             call.gamma[case.index, row, k] = value
@@ -275,7 +289,9 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
             call.residual_directions[case.index, row, k - call.unknown_columns] = value
 
     @wp.func
-    def write_free(rods: RodTable, call: Call, case: Instance, y: State, s: f64, n_tip: wp.vec3d, u_star: wp.vec3d) -> f64:
+    def write_free(
+        rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], y: State, s: f64, n_tip: wp.vec3d, u_star: wp.vec3d
+    ) -> f64:
         """(11) to (13): the residual of a free tip."""
         t = case.index
         total = f64(0.0)
@@ -313,7 +329,15 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
 
     @wp.func
     def write_free_column(
-        rods: RodTable, call: Call, case: Instance, y: State, v: Column, s: f64, n_tip: wp.vec3d, dn: wp.vec3d, k: int
+        rods: wp.ref[RodTable],
+        call: wp.ref[Call],
+        case: wp.ref[Instance],
+        y: State,
+        v: Column,
+        s: f64,
+        n_tip: wp.vec3d,
+        dn: wp.vec3d,
+        k: int,
     ) -> f64:
         """(11) to (13): column k of Gamma, or of the residual's derivatives by directions."""
         total = f64(0.0)
@@ -351,15 +375,17 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
         return total
 
     @wp.func
-    def free_row(case: Instance, i: int) -> int:
+    def free_row(case: wp.ref[Instance], i: int) -> int:
         """Residual of the torque of rod i, which is not the one that is held."""
         row = wp.static(POSE_ROWS) + i
         if i > case.longest:
             row -= 1
         return row
 
-    @wp.func
-    def write_held(rods: RodTable, call: Call, case: Instance, y: State, s: f64, n_tip: wp.vec3d, u_star: wp.vec3d) -> f64:
+    @wp.func(inline=False)
+    def write_held(
+        rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], y: State, s: f64, n_tip: wp.vec3d, u_star: wp.vec3d
+    ) -> f64:
         """(22): the wrench of a held tip, and the torques of the rods that end before it."""
         t = case.index
         m = moment_of(y)
@@ -378,7 +404,15 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
 
     @wp.func
     def write_held_column(
-        rods: RodTable, call: Call, case: Instance, y: State, v: Column, s: f64, n_tip: wp.vec3d, dn: wp.vec3d, k: int
+        rods: wp.ref[RodTable],
+        call: wp.ref[Call],
+        case: wp.ref[Instance],
+        y: State,
+        v: Column,
+        s: f64,
+        n_tip: wp.vec3d,
+        dn: wp.vec3d,
+        k: int,
     ) -> f64:
         """(22): its column k."""
         t = case.index
@@ -401,7 +435,7 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
     # ---- the pose ----
 
     @wp.func
-    def tip_angle(case: Instance, y: State) -> f64:
+    def tip_angle(case: wp.ref[Instance], y: State) -> f64:
         """Angle of the rod that ends at the tip, from rod 1."""
         angle = f64(0.0)
         count = int(wp.static(n))
@@ -411,7 +445,7 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
         return angle
 
     @wp.func
-    def tip_angle_column(case: Instance, v: Column) -> f64:
+    def tip_angle_column(case: wp.ref[Instance], v: Column) -> f64:
         """Its variation."""
         angle = f64(0.0)
         count = int(wp.static(n))
@@ -421,19 +455,19 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
         return angle
 
     @wp.func
-    def world_position(case: Instance, y: State) -> wp.vec3d:
+    def world_position(case: wp.ref[Instance], y: State) -> wp.vec3d:
         """p, in the world."""
         return case.base_position + case.base_rotation * wp.vec3d(y[P_AT], y[P_AT + 1], y[P_AT + 2])
 
     @wp.func
-    def turn_column(case: Instance, y: State, v: Column) -> wp.vec3d:
+    def turn_column(case: wp.ref[Instance], y: State, v: Column) -> wp.vec3d:
         """Rotation vector of the rod that ends at the tip, in the world."""
         q = frame(y)
         turn = body_rotation(q, frame_column(v)) + wp.vec3d(f64(0.0), f64(0.0), tip_angle_column(case, v))
         return case.base_rotation * rotate(q, turn)
 
-    @wp.func
-    def write_pose(call: Call, case: Instance, y: State):
+    @wp.func(inline=False)
+    def write_pose(call: wp.ref[Call], case: wp.ref[Instance], y: State):
         """Pose of the tip in the world, and the energy."""
         t = case.index
         if wp.static(POSE):
@@ -443,8 +477,8 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
             call.energy[t] = y[ENERGY_AT]
             call.work[t] = y[WORK_AT]
 
-    @wp.func
-    def write_pose_column(call: Call, case: Instance, y: State, v: Column, k: int):
+    @wp.func(inline=False)
+    def write_pose_column(call: wp.ref[Call], case: wp.ref[Instance], y: State, v: Column, k: int):
         """Column k of the pose, in the world."""
         t = case.index
         if wp.static(POSE_COLUMNS):

@@ -143,7 +143,8 @@ def results(
                 raise problem
             if broken is not None and not source.renew():
                 raise RuntimeError(
-                    "the executor is broken; what is done is kept: sweep again with another, or give executor= a function that makes one"
+                    "the executor is broken; what is done is kept: sweep again with another, "
+                    "or give executor= a function that makes one"
                 ) from broken
     finally:
         source.drop(flying)

@@ -218,7 +218,10 @@ class Tradeoff:
         front = {row.name for row in self.pareto()}
         width = max([42, *(len(row.name) for row in self.rows)])
         lines = [
-            f"{'setting':{width + 2}}{'tip [m]':>10}{'shape [m]':>11}{'median [µs]':>13}{'95 % [µs]':>11}{'integr.':>9}{'failed':>8}"
+            (
+                f"{'setting':{width + 2}}{'tip [m]':>10}{'shape [m]':>11}"
+                f"{'median [µs]':>13}{'95 % [µs]':>11}{'integr.':>9}{'failed':>8}"
+            )
         ]
         for row in sorted(self.rows, key=lambda row: row.median):
             lines.append(

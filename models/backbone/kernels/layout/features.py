@@ -90,7 +90,7 @@ class Features:
 
     @property
     def fixed_moment(self) -> bool:
-        """Whether a moment acts whose law is told in the world: then the state carries the moment along fixed axes, equation (4b)."""
+        """Whether a moment acts whose law is told in the world: then the state carries it along fixed axes, equation (4b)."""
         return self.tip_moment or self.distributed_moment or self.magnetised
 
     @property

@@ -61,8 +61,9 @@ class Record:
 
 
 def unknowns_of(features: Features, *, moment: bool | None = None, force: bool | None = None) -> Record:
-    """The unknowns of a backbone, (10), and so its columns, and in the same order its residuals; or those of a problem of the same
-    rods with or without the ``moment`` and the base ``force``.
+    """The unknowns of a backbone, (10), and so its columns, and in the same order its residuals.
+
+    Or those of a problem of the same rods with or without the ``moment`` and the base ``force``.
     """
     moment = features.moment if moment is None else moment
     force = features.base_force_unknown if force is None else force

@@ -44,7 +44,7 @@ def make_foundation(layout: Layout, W: int, d) -> SimpleNamespace:
 
     @wp.func
     def foundation_work(memory: memory_type, z: int, x: Real, p: Vec3) -> Real:
-        """(14e) What makes of the work of the internal force that of the dead loads, less the energy of the medium, per length."""
+        """(14e) What makes of the internal force's work that of the dead loads, less the energy of the medium, per length."""
         force = foundation_force(memory, z, x, p)
         return dot(force, p) - d(0.5) * dot(force, departure(memory, z, x, p))
 

@@ -39,7 +39,8 @@ A, B = "(*(const V*)a.c)", "(*(const V*)b.c)"
 def _operators(W: int, d) -> type:
     """A type of lanes, and its overloads of the operators.
 
-    Warp looks operators up by the names ``add``, ``sub``, ``mul``, ``div`` and ``neg`` in the globals of a kernel's module: import them there.
+    Warp looks operators up by the names ``add``, ``sub``, ``mul``, ``div`` and ``neg`` in the globals of a kernel's
+    module: import them there.
     """
     Real = wp.types.vector(length=W, dtype=d)
     H = _returned(W, d)
@@ -100,7 +101,8 @@ def lanes(W: int, d=wp.float64) -> SimpleNamespace:
     """Types and functions of numbers in ``W`` lanes of the scalar type ``d``.
 
     ``Real``, one number a lane; ``few(n)``, n of them that stand together in registers, indexed by constants only; ``row`` and
-    ``put``, a Real from and to memory, ``get`` and ``set``, one lane of it, and ``copy``, rows of a lane from those of another. Memory is counted in rows of W numbers.
+    ``put``, a Real from and to memory, ``get`` and ``set``, one lane of it, and ``copy``, rows of a lane from those of
+    another. Memory is counted in rows of W numbers.
     """
     Real = d if W == 1 else _operators(W, d)
     t, integer = NAMES[d], INTEGERS[d]
@@ -125,7 +127,8 @@ def lanes(W: int, d=wp.float64) -> SimpleNamespace:
         to_whole, of_whole = "__builtin_convertvector({}, I)", "__builtin_convertvector({}, U)"
     loaded = f"*(const V*)(memory.data + (long long)i * {W})"
     if W > 1:
-        # Clang uses the widest vectors of a processor only in functions that take them by value, and in what such are inlined into
+        # Clang uses the widest vectors of a processor only in functions that take them by value, and in what
+        # such are inlined into
         loaded = f"[](V a) __attribute__((always_inline)) {{ return a; }}({loaded})"
 
     @wp.func_native(fused(f"{H} o = {floor_}; return r;"))
@@ -177,9 +180,10 @@ def lanes(W: int, d=wp.float64) -> SimpleNamespace:
         """``a^(-1/order)`` to 1e-4, as the length of a step needs it: from the exponent's bits, by Newton's method."""
         scale, bias = SCALE_AND_BIAS[d]
         part = 1 / order
+        start = f"({t}){(1 + part) * (bias - 0.045) * scale!r}"
         snippet = (
             f"{H} {whole} U x = {a_}; union {{ U v; I i; }} p; p.v = x;"
-            f" p.i = {to_whole.format(f'({t}){(1 + part) * (bias - 0.045) * scale!r} - ({t}){part!r} * ' + of_whole.format('p.i'))};"
+            f" p.i = {to_whole.format(f'{start} - ({t}){part!r} * ' + of_whole.format('p.i'))};"
             f" U y = p.v; for (int n = 0; n < {ROOT_STEPS}; n++) {{ U z = x; for (int k = 0; k < {order}; k++) z *= y;"
             f" y *= ({t}){1 + part!r} - ({t}){part!r} * z; }} o = y; return r;"
         )
