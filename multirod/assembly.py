@@ -69,7 +69,7 @@ class Assembly(ABC):
         """What dropping each term does to the end effector, in the worst of all instances; what is not named is not known."""
         return {}
 
-    def input_directions(self, name: str) -> dict[str, int]:
+    def input_directions(self, name: str) -> dict[str, Any]:
         """Options of ``problem`` that give it the directions which ``BoundaryProblem.input_columns`` needs for an input."""
         (spec,) = (spec for spec in self.input_specs if spec.name == name)
         return {"direction_count": spec.size(self.rod_count)}

@@ -90,8 +90,8 @@ def fit(
     start: float = 0.0,
     degree: int = DEGREE,
 ) -> Profile:
-    """Resolve ``function(s)``, returning ``width`` numbers, on ``start <= s <= start + length``; the arclength of the pieces counts
-    from ``start``.
+    """Resolve ``function(s)``, returning ``width`` numbers, on ``start <= s <= start + length``; the arclength of the pieces
+    counts from ``start``.
 
     Raises:
         ValueError: If a value is not finite or not of that width; the message names ``field`` and the arclength.

@@ -503,7 +503,7 @@ def _carried(rod: Rod, section: Section, s: float, start: FloatArray, end: Float
 
 
 def _cut(start: FloatArray, end: FloatArray, cuts: Sequence[float]) -> Iterator[tuple[float, FloatArray, FloatArray]]:
-    """Parts of a piece from ``start`` to ``end`` (batch,) between arclengths ``cuts``: an arclength between these, start and end."""
+    """Parts of a piece from ``start`` to ``end`` (batch,) between ``cuts``: an arclength between these, start and end."""
     if not cuts:
         yield 0.0, start, end
         return

@@ -463,7 +463,7 @@ class Solution:
             return (result,)
 
         options = self.assembly.input_directions(name)
-        (result,) = self._gather(columns, pose_sensitivities=True, lengths=True, enabled=(name,), **options)
+        (result,) = self._gather(columns, pose_sensitivities=True, enabled=(name,), **options)
         return self._masked(result, (rows, count))
 
     def raise_if_failed(self) -> "Solution":

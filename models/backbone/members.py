@@ -24,8 +24,8 @@ class Member(ABC):
     and ``w``, such as the length of a tendon per length of rod, is what ``T`` works on. Its potential is not stored in the rod.
 
     Attributes:
-        parameters: Names of the numbers that the law needs on each piece of the rod, and their unit as powers of newton and metre,
-            such as ``{"stiffness": (1, 2)}`` for N m^2.
+        parameters: Names of the numbers that the law needs on each piece of the rod, and their unit as powers of newton and
+            metre, such as ``{"stiffness": (1, 2)}`` for N m^2.
         functions: The same for what varies along the rod: functions of its arclength.
         drive: The input that drives it, and its unit; None where nothing does.
         convex: Whether the energy is convex in the strains, so that the section is stiffer than the rod alone. Where it is not,
@@ -63,14 +63,14 @@ class Member(ABC):
 
         Args:
             numbers: Types and functions of numbers in lanes: ``Real``, ``Vec3``, ``Response``, ``memory_type``, ``row`` and
-                others of ``kernels/numbers``; ``add_moment``, ``add_force`` and ``add_stiffness``; whether forces and second derivatives by
-                ``e`` are asked for, ``FORCES``, and whether functions vary, ``VARIED``, with ``value``, ``slope`` and ``bend``.
+                others of ``kernels/numbers``; ``add_moment``, ``add_force`` and ``add_stiffness``; whether forces and second
+                derivatives by ``e`` are asked for, ``FORCES``, and whether functions vary, ``VARIED``, with ``value``, ``slope`` and ``bend``.
 
         Returns:
-            ``respond(memory, at, on, u, e, r)``, which adds to the ``Response`` r the derivatives of the energy by ``u`` (a moment)
-            and ``e = v - e3`` (a force), and its second derivatives, at row and column of ``(u, e)``, row <= column; and
-            ``energy(memory, at, on, u, e)``, which is ``W`` [N]. ``row(memory, at + k)`` is parameter k, and the input after them;
-            ``value(memory, on + k)`` function k, ``slope`` and ``bend`` its first and second derivative by arclength.
+            ``respond(memory, at, on, u, e, r)``, which adds to the ``Response`` r the derivatives of the energy by ``u`` (a
+            moment) and ``e = v - e3`` (a force), and its second derivatives, at row and column of ``(u, e)``, row <= column; and
+            ``energy(memory, at, on, u, e)``, which is ``W`` [N]. ``row(memory, at + k)`` is parameter k, and the input after
+            them; ``value(memory, on + k)`` function k, ``slope`` and ``bend`` its first and second derivative by arclength.
 
             Of what is driven also ``pull(memory, at, on, u, e, r)``, which adds the derivatives of ``w`` and returns ``w``; of
             what has functions ``slide(memory, at, on, u, e, r)``, which adds how the derivatives of the energy change along the

@@ -660,6 +660,10 @@ class BackboneAssembly(Assembly):
             refuse("magnetic_field", inputs.magnetic_field.tolist(), "must be zero: no rod has a magnetisation")
         check_drives(inputs)
 
+    def input_directions(self, name: str) -> dict[str, Any]:
+        """Directions for the derivatives by an input; of rods with lines, of their lengths too."""
+        return {**super().input_directions(name), **({"lengths": True} if drives(self.arrays.members) else {})}
+
     @cached_property
     def arrays(self) -> RodArrays:
         """The rods as kernels read them."""

@@ -150,7 +150,7 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
         return [tuple(run) for run in found]
 
     def chain(make, nothing, name: str = "respond"):
-        """One function that calls those of all members, one after another; those of one law in a loop, so that it is compiled once.
+        """One function that calls those of all members, one after another; those of one law in a loop, to be compiled once.
 
         ``make(function, count, numbers_of, functions_of, rest)`` is the loop; the drives of its members, if they have any, are
         numbered from ``drive`` on.

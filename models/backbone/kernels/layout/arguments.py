@@ -19,8 +19,9 @@ INPUT_VECTORS = (
 
 
 def input_size(rod_count: int, drive_count: int = 0) -> int:
-    """Length of the packed inputs: rotations, translations, the vectors of ``INPUT_VECTORS``, what drives members, scale of the load
-    profiles."""
+    """Length of the packed inputs: rotations, translations, the vectors of ``INPUT_VECTORS``, what drives members, scale of the
+    load profiles.
+    """
     return 2 * rod_count + 3 * len(INPUT_VECTORS) + drive_count + 1
 
 
