@@ -64,7 +64,8 @@ class Member(ABC):
         Args:
             numbers: Types and functions of numbers in lanes: ``Real``, ``Vec3``, ``Response``, ``memory_type``, ``row`` and
                 others of ``kernels/numbers``; ``add_moment``, ``add_force`` and ``add_stiffness``; whether forces and second
-                derivatives by ``e`` are asked for, ``FORCES``, and whether functions vary, ``VARIED``, with ``value``, ``slope`` and ``bend``.
+                derivatives by ``e`` are asked for, ``FORCES``; whether functions vary, ``VARIED``, with ``value``, ``slope``
+                and ``bend``.
 
         Returns:
             ``respond(memory, at, on, u, e, r)``, which adds to the ``Response`` r the derivatives of the energy by ``u`` (a
