@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from multirod.models.backbone.kernels.layout.features import Features
     from multirod.solver import Solver
 
+NOT_ALWAYS = ("tension",)  # inputs that a robot takes where it has what they drive
+
 
 class Assembly(ABC):
     """Rods, how they are coupled, and what actuates them. Knows nothing of solvers.
@@ -27,6 +29,7 @@ class Assembly(ABC):
     """
 
     rods: tuple[Rod, ...]
+    length_columns: ClassVar[bool] = False  # whether its problems take ``lengths``, and give how the lengths of lines vary
 
     @property
     @abstractmethod
@@ -66,7 +69,7 @@ class Assembly(ABC):
         """What dropping each term does to the end effector, in the worst of all instances; what is not named is not known."""
         return {}
 
-    def input_directions(self, name: str) -> dict[str, int]:
+    def input_directions(self, name: str) -> dict[str, Any]:
         """Options of ``problem`` that give it the directions which ``BoundaryProblem.input_columns`` needs for an input."""
         (spec,) = (spec for spec in self.input_specs if spec.name == name)
         return {"direction_count": spec.size(self.rod_count)}
@@ -92,6 +95,9 @@ class Assembly(ABC):
             TypeError: If a name is not one of ``input_specs``.
             ValueError: If a value is out of range, not finite or of a wrong shape, or the leading axes do not broadcast.
         """
+        for name in values.keys() & NOT_ALWAYS:
+            if all(spec.name != name for spec in self.input_specs):
+                refuse(name, values[name], "must not be given: no rod has a line that is driven by it")
         needs_length = any(callable(value) for value in values.values())
         length = 0.0
         if needs_length:

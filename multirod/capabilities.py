@@ -26,6 +26,10 @@ class Shapes(ABC):
     def at_nodes(self, node_count: int) -> "tuple[tuple[Shape, ...], FloatArray]":
         """Shape of each rod at the problem's ``unknowns``, and the elastic energy [J], shape (instance_count,)."""
 
+    def line_length(self) -> FloatArray:
+        """How long each line is [m], shape (instance_count, line_count)."""
+        raise NotImplementedError(f"{type(self).__name__} says nothing of lines")
+
 
 class Starts(ABC):
     """Guesses that cover where equilibria may lie, for the search from many starts (``mr.equilibria``)."""

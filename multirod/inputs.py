@@ -19,12 +19,13 @@ class InputSpec:
     Attributes:
         name: How it is called.
         acts: Where: at the ``"base"``, at the ``"tip"`` or on what the tips hold, ``"along"`` the rods (per length, or per mass),
-            or not at all, as a ``"sensor"`` reads it.
+            on ``"lines"`` of the rods, or not at all, as a ``"sensor"`` reads it.
         load: ``"force"`` or ``"moment"``, which ``load_factor`` multiplies; None for what is no load.
         follows: Of a load: fixed in the frame of where it acts, rather than dead, fixed in the world.
         potential: Of a load: whether its work derives from a potential. That of a dead moment does not, nor of what follows the
             tip.
         per_rod: One number per rod, shape (..., rod_count); otherwise a vector, shape (..., 3).
+        count: Instead, so many numbers, shape (..., count), such as one for each line.
         unit: SI unit.
         function: Whether it may be a function of arclength.
         optional: Whether leaving it out differs from zero.
@@ -37,18 +38,19 @@ class InputSpec:
     unit: str
     description: str
     per_rod: bool = False
+    count: int | None = None
     function: bool = False
     optional: bool = False
     measured: bool = False
     dead_twin: str = ""
-    acts: Literal["base", "tip", "along", "sensor"] = "base"
+    acts: Literal["base", "tip", "along", "lines", "sensor"] = "base"
     load: Literal["force", "moment"] | None = None
     follows: bool = False
     potential: bool = False
 
     def size(self, rod_count: int) -> int:
-        """Numbers of an instance: one a rod, or the three of a vector."""
-        return rod_count if self.per_rod else 3
+        """Numbers of an instance: one a rod, ``count``, or the three of a vector."""
+        return rod_count if self.per_rod else 3 if self.count is None else self.count
 
     @property
     def power(self) -> int:
@@ -85,8 +87,8 @@ class Inputs:
                 self._profiles[name] = (
                     value if isinstance(value, Profile) and value.ends[-1] >= length else fit(name, value, length)
                 )
-            elif spec.per_rod:
-                self._arrays[name] = per_rod(name, value, rod_count)
+            elif spec.per_rod or spec.count is not None:
+                self._arrays[name] = one_each(name, value, spec.size(rod_count))
             else:
                 self._arrays[name] = array(name, value, (3,))
         self.given = tuple(name for name in self._specs if name in self._arrays or name in self._profiles)
@@ -174,13 +176,13 @@ class Inputs:
         return f"Inputs({', '.join(self.given) or 'none'}; batch {self.batch_shape})"
 
 
-def per_rod(name: str, value: Any, rod_count: int) -> FloatArray:
-    """An input per rod as (..., rod_count): numbers are the same for all rods, and one rod needs no axis of its own."""
+def one_each(name: str, value: Any, count: int) -> FloatArray:
+    """An input per rod, or per line, as (..., count): one number is the same for all, and one rod needs no axis of its own."""
     result = array(name, value)
     if result.ndim == 0:
-        return np.broadcast_to(result, (rod_count,))
-    if result.shape[-1] == rod_count:
+        return np.broadcast_to(result, (count,))
+    if result.shape[-1] == count:
         return result
-    if rod_count == 1:
+    if count == 1:
         return result[..., None]
-    return array(name, value, (rod_count,))
+    return array(name, value, (count,))

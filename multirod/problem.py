@@ -73,6 +73,8 @@ class Shape:
         curvature: ``u`` in that frame [1/m], shape (batch, node_count, 3); at a section end, that of the section before.
         moment: Internal moment of this rod, in that frame [N m], shape (batch, node_count, 3).
         force: Internal force in that frame [N], of all concentric rods together, shape (batch, node_count, 3).
+        total_moment: The moment of this rod and of its members and lines together, shape (batch, node_count, 3).
+        total_force: The same for the force.
     """
 
     arclength: FloatArray
@@ -81,13 +83,40 @@ class Shape:
     curvature: FloatArray
     moment: FloatArray
     force: FloatArray
+    total_moment: FloatArray = None  # type: ignore[assignment]  # the rod's own, by default
+    total_force: FloatArray = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        for name in ("moment", "force"):
+            if getattr(self, f"total_{name}") is None:
+                object.__setattr__(self, f"total_{name}", getattr(self, name))
+        for name, value in vars(self).items():
+            object.__setattr__(self, name, frozen(value))
+
+    def __repr__(self) -> str:
+        return f"Shape({', '.join(f'{name} {value.shape}' for name, value in vars(self).items())})"
+
+
+@dataclass(frozen=True)
+class LineShape:
+    """A line on nodes evenly spaced along its rod; read-only, NaN where the line is not.
+
+    Attributes:
+        arclength: Of the rod [m], shape (..., node_count).
+        position: In the world [m], shape (..., node_count, 3).
+        tension: [N], shape (..., node_count).
+    """
+
+    arclength: FloatArray
+    position: FloatArray
+    tension: FloatArray
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
             object.__setattr__(self, name, frozen(value))
 
     def __repr__(self) -> str:
-        return f"Shape({', '.join(f'{name} {value.shape}' for name, value in vars(self).items())})"
+        return f"LineShape({', '.join(f'{name} {value.shape}' for name, value in vars(self).items())})"
 
 
 class BoundaryProblem(Uncopied, ABC):

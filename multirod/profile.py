@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -9,8 +10,6 @@ import numpy as np
 from multirod.validation import FloatArray, array, frozen, refuse
 
 DEGREE = 7
-_POWERS = np.arange(DEGREE + 1)
-_NODES = np.cos(np.pi * (_POWERS + 0.5) / (DEGREE + 1))
 _RELATIVE_ERROR = 1e-12
 _LEVELS = 14
 
@@ -25,7 +24,7 @@ class Profile:
     Attributes:
         ends: Arclength at which each piece ends [m], shape (piece_count,).
         coefficients: Monomial coefficients of each piece, lowest first, in its own coordinate from -1 to 1,
-            shape (piece_count, DEGREE + 1, width).
+            shape (piece_count, degree + 1, width).
         function: The function itself; it is not pickled with the polynomials, which are all that a solve needs.
     """
 
@@ -57,14 +56,42 @@ def _left_behind(s: float) -> Any:
     raise ValueError("a function of arclength cannot be resolved anew after pickling: give the function itself")
 
 
-def interpolate(function: Callable[[float], Any], start: float, end: float) -> FloatArray:
-    """Coefficients of the polynomial through ``function`` at the Chebyshev nodes of a piece, shape (DEGREE + 1, width)."""
-    centre, half = 0.5 * (start + end), 0.5 * (end - start)
-    return np.asarray(np.linalg.solve(_NODES[:, None] ** _POWERS, [function(centre + half * t) for t in _NODES]))
+@cache
+def _nodes(degree: int) -> FloatArray:
+    """Chebyshev nodes, from -1 to 1, through which a polynomial is laid."""
+    return np.asarray(frozen(np.cos(np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1))))
 
 
-def fit(field: str, function: Callable[[float], Any], length: float, width: int = 3) -> Profile:
-    """Resolve ``function(s)``, returning ``width`` numbers, on ``0 <= s <= length``.
+def interpolate(function: Callable[[float], Any], start: float, end: float, degree: int = DEGREE) -> FloatArray:
+    """Coefficients of the polynomial through ``function`` at the Chebyshev nodes of a piece, shape (degree + 1, width)."""
+    centre, half, nodes = 0.5 * (start + end), 0.5 * (end - start), _nodes(degree)
+    return np.asarray(np.linalg.solve(nodes[:, None] ** np.arange(degree + 1), [function(centre + half * t) for t in nodes]))
+
+
+def recentred(coefficients: FloatArray, start: Any, end: Any, new_start: FloatArray, new_end: FloatArray) -> FloatArray:
+    """Coefficients of the same polynomials on another piece, shape (..., degree + 1, width); arclengths may have axes ``...``."""
+    size = np.asarray(end - start)[..., None]
+    size = np.where(size == 0, 1.0, size)  # of no length
+    middle, half = (new_start + new_end)[..., None] / 2, (new_end - new_start)[..., None] / 2
+    degree = coefficients.shape[-2] - 1
+    if degree == 0 or bool(np.all(new_start == start) and np.all(new_end == end)):
+        return coefficients
+    t = (2 * (middle + half * _nodes(degree)) - np.asarray(start + end)[..., None]) / size
+    powers = np.arange(degree + 1)
+    return np.asarray(np.linalg.solve(_nodes(degree)[:, None] ** powers, t[..., None] ** powers @ coefficients))
+
+
+def fit(
+    field: str,
+    function: Callable[[float], Any],
+    length: float,
+    width: int = 3,
+    *,
+    start: float = 0.0,
+    degree: int = DEGREE,
+) -> Profile:
+    """Resolve ``function(s)``, returning ``width`` numbers, on ``start <= s <= start + length``; the arclength of the pieces
+    counts from ``start``.
 
     Raises:
         ValueError: If a value is not finite or not of that width; the message names ``field`` and the arclength.
@@ -72,7 +99,8 @@ def fit(field: str, function: Callable[[float], Any], length: float, width: int 
 
     source = function.function if isinstance(function, Profile) else function
 
-    def sample(s: float) -> FloatArray:
+    def sample(x: float) -> FloatArray:
+        s = start + x
         try:
             value = source(float(s))
         except Exception as error:
@@ -86,18 +114,19 @@ def fit(field: str, function: Callable[[float], Any], length: float, width: int 
             refuse(f"{field}({s:g})", shown, f"must be {width} finite numbers")
         return result
 
+    powers = np.arange(degree + 1)
     probes = np.array([-0.97, -0.53, 0.11, 0.46, 0.91])
     ends: list[float] = []
     coefficients: list[FloatArray] = []
     scale = max(float(np.abs([sample(s) for s in np.linspace(0, length, 17)]).max()), 1e-300)
     pieces = [(0.0, length, 0)]
     while pieces:
-        start, end, level = pieces.pop()
-        centre, half = 0.5 * (start + end), 0.5 * (end - start)
-        found = interpolate(sample, start, end)
-        error = np.abs(probes[:, None] ** _POWERS @ found - [sample(centre + half * t) for t in probes]).max()
+        first, end, level = pieces.pop()
+        centre, half = 0.5 * (first + end), 0.5 * (end - first)
+        found = interpolate(sample, first, end, degree)
+        error = np.abs(probes[:, None] ** powers @ found - [sample(centre + half * t) for t in probes]).max()
         if error > _RELATIVE_ERROR * scale and level < _LEVELS:
-            pieces += [(centre, end, level + 1), (start, centre, level + 1)]
+            pieces += [(centre, end, level + 1), (first, centre, level + 1)]
         else:
             ends.append(end)
             coefficients.append(found)

@@ -1,7 +1,7 @@
 """Rods: lengths, stiffnesses and precurvature, checked at construction."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any
 
@@ -24,9 +24,11 @@ from multirod.validation import (
 )
 
 if TYPE_CHECKING:
+    from multirod.models.backbone.lines import Line
     from multirod.models.backbone.members import Member
 
 SHORTEST_SECTION = 1e-300  # m: as good as none
+SAME_PLACE = 1e-12  # of its arclength: a cut that near the end of a section is there
 LARGEST_DIAMETER = 1e12  # m, whose fourth power no modulus makes too large
 
 
@@ -164,6 +166,7 @@ class Rod:
         foundation: Stiffness per length of an elastic medium that holds each piece of the rod to its place on the line straight
             out of its base [N/m^2]: one number, or three along the axes of the base.
         members: What the rod carries along itself and that gives way with it (``Member``), whichever way its sections are given.
+        lines: What runs along it at an offset and is pulled, such as ``Tendon`` (``docs/lines.md``), likewise.
         sections: ``Section`` objects from base to tip, instead of all the above.
         outer_diameter: For drawing, and to check that tubes nest [m].
         inner_diameter: The same [m].
@@ -187,6 +190,7 @@ class Rod:
         magnetisation: Any = None,
         foundation: Any = None,
         members: Sequence["Member"] = (),
+        lines: Sequence["Line"] = (),
         sections: Sequence[Section] | None = None,
         outer_diameter: float | None = None,
         inner_diameter: float | None = None,
@@ -222,14 +226,17 @@ class Rod:
                 f"must be from {SMALLEST:g} to {LARGEST:g} m, all sections together",
             )
         self.members = _members(members)
+        self.lines = _lines(lines, self.length)
         self.outer_diameter, self.inner_diameter = _diameters(outer_diameter, inner_diameter)
         if not isinstance(name, str):
             refuse("Rod.name", name, "must be a string")
         self.name = name
         try:
-            self.batch_shape: tuple[int, ...] = np.broadcast_shapes(*(section.batch_shape for section in self.sections))
+            self.batch_shape: tuple[int, ...] = np.broadcast_shapes(
+                *(section.batch_shape for section in self.sections), *(line.batch_shape for line in self.lines)
+            )
         except ValueError:
-            raise ValueError("the batch axes of a rod's sections do not broadcast") from None
+            raise ValueError(f"the batch axes of a rod's sections{' and lines' * bool(lines)} do not broadcast") from None
 
     @classmethod
     def tube(
@@ -297,6 +304,11 @@ class Rod:
         return np.asarray(frozen(np.asarray(sum(section.length for section in self.sections), dtype=np.float64)))
 
     @property
+    def carried(self) -> "tuple[Member, ...]":
+        """Members and lines: all that adds to the energy of its sections."""
+        return (*self.members, *self.lines)
+
+    @property
     def has_mass(self) -> bool:
         """Whether gravity acts on any of its sections."""
         return any(np.any(section.linear_density) for section in self.sections)
@@ -323,6 +335,20 @@ def _members(given: Any) -> "tuple[Member, ...]":
     if not isinstance(given, (list, tuple)) or not all(isinstance(member, Member) for member in given):
         refuse("Rod.members", given, "must be a list of Member")
     return tuple(given)
+
+
+def _lines(given: Any, length: FloatArray) -> "tuple[Line, ...]":
+    if isinstance(given, (list, tuple)) and not given:
+        return ()
+    from multirod.models.backbone.lines import Line
+
+    if not isinstance(given, (list, tuple)) or not all(isinstance(line, Line) for line in given):
+        refuse("Rod.lines", given, "must be a list of lines, such as Tendon")
+    names = [line.name for line in given if line.name]
+    for name in names:
+        if names.count(name) > 1:
+            refuse("Rod.lines", names, f"must have names of their own, and {name!r} is there twice")
+    return tuple(line.on(length) for line in given)
 
 
 def _diameters(outer: float | None, inner: float | None) -> tuple[float | None, float | None]:
@@ -367,14 +393,16 @@ class RodArrays:
         end: Arclength of section ends from the base [m], shape (batch, rod_count, section_count); short rods are padded
             with sections of no length.
         material: ``EI_x, EI_y, GJ``, their inverses, ``1/GA_x, 1/GA_y, 1/EA``, mass per length, magnetic moment per length,
-            stiffness of the foundation, parameters of members, shape (batch, rod_count, section_count, 16 or more).
+            stiffness of the foundation, parameters of members, then their functions, coefficients of one power after those of the
+            power below, shape (batch, rod_count, section_count, 16 or more).
         precurvature: Polynomial coefficients, shape (batch, rod_count, section_count, 3 (degree + 1)).
         degree: Degree of the polynomials.
         shear: Whether any rod shears or extends.
         anisotropic: Whether any bending stiffness differs between the axes.
         torsion: Whether any rod twists elastically.
         foundation: Whether a medium is around any rod.
-        members: Laws of what the rods carry along themselves, whose parameters are further columns of ``material``.
+        members: Laws of what the rods carry along themselves, whose parameters and functions are further columns of ``material``.
+        member_degree: Degree of the polynomials of these functions.
         batch_shape: Leading axes; where there are none, the batch axis is 1.
     """
 
@@ -387,6 +415,7 @@ class RodArrays:
     torsion: bool
     foundation: bool = False
     members: "tuple[type[Member], ...]" = ()
+    member_degree: int = 0
     batch_shape: tuple[int, ...] = field(default=())
 
     def __post_init__(self) -> None:
@@ -419,11 +448,16 @@ def stack(backbones: Sequence[RodArrays], batch_shape: tuple[int, ...]) -> RodAr
     """Several backbones of as many rods each, side by side along a last batch axis; each is lowered to ``batch_shape``."""
     sections = max(arrays.end.shape[2] for arrays in backbones)
     terms = max(arrays.precurvature.shape[3] for arrays in backbones)
+    width = max(arrays.material.shape[3] for arrays in backbones)
 
     def padded(value: FloatArray) -> FloatArray:
         """Rods end with sections of no length, as ``lower`` pads them."""
         last = np.repeat(value[:, :, -1:], sections - value.shape[2], axis=2)
         return np.concatenate([value, last], axis=2)
+
+    def wide(value: FloatArray) -> FloatArray:
+        """Functions of members have no terms of higher powers."""
+        return np.pad(value, ((0, 0), (0, 0), (0, 0), (0, width - value.shape[3])))
 
     def joined(values: list[FloatArray]) -> FloatArray:
         together = np.stack([padded(value) for value in values], axis=1)
@@ -431,7 +465,7 @@ def stack(backbones: Sequence[RodArrays], batch_shape: tuple[int, ...]) -> RodAr
 
     return RodArrays(
         end=joined([arrays.end for arrays in backbones]),
-        material=joined([arrays.material for arrays in backbones]),
+        material=joined([wide(arrays.material) for arrays in backbones]),
         precurvature=joined(
             [
                 np.pad(arrays.precurvature, ((0, 0), (0, 0), (0, 0), (0, terms - arrays.precurvature.shape[3])))
@@ -444,15 +478,43 @@ def stack(backbones: Sequence[RodArrays], batch_shape: tuple[int, ...]) -> RodAr
         torsion=any(arrays.torsion for arrays in backbones),
         foundation=any(arrays.foundation for arrays in backbones),
         members=backbones[0].members,
+        member_degree=max(arrays.member_degree for arrays in backbones),
         batch_shape=(*batch_shape, len(backbones)),
     )
 
 
-def _values(member: "Member", section: Section) -> list[FloatArray]:
-    """The parameters of a member at a section, one by one."""
+def _values(member: "Member", section: Section, s: float) -> list[FloatArray]:
+    """The parameters of a member on a piece of a section, one by one."""
     count = len(member.parameters)
-    values = array(f"{type(member).__name__}.values", member.values(section), (count,))
+    values = array(f"{type(member).__name__}.values", member.values(section, s), (count,))
     return [values[..., k] for k in range(count)]
+
+
+def _carried(rod: Rod, section: Section, s: float, start: FloatArray, end: FloatArray, degree: int) -> list[FloatArray]:
+    """Parameters of members on a piece from ``start`` to ``end`` (...), around s, then their functions, power by power."""
+    found = [value for member in rod.carried for value in _values(member, section, s)]
+    functions = []
+    for member in rod.carried:
+        if member.functions:
+            begin, stop, coefficients = member.polynomials(s)
+            moved = profile.recentred(coefficients, begin, stop, start, end)
+            functions.append(np.pad(moved, [(0, 0)] * (moved.ndim - 2) + [(0, degree + 1 - moved.shape[-2]), (0, 0)]))
+    return found + [values[..., k, j] for k in range(degree + 1) for values in functions for j in range(values.shape[-1])]
+
+
+def _cut(start: FloatArray, end: FloatArray, cuts: Sequence[float]) -> Iterator[tuple[float, FloatArray, FloatArray]]:
+    """Parts of a piece from ``start`` to ``end`` (batch,) between ``cuts``: an arclength between these, start and end."""
+    if not cuts:
+        yield 0.0, start, end
+        return
+    begin, last = start, 0.0
+    for cut in [*cuts, math.inf]:
+        near = np.abs(cut - end) <= SAME_PLACE * end if math.isfinite(cut) else np.zeros(end.shape, dtype=bool)
+        stop = np.where(near, end, np.clip(cut, start, end))
+        if (stop > begin).any():
+            yield (last + cut) / 2 if math.isfinite(cut) else last + 1.0, begin, stop
+            begin = stop
+        last = cut
 
 
 def lower(rods: Sequence[Rod]) -> RodArrays:
@@ -461,41 +523,52 @@ def lower(rods: Sequence[Rod]) -> RodArrays:
 
     batch_shape = np.broadcast_shapes(*(rod.batch_shape for rod in rods))
     degree = profile.DEGREE if any(isinstance(s.precurvature, profile.Profile) for rod in rods for s in rod.sections) else 0
+    polynomials = [member.polynomials(0.0)[2] for rod in rods for member in rod.carried if member.functions]
+    member_degree = max((values.shape[-2] - 1 for values in polynomials), default=0)
 
     def batch(value: Any, tail: tuple[int, ...] = ()) -> FloatArray:
         return np.broadcast_to(value, (*batch_shape, *tail)).reshape(-1, *tail)
+
+    def made_of(rod: Rod, section: Section, own: list[FloatArray], s: float, start: FloatArray, end: FloatArray) -> FloatArray:
+        place = (s, start.reshape(batch_shape), end.reshape(batch_shape))
+        return np.stack(own + [batch(value) for value in _carried(rod, section, *place, member_degree)], -1)
 
     columns: list[list[tuple[FloatArray, FloatArray, FloatArray]]] = []
     for rod in rods:
         column: list[tuple[FloatArray, FloatArray, FloatArray]] = []
         end = np.zeros(math.prod(batch_shape))
+        cuts = sorted({cut for member in rod.carried for cut in member.cuts})
         for section in rod.sections:
             bending, shear = section.bending_stiffness, section.shear_stiffness
             parts = [bending[..., 0], bending[..., 1], section.torsional_stiffness]
             inverses = [*parts, shear[..., 0], shear[..., 1], section.axial_stiffness]
-            material = np.stack(
+            own = (
                 [batch(p) for p in parts]
                 + [batch(1 / np.asarray(p)) for p in inverses]
                 + [batch(section.linear_density)]
                 + [batch(section.magnetisation[..., k]) for k in range(3)]
                 + [batch(section.foundation[..., k]) for k in range(3)]
-                + [batch(value) for member in rod.members for value in _values(member, section)],
-                -1,
             )
+
             if isinstance(section.precurvature, profile.Profile):
                 pieces = section.precurvature
-                if not column:  # what is pushed out of the base continues the first section with its precurvature there
-                    constant = np.zeros((end.size, degree + 1, 3))
-                    constant[:, 0] = pieces(0.0)
-                    column.append((end, material, constant.reshape(end.size, -1)))
-                for stop, coefficients in zip(pieces.ends, pieces.coefficients, strict=True):
-                    column.append((end + stop, material, np.tile(coefficients.reshape(1, -1), (end.size, 1))))
-                end = end + pieces.ends[-1]
+                at_base, curves = pieces(0.0), list(zip(end + pieces.ends[:, None], pieces.coefficients, strict=True))
             else:
+                at_base = batch(section.precurvature, (3,))
                 constant = np.zeros((end.size, degree + 1, 3))
-                constant[:, 0] = batch(section.precurvature, (3,))
-                end = end + batch(section.length)
-                column.append((end, material, constant.reshape(end.size, -1)))
+                constant[:, 0] = at_base
+                curves = [(end + batch(section.length), constant)]
+            if not column and (isinstance(section.precurvature, profile.Profile) or member_degree):
+                # what is pushed out of the base continues the first section, as it is there
+                constant = np.zeros((end.size, degree + 1, 3))
+                constant[:, 0] = at_base
+                column.append((end, made_of(rod, section, own, 0.0, end, end), constant.reshape(end.size, -1)))
+            for last, coefficients in curves:
+                for s, start, stop in _cut(end, last, cuts):
+                    moved = profile.recentred(coefficients, end, last, start, stop)
+                    curved = np.broadcast_to(moved, (end.size, degree + 1, 3)).reshape(end.size, -1)
+                    column.append((stop, made_of(rod, section, own, s, start, stop), curved))
+                end = last
         columns.append(column)
     count = max(len(column) for column in columns)
     for column in columns:
@@ -511,6 +584,7 @@ def lower(rods: Sequence[Rod]) -> RodArrays:
         anisotropic=bool((material[..., 0] != material[..., 1]).any()),
         torsion=bool(np.isfinite(material[..., 2]).any()),
         foundation=bool(material[..., 13:16].any()),
-        members=kinds(rods[0].members),
+        members=kinds(rods[0].carried),
+        member_degree=member_degree,
         batch_shape=batch_shape,
     )

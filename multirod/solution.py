@@ -15,14 +15,14 @@ from multirod.assembly import Assembly
 from multirod.batch import IntArray, parts, run
 from multirod.inputs import Inputs
 from multirod.integrators import Integrator
-from multirod.problem import BoundaryProblem, Shape
+from multirod.problem import BoundaryProblem, LineShape, Shape
 from multirod.reuse import borrowed
 from multirod.segment_system import pose_jacobian
 from multirod.segments import taken
 from multirod.solver import Outcome
 from multirod.stability import Modes, Stability
 from multirod.status import Status, failures
-from multirod.validation import FloatArray, frozen, positive_int, refuse, shown
+from multirod.validation import FloatArray, choice, frozen, positive_int, refuse, shown
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -337,19 +337,83 @@ class Solution:
             values[name] = self._masked(value, value.shape[1:])
         return Shape(**values)
 
-    def jacobian(self, name: str) -> FloatArray:
-        """Derivative of the end effector's pose by an input, at equilibrium.
+    @property
+    def tension(self) -> FloatArray:
+        """Tension of each line [N], shape (..., line_count), in the order of the rods' lines.
+
+        Raises:
+            AttributeError: If no rod has lines.
+        """
+        self._lines()
+        return self._masked(self._each(self.inputs.tension), (self.inputs.tension.shape[-1],))
+
+    @cached_property
+    def line_length(self) -> FloatArray:
+        """Length of each line between its start and its end on the rod [m], shape (..., line_count).
+
+        Raises:
+            AttributeError: If no rod has lines.
+        """
+        count = len(self._lines())
+
+        def lengths(problem: BoundaryProblem) -> tuple[FloatArray]:
+            assert problem.shapes is not None
+            return (problem.shapes.line_length(),)
+
+        return self._masked(self._gather(lengths)[0], (count,))
+
+    def line(self, line: int | str, *, nodes: int | None = None) -> LineShape:
+        """Where a line is, on nodes evenly spaced along its rod; arrays (..., node_count, ...).
+
+        Args:
+            line: Index, in the order of the rods' lines, or name.
+            nodes: Number of nodes; by default one a step at fixed steps, else 51.
+
+        Raises:
+            ValueError: If there is no such line, or ``nodes`` is not an integer >= 2.
+        """
+        lines = [(k, own) for k, rod in enumerate(self.assembly.rods) for own in rod.lines]
+        names = [own.name for _, own in lines]
+        index = names.index(line) if isinstance(line, str) and line in names else line
+        if isinstance(index, bool) or not isinstance(index, (int, np.integer)) or not -len(names) <= index < len(names):
+            refuse("line", line, f"must be an index below {len(names)} or one of the names {[n for n in names if n]}")
+        rod, own = lines[index]
+        shape = self.rod(rod, nodes=nodes)
+        s = shape.arclength - np.broadcast_to(self.inputs.translation[..., rod, None], (*self.batch_shape, 1))
+        flat = own.offset_at(s.reshape(prod(self.batch_shape), -1), self._axes, self._instances)
+        offset = flat.reshape(*s.shape, 2)
+        position = shape.position + (shape.rotation[..., :2] @ offset[..., None])[..., 0]
+        tension = np.where(np.isnan(offset[..., 0]), np.nan, self.tension[..., index, None])
+        return LineShape(shape.arclength, position, tension)
+
+    def _lines(self) -> list[Any]:
+        lines = [line for rod in self.assembly.rods for line in rod.lines]
+        if not lines:
+            raise AttributeError("no rod has lines")
+        return lines
+
+    def _each(self, values: FloatArray) -> FloatArray:
+        """Rows of an input, one an instance."""
+        return np.broadcast_to(values, (*self.batch_shape, values.shape[-1])).reshape(-1, values.shape[-1])
+
+    def jacobian(self, name: str, *, of: str = "pose") -> FloatArray:
+        """Derivative of the end effector's pose by an input, at equilibrium, or of the lengths of lines.
 
         Args:
             name: An input, such as ``"tip_force"`` (then it is the compliance) or ``"rotation"``.
+            of: ``"pose"`` or ``"line_length"``.
 
         Returns:
             Shape (..., 6, k): position rows [m per unit], then rotation-vector rows [rad per unit], both in the world
-            frame; one column for each component of the input, or each rod.
+            frame; one column for each component of the input, or each rod or line. Of lengths, shape (..., line_count, k) [m per
+            unit].
 
         Raises:
             TypeError: If the assembly takes no such input.
+            ValueError: If ``of`` is neither.
+            NotImplementedError: If the robot is no single backbone, and ``of`` is the lengths.
         """
+        choice("of", of, ("pose", "line_length"))
         specs = {spec.name: spec for spec in self.assembly.input_specs}
         if not isinstance(name, str) or name not in specs:
             raise TypeError(f"jacobian(name) takes no {shown(name)}: it takes " + ", ".join(specs))
@@ -358,6 +422,8 @@ class Solution:
             # a follower force is an unknown's worth of equations more, but to first order only its direction counts
             return np.asarray(frozen(self.jacobian(twin) @ self.tip_rotation))
         count = specs[name].size(len(self.assembly.rods))
+        if of == "line_length":
+            return self._length_jacobian(name, count)
 
         def columns(problem: BoundaryProblem) -> tuple[FloatArray]:
             slopes, moved = problem.input_columns(name)
@@ -378,6 +444,27 @@ class Solution:
         options = self.assembly.input_directions(name)
         (result,) = self._gather(columns, pose_sensitivities=True, enabled=(name,), **options)
         return self._masked(result, (6, count))
+
+    def _length_jacobian(self, name: str, count: int) -> FloatArray:
+        rows = len(self._lines())
+        if not self.assembly.length_columns:
+            raise NotImplementedError(f"{type(self.assembly).__name__} does not give the derivatives of its lines' lengths")
+
+        def columns(problem: Any) -> tuple[FloatArray]:
+            slopes, _ = problem.input_columns(name)
+            n = problem.unknown_count
+            gamma = problem.read("gamma").reshape(-1, n, n)
+            lengths = problem.line_length_columns.numpy()
+            result = np.full((len(gamma), rows, count), np.nan)
+            with np.errstate(over="ignore"):
+                sound = np.linalg.det(np.nan_to_num(gamma)) != 0
+            sound[list(problem.breakpoints)] = False
+            result[sound] = lengths[sound, :, n:] - lengths[sound, :, :n] @ np.linalg.solve(gamma[sound], slopes[sound])
+            return (result,)
+
+        options = self.assembly.input_directions(name)
+        (result,) = self._gather(columns, pose_sensitivities=True, enabled=(name,), **options)
+        return self._masked(result, (rows, count))
 
     def raise_if_failed(self) -> "Solution":
         """Return ``self`` if every instance has a result.

@@ -25,7 +25,7 @@ class Stiffening(mr.Member):
     def __init__(self, coefficient):
         self.coefficient = coefficient
 
-    def values(self, section):
+    def values(self, section, s):
         return np.asarray([self.coefficient])
 
     @staticmethod
@@ -35,7 +35,7 @@ class Stiffening(mr.Member):
         add_moment, add_stiffness = numbers.add_moment, numbers.add_stiffness
 
         @wp.func
-        def respond(memory: memory_type, at: int, x: Real, u: Vec3, e: Vec3, r: wp.ref[Response]):
+        def respond(memory: memory_type, at: int, on: int, u: Vec3, e: Vec3, r: wp.ref[Response]):
             c = row(memory, at)
             bend = c * (u.x * u.x + u.y * u.y)
             add_moment(r, Vec3(bend * u.x, bend * u.y, bend * d(0.0)))
@@ -44,7 +44,7 @@ class Stiffening(mr.Member):
             add_stiffness(r, 1, 1, bend + d(2.0) * c * u.y * u.y)
 
         @wp.func
-        def energy(memory: memory_type, at: int, x: Real, u: Vec3, e: Vec3) -> Real:
+        def energy(memory: memory_type, at: int, on: int, u: Vec3, e: Vec3) -> Real:
             square = u.x * u.x + u.y * u.y
             return d(0.25) * row(memory, at) * square * square
 
@@ -60,7 +60,7 @@ class OffsetSpring(mr.Member):
     def __init__(self, stiffness, offset):
         self.numbers = stiffness, offset
 
-    def values(self, section):
+    def values(self, section, s):
         return np.asarray(self.numbers)
 
     @staticmethod
@@ -70,7 +70,7 @@ class OffsetSpring(mr.Member):
         add_moment, add_force, add_stiffness = numbers.add_moment, numbers.add_force, numbers.add_stiffness
 
         @wp.func
-        def respond(memory: memory_type, at: int, x: Real, u: Vec3, e: Vec3, r: wp.ref[Response]):
+        def respond(memory: memory_type, at: int, on: int, u: Vec3, e: Vec3, r: wp.ref[Response]):
             k = row(memory, at)
             h = row(memory, at + 1)
             pull = k * (e.z + h * u.x)
@@ -82,7 +82,7 @@ class OffsetSpring(mr.Member):
             add_stiffness(r, 5, 5, k)
 
         @wp.func
-        def energy(memory: memory_type, at: int, x: Real, u: Vec3, e: Vec3) -> Real:
+        def energy(memory: memory_type, at: int, on: int, u: Vec3, e: Vec3) -> Real:
             stretch = e.z + row(memory, at + 1) * u.x
             return d(0.5) * row(memory, at) * stretch * stretch
 

@@ -46,6 +46,8 @@ class ConcentricTubes(BackboneAssembly):
                 refuse(f"ConcentricTubes.tubes[{k}]", tube, "shear_stiffness and axial_stiffness must be inf")
             if tube.members:
                 refuse(f"ConcentricTubes.tubes[{k}]", tube, "must have no members: how tubes share them is not modelled")
+            if tube.lines:
+                refuse(f"ConcentricTubes.tubes[{k}]", tube, "must have no lines: how they bend several tubes is not modelled")
         super().__init__(tuple(tubes), base)
         self._shortest = [float(np.min(tube.length)) for tube in tubes]
 

@@ -15,9 +15,9 @@ from multirod.inputs import Inputs, InputSpec
 from multirod.models.assemblies.concentric_tubes import ConcentricTubes
 from multirod.models.assemblies.single_rod import SingleRod
 from multirod.models.backbone.influence import Influence, influences
-from multirod.models.backbone.inputs import BY_MATERIAL
+from multirod.models.backbone.inputs import BY_MATERIAL, DRIVES, drive_specs
 from multirod.models.backbone.kernels.layout.features import Features
-from multirod.models.backbone.problem import BackboneAssembly, scene_features
+from multirod.models.backbone.problem import BackboneAssembly, check_drives, scene_features
 from multirod.models.platform import platform_kernels as kernels
 from multirod.models.platform.problem import LEG_INPUTS, PER_ROD, PLATFORM_INPUTS, Geometry, ParallelProblem
 from multirod.reuse import reusable
@@ -97,7 +97,7 @@ class ParallelRods(Assembly):
 
     @property
     def input_specs(self) -> tuple[InputSpec, ...]:  # noqa: D102
-        return (*LEG_INPUTS[:2], *PLATFORM_INPUTS, *LEG_INPUTS[2:])
+        return (*LEG_INPUTS[:2], *PLATFORM_INPUTS, *LEG_INPUTS[2:], *drive_specs(self.rods))
 
     def check(self, inputs: Inputs) -> None:  # noqa: D102
         one = not inputs.batch_shape and self.surely_takes("translation", inputs.translation.tolist())
@@ -107,6 +107,7 @@ class ParallelRods(Assembly):
                 leg.check(Inputs(leg.input_specs, leg.rod_count, values))
             except ValueError as error:
                 raise ValueError(f"legs[{k}]: {error}") from None
+        check_drives(inputs)
         if inputs.is_active("gravity") and not (self.geometry.mass > 0 or any(rod.has_mass for rod in self.rods)):
             refuse("gravity", inputs.gravity.tolist(), "must be zero: no rod has a linear_density, and the platform no mass")
         if inputs.is_active("magnetic_field") and not any(rod.is_magnetised for rod in self.rods):
@@ -115,11 +116,15 @@ class ParallelRods(Assembly):
     def input_directions(self, name: str) -> dict[str, int]:
         """Directions for the derivatives by an input: rods of different legs share one, and what acts on the platform touches no
         leg."""
-        most = max(leg.rod_count for leg in self.geometry.legs)
-        count = most if name in PER_ROD else 3
-        return {"direction_count": count, "leg_direction_count": count if name in (*PER_ROD, *kernels.LEG_VECTORS) else 0}
+        count = 3
+        if name in (*PER_ROD, *DRIVES):
+            count = int(np.diff(self.geometry.first_rod if name in PER_ROD else self.geometry.first_drive).max())
+        on_legs = (*PER_ROD, *DRIVES, *kernels.LEG_VECTORS)
+        return {"direction_count": count, "leg_direction_count": count if name in on_legs else 0}
 
     def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102
+        if name in DRIVES:
+            return min(values) >= 0
         if name != "translation":
             return name not in BY_MATERIAL
         return all(leg.surely_takes(name, values[own]) for leg, own in zip(self.geometry.legs, self._own_rods, strict=True))
@@ -157,6 +162,7 @@ class ParallelRods(Assembly):
                 same[0],
                 precurvature_degree=max(f.precurvature_degree for f in same),
                 shear=any(f.shear for f in same),
+                member_degree=max(f.member_degree for f in same),
                 anisotropic=any(f.anisotropic for f in same),
             )
             for same in found.values()
@@ -166,7 +172,7 @@ class ParallelRods(Assembly):
         """An estimate, not a bound (``docs/explain.md``): each leg a cantilever that carries its share of the platform's
         loads."""
         geometry, legs = self.geometry, len(self.legs)
-        if (geometry.joints != kernels.CLAMPED).any() or any(rod.members for rod in self.rods):
+        if (geometry.joints != kernels.CLAMPED).any() or any(rod.carried for rod in self.rods):
             return {}
         found: dict[str, Influence] = {}
         for k, (leg, own) in enumerate(zip(geometry.legs, self._own_rods, strict=True)):

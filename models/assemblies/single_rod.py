@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from multirod.inputs import Inputs, InputSpec
-from multirod.models.backbone.inputs import BACKBONE_INPUTS, BY_MATERIAL
+from multirod.models.backbone.inputs import BACKBONE_INPUTS, BY_MATERIAL, DRIVES, drive_specs
 from multirod.models.backbone.problem import BackboneAssembly
 from multirod.rod import Rod
 from multirod.validation import refuse
@@ -45,7 +45,7 @@ class SingleRod(BackboneAssembly):
             measured=True,
             description="measured curvature at the tip, tip frame",
         )
-        return (*BACKBONE_INPUTS, measured)
+        return (*BACKBONE_INPUTS, *drive_specs(self.rods), measured)
 
     def check(self, inputs: Inputs) -> None:  # noqa: D102
         super().check(inputs)
@@ -55,8 +55,9 @@ class SingleRod(BackboneAssembly):
             refuse(
                 "translation", shortest, f"must be > -length = {-float(np.min(self.rods[0].length)):g} m: no rod is left in use"
             )
-        if "tip_curvature" in inputs.given and self.rods[0].members:
-            refuse("tip_curvature", inputs.tip_curvature.tolist(), "must not be given: the rod has members")
+        if "tip_curvature" in inputs.given and self.rods[0].carried:
+            carried = "members" if self.rods[0].members else "lines"
+            refuse("tip_curvature", inputs.tip_curvature.tolist(), f"must not be given: the rod has {carried}")
         for name in (spec.name for spec in BACKBONE_INPUTS if spec.acts == "tip" and spec.load == "moment"):
             if "tip_curvature" in inputs.given and inputs.is_active(name):
                 refuse(
@@ -66,6 +67,8 @@ class SingleRod(BackboneAssembly):
                 )
 
     def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102
+        if name in DRIVES:
+            return min(values) >= 0
         return name not in BY_MATERIAL and (name != "translation" or values[0] > -self._shortest)
 
     def __repr__(self) -> str:

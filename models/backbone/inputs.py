@@ -1,6 +1,12 @@
 """The inputs of a backbone, and what they mean."""
 
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
 from multirod.inputs import InputSpec
+
+if TYPE_CHECKING:
+    from multirod.rod import Rod
 
 BACKBONE_INPUTS = (
     InputSpec(name="rotation", unit="rad", per_rod=True, description="angle of each rod's base about its axis"),
@@ -60,5 +66,23 @@ BACKBONE_INPUTS = (
         description="uniform magnetic field, world frame; acts on magnetisation",
     ),
 )
+DRIVES: dict[str, dict[str, Any]] = {
+    "tension": {
+        "unit": "N",
+        "load": "force",
+        "potential": True,
+        "description": "of each line that is driven by it, in their order, >= 0",
+    }
+}  # inputs that drive lines, where there are such lines
+
+
+def drive_specs(rods: "Sequence[Rod]") -> tuple[InputSpec, ...]:
+    """The inputs that drive lines of these rods, one number a line."""
+    counts = {
+        name: sum(line.drive is not None and line.drive[0] == name for rod in rods for line in rod.lines) for name in DRIVES
+    }
+    return tuple(InputSpec(name=name, acts="lines", count=count, **DRIVES[name]) for name, count in counts.items() if count)
+
+
 LOADS = tuple(spec for spec in BACKBONE_INPUTS if spec.load is not None)
 BY_MATERIAL = ("gravity", "magnetic_field")  # inputs that act on a property which rods may lack

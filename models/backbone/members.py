@@ -1,9 +1,11 @@
 """What a rod carries along itself and that gives way with it: members, which add to the energy of its section."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
 
 from multirod.validation import FloatArray
 
@@ -18,19 +20,41 @@ class Member(ABC):
     section, and carry the section's force and moment together (``docs/model.md``, equation 5m). Where the rod is at rest, at ``u
     = u*`` and ``v = e3``, the gradient of ``W`` is zero: the unloaded rod is where solvers begin.
 
+    A member may be driven by an input ``T`` of the robot, one number for each: then ``W + T w(u, v)`` takes the place of ``W``,
+    and ``w``, such as the length of a tendon per length of rod, is what ``T`` works on. Its potential is not stored in the rod.
+
     Attributes:
-        parameters: Names of the numbers that the law needs at each section, and their unit as powers of newton and metre, such as
-            ``{"stiffness": (1, 2)}`` for N m^2.
-        convex: Whether ``W`` is convex in the strains, so that the section is stiffer than the rod alone. Where it is not,
+        parameters: Names of the numbers that the law needs on each piece of the rod, and their unit as powers of newton and
+            metre, such as ``{"stiffness": (1, 2)}`` for N m^2.
+        functions: The same for what varies along the rod: functions of its arclength.
+        drive: The input that drives it, and its unit; None where nothing does.
+        convex: Whether the energy is convex in the strains, so that the section is stiffer than the rod alone. Where it is not,
             stability is not judged.
     """
 
     parameters: ClassVar[Mapping[str, tuple[int, int]]]
+    functions: ClassVar[Mapping[str, tuple[int, int]]] = {}
+    drive: ClassVar[tuple[str, tuple[int, int]] | None] = None
     convex: ClassVar[bool] = False
 
     @abstractmethod
-    def values(self, section: "Section") -> FloatArray:
-        """The parameters at a section of the rod, shape (..., len(parameters))."""
+    def values(self, section: "Section", s: float) -> FloatArray:
+        """The parameters on a piece of the rod, of a section, that lies between two ``cuts``: at any arclength s there, from the
+        rod's base [m]; shape (..., len(parameters))."""
+
+    @property
+    def cuts(self) -> Sequence[float]:
+        """Arclengths where parameters jump or polynomials end [m]: there is a node of the grid."""
+        return ()
+
+    def polynomials(self, s: float) -> tuple[float, float, FloatArray]:
+        """The functions on the piece that lies between two ``cuts``, as polynomials: at any arclength s there.
+
+        Returns:
+            Where the polynomials begin and end [m], and their monomial coefficients, lowest first, in a coordinate from -1 to 1
+            between these, shape (..., degree + 1, len(functions)).
+        """
+        return 0.0, 1.0, np.zeros((1, len(self.functions)))
 
     @staticmethod
     @abstractmethod
@@ -39,16 +63,27 @@ class Member(ABC):
 
         Args:
             numbers: Types and functions of numbers in lanes: ``Real``, ``Vec3``, ``Response``, ``memory_type``, ``row`` and
-                others of ``kernels/numbers``; ``add_moment``, ``add_force`` and ``add_stiffness``.
+                others of ``kernels/numbers``; ``add_moment``, ``add_force`` and ``add_stiffness``; whether forces and second
+                derivatives by ``e`` are asked for, ``FORCES``; whether functions vary, ``VARIED``, with ``value``, ``slope``
+                and ``bend``.
 
         Returns:
-            ``respond(memory, at, x, u, e, r)``, which adds to the ``Response`` r the derivatives of ``W`` by ``u`` (a moment) and
-            ``e = v - e3`` (a force), and its second derivatives, at row and column of ``(u, e)``, row <= column; and
-            ``energy(memory, at, x, u, e)``, which is ``W`` [N]. ``row(memory, at + k)`` is parameter k, ``x`` the arclength from
-            the start of the stretch.
+            ``respond(memory, at, on, u, e, r)``, which adds to the ``Response`` r the derivatives of the energy by ``u`` (a
+            moment) and ``e = v - e3`` (a force), and its second derivatives, at row and column of ``(u, e)``, row <= column; and
+            ``energy(memory, at, on, u, e)``, which is ``W`` [N]. ``row(memory, at + k)`` is parameter k, and the input after
+            them; ``value(memory, on + k)`` function k, ``slope`` and ``bend`` its first and second derivative by arclength.
+
+            Of what is driven also ``pull(memory, at, on, u, e, r)``, which adds the derivatives of ``w`` and returns ``w``; of
+            what has functions ``slide(memory, at, on, u, e, r)``, which adds how the derivatives of the energy change along the
+            rod at constant strains, and returns how ``w`` does, zero of what is not driven.
         """
 
 
 def kinds(members: Any) -> tuple[type[Member], ...]:
     """The laws of members, in their order."""
     return tuple(type(member) for member in members)
+
+
+def drives(laws: Any) -> list[str]:
+    """The inputs that drive members of these laws, one entry a member that is driven, in their order."""
+    return [law.drive[0] for law in laws if law.drive is not None]

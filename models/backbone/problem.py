@@ -18,12 +18,13 @@ from multirod.inputs import Inputs, InputSpec
 from multirod.integrators import AdaptiveIntegrator, Integrator
 from multirod.launch import LONGEST
 from multirod.models.backbone.influence import Influence, influences
-from multirod.models.backbone.inputs import BACKBONE_INPUTS, LOADS
+from multirod.models.backbone.inputs import BACKBONE_INPUTS, DRIVES, LOADS
 from multirod.models.backbone.kernels.layout import arguments as kernels
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.kernels.layout.layout import unknowns_of
+from multirod.models.backbone.members import drives
 from multirod.models.backbone.passes import LanePass
-from multirod.models.backbone.segments import BackboneSegments
+from multirod.models.backbone.segments import TOTALS, BackboneSegments
 from multirod.models.backbone.shapes import BackboneShapes
 from multirod.models.backbone.stability import BackboneStability
 from multirod.models.backbone.starts import BackboneStarts
@@ -71,6 +72,7 @@ def scene_features(
         profile_degree=DEGREE if profiles else -1,
         shear=arrays.shear,
         members=arrays.members,
+        member_degree=arrays.member_degree,
         foundation=arrays.foundation,
         transmission=transmission,
         anisotropic=arrays.anisotropic and rod_count > 1,
@@ -87,13 +89,16 @@ class NodePass:
         call: Its arguments, with outputs of its own.
         launch: Its launch.
         columns: Whether it carries columns.
+        members: Whether the rod carries members.
         host: Whether NumPy sees its arrays in place.
     """
 
-    def __init__(self, call: Any, launch: LanePass, columns: bool, host: bool) -> None:
+    def __init__(self, call: Any, launch: LanePass, columns: bool, members: bool, host: bool) -> None:
         self.call, self.launch, self._in_place = call, launch, host
         nodes = [f"node_{name}" for name in ("arclength", "position", "rotation", "curvature", "moment", "force")]
         self._outputs = [*nodes, "energy", "work", "residual", "position", "rotation"]
+        if members:
+            self._outputs += [*(f"node_{name}" for name in TOTALS), "line_length"]
         if columns:
             self._outputs += ["node_columns", "tip_columns", "gamma", "pose_columns", "column_arclength"]
         self._seen: dict[str, Any] = {}
@@ -140,6 +145,7 @@ class BackboneProblem(BoundaryProblem):
         pose: bool = True,
         pose_sensitivities: bool = False,
         direction_count: int = 0,
+        lengths: bool = False,
         enabled: Sequence[str] = (),
         held: bool = False,
         arrays: RodArrays | None = None,
@@ -158,6 +164,7 @@ class BackboneProblem(BoundaryProblem):
             "pose": pose,
             "pose_sensitivities": pose_sensitivities,
             "direction_count": direction_count,
+            "lengths": lengths,
             "held": held,
         }
         self.transmission = transmission
@@ -165,18 +172,24 @@ class BackboneProblem(BoundaryProblem):
         self.arrays = arrays.take(batch_shape)
         self.features = self._features(inputs, pose, pose_sensitivities, direction_count)
         self.slots = unknowns_of(self.features)
+        self.drives = drives(self.features.members)
+        self.drive_count = len(self.drives)
         n = self.slots.size
         super().__init__(
             unknown_count=n,
             batch_shape=batch_shape,
-            input_count=kernels.input_size(len(rods)),
+            input_count=kernels.input_size(len(rods), self.drive_count),
             blocks=_blocks(self.features),
             direction_count=direction_count,
             pose_sensitivities=pose_sensitivities,
             device=device,
         )
+        columns = n + direction_count
+        # of lines: what ``lengths`` asks for
+        self.line_length: Any = wp.zeros((self.instance_count, self.drive_count), dtype=wp.float64, device=device)
+        shape = (self.instance_count, self.drive_count, columns if lengths else 0)
+        self.line_length_columns: Any = wp.zeros(shape, dtype=wp.float64, device=device)
         if held:
-            columns = n + direction_count
             self.tip_wrench: Any = wp.zeros((self.instance_count, 6), dtype=wp.float64, device=device)
             self.wrench_columns: Any = wp.zeros((self.instance_count, 6, columns), dtype=wp.float64, device=device)
         self.rounding = float(np.finfo(integrator.precision).eps)
@@ -194,7 +207,8 @@ class BackboneProblem(BoundaryProblem):
         active = (*inputs.active, *self.enabled)
         options: dict[str, Any] = {"rod_count": len(self.rods), "transmission": self.transmission, "held": self.held}
         needed = scene_features(self.arrays, active, inputs.profiles, **options)
-        return replace(needed, pose=pose, pose_sensitivities=pose_sensitivities, directions=direction_count > 0)
+        columns: dict[str, Any] = {"pose_sensitivities": pose_sensitivities, "directions": direction_count > 0}
+        return replace(needed, pose=pose, lengths=self.options["lengths"] and bool(drives(needed.members)), **columns)
 
     # ---- arrays ----
 
@@ -225,6 +239,7 @@ class BackboneProblem(BoundaryProblem):
     def _make_call(self, node_count: int) -> Any:
         call: Any = kernels.Call()
         self.share(call)
+        call.line_length, call.line_length_columns = self.line_length, self.line_length_columns
         if self.held:
             call.tip_wrench, call.wrench_columns = self.tip_wrench, self.wrench_columns
         call.direction_stride = 1
@@ -237,9 +252,10 @@ class BackboneProblem(BoundaryProblem):
         if node_count:
             shape = (self.instance_count, node_count)
             call.node_arclength = wp.zeros(shape, dtype=wp.float64, device=self.device)
-            for name in ("position", "curvature", "moment", "force"):
+            for name in ("position", "curvature", "moment", "force", *(TOTALS if self.features.members else ())):
                 setattr(call, f"node_{name}", wp.zeros(shape, dtype=wp.vec3d, device=self.device))
             call.node_rotation = wp.zeros(shape, dtype=wp.mat33d, device=self.device)
+            call.line_length = wp.zeros((self.instance_count, self.drive_count), dtype=wp.float64, device=self.device)
             call.energy = wp.zeros(self.instance_count, dtype=wp.float64, device=self.device)
             call.work = wp.zeros(self.instance_count, dtype=wp.float64, device=self.device)
         return call
@@ -307,7 +323,8 @@ class BackboneProblem(BoundaryProblem):
         self.__dict__.pop("cut", None)
 
     def _zeros(self) -> list[Any]:
-        return [*super()._zeros(), *((self.tip_wrench, self.wrench_columns) if self.held else ())]
+        lines = (self.line_length, self.line_length_columns) if self.drive_count else ()
+        return [*super()._zeros(), *lines, *((self.tip_wrench, self.wrench_columns) if self.held else ())]
 
     def takes(self, name: str) -> bool:  # noqa: D102
         needed = [feature for feature, names in FEATURE_INPUTS.items() if name in names]
@@ -323,6 +340,9 @@ class BackboneProblem(BoundaryProblem):
         if name in ("rotation", "translation"):
             start = 0 if name == "rotation" else n
             return slice(start, start + n)
+        if name in DRIVES:
+            first = 2 * n + 3 * len(kernels.INPUT_VECTORS)
+            return slice(first, first + self.drive_count)
         start = 2 * n + 3 * kernels.INPUT_VECTORS.index(name)
         return slice(start, start + 3)
 
@@ -382,7 +402,8 @@ class BackboneProblem(BoundaryProblem):
         """The base force in curvature units, equation (13), without the follower force, at ``unknowns`` without it."""
         call = self.node_pass(2, unknowns=unknowns, follower_force=False)
         scale = self.table.length_scale.numpy() / self.arrays.material[:, 0, 0, :2].max(axis=-1)
-        return np.asarray(call.read("node_force")[:, 0] * scale[:, None])
+        force = call.read("node_total_force" if self.features.members else "node_force")
+        return np.asarray(force[:, 0] * scale[:, None])
 
     def curvature_scale(self) -> FloatArray:  # noqa: D102
         bent = np.abs(self.arrays.precurvature).reshape(*self.arrays.precurvature.shape[:3], -1, 3).sum(axis=(3, 4))
@@ -407,6 +428,8 @@ class BackboneProblem(BoundaryProblem):
                 total += size * weight if spec.name == "gravity" else size
         if self.features.foundation:
             total += self._medium_load()
+        if self.drive_count:
+            total += (self._levers() * np.abs(inputs[:, self.input_slice("tension")])).sum(axis=1) * length / stiffness
         if self.features.measured:
             gap = inputs[:, self.input_slice("tip_curvature")] - table.precurvature[:, 0, -1, :3]
             total += np.linalg.norm(gap, axis=1) * length
@@ -415,6 +438,19 @@ class BackboneProblem(BoundaryProblem):
             size = np.abs(profile.reshape(len(profile), 6, -1)).sum(-1).max(0)
             total += (size[:3].max() * length**3 + size[3:].max() * length**2) / stiffness
         return total
+
+    def _levers(self) -> FloatArray:
+        """Bound of how far each line is from the centreline [m], shape (instance_count, drive_count)."""
+        material, members = self.arrays.material[:, 0], self.features.members
+        count = sum(len(kind.functions) for kind in members)
+        terms = np.abs(material[..., material.shape[-1] - count * (self.arrays.member_degree + 1) :])
+        bounds = terms.reshape(*terms.shape[:2], -1, count).sum(axis=2).max(axis=1)
+        found, first = [], 0
+        for kind in members:
+            if kind.drive is not None:
+                found.append(np.linalg.norm(bounds[:, first : first + len(kind.functions)], axis=1))
+            first += len(kind.functions)
+        return self.each(np.stack(found, axis=1))
 
     def _medium_load(self) -> FloatArray:
         """How much a medium bends rods that are not straight, ``k L^4/EI`` times their bend, shape (instance_count,)."""
@@ -514,12 +550,14 @@ class BackboneProblem(BoundaryProblem):
     ) -> "NodePass":
         # one kernel serves with columns and without, where both have the same unknowns
         capable = replace(self.features, **{"node_columns": True} | changes)
-        columns_too = columns or capable.unknown_count == replace(capable, node_columns=False).unknown_count
+        alike = capable.unknown_count == replace(capable, node_columns=False).unknown_count
+        columns_too = columns or (alike and not self.drives)
         options = {
             "nodes": True,
             "pose": True,
             "node_columns": columns_too,
             "pose_sensitivities": columns_too and self.held,
+            "lengths": bool(self.drives) and not columns,
             "directions": False,
         }
         features = replace(self.features, **options | changes)
@@ -542,7 +580,7 @@ class BackboneProblem(BoundaryProblem):
             call.pose_columns = wp.zeros((count, 6, m), dtype=wp.float64, device=self.device)
         table = self._twisting_table() if columns else None
         launch = self._record(features, call, table, columns=(m if columns else 0, 0))
-        return NodePass(call, launch, columns, self._host is not None)
+        return NodePass(call, launch, columns, bool(features.members), self._host is not None)
 
     def _twisting_table(self) -> Any:
         """The rods, one that is rigid in torsion only ``RIGID`` times stiffer than in bending: columns need to twist it."""
@@ -597,6 +635,7 @@ class BackboneAssembly(Assembly):
         ValueError: If ``base`` is not a pose, or its leading axes do not broadcast with the rods'.
     """
 
+    length_columns: ClassVar[bool] = True
     transmission: ClassVar[bool] = False  # whether the rods twist behind the base plate
 
     def __init__(self, rods: tuple[Rod, ...], base: Any) -> None:
@@ -623,6 +662,11 @@ class BackboneAssembly(Assembly):
             refuse("gravity", inputs.gravity.tolist(), "must be zero: no rod has a linear_density (or, for Rod.tube, a density)")
         if inputs.is_active("magnetic_field") and not any(rod.is_magnetised for rod in self.rods):
             refuse("magnetic_field", inputs.magnetic_field.tolist(), "must be zero: no rod has a magnetisation")
+        check_drives(inputs)
+
+    def input_directions(self, name: str) -> dict[str, Any]:
+        """Directions for the derivatives by an input; of rods with lines, of their lengths too."""
+        return {**super().input_directions(name), **({"lengths": True} if drives(self.arrays.members) else {})}
 
     @cached_property
     def arrays(self) -> RodArrays:
@@ -657,6 +701,13 @@ class BackboneAssembly(Assembly):
             arrays = arrays.take(whole, instances)
             base = take(base, whole, instances, tail=2) if base.ndim > 2 else base
         return BackboneProblem(self.rods, base, inputs, transmission=self.transmission, arrays=arrays, **options)
+
+
+def check_drives(inputs: Inputs) -> None:
+    """Refuse what lines cannot be driven by, by a ``ValueError``."""
+    for name in inputs.given:
+        if name in DRIVES and np.min(getattr(inputs, name), initial=0.0) < 0:
+            refuse(name, getattr(inputs, name).tolist(), "must be >= 0: a tendon cannot push")
 
 
 def _blocks(features: Features) -> list[Block]:

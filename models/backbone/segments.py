@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from multirod.models.backbone.problem import BackboneProblem
 
 LOOKED_AT = 33  # nodes at which moments and forces are bounded
+TOTALS = ("total_moment", "total_force")  # where members carry a part
 NODE_FIELDS = ("arclength", "position", "rotation", "curvature", "moment", "force")
 
 
@@ -43,7 +44,7 @@ class BackboneSegments(Segments):
 
     def __init__(self, problem: "BackboneProblem") -> None:
         self.problem = problem
-        self.features = replace(problem.features, segment=True, pose=True, pose_sensitivities=True, nodes=False)
+        self.features = replace(problem.features, segment=True, pose=True, pose_sensitivities=True, nodes=False, lengths=False)
         d = self.variation_size = self.features.unknown_count
         self.unknown_places = np.delete(np.arange(d), unknowns_of(self.features).places["rotation"])
         count, device = problem.instance_count, problem.device
@@ -185,6 +186,15 @@ class BackboneSegments(Segments):
         return np.concatenate([R @ moved.sum(axis=0), self._scale[instance] * tip @ turned])
 
     def shapes(self, points: dict[int, Breakpoints], node_count: int) -> tuple[tuple[Shape, ...], FloatArray, FloatArray]:  # noqa: D102
+        return self._at_nodes(points, node_count)[:3]
+
+    def line_length(self, points: dict[int, Breakpoints]) -> FloatArray:
+        """How long the lines of these instances are [m], shape (instance_count, drive_count); NaN of others."""
+        return self._at_nodes(points, 2)[3]
+
+    def _at_nodes(
+        self, points: dict[int, Breakpoints], node_count: int
+    ) -> tuple[tuple[Shape, ...], FloatArray, FloatArray, FloatArray]:
         problem = self.problem
         requests = [Request.all_of(instance, point, 1.0) for instance, point in points.items()]
         placed = []
@@ -192,7 +202,13 @@ class BackboneSegments(Segments):
             states = request.states.copy()
             states[:, POSITION_AT:] = np.cumsum(found.displacement, axis=0) - found.displacement
             placed.append(replace(request, states=states, steps=0 * request.steps))
-        features = replace(self.features, nodes=True, pose_sensitivities=False, directions=False)
+        options: dict[str, Any] = {
+            "nodes": True,
+            "pose_sensitivities": False,
+            "directions": False,
+            "lengths": problem.drive_count > 0,
+        }
+        features = replace(self.features, **options)
         call = problem._make_call(node_count)
         call.node_rod = 0
         for name in ("load_factor", "unknowns", "residual"):
@@ -200,16 +216,20 @@ class BackboneSegments(Segments):
         seg, places = self._load(placed, call)
         seg.energy = wp.zeros(int(places[-1]), dtype=wp.float64, device=problem.device)
         seg.work = wp.zeros(int(places[-1]), dtype=wp.float64, device=problem.device)
+        seg.line_length = wp.zeros((int(places[-1]), problem.drive_count), dtype=wp.float64, device=problem.device)
         self._launch(features, int(places[-1]), 0, problem.table, call, seg)
         others = np.setdiff1d(np.arange(problem.instance_count), list(points))
-        values = {name: np.array(getattr(call, f"node_{name}").numpy()) for name in NODE_FIELDS}
+        names = (*NODE_FIELDS, *(TOTALS if features.members else ()))
+        values = {name: np.array(getattr(call, f"node_{name}").numpy()) for name in names}
+        lengths = np.full((problem.instance_count, problem.drive_count), np.nan)
         energy, work = np.full((2, problem.instance_count), np.nan)
         for k, instance in enumerate(points):
             energy[instance] = seg.energy.numpy()[places[k] : places[k + 1]].sum()
             work[instance] = seg.work.numpy()[places[k] : places[k + 1]].sum()
+            lengths[instance] = seg.line_length.numpy()[places[k] : places[k + 1]].sum(axis=0)
         for value in values.values():
             value[others] = np.nan
-        return (Shape(**values),), energy, work
+        return (Shape(**values),), energy, work, lengths
 
     # ---- stability ----
 
@@ -231,8 +251,10 @@ class BackboneSegments(Segments):
         problem = self.problem
         shape = self.shapes({instance: points}, LOOKED_AT)[0][0]
         length = self.length(instance)
-        moment = max(np.linalg.norm(shape.moment[instance], axis=1).max(), np.linalg.norm(points.states[:, :3], axis=1).max())
-        force = np.linalg.norm(shape.force[instance], axis=1).max()
+        moment = max(
+            np.linalg.norm(shape.total_moment[instance], axis=1).max(), np.linalg.norm(points.states[:, :3], axis=1).max()
+        )
+        force = np.linalg.norm(shape.total_force[instance], axis=1).max()
         stiffness = problem.least_stiffness()[instance]
         needed = segments_needed(*(np.array([value]) for value in (length, stiffness, moment, force)))[0]
         if not needed < MOST_NODES - 1:

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multirod.capabilities import Shapes
+from multirod.models.backbone.segments import NODE_FIELDS, TOTALS
 from multirod.problem import Shape
 from multirod.validation import FloatArray
 
@@ -19,7 +20,7 @@ class BackboneShapes(Shapes):
         self.problem = problem
 
     def at_nodes(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:  # noqa: D102
-        fields = ("arclength", "position", "rotation", "curvature", "moment", "force")
+        fields = (*NODE_FIELDS, *(TOTALS if self.problem.features.members else ()))
         calls = [self.problem.node_pass(node_count, rod=rod) for rod in range(len(self.problem.rods))]
         shapes = [{name: np.array(call.read(f"node_{name}")) for name in fields} for call in calls]
         energy = np.array(calls[0].read("energy"))
@@ -31,6 +32,15 @@ class BackboneShapes(Shapes):
                     for name in fields:
                         shape[name][k] = getattr(other, name)[k]
         return tuple(Shape(**shape) for shape in shapes), energy
+
+    def line_length(self) -> FloatArray:
+        """How long each line is [m], shape (instance_count, line_count)."""
+        result = np.array(self.problem.node_pass(2).read("line_length"))
+        if self.problem.breakpoints:
+            found = self.problem.cut.line_length(self.problem.breakpoints)
+            for k in self.problem.breakpoints:
+                result[k] = found[k]
+        return result
 
     def stored_and_lost(self) -> tuple[FloatArray, FloatArray]:
         """Elastic energy, and the potential energy of what acts along a held rod but not at its tip [J], shape

@@ -16,7 +16,8 @@ from multirod.capabilities import Loading, Parts, Shapes
 from multirod.inputs import Inputs, InputSpec
 from multirod.integrators import Integrator
 from multirod.launch import record
-from multirod.models.backbone.inputs import BACKBONE_INPUTS
+from multirod.models.backbone.inputs import BACKBONE_INPUTS, DRIVES
+from multirod.models.backbone.members import drives as drive_names
 from multirod.models.backbone.problem import BackboneAssembly, BackboneProblem
 from multirod.models.platform import platform_kernels as kernels
 from multirod.models.platform.guess import (
@@ -78,6 +79,8 @@ class Geometry:
         self.batch_shape = np.broadcast_shapes(*shapes, base.shape[:-3], platform.shape[:-3])
         self.rods = tuple(rod for leg in self.legs for rod in leg.rods)
         self.first_rod: NDArray[np.intp] = frozen(np.cumsum([0] + [leg.rod_count for leg in self.legs]))
+        drives = [len(drive_names(leg.arrays.members)) for leg in self.legs]
+        self.first_drive: NDArray[np.intp] = frozen(np.cumsum([0, *drives]))
         self.first_unknown: NDArray[np.intp] = frozen(np.cumsum([0] + [leg.rod_count + 5 for leg in self.legs]))
 
     def reference(self) -> tuple[FloatArray, FloatArray]:
@@ -161,6 +164,10 @@ class LegGroup:
         legs.rods = len(own.rods)
         legs.unknown_count = own.unknown_count
         legs.vectors = own.input_slice(kernels.LEG_VECTORS[0]).start
+        legs.drive_count = own.drive_count
+        legs.drives = own.input_slice("tension").start
+        drives = problem.first_drive + geometry.first_drive[list(self.members)]
+        legs.first_drive = wp.array(drives.astype(np.int32), dtype=wp.int32, device=device)
         for name, values in (
             ("leg", self.members),
             ("first_rod", geometry.first_rod[list(self.members)]),
@@ -211,7 +218,8 @@ class ParallelProblem(BoundaryProblem):
         self.geometry = geometry
         self.inverse = inverse
         self.limits = np.array([-np.inf, np.inf])[:, None] if limits is None else limits
-        self._places = input_places(len(geometry.rods), inverse)
+        self._places = input_places(len(geometry.rods), inverse, int(geometry.first_drive[-1]))
+        self.first_drive = self._places["tension"].start if "tension" in self._places else 0
         first = [int(k) for k in geometry.first_unknown]
         # what each leg's unknowns are: its own, in the order of the arrow
         self.own = [slice(a, b) for a, b in pairwise(first)]
@@ -539,9 +547,10 @@ class ParallelProblem(BoundaryProblem):
         """What ``BoundaryProblem.input_columns`` says; what acts on one leg alone shares its column with the same of all other
         legs."""
         geometry, place = self.geometry, self._places[name]
-        if name not in PER_ROD:
+        if name not in PER_ROD and name not in DRIVES:
             return super().input_columns(name)
-        first, legs, rods = geometry.first_rod, len(geometry.legs), len(geometry.rods)
+        first = geometry.first_rod if name in PER_ROD else geometry.first_drive
+        legs, numbers = len(geometry.legs), int(first[-1])
         directions = np.zeros(self.directions.shape)
         for leg in range(legs):
             for k in range(first[leg + 1] - first[leg]):
@@ -553,12 +562,12 @@ class ParallelProblem(BoundaryProblem):
         law = self.robots.law.numpy().reshape(count, legs, -1)[:, :, kernels.DIRECTIONS_AT :].reshape(count, legs, -1, 2, 3)
         # (8) of one leg's pull and twist on the platform
         scale = np.stack([self.length[:, -1], np.ones(len(self.length))], axis=1) / self.stiffness[:, -1:]
-        slopes = np.zeros((count, self.unknown_count, rods))
+        slopes = np.zeros((count, self.unknown_count, numbers))
         for leg, own in enumerate(self.own):
             for k in range(first[leg + 1] - first[leg]):
                 slopes[:, own, first[leg] + k] = columns[:, own, k]
                 slopes[:, self.platform, first[leg] + k] = (scale[:, :, None] * law[:, leg, k]).reshape(count, POSE)
-        return slopes, np.zeros((count, POSE, rods))
+        return slopes, np.zeros((count, POSE, numbers))
 
     def to_legs(self) -> None:
         """Unknowns and inputs to the legs, without an integration."""
@@ -598,12 +607,15 @@ def _blocks(geometry: Geometry) -> list[Block]:
     return [*blocks, Block("platform", np.concatenate([along, pose]), np.concatenate([gaps, pose]))]
 
 
-def input_places(rod_count: int, inverse: bool) -> dict[str, slice]:
+def input_places(rod_count: int, inverse: bool, drive_count: int = 0) -> dict[str, slice]:
     """Where each input stands in a row; one number more, the scale of load profiles, comes last."""
     places = {"rotation": slice(0, rod_count), "translation": slice(rod_count, 2 * rod_count)}
     vectors = (*(kernels.POSE_VECTORS if inverse else ()), *kernels.PLATFORM_VECTORS, *kernels.LEG_VECTORS)
     for k, name in enumerate(vectors):
         places[name] = slice(2 * rod_count + 3 * k, 2 * rod_count + 3 * k + 3)
+    if drive_count:
+        first = 2 * rod_count + 3 * len(vectors)
+        places["tension"] = slice(first, first + drive_count)
     return places
 
 
@@ -645,6 +657,17 @@ class PlatformShapes(Shapes):
                     values = {name: v.reshape(count, -1, *v.shape[1:])[:, place] for name, v in vars(shape).items()}
                     found[self.problem.geometry.first_rod[leg] + i] = Shape(**values)
         return tuple(shape for shape in found if shape is not None), energy
+
+    def line_length(self) -> FloatArray:  # noqa: D102
+        self.problem.to_legs()
+        count, first = self.problem.instance_count, self.problem.geometry.first_drive
+        result = np.zeros((count, int(first[-1])))
+        for group in self.problem.groups:
+            if group.backbones.drive_count:
+                lengths = group.backbones.shapes.line_length().reshape(count, len(group.members), -1)
+                for place, leg in enumerate(group.members):
+                    result[:, first[leg] : first[leg + 1]] = lengths[:, place]
+        return result
 
 
 PLATFORM_INPUTS = (

@@ -114,7 +114,11 @@ def blueprint(stage: Stage) -> Any:
         linear = plot("Time per sample [ms]", "solver/step_time_ms")
         effort = tabs(plot("Time per sample, log10 [ms]", "solver/step_time_ms_log10"), linear, count)
     actuation = [
-        plot(f"{spec.name} [{spec.unit}]", f"inputs/{spec.name}", legend=spec.per_rod and len(stage.rods) > 1)
+        plot(
+            f"{spec.name} [{spec.unit}]",
+            f"inputs/{spec.name}",
+            legend=(spec.per_rod and len(stage.rods) > 1) or (spec.count or 0) > 1,
+        )
         for spec in stage.given
     ]
     text = rrb.TextDocumentView(origin="/description", name="Description")

@@ -78,6 +78,9 @@ def _scene(stage: Stage, k: int) -> Styled:
     yield stage.world("tip_path", k), [rr.LineStrips3D.from_fields(radii=stroke, colors=rgba(0xFFFFFF, 0x90))]
     grey = rr.LineStrips3D.from_fields(radii=0.6 * stroke, colors=rgba(_REFERENCE_COLOR))
     yield stage.world("reference/tip_path", k), [grey]
+    for index in range(len(stage.lines)):
+        color = rgba(PALETTE[index % len(PALETTE)])
+        yield stage.line(k, index), [rr.LineStrips3D.from_fields(radii=stroke, colors=color)]
     if stage.platforms:
         yield stage.world("platform", k), [rr.Mesh3D.from_fields(albedo_factor=rgba(PLATFORM_COLOR, 0xB0))]
     for name, color in LOADS.items():
@@ -99,6 +102,9 @@ def _series(stage: Stage, k: int) -> Styled:
         if spec.per_rod:
             labels = [rod.name for rod in stage.rods]
             shades = [rod.color for rod in stage.rods]
+        if spec.count is not None:
+            labels = stage.lines
+            shades = [PALETTE[i % len(PALETTE)] for i in range(spec.count)]
         names = [f"{who}{spec.name} {label} [{spec.unit}]" for label in labels]
         yield stage.scalar(f"/inputs/{spec.name}", k), [_lines(names, shades)]
 

@@ -61,6 +61,7 @@ class Writer:
         stage, samples = self._stage, len(block.time)
         sources = [("", block)] if reference is None else [("", block), ("reference/", reference)]
         shapes = {kind: [self._shape(source, rod, samples) for rod in range(len(stage.rods))] for kind, source in sources}
+        lines = [self._line(block, line, samples) for line in range(len(stage.lines))]
         tips = {kind: np.reshape(source.tip_position, (samples, -1, 3)) for kind, source in sources}
         rotations = np.reshape(block.tip_rotation, (samples, -1, 3, 3))
         scalars = _scalars(stage, block, tips)
@@ -76,6 +77,8 @@ class Writer:
                     self._write_curvature(k, i, index, shape["arclength"][rows, k], shape["curvature"][rows, k])
                 for i, shape in enumerate(shapes.get("reference/", [])):
                     self._send(stage.rod("reference/rods", k, i), index, columns.strips(shape["position"][rows, k]))
+                for i, pieces in enumerate(lines):
+                    self._send(stage.line(k, i), index, columns.strips(pieces[rows, k]))
                 self._write_tip(k, steps[rows], block.time[rows], tips[""][rows, k], rotations[rows, k])
                 for kind, positions in tips.items():
                     self._write_path(stage.world(f"{kind}tip_path", k), index, positions[rows, k])
@@ -90,6 +93,12 @@ class Writer:
         values = vars(source.rod(rod, nodes=self._node_count))
         tails = {"arclength": 1, "position": 2, "curvature": 2}
         return {name: values[name].reshape(samples, -1, *values[name].shape[-tail:]) for name, tail in tails.items()}
+
+    def _line(self, source: History, line: int, samples: int) -> FloatArray:
+        """Pieces of a line between nodes, axes (sample, instance, piece, 2, 3): not finite where it is not."""
+        position = source.line(line, nodes=self._node_count).position
+        position = position.reshape(samples, -1, *position.shape[-2:])
+        return np.stack([position[:, :, :-1], position[:, :, 1:]], axis=3)
 
     def _write_tip(self, k: int, steps: NDArray[np.int64], times: FloatArray, position: FloatArray, rotation: FloatArray) -> None:
         import rerun as rr

@@ -77,17 +77,20 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
     set_lane, get_lane, copy_lane = L.set, L.get, L.copy
     memory_type = wp.array(dtype=d)
     n, features = layout.n, layout.features
-    SEVERAL, HELD, NODES = n > 1, features.held, layout.NODES
+    SEVERAL, HELD, NODES, MEMBERS = n > 1, features.held, layout.NODES, bool(features.members)
     PROFILE, PROFILE_TERMS, CURVATURE_TERMS = layout.PROFILE, layout.PROFILE_TERMS, layout.CURVATURE_TERMS
     FORCE_PER_LENGTH, MOMENT_PER_LENGTH, VARIED = layout.FORCE_PER_LENGTH, layout.MOMENT_PER_LENGTH, layout.VARIED
     WORLD_FORCE = layout.FORCE and not layout.FORCE_STATE and not layout.FOUNDATION
     FOUNDATION, ANISOTROPIC, SHEAR = layout.FOUNDATION, features.anisotropic, features.shear
     DIRECTIONS = layout.DIRECTIONS
     SINGLE = d is wp.float32
-    # of the parameters of members: powers of newton and metre
-    POWERS = [powers for kind in features.members for powers in kind.parameters.values()]
-    MEMBERS_AT = layout.stretch[layout.member_slots[0].name] if POWERS else -1
-    at = InputOffsets(n)
+    FUNCTIONS, ROUTED = layout.FUNCTIONS, layout.ROUTED
+    FUNCTION_TERMS = layout.FUNCTION_TERMS
+    FUNCTIONS_IN_MATERIAL = MATERIAL_SIZE + sum(len(kind.parameters) for kind in features.members)
+    FUNCTION_POWERS = [powers for kind in features.members for powers in kind.functions.values()]
+    DRIVES = layout.DRIVES
+    at = InputOffsets(n, DRIVES)
+    DRIVES_AT = at.DRIVES
     TRANSLATION, PROFILE_FACTOR = at.TRANSLATION, at.PROFILE_FACTOR
     TIP_FORCE, TIP_MOMENT, GRAVITY = at.TIP_FORCE, at.TIP_MOMENT, at.GRAVITY
     MAGNETISED, MAGNETIC_FIELD = layout.MAGNETISED, at.MAGNETIC_FIELD
@@ -348,6 +351,13 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
     # ---- stretches ----
 
     @wp.func
+    def counted(case: wp.ref[Instance], value: f64, newtons: f64, metres: f64) -> f64:
+        """A number of a unit of these powers, in what numbers in lanes are counted in."""
+        if wp.static(SINGLE):
+            return value / (wp.pow(case.force, newtons) * wp.pow(case.unit, metres))
+        return value
+
+    @wp.func
     def set_number(memory: memory_type, row: int, l: int, a: f64):
         set_lane(memory, row, l, d(a))
 
@@ -355,6 +365,71 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
     def set_vector(memory: memory_type, row: int, l: int, a: wp.vec3d):
         for j in range(3):
             set_lane(memory, row + j, l, d(a[j]))
+
+    def load_member(k: int, kind: type, rest):
+        """The function that loads the parameters and the drive of member k, then those of the members after it."""
+        first, powers = layout.of_member(k)[0], list(kind.parameters.values())
+        column = MATERIAL_SIZE + sum(len(other.parameters) for other in features.members[:k])
+        drive = DRIVES_AT + sum(other.drive is not None for other in features.members[:k])
+        driven, unit = kind.drive is not None, kind.drive[1] if kind.drive is not None else (0, 0)
+
+        @wp.func
+        def load(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, z: int, l: int, m: int):
+            for j in range(wp.static(len(powers))):
+                value = rods.material[case.rods, 0, m, wp.static(column) + j]
+                value = counted(case, value, f64(wp.static(powers[j][0])), f64(wp.static(powers[j][1])))
+                set_number(memory, z + wp.static(first) + j, l, value)
+            if wp.static(driven):  # raised with the loads: the unloaded rod is where solvers begin
+                value = call.load_factor[case.index] * call.inputs[case.index, wp.static(drive)]
+                value = counted(case, value, f64(wp.static(unit[0])), f64(wp.static(unit[1])))
+                set_number(memory, z + wp.static(first + len(powers)), l, value)
+            rest(rods, call, case, memory, z, l, m)
+
+        return load
+
+    @wp.func
+    def load_no_member(
+        rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, z: int, l: int, m: int
+    ):
+        """After the last."""
+
+    load_members = load_no_member
+    for k, kind in reversed(list(enumerate(features.members))):
+        load_members = load_member(k, kind, load_members)
+
+    @wp.func
+    def load_functions(rods: wp.ref[RodTable], case: wp.ref[Instance], memory: memory_type, z: int, l: int, m: int):
+        """The polynomials of members."""
+        terms = int(wp.static(FUNCTION_TERMS))
+        for k in range(terms):
+            for j in range(wp.static(FUNCTIONS)):
+                row = k * wp.static(FUNCTIONS) + j
+                value = rods.material[case.rods, 0, m, wp.static(FUNCTIONS_IN_MATERIAL) + row]
+                value = counted(case, value, f64(wp.static(FUNCTION_POWERS[j][0])), f64(wp.static(FUNCTION_POWERS[j][1])))
+                set_number(memory, z + wp.static(z_at("functions") if FUNCTIONS else -1) + row, l, value)
+
+    def load_drive_direction(k: int, unit: tuple[int, int], rest):
+        """The function that loads what a direction varies of drive k, then of those after it."""
+
+        @wp.func
+        def load(call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, g: int, l: int, direction: int, scale: f64):
+            value = call.directions[case.direction, direction, wp.static(DRIVES_AT + k)] / scale
+            value = counted(case, value, f64(wp.static(unit[0])), f64(wp.static(unit[1])))
+            set_number(memory, g + wp.static(given_at("drives") + k), l, value)
+            rest(call, case, memory, g, l, direction, scale)
+
+        return load
+
+    @wp.func
+    def load_no_drive_direction(
+        call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, g: int, l: int, direction: int, scale: f64
+    ):
+        """After the last."""
+
+    load_drive_directions = load_no_drive_direction
+    if DIRECTIONS:
+        for k, kind in reversed(list(enumerate([kind for kind in features.members if kind.drive is not None]))):
+            load_drive_directions = load_drive_direction(k, kind.drive[1], load_drive_directions)
 
     @wp.func(inline=False)
     def load_sections(
@@ -402,15 +477,14 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
                 for j in range(3):
                     mu = present * rods.material[case.rods, i, m, 10 + j] / case.force
                     set_number(memory, z + wp.static(z_at("magnetisation")) + 3 * i + j, l, mu)
-            for j in range(wp.static(len(POWERS))):
-                value = rods.material[case.rods, i, m, wp.static(MATERIAL_SIZE) + j]
-                if wp.static(SINGLE):
-                    value /= wp.pow(case.force, f64(wp.static(POWERS[j][0]))) * wp.pow(case.unit, f64(wp.static(POWERS[j][1])))
-                set_number(memory, z + wp.static(MEMBERS_AT) + j, l, value)
+            if wp.static(MEMBERS):
+                load_members(rods, call, case, memory, z, l, m)
+            if wp.static(FUNCTIONS > 0):
+                load_functions(rods, case, memory, z, l, m)
             for j in range(wp.static(3 * CURVATURE_TERMS)):
                 u = factor * rods.precurvature[case.rods, i, m, j]
                 set_number(memory, z + wp.static(z_at("precurvature")) + i * wp.static(3 * CURVATURE_TERMS) + j, l, u)
-            if wp.static(VARIED):
+            if wp.static(VARIED or ROUTED):
                 begin = f64(0.0)
                 if m > 0:
                     begin = rods.end[case.rods, i, m - 1]
@@ -497,6 +571,8 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
                 if case.profile_factor != f64(0.0):
                     profile /= case.profile_factor
                 set_number(memory, g + wp.static(given_at("profile")), l, profile / unit)
+                if wp.static(DRIVES > 0):
+                    load_drive_directions(call, case, memory, g, l, k, unit)
                 if wp.static(MAGNETISED):
                     field = (f64(1.0) / unit) * (case.to_base * direction_vector(call, case, k, MAGNETIC_FIELD))
                     set_vector(memory, g + wp.static(given_at("field")), l, field)

@@ -386,6 +386,7 @@ def make_kernel(features: Features, tableau: Tableau, precision: str = "float64"
     put_state, put_column = record.put_state, record.put_column
     NODE_COLUMNS, FOUNDATION = features.node_columns, features.foundation
     WORLD_AT = own.layout.state["world_force"]  # a column's stands alike
+    LENGTHS, LENGTHS_AT = own.layout.LENGTHS, own.layout.state["lengths"]  # likewise
 
     @wp.func
     def count(call: wp.ref[Call], jobs: wp.ref[Call]) -> int:
@@ -458,6 +459,8 @@ def make_kernel(features: Features, tableau: Tableau, precision: str = "float64"
         if job % call.parts == 0:
             total += write_tip(rods, call, case, y, s, n_tip, precurvature_here(case, memory, o, l))
             write_pose(call, case, y)
+            for i in range(wp.static(LENGTHS)):
+                call.line_length[t, i] = y[wp.static(LENGTHS_AT) + i]
             call.fault[t] = int(call.lane[p, FAULT])
             call.step_count[t] = step_count(memory, o, l)
         first = first_column(call, job)
@@ -468,6 +471,8 @@ def make_kernel(features: Features, tableau: Tableau, precision: str = "float64"
                 dn = wp.vec3d(v[WORLD_AT], v[WORLD_AT + 1], v[WORLD_AT + 2])
             total += write_tip_column(rods, call, case, y, v, s, n_tip, dn, first + c)
             write_pose_column(call, case, y, v, first + c)
+            for i in range(wp.static(LENGTHS)):
+                call.line_length_columns[t, i, first + c] = v[wp.static(LENGTHS_AT) + i]
             if wp.static(NODE_COLUMNS):
                 write_momenta(call, case, y, v, first + c)
         if not wp.isfinite(total):

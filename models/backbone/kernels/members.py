@@ -6,6 +6,7 @@ the stretch. Numbers in parentheses are those of ``docs/model.md``.
 """
 
 from types import SimpleNamespace
+from typing import Any
 
 import warp as wp
 
@@ -15,21 +16,21 @@ from multirod.models.backbone.kernels.numbers.vectors import vectors
 
 MOST_ITERATIONS = 20
 CLOSE = {wp.float64: 1e-8, wp.float32: 1e-4}  # a step of Newton's method after which the next would be lost in rounding
-SIZE = 6  # strains: u, then e = v - e3
 
 
-def place_of(i: int, j: int) -> int:
-    """Where the second derivative by strains i <= j stands in a response, after the six first ones."""
-    return SIZE + i * SIZE - i * (i - 1) // 2 + j - i
+def place_of(i: int, j: int, m: int) -> int:
+    """Where the second derivative by strains i <= j of m stands in a response, after the first ones."""
+    return m + i * m - i * (i - 1) // 2 + j - i
 
 
-def make_response(W: int, d) -> SimpleNamespace:
-    """What members answer to strains: first and second derivatives of their energy."""
+def make_response(W: int, d, m: int) -> SimpleNamespace:
+    """What members answer to m strains, u or u and e = v - e3: first and second derivatives of their energy."""
     L, V = lanes(W, d), vectors(W, d)
     Real, Vec3 = L.Real, V.Vec3
-    numbers = L.few(place_of(SIZE - 1, SIZE - 1) + 1)
+    numbers = L.few(place_of(m - 1, m - 1, m) + 1)
     Response, part, keep = numbers.type, numbers.part, numbers.keep
-    PLACES = tuple(tuple(place_of(min(i, j), max(i, j)) for j in range(SIZE)) for i in range(SIZE))
+    PLACES = tuple(tuple(place_of(min(i, j), max(i, j), m) for j in range(m)) for i in range(m))
+    FORCES = m > 3
 
     @wp.func
     def add_moment(r: wp.ref[Response], a: Vec3):
@@ -39,14 +40,16 @@ def make_response(W: int, d) -> SimpleNamespace:
 
     @wp.func
     def add_force(r: wp.ref[Response], a: Vec3):
-        keep(r, 3, part(r, 3) + a.x)
-        keep(r, 4, part(r, 4) + a.y)
-        keep(r, 5, part(r, 5) + a.z)
+        if wp.static(FORCES):
+            keep(r, 3, part(r, 3) + a.x)
+            keep(r, 4, part(r, 4) + a.y)
+            keep(r, 5, part(r, 5) + a.z)
 
     @wp.func
     def add_stiffness(r: wp.ref[Response], i: int, j: int, a: Real):
-        k = 6 + i * 6 - (i * (i - 1)) // 2 + j - i
-        keep(r, k, part(r, k) + a)
+        if j < wp.static(m):
+            k = wp.static(m) + i * wp.static(m) - (i * (i - 1)) // 2 + j - i
+            keep(r, k, part(r, k) + a)
 
     return SimpleNamespace(
         Response=Response,
@@ -60,11 +63,12 @@ def make_response(W: int, d) -> SimpleNamespace:
 
 def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> SimpleNamespace:
     """(5m): the rod and its members share the strains, and carry force and moment together."""
-    L, V, R = lanes(W, d), vectors(W, d), make_response(W, d)
+    FORCES = layout.features.shear or layout.NODES  # whether it is asked what force members carry
+    L, V, R = lanes(W, d), vectors(W, d), make_response(W, d, 6 if FORCES else 3)
     Real, row, put, fill, any_less = L.Real, L.row, L.put, L.fill, L.any_less
     absolute, largest, where_less = L.absolute, L.largest, L.where_less
     Vec3, row3, put3, zero3 = V.Vec3, V.row3, V.put3, V.zero3
-    plus, minus, times, dot = V.plus, V.minus, V.times, V.dot
+    plus, minus, times, dot, ahead3 = V.plus, V.minus, V.times, V.dot, V.ahead3
     memory_type = wp.array(dtype=d)
     Response, part_of_response = R.Response, R.part
     state, column = L.few(layout.state.size), L.few(layout.column.size)
@@ -82,42 +86,201 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
     PLACES = R.places
     precurvature, precurvature_variation = law.precurvature, law.precurvature_variation
 
-    numbers = SimpleNamespace(**(vars(L) | vars(V) | vars(R) | {"memory_type": memory_type}))
+    # functions of members: those that are constant by section stand on the stretch, the others at the place
+    FUNCTIONS_AT, ROWS_AT, FUNCTIONS, TERMS = p["functions"], s["functions"], layout.FUNCTIONS, layout.FUNCTION_TERMS
+    ROUTED, CENTRE, SLOPE = layout.ROUTED, s["centre"], s["slope"]
+    ALONG, DIRECTIONS = layout.ROUTED and layout.DIRECTIONS, layout.DIRECTIONS
+    DRIVES, LENGTHS, LENGTHS_AT, PULLS_AT, SLIDES_AT = (
+        layout.DRIVES,
+        layout.LENGTHS,
+        layout.state["lengths"],
+        p["pulls"],
+        p["slides"],
+    )
+    PULLS = DRIVES * (layout.DIRECTIONS or layout.LENGTHS > 0)
+    keep, keep_in = state.keep, column.keep
+    given = layout.given
+    DRIVES_GIVEN, GIVEN_START, GROWTH, SHIFT = given["drives"], given["start"], given["growth"], given["shift"]
 
-    def chain(name: str, kinds: list, nothing):
-        """One function that calls those of all members, one after another."""
+    @wp.func
+    def value(memory: memory_type, on: int) -> Real:
+        return row(memory, on)
+
+    @wp.func
+    def slope(memory: memory_type, on: int) -> Real:
+        return row(memory, on + wp.static(FUNCTIONS))
+
+    @wp.func
+    def bend(memory: memory_type, on: int) -> Real:
+        return row(memory, on + wp.static(2 * FUNCTIONS))
+
+    own = {"memory_type": memory_type, "FORCES": FORCES, "VARIED": ROUTED, "value": value, "slope": slope, "bend": bend}
+    numbers = SimpleNamespace(**(vars(L) | vars(V) | vars(R) | own))
+    laws = {kind: kind.law(numbers) for kind in layout.features.members}
+
+    @wp.func
+    def at_place(memory: memory_type, z: int, a: int, x: Real):
+        """The functions of members, and their derivatives by arclength."""
+        by_length = row(memory, z + wp.static(SLOPE))
+        t = (x - row(memory, z + wp.static(CENTRE))) * by_length
+        count = int(wp.static(FUNCTIONS))
+        for j in range(count):
+            first = z + wp.static(ROWS_AT) + j
+            y = row(memory, first + wp.static((TERMS - 1) * FUNCTIONS))
+            y_t = fill(d(0.0))
+            y_tt = fill(d(0.0))
+            for k in range(wp.static(TERMS - 1)):
+                y_tt = y_t + t * y_tt
+                y_t = y + t * y_t
+                y = row(memory, first + wp.static(FUNCTIONS) * (wp.static(TERMS - 2) - k)) + t * y
+            put(memory, a + wp.static(FUNCTIONS_AT) + j, y)
+            put(memory, a + wp.static(FUNCTIONS_AT + FUNCTIONS) + j, by_length * y_t)
+            if wp.static(ALONG):
+                put(memory, a + wp.static(FUNCTIONS_AT + 2 * FUNCTIONS) + j, d(2.0) * by_length * by_length * y_tt)
+
+    def runs() -> list[tuple[Any, int, int, int, int, int]]:
+        """Members of one law that follow each other: the law, how many, where the first stands, how far the next is from it."""
+        found: list[list[Any]] = []
+        for k, kind in enumerate(layout.features.members):
+            if found and found[-1][0] is kind:
+                found[-1][1] += 1
+            else:
+                at, function = layout.of_member(k)
+                found.append([kind, 1, at, function, len(kind.parameters) + (kind.drive is not None), len(kind.functions)])
+        return [tuple(run) for run in found]
+
+    def chain(make, nothing, name: str = "respond"):
+        """One function that calls those of all members, one after another; those of one law in a loop, to be compiled once.
+
+        ``make(function, count, numbers_of, functions_of, rest)`` is the loop; the drives of its members, if they have any, are
+        numbered from ``drive`` on.
+        """
         found = nothing
-        for k, kind in reversed(list(enumerate(kinds))):
-            at = s[f"{k} {next(iter(kind.parameters))}"]
-            found = link(name, getattr(kind.law(numbers), name), at, found)
+        for kind, count, at, on, step, functions in reversed(runs()):
+            if hasattr(laws[kind], name):
+                found = make(getattr(laws[kind], name), count, *addresses(at, on, step, functions), found)
         return found
 
-    def link(name: str, function, at: int, rest):
-        if name == "respond":
-
-            @wp.func
-            def respond(memory: memory_type, z: int, x: Real, u: Vec3, e: Vec3, r: wp.ref[Response]):
-                function(memory, z + wp.static(at), x, u, e, r)
-                rest(memory, z, x, u, e, r)
-
-            return respond
+    def addresses(at: int, on: int, step: int, functions: int):
+        """Where the numbers of member k of a run stand, and its functions."""
+        first = on + (FUNCTIONS_AT if ROUTED else ROWS_AT)
 
         @wp.func
-        def energy(memory: memory_type, z: int, x: Real, u: Vec3, e: Vec3) -> Real:
-            return function(memory, z + wp.static(at), x, u, e) + rest(memory, z, x, u, e)
+        def numbers_of(z: int, k: int) -> int:
+            return z + wp.static(at) + k * wp.static(step)
+
+        @wp.func
+        def functions_of(z: int, a: int, k: int) -> int:
+            if wp.static(ROUTED):
+                return a + wp.static(first) + k * wp.static(functions)
+            return z + wp.static(first) + k * wp.static(functions)
+
+        return step, numbers_of, functions_of
+
+    def responses(function, count: int, step: int, numbers_of, functions_of, rest):
+        @wp.func
+        def respond(memory: memory_type, z: int, a: int, u: Vec3, e: Vec3, r: wp.ref[Response]):
+            last = int(wp.static(count))
+            for k in range(last):
+                function(memory, numbers_of(z, k), functions_of(z, a, k), u, e, r)
+            rest(memory, z, a, u, e, r)
+
+        return respond
+
+    def energies(function, count: int, step: int, numbers_of, functions_of, rest):
+        @wp.func
+        def energy(memory: memory_type, z: int, a: int, u: Vec3, e: Vec3) -> Real:
+            total = rest(memory, z, a, u, e)
+            last = int(wp.static(count))
+            for k in range(last):
+                total = total + function(memory, numbers_of(z, k), functions_of(z, a, k), u, e)
+            return total
 
         return energy
 
+    def works(function, count: int, step: int, numbers_of, functions_of, rest):
+        @wp.func
+        def work(memory: memory_type, z: int, a: int, u: Vec3, e: Vec3) -> Real:
+            total = rest(memory, z, a, u, e)
+            last = int(wp.static(count))
+            for k in range(last):
+                r = Response()
+                w = function(memory, numbers_of(z, k), functions_of(z, a, k), u, e, r)
+                total = total + row(memory, numbers_of(z, k) + wp.static(step - 1)) * w
+            return total
+
+        return work
+
+    def pulls(function, count: int, step: int, numbers_of, functions_of, rest):
+        @wp.func
+        def pull(memory: memory_type, z: int, a: int, u: Vec3, e: Vec3, drive: int):
+            last = int(wp.static(count))
+            for k in range(last):
+                r = Response()
+                function(memory, numbers_of(z, k), functions_of(z, a, k), u, e, r)
+                for j in range(wp.static(m)):
+                    put(memory, a + wp.static(PULLS_AT) + (drive + k) * wp.static(m) + j, part_of_response(r, j))
+            rest(memory, z, a, u, e, drive + wp.static(count))
+
+        return pull
+
+    def slides(function, count: int, step: int, numbers_of, functions_of, rest):
+        @wp.func
+        def slide(memory: memory_type, z: int, a: int, u: Vec3, e: Vec3, r: wp.ref[Response], drive: int):
+            last = int(wp.static(count))
+            for k in range(last):
+                w = function(memory, numbers_of(z, k), functions_of(z, a, k), u, e, r)
+                if wp.static(LENGTHS > 0):
+                    put(memory, a + wp.static(SLIDES_AT + m) + drive + k, w)
+            rest(memory, z, a, u, e, r, drive + wp.static(count))
+
+        return slide
+
+    def lengths(function, count: int, step: int, numbers_of, functions_of, rest):
+        @wp.func
+        def length(memory: memory_type, z: int, a: int, u: Vec3, e: Vec3, f: wp.ref[State], drive: int):
+            last = int(wp.static(count))
+            for k in range(last):
+                r = Response()
+                w = function(memory, numbers_of(z, k), functions_of(z, a, k), u, e, r)
+                keep(f, wp.static(LENGTHS_AT) + drive + k, w)
+            rest(memory, z, a, u, e, f, drive + wp.static(count))
+
+        return length
+
     @wp.func
-    def no_response(memory: memory_type, z: int, x: Real, u: Vec3, e: Vec3, r: wp.ref[Response]):
+    def no_response(memory: memory_type, z: int, a: int, u: Vec3, e: Vec3, r: wp.ref[Response]):
         """After the last member."""
 
     @wp.func
-    def no_energy(memory: memory_type, z: int, x: Real, u: Vec3, e: Vec3) -> Real:
+    def no_energy(memory: memory_type, z: int, a: int, u: Vec3, e: Vec3) -> Real:
         return fill(d(0.0))
 
-    respond = chain("respond", layout.features.members, no_response)
-    energy_of_members = chain("energy", layout.features.members, no_energy)
+    @wp.func
+    def no_pull(memory: memory_type, z: int, a: int, u: Vec3, e: Vec3, drive: int):
+        """After the last member."""
+
+    @wp.func
+    def no_slide(memory: memory_type, z: int, a: int, u: Vec3, e: Vec3, r: wp.ref[Response], drive: int):
+        """After the last member."""
+
+    @wp.func
+    def no_length(memory: memory_type, z: int, a: int, u: Vec3, e: Vec3, f: wp.ref[State], drive: int):
+        """After the last member."""
+
+    respond = chain(responses, no_response)
+    energy_of_members = chain(energies, no_energy, "energy")
+    work_of_drives = chain(works, no_energy, "pull")
+    put_pulls = chain(pulls, no_pull, "pull")
+    put_slides = chain(slides, no_slide, "slide")
+    keep_lengths = chain(lengths, no_length, "pull")
+
+    @wp.func
+    def extension_at(memory: memory_type, a: int) -> Vec3:
+        """v - e3 at a place."""
+        if wp.static(SHEAR):
+            return row3(memory, a + wp.static(EXTENSION_AT))
+        return zero3()
 
     @wp.func
     def compliances(memory: memory_type, z: int) -> Few:
@@ -135,14 +298,14 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
         return c
 
     @wp.func
-    def answer(memory: memory_type, z: int, x: Real, q: Few) -> Response:
+    def answer(memory: memory_type, z: int, a: int, q: Few) -> Response:
         """What all members answer to strains."""
         r = Response()
         u = Vec3(one_of(q, 0), one_of(q, 1), one_of(q, 2))
         e = zero3()
         if wp.static(SHEAR):
             e = Vec3(one_of(q, 3), one_of(q, 4), one_of(q, 5))
-        respond(memory, z, x, u, e, r)
+        respond(memory, z, a, u, e, r)
         return r
 
     @wp.func
@@ -167,6 +330,8 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
         u_star = precurvature(memory, z, 0, x)
         if wp.static(NODES):
             put(memory, a + wp.static(OWN_TWIST), u_star.z)
+        if wp.static(ROUTED):
+            at_place(memory, z, a, x)
         c = compliances(memory, z)
         free = plus(u_star, times(row3(memory, z + wp.static(COMPLIANCE)), M))
         start = Few()
@@ -186,7 +351,7 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
         open_ = one
         count = int(0)
         while any_less(zero, open_) and count < wp.static(MOST_ITERATIONS):
-            r = answer(memory, z, x, q)
+            r = answer(memory, z, a, q)
             A = tangent_system(c, r)
             rest = Few()
             for i in range(wp.static(m)):
@@ -206,7 +371,7 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
             open_ = open_ * where_less(size + d(0.0) * total, close, zero, one)
             count += int(1)
         bad = d(0.0) / (one - open_)  # no number where it did not settle
-        r = answer(memory, z, x, q)
+        r = answer(memory, z, a, q)
         write_matrix(memory, a + wp.static(SYSTEM), tangent_system(c, r))
         if wp.static(NODES):
             put3(
@@ -219,8 +384,18 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
                 a + wp.static(MEMBER_FORCE),
                 Vec3(part_of_response(r, 3), part_of_response(r, 4), part_of_response(r, 5)),
             )
+        u = Vec3(one_of(q, 0), one_of(q, 1), one_of(q, 2))
+        e = zero3()
         if wp.static(SHEAR):
-            put3(memory, a + wp.static(EXTENSION_AT), Vec3(one_of(q, 3), one_of(q, 4), one_of(q, 5)))
+            e = Vec3(one_of(q, 3), one_of(q, 4), one_of(q, 5))
+            put3(memory, a + wp.static(EXTENSION_AT), e)
+        if wp.static(PULLS > 0):
+            put_pulls(memory, z, a, u, e, 0)
+        if wp.static(ALONG):
+            moving = Response()
+            put_slides(memory, z, a, u, e, moving, 0)
+            for j in range(wp.static(m)):
+                put(memory, a + wp.static(SLIDES_AT) + j, part_of_response(moving, j))
         return Vec3(one_of(q, 0) + bad, one_of(q, 1) + bad, one_of(q, 2) + bad)
 
     @wp.func
@@ -228,20 +403,64 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
         """No angles, no torques."""
 
     @wp.func
+    def length_rates(memory: memory_type, z: int, a: int, u: Vec3, f: wp.ref[State]):
+        """(5l) What drives work on."""
+        keep_lengths(memory, z, a, u, extension_at(memory, a), f, 0)
+
+    @wp.func
+    def driven_work(memory: memory_type, z: int, a: int, u: Vec3) -> Real:
+        """Work per length of what drives members: it pulls, and gives way where they lengthen."""
+        return -work_of_drives(memory, z, a, u, extension_at(memory, a))
+
+    @wp.func
     def energy_rate(memory: memory_type, z: int, a: int, x: Real, b: State, M: Vec3, N: Vec3, u: Vec3) -> Real:
         """(14) Twice the energy per length, that of the members with it."""
         own = minus(M, row3(memory, a + wp.static(MEMBER_MOMENT)))
         energy = dot(own, times(row3(memory, z + wp.static(COMPLIANCE)), own))
-        e = zero3()
         if wp.static(SHEAR):
             pull = minus(N, row3(memory, a + wp.static(MEMBER_FORCE)))
-            e = row3(memory, a + wp.static(EXTENSION_AT))
             energy = energy + dot(pull, times(row3(memory, z + wp.static(SHEAR_AT)), pull))
-        return energy + d(2.0) * energy_of_members(memory, z, x, u, e)
+        return energy + d(2.0) * energy_of_members(memory, z, a, u, extension_at(memory, a))
 
     @wp.func
-    def strain_variation(memory: memory_type, z: int, a: int, g: int, v: Column, dM: Vec3, dN: Vec3):
-        """(17m) du and d(v - e3); dM and dN in the frame"""
+    def moved(memory: memory_type, a: int, g: int) -> Real:
+        """How far a place at a fixed part of the stretch moves along the rod, for a direction."""
+        x = row(memory, a + wp.static(X))
+        return (
+            row(memory, g + wp.static(GIVEN_START)) + x * row(memory, g + wp.static(GROWTH)) - row(memory, g + wp.static(SHIFT))
+        )
+
+    @wp.func
+    def less_pulls(memory: memory_type, a: int, g: int, dM: Vec3, dN: Vec3):
+        """(17m) dM, dN less what drives change by themselves, for a direction."""
+        M = Vec3(dM.x, dM.y, dM.z)
+        N = Vec3(dN.x, dN.y, dN.z)
+        count = int(wp.static(DRIVES))
+        for k in range(count):
+            change = -row(memory, g + wp.static(DRIVES_GIVEN) + k)
+            at = a + wp.static(PULLS_AT) + k * wp.static(m)
+            M = ahead3(M, change, row3(memory, at))
+            if wp.static(SHEAR):
+                N = ahead3(N, change, row3(memory, at + 3))
+        return M, N
+
+    @wp.func
+    def less_slide(memory: memory_type, a: int, by: Real, dM: Vec3, dN: Vec3):
+        """(17m) dM, dN less what changes as members move along with the rod."""
+        M = ahead3(dM, -by, row3(memory, a + wp.static(SLIDES_AT)))
+        if wp.static(SHEAR):
+            return M, ahead3(dN, -by, row3(memory, a + wp.static(SLIDES_AT + 3)))
+        return M, dN
+
+    @wp.func
+    def strain_variation(memory: memory_type, z: int, a: int, g: int, v: Column, dM_: Vec3, dN_: Vec3):
+        """(17m) du and d(v - e3); dM_ and dN_ in the frame"""
+        dM = dM_
+        dN = dN_
+        if wp.static(DIRECTIONS and DRIVES > 0):
+            dM, dN = less_pulls(memory, a, g, dM, dN)
+        if wp.static(ALONG):
+            dM, dN = less_slide(memory, a, moved(memory, a, g), dM, dN)
         c = times(row3(memory, z + wp.static(COMPLIANCE)), dM)
         if wp.static(VARIED):
             c = plus(c, precurvature_variation(memory, z, 0, row(memory, a + wp.static(X)), g))
@@ -264,6 +483,26 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
     def rate_variations(memory: memory_type, z: int, a: int, g: int, v: Column, du: Vec3, f: wp.ref[Column]):
         """No angles, no torques."""
 
+    @wp.func
+    def length_variations(memory: memory_type, a: int, g: int, du: Vec3, de: Vec3, f: wp.ref[Column]):
+        """(5l) for a column."""
+        count = int(wp.static(LENGTHS))
+        for k in range(count):
+            at = a + wp.static(PULLS_AT) + k * wp.static(m)
+            change = dot(row3(memory, at), du)
+            if wp.static(SHEAR):
+                change = change + dot(row3(memory, at + 3), de)
+            if wp.static(ALONG):
+                change = change + moved(memory, a, g) * row(memory, a + wp.static(SLIDES_AT + m) + k)
+            keep_in(f, wp.static(LENGTHS_AT) + k, change)
+
     return SimpleNamespace(
-        strain=strain, rates=rates, energy_rate=energy_rate, strain_variation=strain_variation, rate_variations=rate_variations
+        strain=strain,
+        rates=rates,
+        energy_rate=energy_rate,
+        driven_work=driven_work,
+        length_rates=length_rates,
+        length_variations=length_variations,
+        strain_variation=strain_variation,
+        rate_variations=rate_variations,
     )

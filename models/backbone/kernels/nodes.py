@@ -61,6 +61,8 @@ def make_nodes(layout: Layout, memory: Memory, base: SimpleNamespace, tip: Simpl
         N = case.force * vector_of(memory, a + wp.static(FORCE_AT), l)
         if wp.static(MEMBERS):
             if call.unknown_columns == 0:  # a shape: the rod's own, beside what its members carry
+                call.node_total_moment[t, output] = M
+                call.node_total_force[t, output] = N
                 M -= case.moment * vector_of(memory, a + wp.static(MEMBER_MOMENT), l)
                 N -= case.force * vector_of(memory, a + wp.static(MEMBER_FORCE), l)
         to_rod = wp.identity(3, dtype=f64)

@@ -62,6 +62,9 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
     field_variation, magnetic_moment_variation = field.field_variation, field.magnetic_moment_variation
     magnetic_torque_variations = field.magnetic_torque_variations
     strain, own_rates, own_energy = law.strain, law.rates, law.energy_rate
+    DRIVEN, LENGTHS = layout.DRIVES > 0, layout.LENGTHS > 0
+    if layout.features.members:
+        driven_work, length_rates, length_variations = law.driven_work, law.length_rates, law.length_variations
     strain_variation, own_rate_variations = law.strain_variation, law.rate_variations
 
     @wp.func
@@ -163,6 +166,8 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
             keep3(f, wp.static(Q_AT), scaled(half, ahead3(cross(frame.r, u), frame.w, u)))
             keep(f, wp.static(Q_AT + 3), d(-0.5) * dot(frame.r, u))
         own_rates(memory, z, a, x, b, u, f)
+        if wp.static(LENGTHS):
+            length_rates(memory, z, a, u, f)
         if wp.static(MAGNETISED):
             magnetic_torques(memory, a, f)
         if wp.static(NODES):
@@ -174,6 +179,8 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
                 work = work + foundation_work(memory, z, x, part3(b, wp.static(P_AT)))
             if wp.static(MAGNETISED):
                 work = work + magnetic_work(memory, a)
+            if wp.static(DRIVEN):
+                work = work + driven_work(memory, z, a, u)
             keep(f, wp.static(ENERGY), d(0.5) * energy)
             keep(f, wp.static(WORK), work)
         if wp.static(DIRECTIONS):
@@ -249,6 +256,8 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
         if wp.static(FORCE_STATE):
             keep3_in(f, wp.static(DN_AT), ahead_cross(cross(dN, u), N, du))
         own_rate_variations(memory, z, a, g, v, du, f)
+        if wp.static(LENGTHS):
+            length_variations(memory, a, g, du, dextension, f)
         if wp.static(MAGNETISED):
             magnetic_torque_variations(memory, a, v, dB, f)
         if wp.static(COLUMN_FRAME):  # (19)

@@ -41,6 +41,7 @@ class SegmentCall:
     fault: wp.array[int]
     energy: wp.array[wp.float64]
     work: wp.array[wp.float64]
+    line_length: wp.array2d[wp.float64]
 
 
 @cache
@@ -63,6 +64,7 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
     NODES, FIXED, FORCE_ACTS = layout.NODES, layout.FIXED, layout.FORCE
     s_, c_ = layout.state, layout.column
     Q_AT, P_AT, N_AT, ENERGY_AT, WORK_AT = s_["frame"], s_["position"], s_["force"], s_["energy"], s_["work"]
+    LENGTHS, LENGTHS_AT = layout.LENGTHS, s_["lengths"]
     DQ_AT, DP_AT, FORCE_STATE, COLUMN_FRAME = c_["frame"], c_["position"], layout.FORCE_STATE, layout.COLUMN_FRAME
 
     @wp.func
@@ -236,6 +238,8 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
             if wp.static(NODES):
                 seg.energy[t] = y[ENERGY_AT]
                 seg.work[t] = y[WORK_AT]
+                for i in range(wp.static(LENGTHS)):
+                    seg.line_length[t, i] = y[wp.static(LENGTHS_AT) + i]
             if seg.at_tip[t] == 1:
                 total += write_tip(rods, call, case, y, s, n_end, precurvature_here(case, memory, o, l))
             seg.fault[t] = int(call.lane[p, FAULT])

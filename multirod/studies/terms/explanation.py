@@ -202,6 +202,9 @@ class Explanation:
         embedded = [f"rods[{k}]" for k, rod in enumerate(self.robot.rods) if rod.is_embedded]
         if embedded:
             yield Term("foundation", f"{', '.join(embedded)}: an elastic medium is around them")
+        lines = [f"rods[{k}]" for k, rod in enumerate(self.robot.rods) if rod.lines]
+        if lines:
+            yield Term("lines", f"{', '.join(lines)}: lines run along them")
         carrying = [f"rods[{k}]" for k, rod in enumerate(self.robot.rods) if rod.members]
         if carrying:
             yield Term("members", f"{', '.join(carrying)}: carry something that gives way with them")

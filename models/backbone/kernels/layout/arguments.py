@@ -18,20 +18,23 @@ INPUT_VECTORS = (
 )
 
 
-def input_size(rod_count: int) -> int:
-    """Length of the packed inputs: rotations, translations, the vectors of ``INPUT_VECTORS``, scale of the load profiles."""
-    return 2 * rod_count + 3 * len(INPUT_VECTORS) + 1
+def input_size(rod_count: int, drive_count: int = 0) -> int:
+    """Length of the packed inputs: rotations, translations, the vectors of ``INPUT_VECTORS``, what drives members, scale of the
+    load profiles.
+    """
+    return 2 * rod_count + 3 * len(INPUT_VECTORS) + drive_count + 1
 
 
 class InputOffsets:
     """Where each input begins in a row of ``Call.inputs`` and ``Call.directions``; see ``input_size``."""
 
-    def __init__(self, rod_count: int) -> None:
+    def __init__(self, rod_count: int, drive_count: int = 0) -> None:
         self.ROTATION = 0
         self.TRANSLATION = rod_count
         for k, name in enumerate(INPUT_VECTORS):
             setattr(self, name.upper(), 2 * rod_count + 3 * k)
-        self.PROFILE_FACTOR = 2 * rod_count + 3 * len(INPUT_VECTORS)
+        self.DRIVES = 2 * rod_count + 3 * len(INPUT_VECTORS)
+        self.PROFILE_FACTOR = self.DRIVES + drive_count
 
 
 @wp.struct
@@ -40,7 +43,7 @@ class RodTable:
 
     stride: int  # 1 if each instance has its own rods, else 0
     end: wp.array3d[wp.float64]  # arclength of section ends from the rod's base [m], (batch, rod, section)
-    material: wp.array4d[wp.float64]  # (batch, rod, section, MATERIAL_SIZE)
+    material: wp.array4d[wp.float64]  # (batch, rod, section, MATERIAL_SIZE and members' parameters and functions)
     precurvature: wp.array4d[wp.float64]  # (batch, rod, section, 3 (degree + 1)), in the section's coordinate -1 to 1
     length_scale: wp.array[wp.float64]  # (batch,) [m]
     base_stride: int
@@ -90,8 +93,12 @@ class Call:
     node_curvature: wp.array2d[wp.vec3d]
     node_moment: wp.array2d[wp.vec3d]
     node_force: wp.array2d[wp.vec3d]
+    node_total_moment: wp.array2d[wp.vec3d]  # with members
+    node_total_force: wp.array2d[wp.vec3d]
     energy: wp.array[wp.float64]
-    work: wp.array[wp.float64]  # of the dead forces, from all of the rod at its base
+    work: wp.array[wp.float64]  # of the dead forces, from all of the rod at its base, and of what drives members
+    line_length: wp.array2d[wp.float64]  # (batch, drive) [m]
+    line_length_columns: wp.array3d[wp.float64]  # (batch, drive, unknown + direction)
     # of a held tip
     tip_wrench: wp.array2d[wp.float64]  # (batch, 6): internal force, then moment, world frame
     wrench_columns: wp.array3d[wp.float64]  # (batch, 6, unknown + direction)

@@ -30,6 +30,8 @@ class Features:
         foundation: The rods stand in an elastic medium, equation (3e): the force is a state, and the base force unknown.
         measured: A measured tip curvature takes the place of the boundary condition, equation (12).
         members: What the rod carries along itself, kinds of ``Member`` in their order, equation (5m).
+        member_degree: Degree of the polynomials in arclength that hold what of them varies along it; 0 is constant by section.
+        lengths: How long its lines are is integrated too: what drives of members work on.
         shear: Shear and extension, equation (5); without it ``v = e3``.
         anisotropic: Bending stiffness differs between the two axes; a distinct term for ``rod_count > 1`` only.
         torsion: One of several rods twists elastically; without it all torsional stiffnesses are infinite, equation (8c).
@@ -56,6 +58,8 @@ class Features:
     foundation: bool = False
     measured: bool = False
     members: tuple[type["Member"], ...] = ()
+    member_degree: int = 0
+    lengths: bool = False
     shear: bool = False
     anisotropic: bool = False
     torsion: bool = False

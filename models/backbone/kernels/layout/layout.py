@@ -6,11 +6,15 @@ A record is a list of ``Slot``; offsets, sizes and units follow from it. Numbers
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from multirod.models.backbone.kernels.layout.features import Features
+
+if TYPE_CHECKING:
+    from multirod.models.backbone.members import Member
 
 
 @dataclass(frozen=True)
@@ -73,6 +77,11 @@ def unknowns_of(features: Features, *, moment: bool | None = None, force: bool |
     )
 
 
+def _member_slots(k: int, kind: type["Member"]) -> list[Slot]:
+    """Member k on a stretch: its parameters, then the input that drives it."""
+    return [Slot(f"{k} {name}", 1) for name in (*kind.parameters, *(["drive"] if kind.drive is not None else []))]
+
+
 class Layout:
     """The records of a backbone with certain features. How many columns there are is known to a launch only.
 
@@ -109,7 +118,11 @@ class Layout:
         self.MAGNETISED = f.magnetised
         # strains that members depend on: u, and v - e3 where the rod shears
         self.STRAINS = 6 if f.shear else 3
-        self.member_slots = [Slot(f"{k} {name}", 1) for k, kind in enumerate(f.members) for name in kind.parameters]
+        self.member_slots = [slot for k, kind in enumerate(f.members) for slot in _member_slots(k, kind)]
+        self.DRIVES = sum(kind.drive is not None for kind in f.members)
+        self.LENGTHS = self.DRIVES * f.lengths
+        self.FUNCTIONS, self.FUNCTION_TERMS = sum(len(kind.functions) for kind in f.members), f.member_degree + 1
+        self.ROUTED = self.FUNCTIONS > 0 and f.member_degree > 0
         # an unknown base force, or a direction, makes n depend on it
         self.GIVEN_FORCE = f.force and not f.force_is_state and not f.foundation and (f.directions or f.base_force_unknown)
         statics = [
@@ -118,6 +131,7 @@ class Layout:
             Slot("world_force", 3 * f.foundation, "force"),  # n, which depends on the position
             Slot("angles", n - 1),
             Slot("torques", self.TORQUES, "moment"),
+            Slot("lengths", self.LENGTHS, "length"),  # what drives of members work on
         ]
         self.state = Record(
             [
@@ -137,6 +151,7 @@ class Layout:
                 Slot("distributed_force", 3 * directed, "force per length"),
                 Slot("distributed_moment", 3 * directed * self.MOMENT_PER_LENGTH, "force"),
                 Slot("profile", directed),  # relative
+                Slot("drives", self.DRIVES * directed),
                 Slot("start", directed, "length"),  # of the arclength of the start
                 Slot("growth", directed),  # (20) of the stretch, relative
                 Slot("field", 3 * directed * f.magnetised),  # magnetic, base axes
@@ -154,8 +169,8 @@ class Layout:
                 Slot("compliance", 3 * (not several), "1/stiffness"),
                 Slot("shear", 3 * f.shear, "1/force"),
                 Slot("precurvature", 3 * self.CURVATURE_TERMS * n, "1/length"),
-                Slot("centre", n * self.VARIED, "length"),
-                Slot("slope", n * self.VARIED, "1/length"),
+                Slot("centre", n * (self.VARIED or self.ROUTED), "length"),
+                Slot("slope", n * (self.VARIED or self.ROUTED), "1/length"),
                 Slot("force", 3 * (f.force and not f.force_is_state and not f.foundation), "force"),  # n at the start
                 Slot("distributed_force", 3 * self.FORCE_PER_LENGTH, "force per length"),
                 Slot("distributed_moment", 3 * self.MOMENT_PER_LENGTH, "force"),
@@ -168,6 +183,7 @@ class Layout:
                 Slot("field", 3 * f.magnetised),  # magnetic, along the axes of the base [T]
                 Slot("magnetisation", 3 * n * f.magnetised, "force"),  # per tesla
                 *self.member_slots,
+                Slot("functions", self.FUNCTIONS * self.FUNCTION_TERMS),  # of members, the constant terms first
                 Slot("unit_moment", 1, "moment"),  # what counts as one in the errors of a step
                 Slot("unit_force", 1, "force"),
                 Slot("unit_length", 1, "length"),
@@ -198,6 +214,9 @@ class Layout:
                 Slot("system", self.STRAINS**2 * bool(f.members)),  # I + C D, factored
                 Slot("member_moment", 3 * bool(f.members and f.nodes), "moment"),
                 Slot("member_force", 3 * bool(f.members and f.nodes), "force"),
+                Slot("functions", 3 * self.FUNCTIONS * self.ROUTED),  # of members: values, then first and second derivatives
+                Slot("pulls", self.STRAINS * self.DRIVES * (f.directions or f.lengths)),  # dw/d(u, e) of each
+                Slot("slides", (self.STRAINS + self.LENGTHS) * (self.ROUTED and f.directions)),  # by arclength: of g, then of w
                 Slot("own_twist", n * f.nodes, "1/length"),  # u*_i,z
                 Slot("rate", self.column.size * directed),  # of what of the state stands in a column
             ]
@@ -215,6 +234,11 @@ class Layout:
                 Slot("controlled", 1),  # 1 if errors choose the steps, 0 if they are equal
             ]
         )
+
+    def of_member(self, k: int) -> tuple[int, int]:
+        """Where the parameters of member k begin in a stretch, and its functions among those of all."""
+        first = next(slot.name for slot in self.member_slots if slot.name.startswith(f"{k} "))
+        return self.stretch[first], sum(len(kind.functions) for kind in self.features.members[:k])
 
     def memory(self, stages: int) -> "Memory":
         """Where the records of a thread stand in its memory."""

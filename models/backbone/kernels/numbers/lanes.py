@@ -269,24 +269,54 @@ def lanes(W: int, d=wp.float64) -> SimpleNamespace:
 
     @cache
     def system(m: int) -> SimpleNamespace:
-        """Type of m x m Reals, and how to solve linear equations that need no pivots, as ``I + C D`` of semi-definite C, D."""
+        """Type of m x m Reals, m = 3 or 6, and how linear equations are solved that need no pivots, such as ``I + C D`` of
+        semi-definite C, D."""
         Matrix, Few = few(m * m).type, few(m).type
         held = f"wp::vec_t<{m},{t}>" if W == 1 else f"wp::mat_t<{m},{W},{t}>"
         inside = "c" if W == 1 else "data"
 
-        @wp.func_native(
-            f"{V} V* A = (V*)A_.{inside}; for (int k = 0; k < {m}; k++) {{ V p = ({t})1 / A[k * {m} + k]; A[k * {m} + k] = p;"
-            f" for (int i = k + 1; i < {m}; i++) {{ V q = A[i * {m} + k] * p; A[i * {m} + k] = q;"
-            f" for (int j = k + 1; j < {m}; j++) A[i * {m} + j] -= q * A[k * {m} + j]; }} }}"
-        )
+        # by blocks of three, each with one division: A = [P Q; R S], whose P^-1, R P^-1 and (S - R P^-1 Q)^-1 take the places
+        def inverted(at: int) -> str:
+            """The block that begins there, by its cofactors."""
+            e = [[f"A[{at + m * i + j}]" for j in range(3)] for i in range(3)]
+            minors = {
+                (i, j): f"({e[(j + 1) % 3][(i + 1) % 3]} * {e[(j + 2) % 3][(i + 2) % 3]}"
+                f" - {e[(j + 1) % 3][(i + 2) % 3]} * {e[(j + 2) % 3][(i + 1) % 3]})"
+                for i in range(3)
+                for j in range(3)
+            }
+            found = " ".join(f"V c{i}{j} = {minor};" for (i, j), minor in minors.items())
+            placed = " ".join(f"{e[i][j]} = p * c{i}{j};" for i, j in minors)
+            return f"{{ {found} V p = ({t})1 / ({e[0][0]} * c00 + {e[0][1]} * c10 + {e[0][2]} * c20); {placed} }}"
+
+        def product(i: int, j: int, left: int, right: int) -> str:
+            """Entry of the product of two blocks."""
+            return " + ".join(f"A[{left + m * i + k}] * A[{right + m * k + j}]" for k in range(3))
+
+        def row_by(at: int, i: int, values: str) -> str:
+            return " + ".join(f"A[{at + m * i + k}] * {values}{k}" for k in range(3))
+
+        nine = [(i, j) for i in range(3) for j in range(3)]
+        eliminate, back = inverted(0), " ".join(f"o[{i}] = {row_by(0, i, 'c')};" for i in range(3))
+        load = " ".join(f"V c{i} = c[{i}];" for i in range(3))
+        if m == 6:
+            R, Q, S = 18, 3, 21
+            eliminate += " { " + " ".join(f"V b{i}{j} = {product(i, j, R, 0)};" for i, j in nine)
+            eliminate += " ".join(f" A[{R + m * i + j}] = b{i}{j};" for i, j in nine) + " }"
+            eliminate += " ".join(f" A[{S + m * i + j}] -= {product(i, j, R, Q)};" for i, j in nine) + inverted(S)
+            load += " ".join(f" V d{i} = c[{3 + i}] - ({row_by(R, i, 'c')});" for i in range(3))
+            load += " ".join(f" V y{i} = {row_by(S, i, 'd')};" for i in range(3))
+            load += " ".join(f" c{i} -= {row_by(Q, i, 'y')}; o[{3 + i}] = y{i};" for i in range(3))
+
+        @wp.func_native(fused(f"{V} V* A = (V*)A_.{inside}; {eliminate}"))
         def factor(A_: wp.ref[Matrix]):
-            """In place, the inverse of what stands on the diagonal."""
+            """In place."""
 
         @wp.func_native(
-            f"{V} {held} r; V* o = (V*)r.{inside}; const V* A = (const V*)A_.{inside}; const V* c = (const V*)c_.{inside};"
-            f" for (int i = 0; i < {m}; i++) {{ o[i] = c[i]; for (int j = 0; j < i; j++) o[i] -= A[i * {m} + j] * o[j]; }}"
-            f" for (int i = {m} - 1; i >= 0; i--) {{ for (int j = i + 1; j < {m}; j++) o[i] -= A[i * {m} + j] * o[j];"
-            f" o[i] *= A[i * {m} + i]; }} return r;"
+            fused(
+                f"{V} {held} r; V* o = (V*)r.{inside}; const V* A = (const V*)A_.{inside}; const V* c = (const V*)c_.{inside};"
+                f" {load} {back} return r;"
+            )
         )
         def solve(A_: Matrix, c_: Few) -> Few: ...
 

@@ -1,0 +1,129 @@
+# mypy: ignore-errors
+"""Laws of lines, for kernels; numbers in parentheses are those of ``docs/lines.md``.
+
+A line's parameters are whether it is there (1 or 0), then its tension; its functions the two components of its offset ``rho``.
+"""
+
+from types import SimpleNamespace
+
+import warp as wp
+
+from multirod.models.backbone.kernels.numbers.lanes import add, div, mul, neg, sub  # noqa: F401  (by name)
+
+SHORTEST = 0.1  # length of a line per length of rod, below which it is bent to its centre of curvature
+
+
+def tendon_law(numbers: SimpleNamespace) -> SimpleNamespace:
+    """(L2) to (L6): ``W = T |a|``, ``a = v + u x rho + rho'``."""
+    d, Real, Vec3, Response, memory_type = numbers.d, numbers.Real, numbers.Vec3, numbers.Response, numbers.memory_type
+    row, fill, root, where_less = numbers.row, numbers.fill, numbers.root, numbers.where_less
+    dot, scaled = numbers.dot, numbers.scaled
+    value, slope, bend = numbers.value, numbers.slope, numbers.bend
+    add_moment, add_force, add_stiffness = numbers.add_moment, numbers.add_force, numbers.add_stiffness
+    FORCES, VARIED = numbers.FORCES, numbers.VARIED
+
+    @wp.func
+    def tangent(memory: memory_type, on: int, u: Vec3, e: Vec3) -> Vec3:
+        """(L1) a, whose length is that of the line per length of rod."""
+        x = value(memory, on)
+        y = value(memory, on + 1)
+        a = Vec3(-u.z * y, u.z * x, u.x * y - u.y * x + d(1.0))
+        if wp.static(FORCES):
+            a = Vec3(a.x + e.x, a.y + e.y, a.z + e.z)
+        if wp.static(VARIED):
+            a = Vec3(a.x + slope(memory, on), a.y + slope(memory, on + 1), a.z)
+        return a
+
+    @wp.func
+    def length_of(a: Vec3) -> Real:
+        """lam; no number where the line is too short."""
+        size = root(dot(a, a))
+        return where_less(size, fill(d(SHORTEST)), fill(d(0.0) / d(0.0)), size)
+
+    @wp.func
+    def lever(memory: memory_type, on: int, t: Vec3) -> Vec3:
+        """rho x t"""
+        x = value(memory, on)
+        y = value(memory, on + 1)
+        return Vec3(y * t.z, -x * t.z, x * t.y - y * t.x)
+
+    @wp.func
+    def respond(memory: memory_type, at: int, on: int, u: Vec3, e: Vec3, r: wp.ref[Response]):
+        """(L2) T (t, rho x t), and (L4)."""
+        T = row(memory, at) * row(memory, at + 1)
+        x = value(memory, on)
+        y = value(memory, on + 1)
+        a = tangent(memory, on, u, e)
+        per = d(1.0) / length_of(a)
+        t = scaled(per, a)
+        add_moment(r, scaled(T, lever(memory, on, t)))
+        h = T * per
+        xx = h - h * t.x * t.x
+        xy = -h * t.x * t.y
+        yy = h - h * t.y * t.y
+        xz = -h * t.x * t.z
+        yz = -h * t.y * t.z
+        zz = h - h * t.z * t.z
+        # h P (-y, x, 0): how the pull turns with twist
+        px = x * xy - y * xx
+        py = x * yy - y * xy
+        pz = x * yz - y * xz
+        add_stiffness(r, 0, 0, y * y * zz)
+        add_stiffness(r, 0, 1, -x * y * zz)
+        add_stiffness(r, 0, 2, y * pz)
+        add_stiffness(r, 1, 1, x * x * zz)
+        add_stiffness(r, 1, 2, -x * pz)
+        add_stiffness(r, 2, 2, x * py - y * px)
+        if wp.static(FORCES):
+            add_force(r, scaled(T, t))
+            add_stiffness(r, 0, 3, y * xz)
+            add_stiffness(r, 0, 4, y * yz)
+            add_stiffness(r, 0, 5, y * zz)
+            add_stiffness(r, 1, 3, -x * xz)
+            add_stiffness(r, 1, 4, -x * yz)
+            add_stiffness(r, 1, 5, -x * zz)
+            add_stiffness(r, 2, 3, px)
+            add_stiffness(r, 2, 4, py)
+            add_stiffness(r, 2, 5, pz)
+            add_stiffness(r, 3, 3, xx)
+            add_stiffness(r, 3, 4, xy)
+            add_stiffness(r, 3, 5, xz)
+            add_stiffness(r, 4, 4, yy)
+            add_stiffness(r, 4, 5, yz)
+            add_stiffness(r, 5, 5, zz)
+
+    @wp.func
+    def energy(memory: memory_type, at: int, on: int, u: Vec3, e: Vec3) -> Real:
+        """None: what pulls is outside the rod."""
+        return fill(d(0.0))
+
+    @wp.func
+    def pull(memory: memory_type, at: int, on: int, u: Vec3, e: Vec3, r: wp.ref[Response]) -> Real:
+        """(L5) lam, and its derivatives (t, rho x t)."""
+        here = row(memory, at)
+        a = tangent(memory, on, u, e)
+        size = length_of(a)
+        t = scaled(here / size, a)
+        add_force(r, t)
+        add_moment(r, lever(memory, on, t))
+        return here * size
+
+    @wp.func
+    def slide(memory: memory_type, at: int, on: int, u: Vec3, e: Vec3, r: wp.ref[Response]) -> Real:
+        """(L6) What varies along the rod where the strains do not: T (t', rho' x t + rho x t'), and lam'."""
+        here = row(memory, at)
+        T = here * row(memory, at + 1)
+        a = tangent(memory, on, u, e)
+        per = d(1.0) / length_of(a)
+        t = scaled(per, a)
+        x_s = slope(memory, on)
+        y_s = slope(memory, on + 1)
+        b = Vec3(bend(memory, on) - u.z * y_s, bend(memory, on + 1) + u.z * x_s, u.x * y_s - u.y * x_s)
+        along = dot(t, b)
+        turn = Vec3(per * (b.x - along * t.x), per * (b.y - along * t.y), per * (b.z - along * t.z))
+        add_force(r, scaled(T, turn))
+        add_moment(r, scaled(T, lever(memory, on, turn)))
+        add_moment(r, scaled(T, Vec3(y_s * t.z, -x_s * t.z, x_s * t.y - y_s * t.x)))
+        return here * along
+
+    return SimpleNamespace(respond=respond, energy=energy, pull=pull, slide=slide)

@@ -1,0 +1,60 @@
+"""Tendons of legs that hold a platform: derivatives, and the energy that says where all of it must be."""
+
+import numpy as np
+import pytest
+
+import multirod as mr
+
+PRECISE = mr.Shooting(tolerance=1e-10, integrator=mr.RK45(rtol=1e-11, atol=1e-13))
+TENSION, FORCE = np.array([1.0, 0.5, 0.8]), np.array([0.3, 0.2, -0.4])
+STEP = 1e-3
+
+
+def leg(line: mr.Tendon) -> mr.Rod:
+    return mr.Rod(length=0.2, bending_stiffness=0.01, torsional_stiffness=0.0077, lines=[line])
+
+
+def make_robot() -> mr.ParallelRods:
+    angles = np.arange(3) * 2 * np.pi / 3
+    base, platform = np.tile(np.eye(4), (2, 3, 1, 1))
+    base[:, :2, 3] = 0.06 * np.stack([np.cos(angles), np.sin(angles)], 1)
+    platform[:, :2, 3] = 0.03 * np.stack([np.cos(angles), np.sin(angles)], 1)
+    routed = mr.Tendon(route=lambda s: (0.005 * np.cos(9 * s), 0.005 * np.sin(9 * s)), name="routed")
+    lines = [mr.Tendon((0.006, 0)), mr.Tendon((0, 0.006), end=0.12), routed]
+    return mr.ParallelRods(legs=[leg(line) for line in lines], base=base, platform=platform)
+
+
+ROBOT = make_robot()
+
+
+def solved(tension=TENSION, force=FORCE) -> mr.Solution:
+    return mr.solve(ROBOT, ROBOT.inputs(tension=tension, tip_force=force), solver=PRECISE)
+
+
+def test_derivatives_are_exact_and_the_energy_is_that_of_rods_loads_and_lines():
+    solution = solved()
+    assert solution.status == mr.Status.CONVERGED
+    pose, slopes = solution.jacobian("tension"), []
+    for k, e in enumerate(STEP * np.eye(3)):
+        pulled = solved(TENSION + e), solved(TENSION - e)
+        np.testing.assert_allclose(
+            pose[:3, k], (pulled[0].tip_position - pulled[1].tip_position) / (2 * STEP), atol=1e-7 * np.abs(pose).max()
+        )
+        np.testing.assert_allclose((pulled[0].potential - pulled[1].potential) / (2 * STEP), solution.line_length[k], atol=1e-9)
+        slopes.append((pulled[0].line_length - pulled[1].line_length) / (2 * STEP))
+        pushed = solved(force=FORCE + e), solved(force=FORCE - e)
+        np.testing.assert_allclose((pushed[0].potential - pushed[1].potential) / (2 * STEP), -solution.tip_position[k], atol=1e-9)
+    np.testing.assert_allclose(np.array(slopes), np.transpose(slopes), atol=1e-11)
+    end = solution.line("routed", nodes=3).position[-1]
+    shape = solution.rod(2, nodes=3)
+    rho = 0.005 * np.array([np.cos(1.8), np.sin(1.8), 0])
+    np.testing.assert_allclose(end, shape.position[-1] + shape.rotation[-1] @ rho, atol=1e-12)
+
+
+def test_what_cannot_be_is_refused_by_name():
+    with pytest.raises(ValueError, match=r"tension = .* is not allowed: must be >= 0"):
+        ROBOT.inputs(tension=(1, -1, 0))
+    with pytest.raises(ValueError, match=r"tension = .* is not allowed: .*must have shape \(\.\.\., 3\)"):
+        ROBOT.inputs(tension=(1, 1))
+    with pytest.raises(NotImplementedError, match="ParallelRods does not give the derivatives of its lines' lengths"):
+        solved().jacobian("tension", of="line_length")
