@@ -82,6 +82,17 @@ def scene_features(
     )
 
 
+def _looking(features: Features) -> Features:
+    """The terms of the kernel that looks at solutions: states and columns at nodes, the pose of the tip and its derivatives."""
+    columns: dict[str, Any] = {"node_columns": True, "pose_sensitivities": True, "directions": not features.held}
+    return replace(features, nodes=True, pose=True, lengths=False, **columns)
+
+
+def _may_look(features: Features) -> bool:
+    """Whether that kernel has the unknowns of these terms, and says all that they ask for."""
+    return _looking(features).unknown_count == features.unknown_count and not drives(features.members)
+
+
 class NodePass:
     """A pass over nodes, which may be launched again.
 
@@ -208,7 +219,10 @@ class BackboneProblem(BoundaryProblem):
         options: dict[str, Any] = {"rod_count": len(self.rods), "transmission": self.transmission, "held": self.held}
         needed = scene_features(self.arrays, active, inputs.profiles, **options)
         columns: dict[str, Any] = {"pose_sensitivities": pose_sensitivities, "directions": direction_count > 0}
-        return replace(needed, pose=pose, lengths=self.options["lengths"] and bool(drives(needed.members)), **columns)
+        features = replace(needed, pose=pose, lengths=self.options["lengths"] and bool(drives(needed.members)), **columns)
+        asked = pose_sensitivities and direction_count > 0 and not self.held
+        # who asks for a derivative of the pose soon asks for the shape or the stability: one kernel says all
+        return _looking(features) if asked and self.integrator.precision == "float64" and _may_look(features) else features
 
     # ---- arrays ----
 
@@ -548,19 +562,12 @@ class BackboneProblem(BoundaryProblem):
     def _make_node_pass(
         self, node_count: int, chosen: bool, columns: bool, rod: int | None, unknowns: FloatArray | None, changes: dict[str, Any]
     ) -> "NodePass":
-        # one kernel serves with columns and without, where both have the same unknowns
-        capable = replace(self.features, **{"node_columns": True} | changes)
-        alike = capable.unknown_count == replace(capable, node_columns=False).unknown_count
-        columns_too = columns or (alike and not self.drives)
-        options = {
-            "nodes": True,
-            "pose": True,
-            "node_columns": columns_too,
-            "pose_sensitivities": columns_too and self.held,
-            "lengths": bool(self.drives) and not columns,
-            "directions": False,
-        }
-        features = replace(self.features, **options | changes)
+        features = replace(self.features, nodes=False, node_columns=False, **changes)
+        if columns or _may_look(features):
+            features = _looking(features)
+        else:
+            options = {"pose": True, "pose_sensitivities": False, "directions": False, "lengths": bool(self.drives)}
+            features = replace(features, nodes=True, **options)
         call = self._make_call(node_count)
         if unknowns is not None:
             call.unknowns = self._array(unknowns)

@@ -44,7 +44,9 @@ class BackboneSegments(Segments):
 
     def __init__(self, problem: "BackboneProblem") -> None:
         self.problem = problem
-        self.features = replace(problem.features, segment=True, pose=True, pose_sensitivities=True, nodes=False, lengths=False)
+        self.features = replace(
+            problem.features, segment=True, pose=True, pose_sensitivities=True, nodes=False, node_columns=False, lengths=False
+        )
         d = self.variation_size = self.features.unknown_count
         self.unknown_places = np.delete(np.arange(d), unknowns_of(self.features).places["rotation"])
         count, device = problem.instance_count, problem.device
@@ -125,7 +127,7 @@ class BackboneSegments(Segments):
         problem.heed_stop()
         lanes = width("float64", problem.device)
         call.unknown_columns, call.direction_columns = columns, problem.direction_count if columns else 0
-        memory = deal(call, features, problem.integrator, "float64", problem.device, count, lanes, shared=not features.nodes)
+        memory = deal(call, features, problem.integrator, "float64", problem.device, count, lanes, shared=call.node_count == 0)
 
         def make() -> Any:
             return make_segment_kernel(features, problem.integrator.tableau, lanes)

@@ -165,12 +165,13 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
                 write_node(rods, call, case, memory, o, l, y, output + 1, start, end)
                 call.lane[p, OUTPUT] = f64(output + 1)
         if wp.static(NODE_COLUMNS):
-            passed = int(call.lane[p, PASSED])
-            y = state_in(case, memory, o, l)
-            for c in range(column_count(call, job)):
-                v = column_in(case, memory, o, l, c)
-                write_node_column(call, case, passed, y, v, end, first_column(call, job) + c)
-            call.lane[p, PASSED] = f64(passed + 1)
+            if call.node_count > 0:
+                passed = int(call.lane[p, PASSED])
+                y = state_in(case, memory, o, l)
+                for c in range(column_count(call, job)):
+                    v = column_in(case, memory, o, l, c)
+                    write_node_column(call, case, passed, y, v, end, first_column(call, job) + c)
+                call.lane[p, PASSED] = f64(passed + 1)
         if wp.static(FORCE_ACTS):
             pass_force(rods, call, case, p)
         if wp.static(GIVEN_FORCE and DIRECTIONS):
@@ -241,7 +242,7 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
     def at_base(call: wp.ref[Call], memory: memory_type, o: int, l: int, p: int) -> bool:
         """Whether a lane stands on its base and has written no node yet."""
         there = call.lane[p, JOB] >= f64(0.0) and call.lane[p, START] == f64(0.0) and call.lane[p, OUTPUT] == f64(0.0)
-        return there and get_lane(memory, o + wp.static(X), l) == d(0.0)
+        return there and call.node_count > 0 and get_lane(memory, o + wp.static(X), l) == d(0.0)
 
     @wp.func
     def force_at(call: wp.ref[Call], p: int) -> wp.vec3d:
@@ -474,7 +475,8 @@ def make_kernel(features: Features, tableau: Tableau, precision: str = "float64"
             for i in range(wp.static(LENGTHS)):
                 call.line_length_columns[t, i, first + c] = v[wp.static(LENGTHS_AT) + i]
             if wp.static(NODE_COLUMNS):
-                write_momenta(call, case, y, v, first + c)
+                if call.node_count > 0:
+                    write_momenta(call, case, y, v, first + c)
         if not wp.isfinite(total):
             call.fault[t] = wp.static(int(Fault.NONFINITE))
 

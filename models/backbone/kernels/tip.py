@@ -474,8 +474,9 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
             call.position[t] = world_position(case, y)
             call.rotation[t] = case.base_rotation * rotation_matrix(frame(y)) * turned_about_z(tip_angle(case, y))
         if wp.static(NODES):
-            call.energy[t] = y[ENERGY_AT]
-            call.work[t] = y[WORK_AT]
+            if call.node_count > 0:
+                call.energy[t] = y[ENERGY_AT]
+                call.work[t] = y[WORK_AT]
 
     @wp.func(inline=False)
     def write_pose_column(call: wp.ref[Call], case: wp.ref[Instance], y: State, v: Column, k: int):
