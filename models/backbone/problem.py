@@ -566,8 +566,8 @@ class BackboneProblem(BoundaryProblem):
         if columns or _may_look(features):
             features = _looking(features)
         else:
-            options = {"pose": True, "pose_sensitivities": False, "directions": False, "lengths": bool(self.drives)}
-            features = replace(features, nodes=True, **options)
+            options: dict[str, Any] = {"pose_sensitivities": False, "directions": False, "lengths": bool(self.drives)}
+            features = replace(features, nodes=True, pose=True, **options)
         call = self._make_call(node_count)
         if unknowns is not None:
             call.unknowns = self._array(unknowns)
