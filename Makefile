@@ -32,6 +32,7 @@ bench: $(VENV)/.installed
 	$(BIN)/python tests/benchmarks/sweep.py
 	$(BIN)/python tests/benchmarks/stability.py $(ARGS)
 	$(BIN)/python tests/benchmarks/features.py
+	$(BIN)/python tests/benchmarks/lines.py $(ARGS)
 	$(BIN)/python tests/benchmarks/first_call.py
 
 $(BIN)/python:

@@ -1,0 +1,74 @@
+"""What tendons cost: one integration with residual and Gamma of a batch, against rods without, rounds interleaved.
+
+python tests/benchmarks/lines.py [--rounds N]
+"""
+
+import argparse
+from time import process_time
+
+import numpy as np
+
+import multirod as mr
+
+BATCH = 2048
+STEPS = 50
+SHEARS = {"shear_stiffness": 500.0, "axial_stiffness": 1500.0}
+
+
+def helix(s: float) -> tuple[float, float]:
+    return 0.006 * np.cos(30 * s), 0.006 * np.sin(30 * s)
+
+
+def tendons(count: int, routed: bool = False) -> list[mr.Tendon]:
+    angles = 2 * np.pi * np.arange(count) / 3
+    straight = [mr.Tendon(offset=(0.008 * np.cos(a), 0.008 * np.sin(a))) for a in angles]
+    return [*straight[:-1], mr.Tendon(route=helix)] if routed else straight
+
+
+class Case:
+    """One batch, to be integrated again and again."""
+
+    def __init__(self, lines: list[mr.Tendon], **stiffness: float) -> None:
+        rod = mr.Rod(length=0.2, bending_stiffness=0.01, torsional_stiffness=0.0077, lines=lines, **stiffness)
+        robot = mr.SingleRod(rod)
+        random = np.random.default_rng(0)
+        values = {"tip_force": random.uniform(-0.2, 0.2, (BATCH, 3))}
+        if lines:
+            values["tension"] = random.uniform(0, 2, (BATCH, len(lines)))
+        self.problem = robot.problem(robot.inputs(**values), integrator=mr.RK4(STEPS))
+        self()
+
+    def __call__(self) -> float:
+        """Microseconds an instance, in processor time."""
+        begin = process_time()
+        self.problem.integrate()
+        return 1e6 * (process_time() - begin) / BATCH
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--rounds", type=int, default=15)
+    rounds = parser.parse_args().rounds
+    cases = {
+        "no lines": Case([]),
+        "one tendon": Case(tendons(1)),
+        "three tendons": Case(tendons(3)),
+        "three, one of them a helix": Case(tendons(3, routed=True)),
+        "shear, no lines": Case([], **SHEARS),
+        "shear, three tendons": Case(tendons(3), **SHEARS),
+    }
+    times = {name: [] for name in cases}
+    for _ in range(rounds):
+        for name, case in cases.items():
+            times[name].append(case())
+    print(f"Residual and Gamma of {BATCH} rods, RK4({STEPS}), one thread; must be 3 at most for three tendons\n")
+    print("| rod | µs each, median | least | times that without lines |\n|---|---|---|---|")
+    for name, values in times.items():
+        without = times["shear, no lines" if name.startswith("shear") else "no lines"]
+        ratio = np.median(np.array(values) / np.array(without))
+        print(f"| {name} | {np.median(values):.1f} | {min(values):.1f} | {ratio:.1f} |")
+
+
+if __name__ == "__main__":
+    main()
