@@ -89,8 +89,12 @@ def _looking(features: Features) -> Features:
 
 
 def _may_look(features: Features) -> bool:
-    """Whether that kernel has the unknowns of these terms, and says all that they ask for."""
-    return _looking(features).unknown_count == features.unknown_count and not drives(features.members)
+    """Whether that kernel has the unknowns of these terms, says all that they ask for, and carries the force in the same way: what
+    fixed steps leave of the shape would else not be what they leave of the solution.
+    """
+    looking = _looking(features)
+    alike = (looking.unknown_count, looking.force_is_state) == (features.unknown_count, features.force_is_state)
+    return alike and not drives(features.members)
 
 
 class NodePass:
