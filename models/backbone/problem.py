@@ -89,8 +89,9 @@ def _looking(features: Features) -> Features:
 
 
 def _may_look(features: Features) -> bool:
-    """Whether that kernel has the unknowns of these terms, says all that they ask for, and carries the force in the same way: what
-    fixed steps leave of the shape would else not be what they leave of the solution.
+    """Whether that kernel has the unknowns of these terms, says all that they ask for, and carries the force in the same way.
+
+    What fixed steps leave of a shape would else not be what they leave of the solution.
     """
     looking = _looking(features)
     alike = (looking.unknown_count, looking.force_is_state) == (features.unknown_count, features.force_is_state)
