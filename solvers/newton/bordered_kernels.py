@@ -30,6 +30,7 @@ class Arrow:
     count: int  # blocks, the border aside
     start: wp.array[int]  # (count + 2,): first row and column of each block, of the border, and the size of all
     pivots: wp.array4d[wp.float64]  # (instance, block, row, width): rows that pivots were chosen from, for substitution
+    front: wp.array3d[wp.float64]  # (instance, block and border, width): what is being eliminated
 
 
 def front_width(block: int, border: int, sides: int) -> int:
@@ -43,43 +44,45 @@ def make_bordered(block: int, border: int, sides: int):
     WIDTH = front_width(block, border, sides)
     T_AT = block + border
     SIDE_AT = block + 2 * border
-    Front = wp.types.matrix(shape=(block + border, WIDTH), dtype=f64)
     Rest = wp.types.matrix(shape=(border, sides), dtype=f64)
 
     @wp.func(inline=False)
-    def eliminate(F: wp.ref[Front], first: int, columns: int, rows: int, size: f64):
+    def eliminate(F: wp.array3d[wp.float64], t: int, first: int, columns: int, rows: int, size: f64):
         """Pivots for ``columns`` columns from ``first`` on among ``rows`` rows, each the first of those left; NaN if singular."""
         for c in range(columns):
             k = first + c
             p = int(c)
             for i in range(c + 1, rows):
-                if wp.abs(F[i, k]) > wp.abs(F[p, k]):
+                if wp.abs(F[t, i, k]) > wp.abs(F[t, p, k]):
                     p = i
             if p != c:
                 for j in range(k, wp.static(WIDTH)):
-                    swap = F[c, j]
-                    F[c, j] = F[p, j]
-                    F[p, j] = swap
-            if wp.abs(F[c, k]) <= f64(1.0e-15) * size:
-                F[c, k] = f64(0.0) / f64(0.0)
+                    swap = F[t, c, j]
+                    F[t, c, j] = F[t, p, j]
+                    F[t, p, j] = swap
+            if wp.abs(F[t, c, k]) <= f64(1.0e-15) * size:
+                F[t, c, k] = f64(0.0) / f64(0.0)
             for i in range(c + 1, rows):
-                if F[i, k] != f64(0.0):
-                    m = F[i, k] / F[c, k]
+                if F[t, i, k] != f64(0.0):
+                    m = F[t, i, k] / F[t, c, k]
                     for j in range(k + 1, wp.static(WIDTH)):
-                        F[i, j] = F[i, j] - m * F[c, j]
+                        F[t, i, j] = F[t, i, j] - m * F[t, c, j]
 
     @wp.func(inline=False)
     def solve(matrix: wp.array3d[wp.float64], values: wp.array3d[wp.float64], t: int, arrow: Arrow):
         last = arrow.start[arrow.count]
         size = f64(0.0)
-        F = Front()
+        F = arrow.front
+        for i in range(wp.static(block + border)):
+            for j in range(wp.static(WIDTH)):
+                F[t, i, j] = f64(0.0)
         for i in range(wp.static(border)):
-            F[i, wp.static(T_AT) + i] = f64(1.0)
+            F[t, i, wp.static(T_AT) + i] = f64(1.0)
             for j in range(wp.static(border)):
-                F[i, wp.static(block) + j] = matrix[t, last + i, last + j]
+                F[t, i, wp.static(block) + j] = matrix[t, last + i, last + j]
                 size = wp.max(size, wp.abs(matrix[t, last + i, last + j]))
             for j in range(wp.static(sides)):
-                F[i, wp.static(SIDE_AT) + j] = values[t, last + i, j]
+                F[t, i, wp.static(SIDE_AT) + j] = values[t, last + i, j]
         for b in range(arrow.count):
             # the border's rows, now those of T and the border alone, go below the block's
             first = arrow.start[b]
@@ -87,37 +90,37 @@ def make_bordered(block: int, border: int, sides: int):
             for i in range(wp.static(border)):
                 r = wp.static(border) - 1 - i
                 for j in range(wp.static(block), wp.static(WIDTH)):
-                    F[m + r, j] = F[r, j]
+                    F[t, m + r, j] = F[t, r, j]
             for i in range(m):
                 for j in range(m):
-                    F[i, j] = matrix[t, first + i, first + j]
-                    size = wp.max(size, wp.abs(F[i, j]))
+                    F[t, i, j] = matrix[t, first + i, first + j]
+                    size = wp.max(size, wp.abs(F[t, i, j]))
                 for j in range(wp.static(border)):
-                    F[i, wp.static(block) + j] = matrix[t, first + i, last + j]
-                    F[i, wp.static(T_AT) + j] = f64(0.0)
+                    F[t, i, wp.static(block) + j] = matrix[t, first + i, last + j]
+                    F[t, i, wp.static(T_AT) + j] = f64(0.0)
                 for j in range(wp.static(sides)):
-                    F[i, wp.static(SIDE_AT) + j] = values[t, first + i, j]
+                    F[t, i, wp.static(SIDE_AT) + j] = values[t, first + i, j]
             for i in range(wp.static(border)):
                 for j in range(m):
                     total = f64(0.0)
                     for k in range(wp.static(border)):
-                        total += F[m + i, wp.static(T_AT) + k] * matrix[t, last + k, first + j]
-                    F[m + i, j] = total
-            eliminate(F, 0, m, m + wp.static(border), size)
+                        total += F[t, m + i, wp.static(T_AT) + k] * matrix[t, last + k, first + j]
+                    F[t, m + i, j] = total
+            eliminate(F, t, 0, m, m + wp.static(border), size)
             for i in range(m):
                 for j in range(wp.static(WIDTH)):
-                    arrow.pivots[t, b, i, j] = F[i, j]
+                    arrow.pivots[t, b, i, j] = F[t, i, j]
             for i in range(wp.static(border)):
                 for j in range(wp.static(block), wp.static(WIDTH)):
-                    F[i, j] = F[m + i, j]
-        eliminate(F, wp.static(block), wp.static(border), wp.static(border), size)
+                    F[t, i, j] = F[t, m + i, j]
+        eliminate(F, t, wp.static(block), wp.static(border), wp.static(border), size)
         for i in range(wp.static(border)):
             r = wp.static(border) - 1 - i
             for j in range(wp.static(sides)):
-                total = F[r, wp.static(SIDE_AT) + j]
+                total = F[t, r, wp.static(SIDE_AT) + j]
                 for k in range(r + 1, wp.static(border)):
-                    total -= F[r, wp.static(block) + k] * values[t, last + k, j]
-                values[t, last + r, j] = total / F[r, wp.static(block) + r]
+                    total -= F[t, r, wp.static(block) + k] * values[t, last + k, j]
+                values[t, last + r, j] = total / F[t, r, wp.static(block) + r]
         rest = Rest()  # what the blocks already solved contribute to the border's rows
         for i in range(arrow.count):
             b = arrow.count - 1 - i
