@@ -420,7 +420,7 @@ class Solution:
         twin = specs[name].dead_twin
         if twin and not self.inputs.is_active(name):
             # a follower force is an unknown's worth of equations more, but to first order only its direction counts
-            return np.asarray(frozen(self.jacobian(twin) @ self.tip_rotation))
+            return np.asarray(frozen(self.jacobian(twin, of=of) @ self.tip_rotation))
         count = specs[name].size(len(self.assembly.rods))
         if of == "line_length":
             return self._length_jacobian(name, count)
