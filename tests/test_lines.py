@@ -130,15 +130,15 @@ def test_derivatives_by_tensions_are_exact_and_lengths_are_conjugate_to_them(sol
         stored = (ends[0].energy - ends[1].energy) / (2 * h)
         work = FORCE @ (ends[0].tip_position - ends[1].tip_position) / (2 * h) - TENSION @ lengths[:, k]
         np.testing.assert_allclose(stored, work, atol=1e-9)
+    assert np.abs(lengths - lengths.T).max() < 1e-10 * np.abs(lengths).max()
+    assert np.linalg.eigvalsh(lengths).max() < 0  # more tension, shorter lines
+    assert str(solution.stability) == "STABLE"
 
 
 def test_lengths_vary_with_a_follower_force_of_zero_as_with_a_dead_one(solution):
     lengths = solution.jacobian("follower_force", of="line_length")
     assert lengths.shape == (3, 3)
     np.testing.assert_allclose(lengths, solution.jacobian("tip_force", of="line_length") @ solution.tip_rotation, rtol=1e-14)
-    assert np.abs(lengths - lengths.T).max() < 1e-10 * np.abs(lengths).max()
-    assert np.linalg.eigvalsh(lengths).max() < 0  # more tension, shorter lines
-    assert str(solution.stability) == "STABLE"
 
 
 @pytest.mark.parametrize("pushed", [0.01, -0.012])
