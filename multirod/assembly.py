@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from multirod.integrators import Integrator
     from multirod.models.backbone.influence import Influence
     from multirod.models.backbone.kernels.layout.features import Features
+    from multirod.models.backbone.lines import Line
     from multirod.solver import Solver
 
 NOT_ALWAYS = ("tension",)  # inputs that a robot takes where it has what they drive
@@ -30,6 +31,11 @@ class Assembly(ABC):
 
     rods: tuple[Rod, ...]
     length_columns: ClassVar[bool] = False  # whether its problems take ``lengths``, and give how the lengths of lines vary
+
+    @property
+    def lines(self) -> "list[tuple[int, Line]]":
+        """Lines of all rods in their order, each with the index of its rod."""
+        return [(k, line) for k, rod in enumerate(self.rods) for line in rod.lines]
 
     @property
     @abstractmethod

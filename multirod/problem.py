@@ -413,10 +413,9 @@ class BoundaryProblem(Uncopied, ABC):
         """Largest residual of a solution [1/m], shape (instance_count,): what is given, or the default of the precision.
 
         That is ``TOLERANCE`` in double precision, and that part of ``curvature_scale`` where it is less than 1/m, as for rods
-        longer than a metre.
-        Rounding sets a floor that is proportional to curvature: ``ROUNDED`` of its scale, which rods of less than a millimetre
-            come to, and in
-        single precision ``SINGLE_TOLERANCE`` of it (measured: ``docs/solvers.md``, Single precision).
+        longer than a metre. Rounding sets a floor that is proportional to curvature: ``ROUNDED`` of its scale, which rods of less
+        than a millimetre come to, and in single precision ``SINGLE_TOLERANCE`` of it (measured: ``docs/solvers.md``, Single
+        precision).
         """
         if given is not None:
             return np.full(self.instance_count, float(given))

@@ -38,10 +38,14 @@ class Profile:
 
     def __call__(self, s: float) -> FloatArray:
         """Value at arclength ``s``; past either end, the nearest polynomial."""
-        piece = min(int(np.searchsorted(self.ends, s)), len(self.ends) - 1)
-        start = self.ends[piece - 1] if piece else 0.0
-        t = (2 * s - start - self.ends[piece]) / (self.ends[piece] - start)
-        return np.asarray(np.polynomial.polynomial.polyval(t, self.coefficients[piece]), dtype=np.float64)
+        start, end, coefficients = self.piece(s)
+        t = (2 * s - start - end) / (end - start)
+        return np.asarray(np.polynomial.polynomial.polyval(t, coefficients), dtype=np.float64)
+
+    def piece(self, s: float) -> tuple[float, float, FloatArray]:
+        """Start, end and coefficients of the polynomial that holds at ``s``; past either end, of the nearest."""
+        k = min(int(np.searchsorted(self.ends, s)), len(self.ends) - 1)
+        return float(self.ends[k - 1]) if k else 0.0, float(self.ends[k]), self.coefficients[k]
 
     def __getstate__(self) -> dict[str, Any]:
         return {"ends": self.ends, "coefficients": self.coefficients}

@@ -20,13 +20,14 @@ from multirod.reuse import borrowed
 from multirod.segment_system import pose_jacobian
 from multirod.segments import taken
 from multirod.solver import Outcome
-from multirod.stability import Modes, Stability
+from multirod.stability import Modes, Stability, modes_of
 from multirod.status import Status, failures
 from multirod.validation import FloatArray, choice, frozen, positive_int, refuse, shown
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from multirod.models.backbone.lines import Line
     from multirod.studies.terms.simplify import Dropped
 
 DEFAULT_NODE_COUNT = 51
@@ -78,8 +79,7 @@ def _potential(problem: BoundaryProblem) -> tuple[FloatArray]:
 
 
 def _modes(problem: BoundaryProblem) -> tuple[Any, ...]:
-    modes = Modes.unknown(problem.instance_count) if problem.stability is None else problem.stability.modes()
-    return tuple(vars(modes).values())
+    return tuple(vars(modes_of(problem)).values())
 
 
 class Solution:
@@ -372,7 +372,7 @@ class Solution:
         Raises:
             ValueError: If there is no such line, or ``nodes`` is not an integer >= 2.
         """
-        lines = [(k, own) for k, rod in enumerate(self.assembly.rods) for own in rod.lines]
+        lines = self.assembly.lines
         names = [own.name for _, own in lines]
         index = names.index(line) if isinstance(line, str) and line in names else line
         if isinstance(index, bool) or not isinstance(index, (int, np.integer)) or not -len(names) <= index < len(names):
@@ -386,11 +386,10 @@ class Solution:
         tension = np.where(np.isnan(offset[..., 0]), np.nan, self.tension[..., index, None])
         return LineShape(shape.arclength, position, tension)
 
-    def _lines(self) -> list[Any]:
-        lines = [line for rod in self.assembly.rods for line in rod.lines]
-        if not lines:
+    def _lines(self) -> "list[tuple[int, Line]]":
+        if not self.assembly.lines:
             raise AttributeError("no rod has lines")
-        return lines
+        return self.assembly.lines
 
     def _each(self, values: FloatArray) -> FloatArray:
         """Rows of an input, one an instance."""
@@ -422,44 +421,24 @@ class Solution:
             # a follower force is an unknown's worth of equations more, but to first order only its direction counts
             return np.asarray(frozen(self.jacobian(twin, of=of) @ self.tip_rotation))
         count = specs[name].size(len(self.assembly.rods))
-        if of == "line_length":
-            return self._length_jacobian(name, count)
-
-        def columns(problem: BoundaryProblem) -> tuple[FloatArray]:
-            slopes, moved = problem.input_columns(name)
-            n = problem.unknown_count
-            gamma = problem.read("gamma").reshape(-1, n, n)
-            pose = np.array(problem.pose_columns.numpy()[:, :, :n])
-            result = np.full((len(gamma), 6, count), np.nan)
-            with np.errstate(over="ignore"):
-                sound = np.linalg.det(np.nan_to_num(gamma)) != 0
-            shift = np.linalg.solve(gamma[sound], slopes[sound])
-            result[sound] = moved[sound] - pose[sound] @ shift
-            for k, points in problem.breakpoints.items():
-                segments = problem.segments
-                assert segments is not None
-                result[k] = pose_jacobian(segments, k, points)
-            return (result,)
-
-        options = self.assembly.input_directions(name)
-        (result,) = self._gather(columns, pose_sensitivities=True, enabled=(name,), **options)
-        return self._masked(result, (6, count))
-
-    def _length_jacobian(self, name: str, count: int) -> FloatArray:
-        rows = len(self._lines())
-        if not self.assembly.length_columns:
+        by_length = of == "line_length"
+        rows = len(self._lines()) if by_length else 6
+        if by_length and not self.assembly.length_columns:
             raise NotImplementedError(f"{type(self.assembly).__name__} does not give the derivatives of its lines' lengths")
 
         def columns(problem: Any) -> tuple[FloatArray]:
-            slopes, _ = problem.input_columns(name)
+            slopes, moved = problem.input_columns(name)
             n = problem.unknown_count
             gamma = problem.read("gamma").reshape(-1, n, n)
-            lengths = problem.line_length_columns.numpy()
+            carried = (problem.line_length_columns if by_length else problem.pose_columns).numpy()
+            moved = carried[:, :, n:] if by_length else moved
             result = np.full((len(gamma), rows, count), np.nan)
             with np.errstate(over="ignore"):
                 sound = np.linalg.det(np.nan_to_num(gamma)) != 0
-            sound[list(problem.breakpoints)] = False
-            result[sound] = lengths[sound, :, n:] - lengths[sound, :, :n] @ np.linalg.solve(gamma[sound], slopes[sound])
+            shift = np.linalg.solve(gamma[sound], slopes[sound])
+            result[sound] = moved[sound] - carried[sound, :, :n] @ shift
+            for k, points in problem.breakpoints.items():
+                result[k] = np.nan if by_length else pose_jacobian(problem.segments, k, points)
             return (result,)
 
         options = self.assembly.input_directions(name)

@@ -3,11 +3,15 @@
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.problem import BoundaryProblem
 
 NEUTRAL = 1e-6  # of stiffness over length: a mode no stiffer than this is neutral
 
@@ -154,3 +158,8 @@ class StabilityAnalysis(ABC):
     def unstable(self) -> NDArray[np.bool_]:
         """Whether what is at ``unknowns`` is known to be unstable, shape (instance_count,)."""
         return np.asarray(self.modes().stability == Stability.UNSTABLE)
+
+
+def modes_of(problem: "BoundaryProblem") -> Modes:
+    """Those at ``unknowns``; unknown where the problem has no stability to offer."""
+    return Modes.unknown(problem.instance_count) if problem.stability is None else problem.stability.modes()

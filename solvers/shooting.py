@@ -34,8 +34,7 @@ class Shooting(Solver):
     Attributes:
         tolerance: Largest residual, max norm [1/m]; None is 1e-9 for rods of usual size, and otherwise a part of the largest
             precurvature, or of one over the length: 1e-9 of it where that is less than 1/m, 1e-12 of it where it is more than
-                1000/m, and for an
-            integrator in ``"float32"`` 1e-5 (``docs/solvers.md``, Single precision).
+            1000/m, and for an integrator in ``"float32"`` 1e-5 (``docs/solvers.md``, Single precision).
         integrator: Of the spatial equations.
         max_iterations: Newton iterations allowed, in each continuation step and in all of a warm start.
         predictor: How a motion's next sample is guessed: from the last one (``"none"``), or by ``"linear"`` (default) or

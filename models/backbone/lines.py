@@ -90,10 +90,8 @@ class Line(Member):
         if self.offset is not None:
             return 0.0, 1.0, self.offset[..., None, :]
         assert self._resolved is not None
-        ends = self._resolved.ends
-        piece = int(np.clip(np.searchsorted(ends, s - self.start), 0, len(ends) - 1))
-        begin = float(ends[piece - 1]) if piece else 0.0
-        return self.start + begin, self.start + float(ends[piece]), self._resolved.coefficients[piece]
+        begin, end, coefficients = self._resolved.piece(s - self.start)
+        return self.start + begin, self.start + end, coefficients
 
     def offset_at(self, s: FloatArray, batch_shape: tuple[int, ...], instances: IntArray | None) -> FloatArray:
         """``rho`` [m] at arclengths of the rod (k, node_count) of k instances of a batch, shape (k, node_count, 2).

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -670,31 +670,17 @@ class PlatformShapes(Shapes):
         return result
 
 
+_ON_PLATFORM = {
+    "tip_force": "dead force on the platform at force_point, world frame",
+    "tip_moment": "dead moment on the platform, world frame",
+    "follower_force": "force on the platform at force_point, fixed in its frame",
+    "follower_moment": "moment on the platform, fixed in its frame",
+}
 PLATFORM_INPUTS = (
-    InputSpec(
-        name="tip_force",
-        unit="N",
-        acts="tip",
-        load="force",
-        potential=True,
-        description="dead force on the platform at force_point, world frame",
-    ),
-    InputSpec(name="tip_moment", unit="N m", acts="tip", load="moment", description="dead moment on the platform, world frame"),
-    InputSpec(
-        name="follower_force",
-        unit="N",
-        acts="tip",
-        load="force",
-        follows=True,
-        description="force on the platform at force_point, fixed in its frame",
-    ),
-    InputSpec(
-        name="follower_moment",
-        unit="N m",
-        acts="tip",
-        load="moment",
-        follows=True,
-        description="moment on the platform, fixed in its frame",
+    *(
+        replace(spec, description=_ON_PLATFORM[spec.name], dead_twin="")  # legs have the unknowns that a twin would save
+        for spec in BACKBONE_INPUTS
+        if spec.name in _ON_PLATFORM
     ),
     InputSpec(name="force_point", unit="m", acts="tip", description="where forces act on the platform, platform frame"),
 )

@@ -143,13 +143,12 @@ class Stage:
     @property
     def lines(self) -> list[str]:
         """Names of the rods' lines, in their order."""
-        lines = [line for rod in self.assembly.rods for line in rod.lines]
-        return [line.name or f"line {i + 1}" for i, line in enumerate(lines)]
+        return [line.name or f"line {i + 1}" for i, (_, line) in enumerate(self.assembly.lines)]
 
     def line(self, k: int, line: int) -> str:
         """Entity of a line in the scene."""
-        owners = [rod for rod, own in enumerate(self.assembly.rods) for _ in own.lines]
-        return self.world("lines", k) + _entity((*self.rods[owners[line]].path, self.lines[line]))
+        rod, _ = self.assembly.lines[line]
+        return self.world("lines", k) + _entity((*self.rods[rod].path, self.lines[line]))
 
     def curvature(self, k: int, rod: int) -> str:
         """Entity of a rod's curvature."""

@@ -8,7 +8,7 @@ from multirod.problem import BoundaryProblem
 from multirod.solvers.continuation.acceptance import CONTRACTION
 from multirod.solvers.continuation.branch_step import CUTS, Apart, Change, Inspection, Point, Step, heights
 from multirod.solvers.continuation.crossings import at, crossings, cubic
-from multirod.stability import Modes
+from multirod.stability import Modes, modes_of
 from multirod.validation import FloatArray
 
 ITERATIONS = 8
@@ -162,7 +162,7 @@ class Branch:
     def slopes(self, point: Point, numbers: range) -> FloatArray:
         """How ``heights`` change along the branch, per length."""
         self._evaluate(point.place + AHEAD * point.tangent)
-        return (heights(self._modes(), numbers) - heights(point.modes, numbers)) / AHEAD
+        return (heights(modes_of(self.problem), numbers) - heights(point.modes, numbers)) / AHEAD
 
     def _try(self, point: Point, length: float) -> tuple[Step | None, float]:
         """One step further, if it surely is on the same branch, and Newton's contraction."""
@@ -223,7 +223,6 @@ class Branch:
         if not tangent.any():  # at a fold no way leads ahead
             tangent = vectors[-1]
         tangent /= np.linalg.norm(tangent)
-        return Point(place, tangent, matrix[:, :-1] / self.scale[:-1], self._modes() if self.inspected else Modes.unknown(1))
-
-    def _modes(self) -> Modes:
-        return Modes.unknown(1) if self.problem.stability is None else self.problem.stability.modes()
+        return Point(
+            place, tangent, matrix[:, :-1] / self.scale[:-1], modes_of(self.problem) if self.inspected else Modes.unknown(1)
+        )
