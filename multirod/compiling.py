@@ -19,6 +19,8 @@ from multirod.batch import thread_count
 MOST_WORKERS = 8  # a compiler takes some 300 MB
 LOG = "MULTIROD_WARP_LOG"
 _LEVELS = {"debug": wp.LOG_DEBUG, "info": wp.LOG_INFO, "warning": wp.LOG_WARNING, "error": wp.LOG_ERROR}
+# Warp's, of the compiler
+_SETTINGS = ("mode", "optimization_level", "cpu_compiler_flags", "verify_fp", "enable_tiles_in_stack_memory")
 _NO_DRIVER = b"Could not find or load the NVIDIA CUDA driver"
 
 
@@ -162,13 +164,11 @@ class _Headers:
     Warp would have each thread of each process precompile them.
 
     Args:
-        folder: Where they are kept.
-        number: Of what they are made from and for.
+        header: What is precompiled.
     """
 
-    def __init__(self, folder: Path, number: int) -> None:
-        self.folder = folder
-        self._number = number
+    def __init__(self, header: Path) -> None:
+        self._made_of = f"{header} {header.stat().st_mtime_ns}"
         self._lock = Lock()
         self._maker: int | None = None
         self._room = ""
@@ -179,14 +179,16 @@ class _Headers:
         That is done elsewhere, and what is complete is moved here: other processes may be doing the same.
         """
         with self._lock:
-            if self._are_there():
+            folder = self._folder()
+            if _has_headers(folder):
                 return
-            with tempfile.TemporaryDirectory(dir=self.folder.parent) as room:
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryDirectory(dir=folder.parent) as room:
                 self._maker, self._room = get_ident(), room
                 try:
-                    wp.force_load(device, [_kernel_of(self._number).module], max_workers=0)
+                    wp.force_load(device, [_kernel_of(int(folder.name[-15:], 16)).module], max_workers=0)
                     for file in Path(room).glob("*.pch"):
-                        file.replace(self.folder / file.name)
+                        file.replace(folder / file.name)
                 finally:
                     self._maker = None
 
@@ -194,10 +196,18 @@ class _Headers:
         """The folder where Warp looks for them, and else puts them; None where it does without."""
         if self._maker == get_ident():
             return self._room
-        return str(self.folder) if self._are_there() else None
+        folder = self._folder()
+        return str(folder) if _has_headers(folder) else None
 
-    def _are_there(self) -> bool:
-        return any(self.folder.glob("*.pch"))
+    def _folder(self) -> Path:
+        """Where those are that Clang can use: it refuses those of another processor, place, time or setting."""
+        settings = [getattr(wp.config, name, None) for name in _SETTINGS]
+        made = sha256(f"{wp.get_cpu_kernel_cache_key()} {self._made_of} {settings}".encode()).hexdigest()[:15]
+        return Path(str(wp.config.kernel_cache_dir)) / f"multirod_headers_{made}"
+
+
+def _has_headers(folder: Path) -> bool:
+    return any(folder.glob("*.pch"))
 
 
 def _kernel_of(number: int) -> Any:
@@ -218,14 +228,8 @@ def _keep_headers() -> None:
     global _headers
     runtime: Any = getattr(getattr(getattr(wp, "_src", None), "context", None), "runtime", None)
     header = Path(str(wp.__file__)).parent / "native" / "builtin.h"
-    if not hasattr(runtime, "get_clang_pch_dir") or not header.exists() or not wp.config.cache_kernels:
-        return
-    # Clang refuses headers of another processor, place or time, with a message
-    made = sha256(f"{wp.get_cpu_kernel_cache_key()} {header} {header.stat().st_mtime_ns}".encode()).hexdigest()[:15]
-    folder = Path(str(wp.config.kernel_cache_dir)) / f"multirod_headers_{made}"
-    with suppress(OSError):
-        folder.mkdir(parents=True, exist_ok=True)
-        _headers = runtime.get_clang_pch_dir = _Headers(folder, int(made, 16))
+    if hasattr(runtime, "get_clang_pch_dir") and header.exists() and wp.config.cache_kernels:
+        _headers = runtime.get_clang_pch_dir = _Headers(header)
 
 
 _started = False

@@ -8,18 +8,19 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+PYTHON = (sys.executable, "-X", "faulthandler")  # a crash says where
 GUARD = 900.0  # [s] against what hangs, not against what is slow: half of the time limit of a test
 
 
 def run(*arguments: str, **options: Any) -> "subprocess.CompletedProcess[str]":
     """What a Python program came to."""
-    return subprocess.run([sys.executable, *arguments], capture_output=True, text=True, timeout=GUARD, **options)
+    return subprocess.run([*PYTHON, *arguments], capture_output=True, text=True, timeout=GUARD, **options)
 
 
 @contextmanager
 def started(*arguments: str) -> Iterator["subprocess.Popen[str]"]:
     """A Python program that runs, and is killed in the end if it still does."""
-    with subprocess.Popen([sys.executable, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen([*PYTHON, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         try:
             yield process
         finally:

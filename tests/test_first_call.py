@@ -222,6 +222,23 @@ def test_two_processes_may_compile_the_same_scene_at_once(tmp_path: Path, monkey
     assert not [name for name in folders if re.search(r"_p\d+_t\d+$", name)]
 
 
+def test_headers_are_precompiled_for_each_setting_of_the_compiler_once(tmp_path: Path) -> None:
+    text = """
+import warp
+from pathlib import Path
+import multirod as mr
+robot = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638))
+for level, load in enumerate(("tip_force", "follower_force")):
+    warp.config.optimization_level = level
+    assert not mr.solve(robot, robot.inputs(**{load: (1, 0, 0)})).status.failed
+for folder in Path(warp.config.kernel_cache_dir).glob("multirod_headers_*"):
+    print(len(list(folder.glob("*.pch"))))
+"""
+    done = program(text, tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == "1\n1\n"  # what is in a folder is complete
+
+
 def test_compile_of_a_batch_takes_its_first_instances(wire: mr.Rod) -> None:
     robot = mr.SingleRod(wire)
     force = np.linspace(0, 1, 30000)[:, None] * [1, 0, 0]
