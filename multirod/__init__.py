@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from multirod.models.assemblies.concentric_tubes import ConcentricTubes
     from multirod.models.assemblies.parallel_rods import InverseParallelRods, ParallelRods
     from multirod.models.assemblies.single_rod import SingleRod
-    from multirod.models.backbone.lines import Tendon
+    from multirod.models.backbone.lines import Chamber, PushRod, Tendon
     from multirod.models.backbone.members import Member
     from multirod.problem import Block, BoundaryProblem, Shape
     from multirod.recording import Recorder
@@ -62,6 +62,7 @@ __all__ = [
     "Assembly",
     "Block",
     "BoundaryProblem",
+    "Chamber",
     "CompileError",
     "ConcentricTubes",
     "CriticalLoad",
@@ -83,6 +84,7 @@ __all__ = [
     "Observer",
     "Outcome",
     "ParallelRods",
+    "PushRod",
     "Recorder",
     "Rod",
     "ScipyShooting",
@@ -121,7 +123,7 @@ _PUBLIC = {
     "studies.equilibria": "Equilibria equilibria",
     "inputs": "Inputs InputSpec",
     "models.assemblies.concentric_tubes": "ConcentricTubes",
-    "models.backbone.lines": "Tendon",
+    "models.backbone.lines": "Chamber PushRod Tendon",
     "models.backbone.members": "Member",
     "integrators": "RK4 RK23 RK45 AdaptiveIntegrator FixedStepIntegrator Integrator Tableau",
     "models.assemblies.parallel_rods": "InverseParallelRods ParallelRods",

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from multirod.models.backbone.lines import Line
     from multirod.solver import Solver
 
-NOT_ALWAYS = ("tension",)  # inputs that a robot takes where it has what they drive
+OF_LINES = ("tension", "pressure", "displacement")  # inputs that a robot takes where it has lines that are driven by them
 
 
 class Assembly(ABC):
@@ -101,7 +101,7 @@ class Assembly(ABC):
             TypeError: If a name is not one of ``input_specs``.
             ValueError: If a value is out of range, not finite or of a wrong shape, or the leading axes do not broadcast.
         """
-        for name in values.keys() & NOT_ALWAYS:
+        for name in values.keys() & set(OF_LINES):
             if all(spec.name != name for spec in self.input_specs):
                 refuse(name, values[name], "must not be given: no rod has a line that is driven by it")
         needs_length = any(callable(value) for value in values.values())

@@ -26,9 +26,26 @@ class Shapes(ABC):
     def at_nodes(self, node_count: int) -> "tuple[tuple[Shape, ...], FloatArray]":
         """Shape of each rod at the problem's ``unknowns``, and the elastic energy [J], shape (instance_count,)."""
 
-    def line_length(self) -> FloatArray:
+
+class Lines(ABC):
+    """What lines along the rods do, in the order of the rods and their lines."""
+
+    @abstractmethod
+    def length(self) -> FloatArray:
         """How long each line is [m], shape (instance_count, line_count)."""
-        raise NotImplementedError(f"{type(self).__name__} says nothing of lines")
+
+    @abstractmethod
+    def tension(self) -> FloatArray:
+        """What it pulls with [N], negative where it pushes, shape (instance_count, line_count)."""
+
+    @abstractmethod
+    def slack(self) -> NDArray[np.bool_]:
+        """Whether it hangs loose, shape (instance_count, line_count)."""
+
+    def length_columns(self) -> FloatArray:
+        """Derivatives of the lengths after ``BoundaryProblem.input_columns``, by unknowns then directions, shape (instance_count,
+        line_count, n + direction_count)."""
+        raise NotImplementedError(f"{type(self).__name__} does not give the derivatives of lengths")
 
 
 class Starts(ABC):

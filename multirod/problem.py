@@ -14,7 +14,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from multirod.batch import IntArray, Interrupted
-from multirod.capabilities import FreeTip, Joints, Parts, ResultTest, Shapes, Starts
+from multirod.capabilities import FreeTip, Joints, Lines, Parts, ResultTest, Shapes, Starts
 from multirod.compiling import start_warp
 from multirod.exclusive import Exclusive, Uncopied
 from multirod.inputs import Inputs
@@ -127,8 +127,8 @@ class BoundaryProblem(Uncopied, ABC):
     at a time: ``Solver.solve`` and ``evaluate`` refuse another.
 
     A problem implements ``guess``, ``_integrate`` and ``input_slice``. What only some can do are objects that it offers, or None
-    (``multirod.capabilities``): ``stability``, ``shapes``, ``starts``, ``parts``, ``segments``, ``joints``, ``result_test``,
-    ``free_tip``.
+    (``multirod.capabilities``): ``stability``, ``shapes``, ``lines``, ``starts``, ``parts``, ``segments``, ``joints``,
+    ``result_test``, ``free_tip``.
 
     Attributes:
         unknown_count: Unknowns ``n`` of an instance, and residuals.
@@ -447,6 +447,11 @@ class BoundaryProblem(Uncopied, ABC):
     @property
     def shapes(self) -> Shapes | None:
         """The rods on nodes along their arclength."""
+        return None
+
+    @property
+    def lines(self) -> Lines | None:
+        """What lines along the rods do."""
         return None
 
     @property

@@ -226,7 +226,7 @@ class Rod:
                 f"must be from {SMALLEST:g} to {LARGEST:g} m, all sections together",
             )
         self.members = _members(members)
-        self.lines = _lines(lines, self.length)
+        self.lines = _lines(lines, self.sections)
         self.outer_diameter, self.inner_diameter = _diameters(outer_diameter, inner_diameter)
         if not isinstance(name, str):
             refuse("Rod.name", name, "must be a string")
@@ -337,10 +337,10 @@ def _members(given: Any) -> "tuple[Member, ...]":
     return tuple(given)
 
 
-def _lines(given: Any, length: FloatArray) -> "tuple[Line, ...]":
+def _lines(given: Any, sections: Sequence[Section]) -> "tuple[Line, ...]":
     if isinstance(given, (list, tuple)) and not given:
         return ()
-    from multirod.models.backbone.lines import Line
+    from multirod.models.backbone.lines import Line, refuse_redundant
 
     if not isinstance(given, (list, tuple)) or not all(isinstance(line, Line) for line in given):
         refuse("Rod.lines", given, "must be a list of lines, such as Tendon")
@@ -348,7 +348,8 @@ def _lines(given: Any, length: FloatArray) -> "tuple[Line, ...]":
     for name in names:
         if names.count(name) > 1:
             refuse("Rod.lines", names, f"must have names of their own, and {name!r} is there twice")
-    return tuple(line.on(length) for line in given)
+    refuse_redundant(given, any(np.isfinite(section.axial_stiffness).any() for section in sections))
+    return tuple(line.on(sections) for line in given)
 
 
 def _diameters(outer: float | None, inner: float | None) -> tuple[float | None, float | None]:

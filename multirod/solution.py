@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from multirod.assembly import Assembly
 from multirod.batch import IntArray, parts, run
+from multirod.capabilities import Lines
 from multirod.inputs import Inputs
 from multirod.integrators import Integrator
 from multirod.problem import BoundaryProblem, LineShape, Shape
@@ -337,30 +338,47 @@ class Solution:
             values[name] = self._masked(value, value.shape[1:])
         return Shape(**values)
 
-    @property
+    @cached_property
     def tension(self) -> FloatArray:
-        """Tension of each line [N], shape (..., line_count), in the order of the rods' lines.
+        """Tension of each line [N], negative where it pushes, shape (..., line_count), in the order of the rods' lines.
+
+        Of a chamber, less its pressure times its area.
 
         Raises:
             AttributeError: If no rod has lines.
         """
-        self._lines()
-        return self._masked(self._each(self.inputs.tension), (self.inputs.tension.shape[-1],))
+        return self._of_lines(lambda lines: lines.tension())
+
+    @cached_property
+    def slack(self) -> NDArray[np.bool_]:
+        """Whether each line hangs loose, shape (..., line_count), in their order; False where there is no result.
+
+        Raises:
+            AttributeError: If no rod has lines.
+        """
+        return np.asarray(np.nan_to_num(self._of_lines(lambda lines: lines.slack())) != 0)
 
     @cached_property
     def line_length(self) -> FloatArray:
         """Length of each line between its start and its end on the rod [m], shape (..., line_count).
 
+        Of a chamber whose area in the section is fixed, its volume over that.
+
         Raises:
             AttributeError: If no rod has lines.
         """
+        return self._of_lines(lambda lines: lines.length())
+
+    def _of_lines(self, ask: Callable[[Lines], NDArray[Any]]) -> FloatArray:
+        """What lines say, shape (..., line_count)."""
         count = len(self._lines())
 
-        def lengths(problem: BoundaryProblem) -> tuple[FloatArray]:
-            assert problem.shapes is not None
-            return (problem.shapes.line_length(),)
+        def answers(problem: BoundaryProblem) -> tuple[FloatArray]:
+            if problem.lines is None:
+                raise NotImplementedError(f"{type(problem).__name__} says nothing of lines")
+            return (np.asarray(ask(problem.lines), dtype=np.float64),)
 
-        return self._masked(self._gather(lengths)[0], (count,))
+        return self._masked(self._gather(answers)[0], (count,))
 
     def line(self, line: int | str, *, nodes: int | None = None) -> LineShape:
         """Where a line is, on nodes evenly spaced along its rod; arrays (..., node_count, ...).
@@ -430,7 +448,7 @@ class Solution:
             slopes, moved = problem.input_columns(name)
             n = problem.unknown_count
             gamma = problem.read("gamma").reshape(-1, n, n)
-            carried = (problem.line_length_columns if by_length else problem.pose_columns).numpy()
+            carried = problem.lines.length_columns() if by_length else problem.pose_columns.numpy()
             moved = carried[:, :, n:] if by_length else moved
             result = np.full((len(gamma), rows, count), np.nan)
             with np.errstate(over="ignore"):

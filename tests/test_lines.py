@@ -283,7 +283,7 @@ def test_what_cannot_be_is_refused_by_name():
             "Tendon.end = 0.3 is not allowed: must be at most the length of the rod, 0.2 m",
         ),
         ({"offset": (0, 0), "start": 0.2}, ValueError, "Tendon.start = 0.2 is not allowed: must be less than the length"),
-        ({"offset": (0, 0), "driven": "displacement"}, ValueError, "Tendon.driven = 'displacement' is not allowed"),
+        ({"offset": (0, 0), "driven": "pressure"}, ValueError, "Tendon.driven = 'pressure' is not allowed"),
         ({"offset": (0, 0), "name": 1}, ValueError, "Tendon.name = 1 is not allowed: must be a string"),
     ],
 )

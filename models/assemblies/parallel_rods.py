@@ -17,7 +17,8 @@ from multirod.models.assemblies.single_rod import SingleRod
 from multirod.models.backbone.influence import Influence, influences
 from multirod.models.backbone.inputs import BY_MATERIAL, DRIVES, drive_specs
 from multirod.models.backbone.kernels.layout.features import Features
-from multirod.models.backbone.problem import BackboneAssembly, check_drives, scene_features
+from multirod.models.backbone.members import kinds
+from multirod.models.backbone.problem import BackboneAssembly, check_drives, scene_features, surely_driven
 from multirod.models.platform import platform_kernels as kernels
 from multirod.models.platform.problem import LEG_INPUTS, PER_ROD, PLATFORM_INPUTS, Geometry, ParallelProblem
 from multirod.reuse import reusable
@@ -73,6 +74,12 @@ class ParallelRods(Assembly):
         mass = nonnegative_float("ParallelRods.platform_mass", platform_mass)
         robots: list[BackboneAssembly] = [SingleRod(leg) if isinstance(leg, Rod) else leg for leg in legs]
         for k, robot in enumerate(robots):
+            if any(kind.conditioned for rod in robot.rods for kind in kinds(rod.carried)):
+                refuse(
+                    f"ParallelRods.legs[{k}]",
+                    legs[k],
+                    "must have no line that is driven by displacement: only by tension or pressure",
+                )
             if any(rod.is_embedded for rod in robot.rods):
                 refuse(
                     f"ParallelRods.legs[{k}]", legs[k], "must have no foundation: it is modelled for one backbone with a free tip"
@@ -118,13 +125,13 @@ class ParallelRods(Assembly):
         leg."""
         count = 3
         if name in (*PER_ROD, *DRIVES):
-            count = int(np.diff(self.geometry.first_rod if name in PER_ROD else self.geometry.first_drive).max())
+            count = int(np.diff(self.geometry.first_rod if name in PER_ROD else self.geometry.first_drive(name)).max())
         on_legs = (*PER_ROD, *DRIVES, *kernels.LEG_VECTORS)
         return {"direction_count": count, "leg_direction_count": count if name in on_legs else 0}
 
     def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102
         if name in DRIVES:
-            return min(values) >= 0
+            return surely_driven(name, values)
         if name != "translation":
             return name not in BY_MATERIAL
         return all(leg.surely_takes(name, values[own]) for leg, own in zip(self.geometry.legs, self._own_rods, strict=True))

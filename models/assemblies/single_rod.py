@@ -7,7 +7,7 @@ import numpy as np
 
 from multirod.inputs import Inputs, InputSpec
 from multirod.models.backbone.inputs import BACKBONE_INPUTS, BY_MATERIAL, DRIVES, drive_specs
-from multirod.models.backbone.problem import BackboneAssembly
+from multirod.models.backbone.problem import BackboneAssembly, surely_driven
 from multirod.rod import Rod
 from multirod.validation import refuse
 
@@ -68,7 +68,7 @@ class SingleRod(BackboneAssembly):
 
     def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102
         if name in DRIVES:
-            return min(values) >= 0
+            return surely_driven(name, values)
         return name not in BY_MATERIAL and (name != "translation" or values[0] > -self._shortest)
 
     def __repr__(self) -> str:

@@ -72,7 +72,17 @@ DRIVES: dict[str, dict[str, Any]] = {
         "load": "force",
         "potential": True,
         "description": "of each line that is driven by it, in their order, >= 0",
-    }
+    },
+    "pressure": {
+        "unit": "Pa",
+        "load": "force",
+        "potential": True,
+        "description": "in each chamber, in their order",
+    },
+    "displacement": {
+        "unit": "m",
+        "description": "how far each line that is driven by it is pulled out of the base, in their order",
+    },
 }  # inputs that drive lines, where there are such lines
 
 

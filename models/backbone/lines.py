@@ -1,7 +1,8 @@
-"""Lines: what runs along a rod at an offset from its centreline and is pulled; ``docs/lines.md``."""
+"""Lines: what runs along a rod at an offset from its centreline, and pulls or pushes; ``docs/lines.md``."""
 
 from collections.abc import Callable, Sequence
 from copy import copy
+from itertools import pairwise
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -9,12 +10,15 @@ import numpy as np
 
 from multirod import profile
 from multirod.batch import IntArray, take
-from multirod.models.backbone.members import Member
-from multirod.validation import FloatArray, array, choice, nonnegative_float, positive_float, refuse
+from multirod.models.backbone.members import CONDITION, Member
+from multirod.validation import FloatArray, array, choice, nonnegative_float, positive_array, positive_float, refuse
 
 if TYPE_CHECKING:
     from multirod.rod import Section
 
+GAUSS = np.polynomial.legendre.leggauss(16)
+PARTS = 4  # in each of which a length at rest is integrated by ``GAUSS``
+LEAST_LEVER = 1e-3  # of the rod's length: scales the tension of a line that is on the centreline
 DEGREE = 11  # of the polynomials that hold a route: a turn of a helix takes four
 ROUNDED = 1e-12  # of the rod's length: what an end may be past the rod's
 
@@ -30,8 +34,9 @@ class Line(Member):
         batch_shape: Leading axes of its offset.
     """
 
-    parameters: ClassVar = {"present": (0, 0)}
+    parameters: ClassVar = {"weight": (0, 0)}  # zero where the line is not
     functions: ClassVar = {"x": (0, 1), "y": (0, 1)}
+    weight: Any = 1.0  # what its length is multiplied by in what its drive works on, and its drive to be a tension
 
     def __init__(self, offset: Any, route: Callable[[float], Any] | None, start: float, end: float | None, name: str) -> None:
         field = type(self).__name__
@@ -55,12 +60,13 @@ class Line(Member):
     def batch_shape(self) -> tuple[int, ...]:  # noqa: D102
         return () if self.offset is None else self.offset.shape[:-1]
 
-    def on(self, lengths: FloatArray) -> Self:
-        """The line on a rod of these lengths [m], its route resolved.
+    def on(self, sections: "Sequence[Section]") -> Self:
+        """The line on a rod of these sections, its route resolved.
 
         Raises:
             ValueError: If it leaves the rod, or its route is not two finite numbers.
         """
+        lengths = np.asarray(sum(section.length for section in sections))
         field, shortest, longest = type(self).__name__, float(lengths.min()), float(lengths.max())
         if self.end is not None and self.end > shortest * (1 + ROUNDED):
             refuse(f"{field}.end", self.end, f"must be at most the length of the rod, {shortest:g} m")
@@ -84,7 +90,7 @@ class Line(Member):
         return [*([self.start] if self.start else []), *inner, *([self._last] if np.isfinite(self._last) else [])]
 
     def values(self, section: "Section", s: float) -> FloatArray:  # noqa: D102
-        return np.array([float(self.start <= s < self._last)])
+        return np.asarray(self.weight * float(self.start <= s < self._last))[..., None]
 
     def polynomials(self, s: float) -> tuple[float, float, FloatArray]:  # noqa: D102
         if self.offset is not None:
@@ -92,6 +98,41 @@ class Line(Member):
         assert self._resolved is not None
         begin, end, coefficients = self._resolved.piece(s - self.start)
         return self.start + begin, self.start + end, coefficients
+
+    def length_at_rest(self, sections: "Sequence[Section]") -> FloatArray:
+        """How long the line is in a rod of these sections that nothing loads [m], shape (...)."""
+        total = begin = np.asarray(0.0)
+        for section in sections:
+            end = begin + section.length
+            curve = section.precurvature
+            own: Any = float(np.max(begin)) + curve.ends if isinstance(curve, profile.Profile) else []
+            stops = [begin, *(np.clip(cut, begin, end) for cut in sorted({*self.cuts, *own})), end]
+            for start, stop in pairwise(stops):
+                if self.start <= np.max(start + stop) / 2 <= self._last:
+                    total = total + self._length_between(section, begin, start, stop)
+            begin = end
+        return np.asarray(total)
+
+    def _length_between(self, section: "Section", begin: FloatArray, start: FloatArray, stop: FloatArray) -> FloatArray:
+        """(L1) The same of a stretch from ``start`` to ``stop`` (...) of a section that begins at ``begin``, without cuts."""
+        total = np.asarray(0.0)
+        for part in range(PARTS):
+            for node, weight in zip(*GAUSS, strict=True):
+                s = float(np.max(start + (stop - start) * (part + (1 + node) / 2) / PARTS))
+                curve = section.precurvature
+                u = curve(s - float(np.max(begin))) if isinstance(curve, profile.Profile) else curve
+                rho, slope = self._offset_and_slope(s)
+                x, y = rho[..., 0], rho[..., 1]
+                a = (slope[..., 0] - u[..., 2] * y, slope[..., 1] + u[..., 2] * x, 1 + u[..., 0] * y - u[..., 1] * x)
+                total = total + np.sqrt(a[0] ** 2 + a[1] ** 2 + a[2] ** 2) * weight / (2 * PARTS)
+        return np.asarray(total * (stop - start))
+
+    def _offset_and_slope(self, s: float) -> tuple[FloatArray, FloatArray]:
+        """``rho`` [m] and its derivative by the arclength, each (..., 2)."""
+        begin, end, terms = self.polynomials(s)
+        t, powers = 2 * (s - begin) / (end - begin) - 1, np.arange(terms.shape[-2])
+        slopes = 2 / (end - begin) * powers * t ** np.maximum(powers - 1, 0)
+        return t**powers @ terms, slopes @ terms
 
     def offset_at(self, s: FloatArray, batch_shape: tuple[int, ...], instances: IntArray | None) -> FloatArray:
         """``rho`` [m] at arclengths of the rod (k, node_count) of k instances of a batch, shape (k, node_count, 2).
@@ -115,14 +156,18 @@ class Line(Member):
 
 
 class Tendon(Line):
-    """A tendon that slides along a rod without friction, and pulls where it ends with the tension that it is given.
+    """A tendon that slides along a rod without friction, and pulls where it ends.
 
     Args:
         offset: From the centreline in the material frame [m], shape (..., 2).
         route: Instead, a smooth function of the arclength [m] from the rod's base that returns two numbers.
         start: Arclength where it enters the rod [m].
         end: Where it is fastened [m]; None, the default, is the end of the rod.
-        driven: ``"tension"``, the input by which it is driven: its tension [N], which is >= 0.
+        driven: The input by which it is driven: ``"tension"`` [N], which is >= 0, or ``"displacement"``, how far it is pulled out
+            of the base [m]. It is slack where it would have to push.
+        axial_stiffness: ``EA`` [N] of one that is driven by displacement, shape (...); infinite by default: it does not stretch.
+        rest_length: Its length without tension [m], of one that is driven by displacement; None, the default, is how long it is
+            in the rod without load.
         name: How it is called in results and recordings.
 
     Raises:
@@ -133,6 +178,11 @@ class Tendon(Line):
     drive: ClassVar = ("tension", (1, 0))
     convex = True  # (L4): where tensions are not negative
 
+    def __new__(cls, *_: Any, driven: str = "tension", **__: Any) -> Self:
+        """Of another law, where it is driven by displacement."""
+        choice("Tendon.driven", driven, ("tension", "displacement"))
+        return super().__new__(DisplacedTendon if cls is Tendon and driven == "displacement" else cls)  # type: ignore[return-value]
+
     def __init__(
         self,
         offset: Any = None,
@@ -141,13 +191,231 @@ class Tendon(Line):
         start: float = 0.0,
         end: float | None = None,
         driven: str = "tension",
+        axial_stiffness: Any = None,
+        rest_length: float | None = None,
         name: str = "",
     ) -> None:
-        choice("Tendon.driven", driven, ("tension",))
+        for field, value in (("axial_stiffness", axial_stiffness), ("rest_length", rest_length)):
+            if value is not None:
+                refuse(f"Tendon.{field}", value, 'must not be given where driven = "tension"')
         super().__init__(offset, route, start, end, name)
 
     @staticmethod
     def law(numbers: SimpleNamespace) -> SimpleNamespace:  # noqa: D102
         from multirod.models.backbone.kernels.lines import tendon_law
 
-        return tendon_law(numbers)
+        return tendon_law(numbers, 1)
+
+
+class DrivenByLength(Line):
+    """A line whose length is given and whose tension is unknown, (L7)."""
+
+    parameters: ClassVar = {**Line.parameters, **CONDITION}
+    drive: ClassVar = ("displacement", (1, 0))
+    conditioned = True
+    condition: FloatArray  # what ``CONDITION`` says, (..., 4)
+
+    def __init__(
+        self,
+        offset: Any = None,
+        *,
+        route: Callable[[float], Any] | None = None,
+        start: float = 0.0,
+        end: float | None = None,
+        axial_stiffness: Any = None,
+        rest_length: float | None = None,
+        name: str = "",
+    ) -> None:
+        Line.__init__(self, offset, route, start, end, name)
+        field = type(self).__name__.removeprefix("Displaced")
+        self.axial_stiffness = np.inf if axial_stiffness is None else positive_array(f"{field}.axial_stiffness", axial_stiffness)
+        self.rest_length = None if rest_length is None else positive_float(f"{field}.rest_length", rest_length)
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:  # noqa: D102
+        return np.broadcast_shapes(super().batch_shape, np.shape(self.axial_stiffness))
+
+    def on(self, sections: "Sequence[Section]") -> Self:  # noqa: D102
+        result = super().on(sections)
+        natural = result.length_at_rest(sections)
+        rest = natural if self.rest_length is None else np.asarray(self.rest_length)
+        size = float(np.max(np.sum([section.length for section in sections], axis=0)))
+        lever = np.maximum(np.linalg.norm(result._offset_and_slope(self.start)[0], axis=-1), LEAST_LEVER * size)
+        condition = np.broadcast_arrays(lever, rest / self.axial_stiffness, natural, rest - natural)
+        result.condition = np.stack(condition, axis=-1)
+        return result
+
+    def values(self, section: "Section", s: float) -> FloatArray:  # noqa: D102
+        there = np.broadcast_to(super().values(section, s), (*self.condition.shape[:-1], 1))
+        return np.concatenate([there, self.condition], axis=-1)
+
+    @staticmethod
+    def law(numbers: SimpleNamespace) -> SimpleNamespace:  # noqa: D102
+        from multirod.models.backbone.kernels.lines import tendon_law
+
+        return tendon_law(numbers, 1 + len(CONDITION))
+
+
+class DisplacedTendon(DrivenByLength, Tendon):
+    """A ``Tendon`` that is driven by displacement: slack where it would have to push, (L8)."""
+
+    drive: ClassVar = DrivenByLength.drive
+    slackens = True
+    convex = True
+
+    def __init__(self, *args: Any, driven: str = "displacement", **options: Any) -> None:
+        DrivenByLength.__init__(self, *args, **options)
+
+
+class PushRod(DrivenByLength):
+    """A push rod: it slides along a rod without friction, and pushes or pulls where it ends.
+
+    Its input is ``displacement``, how far it is pulled out of the base [m]; negative where it is pushed in.
+
+    Args:
+        offset: From the centreline in the material frame [m], shape (..., 2).
+        route: Instead, a smooth function of the arclength [m] from the rod's base that returns two numbers.
+        start: Arclength where it enters the rod [m].
+        end: Where it is fastened [m]; None, the default, is the end of the rod.
+        axial_stiffness: ``EA`` [N], shape (...); infinite by default.
+        bending_stiffness: ``EI`` [N m^2], shape (...); zero by default. Where it is not, the push rod is straight at rest, as the
+            rod has to be, and runs at a constant offset.
+        rest_length: Its length without load [m]; None, the default, is how long it is in the rod without load.
+        name: How it is called in results and recordings.
+
+    Raises:
+        TypeError: If both or neither of ``offset`` and ``route`` are given.
+        ValueError: If a value is out of range; the message names it, its value and what is allowed.
+    """
+
+    parameters: ClassVar = {"weight": (0, 0), "bending": (1, 2), **CONDITION}
+
+    def __init__(
+        self,
+        offset: Any = None,
+        *,
+        route: Callable[[float], Any] | None = None,
+        start: float = 0.0,
+        end: float | None = None,
+        axial_stiffness: Any = None,
+        bending_stiffness: Any = None,
+        rest_length: float | None = None,
+        name: str = "",
+    ) -> None:
+        own: dict[str, Any] = {"axial_stiffness": axial_stiffness, "rest_length": rest_length, "name": name}
+        super().__init__(offset, route=route, start=start, end=end, **own)
+        given = bending_stiffness is not None
+        self.bending_stiffness = positive_array("PushRod.bending_stiffness", bending_stiffness) if given else np.asarray(0.0)
+        if given and route is not None:
+            refuse("PushRod.bending_stiffness", bending_stiffness, "must not be given with a route: its offset must be constant")
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:  # noqa: D102
+        return np.broadcast_shapes(super().batch_shape, self.bending_stiffness.shape)
+
+    def on(self, sections: "Sequence[Section]") -> Self:  # noqa: D102
+        straight = not any(isinstance(s.precurvature, profile.Profile) or np.any(s.precurvature) for s in sections)
+        if self.bending_stiffness.any() and not straight:
+            refuse(
+                "PushRod.bending_stiffness", self.bending_stiffness.tolist(), "must not be given where the rod is bent at rest"
+            )
+        return super().on(sections)
+
+    def values(self, section: "Section", s: float) -> FloatArray:  # noqa: D102
+        found = super().values(section, s)
+        shape = np.broadcast_shapes(found.shape[:-1], self.bending_stiffness.shape)
+        found = np.broadcast_to(found, (*shape, found.shape[-1]))
+        bending = np.broadcast_to(self.bending_stiffness, shape)[..., None] * found[..., :1]
+        return np.concatenate([found[..., :1], bending, found[..., 1:]], axis=-1)
+
+    @staticmethod
+    def law(numbers: SimpleNamespace) -> SimpleNamespace:  # noqa: D102
+        from multirod.models.backbone.kernels.lines import tendon_law
+
+        return tendon_law(numbers, 2 + len(CONDITION), bending_at=1)
+
+
+def refuse_redundant(lines: "Sequence[Line]", extensible: bool) -> None:
+    """Refuse push rods that do not stretch and are more than their lengths determine, by a ``ValueError``."""
+    rigid = [
+        line for line in lines if isinstance(line, PushRod) and line.offset is not None and np.isinf(line.axial_stiffness).any()
+    ]
+    for span in {(line.start, line.end) for line in rigid}:
+        beside = [line for line in rigid if (line.start, line.end) == span]
+        offsets = np.stack(np.broadcast_arrays(*(np.asarray(line.offset) for line in beside)), axis=-2)
+        if extensible:
+            offsets = np.concatenate([offsets, np.full((*offsets.shape[:-1], 1), np.abs(offsets).max())], axis=-1)
+        if np.min(np.linalg.matrix_rank(offsets, tol=1e-9 * np.abs(offsets).max())) < len(beside):
+            refuse(
+                "PushRod.axial_stiffness",
+                np.inf,
+                f"must be finite: {len(beside)} push rods beside each other that do not stretch have no tensions of their own",
+            )
+
+
+class Chamber(Line):
+    """A chamber along a rod, filled with a fluid: its pressure lengthens it.
+
+    Its input is ``pressure`` [Pa], more than around the robot.
+
+    Args:
+        offset: Of its middle from the centreline in the material frame [m], shape (..., 2).
+        route: Instead, a smooth function of the arclength [m] from the rod's base that returns two numbers.
+        area: Of its section [m^2], shape (...).
+        area_fixed: What does not change as the rod bends: the area ``"across"`` the chamber's own direction, or that in the
+            ``"section"`` of the rod (``docs/lines.md``, L9).
+        start: Arclength where it begins [m].
+        end: Where it ends [m]; None, the default, is the end of the rod.
+        name: How it is called in results and recordings.
+
+    Raises:
+        TypeError: If both or neither of ``offset`` and ``route`` are given.
+        ValueError: If a value is out of range; the message names it, its value and what is allowed.
+    """
+
+    parameters: ClassVar = {"weight": (0, 2)}
+    drive: ClassVar = ("pressure", (1, -2))
+
+    def __new__(cls, *_: Any, area_fixed: str = "across", **__: Any) -> Self:
+        """Of another law, where the area in the section is fixed."""
+        choice("Chamber.area_fixed", area_fixed, ("across", "section"))
+        return super().__new__(SectionChamber if cls is Chamber and area_fixed == "section" else cls)  # type: ignore[return-value]
+
+    def __init__(
+        self,
+        offset: Any = None,
+        *,
+        route: Callable[[float], Any] | None = None,
+        area: Any = None,
+        area_fixed: str = "across",
+        start: float = 0.0,
+        end: float | None = None,
+        name: str = "",
+    ) -> None:
+        super().__init__(offset, route, start, end, name)
+        if area is None:
+            raise TypeError("Chamber needs area")
+        self.area = positive_array("Chamber.area", area)
+        self.weight = -self.area
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:  # noqa: D102
+        return np.broadcast_shapes(super().batch_shape, np.shape(self.area))
+
+    @staticmethod
+    def law(numbers: SimpleNamespace) -> SimpleNamespace:  # noqa: D102
+        from multirod.models.backbone.kernels.lines import tendon_law
+
+        return tendon_law(numbers, 1)
+
+
+class SectionChamber(Chamber):
+    """A ``Chamber`` whose area in the rod's section is fixed, (L9)."""
+
+    convex = True  # the energy is linear
+
+    @staticmethod
+    def law(numbers: SimpleNamespace) -> SimpleNamespace:  # noqa: D102
+        from multirod.models.backbone.kernels.lines import section_chamber_law
+
+        return section_chamber_law(numbers)

@@ -1,7 +1,7 @@
 """What a rod carries along itself and that gives way with it: members, which add to the energy of its section."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -13,6 +13,11 @@ if TYPE_CHECKING:
     from multirod.rod import Section
 
 
+# (L7) what the condition of an unknown ``T`` takes: a lever that scales it, the line's compliance, how long it is in the rod at
+# rest, and how much longer it would be alone
+CONDITION = {"lever": (0, 1), "compliance": (-1, 1), "natural": (0, 1), "excess": (0, 1)}
+
+
 class Member(ABC):
     """Something that a rod carries along itself: its energy per length ``W(u, v)`` adds to the rod's own.
 
@@ -22,12 +27,15 @@ class Member(ABC):
 
     A member may be driven by an input ``T`` of the robot, one number for each: then ``W + T w(u, v)`` takes the place of ``W``,
     and ``w``, such as the length of a tendon per length of rod, is what ``T`` works on. Its potential is not stored in the rod.
+    Or ``T`` is unknown, and the input says what ``w`` has to come to along the rod (``docs/lines.md``, L7).
 
     Attributes:
         parameters: Names of the numbers that the law needs on each piece of the rod, and their unit as powers of newton and
             metre, such as ``{"stiffness": (1, 2)}`` for N m^2.
         functions: The same for what varies along the rod: functions of its arclength.
-        drive: The input that drives it, and its unit; None where nothing does.
+        drive: The input that drives it, and the unit of ``T``; None where nothing does.
+        conditioned: Whether ``T`` is unknown; of the parameters the last four then are those of ``CONDITION``.
+        slackens: Whether an unknown ``T`` is never negative.
         convex: Whether the energy is convex in the strains, so that the section is stiffer than the rod alone. Where it is not,
             stability is not judged.
     """
@@ -35,6 +43,8 @@ class Member(ABC):
     parameters: ClassVar[Mapping[str, tuple[int, int]]]
     functions: ClassVar[Mapping[str, tuple[int, int]]] = {}
     drive: ClassVar[tuple[str, tuple[int, int]] | None] = None
+    conditioned: ClassVar[bool] = False
+    slackens: ClassVar[bool] = False
     convex: ClassVar[bool] = False
 
     @abstractmethod
@@ -84,6 +94,18 @@ def kinds(members: Any) -> tuple[type[Member], ...]:
     return tuple(type(member) for member in members)
 
 
-def drives(laws: Any) -> list[str]:
+def driven(laws: "Iterable[type[Member]]") -> list[type[Member]]:
+    """Those of the laws that are driven, in their order."""
+    return [law for law in laws if law.drive is not None]
+
+
+def drives(laws: "Iterable[type[Member]]") -> list[str]:
     """The inputs that drive members of these laws, one entry a member that is driven, in their order."""
     return [law.drive[0] for law in laws if law.drive is not None]
+
+
+def drive_places(laws: "Iterable[type[Member]]") -> list[int]:
+    """Where that of each member that is driven stands in a row of inputs: all of one input side by side, in their order."""
+    names = drives(laws)
+    together = [k for name in dict.fromkeys(sorted(names)) for k, own in enumerate(names) if own == name]
+    return [together.index(k) for k in range(len(names))]

@@ -17,12 +17,13 @@ from multirod.capabilities import FreeTip, Parts
 from multirod.inputs import Inputs, InputSpec
 from multirod.integrators import AdaptiveIntegrator, Integrator
 from multirod.launch import LONGEST
+from multirod.models.backbone.driven import DrivenLines
 from multirod.models.backbone.influence import Influence, influences
 from multirod.models.backbone.inputs import BACKBONE_INPUTS, DRIVES, LOADS
 from multirod.models.backbone.kernels.layout import arguments as kernels
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.kernels.layout.layout import unknowns_of
-from multirod.models.backbone.members import drives
+from multirod.models.backbone.members import drive_places, drives, kinds
 from multirod.models.backbone.passes import LanePass
 from multirod.models.backbone.segments import TOTALS, BackboneSegments
 from multirod.models.backbone.shapes import BackboneShapes
@@ -190,6 +191,7 @@ class BackboneProblem(BoundaryProblem):
         self.slots = unknowns_of(self.features)
         self.drives = drives(self.features.members)
         self.drive_count = len(self.drives)
+        self.first_drive = 2 * len(rods) + 3 * len(kernels.INPUT_VECTORS)  # of a row of inputs
         n = self.slots.size
         super().__init__(
             unknown_count=n,
@@ -203,7 +205,7 @@ class BackboneProblem(BoundaryProblem):
         columns = n + direction_count
         # of lines: what ``lengths`` asks for
         self.line_length: Any = wp.zeros((self.instance_count, self.drive_count), dtype=wp.float64, device=device)
-        shape = (self.instance_count, self.drive_count, columns if lengths else 0)
+        shape = (self.instance_count, self.drive_count, columns if lengths or self.features.condition_count else 0)
         self.line_length_columns: Any = wp.zeros(shape, dtype=wp.float64, device=device)
         if held:
             self.tip_wrench: Any = wp.zeros((self.instance_count, 6), dtype=wp.float64, device=device)
@@ -306,6 +308,10 @@ class BackboneProblem(BoundaryProblem):
         return BackboneShapes(self)
 
     @property
+    def lines(self) -> DrivenLines:  # noqa: D102
+        return DrivenLines(self)
+
+    @property
     def starts(self) -> BackboneStarts:  # noqa: D102
         return BackboneStarts(self)
 
@@ -315,7 +321,8 @@ class BackboneProblem(BoundaryProblem):
 
     @property
     def segments(self) -> BackboneSegments | None:  # noqa: D102
-        return self.cut if len(self.rods) == 1 and not self.held and not self.features.foundation else None
+        alone = len(self.rods) == 1 and not self.held
+        return self.cut if alone and not (self.features.foundation or self.features.condition_count) else None
 
     @cached_property
     def cut(self) -> BackboneSegments:
@@ -360,8 +367,9 @@ class BackboneProblem(BoundaryProblem):
             start = 0 if name == "rotation" else n
             return slice(start, start + n)
         if name in DRIVES:
-            first = 2 * n + 3 * len(kernels.INPUT_VECTORS)
-            return slice(first, first + self.drive_count)
+            first = self.first_drive
+            places = [place for own, place in zip(self.drives, drive_places(self.features.members), strict=True) if own == name]
+            return slice(first + min(places, default=0), first + max(places, default=-1) + 1)
         start = 2 * n + 3 * kernels.INPUT_VECTORS.index(name)
         return slice(start, start + 3)
 
@@ -448,7 +456,7 @@ class BackboneProblem(BoundaryProblem):
         if self.features.foundation:
             total += self._medium_load()
         if self.drive_count:
-            total += (self._levers() * np.abs(inputs[:, self.input_slice("tension")])).sum(axis=1) * length / stiffness
+            total += self.lines.load() * length / stiffness
         if self.features.measured:
             gap = inputs[:, self.input_slice("tip_curvature")] - table.precurvature[:, 0, -1, :3]
             total += np.linalg.norm(gap, axis=1) * length
@@ -457,19 +465,6 @@ class BackboneProblem(BoundaryProblem):
             size = np.abs(profile.reshape(len(profile), 6, -1)).sum(-1).max(0)
             total += (size[:3].max() * length**3 + size[3:].max() * length**2) / stiffness
         return total
-
-    def _levers(self) -> FloatArray:
-        """Bound of how far each line is from the centreline [m], shape (instance_count, drive_count)."""
-        material, members = self.arrays.material[:, 0], self.features.members
-        count = sum(len(kind.functions) for kind in members)
-        terms = np.abs(material[..., material.shape[-1] - count * (self.arrays.member_degree + 1) :])
-        bounds = terms.reshape(*terms.shape[:2], -1, count).sum(axis=2).max(axis=1)
-        found, first = [], 0
-        for kind in members:
-            if kind.drive is not None:
-                found.append(np.linalg.norm(bounds[:, first : first + len(kind.functions)], axis=1))
-            first += len(kind.functions)
-        return self.each(np.stack(found, axis=1))
 
     def _medium_load(self) -> FloatArray:
         """How much a medium bends rods that are not straight, ``k L^4/EI`` times their bend, shape (instance_count,)."""
@@ -502,7 +497,7 @@ class BackboneProblem(BoundaryProblem):
 
     def _make_free_tip(self) -> FreeTip | None:
         """(11), (11b), (12)."""
-        if len(self.rods) > 1 or self.held or self.features.base_force_unknown:
+        if len(self.rods) > 1 or self.held or self.features.base_force_unknown or self.features.condition_count:
             return None
         last = self.arrays.material[:, 0, -1, :3]
         unit = last if self.features.measured else unit_stiffness(last)
@@ -675,6 +670,8 @@ class BackboneAssembly(Assembly):
         if inputs.is_active("magnetic_field") and not any(rod.is_magnetised for rod in self.rods):
             refuse("magnetic_field", inputs.magnetic_field.tolist(), "must be zero: no rod has a magnetisation")
         check_drives(inputs)
+        if inputs.is_active("translation") and any(kind.conditioned for rod in self.rods for kind in kinds(rod.carried)):
+            refuse("translation", inputs.translation.tolist(), "must be zero: a line is driven by its displacement")
 
     def input_directions(self, name: str) -> dict[str, Any]:
         """Directions for the derivatives by an input; of rods with lines, of their lengths too."""
@@ -717,9 +714,13 @@ class BackboneAssembly(Assembly):
 
 def check_drives(inputs: Inputs) -> None:
     """Refuse what lines cannot be driven by, by a ``ValueError``."""
-    for name in inputs.given:
-        if name in DRIVES and np.min(getattr(inputs, name), initial=0.0) < 0:
-            refuse(name, getattr(inputs, name).tolist(), "must be >= 0: a tendon cannot push")
+    if "tension" in inputs.given and np.min(inputs.tension, initial=0.0) < 0:
+        refuse("tension", inputs.tension.tolist(), "must be >= 0: a tendon cannot push")
+
+
+def surely_driven(name: str, values: Sequence[float]) -> bool:
+    """Whether lines can surely be driven by these values of one of ``DRIVES``."""
+    return name != "tension" or min(values) >= 0
 
 
 def _blocks(features: Features) -> list[Block]:

@@ -33,15 +33,6 @@ class BackboneShapes(Shapes):
                         shape[name][k] = getattr(other, name)[k]
         return tuple(Shape(**shape) for shape in shapes), energy
 
-    def line_length(self) -> FloatArray:
-        """How long each line is [m], shape (instance_count, line_count)."""
-        result = np.array(self.problem.node_pass(2).read("line_length"))
-        if self.problem.breakpoints:
-            found = self.problem.cut.line_length(self.problem.breakpoints)
-            for k in self.problem.breakpoints:
-                result[k] = found[k]
-        return result
-
     def stored_and_lost(self) -> tuple[FloatArray, FloatArray]:
         """Elastic energy, and the potential energy of what acts along a held rod but not at its tip [J], shape
         (instance_count,)."""

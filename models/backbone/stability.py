@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from multirod.models.backbone.inputs import LOADS
 from multirod.models.backbone.kernels.layout import arguments as kernels
+from multirod.models.backbone.members import driven
 from multirod.models.backbone.mode_bounds import bound_modes
 from multirod.models.backbone.second_variation import (
     MOST_NODES,
@@ -57,13 +58,15 @@ class BackboneStability(StabilityAnalysis):
             _, energy, done = self.problem.cut.shapes(self.problem.breakpoints, 2)
             for k in self.problem.breakpoints:
                 stored[k], work[k] = energy[k], done[k]
+        if self.problem.features.condition_count:
+            stored += self.problem.lines.stretch_energy(call.read("line_length"))
         return np.where(self.has_potential, stored - work, np.nan)
 
     def modes(self) -> Modes:  # noqa: D102
         form, determinant = self.condensed_form()
         modes = form.modes(self.problem.stiffness_over_length())
         potential = self.has_potential
-        judged = potential & all(kind.convex for kind in self.problem.features.members) & (not self.problem.features.foundation)
+        judged = potential & self.problem.lines.stays_stiff() & (not self.problem.features.foundation)
         modes.known[~judged] = False
         modes.values[~judged] = np.nan
         # det Gamma is positive where nothing acts
@@ -100,6 +103,8 @@ class BackboneStability(StabilityAnalysis):
             done = chosen & (needed < node_count)
             if done.any():
                 found = condensed_form(self._node_columns(call, done), unit[done])
+                if self.problem.features.condition_count:
+                    found = self._with_conditions(found, call, done)
                 form.put(done, found)
                 if not self.problem.held:
                     determinant[done] = certain_determinant(call.read("gamma")[done])
@@ -120,6 +125,31 @@ class BackboneStability(StabilityAnalysis):
         by_unknowns = self.problem.wrench_columns.numpy()[chosen, :, : self.problem.unknown_count]
         momenta = np.concatenate([by_unknowns[:, 3:], momenta[:, 3:]], axis=1)
         return NodeColumns(arclength, configuration, momenta, ends, by_unknowns[:, :3], call.read("pose_columns")[chosen, :3])
+
+    def _with_conditions(self, form: CondensedForm, call: "NodePass", chosen: NDArray[np.bool_]) -> CondensedForm:
+        """(14) Of lines whose length is given: their tensions are eliminated, each of which is a condition on the others."""
+        slots, last = self.problem.slots, -1 - np.isnan(call.read("column_arclength")[chosen][:, ::-1]).argmin(axis=1)
+        rows = np.arange(len(last))
+        by_all = call.read("node_columns")[chosen][rows, last, :3]
+        first, drives = slots.places["moment"], slots.places["drives"]
+        turn = np.linalg.solve(
+            by_all[:, :, first], np.concatenate([np.broadcast_to(np.eye(3), (len(last), 3, 3)), -by_all[:, :, drives]], axis=2)
+        )
+        momenta, gaps = call.read("tip_columns")[chosen][:, :3], -call.read("gamma")[chosen][:, drives]
+        n = turn.shape[2] - 3
+        couple = momenta[:, :, first] @ turn[:, :, 3:] + momenta[:, :, drives]
+        lengths = gaps[:, :, first] @ turn
+        own = lengths[:, :, 3:] + gaps[:, :, drives]
+        taut = ~self.problem.lines.slack()[chosen][:, [kind.conditioned for kind in driven(self.problem.features.members)]]
+        both = taut[:, :, None] & taut[:, None, :]
+        own = np.where(both, own, -np.eye(n))
+        sound = np.abs(np.linalg.det(own)) > 0
+        left = np.where(taut[:, None], couple, 0.0)
+        right = np.linalg.solve(
+            np.where(sound[:, None, None], own, np.eye(n)), np.where(taut[:, :, None], lengths[:, :, :3], 0.0)
+        )
+        negative = (np.linalg.eigvals(own).real < 0).sum(axis=1)
+        return CondensedForm(form.matrix - left @ right, form.conjugate + (negative - n).astype(np.int32), form.known & sound)
 
     def _segments_expected(self) -> FloatArray:
         """(7) by what the moments cannot exceed."""

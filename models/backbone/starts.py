@@ -24,7 +24,7 @@ class BackboneStarts(Starts):
 
     @property
     def signs_add_up(self) -> bool:  # noqa: D102
-        return True
+        return not self.problem.features.condition_count
 
     def guesses(self, count: int, first: int = 0) -> FloatArray:  # noqa: D102
         n = len(self.problem.rods)
@@ -36,6 +36,7 @@ class BackboneStarts(Starts):
         parts = {name: np.zeros((count, self.problem.instance_count, 3)) for name in ("moment", "force")}
         parts["moment"][..., :2] = points[..., :2] * moment[:, None] * unit[:, :2]
         parts["torques"] = np.zeros((count, self.problem.instance_count, 0))
+        parts["drives"] = np.zeros((count, self.problem.instance_count, self.problem.features.condition_count))
         if not torques:
             parts["moment"][..., 2] = points[..., 2] * moment * unit[:, 2]
             return np.asarray(slots.joined(parts) + self.problem.guess())

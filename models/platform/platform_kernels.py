@@ -91,9 +91,8 @@ class Legs:
     rods: int  # concentric rods of each
     unknown_count: int
     vectors: int  # where LEG_VECTORS begin in the legs' inputs
-    drive_count: int  # of each leg
     drives: int  # where what drives members begins in a leg's inputs
-    first_drive: wp.array[int]  # where that of a leg begins in the robot's
+    drive: wp.array2d[int]  # (place, drive): where each of these stands in the robot's
     leg: wp.array[int]  # (place,): which leg of its robot
     first_rod: wp.array[int]  # (place,): among the robot's rods
     first_unknown: wp.array[int]  # (place,): of the robot
@@ -180,8 +179,8 @@ def hand_over(robots: Robots, legs: Legs):
         legs.inputs[t, legs.vectors + i] = robots.inputs[b, robots.leg_vectors + i]
         for k in range(robots.leg_direction_count):
             legs.directions[t, k, legs.vectors + i] = robots.directions[b, k, robots.leg_vectors + i]
-    for i in range(legs.drive_count):
-        drive = legs.first_drive[place] + i
+    for i in range(legs.drive.shape[1]):
+        drive = legs.drive[place, i]
         legs.inputs[t, legs.drives + i] = robots.inputs[b, drive]
         for k in range(robots.leg_direction_count):
             legs.directions[t, k, legs.drives + i] = robots.directions[b, k, drive]

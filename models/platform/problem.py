@@ -1,6 +1,6 @@
 """Several backbones that hold one platform: the boundary problem, its buffers and launches."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass, replace
@@ -12,7 +12,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from multirod.batch import IntArray, take
-from multirod.capabilities import Loading, Parts, Shapes
+from multirod.capabilities import Lines, Loading, Parts, Shapes
 from multirod.inputs import Inputs, InputSpec
 from multirod.integrators import Integrator
 from multirod.launch import record
@@ -79,9 +79,13 @@ class Geometry:
         self.batch_shape = np.broadcast_shapes(*shapes, base.shape[:-3], platform.shape[:-3])
         self.rods = tuple(rod for leg in self.legs for rod in leg.rods)
         self.first_rod: NDArray[np.intp] = frozen(np.cumsum([0] + [leg.rod_count for leg in self.legs]))
-        drives = [len(drive_names(leg.arrays.members)) for leg in self.legs]
-        self.first_drive: NDArray[np.intp] = frozen(np.cumsum([0, *drives]))
+        # what drives the lines of each leg, by the names of inputs
+        self.drives = [drive_names(leg.arrays.members) for leg in self.legs]
         self.first_unknown: NDArray[np.intp] = frozen(np.cumsum([0] + [leg.rod_count + 5 for leg in self.legs]))
+
+    def first_drive(self, name: str) -> NDArray[np.intp]:
+        """The first of the lines of each leg among those of all that are driven by an input, and their number, (leg + 1,)."""
+        return np.cumsum([0, *(own.count(name) for own in self.drives)])
 
     def reference(self) -> tuple[FloatArray, FloatArray]:
         """Position [m] and rotation where the unknown pose is zero, shapes (..., 3), (..., 3, 3): the same whatever the
@@ -164,10 +168,8 @@ class LegGroup:
         legs.rods = len(own.rods)
         legs.unknown_count = own.unknown_count
         legs.vectors = own.input_slice(kernels.LEG_VECTORS[0]).start
-        legs.drive_count = own.drive_count
-        legs.drives = own.input_slice("tension").start
-        drives = problem.first_drive + geometry.first_drive[list(self.members)]
-        legs.first_drive = wp.array(drives.astype(np.int32), dtype=wp.int32, device=device)
+        legs.drives = own.first_drive
+        legs.drive = wp.array(problem.places_of_drives(self.members), dtype=wp.int32, device=device)
         for name, values in (
             ("leg", self.members),
             ("first_rod", geometry.first_rod[list(self.members)]),
@@ -218,8 +220,7 @@ class ParallelProblem(BoundaryProblem):
         self.geometry = geometry
         self.inverse = inverse
         self.limits = np.array([-np.inf, np.inf])[:, None] if limits is None else limits
-        self._places = input_places(len(geometry.rods), inverse, int(geometry.first_drive[-1]))
-        self.first_drive = self._places["tension"].start if "tension" in self._places else 0
+        self._places = input_places(len(geometry.rods), inverse, [name for own in geometry.drives for name in own])
         first = [int(k) for k in geometry.first_unknown]
         # what each leg's unknowns are: its own, in the order of the arrow
         self.own = [slice(a, b) for a, b in pairwise(first)]
@@ -328,6 +329,10 @@ class ParallelProblem(BoundaryProblem):
     @property
     def stability(self) -> PlatformStability:  # noqa: D102
         return PlatformStability(self)
+
+    @property
+    def lines(self) -> "PlatformLines":  # noqa: D102
+        return PlatformLines(self)
 
     @property
     def shapes(self) -> "PlatformShapes":  # noqa: D102
@@ -543,13 +548,24 @@ class ParallelProblem(BoundaryProblem):
             total += own.max(axis=1)
         return np.asarray(total)
 
+    def places_of_drives(self, legs: Sequence[int]) -> NDArray[np.int32]:
+        """Where in a row of inputs that of each line of these legs stands, (leg, line), in the order of a leg's own row."""
+        rows = []
+        for leg in legs:
+            row: list[int] = []
+            for name in sorted(set(self.geometry.drives[leg])):
+                first = self._places[name].start + int(self.geometry.first_drive(name)[leg])
+                row += range(first, first + self.geometry.drives[leg].count(name))
+            rows.append(row)
+        return np.array(rows, dtype=np.int32).reshape(len(rows), -1)
+
     def input_columns(self, name: str) -> tuple[FloatArray, FloatArray]:
         """What ``BoundaryProblem.input_columns`` says; what acts on one leg alone shares its column with the same of all other
         legs."""
         geometry, place = self.geometry, self._places[name]
         if name not in PER_ROD and name not in DRIVES:
             return super().input_columns(name)
-        first = geometry.first_rod if name in PER_ROD else geometry.first_drive
+        first = geometry.first_rod if name in PER_ROD else geometry.first_drive(name)
         legs, numbers = len(geometry.legs), int(first[-1])
         directions = np.zeros(self.directions.shape)
         for leg in range(legs):
@@ -607,15 +623,16 @@ def _blocks(geometry: Geometry) -> list[Block]:
     return [*blocks, Block("platform", np.concatenate([along, pose]), np.concatenate([gaps, pose]))]
 
 
-def input_places(rod_count: int, inverse: bool, drive_count: int = 0) -> dict[str, slice]:
+def input_places(rod_count: int, inverse: bool, drives: Sequence[str] = ()) -> dict[str, slice]:
     """Where each input stands in a row; one number more, the scale of load profiles, comes last."""
     places = {"rotation": slice(0, rod_count), "translation": slice(rod_count, 2 * rod_count)}
     vectors = (*(kernels.POSE_VECTORS if inverse else ()), *kernels.PLATFORM_VECTORS, *kernels.LEG_VECTORS)
     for k, name in enumerate(vectors):
         places[name] = slice(2 * rod_count + 3 * k, 2 * rod_count + 3 * k + 3)
-    if drive_count:
-        first = 2 * rod_count + 3 * len(vectors)
-        places["tension"] = slice(first, first + drive_count)
+    first = 2 * rod_count + 3 * len(vectors)
+    for name in sorted(set(drives)):
+        places[name] = slice(first, first + drives.count(name))
+        first = places[name].stop
     return places
 
 
@@ -658,16 +675,33 @@ class PlatformShapes(Shapes):
                     found[self.problem.geometry.first_rod[leg] + i] = Shape(**values)
         return tuple(shape for shape in found if shape is not None), energy
 
-    def line_length(self) -> FloatArray:  # noqa: D102
-        self.problem.to_legs()
-        count, first = self.problem.instance_count, self.problem.geometry.first_drive
-        result = np.zeros((count, int(first[-1])))
-        for group in self.problem.groups:
+
+class PlatformLines(Lines):
+    """Of a ``ParallelProblem``: those of its legs."""
+
+    def __init__(self, problem: ParallelProblem) -> None:
+        self.problem = problem
+
+    def _of_legs(self, ask: Callable[[Lines], NDArray[Any]]) -> FloatArray:
+        problem, drives = self.problem, self.problem.geometry.drives
+        problem.to_legs()
+        first = np.cumsum([0, *map(len, drives)])
+        result = np.zeros((problem.instance_count, int(first[-1])))
+        for group in problem.groups:
             if group.backbones.drive_count:
-                lengths = group.backbones.shapes.line_length().reshape(count, len(group.members), -1)
+                found = ask(group.backbones.lines).reshape(problem.instance_count, len(group.members), -1)
                 for place, leg in enumerate(group.members):
-                    result[:, first[leg] : first[leg + 1]] = lengths[:, place]
+                    result[:, first[leg] : first[leg + 1]] = found[:, place]
         return result
+
+    def length(self) -> FloatArray:  # noqa: D102
+        return self._of_legs(lambda lines: lines.length())
+
+    def tension(self) -> FloatArray:  # noqa: D102
+        return self._of_legs(lambda lines: lines.tension())
+
+    def slack(self) -> NDArray[np.bool_]:  # noqa: D102
+        return np.asarray(self._of_legs(lambda lines: lines.slack()) != 0)
 
 
 _ON_PLATFORM = {

@@ -25,7 +25,7 @@ CLOSE = 1e-5  # of derivatives and their differences, of the largest in a matrix
 ALIKE = 1e-12  # of an instance alone and in a batch, of the largest
 INTEGRATED = 1e-7  # error of an integration with step control, of the curvature scale
 TIGHT = 1e-10  # tolerance of solutions that are differentiated [1/m]
-LOAD_UNITS = ("N", "N m", "N/m", "m/s^2", "T")
+LOAD_UNITS = ("N", "N m", "N/m", "Pa", "m/s^2", "T")
 STATE = ("records", "active", "load_factor", "order", "directions")
 
 

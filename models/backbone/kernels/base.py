@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from multirod.models.backbone.kernels.grid import Instance, bending_stiffness, section_unit
+from multirod.models.backbone.kernels.instance import Instance, bending_stiffness, section_unit
 from multirod.models.backbone.kernels.layout.arguments import Call, InputOffsets, RodTable
 from multirod.models.backbone.kernels.layout.layout import Layout
 from multirod.models.backbone.kernels.numbers.scalars import axes_rotation, rotate, rotate_inverse, turn_base
@@ -252,7 +252,7 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
                             y[wp.static(TAU_AT) + j - 1] = torque
                     y[wp.static(THETA_AT) + j - 1] = angle
             if wp.static(FORCE_UNKNOWN):
-                if k >= wp.static(FIRST_FORCE):
+                if k >= wp.static(FIRST_FORCE) and k < wp.static(FIRST_FORCE + 3):
                     dN[k - wp.static(FIRST_FORCE)] = force_unit(rods, case)
         else:
             turn = angle_rate(call, case, b, direction, 0)

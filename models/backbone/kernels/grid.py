@@ -10,6 +10,8 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from multirod.models.backbone.kernels.conditions import make_conditions
+from multirod.models.backbone.kernels.instance import Instance
 from multirod.models.backbone.kernels.layout.arguments import (
     END,
     END_MOVER,
@@ -26,49 +28,9 @@ from multirod.models.backbone.kernels.layout.arguments import (
 )
 from multirod.models.backbone.kernels.layout.layout import Layout, Memory
 from multirod.models.backbone.kernels.numbers.lanes import lanes
+from multirod.models.backbone.members import drive_places, driven
 
 f64 = wp.float64
-
-
-@wp.struct
-class Instance:
-    """One instance: its geometry, and its loads in the base frame."""
-
-    index: int  # in the batch
-    rods: int  # row of ``RodTable``
-    direction: int  # row of ``Call.directions``
-    base_position: wp.vec3d
-    base_rotation: wp.mat33d
-    to_base: wp.mat33d  # its transpose
-    length: f64
-    longest: int  # the rod that ends at the tip
-    scale: f64  # what counts as one in positions
-    tip_force: wp.vec3d
-    tip_moment: wp.vec3d
-    distributed_force: wp.vec3d
-    distributed_moment: wp.vec3d
-    gravity: wp.vec3d
-    magnetic_field: wp.vec3d
-    profile_factor: f64
-    # what numbers in lanes are counted in: SI units, or natural ones in single precision, which ends at 1e38
-    moment: f64
-    force: f64
-    unit: f64  # of lengths
-    stiffness: f64
-
-
-@wp.func
-def bending_stiffness(rods: wp.ref[RodTable], case: wp.ref[Instance], i: int, m: int) -> f64:
-    """The larger one of section m of rod i [N m^2]."""
-    return wp.max(rods.material[case.rods, i, m, 0], rods.material[case.rods, i, m, 1])
-
-
-@wp.func
-def section_unit(rods: wp.ref[RodTable], case: wp.ref[Instance], i: int, m: int) -> wp.vec3d:
-    """(10), (11) Curvature per moment there; where torsion is stiffer than bending, the bending stiffness scales it."""
-    GJ = wp.min(rods.material[case.rods, i, m, 2], bending_stiffness(rods, case, i, m))
-    EI_x = rods.material[case.rods, i, m, 0]
-    return wp.vec3d(f64(1.0) / EI_x, f64(1.0) / rods.material[case.rods, i, m, 1], f64(1.0) / GJ)
 
 
 def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
@@ -88,7 +50,8 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
     FUNCTION_TERMS = layout.FUNCTION_TERMS
     FUNCTIONS_IN_MATERIAL = MATERIAL_SIZE + sum(len(kind.parameters) for kind in features.members)
     FUNCTION_POWERS = [powers for kind in features.members for powers in kind.functions.values()]
-    DRIVES = layout.DRIVES
+    DRIVES, PLACES = layout.DRIVES, drive_places(features.members)
+    conditions = make_conditions(layout)
     at = InputOffsets(n, DRIVES)
     DRIVES_AT = at.DRIVES
     TRANSLATION, PROFILE_FACTOR = at.TRANSLATION, at.PROFILE_FACTOR
@@ -366,12 +329,24 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         for j in range(3):
             set_lane(memory, row + j, l, d(a[j]))
 
+    def make_drive(k: int):
+        """The function that returns T of member k."""
+        number = len(driven(features.members[:k]))
+        drive = DRIVES_AT + PLACES[number]
+
+        @wp.func
+        def given(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance]) -> f64:
+            """Raised with the loads: the unloaded rod is where solvers begin."""
+            return call.load_factor[case.index] * call.inputs[case.index, wp.static(drive)]
+
+        return conditions.drive_of[number] if features.members[k].conditioned else given
+
     def load_member(k: int, kind: type, rest):
         """The function that loads the parameters and the drive of member k, then those of the members after it."""
         first, powers = layout.of_member(k)[0], list(kind.parameters.values())
         column = MATERIAL_SIZE + sum(len(other.parameters) for other in features.members[:k])
-        drive = DRIVES_AT + sum(other.drive is not None for other in features.members[:k])
         driven, unit = kind.drive is not None, kind.drive[1] if kind.drive is not None else (0, 0)
+        drive_value = make_drive(k) if driven else None
 
         @wp.func
         def load(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, z: int, l: int, m: int):
@@ -379,8 +354,8 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
                 value = rods.material[case.rods, 0, m, wp.static(column) + j]
                 value = counted(case, value, f64(wp.static(powers[j][0])), f64(wp.static(powers[j][1])))
                 set_number(memory, z + wp.static(first) + j, l, value)
-            if wp.static(driven):  # raised with the loads: the unloaded rod is where solvers begin
-                value = call.load_factor[case.index] * call.inputs[case.index, wp.static(drive)]
+            if wp.static(driven):
+                value = drive_value(rods, call, case)
                 value = counted(case, value, f64(wp.static(unit[0])), f64(wp.static(unit[1])))
                 set_number(memory, z + wp.static(first + len(powers)), l, value)
             rest(rods, call, case, memory, z, l, m)
@@ -413,7 +388,7 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
 
         @wp.func
         def load(call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, g: int, l: int, direction: int, scale: f64):
-            value = call.directions[case.direction, direction, wp.static(DRIVES_AT + k)] / scale
+            value = call.directions[case.direction, direction, wp.static(DRIVES_AT + PLACES[k])] / scale
             value = counted(case, value, f64(wp.static(unit[0])), f64(wp.static(unit[1])))
             set_number(memory, g + wp.static(given_at("drives") + k), l, value)
             rest(call, case, memory, g, l, direction, scale)
@@ -428,8 +403,61 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
 
     load_drive_directions = load_no_drive_direction
     if DIRECTIONS:
-        for k, kind in reversed(list(enumerate([kind for kind in features.members if kind.drive is not None]))):
-            load_drive_directions = load_drive_direction(k, kind.drive[1], load_drive_directions)
+        for k, kind in reversed(list(enumerate(driven(features.members)))):
+            if not kind.conditioned:
+                load_drive_directions = load_drive_direction(k, kind.drive[1], load_drive_directions)
+
+    def load_drive_column(k: int, rest):
+        """The function that loads what an unknown varies of drive k, then of those after it."""
+        own, unit = driven(features.members)[k], driven(features.members)[k].drive[1]
+        rate = conditions.rate_of[k] if own.conditioned else None
+        unknown = conditions.first + sum(kind.conditioned for kind in driven(features.members)[:k])
+
+        @wp.func
+        def load(
+            rods: wp.ref[RodTable],
+            call: wp.ref[Call],
+            case: wp.ref[Instance],
+            memory: memory_type,
+            g: int,
+            l: int,
+            column: int,
+            scale: f64,
+        ):
+            value = f64(0.0)
+            if wp.static(own.conditioned):
+                if column == wp.static(unknown):
+                    value = counted(case, rate(rods, call, case) / scale, f64(wp.static(unit[0])), f64(wp.static(unit[1])))
+            set_number(memory, g + wp.static(given_at("drives") + k), l, value)
+            rest(rods, call, case, memory, g, l, column, scale)
+
+        return load
+
+    @wp.func
+    def load_no_drive_column(
+        rods: wp.ref[RodTable],
+        call: wp.ref[Call],
+        case: wp.ref[Instance],
+        memory: memory_type,
+        g: int,
+        l: int,
+        column: int,
+        scale: f64,
+    ):
+        """After the last."""
+
+    chain_of_columns = load_no_drive_column
+    if layout.CONDITIONS:
+        for k in reversed(range(DRIVES)):
+            chain_of_columns = load_drive_column(k, chain_of_columns)
+
+    @wp.func(inline=False)
+    def load_drive_columns(
+        rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, o: int, l: int, c: int, k: int
+    ):
+        """(L7) What column k, a lane's c-th, varies of the drives by an unknown: the same all along the rod."""
+        g = o + wp.static(COLUMNS + GIVEN) + c * wp.static(COLUMN_SIZE)
+        chain_of_columns(rods, call, case, memory, g, l, k, f64(get_lane(memory, g + wp.static(given_at("unit")), l)))
 
     @wp.func(inline=False)
     def load_sections(
@@ -639,6 +667,8 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
                 call.lane[p, FORCE + j] = call.lane[p, FORCE + j] - taken[j]
 
     return SimpleNamespace(
+        conditions=conditions,
+        load_drive_columns=load_drive_columns,
         load_vector=load_vector,
         direction_vector=direction_vector,
         moved=moved,

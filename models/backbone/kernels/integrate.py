@@ -19,7 +19,8 @@ import warp as wp
 
 from multirod.integrators import Tableau
 from multirod.models.backbone.kernels.base import make_base
-from multirod.models.backbone.kernels.grid import Instance, make_grid
+from multirod.models.backbone.kernels.grid import make_grid
+from multirod.models.backbone.kernels.instance import Instance
 from multirod.models.backbone.kernels.layout.arguments import (
     END,
     END_MOVER,
@@ -388,6 +389,8 @@ def make_kernel(features: Features, tableau: Tableau, precision: str = "float64"
     NODE_COLUMNS, FOUNDATION = features.node_columns, features.foundation
     WORLD_AT = own.layout.state["world_force"]  # a column's stands alike
     LENGTHS, LENGTHS_AT = own.layout.LENGTHS, own.layout.state["lengths"]  # likewise
+    CONDITIONS, conditions, load_drive_columns = own.layout.CONDITIONS, parts.grid.conditions, parts.grid.load_drive_columns
+    write_conditions, write_condition_column = conditions.write, conditions.write_column
 
     @wp.func
     def count(call: wp.ref[Call], jobs: wp.ref[Call]) -> int:
@@ -421,6 +424,8 @@ def make_kernel(features: Features, tableau: Tableau, precision: str = "float64"
         for c in range(column_count(call, job)):
             v, dn = base_column(rods, call, case, b, first_column(call, job) + c)
             put_column(case, memory, o, l, c, v, dn)
+            if wp.static(CONDITIONS > 0):
+                load_drive_columns(rods, call, case, memory, o, l, c, first_column(call, job) + c)
         begin(call, case, memory, o, l, p, f64(0.0), case.length, n0)
 
     @wp.func(inline=False)
@@ -459,6 +464,8 @@ def make_kernel(features: Features, tableau: Tableau, precision: str = "float64"
         total = f64(0.0)
         if job % call.parts == 0:
             total += write_tip(rods, call, case, y, s, n_tip, precurvature_here(case, memory, o, l))
+            if wp.static(CONDITIONS > 0):
+                total += write_conditions(rods, call, case, y)
             write_pose(call, case, y)
             for i in range(wp.static(LENGTHS)):
                 call.line_length[t, i] = y[wp.static(LENGTHS_AT) + i]
@@ -471,6 +478,8 @@ def make_kernel(features: Features, tableau: Tableau, precision: str = "float64"
             if wp.static(FOUNDATION):
                 dn = wp.vec3d(v[WORLD_AT], v[WORLD_AT + 1], v[WORLD_AT + 2])
             total += write_tip_column(rods, call, case, y, v, s, n_tip, dn, first + c)
+            if wp.static(CONDITIONS > 0):
+                total += write_condition_column(rods, call, case, v, first + c)
             write_pose_column(call, case, y, v, first + c)
             for i in range(wp.static(LENGTHS)):
                 call.line_length_columns[t, i, first + c] = v[wp.static(LENGTHS_AT) + i]

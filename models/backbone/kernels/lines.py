@@ -1,7 +1,8 @@
 # mypy: ignore-errors
 """Laws of lines, for kernels; numbers in parentheses are those of ``docs/lines.md``.
 
-A line's parameters are whether it is there (1 or 0), then its tension; its functions the two components of its offset ``rho``.
+A line's first parameter is a weight, which makes what drives it a tension and is zero where the line is not; its functions are
+the two components of its offset ``rho``.
 """
 
 from types import SimpleNamespace
@@ -13,8 +14,11 @@ from multirod.models.backbone.kernels.numbers.lanes import add, div, mul, neg, s
 SHORTEST = 0.1  # length of a line per length of rod, below which it is bent to its centre of curvature
 
 
-def tendon_law(numbers: SimpleNamespace) -> SimpleNamespace:
-    """(L2) to (L6): ``W = T |a|``, ``a = v + u x rho + rho'``."""
+def tendon_law(numbers: SimpleNamespace, drive_at: int, bending_at: int = 0) -> SimpleNamespace:
+    """(L2) to (L6): ``W = T |a|``, ``a = v + u x rho + rho'``; what drives it stands ``drive_at`` after its first parameter.
+
+    With its bending stiffness ``bending_at`` after that, (L10) too, of an offset that is constant.
+    """
     d, Real, Vec3, Response, memory_type = numbers.d, numbers.Real, numbers.Vec3, numbers.Response, numbers.memory_type
     row, fill, root, where_less = numbers.row, numbers.fill, numbers.root, numbers.where_less
     dot, scaled = numbers.dot, numbers.scaled
@@ -48,9 +52,40 @@ def tendon_law(numbers: SimpleNamespace) -> SimpleNamespace:
         return Vec3(y * t.z, -x * t.z, x * t.y - y * t.x)
 
     @wp.func
+    def normal_length(memory: memory_type, on: int, u: Vec3, e: Vec3) -> Real:
+        """(L10) m, which takes the place of lam."""
+        m = u.x * value(memory, on + 1) - u.y * value(memory, on) + d(1.0)
+        if wp.static(FORCES):
+            m = m + e.z
+        return m
+
+    @wp.func
+    def bend_along(memory: memory_type, at: int, on: int, u: Vec3, e: Vec3, r: wp.ref[Response]):
+        """(L10) Derivatives of EI |u_xy|^2 / (2 m)."""
+        x = value(memory, on)
+        y = value(memory, on + 1)
+        per = d(1.0) / normal_length(memory, on, u, e)
+        k = row(memory, at + wp.static(bending_at)) * per
+        ux = per * u.x
+        uy = per * u.y
+        q = ux * ux + uy * uy
+        half = d(0.5) * q
+        add_moment(r, Vec3(k * (u.x - half * y / per), k * (u.y + half * x / per), fill(d(0.0))))
+        add_stiffness(r, 0, 0, k * (d(1.0) - d(2.0) * ux * y + q * y * y))
+        add_stiffness(r, 0, 1, k * (ux * x - uy * y - q * x * y))
+        add_stiffness(r, 1, 1, k * (d(1.0) + d(2.0) * uy * x + q * x * x))
+        if wp.static(FORCES):
+            add_force(r, Vec3(fill(d(0.0)), fill(d(0.0)), -k * half / per))
+            add_stiffness(r, 0, 5, k * (q * y - ux))
+            add_stiffness(r, 1, 5, k * (-q * x - uy))
+            add_stiffness(r, 5, 5, k * q)
+
+    @wp.func
     def respond(memory: memory_type, at: int, on: int, u: Vec3, e: Vec3, r: wp.ref[Response]):
         """(L2) T (t, rho x t), and (L4)."""
-        T = row(memory, at) * row(memory, at + 1)
+        if wp.static(bending_at > 0):
+            bend_along(memory, at, on, u, e, r)
+        T = row(memory, at) * row(memory, at + wp.static(drive_at))
         x = value(memory, on)
         y = value(memory, on + 1)
         a = tangent(memory, on, u, e)
@@ -94,7 +129,10 @@ def tendon_law(numbers: SimpleNamespace) -> SimpleNamespace:
 
     @wp.func
     def energy(memory: memory_type, at: int, on: int, u: Vec3, e: Vec3) -> Real:
-        """None: what pulls is outside the rod."""
+        """None: what pulls is outside the rod. (L10)"""
+        if wp.static(bending_at > 0):
+            q = u.x * u.x + u.y * u.y
+            return d(0.5) * row(memory, at + wp.static(bending_at)) * q / normal_length(memory, on, u, e)
         return fill(d(0.0))
 
     @wp.func
@@ -112,7 +150,7 @@ def tendon_law(numbers: SimpleNamespace) -> SimpleNamespace:
     def slide(memory: memory_type, at: int, on: int, u: Vec3, e: Vec3, r: wp.ref[Response]) -> Real:
         """(L6) What varies along the rod where the strains do not: T (t', rho' x t + rho x t'), and lam'."""
         here = row(memory, at)
-        T = here * row(memory, at + 1)
+        T = here * row(memory, at + wp.static(drive_at))
         a = tangent(memory, on, u, e)
         per = d(1.0) / length_of(a)
         t = scaled(per, a)
@@ -125,5 +163,48 @@ def tendon_law(numbers: SimpleNamespace) -> SimpleNamespace:
         add_moment(r, scaled(T, lever(memory, on, turn)))
         add_moment(r, scaled(T, Vec3(y_s * t.z, -x_s * t.z, x_s * t.y - y_s * t.x)))
         return here * along
+
+    return SimpleNamespace(respond=respond, energy=energy, pull=pull, slide=slide)
+
+
+def section_chamber_law(numbers: SimpleNamespace) -> SimpleNamespace:
+    """(L9): ``W = T a . e3``; what drives it stands after its parameter."""
+    d, Real, Vec3, Response, memory_type = numbers.d, numbers.Real, numbers.Vec3, numbers.Response, numbers.memory_type
+    row, fill, add_moment, add_force = numbers.row, numbers.fill, numbers.add_moment, numbers.add_force
+    value, slope = numbers.value, numbers.slope
+
+    @wp.func
+    def push(memory: memory_type, on: int, T: Real, r: wp.ref[Response]):
+        """T (e3, rho x e3)"""
+        none = fill(d(0.0))
+        add_force(r, Vec3(none, none, T))
+        add_moment(r, Vec3(T * value(memory, on + 1), -T * value(memory, on), none))
+
+    @wp.func
+    def respond(memory: memory_type, at: int, on: int, u: Vec3, e: Vec3, r: wp.ref[Response]):
+        """(L9) The same whatever the strains are."""
+        push(memory, on, row(memory, at) * row(memory, at + 1), r)
+
+    @wp.func
+    def energy(memory: memory_type, at: int, on: int, u: Vec3, e: Vec3) -> Real:
+        """None: what pushes is outside the rod."""
+        return fill(d(0.0))
+
+    @wp.func
+    def pull(memory: memory_type, at: int, on: int, u: Vec3, e: Vec3, r: wp.ref[Response]) -> Real:
+        """(L9) a . e3, and its derivatives."""
+        here = row(memory, at)
+        push(memory, on, here, r)
+        return here * (e.z + u.x * value(memory, on + 1) - u.y * value(memory, on) + d(1.0))
+
+    @wp.func
+    def slide(memory: memory_type, at: int, on: int, u: Vec3, e: Vec3, r: wp.ref[Response]) -> Real:
+        """(L6) What varies along the rod where the strains do not."""
+        here = row(memory, at)
+        T = here * row(memory, at + 1)
+        x_s = slope(memory, on)
+        y_s = slope(memory, on + 1)
+        add_moment(r, Vec3(T * y_s, -T * x_s, fill(d(0.0))))
+        return here * (u.x * y_s - u.y * x_s)
 
     return SimpleNamespace(respond=respond, energy=energy, pull=pull, slide=slide)

@@ -97,7 +97,7 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
         p["pulls"],
         p["slides"],
     )
-    PULLS = DRIVES * (layout.DIRECTIONS or layout.LENGTHS > 0)
+    PULLS, CONDITIONS = DRIVES * (layout.DIRECTIONS or layout.LENGTHS > 0), layout.CONDITIONS
     keep, keep_in = state.keep, column.keep
     given = layout.given
     DRIVES_GIVEN, GIVEN_START, GROWTH, SHIFT = given["drives"], given["start"], given["growth"], given["shift"]
@@ -457,7 +457,7 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
         """(17m) du and d(v - e3); dM_ and dN_ in the frame"""
         dM = dM_
         dN = dN_
-        if wp.static(DIRECTIONS and DRIVES > 0):
+        if wp.static(DRIVES > 0 and (DIRECTIONS or CONDITIONS > 0)):
             dM, dN = less_pulls(memory, a, g, dM, dN)
         if wp.static(ALONG):
             dM, dN = less_slide(memory, a, moved(memory, a, g), dM, dN)

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from multirod.integrators import Tableau
-from multirod.models.backbone.kernels.grid import Instance
+from multirod.models.backbone.kernels.instance import Instance
 from multirod.models.backbone.kernels.integrate import make_carry, make_parts
 from multirod.models.backbone.kernels.layout.arguments import FAULT, OUTPUT, STOP, Call, RodTable
 from multirod.models.backbone.kernels.layout.features import Features

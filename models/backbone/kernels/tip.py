@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from multirod.models.backbone.kernels.grid import Instance, bending_stiffness, section_unit
+from multirod.models.backbone.kernels.instance import Instance, bending_stiffness, section_unit
 from multirod.models.backbone.kernels.layout.arguments import Call, InputOffsets, RodTable
 from multirod.models.backbone.kernels.layout.layout import Layout
 from multirod.models.backbone.kernels.numbers.scalars import (

@@ -128,6 +128,11 @@ class Features:
         return self.pose or self.nodes or self.loads_need_frame or self.column_has_frame
 
     @property
+    def condition_count(self) -> int:
+        """Members whose drive is unknown, equation (L7)."""
+        return sum(kind.conditioned for kind in self.members)
+
+    @property
     def unknown_count(self) -> int:
         """Unknowns of an instance."""
-        return 3 * (self.moment + self.segment + self.base_force_unknown) + self.torque_count
+        return 3 * (self.moment + self.segment + self.base_force_unknown) + self.torque_count + self.condition_count

@@ -73,6 +73,7 @@ def unknowns_of(features: Features, *, moment: bool | None = None, force: bool |
             Slot("torques", features.torque_count, "1/length"),  # of the second rod and those outside it
             Slot("rotation", 3 * features.segment, "1/length"),
             Slot("force", 3 * force, "1/length"),
+            Slot("drives", features.condition_count, "1/length"),  # of members whose drive is unknown
         ]
     )
 
@@ -120,7 +121,8 @@ class Layout:
         self.STRAINS = 6 if f.shear else 3
         self.member_slots = [slot for k, kind in enumerate(f.members) for slot in _member_slots(k, kind)]
         self.DRIVES = sum(kind.drive is not None for kind in f.members)
-        self.LENGTHS = self.DRIVES * f.lengths
+        self.CONDITIONS = f.condition_count
+        self.LENGTHS = self.DRIVES * (f.lengths or self.CONDITIONS > 0)
         self.FUNCTIONS, self.FUNCTION_TERMS = sum(len(kind.functions) for kind in f.members), f.member_degree + 1
         self.ROUTED = self.FUNCTIONS > 0 and f.member_degree > 0
         # an unknown base force, or a direction, makes n depend on it
@@ -148,10 +150,10 @@ class Layout:
             [
                 Slot("unit", 1),
                 Slot("force", 3 * self.GIVEN_FORCE, "force"),  # dn at the start of the stretch, base frame
+                Slot("drives", self.DRIVES * (f.directions or self.CONDITIONS > 0)),
                 Slot("distributed_force", 3 * directed, "force per length"),
                 Slot("distributed_moment", 3 * directed * self.MOMENT_PER_LENGTH, "force"),
                 Slot("profile", directed),  # relative
-                Slot("drives", self.DRIVES * directed),
                 Slot("start", directed, "length"),  # of the arclength of the start
                 Slot("growth", directed),  # (20) of the stretch, relative
                 Slot("field", 3 * directed * f.magnetised),  # magnetic, base axes
@@ -215,7 +217,7 @@ class Layout:
                 Slot("member_moment", 3 * bool(f.members and f.nodes), "moment"),
                 Slot("member_force", 3 * bool(f.members and f.nodes), "force"),
                 Slot("functions", 3 * self.FUNCTIONS * self.ROUTED),  # of members: values, then first and second derivatives
-                Slot("pulls", self.STRAINS * self.DRIVES * (f.directions or f.lengths)),  # dw/d(u, e) of each
+                Slot("pulls", self.STRAINS * self.DRIVES * (f.directions or self.LENGTHS > 0)),  # dw/d(u, e) of each
                 Slot("slides", (self.STRAINS + self.LENGTHS) * (self.ROUTED and f.directions)),  # by arclength: of g, then of w
                 Slot("own_twist", n * f.nodes, "1/length"),  # u*_i,z
                 Slot("rate", self.column.size * directed),  # of what of the state stands in a column

@@ -1,0 +1,179 @@
+"""What drives the lines of one backbone, and what comes of it."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod.capabilities import Lines
+from multirod.models.backbone.kernels.layout.arguments import MATERIAL_SIZE
+from multirod.models.backbone.lines import Line, SectionChamber
+from multirod.models.backbone.members import CONDITION, Member, drive_places
+from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.models.backbone.problem import BackboneProblem
+
+SECTIONS = 65  # places along the rod
+RIGID = 1e6  # what counts as infinite, over the bending stiffness
+
+
+class DrivenLines(Lines):
+    """Of a ``BackboneProblem``: of all its members that are driven, in their order."""
+
+    def __init__(self, problem: "BackboneProblem") -> None:
+        self.problem = problem
+        members = problem.features.members
+        first = MATERIAL_SIZE + np.cumsum([0, *(len(kind.parameters) for kind in members)])
+        material = problem.arrays.material[:, 0]
+        # of each that is driven: its law, and its parameters by section (batch, section, parameter)
+        self._driven: list[tuple[type[Member], FloatArray]] = [
+            (kind, material[..., first[k] : first[k + 1]]) for k, kind in enumerate(members) if kind.drive is not None
+        ]
+
+    def length(self) -> FloatArray:  # noqa: D102
+        problem = self.problem
+        result = np.array(problem.node_pass(2).read("line_length"))
+        if problem.breakpoints:
+            found = problem.cut.line_length(problem.breakpoints)
+            for k in problem.breakpoints:
+                result[k] = found[k]
+        return result / self._weights()
+
+    def length_columns(self) -> FloatArray:  # noqa: D102
+        return np.asarray(self.problem.line_length_columns.numpy() / self._weights()[..., None])
+
+    def tension(self) -> FloatArray:  # noqa: D102
+        result = self._inputs() * self._weights()
+        for k, (lever, unknown) in self._conditions().items():
+            unit = self.problem.each(self.problem.arrays.material[:, 0, 0, :2].max(axis=-1) / lever)
+            slackens = self._driven[k][0].slackens
+            result[:, k] = unit * (np.maximum(unknown, 0.0) if slackens else unknown)
+        return result
+
+    def slack(self) -> NDArray[np.bool_]:  # noqa: D102
+        result = np.zeros((self.problem.instance_count, len(self._driven)), dtype=bool)
+        for k, (_, unknown) in self._conditions().items():
+            result[:, k] = self._driven[k][0].slackens & (unknown < 0)
+        return result
+
+    def stretch_energy(self, length: FloatArray) -> FloatArray:
+        """What lines that are driven by their length store, less what their tensions would do if they were given [J], shape
+        (instance_count,); ``length`` is that of each (instance_count, count)."""
+        tension, total = self.tension(), np.zeros(self.problem.instance_count)
+        for k in self._conditions():
+            compliance = self.problem.each(self._driven[k][1][:, 0, 1 - len(CONDITION)])
+            total += tension[:, k] * (compliance * tension[:, k] / 2 - length[:, k])
+        return total
+
+    def load(self) -> FloatArray:
+        """How large a moment what drives them makes [N m], or would, shape (instance_count,)."""
+        problem, members, inputs = self.problem, self.problem.features.members, self._inputs()
+        material = problem.arrays.material[:, 0]
+        count = sum(len(kind.functions) for kind in members)
+        terms = np.abs(material[..., material.shape[-1] - count * (problem.arrays.member_degree + 1) :])
+        offsets = terms.reshape(*terms.shape[:2], -1, count).sum(axis=2).max(axis=1)
+        stiffness = material[:, :, :3].min(axis=(1, 2)) / problem.arrays.end[:, 0, -1]
+        weights = np.abs(self._weights())
+        total, first, k = np.zeros(problem.instance_count), 0, 0
+        for kind in members:
+            if kind.drive is not None:
+                if kind.conditioned:
+                    lever, _, _, excess = np.moveaxis(self._driven[k][1][:, 0, -len(CONDITION) :], -1, 0)
+                    total += (np.abs(inputs[:, k]) + problem.each(np.abs(excess))) * problem.each(stiffness / lever)
+                else:
+                    lever = np.linalg.norm(offsets[:, first : first + len(kind.functions)], axis=1)
+                    total += np.abs(inputs[:, k]) * weights[:, k] * problem.each(lever)
+                k += 1
+            first += len(kind.functions)
+        return total
+
+    def stays_stiff(self) -> NDArray[np.bool_]:
+        """Whether the sections, looked at ``SECTIONS`` places, resist every change of strain with their lines, (L4), shape
+        (instance_count,); False where a member with another law need not."""
+        problem, members = self.problem, self.problem.features.members
+        count = problem.instance_count
+        if all(kind.convex for kind in members):
+            return np.ones(count, dtype=bool)
+        if not all(kind.convex or issubclass(kind, Line) for kind in members):
+            return np.zeros(count, dtype=bool)
+        call = problem.node_pass(SECTIONS)
+        s = call.read("node_arclength") - problem.read("inputs")[:, problem.input_slice("translation")][:, :1]
+        end, material = problem.each(problem.arrays.end[:, 0]), problem.each(problem.arrays.material[:, 0])
+        section = np.minimum((s[:, :, None] > end[:, None]).sum(axis=2), end.shape[1] - 1)
+        here = np.take_along_axis(material, section[:, :, None], axis=1)
+        rho, slope = self._offsets(s, end, section, here)
+        u = call.read("node_curvature")
+        v = np.array([0.0, 0.0, 1.0]) + np.where(here[..., 6:9] > 0, here[..., 6:9] * call.read("node_force"), 0.0)
+        stiffness = np.zeros((*s.shape, 6, 6))
+        with np.errstate(divide="ignore"):
+            stiffness[..., range(3), range(3)] = here[..., :3]
+            stiffness[..., range(3, 6), range(3, 6)] = 1 / here[..., 6:9]
+        drives, k = self.tension() / self._weights(), 0
+        first = MATERIAL_SIZE + np.cumsum([0, *(len(kind.parameters) for kind in members)])
+        for j, kind in enumerate(members):
+            if kind.drive is None:
+                continue
+            if not issubclass(kind, SectionChamber):
+                T = drives[:, k, None] * here[..., first[j]]
+                stiffness += line_stiffness(T, rho[:, :, j], slope[:, :, j], u, v)
+            k += 1
+        finite = np.where(np.isfinite(stiffness), stiffness, RIGID * here[..., :1, None])
+        return np.asarray((np.linalg.eigvalsh(finite)[..., 0] > 0).all(axis=1))
+
+    def _offsets(
+        self, s: FloatArray, end: FloatArray, section: NDArray[np.int_], here: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """``rho`` [m] of each member that is a line, and its derivative, at arclengths of the rod, (instance_count, node, member,
+        2)."""
+        members, degree = self.problem.features.members, self.problem.arrays.member_degree
+        count = sum(len(kind.functions) for kind in members)
+        terms = here[..., here.shape[-1] - count * (degree + 1) :].reshape(*s.shape, degree + 1, count)
+        stop = np.take_along_axis(end, section, axis=1)
+        start = np.where(section > 0, np.take_along_axis(end, np.maximum(section - 1, 0), axis=1), 0.0)
+        half = np.where(stop > start, (stop - start) / 2, np.inf)
+        t, powers = (s - (start + stop) / 2) / half, np.arange(degree + 1)
+        values = (t[..., None, None] ** powers @ terms)[..., 0, :]
+        slopes = (powers * t[..., None, None] ** np.maximum(powers - 1, 0) @ terms)[..., 0, :] / half[..., None]
+        rho, slope = np.zeros((2, *s.shape, len(members), 2))
+        first = 0
+        for j, kind in enumerate(members):
+            if issubclass(kind, Line):
+                rho[:, :, j], slope[:, :, j] = values[..., first : first + 2], slopes[..., first : first + 2]
+            first += len(kind.functions)
+        return rho, slope
+
+    def _inputs(self) -> FloatArray:
+        """What drives each, shape (instance_count, count)."""
+        places = [self.problem.first_drive + place for place in drive_places(self.problem.features.members)]
+        return np.asarray(self.problem.read("inputs")[:, places])
+
+    def _weights(self) -> FloatArray:
+        """What the length of each is multiplied by in what its drive works on, shape (instance_count, count)."""
+        found = np.ones((self.problem.instance_count, len(self._driven)))
+        for k, (kind, own) in enumerate(self._driven):
+            if "weight" in kind.parameters:
+                values = own[..., list(kind.parameters).index("weight")]
+                largest = np.argmax(np.abs(values), axis=1)
+                found[:, k] = self.problem.each(np.take_along_axis(values, largest[:, None], axis=1)[:, 0])
+        return found
+
+    def _conditions(self) -> dict[int, tuple[FloatArray, FloatArray]]:
+        """Of those whose drive is unknown: lever [m] (batch,), and the unknown [1/m] (instance_count,)."""
+        numbers = [k for k, (kind, _) in enumerate(self._driven) if kind.conditioned]
+        unknowns = self.problem.read("unknowns")[:, self.problem.slots.places["drives"]]
+        return {k: (self._driven[k][1][:, 0, -len(CONDITION)], unknowns[:, row]) for row, k in enumerate(numbers)}
+
+
+def line_stiffness(T: FloatArray, rho: FloatArray, slope: FloatArray, u: FloatArray, v: FloatArray) -> FloatArray:
+    """(L4) by (u, v) of lines of tension T (...), at rho (..., 2) with derivative ``slope``, shape (..., 6, 6)."""
+    lever = np.concatenate([rho, np.zeros((*rho.shape[:-1], 1))], axis=-1)
+    a = v + np.cross(u, lever) + np.concatenate([slope, np.zeros((*slope.shape[:-1], 1))], axis=-1)
+    size = np.linalg.norm(a, axis=-1)[..., None, None]
+    t = a[..., None] / size
+    across = T[..., None, None] / size * (np.eye(3) - t @ t.swapaxes(-1, -2))
+    # da = dv - [rho]x du
+    by = np.concatenate(
+        [np.cross(np.eye(3), lever[..., None, :]).swapaxes(-1, -2), np.broadcast_to(np.eye(3), (*size.shape[:-2], 3, 3))], axis=-1
+    )
+    return np.asarray(by.swapaxes(-1, -2) @ across @ by)

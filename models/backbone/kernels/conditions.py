@@ -1,0 +1,133 @@
+# mypy: ignore-errors
+"""What drives a line by its length: its tension is unknown, its length a condition, (L7), (L8) of ``docs/lines.md``."""
+
+from types import SimpleNamespace
+
+import warp as wp
+
+from multirod.models.backbone.kernels.instance import Instance, bending_stiffness
+from multirod.models.backbone.kernels.layout.arguments import MATERIAL_SIZE, Call, InputOffsets, RodTable
+from multirod.models.backbone.kernels.layout.layout import Layout
+from multirod.models.backbone.members import CONDITION, drive_places, driven
+
+f64 = wp.float64
+
+
+def make_conditions(layout: Layout) -> SimpleNamespace:
+    """Functions of the members whose drive is unknown.
+
+    ``y`` and ``v`` are the state at the tip and a column of it, in SI units.
+    """
+    members = layout.features.members
+    DRIVES_AT, PLACES = InputOffsets(layout.n, layout.DRIVES).DRIVES, drive_places(members)
+    FIRST, LENGTHS_AT = layout.unknowns.places["drives"].start, layout.state["lengths"]  # a column's stands alike
+    State = wp.types.vector(length=layout.state.size, dtype=f64)
+    Column = wp.types.vector(length=layout.column.size, dtype=f64)
+    # of each: its number among those that are driven, the columns of its parameters, whether it slackens
+    number = [k for k, kind in enumerate(driven(members)) if kind.conditioned]
+    at = [MATERIAL_SIZE + sum(len(kind.parameters) for kind in members[: k + 1]) - len(CONDITION)
+          for k, kind in enumerate(members) if kind.conditioned]  # fmt: skip
+    slackens = [kind.slackens for kind in members if kind.conditioned]
+    count = len(number)
+
+    def make_drive(j: int):
+        lever, row = at[j], FIRST + j
+
+        @wp.func
+        def drive(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance]) -> f64:
+            """(L7) T"""
+            unit = bending_stiffness(rods, case, 0, 0) / rods.material[case.rods, 0, 0, wp.static(lever)]
+            T = unit * call.unknowns[case.index, wp.static(row)]
+            if wp.static(slackens[j]):  # (L8)
+                T = wp.max(T, f64(0.0))
+            return T
+
+        return drive
+
+    drives = [make_drive(j) for j in range(count)]
+
+    def make_rate(j: int):
+        """The derivative of T by its own unknown."""
+        lever = at[j]
+
+        @wp.func
+        def rate(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance]) -> f64:
+            unit = bending_stiffness(rods, case, 0, 0) / rods.material[case.rods, 0, 0, wp.static(lever)]
+            if wp.static(slackens[j]):
+                if call.unknowns[case.index, wp.static(FIRST + j)] < f64(0.0):
+                    unit = f64(0.0)
+            return unit
+
+        return rate
+
+    rates = [make_rate(j) for j in range(count)]
+
+    @wp.func
+    def loose(rods: wp.ref[RodTable], case: wp.ref[Instance], lever: int) -> f64:
+        """(L8) What a slack line's condition varies by with its unknown: as much as that of a taut one in a straight rod."""
+        r = rods.material[case.rods, 0, 0, lever]
+        c = rods.material[case.rods, 0, 0, lever + 1]
+        natural = rods.material[case.rods, 0, 0, lever + 2]
+        return (natural + c * bending_stiffness(rods, case, 0, 0) / (r * r)) / case.scale
+
+    def make_writers(j: int, rest):
+        """Functions that write condition j, and its column k, then those after it; they return the sum of what they write."""
+        lever, drive, rate, length, row = at[j], drives[j], rates[j], LENGTHS_AT + number[j], FIRST + j
+        place, slack = DRIVES_AT + PLACES[number[j]], slackens[j]
+        rest_of, rest_of_column = rest
+
+        @wp.func
+        def write(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], y: State) -> f64:
+            r = rods.material[case.rods, 0, 0, wp.static(lever)]
+            c = rods.material[case.rods, 0, 0, wp.static(lever + 1)]
+            natural = rods.material[case.rods, 0, 0, wp.static(lever + 2)]
+            excess = rods.material[case.rods, 0, 0, wp.static(lever + 3)]
+            asked = natural + call.load_factor[case.index] * (excess - call.inputs[case.index, wp.static(place)])
+            gap = (asked + c * drive(rods, call, case) - y[wp.static(length)]) / (r * case.scale)
+            if wp.static(slack):
+                gap += loose(rods, case, lever) * wp.min(call.unknowns[case.index, wp.static(row)], f64(0.0))
+            call.residual[case.index, wp.static(row)] = gap
+            return wp.abs(gap) + rest_of(rods, call, case, y)
+
+        @wp.func
+        def write_column(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], v: Column, k: int) -> f64:
+            unit = rods.material[case.rods, 0, 0, wp.static(lever)] * case.scale
+            change = -v[wp.static(length)]
+            if k == wp.static(row):
+                change += rods.material[case.rods, 0, 0, wp.static(lever + 1)] * rate(rods, call, case)
+            if k < call.unknown_columns:
+                change = change / unit
+                if wp.static(slack):
+                    if k == wp.static(row) and call.unknowns[case.index, wp.static(row)] < f64(0.0):
+                        change += loose(rods, case, lever)
+                call.gamma[case.index, wp.static(row), k] = change
+            else:
+                direction = k - call.unknown_columns
+                change -= call.load_factor[case.index] * call.directions[case.direction, direction, wp.static(place)]
+                call.residual_directions[case.index, wp.static(row), direction] = change / unit
+            return wp.abs(change) + rest_of_column(rods, call, case, v, k)
+
+        return write, write_column
+
+    @wp.func
+    def write_none(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], y: State) -> f64:
+        """After the last."""
+        return f64(0.0)
+
+    @wp.func
+    def write_no_column(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], v: Column, k: int) -> f64:
+        """After the last."""
+        return f64(0.0)
+
+    writers = (write_none, write_no_column)
+    for j in reversed(range(count)):
+        writers = make_writers(j, writers)
+
+    return SimpleNamespace(
+        count=count,
+        first=FIRST,
+        drive_of=dict(zip(number, drives, strict=True)),
+        rate_of=dict(zip(number, rates, strict=True)),
+        write=writers[0],
+        write_column=writers[1],
+    )

@@ -1,0 +1,313 @@
+"""Lines driven by displacement and pressure: closed forms, tensions that do the same, differences, slack, stability."""
+
+import pickle
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq, fsolve
+
+import multirod as mr
+
+EI, GJ, LENGTH, R = 0.01, 0.0077, 0.2, 0.008
+OWN = {"length": LENGTH, "bending_stiffness": EI, "torsional_stiffness": GJ}
+PRECISE = mr.Shooting(tolerance=1e-11, integrator=mr.RK45(rtol=1e-12, atol=1e-14))
+FORCE = (0.1, 0.3, -0.2)
+
+
+def helix(s):
+    return 0.006 * np.cos(30 * s), 0.006 * np.sin(30 * s)
+
+
+def pulled() -> mr.SingleRod:
+    """An elastic tendon, an inextensible one over a part, an elastic one on a helix, on a rod that is bent at rest."""
+    lines = [
+        mr.Tendon(offset=(R, 0), driven="displacement", axial_stiffness=40.0, name="right"),
+        mr.Tendon(offset=(-0.004, 0.007), driven="displacement", end=0.14),
+        mr.Tendon(route=helix, driven="displacement", axial_stiffness=60.0),
+    ]
+    return mr.SingleRod(mr.Rod(**OWN, precurvature=(1.0, -0.5, 0.3), lines=lines))
+
+
+ROBOT = pulled()
+PULL = np.array([0.003, 0.004, 0.002])
+
+
+def solved(displacement=PULL, force=FORCE, **more) -> mr.Solution:
+    return mr.solve(ROBOT, ROBOT.inputs(displacement=displacement, tip_force=force, **more), solver=PRECISE).raise_if_failed()
+
+
+@pytest.fixture(scope="module")
+def solution() -> mr.Solution:
+    return solved()
+
+
+def by_tension(robot: mr.SingleRod) -> mr.SingleRod:
+    """The same robot, whose lines are driven by their tensions."""
+    (rod,) = robot.rods
+    lines = [
+        mr.Tendon(offset=o, route=r, end=e)
+        for o, r, e in (((R, 0), None, None), ((-0.004, 0.007), None, 0.14), (None, helix, None))
+    ]
+    return mr.SingleRod(mr.Rod(**OWN, precurvature=rod.sections[0].precurvature, lines=lines))
+
+
+# ---- displacement ----
+
+
+def test_one_line_bends_a_rod_into_an_arc() -> None:
+    # its length is L - q = L (1 - r kappa), whatever holds it; the moment is T r
+    for line in (mr.Tendon(offset=(R, 0), driven="displacement"), mr.PushRod(offset=(R, 0))):
+        robot = mr.SingleRod(mr.Rod(**OWN, lines=[line]))
+        q = 0.004
+        found = mr.solve(robot, robot.inputs(displacement=[q]), solver=PRECISE).raise_if_failed()
+        kappa = q / (R * LENGTH)
+        tip = np.array([1 - np.cos(kappa * LENGTH), 0, np.sin(kappa * LENGTH)]) / kappa
+        np.testing.assert_allclose(found.tip_position, tip, atol=1e-11)
+        np.testing.assert_allclose(found.tension, [EI * kappa / R], rtol=1e-9)
+        np.testing.assert_allclose(found.line_length, [LENGTH - q], rtol=1e-12)
+
+
+def test_a_push_rod_pushes_where_a_tendon_is_slack() -> None:
+    robots = [
+        mr.SingleRod(mr.Rod(**OWN, lines=[line(offset=(R, 0), **how)]))
+        for line, how in ((mr.PushRod, {}), (mr.Tendon, {"driven": "displacement"}))
+    ]
+    rod, tendon = (mr.solve(robot, robot.inputs(displacement=[-0.004]), solver=PRECISE).raise_if_failed() for robot in robots)
+    np.testing.assert_allclose(rod.tension, [-EI * 0.004 / (R * LENGTH) / R], rtol=1e-9)
+    assert not rod.slack.any()
+    assert tendon.slack.all()
+    assert tendon.tension == [0.0]
+    np.testing.assert_allclose(tendon.tip_position, (0, 0, LENGTH), atol=1e-14)
+
+
+def test_tensions_that_were_found_drive_the_same_robot_to_the_same_place(solution: mr.Solution) -> None:
+    twin = by_tension(ROBOT)
+    other = mr.solve(twin, twin.inputs(tension=solution.tension, tip_force=FORCE), solver=PRECISE).raise_if_failed()
+    assert (solution.tension > 0.05).all()
+    np.testing.assert_allclose(other.tip_position, solution.tip_position, atol=1e-11)
+    np.testing.assert_allclose(other.line_length, solution.line_length, rtol=1e-11)
+
+
+def test_lengths_are_what_is_left_of_those_at_rest(solution: mr.Solution) -> None:
+    # (L7), with the length at rest that the unloaded robot says
+    rest = mr.solve(ROBOT, solver=PRECISE).line_length
+    given = np.array([40.0, np.inf, 60.0])
+    np.testing.assert_allclose(solution.line_length, rest - PULL + rest / given * solution.tension, rtol=1e-11)
+    np.testing.assert_allclose(ROBOT.rods[0].lines[2].length_at_rest(ROBOT.rods[0].sections), rest[2], rtol=1e-11)
+
+
+def test_a_rest_length_is_that_without_tension() -> None:
+    def robot(**more) -> mr.SingleRod:
+        line = mr.Tendon(offset=(R, 0), driven="displacement", axial_stiffness=40.0, **more)
+        return mr.SingleRod(mr.Rod(**OWN, lines=[line, mr.Tendon(offset=(0, R), driven="displacement")]))
+
+    (straight,) = {robot().rods[0].length.item()}
+    for rest in (straight, straight - 0.003):
+        found = mr.solve(robot(rest_length=rest), robot().inputs(displacement=(0.004 - straight + rest, 0.002)), solver=PRECISE)
+        # the arc takes r^2 L/EI, the line its own length over EA
+        np.testing.assert_allclose(found.tension[0], 0.004 / (R**2 * LENGTH / EI + rest / 40), rtol=1e-9)
+
+
+def test_derivatives_are_those_of_differences(solution: mr.Solution) -> None:
+    pose, lengths, step = solution.jacobian("displacement"), solution.jacobian("displacement", of="line_length"), 1e-5
+    compliance, by_force = solution.jacobian("tip_force"), solution.jacobian("tip_force", of="line_length")
+    for k in range(3):
+        away = np.eye(3)[k] * step
+        ahead, behind = solved(PULL + away), solved(PULL - away)
+        np.testing.assert_allclose(pose[:3, k], (ahead.tip_position - behind.tip_position) / (2 * step), rtol=1e-5, atol=1e-6)
+        np.testing.assert_allclose(lengths[:, k], (ahead.line_length - behind.line_length) / (2 * step), rtol=1e-5, atol=1e-6)
+        ahead, behind = solved(force=FORCE + away), solved(force=FORCE - away)
+        np.testing.assert_allclose(
+            compliance[:3, k], (ahead.tip_position - behind.tip_position) / (2 * step), rtol=1e-5, atol=1e-8
+        )
+        np.testing.assert_allclose(by_force[:, k], (ahead.line_length - behind.line_length) / (2 * step), rtol=1e-5, atol=1e-8)
+
+
+def test_who_pulls_a_line_out_does_the_work_that_the_robot_gains(solution: mr.Solution) -> None:
+    step = 1e-4
+    for k in range(3):
+        ahead, behind = (solved(PULL + sign * step * np.eye(3)[k]).potential for sign in (1, -1))
+        np.testing.assert_allclose((ahead - behind) / (2 * step), solution.tension[k], rtol=1e-5)
+
+
+def test_what_is_slack_is_longer_than_it_needs_and_what_is_taut_is_not() -> None:
+    rng = np.random.default_rng(5)
+    pulls, forces = rng.uniform(-0.003, 0.005, (60, 3)), 0.4 * rng.normal(size=(60, 3))
+    found = mr.solve(ROBOT, ROBOT.inputs(displacement=pulls, tip_force=forces)).raise_if_failed()
+    left = mr.solve(ROBOT).line_length - pulls
+    stretched = left + mr.solve(ROBOT).line_length / np.array([40.0, np.inf, 60.0]) * found.tension
+    assert 0.1 < found.slack.mean() < 0.6
+    assert (found.tension[found.slack] == 0).all()
+    assert (found.tension[~found.slack] >= 0).all()
+    assert (found.line_length[found.slack] < left[found.slack]).all()
+    # the tolerance of the residual, in lengths
+    np.testing.assert_allclose(found.line_length[~found.slack], stretched[~found.slack], atol=1e-9)
+    assert (found.index == 0).all()
+    alone = [mr.solve(ROBOT, ROBOT.inputs(displacement=pulls[k], tip_force=forces[k])) for k in (0, 7)]
+    for k, one in zip((0, 7), alone, strict=True):
+        np.testing.assert_array_equal(one.unknowns, found.unknowns[k])
+
+
+def test_a_tracker_and_an_observer_follow_displacements(solution: mr.Solution) -> None:
+    motion = [PULL + 1e-4 * np.sin(0.3 * k) * np.array([1, 0.5, -1]) for k in range(12)]
+    tracker = mr.Tracker(ROBOT, dt=0.005, inputs=ROBOT.inputs(displacement=motion[0], tip_force=FORCE))
+    for pull in motion:
+        sample = tracker.step(displacement=pull)
+        assert not sample.status.failed
+    np.testing.assert_allclose(sample.tip_position, solved(motion[-1]).tip_position, atol=1e-8)
+    observed = mr.solve(ROBOT, ROBOT.inputs(displacement=PULL, tip_force=FORCE), solver=mr.Observer()).raise_if_failed()
+    np.testing.assert_allclose(observed.tip_position, solution.tip_position, atol=1e-7)
+
+
+def test_a_robot_whose_lines_have_lengths_survives_a_copy(solution: mr.Solution) -> None:
+    robot = pickle.loads(pickle.dumps(ROBOT))
+    found = mr.solve(robot, robot.inputs(displacement=PULL, tip_force=FORCE), solver=PRECISE)
+    np.testing.assert_array_equal(found.tip_position, solution.tip_position)
+
+
+# ---- push rods ----
+
+
+@pytest.mark.parametrize("axial", [None, 500.0])
+def test_stiff_push_rods_share_the_bending_of_an_arc(axial: float | None) -> None:
+    # two beside the backbone: each is an arc of its own radius, and its own length stretches it
+    own, EA, offsets, pull = 0.004, 800.0, np.array([R, -0.5 * R]), np.array([0.003, -0.002])
+    lines = [mr.PushRod(offset=(x, 0), bending_stiffness=own, axial_stiffness=EA) for x in offsets]
+    more = {} if axial is None else {"shear_stiffness": 200.0, "axial_stiffness": axial}
+    robot = mr.SingleRod(mr.Rod(**OWN, lines=lines, **more))
+    found = mr.solve(robot, robot.inputs(displacement=pull), solver=PRECISE).raise_if_failed()
+
+    def slopes(x):
+        kappa, e = x
+        m = 1 + e - kappa * offsets
+        tension = EA * (m - 1 + pull / LENGTH)
+        moment = EI * kappa + (own * (kappa / m + kappa**2 * offsets / (2 * m**2)) - tension * offsets).sum()
+        force = e if axial is None else axial * e + (tension - own * kappa**2 / (2 * m**2)).sum()
+        return moment, force
+
+    kappa, e = fsolve(slopes, (found.rod(0).curvature[0, 1], 0.0), xtol=1e-13)
+    m = 1 + e - kappa * offsets
+    np.testing.assert_allclose(found.rod(0).curvature[:, 1], kappa, rtol=1e-9)
+    np.testing.assert_allclose(found.line_length, LENGTH * m, rtol=1e-10)
+    np.testing.assert_allclose(found.tension, EA * (m - 1 + pull / LENGTH), rtol=1e-7)
+    bent = EI * kappa**2 / 2 + (own * kappa**2 / (2 * m)).sum() + (0 if axial is None else axial * e**2 / 2)
+    np.testing.assert_allclose(found.energy, bent * LENGTH, rtol=1e-9)
+
+
+def test_more_push_rods_than_lengths_determine_are_refused() -> None:
+    three = [mr.PushRod(offset=(R * np.cos(a), R * np.sin(a))) for a in (0, 2.1, 4.2)]
+    with pytest.raises(ValueError, match=r"PushRod\.axial_stiffness = inf is not allowed: must be finite: 3 push rods"):
+        mr.Rod(**OWN, lines=three)
+    with pytest.raises(ValueError, match="2 push rods beside each other"):
+        mr.Rod(**OWN, lines=[mr.PushRod(offset=(R, 0)), mr.PushRod(offset=(-R, 0))])
+    assert mr.Rod(**OWN, shear_stiffness=40.0, axial_stiffness=90.0, lines=three).lines
+    assert mr.Rod(**OWN, lines=[mr.PushRod(offset=(R, 0)), mr.PushRod(offset=(0, R))]).lines
+
+
+# ---- stability ----
+
+
+def test_lines_that_are_held_keep_a_column_from_buckling() -> None:
+    EA = 30.0
+    lines = [mr.Tendon(offset=(sign * R, 0), driven="displacement", axial_stiffness=EA) for sign in (1, -1)]
+    robot = mr.SingleRod(mr.Rod(**OWN, lines=lines))
+    # two lines are a torsional spring on the tip, k, in their plane: x cot x = -k L/EI; in the other, nothing holds it
+    k = 2 * EA * R**2 / LENGTH
+    x = brentq(lambda x: x / np.tan(x) + k * LENGTH / EI, np.pi / 2 + 1e-9, np.pi - 1e-9)
+    loads = np.array([np.pi**2 / 4, x**2]) * EI / LENGTH**2
+
+    def at(load: float, guess: mr.Solution | None = None) -> mr.Solution:
+        inputs = robot.inputs(displacement=(0.001, 0.001), tip_force=(0, 0, -load))
+        return mr.solve(robot, inputs, guess=guess).raise_if_failed()
+
+    straight = at(0.9 * loads[0])
+    np.testing.assert_allclose(straight.tension, EA * 0.001 / LENGTH, rtol=1e-9)
+    indices = [at(part * load, straight).index for load in loads for part in (0.999, 1.001)]
+    assert indices == [0, 1, 1, 2]
+    assert abs(at(0.999 * loads[0]).stability_margin) < 0.01
+
+
+def test_inextensible_push_rods_keep_a_column_straight_up_to_four_times_the_load() -> None:
+    # its tip cannot turn: pi^2 EI/L^2
+    robot = mr.SingleRod(mr.Rod(**OWN, lines=[mr.PushRod(offset=(R, 0)), mr.PushRod(offset=(0, R))]))
+    critical = np.pi**2 * EI / LENGTH**2
+    below = mr.solve(robot, robot.inputs(tip_force=(0, 0, -0.99 * critical))).raise_if_failed()
+    above = mr.solve(robot, robot.inputs(tip_force=(0, 0, -1.01 * critical)), guess=below).raise_if_failed()
+    assert (below.index, above.index) == (0, 2)
+
+
+# ---- chambers ----
+
+
+def test_a_chamber_bends_a_rod_away_from_itself() -> None:
+    # in the section: M = P A r exactly; both are the same without shear and twist
+    for fixed in ("across", "section"):
+        robot = mr.SingleRod(mr.Rod(**OWN, lines=[mr.Chamber(offset=(-R, 0), area=2e-5, area_fixed=fixed)]))
+        found = mr.solve(robot, robot.inputs(pressure=[3e5]), solver=PRECISE).raise_if_failed()
+        kappa = 3e5 * 2e-5 * R / EI
+        np.testing.assert_allclose(found.rod(0).curvature[:, 1], kappa, rtol=1e-9)
+        np.testing.assert_allclose(found.line_length, [LENGTH * (1 + R * kappa)], rtol=1e-10)
+        np.testing.assert_allclose(found.tension, [-6.0])
+
+
+def soft() -> mr.SingleRod:
+    """A tendon between chambers of both kinds, one of them routed, on a rod that shears."""
+    lines = [
+        mr.Chamber(route=helix, area=1e-5, area_fixed="section", name="helix"),
+        mr.Tendon(offset=(R, 0)),
+        mr.Chamber(offset=(-0.004, -0.006), area=2e-5, start=0.03),
+    ]
+    return mr.SingleRod(mr.Rod(**OWN, shear_stiffness=40.0, axial_stiffness=90.0, lines=lines))
+
+
+def test_work_of_pressure_and_tension_is_the_energy_that_is_stored() -> None:
+    robot = soft()
+    pressure, tension = np.array([2e5, 1e5]), 1.5
+
+    def at(part: float) -> mr.Solution:
+        return mr.solve(robot, robot.inputs(pressure=part * pressure, tension=[part * tension]), solver=PRECISE).raise_if_failed()
+
+    # dE = -sum of T dl, with T in step with the load: a Gauss rule of the work along the way
+    nodes, weights = np.polynomial.legendre.leggauss(12)
+    done = 0.0
+    for node, weight in zip((1 + nodes) / 2, weights / 2, strict=True):
+        found = at(node)
+        slopes = (
+            found.jacobian("pressure", of="line_length") @ pressure + found.jacobian("tension", of="line_length")[:, 0] * tension
+        )
+        done -= weight * found.tension @ slopes
+    np.testing.assert_allclose(at(1.0).energy, done, rtol=1e-10)
+
+
+def test_lengths_by_pressures_are_symmetric_and_those_of_differences() -> None:
+    robot, step = soft(), 1.0
+    pressure = np.array([2e5, 1e5])
+    found = mr.solve(robot, robot.inputs(pressure=pressure, tension=[1.5]), solver=PRECISE).raise_if_failed()
+    by_pressure, by_tension = found.jacobian("pressure", of="line_length"), found.jacobian("tension", of="line_length")
+    # in tensions: dT = -A dP
+    all_by_tension = np.column_stack([by_pressure[:, 0] / -1e-5, by_tension[:, 0], by_pressure[:, 1] / -2e-5])
+    np.testing.assert_allclose(all_by_tension, all_by_tension.T, atol=1e-11 * np.abs(all_by_tension).max())
+    for k in range(2):
+        more = [robot.inputs(pressure=pressure + sign * step * np.eye(2)[k], tension=[1.5]) for sign in (1, -1)]
+        ahead, behind = (mr.solve(robot, inputs, solver=PRECISE).line_length for inputs in more)
+        np.testing.assert_allclose(by_pressure[:, k], (ahead - behind) / (2 * step), rtol=1e-4, atol=1e-13)
+
+
+# ---- what is refused ----
+
+
+def test_what_cannot_be_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"Chamber\.area_fixed = 'none' is not allowed"):
+        mr.Chamber(offset=(R, 0), area=1e-5, area_fixed="none")
+    with pytest.raises(TypeError, match="Chamber needs area"):
+        mr.Chamber(offset=(R, 0))
+    with pytest.raises(ValueError, match=r"Tendon\.axial_stiffness = 40\.0 is not allowed"):
+        mr.Tendon(offset=(R, 0), axial_stiffness=40.0)
+    with pytest.raises(ValueError, match=r"PushRod\.axial_stiffness = -1"):
+        mr.PushRod(offset=(R, 0), axial_stiffness=-1)
+    with pytest.raises(ValueError, match=r"displacement = .* is not allowed: must have shape"):
+        ROBOT.inputs(displacement=(0.1, 0.2))
+    with pytest.raises(ValueError, match="pressure = 1.* must not be given: no rod has a line that is driven by it"):
+        ROBOT.inputs(pressure=1e5)
+    with pytest.raises(ValueError, match=r"translation = .* must be zero: a line is driven by its displacement"):
+        ROBOT.inputs(translation=0.01)
