@@ -167,6 +167,8 @@ class Rod:
             out of its base [N/m^2]: one number, or three along the axes of the base.
         members: What the rod carries along itself and that gives way with it (``Member``), whichever way its sections are given.
         lines: What runs along it at an offset and is pulled, such as ``Tendon`` (``docs/lines.md``), likewise.
+        discs: Spacing of discs [m], between which tendons and push rods run straight; None, the default, is so close that it does
+            not matter.
         sections: ``Section`` objects from base to tip, instead of all the above.
         outer_diameter: For drawing, and to check that tubes nest [m].
         inner_diameter: The same [m].
@@ -191,6 +193,7 @@ class Rod:
         foundation: Any = None,
         members: Sequence["Member"] = (),
         lines: Sequence["Line"] = (),
+        discs: float | None = None,
         sections: Sequence[Section] | None = None,
         outer_diameter: float | None = None,
         inner_diameter: float | None = None,
@@ -226,7 +229,8 @@ class Rod:
                 f"must be from {SMALLEST:g} to {LARGEST:g} m, all sections together",
             )
         self.members = _members(members)
-        self.lines = _lines(lines, self.sections)
+        self.discs = None if discs is None else positive_float("Rod.discs", discs)
+        self.lines = _lines(lines, self.sections, self.discs)
         self.outer_diameter, self.inner_diameter = _diameters(outer_diameter, inner_diameter)
         if not isinstance(name, str):
             refuse("Rod.name", name, "must be a string")
@@ -337,7 +341,7 @@ def _members(given: Any) -> "tuple[Member, ...]":
     return tuple(given)
 
 
-def _lines(given: Any, sections: Sequence[Section]) -> "tuple[Line, ...]":
+def _lines(given: Any, sections: Sequence[Section], discs: float | None) -> "tuple[Line, ...]":
     if isinstance(given, (list, tuple)) and not given:
         return ()
     from multirod.models.backbone.lines import Line, refuse_redundant
@@ -349,7 +353,7 @@ def _lines(given: Any, sections: Sequence[Section]) -> "tuple[Line, ...]":
         if names.count(name) > 1:
             refuse("Rod.lines", names, f"must have names of their own, and {name!r} is there twice")
     refuse_redundant(given, any(np.isfinite(section.axial_stiffness).any() for section in sections))
-    return tuple(line.on(sections) for line in given)
+    return tuple(line.on(sections, discs or 0.0) for line in given)
 
 
 def _diameters(outer: float | None, inner: float | None) -> tuple[float | None, float | None]:
@@ -404,6 +408,7 @@ class RodArrays:
         foundation: Whether a medium is around any rod.
         members: Laws of what the rods carry along themselves, whose parameters and functions are further columns of ``material``.
         member_degree: Degree of the polynomials of these functions.
+        discs: Whether lines run straight between discs.
         batch_shape: Leading axes; where there are none, the batch axis is 1.
     """
 
@@ -417,6 +422,7 @@ class RodArrays:
     foundation: bool = False
     members: "tuple[type[Member], ...]" = ()
     member_degree: int = 0
+    discs: bool = False
     batch_shape: tuple[int, ...] = field(default=())
 
     def __post_init__(self) -> None:
@@ -480,6 +486,7 @@ def stack(backbones: Sequence[RodArrays], batch_shape: tuple[int, ...]) -> RodAr
         foundation=any(arrays.foundation for arrays in backbones),
         members=backbones[0].members,
         member_degree=max(arrays.member_degree for arrays in backbones),
+        discs=any(arrays.discs for arrays in backbones),
         batch_shape=(*batch_shape, len(backbones)),
     )
 
@@ -587,5 +594,6 @@ def lower(rods: Sequence[Rod]) -> RodArrays:
         foundation=bool(material[..., 13:16].any()),
         members=kinds(rods[0].carried),
         member_degree=member_degree,
+        discs=any(rod.discs for rod in rods if rod.lines),
         batch_shape=batch_shape,
     )

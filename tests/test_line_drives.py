@@ -204,6 +204,86 @@ def test_more_push_rods_than_lengths_determine_are_refused() -> None:
     assert mr.Rod(**OWN, lines=[mr.PushRod(offset=(R, 0)), mr.PushRod(offset=(0, R))]).lines
 
 
+# ---- discs ----
+
+
+def between_discs(count: int, tension: float, parts: int = 16) -> np.ndarray:
+    """Tip (x, z) of a rod in its plane whose tendon runs straight between discs: least energy of a chain of short pieces."""
+    ds = LENGTH / count / parts
+    walk = np.tril(np.ones((count * parts, count * parts))) * ds
+
+    def energy(kappa):
+        # angle at the middle of a piece, positions at its ends, the line where discs are
+        angle = walk @ kappa
+        middle = angle - kappa * ds / 2
+        x, z = (np.concatenate([[0.0], np.cumsum(f(middle)) * ds]) for f in (np.sin, np.cos))
+        turned = np.concatenate([[0.0], angle])
+        at = slice(None, None, parts)
+        line = np.column_stack([x + R * np.cos(turned), z - R * np.sin(turned)])[at]
+        return EI / 2 * (kappa**2).sum() * ds + tension * np.linalg.norm(np.diff(line, axis=0), axis=1).sum(), (x[-1], z[-1])
+
+    def slope(kappa):
+        step = 1e-4
+        return np.array([(energy(kappa + e)[0] - energy(kappa - e)[0]) / (2 * step) for e in step * np.eye(len(kappa))])
+
+    start = np.full(count * parts, tension * R / EI)
+    stiff = EI * ds * np.eye(len(start))
+    for _ in range(12):  # the bending is most of the second derivative: fixed point
+        start = start - np.linalg.solve(stiff, slope(start))
+    return np.array(energy(start)[1])
+
+
+def test_a_tendon_runs_straight_between_discs() -> None:
+    tension, count = 4.0, 8
+    lines = [mr.Tendon(offset=(R, 0))]
+    near, spaced = (mr.SingleRod(mr.Rod(**OWN, lines=lines, discs=discs)) for discs in (None, LENGTH / count))
+    ignored, found = (
+        mr.solve(robot, robot.inputs(tension=[tension]), solver=PRECISE).raise_if_failed() for robot in (near, spaced)
+    )
+    # in the plane, (L11) is a root
+    k = (LENGTH / count) ** 2 / 24
+    kappa = brentq(lambda u: EI * u - tension * (R * (1 - k * u**2) + 2 * k * u * (1 - R * u)), 0, 10)
+    np.testing.assert_allclose(found.rod(0).curvature[:, 1], kappa, rtol=1e-9)
+    np.testing.assert_allclose(found.line_length, LENGTH * (1 - R * kappa) * (1 - k * kappa**2), rtol=1e-10)
+    # and the rod with real discs is nearer to it by far than to the line that follows the rod
+    real = between_discs(count, tension)
+    off, left = (np.linalg.norm(one.tip_position[[0, 2]] - real) for one in (ignored, found))
+    assert left < 0.02 * off
+
+
+def test_lines_between_discs_have_exact_derivatives_and_no_energy_of_their_own() -> None:
+    lines = [mr.Tendon(route=helix), mr.Tendon(offset=(-R, 0.002)), mr.Tendon(offset=(0.001, R), start=0.03)]
+    robot = mr.SingleRod(
+        mr.Rod(**OWN, shear_stiffness=40.0, axial_stiffness=90.0, precurvature=(1.0, -0.5, 0.3), lines=lines, discs=0.03)
+    )
+    tension = np.array([1.0, 2.0, 1.5])
+
+    def at(part: float) -> mr.Solution:
+        return mr.solve(robot, robot.inputs(tension=part * tension), solver=PRECISE).raise_if_failed()
+
+    whole = at(1.0)
+    by_tension = whole.jacobian("tension", of="line_length")
+    np.testing.assert_allclose(by_tension, by_tension.T, atol=1e-11 * np.abs(by_tension).max())
+    nodes, weights = np.polynomial.legendre.leggauss(12)
+    done = 0.0
+    for node, weight in zip((1 + nodes) / 2, weights / 2, strict=True):
+        found = at(node)
+        done -= weight * found.tension @ found.jacobian("tension", of="line_length") @ tension
+    np.testing.assert_allclose(whole.energy, done, rtol=1e-10)
+    # pushed in, where the routes go on: at zero they turn a corner
+    there = {"tip_force": np.array([0.1, 0.0, 0.2]), "translation": np.array([-0.01])}
+    moved = mr.solve(robot, robot.inputs(tension=tension, **there), solver=PRECISE).raise_if_failed()
+    for name, step in (("tip_force", 1e-4), ("translation", 1e-5)):
+        pose = moved.jacobian(name)
+        for k in range(pose.shape[1]):
+            away = np.eye(pose.shape[1])[k] * step
+            inputs = [robot.inputs(tension=tension, **{**there, name: there[name] + sign * away}) for sign in (1, -1)]
+            ahead, behind = (mr.solve(robot, one, solver=PRECISE).tip_position for one in inputs)
+            np.testing.assert_allclose(pose[:3, k], (ahead - behind) / (2 * step), rtol=1e-5, atol=1e-7)
+    with pytest.raises(ValueError, match=r"tension = .* together: between discs the rod buckles"):
+        robot.inputs(tension=(50, 50, 50))
+
+
 # ---- stability ----
 
 

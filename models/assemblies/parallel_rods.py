@@ -114,7 +114,7 @@ class ParallelRods(Assembly):
                 leg.check(Inputs(leg.input_specs, leg.rod_count, values))
             except ValueError as error:
                 raise ValueError(f"legs[{k}]: {error}") from None
-        check_drives(inputs)
+        check_drives(inputs, self.rods)
         if inputs.is_active("gravity") and not (self.geometry.mass > 0 or any(rod.has_mass for rod in self.rods)):
             refuse("gravity", inputs.gravity.tolist(), "must be zero: no rod has a linear_density, and the platform no mass")
         if inputs.is_active("magnetic_field") and not any(rod.is_magnetised for rod in self.rods):

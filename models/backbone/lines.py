@@ -34,8 +34,10 @@ class Line(Member):
         batch_shape: Leading axes of its offset.
     """
 
-    parameters: ClassVar = {"weight": (0, 0)}  # zero where the line is not
+    # zero where the line is not; and what discs take away, (L11)
+    parameters: ClassVar = {"weight": (0, 0), "discs": (0, 2)}
     functions: ClassVar = {"x": (0, 1), "y": (0, 1)}
+    discs = 0.0  # their spacing [m]; zero where there are none
     weight: Any = 1.0  # what its length is multiplied by in what its drive works on, and its drive to be a tension
 
     def __init__(self, offset: Any, route: Callable[[float], Any] | None, start: float, end: float | None, name: str) -> None:
@@ -60,8 +62,8 @@ class Line(Member):
     def batch_shape(self) -> tuple[int, ...]:  # noqa: D102
         return () if self.offset is None else self.offset.shape[:-1]
 
-    def on(self, sections: "Sequence[Section]") -> Self:
-        """The line on a rod of these sections, its route resolved.
+    def on(self, sections: "Sequence[Section]", discs: float = 0.0) -> Self:
+        """The line on a rod of these sections, its route resolved; through discs of this spacing [m], if it is not zero.
 
         Raises:
             ValueError: If it leaves the rod, or its route is not two finite numbers.
@@ -73,6 +75,7 @@ class Line(Member):
         if self.start >= shortest:
             refuse(f"{field}.start", self.start, f"must be less than the length of the rod, {shortest:g} m")
         result = copy(self)
+        result.discs = discs
         if self.end is not None and self.end < shortest * (1 - ROUNDED):
             result._last = self.end
         if self._route is not None:
@@ -90,7 +93,8 @@ class Line(Member):
         return [*([self.start] if self.start else []), *inner, *([self._last] if np.isfinite(self._last) else [])]
 
     def values(self, section: "Section", s: float) -> FloatArray:  # noqa: D102
-        return np.asarray(self.weight * float(self.start <= s < self._last))[..., None]
+        weight = np.asarray(self.weight * float(self.start <= s < self._last))
+        return np.stack([weight, np.full(weight.shape, self.discs**2 / 24)], axis=-1)
 
     def polynomials(self, s: float) -> tuple[float, float, FloatArray]:  # noqa: D102
         if self.offset is not None:
@@ -124,7 +128,8 @@ class Line(Member):
                 rho, slope = self._offset_and_slope(s)
                 x, y = rho[..., 0], rho[..., 1]
                 a = (slope[..., 0] - u[..., 2] * y, slope[..., 1] + u[..., 2] * x, 1 + u[..., 0] * y - u[..., 1] * x)
-                total = total + np.sqrt(a[0] ** 2 + a[1] ** 2 + a[2] ** 2) * weight / (2 * PARTS)
+                straight = 1 - self.discs**2 / 24 * (u[..., 0] ** 2 + u[..., 1] ** 2)  # (L11)
+                total = total + straight * np.sqrt(a[0] ** 2 + a[1] ** 2 + a[2] ** 2) * weight / (2 * PARTS)
         return np.asarray(total * (stop - start))
 
     def _offset_and_slope(self, s: float) -> tuple[FloatArray, FloatArray]:
@@ -204,7 +209,7 @@ class Tendon(Line):
     def law(numbers: SimpleNamespace) -> SimpleNamespace:  # noqa: D102
         from multirod.models.backbone.kernels.lines import tendon_law
 
-        return tendon_law(numbers, 1)
+        return tendon_law(numbers, len(Tendon.parameters), discs_at=1)
 
 
 class DrivenByLength(Line):
@@ -235,8 +240,8 @@ class DrivenByLength(Line):
     def batch_shape(self) -> tuple[int, ...]:  # noqa: D102
         return np.broadcast_shapes(super().batch_shape, np.shape(self.axial_stiffness))
 
-    def on(self, sections: "Sequence[Section]") -> Self:  # noqa: D102
-        result = super().on(sections)
+    def on(self, sections: "Sequence[Section]", discs: float = 0.0) -> Self:  # noqa: D102
+        result = super().on(sections, discs)
         natural = result.length_at_rest(sections)
         rest = natural if self.rest_length is None else np.asarray(self.rest_length)
         size = float(np.max(np.sum([section.length for section in sections], axis=0)))
@@ -246,14 +251,14 @@ class DrivenByLength(Line):
         return result
 
     def values(self, section: "Section", s: float) -> FloatArray:  # noqa: D102
-        there = np.broadcast_to(super().values(section, s), (*self.condition.shape[:-1], 1))
-        return np.concatenate([there, self.condition], axis=-1)
+        own = super().values(section, s)
+        return np.concatenate([np.broadcast_to(own, (*self.condition.shape[:-1], own.shape[-1])), self.condition], axis=-1)
 
     @staticmethod
     def law(numbers: SimpleNamespace) -> SimpleNamespace:  # noqa: D102
         from multirod.models.backbone.kernels.lines import tendon_law
 
-        return tendon_law(numbers, 1 + len(CONDITION))
+        return tendon_law(numbers, len(DrivenByLength.parameters), discs_at=1)
 
 
 class DisplacedTendon(DrivenByLength, Tendon):
@@ -288,7 +293,7 @@ class PushRod(DrivenByLength):
         ValueError: If a value is out of range; the message names it, its value and what is allowed.
     """
 
-    parameters: ClassVar = {"weight": (0, 0), "bending": (1, 2), **CONDITION}
+    parameters: ClassVar = {**Line.parameters, "bending": (1, 2), **CONDITION}
 
     def __init__(
         self,
@@ -313,26 +318,27 @@ class PushRod(DrivenByLength):
     def batch_shape(self) -> tuple[int, ...]:  # noqa: D102
         return np.broadcast_shapes(super().batch_shape, self.bending_stiffness.shape)
 
-    def on(self, sections: "Sequence[Section]") -> Self:  # noqa: D102
+    def on(self, sections: "Sequence[Section]", discs: float = 0.0) -> Self:  # noqa: D102
         straight = not any(isinstance(s.precurvature, profile.Profile) or np.any(s.precurvature) for s in sections)
         if self.bending_stiffness.any() and not straight:
             refuse(
                 "PushRod.bending_stiffness", self.bending_stiffness.tolist(), "must not be given where the rod is bent at rest"
             )
-        return super().on(sections)
+        return super().on(sections, discs)
 
     def values(self, section: "Section", s: float) -> FloatArray:  # noqa: D102
         found = super().values(section, s)
         shape = np.broadcast_shapes(found.shape[:-1], self.bending_stiffness.shape)
         found = np.broadcast_to(found, (*shape, found.shape[-1]))
         bending = np.broadcast_to(self.bending_stiffness, shape)[..., None] * found[..., :1]
-        return np.concatenate([found[..., :1], bending, found[..., 1:]], axis=-1)
+        own = len(Line.parameters)
+        return np.concatenate([found[..., :own], bending, found[..., own:]], axis=-1)
 
     @staticmethod
     def law(numbers: SimpleNamespace) -> SimpleNamespace:  # noqa: D102
         from multirod.models.backbone.kernels.lines import tendon_law
 
-        return tendon_law(numbers, 2 + len(CONDITION), bending_at=1)
+        return tendon_law(numbers, len(PushRod.parameters), bending_at=len(Line.parameters), discs_at=1)
 
 
 def refuse_redundant(lines: "Sequence[Line]", extensible: bool) -> None:
@@ -373,7 +379,7 @@ class Chamber(Line):
         ValueError: If a value is out of range; the message names it, its value and what is allowed.
     """
 
-    parameters: ClassVar = {"weight": (0, 2)}
+    parameters: ClassVar = {"weight": (0, 2), "discs": (0, 2)}
     drive: ClassVar = ("pressure", (1, -2))
 
     def __new__(cls, *_: Any, area_fixed: str = "across", **__: Any) -> Self:
@@ -406,7 +412,7 @@ class Chamber(Line):
     def law(numbers: SimpleNamespace) -> SimpleNamespace:  # noqa: D102
         from multirod.models.backbone.kernels.lines import tendon_law
 
-        return tendon_law(numbers, 1)
+        return tendon_law(numbers, len(Chamber.parameters))
 
 
 class SectionChamber(Chamber):
@@ -418,4 +424,4 @@ class SectionChamber(Chamber):
     def law(numbers: SimpleNamespace) -> SimpleNamespace:  # noqa: D102
         from multirod.models.backbone.kernels.lines import section_chamber_law
 
-        return section_chamber_law(numbers)
+        return section_chamber_law(numbers, len(Chamber.parameters))

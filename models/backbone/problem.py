@@ -74,6 +74,7 @@ def scene_features(
         shear=arrays.shear,
         members=arrays.members,
         member_degree=arrays.member_degree,
+        discs=arrays.discs,
         foundation=arrays.foundation,
         transmission=transmission,
         anisotropic=arrays.anisotropic and rod_count > 1,
@@ -669,7 +670,7 @@ class BackboneAssembly(Assembly):
             refuse("gravity", inputs.gravity.tolist(), "must be zero: no rod has a linear_density (or, for Rod.tube, a density)")
         if inputs.is_active("magnetic_field") and not any(rod.is_magnetised for rod in self.rods):
             refuse("magnetic_field", inputs.magnetic_field.tolist(), "must be zero: no rod has a magnetisation")
-        check_drives(inputs)
+        check_drives(inputs, self.rods)
         if inputs.is_active("translation") and any(kind.conditioned for rod in self.rods for kind in kinds(rod.carried)):
             refuse("translation", inputs.translation.tolist(), "must be zero: a line is driven by its displacement")
 
@@ -712,10 +713,25 @@ class BackboneAssembly(Assembly):
         return BackboneProblem(self.rods, base, inputs, transmission=self.transmission, arrays=arrays, **options)
 
 
-def check_drives(inputs: Inputs) -> None:
+def check_drives(inputs: Inputs, rods: Sequence[Rod]) -> None:
     """Refuse what lines cannot be driven by, by a ``ValueError``."""
-    if "tension" in inputs.given and np.min(inputs.tension, initial=0.0) < 0:
+    if "tension" not in inputs.given:
+        return
+    if np.min(inputs.tension, initial=0.0) < 0:
         refuse("tension", inputs.tension.tolist(), "must be >= 0: a tendon cannot push")
+    first = 0
+    for rod in rods:
+        count = drives(kinds(rod.lines)).count("tension")
+        own = inputs.tension[..., first : first + count]
+        if rod.discs is not None and count:
+            softest = min(float(np.min(section.bending_stiffness)) for section in rod.sections)
+            if np.max(own.sum(axis=-1), initial=0.0) * rod.discs**2 >= np.pi**2 * softest:
+                refuse(
+                    "tension",
+                    own.tolist(),
+                    f"must be < {np.pi**2 * softest / rod.discs**2:.3g} N together: between discs the rod buckles",
+                )
+        first += count
 
 
 def surely_driven(name: str, values: Sequence[float]) -> bool:

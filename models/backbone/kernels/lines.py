@@ -14,11 +14,13 @@ from multirod.models.backbone.kernels.numbers.lanes import add, div, mul, neg, s
 SHORTEST = 0.1  # length of a line per length of rod, below which it is bent to its centre of curvature
 
 
-def tendon_law(numbers: SimpleNamespace, drive_at: int, bending_at: int = 0) -> SimpleNamespace:
+def tendon_law(numbers: SimpleNamespace, drive_at: int, bending_at: int = 0, discs_at: int = 0) -> SimpleNamespace:
     """(L2) to (L6): ``W = T |a|``, ``a = v + u x rho + rho'``; what drives it stands ``drive_at`` after its first parameter.
 
-    With its bending stiffness ``bending_at`` after that, (L10) too, of an offset that is constant.
+    With its bending stiffness ``bending_at`` after that, (L10) too, of an offset that is constant; where there are discs, with
+    what they take away ``discs_at`` after it, (L11).
     """
+    DISCS = numbers.DISCS and discs_at > 0
     d, Real, Vec3, Response, memory_type = numbers.d, numbers.Real, numbers.Vec3, numbers.Response, numbers.memory_type
     row, fill, root, where_less = numbers.row, numbers.fill, numbers.root, numbers.where_less
     dot, scaled = numbers.dot, numbers.scaled
@@ -52,6 +54,13 @@ def tendon_law(numbers: SimpleNamespace, drive_at: int, bending_at: int = 0) -> 
         return Vec3(y * t.z, -x * t.z, x * t.y - y * t.x)
 
     @wp.func
+    def straightened(memory: memory_type, at: int, u: Vec3) -> Real:
+        """(L11) Length of the chords per length of the line."""
+        if wp.static(DISCS):
+            return d(1.0) - row(memory, at + wp.static(discs_at)) * (u.x * u.x + u.y * u.y)
+        return fill(d(1.0))
+
+    @wp.func
     def normal_length(memory: memory_type, on: int, u: Vec3, e: Vec3) -> Real:
         """(L10) m, which takes the place of lam."""
         m = u.x * value(memory, on + 1) - u.y * value(memory, on) + d(1.0)
@@ -81,6 +90,24 @@ def tendon_law(numbers: SimpleNamespace, drive_at: int, bending_at: int = 0) -> 
             add_stiffness(r, 5, 5, k * q)
 
     @wp.func
+    def straighten(memory: memory_type, at: int, on: int, u: Vec3, size: Real, T: Real, t: Vec3, r: wp.ref[Response]):
+        """(L11) Derivatives of its second factor."""
+        k = d(-2.0) * row(memory, at + wp.static(discs_at)) * T
+        m = lever(memory, on, t)
+        add_moment(r, Vec3(k * size * u.x, k * size * u.y, fill(d(0.0))))
+        add_stiffness(r, 0, 0, k * (size + d(2.0) * m.x * u.x))
+        add_stiffness(r, 0, 1, k * (m.x * u.y + m.y * u.x))
+        add_stiffness(r, 1, 1, k * (size + d(2.0) * m.y * u.y))
+        add_stiffness(r, 0, 2, k * u.x * m.z)
+        add_stiffness(r, 1, 2, k * u.y * m.z)
+        add_stiffness(r, 0, 3, k * u.x * t.x)
+        add_stiffness(r, 0, 4, k * u.x * t.y)
+        add_stiffness(r, 0, 5, k * u.x * t.z)
+        add_stiffness(r, 1, 3, k * u.y * t.x)
+        add_stiffness(r, 1, 4, k * u.y * t.y)
+        add_stiffness(r, 1, 5, k * u.y * t.z)
+
+    @wp.func
     def respond(memory: memory_type, at: int, on: int, u: Vec3, e: Vec3, r: wp.ref[Response]):
         """(L2) T (t, rho x t), and (L4)."""
         if wp.static(bending_at > 0):
@@ -89,8 +116,12 @@ def tendon_law(numbers: SimpleNamespace, drive_at: int, bending_at: int = 0) -> 
         x = value(memory, on)
         y = value(memory, on + 1)
         a = tangent(memory, on, u, e)
-        per = d(1.0) / length_of(a)
+        size = length_of(a)
+        per = d(1.0) / size
         t = scaled(per, a)
+        if wp.static(DISCS):
+            straighten(memory, at, on, u, size, T, t, r)
+            T = T * straightened(memory, at, u)
         add_moment(r, scaled(T, lever(memory, on, t)))
         h = T * per
         xx = h - h * t.x * t.x
@@ -142,6 +173,12 @@ def tendon_law(numbers: SimpleNamespace, drive_at: int, bending_at: int = 0) -> 
         a = tangent(memory, on, u, e)
         size = length_of(a)
         t = scaled(here / size, a)
+        if wp.static(DISCS):
+            k = d(-2.0) * here * row(memory, at + wp.static(discs_at)) * size
+            add_moment(r, Vec3(k * u.x, k * u.y, fill(d(0.0))))
+            part = straightened(memory, at, u)
+            t = scaled(part, t)
+            size = part * size
         add_force(r, t)
         add_moment(r, lever(memory, on, t))
         return here * size
@@ -158,6 +195,12 @@ def tendon_law(numbers: SimpleNamespace, drive_at: int, bending_at: int = 0) -> 
         y_s = slope(memory, on + 1)
         b = Vec3(bend(memory, on) - u.z * y_s, bend(memory, on + 1) + u.z * x_s, u.x * y_s - u.y * x_s)
         along = dot(t, b)
+        if wp.static(DISCS):
+            k = d(-2.0) * T * row(memory, at + wp.static(discs_at)) * along
+            add_moment(r, Vec3(k * u.x, k * u.y, fill(d(0.0))))
+            part = straightened(memory, at, u)
+            T = part * T
+            here = part * here
         turn = Vec3(per * (b.x - along * t.x), per * (b.y - along * t.y), per * (b.z - along * t.z))
         add_force(r, scaled(T, turn))
         add_moment(r, scaled(T, lever(memory, on, turn)))
@@ -167,8 +210,8 @@ def tendon_law(numbers: SimpleNamespace, drive_at: int, bending_at: int = 0) -> 
     return SimpleNamespace(respond=respond, energy=energy, pull=pull, slide=slide)
 
 
-def section_chamber_law(numbers: SimpleNamespace) -> SimpleNamespace:
-    """(L9): ``W = T a . e3``; what drives it stands after its parameter."""
+def section_chamber_law(numbers: SimpleNamespace, drive_at: int) -> SimpleNamespace:
+    """(L9): ``W = T a . e3``; what drives it stands ``drive_at`` after its first parameter."""
     d, Real, Vec3, Response, memory_type = numbers.d, numbers.Real, numbers.Vec3, numbers.Response, numbers.memory_type
     row, fill, add_moment, add_force = numbers.row, numbers.fill, numbers.add_moment, numbers.add_force
     value, slope = numbers.value, numbers.slope
@@ -183,7 +226,7 @@ def section_chamber_law(numbers: SimpleNamespace) -> SimpleNamespace:
     @wp.func
     def respond(memory: memory_type, at: int, on: int, u: Vec3, e: Vec3, r: wp.ref[Response]):
         """(L9) The same whatever the strains are."""
-        push(memory, on, row(memory, at) * row(memory, at + 1), r)
+        push(memory, on, row(memory, at) * row(memory, at + wp.static(drive_at)), r)
 
     @wp.func
     def energy(memory: memory_type, at: int, on: int, u: Vec3, e: Vec3) -> Real:
@@ -201,7 +244,7 @@ def section_chamber_law(numbers: SimpleNamespace) -> SimpleNamespace:
     def slide(memory: memory_type, at: int, on: int, u: Vec3, e: Vec3, r: wp.ref[Response]) -> Real:
         """(L6) What varies along the rod where the strains do not."""
         here = row(memory, at)
-        T = here * row(memory, at + 1)
+        T = here * row(memory, at + wp.static(drive_at))
         x_s = slope(memory, on)
         y_s = slope(memory, on + 1)
         add_moment(r, Vec3(T * y_s, -T * x_s, fill(d(0.0))))

@@ -114,7 +114,8 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
     def bend(memory: memory_type, on: int) -> Real:
         return row(memory, on + wp.static(2 * FUNCTIONS))
 
-    own = {"memory_type": memory_type, "FORCES": FORCES, "VARIED": ROUTED, "value": value, "slope": slope, "bend": bend}
+    flags = {"FORCES": FORCES, "VARIED": ROUTED, "DISCS": layout.features.discs}
+    own = {"memory_type": memory_type, "value": value, "slope": slope, "bend": bend, **flags}
     numbers = SimpleNamespace(**(vars(L) | vars(V) | vars(R) | own))
     laws = {kind: kind.law(numbers) for kind in layout.features.members}
 

@@ -31,6 +31,7 @@ class Features:
         measured: A measured tip curvature takes the place of the boundary condition, equation (12).
         members: What the rod carries along itself, kinds of ``Member`` in their order, equation (5m).
         member_degree: Degree of the polynomials in arclength that hold what of them varies along it; 0 is constant by section.
+        discs: Its lines run straight between discs, equation (L11) of ``docs/lines.md``.
         lengths: How long its lines are is integrated too: what drives of members work on.
         shear: Shear and extension, equation (5); without it ``v = e3``.
         anisotropic: Bending stiffness differs between the two axes; a distinct term for ``rod_count > 1`` only.
@@ -59,6 +60,7 @@ class Features:
     measured: bool = False
     members: tuple[type["Member"], ...] = ()
     member_degree: int = 0
+    discs: bool = False
     lengths: bool = False
     shear: bool = False
     anisotropic: bool = False
