@@ -51,6 +51,47 @@ def test_derivatives_are_exact_and_the_energy_is_that_of_rods_loads_and_lines():
     np.testing.assert_allclose(end, shape.position[-1] + shape.rotation[-1] @ rho, atol=1e-12)
 
 
+def driven(*lines: mr.Tendon | mr.PushRod | mr.Chamber) -> mr.ParallelRods:
+    """The same robot with other lines."""
+    return mr.ParallelRods(legs=[leg(line) for line in lines], base=ROBOT.geometry.base, platform=ROBOT.geometry.platform)
+
+
+def test_legs_are_driven_by_displacement_and_pressure_too():
+    area = 1e-5
+    lines = [mr.Tendon((0.006, 0), driven="displacement", axial_stiffness=300.0), mr.Chamber((0, 0.006), end=0.12, area=area)]
+    robot = driven(*lines, mr.PushRod((0.004, 0.004)))
+    pull, pressure = np.array([0.0006, -0.0003]), np.array([1e5])
+
+    def at(pull=pull, pressure=pressure, force=FORCE) -> mr.Solution:
+        return mr.solve(
+            robot, robot.inputs(displacement=pull, pressure=pressure, tip_force=force), solver=PRECISE
+        ).raise_if_failed()
+
+    solution = at()
+    # lengths are those that are given, and the tensions that were found do the same
+    tension = solution.tension
+    np.testing.assert_allclose(tension[1], -area * pressure[0], rtol=1e-12)
+    taut = 0.2 - pull + np.array([0.2 / 300, 0]) * tension[[0, 2]]
+    np.testing.assert_allclose(solution.line_length[[0, 2]], taut, rtol=1e-10)
+    assert tension[0] > 0 > tension[2]
+    twin = driven(mr.Tendon((0.006, 0)), mr.Chamber((0, 0.006), end=0.12, area=area), mr.Chamber((0.004, 0.004), area=area))
+    pushed = np.array([pressure[0], -tension[2] / area])
+    other = mr.solve(twin, twin.inputs(tension=[tension[0]], pressure=pushed, tip_force=FORCE), solver=PRECISE).raise_if_failed()
+    np.testing.assert_allclose(other.tip_position, solution.tip_position, atol=1e-10)
+    # derivatives, and the work of who pulls
+    pose, step = solution.jacobian("displacement"), 1e-6
+    for k, e in enumerate(step * np.eye(2)):
+        ahead, behind = at(pull + e), at(pull - e)
+        np.testing.assert_allclose(pose[:3, k], (ahead.tip_position - behind.tip_position) / (2 * step), rtol=1e-5, atol=1e-6)
+        np.testing.assert_allclose((ahead.potential - behind.potential) / (2 * step), tension[[0, 2]][k], rtol=1e-5)
+    ahead, behind = at(pressure=pressure + 10), at(pressure=pressure - 10)
+    slope = solution.jacobian("pressure")[:3, 0]
+    np.testing.assert_allclose(slope, (ahead.tip_position - behind.tip_position) / 20, rtol=1e-4)
+    # a robot whose lines are held is stiffer, and judged: a tension that is given takes nothing away from that
+    assert solution.index == 0
+    assert solution.stability_margin > other.stability_margin
+
+
 def test_what_cannot_be_is_refused_by_name():
     with pytest.raises(ValueError, match=r"tension = .* is not allowed: must be >= 0"):
         ROBOT.inputs(tension=(1, -1, 0))

@@ -74,12 +74,6 @@ class ParallelRods(Assembly):
         mass = nonnegative_float("ParallelRods.platform_mass", platform_mass)
         robots: list[BackboneAssembly] = [SingleRod(leg) if isinstance(leg, Rod) else leg for leg in legs]
         for k, robot in enumerate(robots):
-            if any(kind.conditioned for rod in robot.rods for kind in kinds(rod.carried)):
-                refuse(
-                    f"ParallelRods.legs[{k}]",
-                    legs[k],
-                    "must have no line that is driven by displacement: only by tension or pressure",
-                )
             if any(rod.is_embedded for rod in robot.rods):
                 refuse(
                     f"ParallelRods.legs[{k}]", legs[k], "must have no foundation: it is modelled for one backbone with a free tip"
@@ -243,6 +237,8 @@ class InverseParallelRods(Assembly):
         legs = robot.legs
         if len(legs) != 6 or not all(isinstance(leg, Rod) for leg in legs):
             refuse("ParallelRods.legs", list(legs), "the inverse problem needs 6 legs, each a Rod: a pose has 6 numbers")
+        if any(kind.conditioned for rod in robot.rods for kind in kinds(rod.lines)):
+            refuse("ParallelRods.legs", list(legs), "the inverse problem takes no line that is driven by its displacement")
         self.robot = robot
         self.limits = _limits(limits, len(legs))
         self.geometry = robot.geometry

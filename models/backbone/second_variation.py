@@ -146,6 +146,48 @@ def condensed_form(columns: NodeColumns, unit: FloatArray) -> CondensedForm:
     return result
 
 
+def with_conditions(
+    form: CondensedForm,
+    columns: NodeColumns,
+    tensions: NodeColumns,
+    gaps: FloatArray,
+    own_gaps: FloatArray,
+    taut: NDArray[np.bool_],
+) -> CondensedForm:
+    """(14) Of one rod with lines that are driven by their lengths: their tensions are eliminated, each of which is a condition.
+
+    Args:
+        form: With all tensions fixed.
+        columns: By which that is made, c of them.
+        tensions: The same by tensions.
+        gaps: How what each line is too long by changes with ``columns``, shape (batch, line, c).
+        own_gaps: The same with tensions, shape (batch, line, line).
+        taut: Which lines are, shape (batch, line).
+    """
+    last = -1 - (~np.isnan(columns.arclength))[:, ::-1].argmax(axis=1)
+    every, c, count = np.arange(len(last)), columns.configuration.shape[-1], taut.shape[1]
+
+    def at_tip(of: NodeColumns) -> tuple[FloatArray, FloatArray]:
+        """What is given there, and what follows from it."""
+        if of.tip_force is None or of.tip_position is None:
+            return of.configuration[every, last], of.tip_momenta
+        given = np.concatenate([of.configuration[every, last], of.tip_force], axis=1)
+        return given, np.concatenate([of.tip_momenta, -of.tip_position], axis=1)
+
+    (given, follows), (by_given, by_follows) = at_tip(columns), at_tip(tensions)
+    known = form.known & np.isfinite(own_gaps).all(axis=(1, 2))
+    given = np.where(known[:, None, None], given, np.eye(c))
+    at_given = np.linalg.solve(given, np.concatenate([np.broadcast_to(np.eye(c), given.shape), -by_given], axis=2))
+    couple, lengths = follows @ at_given[:, :, c:] + by_follows, gaps @ at_given
+    own = np.where(taut[:, :, None] & taut[:, None], lengths[:, :, c:] + own_gaps, -np.eye(count))
+    known &= np.linalg.cond(np.where(known[:, None, None], own, np.eye(count))) < WORST_CONDITION
+    own = np.where(known[:, None, None], own, -np.eye(count))
+    give = np.linalg.solve(own, np.where(taut[:, :, None], lengths[:, :, :c], 0.0))
+    negative = (np.linalg.eigvals(own).real < 0).sum(axis=1)
+    matrix = form.matrix - np.where(taut[:, None], couple, 0.0) @ give
+    return CondensedForm(matrix, form.conjugate + (negative - count).astype(np.int32), known)
+
+
 def form_by_segments(transition: FloatArray, frames: FloatArray, unit: FloatArray) -> tuple[FloatArray, int, bool]:
     """(4), (5) from what each segment makes of a variation, so that columns cannot grow apart, (12).
 

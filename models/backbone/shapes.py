@@ -39,4 +39,7 @@ class BackboneShapes(Shapes):
         call = self.problem.node_pass(2)
         base = np.broadcast_to(self.problem.table.base_position.numpy(), (self.problem.instance_count, 3))
         tip = (self.problem.tip_wrench.numpy()[:, :3] * (call.read("position") - base)).sum(axis=1)
-        return np.array(call.read("energy")), np.asarray(tip - call.read("work"))
+        lost = np.asarray(tip - call.read("work"))
+        if self.problem.features.condition_count:
+            lost += self.problem.lines.stretch_energy(call.read("line_length"))
+        return np.array(call.read("energy")), lost

@@ -16,6 +16,7 @@ from multirod.models.backbone.second_variation import (
     certain_determinant,
     condensed_form,
     segments_needed,
+    with_conditions,
 )
 from multirod.profile import DEGREE
 from multirod.stability import Modes, StabilityAnalysis
@@ -102,10 +103,7 @@ class BackboneStability(StabilityAnalysis):
             needed = self._segments_of(call)
             done = chosen & (needed < node_count)
             if done.any():
-                found = condensed_form(self._node_columns(call, done), unit[done])
-                if self.problem.features.condition_count:
-                    found = self._with_conditions(found, call, done)
-                form.put(done, found)
+                form.put(done, self._form(call, done, unit[done]))
                 if not self.problem.held:
                     determinant[done] = certain_determinant(call.read("gamma")[done])
             more = chosen & ~done & (needed < MOST_NODES - 1)
@@ -113,43 +111,38 @@ class BackboneStability(StabilityAnalysis):
             open_ &= ~chosen | more
         return form, determinant
 
-    def _node_columns(self, call: "NodePass", chosen: NDArray[np.bool_]) -> NodeColumns:
-        """What a pass over nodes says of variations of the instances ``chosen``."""
+    def _form(self, call: "NodePass", chosen: NDArray[np.bool_], unit: FloatArray) -> CondensedForm:
+        """(4) to (6), (14) by what a pass over nodes says of the instances ``chosen``; ``unit`` is ``K/L`` [N m] of these."""
+        problem, drives = self.problem, self.problem.slots.places["drives"]
+        by_tensions = np.arange(drives.start, drives.stop)
+        others = np.delete(np.arange(problem.unknown_count), by_tensions)
+        if not problem.held:
+            # base forces that follow a load are no variations that keep the forces
+            others = others[: len(problem.rods) + 2]
+        columns = self._node_columns(call, chosen, others)
+        form = condensed_form(columns, unit)
+        if not len(by_tensions):
+            return form
+        rows = by_tensions + (3 if problem.held else 0)
+        lacking = call.read("gamma")[chosen][:, rows]
+        conditioned = [kind.conditioned for kind in driven(problem.features.members)]
+        taut = ~problem.lines.slack()[chosen][:, conditioned]
+        tensions = self._node_columns(call, chosen, by_tensions)
+        return with_conditions(form, columns, tensions, -lacking[:, :, others], -lacking[:, :, by_tensions], taut)
+
+    def _node_columns(self, call: "NodePass", chosen: NDArray[np.bool_], columns: NDArray[np.intp]) -> NodeColumns:
+        """What a pass over nodes says of variations of the instances ``chosen`` by some of the unknowns."""
         rows = len(self.problem.rods) + 2
         ends = self.problem.ends()[chosen]
-        arclength, configuration = call.read("column_arclength")[chosen], call.read("node_columns")[chosen, :, :rows]
-        momenta = call.read("tip_columns")[chosen, :rows]
+        arclength = call.read("column_arclength")[chosen]
+        configuration = call.read("node_columns")[chosen, :, :rows][..., columns]
+        momenta = call.read("tip_columns")[chosen, :rows][..., columns]
         if not self.problem.held:
-            # base forces that follow a load are no variations that keep the forces
-            return NodeColumns(arclength, configuration[..., :rows], momenta[..., :rows], ends)
-        by_unknowns = self.problem.wrench_columns.numpy()[chosen, :, : self.problem.unknown_count]
-        momenta = np.concatenate([by_unknowns[:, 3:], momenta[:, 3:]], axis=1)
-        return NodeColumns(arclength, configuration, momenta, ends, by_unknowns[:, :3], call.read("pose_columns")[chosen, :3])
-
-    def _with_conditions(self, form: CondensedForm, call: "NodePass", chosen: NDArray[np.bool_]) -> CondensedForm:
-        """(14) Of lines whose length is given: their tensions are eliminated, each of which is a condition on the others."""
-        slots, last = self.problem.slots, -1 - np.isnan(call.read("column_arclength")[chosen][:, ::-1]).argmin(axis=1)
-        rows = np.arange(len(last))
-        by_all = call.read("node_columns")[chosen][rows, last, :3]
-        first, drives = slots.places["moment"], slots.places["drives"]
-        turn = np.linalg.solve(
-            by_all[:, :, first], np.concatenate([np.broadcast_to(np.eye(3), (len(last), 3, 3)), -by_all[:, :, drives]], axis=2)
-        )
-        momenta, gaps = call.read("tip_columns")[chosen][:, :3], -call.read("gamma")[chosen][:, drives]
-        n = turn.shape[2] - 3
-        couple = momenta[:, :, first] @ turn[:, :, 3:] + momenta[:, :, drives]
-        lengths = gaps[:, :, first] @ turn
-        own = lengths[:, :, 3:] + gaps[:, :, drives]
-        taut = ~self.problem.lines.slack()[chosen][:, [kind.conditioned for kind in driven(self.problem.features.members)]]
-        both = taut[:, :, None] & taut[:, None, :]
-        own = np.where(both, own, -np.eye(n))
-        sound = np.abs(np.linalg.det(own)) > 0
-        left = np.where(taut[:, None], couple, 0.0)
-        right = np.linalg.solve(
-            np.where(sound[:, None, None], own, np.eye(n)), np.where(taut[:, :, None], lengths[:, :, :3], 0.0)
-        )
-        negative = (np.linalg.eigvals(own).real < 0).sum(axis=1)
-        return CondensedForm(form.matrix - left @ right, form.conjugate + (negative - n).astype(np.int32), form.known & sound)
+            return NodeColumns(arclength, configuration, momenta, ends)
+        wrench = self.problem.wrench_columns.numpy()[chosen][..., columns]
+        momenta = np.concatenate([wrench[:, 3:], momenta[:, 3:]], axis=1)
+        position = call.read("pose_columns")[chosen, :3][..., columns]
+        return NodeColumns(arclength, configuration, momenta, ends, wrench[:, :3], position)
 
     def _segments_expected(self) -> FloatArray:
         """(7) by what the moments cannot exceed."""

@@ -81,7 +81,9 @@ class Geometry:
         self.first_rod: NDArray[np.intp] = frozen(np.cumsum([0] + [leg.rod_count for leg in self.legs]))
         # what drives the lines of each leg, by the names of inputs
         self.drives = [drive_names(leg.arrays.members) for leg in self.legs]
-        self.first_unknown: NDArray[np.intp] = frozen(np.cumsum([0] + [leg.rod_count + 5 for leg in self.legs]))
+        self.first_unknown: NDArray[np.intp] = frozen(
+            np.cumsum([0] + [leg.rod_count + 5 + sum(kind.conditioned for kind in leg.arrays.members) for leg in self.legs])
+        )
 
     def first_drive(self, name: str) -> NDArray[np.intp]:
         """The first of the lines of each leg among those of all that are driven by an input, and their number, (leg + 1,)."""

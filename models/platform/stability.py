@@ -136,6 +136,7 @@ class PlatformStability(StabilityAnalysis):
         held: list[HeldLeg | None] = [None] * legs
         for group in self.problem.groups:
             form, _ = group.backbones.stability.condensed_form()
+            form.known[~group.backbones.lines.stays_stiff()] = False
             wrench = group.backbones.tip_wrench.numpy().reshape(count, -1, 6)
             for place, leg in enumerate(group.members):
                 own = CondensedForm(*(v.reshape(count, -1, *v.shape[1:])[:, place] for v in vars(form).values()))

@@ -252,7 +252,7 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
                             y[wp.static(TAU_AT) + j - 1] = torque
                     y[wp.static(THETA_AT) + j - 1] = angle
             if wp.static(FORCE_UNKNOWN):
-                if k >= wp.static(FIRST_FORCE) and k < wp.static(FIRST_FORCE + 3):
+                if k >= wp.static(FIRST_FORCE):
                     dN[k - wp.static(FIRST_FORCE)] = force_unit(rods, case)
         else:
             turn = angle_rate(call, case, b, direction, 0)

@@ -21,6 +21,7 @@ def make_conditions(layout: Layout) -> SimpleNamespace:
     members = layout.features.members
     DRIVES_AT, PLACES = InputOffsets(layout.n, layout.DRIVES).DRIVES, drive_places(members)
     FIRST, LENGTHS_AT = layout.unknowns.places["drives"].start, layout.state["lengths"]  # a column's stands alike
+    BEFORE = 3 if layout.features.held else 0  # of a held tip the base force comes later, but its residuals before
     State = wp.types.vector(length=layout.state.size, dtype=f64)
     Column = wp.types.vector(length=layout.column.size, dtype=f64)
     # of each: its number among those that are driven, the columns of its parameters, whether it slackens
@@ -73,7 +74,7 @@ def make_conditions(layout: Layout) -> SimpleNamespace:
     def make_writers(j: int, rest):
         """Functions that write condition j, and its column k, then those after it; they return the sum of what they write."""
         lever, drive, rate, length, row = at[j], drives[j], rates[j], LENGTHS_AT + number[j], FIRST + j
-        place, slack = DRIVES_AT + PLACES[number[j]], slackens[j]
+        place, slack, residual = DRIVES_AT + PLACES[number[j]], slackens[j], row + BEFORE
         rest_of, rest_of_column = rest
 
         @wp.func
@@ -86,7 +87,7 @@ def make_conditions(layout: Layout) -> SimpleNamespace:
             gap = (asked + c * drive(rods, call, case) - y[wp.static(length)]) / (r * case.scale)
             if wp.static(slack):
                 gap += loose(rods, case, lever) * wp.min(call.unknowns[case.index, wp.static(row)], f64(0.0))
-            call.residual[case.index, wp.static(row)] = gap
+            call.residual[case.index, wp.static(residual)] = gap
             return wp.abs(gap) + rest_of(rods, call, case, y)
 
         @wp.func
@@ -100,11 +101,11 @@ def make_conditions(layout: Layout) -> SimpleNamespace:
                 if wp.static(slack):
                     if k == wp.static(row) and call.unknowns[case.index, wp.static(row)] < f64(0.0):
                         change += loose(rods, case, lever)
-                call.gamma[case.index, wp.static(row), k] = change
+                call.gamma[case.index, wp.static(residual), k] = change
             else:
                 direction = k - call.unknown_columns
                 change -= call.load_factor[case.index] * call.directions[case.direction, direction, wp.static(place)]
-                call.residual_directions[case.index, wp.static(row), direction] = change / unit
+                call.residual_directions[case.index, wp.static(residual), direction] = change / unit
             return wp.abs(change) + rest_of_column(rods, call, case, v, k)
 
         return write, write_column

@@ -72,8 +72,8 @@ def unknowns_of(features: Features, *, moment: bool | None = None, force: bool |
             Slot("moment", 3 * moment, "1/length"),
             Slot("torques", features.torque_count, "1/length"),  # of the second rod and those outside it
             Slot("rotation", 3 * features.segment, "1/length"),
-            Slot("force", 3 * force, "1/length"),
             Slot("drives", features.condition_count, "1/length"),  # of members whose drive is unknown
+            Slot("force", 3 * force, "1/length"),
         ]
     )
 
