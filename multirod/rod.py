@@ -254,6 +254,9 @@ class Rod:
         precurvature: Any = None,
         density: float = 0.0,
         magnetisation: Any = None,
+        members: Sequence["Member"] = (),
+        lines: Sequence["Line"] = (),
+        discs: float | None = None,
         name: str = "",
     ) -> "Rod":
         """A round tube, or a wire when ``inner_diameter`` is 0: ``EI``, ``GJ`` and mass from its cross-section.
@@ -268,6 +271,9 @@ class Rod:
             density: Mass per volume [kg/m^3].
             magnetisation: Magnetic moment per volume in the material frame [A/m], three numbers; ``Rod`` itself takes it per
                 length.
+            members: As for ``Rod``.
+            lines: As for ``Rod``.
+            discs: As for ``Rod``.
             name: As for ``Rod``.
 
         Raises:
@@ -299,6 +305,9 @@ class Rod:
             magnetisation=None if magnetisation is None else float(A) * array("Rod.magnetisation", magnetisation, (3,)),
             outer_diameter=outer,
             inner_diameter=inner,
+            members=members,
+            lines=lines,
+            discs=discs,
             name=name,
         )
 

@@ -48,6 +48,15 @@ def test_new_integrator_has_its_order(example):
     assert 3.9 < example("new_integrator.py").main() < 4.1
 
 
+def test_three_segments_bend_by_the_same_angle(example):
+    tendon, chambers, push_rods = example("driven_segments.py").main()
+    assert abs(tendon - 0.6) < 1e-9
+    assert abs(chambers - 0.6) < 1e-9
+    # the push rods stretch: EA sum of x^2 pulls against the EI of all
+    axial, bending = 1e6 * 1.5 * 0.004**2, 0.03 + 3 * 0.012
+    assert abs(push_rods - 0.6 * axial / (axial + bending)) < 1e-5
+
+
 def test_new_assembly_agrees_with_the_clamped_rod(example):
     module = example("new_assembly.py")
     assert module.main() < 1e-9  # both solved to 1e-9 1/m on 0.4 m

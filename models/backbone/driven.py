@@ -44,7 +44,7 @@ class DrivenLines(Lines):
         return np.asarray(self.problem.line_length_columns.numpy() / self._weights()[..., None])
 
     def tension(self) -> FloatArray:  # noqa: D102
-        result = self._inputs() * self._weights()
+        result = self._inputs() * self._weights() + 0.0  # what is not filled pulls with 0, not with -0
         for k, (lever, unknown) in self._conditions().items():
             unit = self.problem.each(self.problem.arrays.material[:, 0, 0, :2].max(axis=-1) / lever)
             slackens = self._driven[k][0].slackens
