@@ -57,6 +57,13 @@ class DrivenLines(Lines):
             result[:, k] = self._driven[k][0].slackens & (unknown < 0)
         return result
 
+    def taut(self) -> NDArray[np.bool_]:
+        """Which of the lines that are driven by their length are held by it, shape (instance_count, condition_count)."""
+        held = [
+            unknown > 0 if self._driven[k][0].slackens else ~np.isnan(unknown) for k, (_, unknown) in self._conditions().items()
+        ]
+        return np.stack(held, axis=1)
+
     def stretch_energy(self, length: FloatArray) -> FloatArray:
         """What lines that are driven by their length store, less what their tensions would do if they were given [J], shape
         (instance_count,); ``length`` is that of each (instance_count, count)."""

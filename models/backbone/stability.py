@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from multirod.models.backbone.inputs import LOADS
 from multirod.models.backbone.kernels.layout import arguments as kernels
-from multirod.models.backbone.members import driven
 from multirod.models.backbone.mode_bounds import bound_modes
 from multirod.models.backbone.second_variation import (
     MOST_NODES,
@@ -125,8 +124,7 @@ class BackboneStability(StabilityAnalysis):
             return form
         rows = by_tensions + (3 if problem.held else 0)
         lacking = call.read("gamma")[chosen][:, rows]
-        conditioned = [kind.conditioned for kind in driven(problem.features.members)]
-        taut = ~problem.lines.slack()[chosen][:, conditioned]
+        taut = problem.lines.taut()[chosen]
         tensions = self._node_columns(call, chosen, by_tensions)
         return with_conditions(form, columns, tensions, -lacking[:, :, others], -lacking[:, :, by_tensions], taut)
 

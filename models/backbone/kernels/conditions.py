@@ -31,6 +31,24 @@ def make_conditions(layout: Layout) -> SimpleNamespace:
     slackens = [kind.slackens for kind in members if kind.conditioned]
     count = len(number)
 
+    @wp.func
+    def rounding_of(call: wp.ref[Call], case: wp.ref[Instance]) -> f64:
+        """(L8b) How far the kink is rounded on the way to the load [1/m], not at all at its end."""
+        return wp.max(f64(1.0) - call.load_factor[case.index], f64(0.0)) / case.scale
+
+    @wp.func
+    def positive_part(z: f64, mu: f64) -> f64:
+        """(L8b) max(z, 0)"""
+        return f64(0.5) * (z + wp.sqrt(z * z + mu * mu) - mu)
+
+    @wp.func
+    def positive_rate(z: f64, mu: f64) -> f64:
+        """(L8b) Its derivative."""
+        size = wp.sqrt(z * z + mu * mu)
+        if size > f64(0.0):
+            return f64(0.5) * (f64(1.0) + z / size)
+        return f64(0.0)
+
     def make_drive(j: int):
         lever, row = at[j], FIRST + j
 
@@ -38,10 +56,10 @@ def make_conditions(layout: Layout) -> SimpleNamespace:
         def drive(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance]) -> f64:
             """(L7) T"""
             unit = bending_stiffness(rods, case, 0, 0) / rods.material[case.rods, 0, 0, wp.static(lever)]
-            T = unit * call.unknowns[case.index, wp.static(row)]
+            z = call.unknowns[case.index, wp.static(row)]
             if wp.static(slackens[j]):  # (L8)
-                T = wp.max(T, f64(0.0))
-            return T
+                z = positive_part(z, rounding_of(call, case))
+            return unit * z
 
         return drive
 
@@ -55,8 +73,7 @@ def make_conditions(layout: Layout) -> SimpleNamespace:
         def rate(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance]) -> f64:
             unit = bending_stiffness(rods, case, 0, 0) / rods.material[case.rods, 0, 0, wp.static(lever)]
             if wp.static(slackens[j]):
-                if call.unknowns[case.index, wp.static(FIRST + j)] < f64(0.0):
-                    unit = f64(0.0)
+                unit *= positive_rate(call.unknowns[case.index, wp.static(FIRST + j)], rounding_of(call, case))
             return unit
 
         return rate
@@ -86,7 +103,8 @@ def make_conditions(layout: Layout) -> SimpleNamespace:
             asked = natural + call.load_factor[case.index] * (excess - call.inputs[case.index, wp.static(place)])
             gap = (asked + c * drive(rods, call, case) - y[wp.static(length)]) / (r * case.scale)
             if wp.static(slack):
-                gap += loose(rods, case, lever) * wp.min(call.unknowns[case.index, wp.static(row)], f64(0.0))
+                z = call.unknowns[case.index, wp.static(row)]
+                gap += loose(rods, case, lever) * (z - positive_part(z, rounding_of(call, case)))
             call.residual[case.index, wp.static(residual)] = gap
             return wp.abs(gap) + rest_of(rods, call, case, y)
 
@@ -99,8 +117,9 @@ def make_conditions(layout: Layout) -> SimpleNamespace:
             if k < call.unknown_columns:
                 change = change / unit
                 if wp.static(slack):
-                    if k == wp.static(row) and call.unknowns[case.index, wp.static(row)] < f64(0.0):
-                        change += loose(rods, case, lever)
+                    if k == wp.static(row):
+                        z = call.unknowns[case.index, wp.static(row)]
+                        change += loose(rods, case, lever) * (f64(1.0) - positive_rate(z, rounding_of(call, case)))
                 call.gamma[case.index, wp.static(residual), k] = change
             else:
                 direction = k - call.unknown_columns
