@@ -18,6 +18,7 @@ class Workers:
     def __init__(self, executor: Executor) -> None:
         self._processes: list[Any] = list((getattr(executor, "_processes", None) or {}).values())
         self._results: Any = getattr(executor, "_result_queue", None)
+        self._calls: Any = getattr(executor, "_call_queue", None)
 
     def __len__(self) -> int:
         return len(self._processes)
@@ -42,3 +43,6 @@ class Workers:
         if self._processes and self._results is not None:
             # the end to write to that this process holds: without it, what reads comes to the end of what the dead have written
             self._results._writer.close()
+        if self._processes and self._calls is not None:
+            # the end to read from: without it, who writes to the dead does not wait for ever (as Python does itself from 3.11.5 on)
+            self._calls._reader.close()
