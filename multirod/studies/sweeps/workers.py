@@ -44,5 +44,5 @@ class Workers:
             # the end to write to that this process holds: without it, what reads comes to the end of what the dead have written
             self._results._writer.close()
         if self._processes and self._calls is not None:
-            # the end to read from: without it, who writes to the dead does not wait for ever (as Python does itself from 3.11.5 on)
+            # the end to read from: without it, who writes to the dead does not wait for ever (Python does so from 3.11.5 on)
             self._calls._reader.close()
