@@ -407,3 +407,8 @@ def test_what_cannot_be_is_refused() -> None:
         ROBOT.inputs(pressure=1e5)
     with pytest.raises(ValueError, match=r"translation = .* must be zero: a line is driven by its displacement"):
         ROBOT.inputs(translation=0.01)
+    with pytest.raises(ValueError, match=r"route = 'a function' is not allowed: must not be given for rods of several lengths"):
+        mr.Rod(**(OWN | {"length": [0.2, 0.3]}), lines=[mr.PushRod(route=helix)])
+    rods = mr.SingleRod(mr.Rod(**(OWN | {"length": [0.2, 0.3]}), lines=[mr.PushRod(offset=(R, 0))]))
+    bent = mr.solve(rods, rods.inputs(displacement=[0.004])).raise_if_failed()
+    np.testing.assert_allclose(bent.line_length[:, 0], [0.196, 0.296], rtol=1e-10)

@@ -242,6 +242,11 @@ class DrivenByLength(Line):
 
     def on(self, sections: "Sequence[Section]", discs: float = 0.0) -> Self:  # noqa: D102
         result = super().on(sections, discs)
+        lengths = np.asarray(sum(section.length for section in sections))
+        if result._resolved is not None and np.ptp(lengths) > 0:
+            refuse(
+                f"{type(self).__name__}.route", "a function", "must not be given for rods of several lengths: make a rod of each"
+            )
         natural = result.length_at_rest(sections)
         rest = natural if self.rest_length is None else np.asarray(self.rest_length)
         size = float(np.max(np.sum([section.length for section in sections], axis=0)))
