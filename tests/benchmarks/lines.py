@@ -70,9 +70,8 @@ def followed() -> Iterator[tuple[str, mr.SingleRod, str, np.ndarray]]:
 
 def follow() -> None:
     """Print what steps take."""
-    print(
-        "\nTracker.step, RK4(50), 600 samples at 200 Hz\n\n| robot | failed | integrations, median, mean | µs, median |\n|---|---|---|---|"
-    )
+    print(f"\nTracker.step, RK4({STEPS}), 600 samples at 200 Hz\n")
+    print("| robot | failed | integrations, median, mean | µs, median |\n|---|---|---|---|")
     for name, robot, drive, motion in followed():
         tracker = mr.Tracker(
             robot, dt=0.005, inputs=robot.inputs(**{drive: motion[0]}), solver=mr.Shooting(integrator=mr.RK4(STEPS))
@@ -128,9 +127,8 @@ def scenes(count: int) -> Iterator[tuple[str, mr.SingleRod, np.ndarray, np.ndarr
 
 def try_scenes(count: int) -> None:
     """Print how many are solved, and whether lengths are what they must be, by another integration."""
-    print(
-        f"\n{count} random scenes each\n\n| scene | solved | slack lines | unstable | largest gap of a length, m |\n|---|---|---|---|---|"
-    )
+    print(f"\n{count} random scenes each\n")
+    print("| scene | solved | slack lines | unstable | largest gap of a length, m |\n|---|---|---|---|---|")
     for name, robot, pull, force in scenes(count):
         found = mr.solve(robot, robot.inputs(displacement=pull, tip_force=force))
         solved = found.status == mr.Status.CONVERGED
