@@ -298,6 +298,8 @@ def test_lines_between_discs_have_exact_derivatives_and_no_energy_of_their_own()
             np.testing.assert_allclose(pose[:3, k], (ahead - behind) / (2 * step), rtol=1e-5, atol=1e-7)
     with pytest.raises(ValueError, match=r"tension = .* together: between discs the rod buckles"):
         robot.inputs(tension=(50, 50, 50))
+    with pytest.raises(ValueError, match="between discs the rod buckles"):
+        mr.Tracker(robot, dt=0.005, inputs=robot.inputs(tension=tension)).step(tension=(50, 50, 50))
 
 
 # ---- stability ----
@@ -407,6 +409,8 @@ def test_what_cannot_be_is_refused() -> None:
         ROBOT.inputs(pressure=1e5)
     with pytest.raises(ValueError, match=r"translation = .* must be zero: a line is driven by its displacement"):
         ROBOT.inputs(translation=0.01)
+    with pytest.raises(ValueError, match=r"translation = .* must be zero: a line is driven by its displacement"):
+        mr.Tracker(ROBOT, dt=0.005, inputs=ROBOT.inputs(displacement=PULL)).step(translation=0.01)
     with pytest.raises(ValueError, match=r"route = 'a function' is not allowed: must not be given for rods of several lengths"):
         mr.Rod(**(OWN | {"length": [0.2, 0.3]}), lines=[mr.PushRod(route=helix)])
     rods = mr.SingleRod(mr.Rod(**(OWN | {"length": [0.2, 0.3]}), lines=[mr.PushRod(offset=(R, 0))]))

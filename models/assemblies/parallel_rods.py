@@ -125,7 +125,7 @@ class ParallelRods(Assembly):
 
     def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102
         if name in DRIVES:
-            return surely_driven(name, values)
+            return surely_driven(name, values, self.rods)
         if name != "translation":
             return name not in BY_MATERIAL
         return all(leg.surely_takes(name, values[own]) for leg, own in zip(self.geometry.legs, self._own_rods, strict=True))

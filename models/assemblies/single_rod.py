@@ -68,8 +68,10 @@ class SingleRod(BackboneAssembly):
 
     def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102
         if name in DRIVES:
-            return surely_driven(name, values)
-        return name not in BY_MATERIAL and (name != "translation" or values[0] > -self._shortest)
+            return surely_driven(name, values, self.rods)
+        if name == "translation":
+            return values[0] > -self._shortest and (values[0] == 0 or not self.has_conditions)
+        return name not in BY_MATERIAL
 
     def __repr__(self) -> str:
         return f"SingleRod({self.rods[0]!r})"

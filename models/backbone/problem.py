@@ -671,8 +671,13 @@ class BackboneAssembly(Assembly):
         if inputs.is_active("magnetic_field") and not any(rod.is_magnetised for rod in self.rods):
             refuse("magnetic_field", inputs.magnetic_field.tolist(), "must be zero: no rod has a magnetisation")
         check_drives(inputs, self.rods)
-        if inputs.is_active("translation") and any(kind.conditioned for rod in self.rods for kind in kinds(rod.carried)):
+        if inputs.is_active("translation") and self.has_conditions:
             refuse("translation", inputs.translation.tolist(), "must be zero: a line is driven by its displacement")
+
+    @property
+    def has_conditions(self) -> bool:
+        """Whether a line is driven by its length."""
+        return any(kind.conditioned for rod in self.rods for kind in kinds(rod.carried))
 
     def input_directions(self, name: str) -> dict[str, Any]:
         """Directions for the derivatives by an input; of rods with lines, of their lengths too."""
@@ -734,9 +739,9 @@ def check_drives(inputs: Inputs, rods: Sequence[Rod]) -> None:
         first += count
 
 
-def surely_driven(name: str, values: Sequence[float]) -> bool:
-    """Whether lines can surely be driven by these values of one of ``DRIVES``."""
-    return name != "tension" or min(values) >= 0
+def surely_driven(name: str, values: Sequence[float], rods: Sequence[Rod]) -> bool:
+    """Whether lines of these rods can surely be driven by these values of one of ``DRIVES``."""
+    return name != "tension" or (min(values) >= 0 and all(rod.discs is None for rod in rods))
 
 
 def _blocks(features: Features) -> list[Block]:
