@@ -210,6 +210,28 @@ def test_stiff_push_rods_share_the_bending_of_an_arc(axial: float | None) -> Non
     np.testing.assert_allclose(found.energy, bent * LENGTH, rtol=1e-9)
 
 
+@pytest.mark.parametrize("more", [{}, {"shear_stiffness": 60.0, "axial_stiffness": 200.0}], ids=["stiff", "shear"])
+def test_stiff_push_rods_have_exact_derivatives_and_the_energy_that_loads_leave(more: dict[str, float]) -> None:
+    lines = [
+        mr.PushRod(offset=o, bending_stiffness=0.006, axial_stiffness=600.0) for o in ((R, 0.001), (-0.003, -R), (-R, 0.005))
+    ]
+    robot = mr.SingleRod(mr.Rod(**OWN, lines=lines, **more))
+    pull, force, step = np.array([0.002, -0.003, 0.001]), np.array([0.5, -0.8, 0.3]), 1e-4
+
+    def at(force: np.ndarray) -> mr.Solution:
+        return mr.solve(robot, robot.inputs(displacement=pull, tip_force=force), solver=PRECISE).raise_if_failed()
+
+    found = at(force)
+    compliance = found.jacobian("tip_force")[:3]
+    for k, away in enumerate(step * np.eye(3)):
+        ahead, behind = at(force + away), at(force - away)
+        slope = (ahead.tip_position - behind.tip_position) / (2 * step)
+        np.testing.assert_allclose(compliance[:, k], slope, atol=1e-6 * np.abs(compliance).max())
+        # what a dead force leaves of the potential is less the way of the tip
+        np.testing.assert_allclose((ahead.potential - behind.potential) / (2 * step), -found.tip_position[k], atol=1e-7)
+    np.testing.assert_allclose(compliance, compliance.T, atol=1e-8 * np.abs(compliance).max())
+
+
 def test_more_push_rods_than_lengths_determine_are_refused() -> None:
     three = [mr.PushRod(offset=(R * np.cos(a), R * np.sin(a))) for a in (0, 2.1, 4.2)]
     with pytest.raises(ValueError, match=r"PushRod\.axial_stiffness = inf is not allowed: must be finite: 3 push rods"):
