@@ -114,10 +114,10 @@ class BackboneStability(StabilityAnalysis):
         """(4) to (6), (14) by what a pass over nodes says of the instances ``chosen``; ``unit`` is ``K/L`` [N m] of these."""
         problem, drives = self.problem, self.problem.slots.places["drives"]
         by_tensions = np.arange(drives.start, drives.stop)
-        others = np.delete(np.arange(problem.unknown_count), by_tensions)
-        if not problem.held:
-            # base forces that follow a load are no variations that keep the forces
-            others = others[: len(problem.rods) + 2]
+        # base forces that follow a load are no variations that keep the forces, and those of unloaded tubes carry a moment here
+        others = np.arange(len(problem.rods) + 2)
+        if problem.held:
+            others = np.delete(np.arange(problem.unknown_count), by_tensions)
         columns = self._node_columns(call, chosen, others)
         form = condensed_form(columns, unit)
         if not len(by_tensions):
