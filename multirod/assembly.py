@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from multirod.models.backbone.lines import Line
     from multirod.solver import Solver
 
-OF_LINES = ("tension", "pressure", "displacement")  # inputs that a robot takes where it has lines that are driven by them
-
 
 class Assembly(ABC):
     """Rods, how they are coupled, and what actuates them. Knows nothing of solvers.
@@ -101,7 +99,9 @@ class Assembly(ABC):
             TypeError: If a name is not one of ``input_specs``.
             ValueError: If a value is out of range, not finite or of a wrong shape, or the leading axes do not broadcast.
         """
-        for name in values.keys() & set(OF_LINES):
+        from multirod.models.backbone.inputs import DRIVES
+
+        for name in values.keys() & DRIVES.keys():
             if all(spec.name != name for spec in self.input_specs):
                 refuse(name, values[name], "must not be given: no rod has a line that is driven by it")
         needs_length = any(callable(value) for value in values.values())

@@ -501,8 +501,8 @@ def stack(backbones: Sequence[RodArrays], batch_shape: tuple[int, ...]) -> RodAr
 
 
 def _values(member: "Member", section: Section, s: float) -> list[FloatArray]:
-    """The parameters of a member on a piece of a section, one by one."""
-    count = len(member.parameters)
+    """The numbers of a member on a piece of a section, one by one."""
+    count = member.value_count()
     values = array(f"{type(member).__name__}.values", member.values(section, s), (count,))
     return [values[..., k] for k in range(count)]
 

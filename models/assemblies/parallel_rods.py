@@ -17,7 +17,6 @@ from multirod.models.assemblies.single_rod import SingleRod
 from multirod.models.backbone.influence import Influence, influences
 from multirod.models.backbone.inputs import BY_MATERIAL, DRIVES, drive_specs
 from multirod.models.backbone.kernels.layout.features import Features
-from multirod.models.backbone.members import kinds
 from multirod.models.backbone.problem import BackboneAssembly, check_drives, scene_features, surely_driven
 from multirod.models.platform import platform_kernels as kernels
 from multirod.models.platform.problem import LEG_INPUTS, PER_ROD, PLATFORM_INPUTS, Geometry, ParallelProblem
@@ -237,7 +236,7 @@ class InverseParallelRods(Assembly):
         legs = robot.legs
         if len(legs) != 6 or not all(isinstance(leg, Rod) for leg in legs):
             refuse("ParallelRods.legs", list(legs), "the inverse problem needs 6 legs, each a Rod: a pose has 6 numbers")
-        if any(kind.conditioned for rod in robot.rods for kind in kinds(rod.lines)):
+        if any(leg.has_conditions for leg in robot.geometry.legs):
             refuse("ParallelRods.legs", list(legs), "the inverse problem takes no line that is driven by its displacement")
         self.robot = robot
         self.limits = _limits(limits, len(legs))

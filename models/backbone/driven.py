@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.capabilities import Lines
-from multirod.models.backbone.kernels.layout.arguments import MATERIAL_SIZE
 from multirod.models.backbone.lines import Line, SectionChamber
-from multirod.models.backbone.members import CONDITION, Member, drive_places
+from multirod.models.backbone.members import CONDITION, Member, columns_in_material, drive_places
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -24,9 +23,9 @@ class DrivenLines(Lines):
     def __init__(self, problem: "BackboneProblem") -> None:
         self.problem = problem
         members = problem.features.members
-        first = MATERIAL_SIZE + np.cumsum([0, *(len(kind.parameters) for kind in members)])
-        material = problem.arrays.material[:, 0]
-        # of each that is driven: its law, and its parameters by section (batch, section, parameter)
+        self._first = columns_in_material(members)
+        first, material = self._first, problem.arrays.material[:, 0]
+        # of each that is driven: its law, and its numbers by section (batch, section, number)
         self._driven: list[tuple[type[Member], FloatArray]] = [
             (kind, material[..., first[k] : first[k + 1]]) for k, kind in enumerate(members) if kind.drive is not None
         ]
@@ -59,9 +58,7 @@ class DrivenLines(Lines):
 
     def taut(self) -> NDArray[np.bool_]:
         """Which of the lines that are driven by their length are held by it, shape (instance_count, condition_count)."""
-        held = [
-            unknown > 0 if self._driven[k][0].slackens else ~np.isnan(unknown) for k, (_, unknown) in self._conditions().items()
-        ]
+        held = [(unknown > 0) | (not self._driven[k][0].slackens) for k, (_, unknown) in self._conditions().items()]
         return np.stack(held, axis=1)
 
     def stretch_energy(self, length: FloatArray) -> FloatArray:
@@ -77,9 +74,7 @@ class DrivenLines(Lines):
         """How large a moment what drives them makes [N m], or would, shape (instance_count,)."""
         problem, members, inputs = self.problem, self.problem.features.members, self._inputs()
         material = problem.arrays.material[:, 0]
-        count = sum(len(kind.functions) for kind in members)
-        terms = np.abs(material[..., material.shape[-1] - count * (problem.arrays.member_degree + 1) :])
-        offsets = terms.reshape(*terms.shape[:2], -1, count).sum(axis=2).max(axis=1)
+        offsets = np.abs(self._terms(material)).sum(axis=2).max(axis=1)
         stiffness = material[:, :, :3].min(axis=(1, 2)) / problem.arrays.end[:, 0, -1]
         weights = np.abs(self._weights())
         total, first, k = np.zeros(problem.instance_count), 0, 0
@@ -117,12 +112,11 @@ class DrivenLines(Lines):
             stiffness[..., range(3), range(3)] = here[..., :3]
             stiffness[..., range(3, 6), range(3, 6)] = 1 / here[..., 6:9]
         drives, k = self.tension() / self._weights(), 0
-        first = MATERIAL_SIZE + np.cumsum([0, *(len(kind.parameters) for kind in members)])
         for j, kind in enumerate(members):
             if kind.drive is None:
                 continue
             if not issubclass(kind, SectionChamber):
-                T = drives[:, k, None] * here[..., first[j]]
+                T = drives[:, k, None] * here[..., self._first[j]]
                 stiffness += line_stiffness(T, rho[:, :, j], slope[:, :, j], u, v)
             k += 1
         finite = np.where(np.isfinite(stiffness), stiffness, RIGID * here[..., :1, None])
@@ -133,13 +127,11 @@ class DrivenLines(Lines):
     ) -> tuple[FloatArray, FloatArray]:
         """``rho`` [m] of each member that is a line, and its derivative, at arclengths of the rod, (instance_count, node, member,
         2)."""
-        members, degree = self.problem.features.members, self.problem.arrays.member_degree
-        count = sum(len(kind.functions) for kind in members)
-        terms = here[..., here.shape[-1] - count * (degree + 1) :].reshape(*s.shape, degree + 1, count)
+        members, terms = self.problem.features.members, self._terms(here)
         stop = np.take_along_axis(end, section, axis=1)
         start = np.where(section > 0, np.take_along_axis(end, np.maximum(section - 1, 0), axis=1), 0.0)
         half = np.where(stop > start, (stop - start) / 2, np.inf)
-        t, powers = (s - (start + stop) / 2) / half, np.arange(degree + 1)
+        t, powers = (s - (start + stop) / 2) / half, np.arange(terms.shape[-2])
         values = (t[..., None, None] ** powers @ terms)[..., 0, :]
         slopes = (powers * t[..., None, None] ** np.maximum(powers - 1, 0) @ terms)[..., 0, :] / half[..., None]
         rho, slope = np.zeros((2, *s.shape, len(members), 2))
@@ -149,6 +141,11 @@ class DrivenLines(Lines):
                 rho[:, :, j], slope[:, :, j] = values[..., first : first + 2], slopes[..., first : first + 2]
             first += len(kind.functions)
         return rho, slope
+
+    def _terms(self, material: FloatArray) -> FloatArray:
+        """Coefficients of the functions of all members in rows (..., column) of the material, (..., degree + 1, function)."""
+        count = sum(len(kind.functions) for kind in self.problem.features.members)
+        return material[..., self._first[-1] :].reshape(*material.shape[:-1], -1, count)
 
     def _inputs(self) -> FloatArray:
         """What drives each, shape (instance_count, count)."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from multirod import profile
 from multirod.batch import IntArray, take
-from multirod.models.backbone.members import CONDITION, Member
+from multirod.models.backbone.members import Member
 from multirod.validation import FloatArray, array, choice, nonnegative_float, positive_array, positive_float, refuse
 
 if TYPE_CHECKING:
@@ -40,7 +40,15 @@ class Line(Member):
     discs = 0.0  # their spacing [m]; zero where there are none
     weight: Any = 1.0  # what its length is multiplied by in what its drive works on, and its drive to be a tension
 
-    def __init__(self, offset: Any, route: Callable[[float], Any] | None, start: float, end: float | None, name: str) -> None:
+    def __init__(
+        self,
+        offset: Any = None,
+        *,
+        route: Callable[[float], Any] | None = None,
+        start: float = 0.0,
+        end: float | None = None,
+        name: str = "",
+    ) -> None:
         field = type(self).__name__
         if (offset is None) == (route is None):
             raise TypeError(f"{field} takes either offset or route")
@@ -68,7 +76,7 @@ class Line(Member):
         Raises:
             ValueError: If it leaves the rod, or its route is not two finite numbers.
         """
-        lengths = np.asarray(sum(section.length for section in sections))
+        lengths = rod_length(sections)
         field, shortest, longest = type(self).__name__, float(lengths.min()), float(lengths.max())
         if self.end is not None and self.end > shortest * (1 + ROUNDED):
             refuse(f"{field}.end", self.end, f"must be at most the length of the rod, {shortest:g} m")
@@ -102,6 +110,11 @@ class Line(Member):
         assert self._resolved is not None
         begin, end, coefficients = self._resolved.piece(s - self.start)
         return self.start + begin, self.start + end, coefficients
+
+    def lever(self, sections: "Sequence[Section]") -> FloatArray:
+        """How far from the centreline it begins [m], shape (...): what scales its tension."""
+        least = LEAST_LEVER * float(rod_length(sections).max())
+        return np.asarray(np.maximum(np.linalg.norm(self._offset_and_slope(self.start)[0], axis=-1), least))
 
     def length_at_rest(self, sections: "Sequence[Section]") -> FloatArray:
         """How long the line is in a rod of these sections that nothing loads [m], shape (...)."""
@@ -160,6 +173,11 @@ class Line(Member):
         return f"{type(self).__name__}({where}{f', name={self.name!r}' if self.name else ''})"
 
 
+def rod_length(sections: "Sequence[Section]") -> FloatArray:
+    """Of a rod of these sections [m], shape (...)."""
+    return np.asarray(sum(section.length for section in sections))
+
+
 class Tendon(Line):
     """A tendon that slides along a rod without friction, and pulls where it ends.
 
@@ -203,7 +221,7 @@ class Tendon(Line):
         for field, value in (("axial_stiffness", axial_stiffness), ("rest_length", rest_length)):
             if value is not None:
                 refuse(f"Tendon.{field}", value, 'must not be given where driven = "tension"')
-        super().__init__(offset, route, start, end, name)
+        super().__init__(offset, route=route, start=start, end=end, name=name)
 
     @staticmethod
     def law(numbers: SimpleNamespace) -> SimpleNamespace:  # noqa: D102
@@ -215,23 +233,14 @@ class Tendon(Line):
 class DrivenByLength(Line):
     """A line whose length is given and whose tension is unknown, (L7)."""
 
-    parameters: ClassVar = {**Line.parameters, **CONDITION}
     drive: ClassVar = ("displacement", (1, 0))
     conditioned = True
     condition: FloatArray  # what ``CONDITION`` says, (..., 4)
 
     def __init__(
-        self,
-        offset: Any = None,
-        *,
-        route: Callable[[float], Any] | None = None,
-        start: float = 0.0,
-        end: float | None = None,
-        axial_stiffness: Any = None,
-        rest_length: float | None = None,
-        name: str = "",
+        self, offset: Any = None, *, axial_stiffness: Any = None, rest_length: float | None = None, **where: Any
     ) -> None:
-        Line.__init__(self, offset, route, start, end, name)
+        Line.__init__(self, offset, **where)
         field = type(self).__name__.removeprefix("Displaced")
         self.axial_stiffness = np.inf if axial_stiffness is None else positive_array(f"{field}.axial_stiffness", axial_stiffness)
         self.rest_length = None if rest_length is None else positive_float(f"{field}.rest_length", rest_length)
@@ -242,28 +251,20 @@ class DrivenByLength(Line):
 
     def on(self, sections: "Sequence[Section]", discs: float = 0.0) -> Self:  # noqa: D102
         result = super().on(sections, discs)
-        lengths = np.asarray(sum(section.length for section in sections))
+        lengths = rod_length(sections)
         if result._resolved is not None and np.ptp(lengths) > 0:
             refuse(
                 f"{type(self).__name__}.route", "a function", "must not be given for rods of several lengths: make a rod of each"
             )
         natural = result.length_at_rest(sections)
         rest = natural if self.rest_length is None else np.asarray(self.rest_length)
-        size = float(np.max(np.sum([section.length for section in sections], axis=0)))
-        lever = np.maximum(np.linalg.norm(result._offset_and_slope(self.start)[0], axis=-1), LEAST_LEVER * size)
-        condition = np.broadcast_arrays(lever, rest / self.axial_stiffness, natural, rest - natural)
+        condition = np.broadcast_arrays(result.lever(sections), rest / self.axial_stiffness, natural, rest - natural)
         result.condition = np.stack(condition, axis=-1)
         return result
 
     def values(self, section: "Section", s: float) -> FloatArray:  # noqa: D102
         own = super().values(section, s)
         return np.concatenate([np.broadcast_to(own, (*self.condition.shape[:-1], own.shape[-1])), self.condition], axis=-1)
-
-    @staticmethod
-    def law(numbers: SimpleNamespace) -> SimpleNamespace:  # noqa: D102
-        from multirod.models.backbone.kernels.lines import tendon_law
-
-        return tendon_law(numbers, len(DrivenByLength.parameters), discs_at=1)
 
 
 class DisplacedTendon(DrivenByLength, Tendon):
@@ -298,7 +299,7 @@ class PushRod(DrivenByLength):
         ValueError: If a value is out of range; the message names it, its value and what is allowed.
     """
 
-    parameters: ClassVar = {**Line.parameters, "bending": (1, 2), **CONDITION}
+    parameters: ClassVar = {**Line.parameters, "bending": (1, 2)}
 
     def __init__(
         self,
@@ -312,8 +313,8 @@ class PushRod(DrivenByLength):
         rest_length: float | None = None,
         name: str = "",
     ) -> None:
-        own: dict[str, Any] = {"axial_stiffness": axial_stiffness, "rest_length": rest_length, "name": name}
-        super().__init__(offset, route=route, start=start, end=end, **own)
+        own: dict[str, Any] = {"axial_stiffness": axial_stiffness, "rest_length": rest_length}
+        super().__init__(offset, route=route, start=start, end=end, name=name, **own)
         given = bending_stiffness is not None
         self.bending_stiffness = positive_array("PushRod.bending_stiffness", bending_stiffness) if given else np.asarray(0.0)
         if given and route is not None:
@@ -403,7 +404,7 @@ class Chamber(Line):
         end: float | None = None,
         name: str = "",
     ) -> None:
-        super().__init__(offset, route, start, end, name)
+        super().__init__(offset, route=route, start=start, end=end, name=name)
         if area is None:
             raise TypeError("Chamber needs area")
         self.area = positive_array("Chamber.area", area)

@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import accumulate
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -34,7 +35,7 @@ class Member(ABC):
             metre, such as ``{"stiffness": (1, 2)}`` for N m^2.
         functions: The same for what varies along the rod: functions of its arclength.
         drive: The input that drives it, and the unit of ``T``; None where nothing does.
-        conditioned: Whether ``T`` is unknown; of the parameters the last four then are those of ``CONDITION``.
+        conditioned: Whether ``T`` is unknown; the numbers of ``CONDITION`` then follow the parameters in ``values``.
         slackens: Whether an unknown ``T`` is never negative.
         convex: Whether the energy is convex in the strains, so that the section is stiffer than the rod alone. Where it is not,
             stability is not judged.
@@ -50,7 +51,12 @@ class Member(ABC):
     @abstractmethod
     def values(self, section: "Section", s: float) -> FloatArray:
         """The parameters on a piece of the rod, of a section, that lies between two ``cuts``: at any arclength s there, from the
-        rod's base [m]; shape (..., len(parameters))."""
+        rod's base [m]; shape (..., value_count())."""
+
+    @classmethod
+    def value_count(cls) -> int:
+        """How many ``values`` there are."""
+        return len(cls.parameters) + cls.conditioned * len(CONDITION)
 
     @property
     def cuts(self) -> Sequence[float]:
@@ -94,6 +100,13 @@ def kinds(members: Any) -> tuple[type[Member], ...]:
     return tuple(type(member) for member in members)
 
 
+def columns_in_material(laws: "Iterable[type[Member]]") -> list[int]:
+    """Where the values of each member stand in ``RodTable.material``, and at last the functions of all."""
+    from multirod.models.backbone.kernels.layout.arguments import MATERIAL_SIZE
+
+    return list(accumulate((law.value_count() for law in laws), initial=MATERIAL_SIZE))
+
+
 def driven(laws: "Iterable[type[Member]]") -> list[type[Member]]:
     """Those of the laws that are driven, in their order."""
     return [law for law in laws if law.drive is not None]
@@ -107,5 +120,14 @@ def drives(laws: "Iterable[type[Member]]") -> list[str]:
 def drive_places(laws: "Iterable[type[Member]]") -> list[int]:
     """Where that of each member that is driven stands in a row of inputs: all of one input side by side, in their order."""
     names = drives(laws)
-    together = [k for name in dict.fromkeys(sorted(names)) for k, own in enumerate(names) if own == name]
-    return [together.index(k) for k in range(len(names))]
+    slices = drive_slices(names)
+    return [slices[name].start + names[:k].count(name) for k, name in enumerate(names)]
+
+
+def drive_slices(names: Sequence[str], first: int = 0) -> dict[str, slice]:
+    """Where the numbers of each input stand that drives members, in a row of inputs from ``first`` on, by the names of all."""
+    slices = {}
+    for name in sorted(set(names)):
+        slices[name] = slice(first, first + names.count(name))
+        first = slices[name].stop
+    return slices

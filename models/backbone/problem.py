@@ -23,7 +23,7 @@ from multirod.models.backbone.inputs import BACKBONE_INPUTS, DRIVES, LOADS
 from multirod.models.backbone.kernels.layout import arguments as kernels
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.kernels.layout.layout import unknowns_of
-from multirod.models.backbone.members import drive_places, drives, kinds
+from multirod.models.backbone.members import drive_slices, drives, kinds
 from multirod.models.backbone.passes import LanePass
 from multirod.models.backbone.segments import TOTALS, BackboneSegments
 from multirod.models.backbone.shapes import BackboneShapes
@@ -368,9 +368,7 @@ class BackboneProblem(BoundaryProblem):
             start = 0 if name == "rotation" else n
             return slice(start, start + n)
         if name in DRIVES:
-            first = self.first_drive
-            places = [place for own, place in zip(self.drives, drive_places(self.features.members), strict=True) if own == name]
-            return slice(first + min(places, default=0), first + max(places, default=-1) + 1)
+            return drive_slices(self.drives, self.first_drive).get(name, slice(self.first_drive, self.first_drive))
         start = 2 * n + 3 * kernels.INPUT_VECTORS.index(name)
         return slice(start, start + 3)
 

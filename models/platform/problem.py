@@ -17,6 +17,7 @@ from multirod.inputs import Inputs, InputSpec
 from multirod.integrators import Integrator
 from multirod.launch import record
 from multirod.models.backbone.inputs import BACKBONE_INPUTS, DRIVES
+from multirod.models.backbone.members import drive_slices
 from multirod.models.backbone.members import drives as drive_names
 from multirod.models.backbone.problem import BackboneAssembly, BackboneProblem
 from multirod.models.platform import platform_kernels as kernels
@@ -555,9 +556,9 @@ class ParallelProblem(BoundaryProblem):
         rows = []
         for leg in legs:
             row: list[int] = []
-            for name in sorted(set(self.geometry.drives[leg])):
+            for name, own in drive_slices(self.geometry.drives[leg]).items():
                 first = self._places[name].start + int(self.geometry.first_drive(name)[leg])
-                row += range(first, first + self.geometry.drives[leg].count(name))
+                row += range(first, first + own.stop - own.start)
             rows.append(row)
         return np.array(rows, dtype=np.int32).reshape(len(rows), -1)
 
@@ -631,11 +632,7 @@ def input_places(rod_count: int, inverse: bool, drives: Sequence[str] = ()) -> d
     vectors = (*(kernels.POSE_VECTORS if inverse else ()), *kernels.PLATFORM_VECTORS, *kernels.LEG_VECTORS)
     for k, name in enumerate(vectors):
         places[name] = slice(2 * rod_count + 3 * k, 2 * rod_count + 3 * k + 3)
-    first = 2 * rod_count + 3 * len(vectors)
-    for name in sorted(set(drives)):
-        places[name] = slice(first, first + drives.count(name))
-        first = places[name].stop
-    return places
+    return places | drive_slices(drives, 2 * rod_count + 3 * len(vectors))
 
 
 class PlatformParts(Parts):

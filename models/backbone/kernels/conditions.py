@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import warp as wp
 
 from multirod.models.backbone.kernels.instance import Instance, bending_stiffness
-from multirod.models.backbone.kernels.layout.arguments import MATERIAL_SIZE, Call, InputOffsets, RodTable
+from multirod.models.backbone.kernels.layout.arguments import Call, InputOffsets, RodTable
 from multirod.models.backbone.kernels.layout.layout import Layout
-from multirod.models.backbone.members import CONDITION, drive_places, driven
+from multirod.models.backbone.members import columns_in_material, drive_places, driven
 
 f64 = wp.float64
 
@@ -24,12 +24,11 @@ def make_conditions(layout: Layout) -> SimpleNamespace:
     BEFORE = 3 if layout.features.held else 0  # of a held tip the base force comes later, but its residuals before
     State = wp.types.vector(length=layout.state.size, dtype=f64)
     Column = wp.types.vector(length=layout.column.size, dtype=f64)
-    # of each: its number among those that are driven, the columns of its parameters, whether it slackens
+    # of each: its number among those that are driven, where ``CONDITION`` stands in the material, whether it slackens
     number = [k for k, kind in enumerate(driven(members)) if kind.conditioned]
-    at = [MATERIAL_SIZE + sum(len(kind.parameters) for kind in members[: k + 1]) - len(CONDITION)
-          for k, kind in enumerate(members) if kind.conditioned]  # fmt: skip
+    columns = columns_in_material(members)
+    at = [columns[k] + len(kind.parameters) for k, kind in enumerate(members) if kind.conditioned]
     slackens = [kind.slackens for kind in members if kind.conditioned]
-    count = len(number)
 
     @wp.func
     def rounding_of(call: wp.ref[Call], case: wp.ref[Instance]) -> f64:
@@ -49,21 +48,25 @@ def make_conditions(layout: Layout) -> SimpleNamespace:
             return f64(0.5) * (f64(1.0) + z / size)
         return f64(0.0)
 
+    @wp.func
+    def tension_unit(rods: wp.ref[RodTable], case: wp.ref[Instance], lever: int) -> f64:
+        """(L7) T per unknown [N m], of the line whose lever stands there."""
+        return bending_stiffness(rods, case, 0, 0) / rods.material[case.rods, 0, 0, lever]
+
     def make_drive(j: int):
         lever, row = at[j], FIRST + j
 
         @wp.func
         def drive(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance]) -> f64:
             """(L7) T"""
-            unit = bending_stiffness(rods, case, 0, 0) / rods.material[case.rods, 0, 0, wp.static(lever)]
             z = call.unknowns[case.index, wp.static(row)]
             if wp.static(slackens[j]):  # (L8)
                 z = positive_part(z, rounding_of(call, case))
-            return unit * z
+            return tension_unit(rods, case, wp.static(lever)) * z
 
         return drive
 
-    drives = [make_drive(j) for j in range(count)]
+    drives = [make_drive(j) for j in range(len(number))]
 
     def make_rate(j: int):
         """The derivative of T by its own unknown."""
@@ -71,14 +74,14 @@ def make_conditions(layout: Layout) -> SimpleNamespace:
 
         @wp.func
         def rate(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance]) -> f64:
-            unit = bending_stiffness(rods, case, 0, 0) / rods.material[case.rods, 0, 0, wp.static(lever)]
+            unit = tension_unit(rods, case, wp.static(lever))
             if wp.static(slackens[j]):
                 unit *= positive_rate(call.unknowns[case.index, wp.static(FIRST + j)], rounding_of(call, case))
             return unit
 
         return rate
 
-    rates = [make_rate(j) for j in range(count)]
+    rates = [make_rate(j) for j in range(len(number))]
 
     @wp.func
     def loose(rods: wp.ref[RodTable], case: wp.ref[Instance], lever: int) -> f64:
@@ -86,7 +89,7 @@ def make_conditions(layout: Layout) -> SimpleNamespace:
         r = rods.material[case.rods, 0, 0, lever]
         c = rods.material[case.rods, 0, 0, lever + 1]
         natural = rods.material[case.rods, 0, 0, lever + 2]
-        return (natural + c * bending_stiffness(rods, case, 0, 0) / (r * r)) / case.scale
+        return (natural + c * tension_unit(rods, case, lever) / r) / case.scale
 
     def make_writers(j: int, rest):
         """Functions that write condition j, and its column k, then those after it; they return the sum of what they write."""
@@ -140,11 +143,10 @@ def make_conditions(layout: Layout) -> SimpleNamespace:
         return f64(0.0)
 
     writers = (write_none, write_no_column)
-    for j in reversed(range(count)):
+    for j in reversed(range(len(number))):
         writers = make_writers(j, writers)
 
     return SimpleNamespace(
-        count=count,
         first=FIRST,
         drive_of=dict(zip(number, drives, strict=True)),
         rate_of=dict(zip(number, rates, strict=True)),

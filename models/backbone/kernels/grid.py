@@ -17,7 +17,6 @@ from multirod.models.backbone.kernels.layout.arguments import (
     END_MOVER,
     FORCE,
     JOB,
-    MATERIAL_SIZE,
     OUTPUT,
     START,
     START_MOVER,
@@ -28,7 +27,7 @@ from multirod.models.backbone.kernels.layout.arguments import (
 )
 from multirod.models.backbone.kernels.layout.layout import Layout, Memory
 from multirod.models.backbone.kernels.numbers.lanes import lanes
-from multirod.models.backbone.members import drive_places, driven
+from multirod.models.backbone.members import columns_in_material, drive_places, driven
 
 f64 = wp.float64
 
@@ -48,11 +47,11 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
     SINGLE = d is wp.float32
     FUNCTIONS, ROUTED = layout.FUNCTIONS, layout.ROUTED
     FUNCTION_TERMS = layout.FUNCTION_TERMS
-    FUNCTIONS_IN_MATERIAL = MATERIAL_SIZE + sum(len(kind.parameters) for kind in features.members)
+    *IN_MATERIAL, FUNCTIONS_IN_MATERIAL = columns_in_material(features.members)
     FUNCTION_POWERS = [powers for kind in features.members for powers in kind.functions.values()]
-    DRIVES, PLACES = layout.DRIVES, drive_places(features.members)
+    DRIVES_VARY, PLACES = layout.DRIVES_VARY, drive_places(features.members)
     conditions = make_conditions(layout)
-    at = InputOffsets(n, DRIVES)
+    at = InputOffsets(n, layout.DRIVES)
     DRIVES_AT = at.DRIVES
     TRANSLATION, PROFILE_FACTOR = at.TRANSLATION, at.PROFILE_FACTOR
     TIP_FORCE, TIP_MOMENT, GRAVITY = at.TIP_FORCE, at.TIP_MOMENT, at.GRAVITY
@@ -344,7 +343,7 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
     def load_member(k: int, kind: type, rest):
         """The function that loads the parameters and the drive of member k, then those of the members after it."""
         first, powers = layout.of_member(k)[0], list(kind.parameters.values())
-        column = MATERIAL_SIZE + sum(len(other.parameters) for other in features.members[:k])
+        column = IN_MATERIAL[k]
         driven, unit = kind.drive is not None, kind.drive[1] if kind.drive is not None else (0, 0)
         drive_value = make_drive(k) if driven else None
 
@@ -383,34 +382,10 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
                 value = counted(case, value, f64(wp.static(FUNCTION_POWERS[j][0])), f64(wp.static(FUNCTION_POWERS[j][1])))
                 set_number(memory, z + wp.static(z_at("functions") if FUNCTIONS else -1) + row, l, value)
 
-    def load_drive_direction(k: int, unit: tuple[int, int], rest):
-        """The function that loads what a direction varies of drive k, then of those after it."""
-
-        @wp.func
-        def load(call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, g: int, l: int, direction: int, scale: f64):
-            value = call.directions[case.direction, direction, wp.static(DRIVES_AT + PLACES[k])] / scale
-            value = counted(case, value, f64(wp.static(unit[0])), f64(wp.static(unit[1])))
-            set_number(memory, g + wp.static(given_at("drives") + k), l, value)
-            rest(call, case, memory, g, l, direction, scale)
-
-        return load
-
-    @wp.func
-    def load_no_drive_direction(
-        call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, g: int, l: int, direction: int, scale: f64
-    ):
-        """After the last."""
-
-    load_drive_directions = load_no_drive_direction
-    if DIRECTIONS:
-        for k, kind in reversed(list(enumerate(driven(features.members)))):
-            if not kind.conditioned:
-                load_drive_directions = load_drive_direction(k, kind.drive[1], load_drive_directions)
-
-    def load_drive_column(k: int, rest):
-        """The function that loads what an unknown varies of drive k, then of those after it."""
-        own, unit = driven(features.members)[k], driven(features.members)[k].drive[1]
-        rate = conditions.rate_of[k] if own.conditioned else None
+    def load_drive_column(k: int, own: type, rest):
+        """The function that loads what a column varies of drive k, then of those after it."""
+        unit, conditioned = own.drive[1], own.conditioned
+        rate = conditions.rate_of[k] if conditioned else None
         unknown = conditions.first + sum(kind.conditioned for kind in driven(features.members)[:k])
 
         @wp.func
@@ -425,9 +400,14 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
             scale: f64,
         ):
             value = f64(0.0)
-            if wp.static(own.conditioned):
+            if wp.static(conditioned):
                 if column == wp.static(unknown):
-                    value = counted(case, rate(rods, call, case) / scale, f64(wp.static(unit[0])), f64(wp.static(unit[1])))
+                    value = rate(rods, call, case)
+            else:
+                direction = column - call.unknown_columns
+                if direction >= 0:
+                    value = call.directions[case.direction, direction, wp.static(DRIVES_AT + PLACES[k])]
+            value = counted(case, value / scale, f64(wp.static(unit[0])), f64(wp.static(unit[1])))
             set_number(memory, g + wp.static(given_at("drives") + k), l, value)
             rest(rods, call, case, memory, g, l, column, scale)
 
@@ -447,15 +427,15 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         """After the last."""
 
     chain_of_columns = load_no_drive_column
-    if layout.CONDITIONS:
-        for k in reversed(range(DRIVES)):
-            chain_of_columns = load_drive_column(k, chain_of_columns)
+    if DRIVES_VARY:
+        for k, kind in reversed(list(enumerate(driven(features.members)))):
+            chain_of_columns = load_drive_column(k, kind, chain_of_columns)
 
     @wp.func(inline=False)
     def load_drive_columns(
         rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, o: int, l: int, c: int, k: int
     ):
-        """(L7) What column k, a lane's c-th, varies of the drives by an unknown: the same all along the rod."""
+        """What column k, a lane's c-th, varies of the drives: the same all along the rod."""
         g = o + wp.static(COLUMNS + GIVEN) + c * wp.static(COLUMN_SIZE)
         chain_of_columns(rods, call, case, memory, g, l, k, f64(get_lane(memory, g + wp.static(given_at("unit")), l)))
 
@@ -599,8 +579,6 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
                 if case.profile_factor != f64(0.0):
                     profile /= case.profile_factor
                 set_number(memory, g + wp.static(given_at("profile")), l, profile / unit)
-                if wp.static(DRIVES > 0):
-                    load_drive_directions(call, case, memory, g, l, k, unit)
                 if wp.static(MAGNETISED):
                     field = (f64(1.0) / unit) * (case.to_base * direction_vector(call, case, k, MAGNETIC_FIELD))
                     set_vector(memory, g + wp.static(given_at("field")), l, field)

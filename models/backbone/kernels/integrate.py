@@ -390,6 +390,7 @@ def make_kernel(features: Features, tableau: Tableau, precision: str = "float64"
     WORLD_AT = own.layout.state["world_force"]  # a column's stands alike
     LENGTHS, LENGTHS_AT = own.layout.LENGTHS, own.layout.state["lengths"]  # likewise
     CONDITIONS, conditions, load_drive_columns = own.layout.CONDITIONS, parts.grid.conditions, parts.grid.load_drive_columns
+    DRIVES_VARY = own.layout.DRIVES_VARY
     write_conditions, write_condition_column = conditions.write, conditions.write_column
 
     @wp.func
@@ -424,7 +425,7 @@ def make_kernel(features: Features, tableau: Tableau, precision: str = "float64"
         for c in range(column_count(call, job)):
             v, dn = base_column(rods, call, case, b, first_column(call, job) + c)
             put_column(case, memory, o, l, c, v, dn)
-            if wp.static(CONDITIONS > 0):
+            if wp.static(DRIVES_VARY):
                 load_drive_columns(rods, call, case, memory, o, l, c, first_column(call, job) + c)
         begin(call, case, memory, o, l, p, f64(0.0), case.length, n0)
 

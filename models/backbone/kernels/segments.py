@@ -65,6 +65,7 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
     s_, c_ = layout.state, layout.column
     Q_AT, P_AT, N_AT, ENERGY_AT, WORK_AT = s_["frame"], s_["position"], s_["force"], s_["energy"], s_["work"]
     LENGTHS, LENGTHS_AT = layout.LENGTHS, s_["lengths"]
+    DRIVES_VARY, load_drive_columns = layout.DRIVES_VARY, grid.load_drive_columns
     DQ_AT, DP_AT, FORCE_STATE, COLUMN_FRAME = c_["frame"], c_["position"], layout.FORCE_STATE, layout.COLUMN_FRAME
 
     @wp.func
@@ -174,6 +175,8 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
                         if wp.static(FORCE_ACTS):
                             dn -= load_rate_until(rods, call, case, start, k - call.unknown_columns)
             put_column(case, memory, o, l, c, v, dn)
+            if wp.static(DRIVES_VARY):
+                load_drive_columns(rods, call, case, memory, o, l, c, k)
         stop = seg.end[t]
         if seg.at_tip[t] == 1:
             stop = case.length

@@ -122,6 +122,7 @@ class Layout:
         self.member_slots = [slot for k, kind in enumerate(f.members) for slot in _member_slots(k, kind)]
         self.DRIVES = sum(kind.drive is not None for kind in f.members)
         self.CONDITIONS = f.condition_count
+        self.DRIVES_VARY = self.DRIVES > 0 and (f.directions or self.CONDITIONS > 0)  # with columns
         self.LENGTHS = self.DRIVES * (f.lengths or self.CONDITIONS > 0)
         self.FUNCTIONS, self.FUNCTION_TERMS = sum(len(kind.functions) for kind in f.members), f.member_degree + 1
         self.ROUTED = self.FUNCTIONS > 0 and f.member_degree > 0
@@ -150,7 +151,7 @@ class Layout:
             [
                 Slot("unit", 1),
                 Slot("force", 3 * self.GIVEN_FORCE, "force"),  # dn at the start of the stretch, base frame
-                Slot("drives", self.DRIVES * (f.directions or self.CONDITIONS > 0)),
+                Slot("drives", self.DRIVES * self.DRIVES_VARY),
                 Slot("distributed_force", 3 * directed, "force per length"),
                 Slot("distributed_moment", 3 * directed * self.MOMENT_PER_LENGTH, "force"),
                 Slot("profile", directed),  # relative
