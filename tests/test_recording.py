@@ -683,3 +683,70 @@ def test_inverse_problem_is_recorded_as_its_robot(tmp_path):
     recording = Recording(tmp_path / "run.rrd")
     assert {"/world/platform", *(f"/world/rods/leg_{k + 1}" for k in range(6))} <= recording.paths
     np.testing.assert_array_equal(recording.scalars("/inputs/platform_position")[0], (0.005, 0, 0.19))
+
+
+@pytest.fixture(scope="module")
+def lined_history():
+    """Two tendons that pull in turn, a chamber, and discs."""
+    lines = [
+        mr.Tendon(offset=(0.008, 0), driven="displacement", axial_stiffness=2000.0, name="right"),
+        mr.Tendon(offset=(-0.008, 0), driven="displacement", axial_stiffness=2000.0, end=0.1),
+        mr.Chamber(offset=(0, 0.005), area=2e-5, name="chamber"),
+    ]
+    robot = mr.SingleRod(mr.Rod(length=0.2, bending_stiffness=0.02, torsional_stiffness=0.015, lines=lines, discs=0.05))
+    time = 0.1 * np.arange(5)
+    pulled = 0.002 * np.array([1.0, 0.5, 0.0, -0.5, -1.0])
+    inputs = robot.inputs(displacement=np.stack([pulled, -pulled], axis=-1), pressure=1e4)
+    return mr.simulate(robot, inputs, time=time, solver=SOLVER)
+
+
+def test_lines_are_drawn_where_they_are_in_the_colour_of_their_tension(lined_history, tmp_path):
+    save(tmp_path / "run.rrd", lined_history, nodes=21)
+    recording, history = Recording(tmp_path / "run.rrd"), lined_history
+    np.testing.assert_array_equal(recording.scalars("/lines/tension"), history.tension)
+    np.testing.assert_array_equal(recording.scalars("/lines/length_mm"), 1e3 * history.line_length)
+    (right,) = [path for path in recording.paths if path.startswith("/world/lines/") and path.endswith("right")]
+    (chamber,) = [path for path in recording.paths if path.startswith("/world/lines/") and path.endswith("chamber")]
+    strips = np.array(recording.column(right, "LineStrips3D:strips"))
+    np.testing.assert_allclose(strips[:, :, 0], history.line("right", nodes=21).position[:, :-1], atol=1e-7)
+    (partial,) = [path for path in recording.paths if path.startswith("/world/lines/") and path not in (right, chamber)]
+    assert len(recording.column(partial, "LineStrips3D:strips")[0]) == 10  # as far as it reaches
+    starts = np.array(recording.column(chamber, "Capsules3D:translations"))
+    np.testing.assert_allclose(starts, history.line("chamber", nodes=21).position[:, :-1], atol=1e-7)
+    np.testing.assert_allclose(recording.column(chamber, "Capsules3D:radii"), np.sqrt(2e-5 / np.pi))
+    colors = np.array(recording.column(right, "LineStrips3D:colors"))[:, 0]
+    red, blue = colors >> 24 & 0xFF, colors >> 8 & 0xFF
+    pulls = history.tension[:, 0] > 0
+    assert pulls.any()
+    assert not pulls.all()
+    np.testing.assert_array_equal(history.slack[:, 0], ~pulls)
+    assert (red[pulls] > blue[pulls]).all()
+    assert np.unique(colors[~pulls]).size == 1
+
+
+def test_discs_are_drawn_around_the_rod(lined_history, tmp_path):
+    save(tmp_path / "run.rrd", lined_history, nodes=21)
+    recording, shape = Recording(tmp_path / "run.rrd"), lined_history.rod(0, nodes=5)
+    (path,) = [path for path in recording.paths if path.startswith("/world/discs/")]
+    rims = np.array(recording.column(path, "LineStrips3D:strips"))
+    assert rims.shape[:2] == (5, 5)  # at every 50 mm of 200
+    np.testing.assert_allclose(rims[:, :, :-1].mean(axis=2), shape.position, atol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(rims - shape.position[:, :, None], axis=-1), 1.25 * 0.008, rtol=1e-3)
+    across = np.einsum("tdki,tdi->tdk", rims - shape.position[:, :, None], shape.rotation[..., 2])
+    np.testing.assert_allclose(across, 0, atol=2e-6)
+
+
+def test_failed_samples_have_no_lines(tmp_path):
+    robot = mr.SingleRod(
+        mr.Rod(length=0.2, bending_stiffness=0.02, torsional_stiffness=0.015, lines=[mr.Tendon(offset=(0.01, 0))])
+    )
+    force = np.zeros((3, 3))
+    force[1, 1] = 500.0
+    solver = mr.Shooting(integrator=mr.RK4(20), max_iterations=3, max_continuation_steps=2)
+    history = mr.simulate(robot, robot.inputs(tension=[1.0], tip_force=force), time=0.1 * np.arange(3), solver=solver)
+    assert [mr.Status(int(status)).failed for status in history.status] == [False, True, False]
+    save(tmp_path / "run.rrd", history, nodes=11)
+    recording = Recording(tmp_path / "run.rrd")
+    (path,) = [path for path in recording.paths if path.startswith("/world/lines/")]
+    assert [len(strips) for strips in recording.column(path, "LineStrips3D:strips")] == [10, 0, 10]
+    assert np.isnan(recording.scalars("/lines/tension")[1]).all()

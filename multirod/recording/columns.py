@@ -8,6 +8,9 @@ from numpy.typing import NDArray
 from multirod.recording.figure import Plate
 from multirod.validation import FloatArray
 
+PULLS, PUSHES, FAINT, LOOSE = 0xFF3B30, 0x2F7DFF, 0xFFF3D6, 0x7A828C  # lines: at full tension, near none, at none
+_CORNERS = 24  # of what is drawn as a circle
+
 
 def index(steps: NDArray[np.int64], times: FloatArray) -> list[Any]:
     """The two timelines that every row has."""
@@ -16,8 +19,8 @@ def index(steps: NDArray[np.int64], times: FloatArray) -> list[Any]:
     return [rr.TimeColumn("step", sequence=steps), rr.TimeColumn("time", duration=times)]
 
 
-def capsules(nodes: FloatArray, radius: float) -> list[Any]:
-    """A capsule between two nodes, shape of ``nodes`` (row, node, 3); none where a node is not finite."""
+def capsules(nodes: FloatArray, radius: float, colors: NDArray[np.uint32] | None = None) -> list[Any]:
+    """A capsule between two nodes, shape of ``nodes`` (row, node, 3); none where a node is not finite. Colours are of rows."""
     import rerun as rr
 
     start, along = nodes[:, :-1], np.diff(nodes, axis=1)
@@ -34,20 +37,42 @@ def capsules(nodes: FloatArray, radius: float) -> list[Any]:
     counts = sound.sum(axis=1)
     some = (counts > 0).astype(int)
     # A radius alone is drawn, as a capsule of length 1: a row without capsules must have none.
+    shades = {} if colors is None else {"colors": colors[some == 1]}
     return [
         *rr.Capsules3D.columns(lengths=length[sound], translations=start[sound], quaternions=quaternion).partition(counts),
-        *rr.Capsules3D.columns(radii=np.full(some.sum(), radius)).partition(some),
+        *rr.Capsules3D.columns(radii=np.full(some.sum(), radius), **shades).partition(some),
     ]
 
 
-def strips(strips: FloatArray) -> Any:
-    """Line strips (row, [strip,] node, 2 or 3); a strip with a node that is not finite is left out."""
+def strips(strips: FloatArray, colors: NDArray[np.uint32] | None = None) -> list[Any]:
+    """Line strips (row, [strip,] node, 2 or 3); one with a node that is not finite is left out. Colours are of rows."""
     import rerun as rr
 
     values = strips if strips.ndim == 4 else strips[:, None]
     sound = np.isfinite(values).all(axis=(2, 3))
     kind = rr.LineStrips2D if values.shape[-1] == 2 else rr.LineStrips3D
-    return kind.columns(strips=values[sound].astype(np.float32)).partition(sound.sum(axis=1))
+    shades = [] if colors is None else [*kind.columns(colors=colors).partition(np.ones(len(colors), dtype=int))]
+    return [*kind.columns(strips=values[sound].astype(np.float32)).partition(sound.sum(axis=1)), *shades]
+
+
+def circles(position: FloatArray, rotation: FloatArray, radius: float) -> FloatArray:
+    """Strips (..., node, 3) around places (..., 3), in the plane of the first two axes of frames (..., 3, 3)."""
+    angle = np.linspace(0.0, 2 * np.pi, _CORNERS + 1)
+    rim = radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    return np.asarray(position[..., None, :] + rim @ rotation[..., :2].swapaxes(-1, -2))
+
+
+def shades(tension: FloatArray, strongest: float) -> NDArray[np.uint32]:
+    """Colours (row,) of what pulls, pushes, or does neither."""
+    share = np.clip(np.nan_to_num(tension) / strongest, -1.0, 1.0)[:, None]
+    full = np.where(share > 0, _channels(PULLS), _channels(PUSHES))
+    mixed = np.where(share == 0, _channels(LOOSE), (1 - np.abs(share)) * _channels(FAINT) + np.abs(share) * full)
+    red, green, blue = np.rint(mixed).astype(np.uint32).T
+    return np.asarray(red << 24 | green << 16 | blue << 8 | 0xFF, dtype=np.uint32)
+
+
+def _channels(rgb: int) -> FloatArray:
+    return np.array([rgb >> 16 & 0xFF, rgb >> 8 & 0xFF, rgb & 0xFF], dtype=np.float64)
 
 
 def poses(position: FloatArray, rotation: FloatArray) -> tuple[Any, NDArray[np.bool_]]:

@@ -1,5 +1,6 @@
 """How a robot is drawn: a name, a place, a colour and a thickness for each rod, its bases and its platform."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from multirod.assembly import Assembly
 from multirod.models.assemblies.parallel_rods import InverseParallelRods, ParallelRods
+from multirod.models.backbone.lines import Chamber
 from multirod.models.backbone.problem import BackboneAssembly
 from multirod.rod import Rod
 from multirod.validation import FloatArray
@@ -33,6 +35,7 @@ _THICKNESS = 0.004  # radius over length of a rod without diameter
 _NESTING = 0.75  # radius of such a tube over that of the next around it
 _PALEST = 0.5  # how much white is in the colour of a leg's innermost tube
 _MARGIN = 0.25  # how far a platform reaches beyond its attachments, over their distance from its middle
+_RIM = 1.25  # radius of a disc over the offset of the outermost line
 _CORNERS = 12  # of the rounding about each attachment
 
 
@@ -50,6 +53,21 @@ class DrawnRod:
     name: str
     path: tuple[str, ...]
     color: int
+    radius: float
+
+
+@dataclass(frozen=True)
+class DrawnLine:
+    """How a line of a rod is drawn.
+
+    Attributes:
+        name: In legends and tables.
+        path: Parts of its entity path, below ``lines``.
+        radius: Of a chamber [m]; zero of what is drawn as a strip.
+    """
+
+    name: str
+    path: tuple[str, ...]
     radius: float
 
 
@@ -100,6 +118,26 @@ def bases(assembly: Assembly) -> dict[tuple[str, ...], FloatArray]:
         for k, robot in enumerate(robots)
         for name, pose in zip(names, robot, strict=True)
     }
+
+
+def drawn_lines(assembly: Assembly, rods: Sequence[DrawnRod]) -> list[DrawnLine]:
+    """The lines of all rods, in their order; a chamber is as thick as its area is large."""
+    lines = []
+    for k, (rod, line) in enumerate(assembly.lines):
+        name = line.name or f"line {k + 1}"
+        radius = math.sqrt(float(np.max(line.area)) / math.pi) if isinstance(line, Chamber) else 0.0
+        lines.append(DrawnLine(name, (*rods[rod].path, name), radius))
+    return lines
+
+
+def discs(rod: Rod) -> tuple[FloatArray, float]:
+    """Where the discs of a rod are, arclengths [m], and their radius [m]: they reach beyond its lines."""
+    length, spacing = float(np.max(rod.length)), rod.discs or 0.0
+    count = int(length / spacing * (1 + 1e-9)) + 1 if spacing else 0
+    places: FloatArray = np.asarray(spacing * np.arange(count), dtype=np.float64)
+    offsets = [line.offset_at(places[None], (), None) for line in rod.lines if not line.batch_shape]
+    reach = max((float(np.nanmax(np.linalg.norm(rho, axis=-1), initial=0.0)) for rho in offsets if rho.size), default=0.0)
+    return places, _RIM * (reach or 2 * _THICKNESS * length)
 
 
 def platforms(assembly: Assembly, batch_shape: tuple[int, ...], count: int) -> list[Plate]:

@@ -23,7 +23,9 @@ def description(stage: Stage, title: str, solver: str, total: int) -> str:
     ]
     if stage.live or any(spec.name in LOADS for spec in stage.given):
         scale = f"1 N is {1e3 * stage.force_scale:g} mm"
-        lines += [f"**Arrows** {scale}; yellow `tip_force`, orange `follower_force`; each begins where it acts"]
+        lines += [f"**Arrows** {scale}; yellow `tip_force`, orange `follower_force`; each begins where it acts  "]
+    if stage.lines:
+        lines += [f"**Lines** red pulls, blue pushes, in full at {stage.strongest:g} N; grey hangs loose  "]
     lines += [
         "",
         "| rod | length [m] | bending stiffness [N m^2] | torsional stiffness [N m^2] | drawn diameter [mm] |",
@@ -121,6 +123,12 @@ def blueprint(stage: Stage) -> Any:
         )
         for spec in stage.given
     ]
+    if stage.lines:
+        several = len(stage.lines) > 1
+        actuation += [
+            plot("Tension [N]", "lines/tension", legend=several),
+            plot("Line length [mm]", "lines/length_mm", legend=several),
+        ]
     text = rrb.TextDocumentView(origin="/description", name="Description")
     if stage.reference:
         tip = tabs(plot("Tip error, log10 [mm]", "error/tip_mm_log10"), plot("linear", "error/tip_mm"))

@@ -10,7 +10,17 @@ from numpy.typing import NDArray
 
 from multirod.assembly import Assembly
 from multirod.inputs import Inputs, InputSpec
-from multirod.recording.figure import PALETTE, PLATFORM_COLOR, DrawnRod, Plate, bases, drawn_rods, platforms
+from multirod.recording.figure import (
+    PALETTE,
+    PLATFORM_COLOR,
+    DrawnLine,
+    DrawnRod,
+    Plate,
+    bases,
+    drawn_lines,
+    drawn_rods,
+    platforms,
+)
 from multirod.solution import History
 from multirod.validation import FloatArray
 
@@ -47,6 +57,8 @@ class Stage:
         given: What is known of the inputs given as numbers: first what varies, and among it the loads.
         reference: Whether there is one.
         rods: How each rod is drawn.
+        lines: How each line of the rods is drawn.
+        strongest: Tension at which a line's colour is full [N].
         blocks: Parts of the residual, where there are several.
         bases: Poses by entity path.
         platforms: Of each instance; empty where there is none.
@@ -65,6 +77,8 @@ class Stage:
     given: tuple[InputSpec, ...]
     reference: bool
     rods: tuple[DrawnRod, ...]
+    lines: tuple[DrawnLine, ...]
+    strongest: float
     blocks: tuple[DrawnBlock, ...]
     bases: dict[str, FloatArray]
     platforms: tuple[Plate, ...]
@@ -109,6 +123,8 @@ class Stage:
             given=tuple(sorted(given, key=lambda spec: (not _varies(block, spec.name), spec.name not in LOADS))),
             reference=reference is not None,
             rods=rods,
+            lines=tuple(drawn_lines(assembly, rods)),
+            strongest=_strongest(block, live),
             blocks=tuple(_blocks(block, rods)),
             bases={"/world" + _entity(path): pose for path, pose in base_poses.items()},
             platforms=tuple(plates),
@@ -140,15 +156,17 @@ class Stage:
         """Entity of a rod in the scene, below ``group``."""
         return self.world(group, k) + _entity(self.rods[rod].path)
 
-    @property
-    def lines(self) -> list[str]:
-        """Names of the rods' lines, in their order."""
-        return [line.name or f"line {i + 1}" for i, (_, line) in enumerate(self.assembly.lines)]
-
     def line(self, k: int, line: int) -> str:
         """Entity of a line in the scene."""
-        rod, _ = self.assembly.lines[line]
-        return self.world("lines", k) + _entity((*self.rods[rod].path, self.lines[line]))
+        return self.world("lines", k) + _entity(self.lines[line].path)
+
+    def driven_by(self, name: str) -> list[DrawnLine]:
+        """Lines that an input drives, in its order."""
+        return [
+            drawn
+            for drawn, (_, line) in zip(self.lines, self.assembly.lines, strict=True)
+            if line.drive is not None and line.drive[0] == name
+        ]
 
     def curvature(self, k: int, rod: int) -> str:
         """Entity of a rod's curvature."""
@@ -213,6 +231,19 @@ def _eye(points: FloatArray) -> FloatArray:
     aside = np.abs(points @ np.stack([right, np.cross(back, right)], axis=-1)).max(axis=1)
     distance = float((points @ back + aside / _VIEW).max())
     return np.asarray(distance * back)
+
+
+def _strongest(block: History, live: bool) -> float:
+    """The largest tension of the first samples; live, at least what bends a rod by about a radian."""
+    if not block.assembly.lines:
+        return 1.0
+    largest = float(np.nanmax(np.abs(block.tension), initial=0.0)) if np.isfinite(block.tension).any() else 0.0
+    if live or largest == 0:
+        for rod in block.assembly.rods:
+            stiffness = max(float(np.max(s.bending_stiffness)) for s in rod.sections)
+            bends = [stiffness / float(np.max(line.lever(rod.sections)) * np.max(rod.length)) for line in rod.lines]
+            largest = max([largest, *bends])
+    return round_up(largest)
 
 
 def _force_scale(block: History, size: float, reach: float, live: bool) -> float:

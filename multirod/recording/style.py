@@ -78,9 +78,13 @@ def _scene(stage: Stage, k: int) -> Styled:
     yield stage.world("tip_path", k), [rr.LineStrips3D.from_fields(radii=stroke, colors=rgba(0xFFFFFF, 0x90))]
     grey = rr.LineStrips3D.from_fields(radii=0.6 * stroke, colors=rgba(_REFERENCE_COLOR))
     yield stage.world("reference/tip_path", k), [grey]
-    for index in range(len(stage.lines)):
-        color = rgba(PALETTE[index % len(PALETTE)])
-        yield stage.line(k, index), [rr.LineStrips3D.from_fields(radii=stroke, colors=color)]
+    for index, line in enumerate(stage.lines):
+        strip, solid = rr.LineStrips3D.from_fields(radii=stroke), rr.components.FillMode.Solid
+        yield stage.line(k, index), [rr.Capsules3D.from_fields(fill_mode=solid) if line.radius else strip]
+    for index, carrier in enumerate(stage.assembly.rods):
+        if carrier.discs:
+            rim = rr.LineStrips3D.from_fields(radii=0.5 * stroke, colors=rgba(PLATFORM_COLOR))
+            yield stage.rod("discs", k, index), [rim]
     if stage.platforms:
         yield stage.world("platform", k), [rr.Mesh3D.from_fields(albedo_factor=rgba(PLATFORM_COLOR, 0xB0))]
     for name, color in LOADS.items():
@@ -97,14 +101,17 @@ def _series(stage: Stage, k: int) -> Styled:
     for path in ("/error/blocks", "/error/blocks_log10") if stage.blocks else ():
         names = [f"{who}{part.name}" for part in stage.blocks]
         yield stage.scalar(path, k), [_lines(names, [part.color for part in stage.blocks])]
+    for path, unit in (("/lines/tension", "N"), ("/lines/length_mm", "mm")) if stage.lines else ():
+        names = [f"{who}{line.name} [{unit}]" for line in stage.lines]
+        yield stage.scalar(path, k), [_lines(names, [PALETTE[i % len(PALETTE)] for i in range(len(names))])]
     for spec in stage.assembly.input_specs:
         labels, shades = ["x", "y", "z"], list(_AXIS_COLORS)
         if spec.per_rod:
             labels = [rod.name for rod in stage.rods]
             shades = [rod.color for rod in stage.rods]
         if spec.count is not None:
-            labels = stage.lines
-            shades = [PALETTE[i % len(PALETTE)] for i in range(spec.count)]
+            labels = [line.name for line in stage.driven_by(spec.name)]
+            shades = [PALETTE[stage.lines.index(line) % len(PALETTE)] for line in stage.driven_by(spec.name)]
         names = [f"{who}{spec.name} {label} [{spec.unit}]" for label in labels]
         yield stage.scalar(f"/inputs/{spec.name}", k), [_lines(names, shades)]
 

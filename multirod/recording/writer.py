@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from multirod.recording import columns, layout
 from multirod.recording.columns import rgba
+from multirod.recording.figure import discs
 from multirod.recording.layout import PLOT_HEIGHT, PLOT_WIDTH
 from multirod.recording.stage import LOADS, Stage, load, round_up
 from multirod.recording.style import styles
@@ -62,6 +63,8 @@ class Writer:
         sources = [("", block)] if reference is None else [("", block), ("reference/", reference)]
         shapes = {kind: [self._shape(source, rod, samples) for rod in range(len(stage.rods))] for kind, source in sources}
         lines = [self._line(block, line, samples) for line in range(len(stage.lines))]
+        rims = [self._rims(block, rod, samples) for rod in range(len(stage.rods))]
+        tension = np.reshape(block.tension, (samples, -1, len(stage.lines))) if stage.lines else np.zeros((samples, 0, 0))
         tips = {kind: np.reshape(source.tip_position, (samples, -1, 3)) for kind, source in sources}
         rotations = np.reshape(block.tip_rotation, (samples, -1, 3, 3))
         scalars = _scalars(stage, block, tips)
@@ -77,8 +80,11 @@ class Writer:
                     self._write_curvature(k, i, index, shape["arclength"][rows, k], shape["curvature"][rows, k])
                 for i, shape in enumerate(shapes.get("reference/", [])):
                     self._send(stage.rod("reference/rods", k, i), index, columns.strips(shape["position"][rows, k]))
-                for i, pieces in enumerate(lines):
-                    self._send(stage.line(k, i), index, columns.strips(pieces[rows, k]))
+                for i, nodes in enumerate(lines):
+                    self._write_line(k, i, index, nodes[rows, k], tension[rows, k, i])
+                for i, circles in enumerate(rims):
+                    if circles.size:
+                        self._send(stage.rod("discs", k, i), index, columns.strips(circles[rows, k]))
                 self._write_tip(k, steps[rows], block.time[rows], tips[""][rows, k], rotations[rows, k])
                 for kind, positions in tips.items():
                     self._write_path(stage.world(f"{kind}tip_path", k), index, positions[rows, k])
@@ -91,14 +97,45 @@ class Writer:
     def _shape(self, source: History, rod: int, samples: int) -> dict[str, FloatArray]:
         """Shape of a rod with axes (sample, instance, node, ...)."""
         values = vars(source.rod(rod, nodes=self._node_count))
-        tails = {"arclength": 1, "position": 2, "curvature": 2}
+        tails = {"arclength": 1, "position": 2, "rotation": 3, "curvature": 2}
         return {name: values[name].reshape(samples, -1, *values[name].shape[-tail:]) for name, tail in tails.items()}
 
     def _line(self, source: History, line: int, samples: int) -> FloatArray:
-        """Pieces of a line between nodes, axes (sample, instance, piece, 2, 3): not finite where it is not."""
+        """Nodes of a line, axes (sample, instance, node, 3): not finite where it is not."""
         position = source.line(line, nodes=self._node_count).position
-        position = position.reshape(samples, -1, *position.shape[-2:])
-        return np.stack([position[:, :, :-1], position[:, :, 1:]], axis=3)
+        return position.reshape(samples, -1, *position.shape[-2:])
+
+    def _rims(self, source: History, rod: int, samples: int) -> FloatArray:
+        """Rims of a rod's discs, axes (sample, instance, disc, node, 3), between nodes as if straight."""
+        places, radius = discs(source.assembly.rods[rod])
+        if not places.size:
+            return np.zeros((samples, 0))
+        shape = self._shape(source, rod, samples)
+        shift = np.broadcast_to(source.inputs.translation[..., rod], source.batch_shape).reshape(samples, -1)
+        s = places + shift[..., None]
+        whole = (self._node_count - 1) * s / shape["arclength"][..., -1:]
+        inside = (whole >= 0) & (whole <= self._node_count - 1 + 1e-9)
+        below = np.clip(np.nan_to_num(whole).astype(int), 0, self._node_count - 2)[..., None]
+        part = (whole[..., None] - below) / np.where(inside, 1.0, np.nan)[..., None]
+
+        def between(values: FloatArray) -> FloatArray:
+            flat = values.reshape(*values.shape[:3], -1)
+            one, next_one = (np.take_along_axis(flat, below + k, axis=2) for k in (0, 1))
+            return np.asarray((1 - part) * one + part * next_one).reshape(*s.shape, *values.shape[3:])
+
+        return columns.circles(between(shape["position"]), between(shape["rotation"]), radius)
+
+    def _write_line(self, k: int, line: int, index: Any, nodes: FloatArray, tension: FloatArray) -> None:
+        path, shades, radius = (
+            self._stage.line(k, line),
+            columns.shades(tension, self._stage.strongest),
+            self._stage.lines[line].radius,
+        )
+        if radius:
+            self._send(path, index, columns.capsules(nodes, radius, shades))
+        else:
+            pieces = np.stack([nodes[:, :-1], nodes[:, 1:]], axis=2)
+            self._send(path, index, columns.strips(pieces, shades))
 
     def _write_tip(self, k: int, steps: NDArray[np.int64], times: FloatArray, position: FloatArray, rotation: FloatArray) -> None:
         import rerun as rr
@@ -203,6 +240,9 @@ def _scalars(stage: Stage, block: History, tips: dict[str, FloatArray]) -> dict[
         "/solver/iterations": split(block.iterations),
         "/solver/integrations": split(block.integrations),
     }
+    if stage.lines:
+        values["/lines/tension"] = split(block.tension, len(stage.lines))
+        values["/lines/length_mm"] = 1e3 * split(block.line_length, len(stage.lines))
     if stage.blocks:
         every = split(block.boundary_residual, block.unknown_count)
         parts = [np.abs(every[..., part.residuals]).max(axis=-1) for part in stage.blocks]
