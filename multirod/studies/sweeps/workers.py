@@ -1,10 +1,13 @@
 """The processes of a pool, ended whatever they are doing."""
 
+import sys
 from concurrent.futures import Executor
 from contextlib import suppress
 from multiprocessing.connection import wait
 from time import monotonic
 from typing import Any
+
+CLOSES_CALLS = (3, 11, 5)  # from which on a broken pool's own thread closes where its calls are read: not twice, at the same time
 
 
 class Workers:
@@ -43,6 +46,6 @@ class Workers:
         if self._processes and self._results is not None:
             # the end to write to that this process holds: without it, what reads comes to the end of what the dead have written
             self._results._writer.close()
-        if self._processes and self._calls is not None:
-            # the end to read from: without it, who writes to the dead does not wait for ever (Python does so from 3.11.5 on)
+        if self._processes and self._calls is not None and sys.version_info < CLOSES_CALLS:
+            # the end to read from: without it, who writes to the dead does not wait for ever
             self._calls._reader.close()
