@@ -42,6 +42,11 @@ class Lines(ABC):
     def slack(self) -> NDArray[np.bool_]:
         """Whether it hangs loose, shape (instance_count, line_count)."""
 
+    def left(self, node_count: int) -> FloatArray:
+        """The part of its tension that friction leaves at nodes evenly spaced along its rod, shape (instance_count, line_count,
+        node_count)."""
+        return np.ones((*self.tension().shape, node_count))
+
     def length_columns(self) -> FloatArray:
         """Derivatives of the lengths after ``BoundaryProblem.input_columns``, by unknowns then directions, shape (instance_count,
         line_count, n + direction_count)."""

@@ -230,7 +230,7 @@ class Rod:
             )
         self.members = _members(members)
         self.discs = None if discs is None else positive_float("Rod.discs", discs)
-        self.lines = _lines(lines, self.sections, self.discs)
+        self.lines = _lines(lines, self)
         self.outer_diameter, self.inner_diameter = _diameters(outer_diameter, inner_diameter)
         if not isinstance(name, str):
             refuse("Rod.name", name, "must be a string")
@@ -350,10 +350,10 @@ def _members(given: Any) -> "tuple[Member, ...]":
     return tuple(given)
 
 
-def _lines(given: Any, sections: Sequence[Section], discs: float | None) -> "tuple[Line, ...]":
+def _lines(given: Any, rod: Rod) -> "tuple[Line, ...]":
     if isinstance(given, (list, tuple)) and not given:
         return ()
-    from multirod.models.backbone.lines import Line, refuse_redundant
+    from multirod.models.backbone.lines import Line, refuse_beside_friction, refuse_redundant
 
     if not isinstance(given, (list, tuple)) or not all(isinstance(line, Line) for line in given):
         refuse("Rod.lines", given, "must be a list of lines, such as Tendon")
@@ -361,8 +361,9 @@ def _lines(given: Any, sections: Sequence[Section], discs: float | None) -> "tup
     for name in names:
         if names.count(name) > 1:
             refuse("Rod.lines", names, f"must have names of their own, and {name!r} is there twice")
-    refuse_redundant(given, any(np.isfinite(section.axial_stiffness).any() for section in sections))
-    return tuple(line.on(sections, discs or 0.0) for line in given)
+    refuse_redundant(given, any(np.isfinite(section.axial_stiffness).any() for section in rod.sections))
+    refuse_beside_friction(given, rod.members, rod.discs)
+    return tuple(line.on(rod.sections, rod.discs or 0.0) for line in given)
 
 
 def _diameters(outer: float | None, inner: float | None) -> tuple[float | None, float | None]:

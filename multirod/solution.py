@@ -342,7 +342,7 @@ class Solution:
     def tension(self) -> FloatArray:
         """Tension of each line [N], negative where it pushes, shape (..., line_count), in the order of the rods' lines.
 
-        Of a chamber, less its pressure times its area.
+        Of a chamber, less its pressure times its area; of a tendon with friction, where it leaves the base.
 
         Raises:
             AttributeError: If no rod has lines.
@@ -369,8 +369,8 @@ class Solution:
         """
         return self._of_lines(lambda lines: lines.length())
 
-    def _of_lines(self, ask: Callable[[Lines], NDArray[Any]]) -> FloatArray:
-        """What lines say, shape (..., line_count)."""
+    def _of_lines(self, ask: Callable[[Lines], NDArray[Any]], *tail: int) -> FloatArray:
+        """What lines say, shape (..., line_count, *tail)."""
         count = len(self._lines())
 
         def answers(problem: BoundaryProblem) -> tuple[FloatArray]:
@@ -378,7 +378,7 @@ class Solution:
                 raise NotImplementedError(f"{type(problem).__name__} says nothing of lines")
             return (np.asarray(ask(problem.lines), dtype=np.float64),)
 
-        return self._masked(self._gather(answers)[0], (count,))
+        return self._masked(self._gather(answers)[0], (count, *tail))
 
     def line(self, line: int | str, *, nodes: int | None = None) -> LineShape:
         """Where a line is, on nodes evenly spaced along its rod; arrays (..., node_count, ...).
@@ -402,6 +402,8 @@ class Solution:
         offset = flat.reshape(*s.shape, 2)
         position = shape.position + (shape.rotation[..., :2] @ offset[..., None])[..., 0]
         tension = np.where(np.isnan(offset[..., 0]), np.nan, self.tension[..., index, None])
+        if own.rubs:
+            tension = tension * self._of_lines(lambda lines: lines.left(s.shape[-1]), s.shape[-1])[..., index, :]
         return LineShape(shape.arclength, position, tension)
 
     def _lines(self) -> "list[tuple[int, Line]]":

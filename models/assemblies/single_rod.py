@@ -70,7 +70,7 @@ class SingleRod(BackboneAssembly):
         if name in DRIVES:
             return surely_driven(name, values, self.rods)
         if name == "translation":
-            return values[0] > -self._shortest and (values[0] == 0 or not self.has_conditions)
+            return values[0] > -self._shortest and (values[0] == 0 or not self.stays_at_base)
         return name not in BY_MATERIAL
 
     def __repr__(self) -> str:

@@ -56,6 +56,11 @@ class DrivenLines(Lines):
             result[:, k] = self._driven[k][0].slackens & (unknown < 0)
         return result
 
+    def left(self, node_count: int) -> FloatArray:  # noqa: D102
+        if not self.problem.features.friction:
+            return super().left(node_count)
+        return np.moveaxis(self.problem.node_pass(node_count).read("node_left"), 1, 2)
+
     def taut(self) -> NDArray[np.bool_]:
         """Which of the lines that are driven by their length are held by it, shape (instance_count, condition_count)."""
         held = [(unknown > 0) | (not self._driven[k][0].slackens) for k, (_, unknown) in self._conditions().items()]

@@ -191,6 +191,8 @@ class Tendon(Line):
         axial_stiffness: ``EA`` [N] of one that is driven by displacement, shape (...); infinite by default: it does not stretch.
         rest_length: Its length without tension [m], of one that is driven by displacement; None, the default, is how long it is
             in the rod without load.
+        friction: Coefficient of friction between tendon and rod: > 0 while it is being pulled out of the base, so that its
+            tension falls towards its end, and < 0 while it goes back, shape (...).
         name: How it is called in results and recordings.
 
     Raises:
@@ -200,11 +202,16 @@ class Tendon(Line):
 
     drive: ClassVar = ("tension", (1, 0))
     convex = True  # (L4): where tensions are not negative
+    friction: FloatArray = np.asarray(0.0)
 
-    def __new__(cls, *_: Any, driven: str = "tension", **__: Any) -> Self:
-        """Of another law, where it is driven by displacement."""
+    def __new__(cls, *_: Any, driven: str = "tension", friction: Any = 0.0, **__: Any) -> Self:
+        """Of another law, where it is driven by displacement or rubs."""
         choice("Tendon.driven", driven, ("tension", "displacement"))
-        return super().__new__(DisplacedTendon if cls is Tendon and driven == "displacement" else cls)  # type: ignore[return-value]
+        if cls is not Tendon:
+            return super().__new__(cls)
+        rubs = bool(np.any(array("Tendon.friction", friction, ())))
+        laws = {"tension": (Tendon, RubbingTendon), "displacement": (DisplacedTendon, RubbingDisplacedTendon)}
+        return super().__new__(laws[driven][rubs])  # type: ignore[return-value]
 
     def __init__(
         self,
@@ -216,6 +223,7 @@ class Tendon(Line):
         driven: str = "tension",
         axial_stiffness: Any = None,
         rest_length: float | None = None,
+        friction: Any = 0.0,
         name: str = "",
     ) -> None:
         for field, value in (("axial_stiffness", axial_stiffness), ("rest_length", rest_length)):
@@ -274,8 +282,61 @@ class DisplacedTendon(DrivenByLength, Tendon):
     slackens = True
     convex = True
 
-    def __init__(self, *args: Any, driven: str = "displacement", **options: Any) -> None:
+    def __init__(self, *args: Any, driven: str = "displacement", friction: Any = 0.0, **options: Any) -> None:
         DrivenByLength.__init__(self, *args, **options)
+
+
+class RubbingTendon(Tendon):
+    """A ``Tendon`` with friction, (L12)."""
+
+    parameters: ClassVar = {**Line.parameters, "friction": (0, 0)}
+    functions: ClassVar = {**Line.functions, "left": (0, 0)}
+    rubs = True
+    convex = False
+
+    def __init__(self, *args: Any, friction: Any, **options: Any) -> None:
+        super().__init__(*args, **options)
+        self.friction = array("Tendon.friction", friction, ())
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:  # noqa: D102
+        return np.broadcast_shapes(super().batch_shape, self.friction.shape)
+
+    def values(self, section: "Section", s: float) -> FloatArray:  # noqa: D102
+        own = super().values(section, s)
+        shape = np.broadcast_shapes(own.shape[:-1], self.friction.shape)
+        own, count = np.broadcast_to(own, (*shape, own.shape[-1])), len(Line.parameters)
+        friction = np.broadcast_to(self.friction, shape)[..., None]
+        return np.concatenate([own[..., :count], friction, own[..., count:]], axis=-1)
+
+    def polynomials(self, s: float) -> tuple[float, float, FloatArray]:  # noqa: D102
+        begin, end, terms = super().polynomials(s)
+        return begin, end, np.concatenate([terms, np.zeros((*terms.shape[:-1], 1))], axis=-1)
+
+    def _offset_and_slope(self, s: float) -> tuple[FloatArray, FloatArray]:
+        rho, slope = super()._offset_and_slope(s)
+        return rho[..., :2], slope[..., :2]
+
+    @staticmethod
+    def law(numbers: SimpleNamespace) -> SimpleNamespace:  # noqa: D102
+        from multirod.models.backbone.kernels.lines import tendon_law
+
+        return tendon_law(numbers, len(RubbingTendon.parameters), friction_at=len(Line.parameters))
+
+
+class RubbingDisplacedTendon(RubbingTendon, DisplacedTendon):
+    """The same, driven by displacement: it does not stretch."""
+
+    drive: ClassVar = DrivenByLength.drive
+
+    def __init__(self, *args: Any, friction: Any, axial_stiffness: Any = None, **options: Any) -> None:
+        if axial_stiffness is not None:
+            refuse(
+                "Tendon.axial_stiffness",
+                axial_stiffness,
+                "must not be given with friction: its tension is not the same all along",
+            )
+        super().__init__(*args, friction=friction, **options)
 
 
 class PushRod(DrivenByLength):
@@ -363,6 +424,20 @@ def refuse_redundant(lines: "Sequence[Line]", extensible: bool) -> None:
                 np.inf,
                 f"must be finite: {len(beside)} push rods beside each other that do not stretch have no tensions of their own",
             )
+
+
+def refuse_beside_friction(lines: "Sequence[Line]", members: "Sequence[Member]", discs: float | None) -> None:
+    """Refuse what the equations of friction leave out, by a ``ValueError``."""
+    rubbing = [line for line in lines if line.rubs]
+    if not rubbing:
+        return
+    friction = np.asarray(rubbing[0].friction).tolist()  # type: ignore[attr-defined]
+    if discs is not None:
+        refuse("Tendon.friction", friction, "must be zero in a rod with discs: it is taken to rub all along")
+    if members:
+        refuse("Tendon.friction", friction, "must be zero in a rod with members")
+    if any(isinstance(line, PushRod) and line.bending_stiffness.any() for line in lines):
+        refuse("Tendon.friction", friction, "must be zero beside a push rod that bends")
 
 
 class Chamber(Line):

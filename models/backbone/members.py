@@ -37,6 +37,7 @@ class Member(ABC):
         drive: The input that drives it, and the unit of ``T``; None where nothing does.
         conditioned: Whether ``T`` is unknown; the numbers of ``CONDITION`` then follow the parameters in ``values``.
         slackens: Whether an unknown ``T`` is never negative.
+        rubs: Whether friction takes from ``T`` along the rod; what is left of it is the last of the functions.
         convex: Whether the energy is convex in the strains, so that the section is stiffer than the rod alone. Where it is not,
             stability is not judged.
     """
@@ -46,6 +47,7 @@ class Member(ABC):
     drive: ClassVar[tuple[str, tuple[int, int]] | None] = None
     conditioned: ClassVar[bool] = False
     slackens: ClassVar[bool] = False
+    rubs: ClassVar[bool] = False
     convex: ClassVar[bool] = False
 
     @abstractmethod

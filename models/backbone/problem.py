@@ -116,7 +116,7 @@ class NodePass:
         nodes = [f"node_{name}" for name in ("arclength", "position", "rotation", "curvature", "moment", "force")]
         self._outputs = [*nodes, "energy", "work", "residual", "position", "rotation"]
         if members:
-            self._outputs += [*(f"node_{name}" for name in TOTALS), "line_length"]
+            self._outputs += [*(f"node_{name}" for name in TOTALS), "line_length", "node_left"]
         if columns:
             self._outputs += ["node_columns", "tip_columns", "gamma", "pose_columns", "column_arclength"]
         self._seen: dict[str, Any] = {}
@@ -278,6 +278,8 @@ class BackboneProblem(BoundaryProblem):
                 setattr(call, f"node_{name}", wp.zeros(shape, dtype=wp.vec3d, device=self.device))
             call.node_rotation = wp.zeros(shape, dtype=wp.mat33d, device=self.device)
             call.line_length = wp.zeros((self.instance_count, self.drive_count), dtype=wp.float64, device=self.device)
+            rubbed = self.drive_count * self.features.friction
+            call.node_left = wp.zeros((*shape, rubbed), dtype=wp.float64, device=self.device)
             call.energy = wp.zeros(self.instance_count, dtype=wp.float64, device=self.device)
             call.work = wp.zeros(self.instance_count, dtype=wp.float64, device=self.device)
         return call
@@ -323,7 +325,8 @@ class BackboneProblem(BoundaryProblem):
     @property
     def segments(self) -> BackboneSegments | None:  # noqa: D102
         alone = len(self.rods) == 1 and not self.held
-        return self.cut if alone and not (self.features.foundation or self.features.condition_count) else None
+        terms = self.features
+        return self.cut if alone and not (terms.foundation or terms.condition_count or terms.friction) else None
 
     @cached_property
     def cut(self) -> BackboneSegments:
@@ -669,16 +672,24 @@ class BackboneAssembly(Assembly):
         if inputs.is_active("magnetic_field") and not any(rod.is_magnetised for rod in self.rods):
             refuse("magnetic_field", inputs.magnetic_field.tolist(), "must be zero: no rod has a magnetisation")
         check_drives(inputs, self.rods)
-        if inputs.is_active("translation") and self.has_conditions:
-            refuse("translation", inputs.translation.tolist(), "must be zero: a line is driven by its displacement")
+        if inputs.is_active("translation") and self.stays_at_base:
+            why = "a line is driven by its displacement" if self.has_conditions else "a line has friction"
+            refuse("translation", inputs.translation.tolist(), f"must be zero: {why}")
 
     @property
     def has_conditions(self) -> bool:
         """Whether a line is driven by its length."""
         return any(kind.conditioned for rod in self.rods for kind in kinds(rod.carried))
 
+    @property
+    def stays_at_base(self) -> bool:
+        """Whether no rod may be pushed out of the base, as what its lines do there is not told."""
+        return self.has_conditions or any(kind.rubs for rod in self.rods for kind in kinds(rod.lines))
+
     def input_directions(self, name: str) -> dict[str, Any]:
         """Directions for the derivatives by an input; of rods with lines, of their lengths too."""
+        if name == "translation" and any(kind.rubs for kind in self.arrays.members):
+            raise NotImplementedError("the derivatives by translation of a rod whose line has friction are not known")
         return {**super().input_directions(name), **({"lengths": True} if drives(self.arrays.members) else {})}
 
     @cached_property

@@ -49,7 +49,7 @@ class BackboneStability(StabilityAnalysis):
             else np.zeros((1, 6, 1))
         )
         acting |= bool(profiles[:, 3:].any()) & (inputs[:, -1] != 0)
-        return np.asarray(~acting & (not self.problem.features.measured))
+        return np.asarray(~acting & (not self.problem.features.measured) & (not self.problem.features.friction))
 
     def potential(self) -> FloatArray:  # noqa: D102
         call = self.problem.node_pass(2)

@@ -681,14 +681,15 @@ class PlatformLines(Lines):
     def __init__(self, problem: ParallelProblem) -> None:
         self.problem = problem
 
-    def _of_legs(self, ask: Callable[[Lines], NDArray[Any]]) -> FloatArray:
+    def _of_legs(self, ask: Callable[[Lines], NDArray[Any]], *tail: int) -> FloatArray:
         problem, drives = self.problem, self.problem.geometry.drives
         problem.to_legs()
         first = np.cumsum([0, *map(len, drives)])
-        result = np.zeros((problem.instance_count, int(first[-1])))
+        result = np.zeros((problem.instance_count, int(first[-1]), *tail))
         for group in problem.groups:
             if group.backbones.drive_count:
-                found = ask(group.backbones.lines).reshape(problem.instance_count, len(group.members), -1)
+                found = ask(group.backbones.lines)
+                found = found.reshape(problem.instance_count, len(group.members), *found.shape[1:])
                 for place, leg in enumerate(group.members):
                     result[:, first[leg] : first[leg + 1]] = found[:, place]
         return result
@@ -701,6 +702,9 @@ class PlatformLines(Lines):
 
     def slack(self) -> NDArray[np.bool_]:  # noqa: D102
         return np.asarray(self._of_legs(lambda lines: lines.slack()) != 0)
+
+    def left(self, node_count: int) -> FloatArray:  # noqa: D102
+        return self._of_legs(lambda lines: lines.left(node_count), node_count)
 
 
 _ON_PLATFORM = {

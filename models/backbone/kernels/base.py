@@ -27,6 +27,7 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
     DQ_AT, WORLD_AT, FOUNDATION = c["frame"], s["world_force"], layout.FOUNDATION  # a column's stands alike
     FORCE_STATE, FRAME, COLUMN_FRAME = layout.FORCE_STATE, layout.FRAME, layout.COLUMN_FRAME
     FORCE_UNKNOWN, TRANSMISSION, TUBES = features.base_force_unknown, features.transmission, n > 1
+    GRIPS, GRIPS_AT = layout.DRIVES * layout.FRICTION, s["grips"]
     MOMENT, TORQUES, FORCE, FIXED = layout.MOMENT, layout.TORQUES, layout.FORCE, layout.FIXED
     HELD, NODES, CURVATURE_TERMS = features.held, layout.NODES, layout.CURVATURE_TERMS
     # unknowns, and so columns: bending moments, torques, base force, directions. Where several rods are rigid
@@ -205,6 +206,8 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
             torques = base_torques(rods, call, case)
             for i in range(1, rods.end.shape[1]):
                 y[wp.static(TAU_AT) + i - 1] = torques[i]
+        for i in range(wp.static(GRIPS)):
+            y[wp.static(GRIPS_AT) + i] = f64(1.0)
         if wp.static(FRAME):
             for j in range(4):
                 y[Q_AT + j] = b.q[j]

@@ -9,17 +9,22 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from multirod.models.backbone.kernels.friction import make_winding
 from multirod.models.backbone.kernels.numbers.lanes import add, div, mul, neg, sub  # noqa: F401  (by name)
 
 SHORTEST = 0.1  # length of a line per length of rod, below which it is bent to its centre of curvature
 
 
-def tendon_law(numbers: SimpleNamespace, drive_at: int, bending_at: int = 0, discs_at: int = 0) -> SimpleNamespace:
+def tendon_law(
+    numbers: SimpleNamespace, drive_at: int, bending_at: int = 0, discs_at: int = 0, friction_at: int = 0
+) -> SimpleNamespace:
     """(L2) to (L6): ``W = T |a|``, ``a = v + u x rho + rho'``; what drives it stands ``drive_at`` after its first parameter.
 
     With its bending stiffness ``bending_at`` after that, (L10) too, of an offset that is constant; where there are discs, with
-    what they take away ``discs_at`` after it, (L11).
+    what they take away ``discs_at`` after it, (L11); with its coefficient of friction ``friction_at`` after it, (L12): then what
+    is left of its tension is its third function.
     """
+    RUBS = friction_at > 0
     DISCS = numbers.DISCS and discs_at > 0
     d, Real, Vec3, Response, memory_type = numbers.d, numbers.Real, numbers.Vec3, numbers.Response, numbers.memory_type
     row, fill, root, where_less = numbers.row, numbers.fill, numbers.root, numbers.where_less
@@ -45,6 +50,14 @@ def tendon_law(numbers: SimpleNamespace, drive_at: int, bending_at: int = 0, dis
         """lam; no number where the line is too short."""
         size = root(dot(a, a))
         return where_less(size, fill(d(SHORTEST)), fill(d(0.0) / d(0.0)), size)
+
+    @wp.func
+    def tension(memory: memory_type, at: int, on: int) -> Real:
+        """What is left of it there, (L12)."""
+        T = row(memory, at) * row(memory, at + wp.static(drive_at))
+        if wp.static(RUBS):
+            T = T * value(memory, on + 2)
+        return T
 
     @wp.func
     def lever(memory: memory_type, on: int, t: Vec3) -> Vec3:
@@ -112,7 +125,7 @@ def tendon_law(numbers: SimpleNamespace, drive_at: int, bending_at: int = 0, dis
         """(L2) T (t, rho x t), and (L4)."""
         if wp.static(bending_at > 0):
             bend_along(memory, at, on, u, e, r)
-        T = row(memory, at) * row(memory, at + wp.static(drive_at))
+        T = tension(memory, at, on)
         x = value(memory, on)
         y = value(memory, on + 1)
         a = tangent(memory, on, u, e)
@@ -187,7 +200,7 @@ def tendon_law(numbers: SimpleNamespace, drive_at: int, bending_at: int = 0, dis
     def slide(memory: memory_type, at: int, on: int, u: Vec3, e: Vec3, r: wp.ref[Response]) -> Real:
         """(L6) What varies along the rod where the strains do not: T (t', rho' x t + rho x t'), and lam'."""
         here = row(memory, at)
-        T = here * row(memory, at + wp.static(drive_at))
+        T = tension(memory, at, on)
         a = tangent(memory, on, u, e)
         per = d(1.0) / length_of(a)
         t = scaled(per, a)
@@ -207,7 +220,10 @@ def tendon_law(numbers: SimpleNamespace, drive_at: int, bending_at: int = 0, dis
         add_moment(r, scaled(T, Vec3(y_s * t.z, -x_s * t.z, x_s * t.y - y_s * t.x)))
         return here * along
 
-    return SimpleNamespace(respond=respond, energy=energy, pull=pull, slide=slide)
+    own = SimpleNamespace(respond=respond, energy=energy, pull=pull, slide=slide, friction_at=friction_at)
+    if numbers.FRICTION:
+        vars(own).update(vars(make_winding(numbers, drive_at, friction_at)))
+    return own
 
 
 def section_chamber_law(numbers: SimpleNamespace, drive_at: int) -> SimpleNamespace:
@@ -250,4 +266,7 @@ def section_chamber_law(numbers: SimpleNamespace, drive_at: int) -> SimpleNamesp
         add_moment(r, Vec3(T * y_s, -T * x_s, fill(d(0.0))))
         return here * (u.x * y_s - u.y * x_s)
 
-    return SimpleNamespace(respond=respond, energy=energy, pull=pull, slide=slide)
+    own = SimpleNamespace(respond=respond, energy=energy, pull=pull, slide=slide, friction_at=0)
+    if numbers.FRICTION:
+        vars(own).update(vars(make_winding(numbers, drive_at, 0, straight=True)))
+    return own

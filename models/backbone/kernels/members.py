@@ -10,6 +10,7 @@ from typing import Any
 
 import warp as wp
 
+from multirod.models.backbone.kernels.friction import winding_types
 from multirod.models.backbone.kernels.layout.layout import Layout
 from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul, neg, sub  # noqa: F401  (by name)
 from multirod.models.backbone.kernels.numbers.vectors import vectors
@@ -76,11 +77,11 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
     SHEAR, NODES, m = layout.features.shear, layout.NODES, layout.STRAINS
     s, p = layout.stretch, layout.place
     COMPLIANCE, SHEAR_AT, UNIT_LENGTH = s["compliance"], s["shear"], s["unit_length"]
-    X, EXTENSION_AT, SYSTEM, OWN_TWIST = p["x"], p["extension"], p["system"], p["own_twist"]
+    X, EXTENSION_AT, SYSTEM, OWN_TWIST, CURVATURE = p["x"], p["extension"], p["system"], p["own_twist"], p["curvature"]
     MEMBER_MOMENT, MEMBER_FORCE = p["member_moment"], p["member_force"]
     system, matrix, vector = L.system(m), L.few(m * m), L.few(m)
     Matrix, factor, solve = system.type, system.factor, system.solve
-    keep_entry, write_matrix, read_matrix = matrix.keep, matrix.write, matrix.read
+    keep_entry, entry, write_matrix, read_matrix = matrix.keep, matrix.part, matrix.write, matrix.read
     Few, keep_one, one_of = vector.type, vector.keep, vector.part
     VARIED = layout.VARIED and layout.DIRECTIONS
     PLACES = R.places
@@ -89,7 +90,7 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
     # functions of members: those that are constant by section stand on the stretch, the others at the place
     FUNCTIONS_AT, ROWS_AT, FUNCTIONS, TERMS = p["functions"], s["functions"], layout.FUNCTIONS, layout.FUNCTION_TERMS
     ROUTED, CENTRE, SLOPE = layout.ROUTED, s["centre"], s["slope"]
-    ALONG, DIRECTIONS = layout.ROUTED and layout.DIRECTIONS, layout.DIRECTIONS
+    ALONG = layout.ROUTED and layout.DIRECTIONS
     DRIVES, LENGTHS, LENGTHS_AT, PULLS_AT, SLIDES_AT = (
         layout.DRIVES,
         layout.LENGTHS,
@@ -97,8 +98,11 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
         p["pulls"],
         p["slides"],
     )
-    PULLS, CONDITIONS = DRIVES * (layout.DIRECTIONS or layout.LENGTHS > 0), layout.CONDITIONS
-    keep, keep_in = state.keep, column.keep
+    PULLS, DRIVES_VARY, FRICTION = DRIVES * layout.PULLED, layout.DRIVES_VARY, layout.FRICTION
+    GRIPS_AT, DRIVES_AT, HELD_AT = layout.state["grips"], p["drives"], p["grips"]
+    STRAIN_RATES, RATE_SYSTEM, PULL_RATES = p["strain_rates"], p["rate_system"], p["pull_rates"]
+    CURVED, precurvature_slope = layout.VARIED, law.precurvature_slope
+    keep, keep_in, part, part_of = state.keep, column.keep, state.part, column.part
     given = layout.given
     DRIVES_GIVEN, GIVEN_START, GROWTH, SHIFT = given["drives"], given["start"], given["growth"], given["shift"]
 
@@ -114,9 +118,10 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
     def bend(memory: memory_type, on: int) -> Real:
         return row(memory, on + wp.static(2 * FUNCTIONS))
 
-    flags = {"FORCES": FORCES, "VARIED": ROUTED, "DISCS": layout.features.discs}
+    flags = {"FORCES": FORCES, "VARIED": ROUTED, "DISCS": layout.features.discs, "FRICTION": layout.FRICTION}
     own = {"memory_type": memory_type, "value": value, "slope": slope, "bend": bend, **flags}
-    numbers = SimpleNamespace(**(vars(L) | vars(V) | vars(R) | own))
+    windings = winding_types(W, d)
+    numbers = SimpleNamespace(**(vars(L) | vars(V) | vars(R) | vars(windings) | own))
     laws = {kind: kind.law(numbers) for kind in layout.features.members}
 
     @wp.func
@@ -136,7 +141,7 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
                 y = row(memory, first + wp.static(FUNCTIONS) * (wp.static(TERMS - 2) - k)) + t * y
             put(memory, a + wp.static(FUNCTIONS_AT) + j, y)
             put(memory, a + wp.static(FUNCTIONS_AT + FUNCTIONS) + j, by_length * y_t)
-            if wp.static(ALONG):
+            if wp.static(ALONG or FRICTION):
                 put(memory, a + wp.static(FUNCTIONS_AT + 2 * FUNCTIONS) + j, d(2.0) * by_length * by_length * y_tt)
 
     def runs() -> list[tuple[Any, int, int, int, int, int]]:
@@ -150,16 +155,17 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
                 found.append([kind, 1, at, function, len(kind.parameters) + (kind.drive is not None), len(kind.functions)])
         return [tuple(run) for run in found]
 
-    def chain(make, nothing, name: str = "respond"):
+    def chain(make, nothing, name: str = "respond", *, whole: bool = False):
         """One function that calls those of all members, one after another; those of one law in a loop, to be compiled once.
 
         ``make(function, count, numbers_of, functions_of, rest)`` is the loop; the drives of its members, if they have any, are
-        numbered from ``drive`` on.
+        numbered from ``drive`` on. Where ``whole``, it takes the law in place of one function.
         """
         found = nothing
         for kind, count, at, on, step, functions in reversed(runs()):
             if hasattr(laws[kind], name):
-                found = make(getattr(laws[kind], name), count, *addresses(at, on, step, functions), found)
+                function = laws[kind] if whole else getattr(laws[kind], name)
+                found = make(function, count, *addresses(at, on, step, functions), found)
         return found
 
     def addresses(at: int, on: int, step: int, functions: int):
@@ -269,6 +275,218 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
     def no_length(memory: memory_type, z: int, a: int, u: Vec3, e: Vec3, f: wp.ref[State], drive: int):
         """After the last member."""
 
+    def grips(law, count: int, step: int, numbers_of, functions_of, rest):
+        rubs = law.friction_at > 0
+
+        @wp.func
+        def grip(memory: memory_type, z: int, a: int, b: State, drive: int):
+            last = int(wp.static(count))
+            for k in range(last):
+                left = part(b, wp.static(GRIPS_AT) + drive + k)
+                put(memory, a + wp.static(HELD_AT) + drive + k, left)
+                put(memory, a + wp.static(DRIVES_AT) + drive + k, row(memory, numbers_of(z, k) + wp.static(step - 1)))
+                if wp.static(rubs):
+                    put(memory, functions_of(z, a, k) + 2, left)
+            rest(memory, z, a, b, drive + wp.static(count))
+
+        return grip
+
+    def winds(law, count: int, step: int, numbers_of, functions_of, rest):
+        function, rubs = law.wind, law.friction_at > 0
+
+        @wp.func
+        def wind(
+            memory: memory_type,
+            z: int,
+            a: int,
+            u: Vec3,
+            e: Vec3,
+            u_s: Vec3,
+            e_s: Vec3,
+            c: Few,
+            gap: wp.ref[Few],
+            A: wp.ref[Matrix],
+            f: wp.ref[State],
+            drive: int,
+        ):
+            last = int(wp.static(count))
+            for k in range(last):
+                own = function(memory, numbers_of(z, k), functions_of(z, a, k), u, e, u_s, e_s)
+                answers = stacked(own.moment, own.force)
+                pull = stacked(own.pull_moment, own.pull_force)
+                by = stacked(own.by_u, own.by_e)
+                slip = -own.slip * own.T
+                for i in range(wp.static(m)):
+                    keep_one(gap, i, one_of(gap, i) + one_of(c, i) * one_of(answers, i))
+                    if wp.static(rubs):
+                        for j in range(wp.static(m)):
+                            more = slip * one_of(c, i) * one_of(pull, i) * one_of(by, j)
+                            keep_entry(A, wp.static(i * m + j), entry(A, wp.static(i * m + j)) + more)
+                rate = fill(d(0.0))
+                if wp.static(rubs):
+                    rate = -own.slip * own.turn * row(memory, a + wp.static(HELD_AT) + drive + k)
+                keep(f, wp.static(GRIPS_AT) + drive + k, rate)
+            rest(memory, z, a, u, e, u_s, e_s, c, gap, A, f, drive + wp.static(count))
+
+        return wind
+
+    def variations(law, count: int, step: int, numbers_of, functions_of, rest):
+        function = law.vary_winding
+
+        @wp.func
+        def vary(
+            memory: memory_type,
+            z: int,
+            a: int,
+            g: int,
+            v: Column,
+            u: Vec3,
+            e: Vec3,
+            u_s: Vec3,
+            e_s: Vec3,
+            du: Vec3,
+            de: Vec3,
+            total: wp.ref[Few],
+            drive: int,
+        ):
+            last = int(wp.static(count))
+            for k in range(last):
+                at = numbers_of(z, k)
+                dT = row(memory, at) * drive_variation(memory, a, g, v, drive + k)
+                own = function(memory, at, functions_of(z, a, k), u, e, u_s, e_s, du, de, dT)
+                change = stacked(own.moment, own.force)
+                for i in range(wp.static(m)):
+                    keep_one(total, i, one_of(total, i) + one_of(change, i))
+            rest(memory, z, a, g, v, u, e, u_s, e_s, du, de, total, drive + wp.static(count))
+
+        return vary
+
+    def turns(law, count: int, step: int, numbers_of, functions_of, rest):
+        wind, vary_winding, rubs = law.wind, law.vary_winding, law.friction_at > 0
+
+        @wp.func
+        def turn(
+            memory: memory_type,
+            z: int,
+            a: int,
+            g: int,
+            v: Column,
+            u: Vec3,
+            e: Vec3,
+            u_s: Vec3,
+            e_s: Vec3,
+            du: Vec3,
+            de: Vec3,
+            du_s: Vec3,
+            de_s: Vec3,
+            f: wp.ref[Column],
+            drive: int,
+        ):
+            last = int(wp.static(count))
+            for k in range(last):
+                rate = fill(d(0.0))
+                if wp.static(rubs):
+                    at = numbers_of(z, k)
+                    on = functions_of(z, a, k)
+                    own = wind(memory, at, on, u, e, u_s, e_s)
+                    change = vary_winding(memory, at, on, u, e, u_s, e_s, du, de, fill(d(0.0)))
+                    turned = change.turn + dot(own.by_u, du_s) + dot(own.by_e, de_s)
+                    left = row(memory, a + wp.static(HELD_AT) + drive + k)
+                    rate = -own.slip * (turned * left + own.turn * part_of(v, wp.static(GRIPS_AT) + drive + k))
+                keep_in(f, wp.static(GRIPS_AT) + drive + k, rate)
+            rest(memory, z, a, g, v, u, e, u_s, e_s, du, de, du_s, de_s, f, drive + wp.static(count))
+
+        return turn
+
+    @wp.func
+    def stacked(u: Vec3, e: Vec3) -> Few:
+        q = Few()
+        keep_one(q, 0, u.x)
+        keep_one(q, 1, u.y)
+        keep_one(q, 2, u.z)
+        if wp.static(SHEAR):
+            keep_one(q, 3, e.x)
+            keep_one(q, 4, e.y)
+            keep_one(q, 5, e.z)
+        return q
+
+    @wp.func
+    def drive_variation(memory: memory_type, a: int, g: int, v: Column, k: int) -> Real:
+        """What a column varies of what is left of drive k."""
+        change = fill(d(0.0))
+        if wp.static(DRIVES_VARY):
+            change = row(memory, g + wp.static(DRIVES_GIVEN) + k)
+        if wp.static(FRICTION):
+            left = row(memory, a + wp.static(HELD_AT) + k)
+            change = left * change + row(memory, a + wp.static(DRIVES_AT) + k) * part_of(v, wp.static(GRIPS_AT) + k)
+        return change
+
+    @wp.func
+    def no_grip(memory: memory_type, z: int, a: int, b: State, drive: int):
+        """After the last member."""
+
+    @wp.func
+    def no_wind(
+        memory: memory_type,
+        z: int,
+        a: int,
+        u: Vec3,
+        e: Vec3,
+        u_s: Vec3,
+        e_s: Vec3,
+        c: Few,
+        gap: wp.ref[Few],
+        A: wp.ref[Matrix],
+        f: wp.ref[State],
+        drive: int,
+    ):
+        """After the last member."""
+
+    @wp.func
+    def no_variation(
+        memory: memory_type,
+        z: int,
+        a: int,
+        g: int,
+        v: Column,
+        u: Vec3,
+        e: Vec3,
+        u_s: Vec3,
+        e_s: Vec3,
+        du: Vec3,
+        de: Vec3,
+        total: wp.ref[Few],
+        drive: int,
+    ):
+        """After the last member."""
+
+    @wp.func
+    def no_turn(
+        memory: memory_type,
+        z: int,
+        a: int,
+        g: int,
+        v: Column,
+        u: Vec3,
+        e: Vec3,
+        u_s: Vec3,
+        e_s: Vec3,
+        du: Vec3,
+        de: Vec3,
+        du_s: Vec3,
+        de_s: Vec3,
+        f: wp.ref[Column],
+        drive: int,
+    ):
+        """After the last member."""
+
+    put_grips, wind_all, vary_all, turn_all = no_grip, no_wind, no_variation, no_turn
+    if FRICTION:
+        put_grips = chain(grips, no_grip, "pull", whole=True)
+        wind_all = chain(winds, no_wind, "wind", whole=True)
+        vary_all = chain(variations, no_variation, "wind", whole=True)
+        turn_all = chain(turns, no_turn, "wind", whole=True)
+
     respond = chain(responses, no_response)
     energy_of_members = chain(energies, no_energy, "energy")
     work_of_drives = chain(works, no_energy, "pull")
@@ -333,6 +551,8 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
             put(memory, a + wp.static(OWN_TWIST), u_star.z)
         if wp.static(ROUTED):
             at_place(memory, z, a, x)
+        if wp.static(FRICTION):
+            put_grips(memory, z, a, b, 0)
         c = compliances(memory, z)
         free = plus(u_star, times(row3(memory, z + wp.static(COMPLIANCE)), M))
         start = Few()
@@ -432,13 +652,13 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
         )
 
     @wp.func
-    def less_pulls(memory: memory_type, a: int, g: int, dM: Vec3, dN: Vec3):
+    def less_pulls(memory: memory_type, a: int, g: int, v: Column, dM: Vec3, dN: Vec3):
         """(17m) dM, dN less what drives change by themselves, for a direction."""
         M = Vec3(dM.x, dM.y, dM.z)
         N = Vec3(dN.x, dN.y, dN.z)
         count = int(wp.static(DRIVES))
         for k in range(count):
-            change = -row(memory, g + wp.static(DRIVES_GIVEN) + k)
+            change = -drive_variation(memory, a, g, v, k)
             at = a + wp.static(PULLS_AT) + k * wp.static(m)
             M = ahead3(M, change, row3(memory, at))
             if wp.static(SHEAR):
@@ -458,8 +678,8 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
         """(17m) du and d(v - e3); dM_ and dN_ in the frame"""
         dM = dM_
         dN = dN_
-        if wp.static(DRIVES > 0 and (DIRECTIONS or CONDITIONS > 0)):
-            dM, dN = less_pulls(memory, a, g, dM, dN)
+        if wp.static(DRIVES_VARY or FRICTION):
+            dM, dN = less_pulls(memory, a, g, v, dM, dN)
         if wp.static(ALONG):
             dM, dN = less_slide(memory, a, moved(memory, a, g), dM, dN)
         c = times(row3(memory, z + wp.static(COMPLIANCE)), dM)
@@ -497,8 +717,100 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
                 change = change + moved(memory, a, g) * row(memory, a + wp.static(SLIDES_AT + m) + k)
             keep_in(f, wp.static(LENGTHS_AT) + k, change)
 
+    @wp.func
+    def friction_rates(memory: memory_type, z: int, a: int, x: Real, u: Vec3, M_s: Vec3, N_s: Vec3, b: State, f: wp.ref[State]):
+        """(L12), (L13): how the strains change along the rod, by Newton's method, and with them what is left of tensions."""
+        e = extension_at(memory, a)
+        c = compliances(memory, z)
+        D = answer(memory, z, a, stacked(u, e))
+        carried = stacked(M_s, N_s)
+        start = Few()
+        if wp.static(CURVED):
+            start = stacked(precurvature_slope(memory, z, 0, x), zero3())
+        for i in range(wp.static(m)):
+            put(memory, a + wp.static(PULL_RATES) + i, one_of(carried, i))
+            keep_one(start, i, one_of(start, i) + one_of(c, i) * one_of(carried, i))
+        q = Few()
+        length = row(memory, z + wp.static(UNIT_LENGTH))
+        close = fill(d(wp.static(CLOSE[d])))
+        one = fill(d(1.0))
+        zero = fill(d(0.0))
+        open_ = one
+        A = Matrix()
+        count = int(0)
+        while any_less(zero, open_) and count < wp.static(MOST_ITERATIONS):
+            u_s = Vec3(one_of(q, 0), one_of(q, 1), one_of(q, 2))
+            e_s = zero3()
+            if wp.static(SHEAR):
+                e_s = Vec3(one_of(q, 3), one_of(q, 4), one_of(q, 5))
+            gap = Few()
+            for i in range(wp.static(m)):
+                keep_one(gap, i, one_of(q, i) - one_of(start, i))
+                for j in range(wp.static(m)):
+                    value = one_of(c, i) * part_of_response(D, wp.static(PLACES[i][j]))
+                    if wp.static(i == j):
+                        value = value + d(1.0)
+                    keep_entry(A, wp.static(i * m + j), value)
+            wind_all(memory, z, a, u, e, u_s, e_s, c, gap, A, f, 0)
+            factor(A)
+            step = solve(A, gap)
+            size = zero
+            total = zero
+            for i in range(wp.static(m)):
+                keep_one(q, i, one_of(q, i) - open_ * one_of(step, i))
+                scale = length
+                if wp.static(i < 3):
+                    scale = length * length
+                size = largest(size, scale * absolute(one_of(step, i)))
+                total = total + one_of(step, i)
+            open_ = open_ * where_less(size + d(0.0) * total, close, zero, one)
+            count += int(1)
+        bad = d(0.0) / (one - open_)
+        for i in range(wp.static(m)):
+            put(memory, a + wp.static(STRAIN_RATES) + i, one_of(q, i) + bad)
+        write_matrix(memory, a + wp.static(RATE_SYSTEM), A)
+        grips_count = int(wp.static(DRIVES))
+        for k in range(grips_count):
+            keep(f, wp.static(GRIPS_AT) + k, part(f, wp.static(GRIPS_AT) + k) + bad)
+
+    @wp.func
+    def friction_variations(
+        memory: memory_type,
+        z: int,
+        a: int,
+        g: int,
+        v: Column,
+        du: Vec3,
+        de: Vec3,
+        dM_s: Vec3,
+        dN_s: Vec3,
+        f: wp.ref[Column],
+    ):
+        """(L14)"""
+        u = row3(memory, a + wp.static(CURVATURE))
+        e = extension_at(memory, a)
+        c = compliances(memory, z)
+        u_s = row3(memory, a + wp.static(STRAIN_RATES))
+        e_s = zero3()
+        if wp.static(SHEAR):
+            e_s = row3(memory, a + wp.static(STRAIN_RATES + 3))
+        total = Few()
+        vary_all(memory, z, a, g, v, u, e, u_s, e_s, du, de, total, 0)
+        carried = stacked(dM_s, dN_s)
+        right = Few()
+        for i in range(wp.static(m)):
+            keep_one(right, i, one_of(c, i) * (one_of(carried, i) - one_of(total, i)))
+        q = solve(read_matrix(memory, a + wp.static(RATE_SYSTEM)), right)
+        du_s = Vec3(one_of(q, 0), one_of(q, 1), one_of(q, 2))
+        de_s = zero3()
+        if wp.static(SHEAR):
+            de_s = Vec3(one_of(q, 3), one_of(q, 4), one_of(q, 5))
+        turn_all(memory, z, a, g, v, u, e, u_s, e_s, du, de, du_s, de_s, f, 0)
+
     return SimpleNamespace(
         strain=strain,
+        friction_rates=friction_rates,
+        friction_variations=friction_variations,
         rates=rates,
         energy_rate=energy_rate,
         driven_work=driven_work,

@@ -30,6 +30,7 @@ def make_nodes(layout: Layout, memory: Memory, base: SimpleNamespace, tip: Simpl
     MOMENT_AT, FORCE_AT, CURVATURE_AT, TWIST_AT = p["moment"], p["force"], p["curvature"], p["own_twist"]
     TUBE_X, TUBE_Y, PRESENT, BENDING = p["tube_x"], p["tube_y"], layout.stretch["present"], layout.stretch["bending"]
     MEMBERS, MEMBER_MOMENT, MEMBER_FORCE = bool(layout.features.members), p["member_moment"], p["member_force"]
+    GRIPS, GRIPS_AT = layout.DRIVES * layout.FRICTION, layout.state["grips"]
     frame, world_position = tip.frame, tip.world_position
     turn_column, tip_angle_column = tip.turn_column, tip.tip_angle_column
     body_moment_column = tip.body_moment_column
@@ -90,6 +91,8 @@ def make_nodes(layout: Layout, memory: Memory, base: SimpleNamespace, tip: Simpl
                         M_y += EI * u[1]
                     M = wp.vec3d(M_x, M_y, torque)
                     u[2] = u_z
+        for j in range(wp.static(GRIPS)):
+            call.node_left[t, output, j] = y[wp.static(GRIPS_AT) + j]
         call.node_arclength[t, output] = s
         call.node_position[t, output] = world_position(case, y)
         call.node_rotation[t, output] = case.base_rotation * rotation_matrix(frame(y)) * wp.transpose(to_rod)

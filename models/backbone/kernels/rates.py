@@ -63,8 +63,10 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
     magnetic_torque_variations = field.magnetic_torque_variations
     strain, own_rates, own_energy = law.strain, law.rates, law.energy_rate
     DRIVEN, LENGTHS = layout.DRIVES > 0, layout.LENGTHS > 0
+    FRICTION, MOMENT_RATE = layout.FRICTION, p["pull_rates"]
     if layout.features.members:
         driven_work, length_rates, length_variations = law.driven_work, law.length_rates, law.length_variations
+        friction_rates, friction_variations = law.friction_rates, law.friction_variations
     strain_variation, own_rate_variations = law.strain_variation, law.rate_variations
 
     @wp.func
@@ -168,6 +170,18 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
         own_rates(memory, z, a, x, b, u, f)
         if wp.static(LENGTHS):
             length_rates(memory, z, a, u, f)
+        if wp.static(FRICTION):
+            M_s = part3(f, wp.static(M_AT))
+            if wp.static(FIXED):
+                M_s = ahead_cross(rotate_inverse(frame, M_s), M, u)
+            N_s = zero3()
+            if wp.static(SHEAR and FORCE):
+                N_s = cross(N, u)
+                if wp.static(FOUNDATION):
+                    N_s = plus(N_s, rotate_inverse(frame, n_s))
+                elif wp.static(FORCE_PER_LENGTH):
+                    N_s = minus(N_s, rotate_inverse(frame, distributed_force(memory, z, x)))
+            friction_rates(memory, z, a, x, u, M_s, N_s, b, f)
         if wp.static(MAGNETISED):
             magnetic_torques(memory, a, f)
         if wp.static(NODES):
@@ -258,6 +272,22 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
         own_rate_variations(memory, z, a, g, v, du, f)
         if wp.static(LENGTHS):
             length_variations(memory, a, g, du, dextension, f)
+        if wp.static(FRICTION):
+            dM_s = part3_of(f, wp.static(DM_AT))
+            if wp.static(FIXED):
+                m_s = ahead_cross(row3(memory, a + wp.static(MOMENT_RATE)), u, M)  # R^T m'
+                dM_s = ahead_cross(ahead_cross(ahead_cross(rotate_inverse(frame, dM_s), m_s, dphi), M, du), dM, u)
+            dN_s = zero3()
+            if wp.static(SHEAR and FORCE):
+                dN_s = ahead_cross(cross(dN, u), N, du)
+                if wp.static(FOUNDATION or (FORCE_PER_LENGTH and not FORCE_STATE)):
+                    n_s_body = ahead_cross(row3(memory, a + wp.static(MOMENT_RATE + 3)), u, N)  # R^T n'
+                    dN_s = ahead_cross(dN_s, n_s_body, dphi)
+                if wp.static(FOUNDATION):
+                    dN_s = plus(dN_s, rotate_inverse(frame, dn_s))
+                elif wp.static(FORCE_PER_LENGTH and DIRECTIONS):
+                    dN_s = minus(dN_s, rotate_inverse(frame, distributed_force_variation(memory, z, g, x)))
+            friction_variations(memory, z, a, g, v, du, dextension, dM_s, dN_s, f)
         if wp.static(MAGNETISED):
             magnetic_torque_variations(memory, a, v, dB, f)
         if wp.static(COLUMN_FRAME):  # (19)

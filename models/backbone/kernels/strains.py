@@ -67,7 +67,9 @@ def make_precurvature(layout: Layout, W: int, d) -> SimpleNamespace:
         )
         return scaled(moved, precurvature_slope(memory, z, i, x))
 
-    return SimpleNamespace(precurvature=precurvature, precurvature_variation=precurvature_variation)
+    return SimpleNamespace(
+        precurvature=precurvature, precurvature_slope=precurvature_slope, precurvature_variation=precurvature_variation
+    )
 
 
 def make_one_rod(layout: Layout, W: int, d, law: SimpleNamespace) -> SimpleNamespace:

@@ -95,6 +95,7 @@ class Call:
     node_force: wp.array2d[wp.vec3d]
     node_total_moment: wp.array2d[wp.vec3d]  # with members
     node_total_force: wp.array2d[wp.vec3d]
+    node_left: wp.array3d[wp.float64]  # (batch, node, drive): the part of it that friction leaves
     energy: wp.array[wp.float64]
     work: wp.array[wp.float64]  # of the dead forces, from all of the rod at its base, and of what drives members
     line_length: wp.array2d[wp.float64]  # (batch, drive) [m]

@@ -135,6 +135,11 @@ class Features:
         return sum(kind.conditioned for kind in self.members)
 
     @property
+    def friction(self) -> bool:
+        """Whether a line rubs against what it runs through, equation (L12)."""
+        return any(kind.rubs for kind in self.members)
+
+    @property
     def unknown_count(self) -> int:
         """Unknowns of an instance."""
         return 3 * (self.moment + self.segment + self.base_force_unknown) + self.torque_count + self.condition_count

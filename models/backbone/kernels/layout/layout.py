@@ -124,8 +124,10 @@ class Layout:
         self.CONDITIONS = f.condition_count
         self.DRIVES_VARY = self.DRIVES > 0 and (f.directions or self.CONDITIONS > 0)  # with columns
         self.LENGTHS = self.DRIVES * (f.lengths or self.CONDITIONS > 0)
+        self.PULLED = f.directions or self.LENGTHS > 0 or f.friction
+        self.FRICTION = f.friction
         self.FUNCTIONS, self.FUNCTION_TERMS = sum(len(kind.functions) for kind in f.members), f.member_degree + 1
-        self.ROUTED = self.FUNCTIONS > 0 and f.member_degree > 0
+        self.ROUTED = self.FUNCTIONS > 0 and (f.member_degree > 0 or f.friction)
         # an unknown base force, or a direction, makes n depend on it
         self.GIVEN_FORCE = f.force and not f.force_is_state and not f.foundation and (f.directions or f.base_force_unknown)
         statics = [
@@ -135,6 +137,7 @@ class Layout:
             Slot("angles", n - 1),
             Slot("torques", self.TORQUES, "moment"),
             Slot("lengths", self.LENGTHS, "length"),  # what drives of members work on
+            Slot("grips", self.DRIVES * f.friction),  # what friction leaves of each drive
         ]
         self.state = Record(
             [
@@ -218,7 +221,12 @@ class Layout:
                 Slot("member_moment", 3 * bool(f.members and f.nodes), "moment"),
                 Slot("member_force", 3 * bool(f.members and f.nodes), "force"),
                 Slot("functions", 3 * self.FUNCTIONS * self.ROUTED),  # of members: values, then first and second derivatives
-                Slot("pulls", self.STRAINS * self.DRIVES * (f.directions or self.LENGTHS > 0)),  # dw/d(u, e) of each
+                Slot("pulls", self.STRAINS * self.DRIVES * self.PULLED),  # dw/d(u, e) of each
+                Slot("drives", self.DRIVES * f.friction),
+                Slot("grips", self.DRIVES * f.friction),
+                Slot("strain_rates", self.STRAINS * f.friction),  # (u, e) by arclength, (L13)
+                Slot("rate_system", self.STRAINS**2 * f.friction),  # (L14), factored
+                Slot("pull_rates", (self.STRAINS) * f.friction, "force"),  # M, N by arclength, in the frame
                 Slot("slides", (self.STRAINS + self.LENGTHS) * (self.ROUTED and f.directions)),  # by arclength: of g, then of w
                 Slot("own_twist", n * f.nodes, "1/length"),  # u*_i,z
                 Slot("rate", self.column.size * directed),  # of what of the state stands in a column

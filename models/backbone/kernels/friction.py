@@ -1,0 +1,167 @@
+# mypy: ignore-errors
+"""How what lines answer changes along the rod, (L12) to (L14) of ``docs/lines.md``, where one of them rubs.
+
+``u``, ``e`` are the strains at a place, ``u_s``, ``e_s`` their derivatives by arclength.
+"""
+
+from functools import cache
+from types import SimpleNamespace
+
+import warp as wp
+
+from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul, neg, sub  # noqa: F401  (by name)
+from multirod.models.backbone.kernels.numbers.vectors import vectors
+
+
+@cache
+def winding_types(W: int, d) -> SimpleNamespace:
+    """What a line says of itself at a place."""
+    Real, Vec3 = lanes(W, d).Real, vectors(W, d).Vec3
+
+    @wp.struct
+    class Winding:
+        """Of T (rho x t, t), along the rod, and how it turns."""
+
+        moment: Vec3  # its derivative, (L13)
+        force: Vec3
+        pull_moment: Vec3  # (rho x t, t)
+        pull_force: Vec3
+        turn: Real  # |t' + u x t|
+        by_u: Vec3  # its derivative by u', (L14)
+        by_e: Vec3
+        T: Real
+        slip: Real  # coefficient of friction
+
+    @wp.struct
+    class WindingVariation:
+        """Of the same, at constant ``u_s`` and ``e_s``."""
+
+        moment: Vec3
+        force: Vec3
+        turn: Real
+
+    return SimpleNamespace(Winding=Winding, WindingVariation=WindingVariation)
+
+
+def make_winding(numbers: SimpleNamespace, drive_at: int, friction_at: int, straight: bool = False) -> SimpleNamespace:
+    """``wind`` and ``vary_winding`` of a line whose weight is its first parameter and whose drive stands ``drive_at`` after it.
+
+    Its coefficient of friction stands ``friction_at`` after it, if that is not 0; then the part of its tension that is left is
+    its third function. A ``straight`` one has the potential ``T a . e3``, (L9).
+    """
+    d, Real, Vec3, memory_type = numbers.d, numbers.Real, numbers.Vec3, numbers.memory_type
+    Winding, WindingVariation = numbers.Winding, numbers.WindingVariation
+    row, fill, root, where_less = numbers.row, numbers.fill, numbers.root, numbers.where_less
+    dot, cross, plus = numbers.dot, numbers.cross, numbers.plus
+    scaled, ahead3, zero3 = numbers.scaled, numbers.ahead3, numbers.zero3
+    value, slope, bend = numbers.value, numbers.slope, numbers.bend
+    RUBS = friction_at > 0
+
+    @wp.func
+    def offset(memory: memory_type, on: int) -> Vec3:
+        return Vec3(value(memory, on), value(memory, on + 1), fill(d(0.0)))
+
+    @wp.func
+    def offset_slope(memory: memory_type, on: int) -> Vec3:
+        return Vec3(slope(memory, on), slope(memory, on + 1), fill(d(0.0)))
+
+    @wp.func
+    def tension(memory: memory_type, at: int, on: int) -> Real:
+        T = row(memory, at) * row(memory, at + wp.static(drive_at))
+        if wp.static(RUBS):
+            T = T * value(memory, on + 2)
+        return T
+
+    @wp.func
+    def tangent_of(u: Vec3, e: Vec3, rho: Vec3, rho_s: Vec3) -> Vec3:
+        """(L1) a"""
+        a = plus(plus(e, rho_s), cross(u, rho))
+        return Vec3(a.x, a.y, a.z + d(1.0))
+
+    @wp.func
+    def along(memory: memory_type, on: int, u: Vec3, u_s: Vec3, e_s: Vec3, rho: Vec3, rho_s: Vec3) -> Vec3:
+        """(L13) a'"""
+        curve = Vec3(bend(memory, on), bend(memory, on + 1), fill(d(0.0)))
+        return plus(plus(e_s, curve), plus(cross(u_s, rho), cross(u, rho_s)))
+
+    @wp.func
+    def per_turn(turn: Real) -> Real:
+        """1/turn; 0 of what does not turn, whose direction no change has"""
+        still = where_less(turn, fill(d(1e-30)), fill(d(1.0)), fill(d(0.0)))
+        return (d(1.0) - still) / (turn + still)
+
+    @wp.func
+    def wind(memory: memory_type, at: int, on: int, u: Vec3, e: Vec3, u_s: Vec3, e_s: Vec3) -> Winding:
+        """(L13), (L14)"""
+        found = Winding()
+        rho = offset(memory, on)
+        rho_s = offset_slope(memory, on)
+        T = tension(memory, at, on)
+        found.T = T
+        t = Vec3(fill(d(0.0)), fill(d(0.0)), fill(d(1.0)))
+        t_s = zero3()
+        if wp.static(not straight):
+            a = tangent_of(u, e, rho, rho_s)
+            per = d(1.0) / root(dot(a, a))
+            t = scaled(per, a)
+            a_s = along(memory, on, u, u_s, e_s, rho, rho_s)
+            t_s = scaled(per, ahead3(a_s, -dot(t, a_s), t))
+        T_s = fill(d(0.0))
+        if wp.static(RUBS):
+            w = plus(t_s, cross(u, t))
+            found.turn = root(dot(w, w))
+            found.slip = row(memory, at + wp.static(friction_at))
+            T_s = -found.slip * found.turn * T
+            across = scaled(per * per_turn(found.turn), w)
+            found.by_e = across
+            found.by_u = cross(rho, across)
+        found.pull_force = t
+        found.pull_moment = cross(rho, t)
+        found.force = plus(scaled(T_s, t), scaled(T, t_s))
+        found.moment = plus(scaled(T, cross(rho_s, t)), cross(rho, found.force))
+        return found
+
+    @wp.func
+    def vary_winding(
+        memory: memory_type, at: int, on: int, u: Vec3, e: Vec3, u_s: Vec3, e_s: Vec3, du: Vec3, de: Vec3, dT: Real
+    ) -> WindingVariation:
+        """(L14) What varies with the strains and the tension."""
+        found = WindingVariation()
+        rho = offset(memory, on)
+        rho_s = offset_slope(memory, on)
+        T = tension(memory, at, on)
+        t = Vec3(fill(d(0.0)), fill(d(0.0)), fill(d(1.0)))
+        t_s = zero3()
+        dt = zero3()
+        dt_s = zero3()
+        if wp.static(not straight):
+            a = tangent_of(u, e, rho, rho_s)
+            per = d(1.0) / root(dot(a, a))
+            t = scaled(per, a)
+            a_s = along(memory, on, u, u_s, e_s, rho, rho_s)
+            lam_s = dot(t, a_s)
+            t_s = scaled(per, ahead3(a_s, -lam_s, t))
+            da = plus(de, cross(du, rho))
+            da_s = cross(du, rho_s)
+            dlam = dot(t, da)
+            dt = scaled(per, ahead3(da, -dlam, t))
+            dlam_s = dot(dt, a_s) + dot(t, da_s)
+            change = ahead3(da_s, -dlam_s, t)
+            change = ahead3(ahead3(change, -lam_s, dt), -dlam, t_s)
+            dt_s = scaled(per, change)
+        T_s = fill(d(0.0))
+        dT_s = fill(d(0.0))
+        if wp.static(RUBS):
+            w = plus(t_s, cross(u, t))
+            turn = root(dot(w, w))
+            dw = plus(dt_s, plus(cross(du, t), cross(u, dt)))
+            found.turn = per_turn(turn) * dot(w, dw)
+            slip = row(memory, at + wp.static(friction_at))
+            T_s = -slip * turn * T
+            dT_s = -slip * (found.turn * T + turn * dT)
+        found.force = plus(plus(scaled(dT_s, t), scaled(T_s, dt)), plus(scaled(dT, t_s), scaled(T, dt_s)))
+        pulled = plus(scaled(dT, t), scaled(T, dt))
+        found.moment = plus(cross(rho_s, pulled), cross(rho, found.force))
+        return found
+
+    return SimpleNamespace(wind=wind, vary_winding=vary_winding)
