@@ -246,27 +246,37 @@ def test_ctrl_c_stops_before_much_more_is_solved(threads):
 
 
 MEMORY = """
-import resource, numpy as np, multirod as mr
+import sys, numpy as np, multirod as mr
+
+def peak():
+    with open("/proc/self/status") as told:
+        return next(1024 * int(line.split()[1]) for line in told if line.startswith("VmHWM"))
+
 rod = mr.Rod(length=0.4, bending_stiffness=0.2, torsional_stiffness=0.06, precurvature=(14, 5, 0))
 robot = mr.SingleRod(rod)
-solver = mr.Shooting(integrator=mr.RK4(40))
-mr.solve(robot, robot.inputs(tip_force=np.full((600, 3), 0.1)), solver=solver)
-before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-inputs = robot.inputs(tip_force=np.random.default_rng(0).uniform(-1, 1, (100_000, 3)))
-solution = mr.solve(robot, inputs, solver=solver)
-assert (solution.residual <= 1e-9).all()
-after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-print(before, after)
+force = np.random.default_rng(0).uniform(-1, 1, (100_000, 3))
+
+def solve(count):
+    options = {"solver": mr.Shooting(integrator=mr.RK4(40)), "threads": int(sys.argv[1])}
+    assert (mr.solve(robot, robot.inputs(tip_force=force[:count]), **options).residual <= 1e-9).all()
+    return peak()
+
+solve(20_000)
+print(solve(20_000), solve(100_000))
 """
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="ru_maxrss is in kilobytes on Linux only")
-def test_memory_of_100000_instances_is_what_the_docs_say():
-    run = programs.run("-c", MEMORY, check=True)
-    before, after = (1024 * int(word) for word in run.stdout.split()[-2:])
-    # docs/batches.md: 8 (n^2 + 2 n + 12) bytes an instance, here 216, and the parts that are being solved, less than 20 MB
-    assert after - before < 100_000 * (216 + 100) + 20e6
-    assert after < 2e9
+@pytest.mark.skipif(sys.platform != "linux", reason="reads its own peak from /proc")
+@pytest.mark.parametrize(("threads", "most"), [(1, 60e6), (2, 150e6)])
+def test_memory_of_100000_instances_is_what_the_docs_say(threads, most):
+    """Over what 20,000 took, whose parts being solved are as large; docs/batches.md says 45 and 110 MB.
+
+    The peak of the process's own memory: what `resource` tells of a child begins with what its parent, the tests, held.
+    """
+    run = programs.run("-c", MEMORY, str(threads), check=True)
+    before, after = (int(word) for word in run.stdout.split()[-2:])
+    assert after - before < most
+    assert after < 1e9
 
 
 def test_progress_is_told_to_a_function(wire):
