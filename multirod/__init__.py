@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from multirod.inputs import Inputs, InputSpec
     from multirod.integrators import RK4, RK23, RK45, AdaptiveIntegrator, FixedStepIntegrator, Integrator, Tableau
     from multirod.models.assemblies.concentric_tubes import ConcentricTubes
+    from multirod.models.assemblies.eccentric_tubes import EccentricTubes
     from multirod.models.assemblies.parallel_rods import InverseParallelRods, ParallelRods
     from multirod.models.assemblies.single_rod import SingleRod
     from multirod.models.backbone.lines import Chamber, PushRod, Tendon
@@ -68,6 +69,7 @@ __all__ = [
     "CriticalLoad",
     "CriticalLoads",
     "Dropped",
+    "EccentricTubes",
     "EnergyDescent",
     "Equilibria",
     "Explanation",
@@ -123,6 +125,7 @@ _PUBLIC = {
     "studies.equilibria": "Equilibria equilibria",
     "inputs": "Inputs InputSpec",
     "models.assemblies.concentric_tubes": "ConcentricTubes",
+    "models.assemblies.eccentric_tubes": "EccentricTubes",
     "models.backbone.lines": "Chamber PushRod Tendon",
     "models.backbone.members": "Member",
     "integrators": "RK4 RK23 RK45 AdaptiveIntegrator FixedStepIntegrator Integrator Tableau",

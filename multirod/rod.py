@@ -409,13 +409,14 @@ class RodArrays:
             with sections of no length.
         material: ``EI_x, EI_y, GJ``, their inverses, ``1/GA_x, 1/GA_y, 1/EA``, mass per length, magnetic moment per length,
             stiffness of the foundation, parameters of members, then their functions, coefficients of one power after those of the
-            power below, shape (batch, rod_count, section_count, 16 or more).
+            power below, shape (batch, rod_count, section_count, 16 or more). Of eccentric rods, their offsets [m] stand there.
         precurvature: Polynomial coefficients, shape (batch, rod_count, section_count, 3 (degree + 1)).
         degree: Degree of the polynomials.
         shear: Whether any rod shears or extends.
         anisotropic: Whether any bending stiffness differs between the axes.
         torsion: Whether any rod twists elastically.
         foundation: Whether a medium is around any rod.
+        eccentric: Whether the rods run side by side.
         members: Laws of what the rods carry along themselves, whose parameters and functions are further columns of ``material``.
         member_degree: Degree of the polynomials of these functions.
         discs: Whether lines run straight between discs.
@@ -430,6 +431,7 @@ class RodArrays:
     anisotropic: bool
     torsion: bool
     foundation: bool = False
+    eccentric: bool = False
     members: "tuple[type[Member], ...]" = ()
     member_degree: int = 0
     discs: bool = False
@@ -535,8 +537,11 @@ def _cut(start: FloatArray, end: FloatArray, cuts: Sequence[float]) -> Iterator[
         last = cut
 
 
-def lower(rods: Sequence[Rod]) -> RodArrays:
-    """Arrays of ``rods``, their leading axes broadcast with each other (a batch axis of 1 where there are none)."""
+def lower(rods: Sequence[Rod], offsets: FloatArray | None = None) -> RodArrays:
+    """Arrays of ``rods``, their leading axes broadcast with each other (a batch axis of 1 where there are none).
+
+    ``offsets`` (rod_count, 2) are those of rods that run side by side.
+    """
     from multirod.models.backbone.members import kinds
 
     batch_shape = np.broadcast_shapes(*(rod.batch_shape for rod in rods))
@@ -552,7 +557,8 @@ def lower(rods: Sequence[Rod]) -> RodArrays:
         return np.stack(own + [batch(value) for value in _carried(rod, section, *place, member_degree)], -1)
 
     columns: list[list[tuple[FloatArray, FloatArray, FloatArray]]] = []
-    for rod in rods:
+    for k, rod in enumerate(rods):
+        aside = [] if offsets is None else [batch(offset) for offset in offsets[k]]
         column: list[tuple[FloatArray, FloatArray, FloatArray]] = []
         end = np.zeros(math.prod(batch_shape))
         cuts = sorted({cut for member in rod.carried for cut in member.cuts})
@@ -566,6 +572,7 @@ def lower(rods: Sequence[Rod]) -> RodArrays:
                 + [batch(section.linear_density)]
                 + [batch(section.magnetisation[..., k]) for k in range(3)]
                 + [batch(section.foundation[..., k]) for k in range(3)]
+                + aside
             )
 
             if isinstance(section.precurvature, profile.Profile):
@@ -602,6 +609,7 @@ def lower(rods: Sequence[Rod]) -> RodArrays:
         anisotropic=bool((material[..., 0] != material[..., 1]).any()),
         torsion=bool(np.isfinite(material[..., 2]).any()),
         foundation=bool(material[..., 13:16].any()),
+        eccentric=offsets is not None,
         members=kinds(rods[0].carried),
         member_degree=member_degree,
         discs=any(rod.discs for rod in rods if rod.lines),

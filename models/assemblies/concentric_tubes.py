@@ -56,11 +56,7 @@ class ConcentricTubes(BackboneAssembly):
         beta = inputs.translation
         if not inputs.batch_shape and self.surely_takes("translation", beta.tolist()):
             return
-        for k, tube in enumerate(self.rods):
-            _refuse_where(beta[..., k] > 0, beta, k, "must be <= 0: a tube starts behind the plate")
-            limit = -self._shortest[k]
-            out = tube.length + beta[..., k] <= 0
-            _refuse_where(out, beta, k, f"must be > -length = {limit:g} m: the tube is pulled out of the plate")
+        refuse_behind_plate(inputs, self.rods)
         for k in range(self.rod_count - 1):
             behind = beta[..., k] > beta[..., k + 1] + SAME_PLACE
             _refuse_where(behind, beta, k, f"must be <= translation[{k + 1}]: inner tubes start further back")
@@ -91,6 +87,16 @@ def _check_nesting(inner: Rod, outer: Rod, j: int, k: int) -> None:
         refuse(field, thickness, f"must be <= the inner diameter of tubes[{k}], {outer.inner_diameter:g} m")
     if outer.outer_diameter is not None and thickness >= outer.outer_diameter:
         refuse(field, thickness, f"must be < the outer diameter of tubes[{k}], {outer.outer_diameter:g} m, which lies around it")
+
+
+def refuse_behind_plate(inputs: Inputs, tubes: Sequence[Rod]) -> None:
+    """Refuse translations by which a tube starts in front of the plate, or ends behind it."""
+    beta = inputs.translation
+    for k, tube in enumerate(tubes):
+        _refuse_where(beta[..., k] > 0, beta, k, "must be <= 0: a tube starts behind the plate")
+        limit = -float(np.min(tube.length))
+        out = tube.length + beta[..., k] <= 0
+        _refuse_where(out, beta, k, f"must be > -length = {limit:g} m: the tube is pulled out of the plate")
 
 
 def _refuse_where(wrong: Any, beta: FloatArray, k: int, allowed: str) -> None:

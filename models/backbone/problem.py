@@ -69,6 +69,7 @@ def scene_features(
     needs["force"] |= held or arrays.foundation or "distributed_force" in profiles
     return Features(
         rod_count=rod_count,
+        eccentric=arrays.eccentric,
         precurvature_degree=arrays.degree,
         profile_degree=DEGREE if profiles else -1,
         shear=arrays.shear,
@@ -78,7 +79,7 @@ def scene_features(
         foundation=arrays.foundation,
         transmission=transmission,
         anisotropic=arrays.anisotropic and rod_count > 1,
-        torsion=rod_count > 1 and (held or arrays.torsion),
+        torsion=arrays.eccentric or (rod_count > 1 and (held or arrays.torsion)),
         held=held,
         **needs,
     )
@@ -95,6 +96,8 @@ def _may_look(features: Features) -> bool:
 
     What fixed steps leave of a shape would else not be what they leave of the solution.
     """
+    if features.eccentric:
+        return False
     looking = _looking(features)
     alike = (looking.unknown_count, looking.force_is_state) == (features.unknown_count, features.force_is_state)
     return alike and not drives(features.members)
@@ -405,7 +408,7 @@ class BackboneProblem(BoundaryProblem):
 
     def guess(self) -> FloatArray:  # noqa: D102
         result = np.zeros((self.instance_count, self.unknown_count))
-        if len(self.rods) == 1:
+        if not self.features.turning_count:
             result[:, self.slots.places["moment"]] = self.arrays.precurvature[:, 0, 0, :3]
         return result
 
@@ -423,6 +426,8 @@ class BackboneProblem(BoundaryProblem):
 
     def with_moment(self, torques: FloatArray) -> FloatArray:
         """Unknowns of rods that carry a moment, from those of unloaded ones: none, and rod 1 has what the others leave, (8b)."""
+        if self.features.eccentric:
+            return np.concatenate([np.zeros((len(torques), 3)), torques], axis=1)
         unit = unit_stiffness(self.arrays.material[:, :, 0])[..., 2]
         inner = -(torques * unit[:, 1:]).sum(axis=1, keepdims=True) / unit[:, :1]
         return np.concatenate([np.zeros((len(torques), 2)), inner, torques], axis=1)
@@ -499,7 +504,7 @@ class BackboneProblem(BoundaryProblem):
 
     def _make_free_tip(self) -> FreeTip | None:
         """(11), (11b), (12)."""
-        if len(self.rods) > 1 or self.held or self.features.base_force_unknown or self.features.condition_count:
+        if self.features.turning_count or self.held or self.features.base_force_unknown or self.features.condition_count:
             return None
         last = self.arrays.material[:, 0, -1, :3]
         unit = last if self.features.measured else unit_stiffness(last)
@@ -709,7 +714,7 @@ class BackboneAssembly(Assembly):
         return (scene_features(self.arrays, active, inputs.profiles, **options),)
 
     def influences(self, inputs: Inputs) -> Mapping[str, Influence]:  # noqa: D102
-        if self.arrays.members or self.arrays.foundation:
+        if self.arrays.members or self.arrays.foundation or self.arrays.eccentric:
             return {}  # what they hold the rod back by is not bounded
         whole = np.broadcast_shapes(inputs.batch_shape, self.batch_shape)
         return influences(self.arrays, inputs, whole, transmission=self.transmission)
@@ -756,7 +761,7 @@ def surely_driven(name: str, values: Sequence[float], rods: Sequence[Rod]) -> bo
 def _blocks(features: Features) -> list[Block]:
     """One block a rod with a torque of its own, the outermost first; what is left is the innermost's, and couples the others.
 
-    An unknown base force, which all rods share, is the last.
+    What is left of rods side by side is that of the line they share. An unknown base force, which all rods share, is the last.
     """
     slots = unknowns_of(features)
     moment, force, first = slots.places["moment"], slots.places["force"], slots.places["torques"].start
@@ -764,8 +769,11 @@ def _blocks(features: Features) -> list[Block]:
     if not features.torque_count:  # one rod, or several that are one
         places = [("rod 1", slice(0, slots.size), 0)]
     else:
-        places = [(f"tube {k + 1}", slice(first + k - 1, first + k), k) for k in range(features.torque_count, 0, -1)]
-        places += [("tube 1", moment, 0)] if features.moment else []
+        own = features.rod_count - features.torque_count  # that have no torque of their own
+        places = [
+            (f"tube {k + 1}", slice(first + k - own, first + k - own + 1), k) for k in range(features.rod_count - 1, own - 1, -1)
+        ]
+        places += [("tube 1" if own else "line", moment, 0 if own else None)] if features.moment else []
         places += [("base force", force, None)] if features.base_force_unknown else []
     return [Block(name, place, place, rod) for name, place, rod in places]
 

@@ -36,7 +36,7 @@ class BackboneStability(StabilityAnalysis):
 
     @property
     def multistable(self) -> bool:  # noqa: D102
-        return len(self.problem.rods) > 1
+        return len(self.problem.rods) > 1 and not self.problem.features.eccentric
 
     @property
     def has_potential(self) -> NDArray[np.bool_]:  # noqa: D102
@@ -66,7 +66,8 @@ class BackboneStability(StabilityAnalysis):
         form, determinant = self.condensed_form()
         modes = form.modes(self.problem.stiffness_over_length())
         potential = self.has_potential
-        judged = potential & self.problem.lines.stays_stiff() & (not self.problem.features.foundation)
+        features = self.problem.features
+        judged = potential & self.problem.lines.stays_stiff() & (not (features.foundation or features.eccentric))
         modes.known[~judged] = False
         modes.values[~judged] = np.nan
         # det Gamma is positive where nothing acts
@@ -88,6 +89,8 @@ class BackboneStability(StabilityAnalysis):
         determinant = np.full(count, np.nan)
         if n > 1 and not np.isfinite(self.problem.arrays.material[..., 2]).all():
             return form, determinant  # a torque of each that nothing determines
+        if self.problem.features.eccentric:
+            return form, determinant  # columns do not tell how a line that cannot twist would give way
         # each instance has its own number of nodes, whatever stands beside it in the batch
         nodes = _nodes(np.minimum(np.nan_to_num(self._segments_expected()), MOST_NODES_AT_FIRST - 2))
         open_ = np.ones(count, dtype=bool)
@@ -170,7 +173,8 @@ class BackboneStability(StabilityAnalysis):
         return segments_needed(self.problem.ends().max(axis=1), self.problem.least_stiffness(), coupling, potential)
 
     def mode_bounds(self) -> FloatArray | None:  # noqa: D102
-        if len(self.problem.rods) == 1 or self.problem.held or not self.problem.features.torsion:
+        features = self.problem.features
+        if len(self.problem.rods) == 1 or self.problem.held or not features.torsion or features.eccentric:
             return super().mode_bounds()
         inputs = self.problem.read("inputs")
         EI, kappa = self.problem.by_section()

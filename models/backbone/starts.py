@@ -41,6 +41,9 @@ class BackboneStarts(Starts):
             parts["moment"][..., 2] = points[..., 2] * moment * unit[:, 2]
             return np.asarray(slots.joined(parts) + self.problem.guess())
         tau = points[..., 2:] * torque
+        if self.problem.features.eccentric:
+            parts["torques"] = tau * unit[:, 2:]
+            return np.asarray(slots.joined(parts))
         # all torques together balance the load
         tau[..., -1] = points[..., -1] * moment - tau[..., :-1].sum(axis=-1)
         turns = tau * unit[:, 2:]

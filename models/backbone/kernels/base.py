@@ -26,18 +26,19 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
     N_AT, THETA_AT, TAU_AT, Q_AT, ENERGY_AT = s["force"], s["angles"], s["torques"], s["frame"], s["energy"]
     DQ_AT, WORLD_AT, FOUNDATION = c["frame"], s["world_force"], layout.FOUNDATION  # a column's stands alike
     FORCE_STATE, FRAME, COLUMN_FRAME = layout.FORCE_STATE, layout.FRAME, layout.COLUMN_FRAME
-    FORCE_UNKNOWN, TRANSMISSION, TUBES = features.base_force_unknown, features.transmission, n > 1
+    FORCE_UNKNOWN, TRANSMISSION, TUBES = features.base_force_unknown, features.transmission, layout.TUBES
+    FIRST, CONCENTRIC = layout.FIRST, not layout.ECCENTRIC
     GRIPS, GRIPS_AT = layout.DRIVES * layout.FRICTION, s["grips"]
     MOMENT, TORQUES, FORCE, FIXED = layout.MOMENT, layout.TORQUES, layout.FORCE, layout.FIXED
     HELD, NODES, CURVATURE_TERMS = features.held, layout.NODES, layout.CURVATURE_TERMS
-    # unknowns, and so columns: bending moments, torques, base force, directions. Where several rods are rigid
-    # in torsion, the torque of all is the third of the moments; several unloaded rods have torques only, that of rod 1 the
-    # negative sum of the others
-    RIGID = TUBES and TORQUES == 0
-    FIRST_TORQUE = layout.unknowns.places["torques"].start - 1  # less the index of its rod
+    # unknowns, and so columns: bending moments, torques, base force, directions. The third of the moments is the torque of rod 1,
+    # where the frame is its own; of rods rigid in torsion that of all, and so it is of rods side by side. Several unloaded rods
+    # have torques only, that of rod 1 the negative sum of the others
+    WHOLE = TUBES and (TORQUES == 0 or layout.ECCENTRIC)
+    FIRST_TORQUE = layout.unknowns.places["torques"].start - FIRST  # less the index of its rod
     FIRST_FORCE = layout.unknowns.places["force"].start
-    MOMENTS = (3 if RIGID else 2) if MOMENT else 0
-    LAST_TORQUE = MOMENTS if RIGID else FIRST_TORQUE + n
+    MOMENTS = (3 if WHOLE else 2) if MOMENT else 0
+    LAST_TORQUE = FIRST_TORQUE + n if TORQUES > 0 or not TUBES else MOMENTS
     at = InputOffsets(n)
     ROTATION, TRANSLATION = at.ROTATION, at.TRANSLATION
     total_load, total_load_rate = grid.total_load, grid.total_load_rate
@@ -98,11 +99,11 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
     def base_torques(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance]) -> PerRod:
         """(10) tau_i(0) of several rods."""
         torques = PerRod()
-        last = int(wp.static(TORQUES + 1))
-        for i in range(wp.static(0 if MOMENT else 1), last):
+        last = int(wp.static(TORQUES + FIRST))
+        for i in range(wp.static(0 if MOMENT else FIRST), last):
             unit = unknown_unit(rods, case, i)
             torques[i] = call.unknowns[case.index, wp.static(FIRST_TORQUE) + i] / unit[2]
-            if wp.static(not MOMENT):
+            if wp.static(CONCENTRIC and not MOMENT):
                 torques[0] = torques[0] - torques[i]
         return torques
 
@@ -117,7 +118,7 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
             r = case.rods
             M -= wp.vec3d(rods.precurvature[r, 0, 0, 0], rods.precurvature[r, 0, 0, 1], rods.precurvature[r, 0, 0, 2])
         M = wp.cw_div(M, unit)
-        if wp.static(TUBES and TORQUES > 0):
+        if wp.static(TUBES and not WHOLE):
             torques = base_torques(rods, call, case)
             M[2] = f64(0.0)
             for i in range(rods.end.shape[1]):
@@ -167,6 +168,13 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
         x = wp.vec3d(call.unknowns[t, j], call.unknowns[t, j + 1], call.unknowns[t, j + 2])
         return rotate(q, force_unit(rods, case) * x)
 
+    @wp.func
+    def frame_angle(b: Base) -> f64:
+        """Angle of the frame at the base: that of rod 1, or none."""
+        if wp.static(CONCENTRIC):
+            return b.angles[0]
+        return f64(0.0)
+
     @wp.func(inline=False)
     def make_base_of(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance]) -> Base:
         """(9), (10)"""
@@ -179,7 +187,7 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
         if wp.static(TRANSMISSION):
             b = behind_plate(rods, call, case, b)
             b.angles += b.twist + wp.cw_mul(b.compliance, b.torques)
-        half = f64(0.5) * b.angles[0]
+        half = f64(0.5) * frame_angle(b)
         b.q = wp.vec4d(f64(0.0), f64(0.0), wp.sin(half), wp.cos(half))
         return b
 
@@ -200,12 +208,12 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
         if wp.static(FOUNDATION):
             for j in range(3):
                 y[WORLD_AT + j] = n0[j]
-        for i in range(1, rods.end.shape[1]):
-            y[wp.static(THETA_AT) + i - 1] = b.angles[i] - b.angles[0]
+        for i in range(wp.static(FIRST), rods.end.shape[1]):
+            y[wp.static(THETA_AT) + i - wp.static(FIRST)] = b.angles[i] - frame_angle(b)
         if wp.static(TORQUES > 0):
             torques = base_torques(rods, call, case)
-            for i in range(1, rods.end.shape[1]):
-                y[wp.static(TAU_AT) + i - 1] = torques[i]
+            for i in range(wp.static(FIRST), rods.end.shape[1]):
+                y[wp.static(TAU_AT) + i - wp.static(FIRST)] = torques[i]
         for i in range(wp.static(GRIPS)):
             y[wp.static(GRIPS_AT) + i] = f64(1.0)
         if wp.static(FRAME):
@@ -240,27 +248,29 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
                 unit = unknown_unit(rods, case, i)
                 torque = f64(1.0) / unit[2]
                 others = f64(0.0)  # what the frame of rod 1 takes the other rods' angles back by
-                if wp.static(MOMENT):
-                    y[2] = torque
-                    if i == 0:
-                        turn = b.compliance[0] * torque
-                else:
-                    turn = -b.compliance[0] * torque
+                if wp.static(CONCENTRIC):
+                    if wp.static(MOMENT):
+                        y[2] = torque
+                        if i == 0:
+                            turn = b.compliance[0] * torque
+                    else:
+                        turn = -b.compliance[0] * torque
                 others -= turn
-                for j in range(1, rods.end.shape[1]):
+                for j in range(wp.static(FIRST), rods.end.shape[1]):
                     angle = others
                     if j == i:
                         angle += b.compliance[j] * torque
                         if wp.static(TORQUES > 0):
-                            y[wp.static(TAU_AT) + j - 1] = torque
-                    y[wp.static(THETA_AT) + j - 1] = angle
+                            y[wp.static(TAU_AT) + j - wp.static(FIRST)] = torque
+                    y[wp.static(THETA_AT) + j - wp.static(FIRST)] = angle
             if wp.static(FORCE_UNKNOWN):
                 if k >= wp.static(FIRST_FORCE):
                     dN[k - wp.static(FIRST_FORCE)] = force_unit(rods, case)
         else:
-            turn = angle_rate(call, case, b, direction, 0)
-            for j in range(1, rods.end.shape[1]):
-                y[wp.static(THETA_AT) + j - 1] = angle_rate(call, case, b, direction, j) - turn
+            if wp.static(CONCENTRIC):
+                turn = angle_rate(call, case, b, direction, 0)
+            for j in range(wp.static(FIRST), rods.end.shape[1]):
+                y[wp.static(THETA_AT) + j - wp.static(FIRST)] = angle_rate(call, case, b, direction, j) - turn
         if wp.static(FORCE):
             if wp.static(FORCE_UNKNOWN):
                 dn = rotate(b.q, dN + turn * wp.vec3d(-b.N[1], b.N[0], f64(0.0)))  # N is given in the frame: n turns with it

@@ -17,6 +17,7 @@ from multirod.models.backbone.kernels.layout.arguments import (
     END_MOVER,
     FORCE,
     JOB,
+    MATERIAL_SIZE,
     OUTPUT,
     START,
     START_MOVER,
@@ -38,7 +39,7 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
     set_lane, get_lane, copy_lane = L.set, L.get, L.copy
     memory_type = wp.array(dtype=d)
     n, features = layout.n, layout.features
-    SEVERAL, HELD, NODES, MEMBERS = n > 1, features.held, layout.NODES, bool(features.members)
+    SEVERAL, ECCENTRIC, HELD, NODES, MEMBERS = layout.TUBES, layout.ECCENTRIC, features.held, layout.NODES, bool(features.members)
     PROFILE, PROFILE_TERMS, CURVATURE_TERMS = layout.PROFILE, layout.PROFILE_TERMS, layout.CURVATURE_TERMS
     FORCE_PER_LENGTH, MOMENT_PER_LENGTH, VARIED = layout.FORCE_PER_LENGTH, layout.MOMENT_PER_LENGTH, layout.VARIED
     WORLD_FORCE = layout.FORCE and not layout.FORCE_STATE and not layout.FOUNDATION
@@ -471,6 +472,10 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
                 )
                 if wp.static(ANISOTROPIC):
                     set_number(memory, z + wp.static(z_at("bending_y")) + i, l, present * EI_y / case.stiffness)
+                if wp.static(ECCENTRIC):
+                    for j in range(2):
+                        offset = rods.material[case.rods, i, m, wp.static(MATERIAL_SIZE) + j] / case.unit
+                        set_number(memory, z + wp.static(z_at("offset")) + 2 * i + j, l, offset)
             else:
                 for j in range(3):
                     compliance = rods.material[case.rods, i, m, 3 + j] * case.stiffness

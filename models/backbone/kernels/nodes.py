@@ -21,7 +21,7 @@ def make_nodes(layout: Layout, memory: Memory, base: SimpleNamespace, tip: Simpl
     """Functions that write nodes; the record of the place must have been made anew where the lanes stand."""
     get_lane = lanes(W, d).get
     memory_type = wp.array(dtype=d)
-    n, TORQUES, TUBES = layout.n, layout.TORQUES, layout.n > 1
+    n, TORQUES, TUBES, FIRST, ECCENTRIC = layout.n, layout.TORQUES, layout.TUBES, layout.FIRST, layout.ECCENTRIC
     ANISOTROPIC = layout.features.anisotropic
     State, Column = base.State, base.Column
     THETA_AT, TAU_AT = layout.state["angles"], layout.state["torques"]
@@ -29,6 +29,7 @@ def make_nodes(layout: Layout, memory: Memory, base: SimpleNamespace, tip: Simpl
     p = layout.place
     MOMENT_AT, FORCE_AT, CURVATURE_AT, TWIST_AT = p["moment"], p["force"], p["curvature"], p["own_twist"]
     TUBE_X, TUBE_Y, PRESENT, BENDING = p["tube_x"], p["tube_y"], layout.stretch["present"], layout.stretch["bending"]
+    OFFSET, STRETCHING = layout.stretch["offset"], p["stretching"]
     MEMBERS, MEMBER_MOMENT, MEMBER_FORCE = bool(layout.features.members), p["member_moment"], p["member_force"]
     GRIPS, GRIPS_AT = layout.DRIVES * layout.FRICTION, layout.state["grips"]
     frame, world_position = tip.frame, tip.world_position
@@ -67,6 +68,7 @@ def make_nodes(layout: Layout, memory: Memory, base: SimpleNamespace, tip: Simpl
                 M -= case.moment * vector_of(memory, a + wp.static(MEMBER_MOMENT), l)
                 N -= case.force * vector_of(memory, a + wp.static(MEMBER_FORCE), l)
         to_rod = wp.identity(3, dtype=f64)
+        aside = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
         if wp.static(TUBES):
             for i in range(rods.end.shape[1]):
                 if i == call.node_rod:
@@ -75,13 +77,20 @@ def make_nodes(layout: Layout, memory: Memory, base: SimpleNamespace, tip: Simpl
                     torque = f64(0.0) / f64(0.0)  # of rods that are rigid in torsion only the sum is determined
                     if wp.static(TORQUES > 0):
                         torque = M[2]
-                        for j in range(1, rods.end.shape[1]):
-                            torque -= f64(get_lane(memory, z + wp.static(PRESENT) + j, l)) * y[wp.static(TAU_AT) + j - 1]
-                        if i > 0:
-                            torque = y[wp.static(TAU_AT) + i - 1]
+                        if i >= wp.static(FIRST):
+                            torque = y[wp.static(TAU_AT) + i - wp.static(FIRST)]
+                        else:
+                            for j in range(1, rods.end.shape[1]):
+                                torque -= f64(get_lane(memory, z + wp.static(PRESENT) + j, l)) * y[wp.static(TAU_AT) + j - 1]
                         u_z += rods.material[case.rods, i, m, 5] * torque
-                    if i > 0:
-                        to_rod = turned_about_z(-y[wp.static(THETA_AT) + i - 1])
+                    if i >= wp.static(FIRST):
+                        to_rod = turned_about_z(-y[wp.static(THETA_AT) + i - wp.static(FIRST)])
+                    if wp.static(ECCENTRIC):  # the rod's own curvature, by its own arclength
+                        lam = f64(get_lane(memory, a + wp.static(STRETCHING) + i, l))
+                        u[0] = u[0] / lam
+                        u[1] = u[1] / lam
+                        aside[0] = case.unit * f64(get_lane(memory, z + wp.static(OFFSET) + 2 * i, l))
+                        aside[1] = case.unit * f64(get_lane(memory, z + wp.static(OFFSET) + 2 * i + 1, l))
                     # m_i = K_i u - b_i, (8); the place holds b_i, and where K_i turns, what is left of it
                     M_x = -case.moment * f64(get_lane(memory, a + wp.static(TUBE_X) + i, l))
                     M_y = -case.moment * f64(get_lane(memory, a + wp.static(TUBE_Y) + i, l))
@@ -94,7 +103,7 @@ def make_nodes(layout: Layout, memory: Memory, base: SimpleNamespace, tip: Simpl
         for j in range(wp.static(GRIPS)):
             call.node_left[t, output, j] = y[wp.static(GRIPS_AT) + j]
         call.node_arclength[t, output] = s
-        call.node_position[t, output] = world_position(case, y)
+        call.node_position[t, output] = world_position(case, y) + case.base_rotation * rotate(frame(y), aside)
         call.node_rotation[t, output] = case.base_rotation * rotation_matrix(frame(y)) * wp.transpose(to_rod)
         call.node_curvature[t, output] = to_rod * u
         call.node_moment[t, output] = to_rod * M

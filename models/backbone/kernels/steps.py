@@ -36,7 +36,7 @@ def make_steps(layout: Layout, memory: Memory, tableau: Tableau, rate: SimpleNam
     COLUMN_STAGES = max(i for i, weight in enumerate(tableau.b) if weight != 0.0) + 1
     ADAPTIVE = len(tableau.error) > 0
     MOMENT, FORCE_STATE, FRAME, POSE = layout.MOMENT, layout.FORCE_STATE, layout.FRAME, layout.POSE
-    TORQUES, n = layout.TORQUES, layout.n
+    TORQUES, TURNING = layout.TORQUES, layout.features.turning_count
     s, steps, z = layout.state, layout.steps, layout.stretch
     # the moment, or what stands for it where several rods carry none together: their torques
     MOMENT_AT, MOMENT_SIZE = (s["moment"], 3) if MOMENT else (s["torques"], TORQUES)
@@ -76,8 +76,8 @@ def make_steps(layout: Layout, memory: Memory, tableau: Tableau, rate: SimpleNam
         if wp.static(WORLD_AT >= 0):
             unit = row(memory, z + wp.static(UNIT_FORCE))
             error = largest(error, block_error(e, b, wp.static(WORLD_AT), 3, unit, rtol, atol))
-        if wp.static(n > 1):
-            error = largest(error, block_error(e, b, wp.static(THETA_AT), wp.static(n - 1), one, rtol, atol))
+        if wp.static(TURNING > 0):
+            error = largest(error, block_error(e, b, wp.static(THETA_AT), wp.static(TURNING), one, rtol, atol))
         if wp.static(MOMENT and TORQUES > 0):
             error = largest(error, block_error(e, b, wp.static(TAU_AT), wp.static(TORQUES), moment, rtol, atol))
         if wp.static(FRAME):

@@ -1,15 +1,16 @@
 # mypy: ignore-errors
 """The strain law: how the rods of a backbone bend and twist under its moment, and their torques; (5) to (8), (14), (17).
 
-This is the one file that knows it; ``members`` adds what rods carry along themselves. ``z`` is where the record of a stretch
-stands in memory, ``b`` the state, ``a`` where the record of a place stands, ``v`` a column of the state and ``g`` where stands
-what its direction varies. Numbers in parentheses are those of ``docs/model.md``.
+This is the one file that knows it; ``members`` adds what rods carry along themselves, ``eccentric`` rods side by side.
+``z`` is where the record of a stretch stands in memory, ``b`` the state, ``a`` where the record of a place stands, ``v`` a column
+of the state and ``g`` where stands what its direction varies. Numbers in parentheses are those of ``docs/model.md``.
 """
 
 from types import SimpleNamespace
 
 import warp as wp
 
+from multirod.models.backbone.kernels.eccentric import make_eccentric_rods
 from multirod.models.backbone.kernels.layout.layout import Layout
 from multirod.models.backbone.kernels.members import make_rod_with_members
 from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul, neg, sub  # noqa: F401  (by name)
@@ -17,9 +18,12 @@ from multirod.models.backbone.kernels.numbers.vectors import vectors
 
 
 def make_strains(layout: Layout, W: int, d) -> SimpleNamespace:
-    """The law of one rod, (5), of one with members, (5m), or of several that share a centreline, (7) and (8)."""
+    """The law of one rod, (5), of one with members, (5m), of several that share a centreline, (7) and (8), or side by side."""
     precurvature = make_precurvature(layout, W, d)
-    make = make_rod_with_members if layout.features.members else make_one_rod if layout.n == 1 else make_several_rods
+    if layout.ECCENTRIC:
+        make = make_eccentric_rods
+    else:
+        make = make_rod_with_members if layout.features.members else make_one_rod if layout.n == 1 else make_several_rods
     return SimpleNamespace(**(vars(precurvature) | vars(make(layout, W, d, precurvature))))
 
 

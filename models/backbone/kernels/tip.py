@@ -35,9 +35,13 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
     THETA_AT, TAU_AT, Q_AT, P_AT = s_["angles"], s_["torques"], s_["frame"], s_["position"]
     ENERGY_AT, WORK_AT, DQ_AT, DP_AT = s_["energy"], s_["work"], c_["frame"], c_["position"]
     FRAME, COLUMN_FRAME, POSE, POSE_COLUMNS = layout.FRAME, layout.COLUMN_FRAME, layout.POSE, features.pose_sensitivities
-    TUBES, MEASURED, FIXED, HELD = n > 1, features.measured, layout.FIXED, features.held
+    TUBES, MEASURED, FIXED, HELD = layout.TUBES, features.measured, layout.FIXED, features.held
+    FIRST, CONCENTRIC = layout.FIRST, not layout.ECCENTRIC
+    # the torque of rod 1 stands for the moment about the axis of the frame, or that of the rod that ends at the tip
+    SHARED = layout.TORQUES > 0 and CONCENTRIC
+    FIRST_LACK = 0 if FIXED or not CONCENTRIC else 1  # the first rod whose torque is a residual of its own
     MOMENT, TORQUES, NODES = layout.MOMENT, layout.TORQUES, layout.NODES
-    FIRST_TORQUE = layout.unknowns.places["torques"].start - 1  # row of the residual, less the index of the rod
+    FIRST_TORQUE = layout.unknowns.places["torques"].start - FIRST  # row of the residual, less the index of the rod
     FREE_FORCE, FOLLOWER_MOMENT = features.base_force_unknown and not features.held, features.follower_moment
     FIRST_FORCE = layout.unknowns.places["force"].start
     at = InputOffsets(n)
@@ -130,8 +134,8 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
     @wp.func
     def torque(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], y: State, i: int) -> f64:
         """Torque of rod i at its own end."""
-        if i > 0:
-            return y[wp.static(TAU_AT) + i - 1]
+        if i >= wp.static(FIRST):
+            return y[wp.static(TAU_AT) + i - wp.static(FIRST)]
         M = body_moment(y)
         rest = M[2]
         last = int(wp.static(TORQUES + 1))
@@ -143,8 +147,8 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
     @wp.func
     def torque_column(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], y: State, v: Column, i: int) -> f64:
         """Its variation."""
-        if i > 0:
-            return v[wp.static(TAU_AT) + i - 1]
+        if i >= wp.static(FIRST):
+            return v[wp.static(TAU_AT) + i - wp.static(FIRST)]
         dM = body_moment_column(y, v)
         rest = dM[2]
         last = int(wp.static(TORQUES + 1))
@@ -157,8 +161,10 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
 
     @wp.func
     def axes(call: wp.ref[Call], case: wp.ref[Instance]) -> wp.mat33d:
-        """(11b) Axes of the residual, from those of the base: they turn with the input ``rotation`` of rod 1."""
-        return turned_about_z(call.inputs[case.index, wp.static(ROTATION)])
+        """(11b) Axes of the residual, from those of the base: they turn with rod 1 at its base, as the frame does."""
+        if wp.static(CONCENTRIC):
+            return turned_about_z(call.inputs[case.index, wp.static(ROTATION)])
+        return wp.identity(3, dtype=f64)
 
     @wp.func
     def lacking(call: wp.ref[Call], case: wp.ref[Instance], y: State) -> wp.vec3d:
@@ -187,6 +193,8 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
                 if wp.static(FOLLOWER_MOMENT):
                     dM -= rotate(q, direction_vector(call, case, direction, FOLLOWER_MOMENT_INPUT))
             dM = wp.transpose(axes(call, case)) * dM
+            if wp.static(not CONCENTRIC):
+                return dM
             if direction >= 0:
                 m = lacking(call, case, y)
                 dM += call.directions[case.direction, direction, wp.static(ROTATION)] * wp.vec3d(m[1], -m[0], f64(0.0))
@@ -199,15 +207,15 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
     @wp.func
     def moment_row(case: wp.ref[Instance], j: int) -> int:
         """Residual of component j of what lacks: the last stands for the torque of the rod that ends at the tip."""
-        if wp.static(TORQUES > 0):
+        if wp.static(SHARED):
             if j == 2:
                 return wp.static(FIRST_TORQUE) + case.longest
         return j
 
     @wp.func
     def follower_torque(call: wp.ref[Call], case: wp.ref[Instance], i: int) -> f64:
-        """(11) What of the follower moment twists rod i: all of it the rod that ends at the tip."""
-        if wp.static(FOLLOWER_MOMENT):
+        """(11) What of the follower moment twists rod i: all of it the rod that ends at the tip, where the frame is a rod's."""
+        if wp.static(FOLLOWER_MOMENT and CONCENTRIC):
             if i == case.longest:
                 M = load_vector(call, case.index, FOLLOWER_MOMENT_INPUT)
                 return M[2]
@@ -216,7 +224,7 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
     @wp.func
     def follower_torque_rate(call: wp.ref[Call], case: wp.ref[Instance], i: int, direction: int) -> f64:
         """Its rate along a direction; ``direction`` is negative of an unknown."""
-        if wp.static(FOLLOWER_MOMENT):
+        if wp.static(FOLLOWER_MOMENT and CONCENTRIC):
             if direction >= 0 and i == case.longest:
                 M = direction_vector(call, case, direction, FOLLOWER_MOMENT_INPUT)
                 return M[2]
@@ -307,14 +315,14 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
                 for j in range(3):
                     call.residual[t, moment_row(case, j)] = unit[j] * gap[j]
             else:
-                if wp.static(TORQUES > 0):
+                if wp.static(SHARED):
                     gap[2] = torque(rods, call, case, y, 0) - follower_torque(call, case, 0)
                 for j in range(3):
                     call.residual[t, j] = unit[j] * gap[j]
             total += total_magnitude(gap)
-        for i in range(wp.static(0 if FIXED else 1), rods.end.shape[1]):
+        for i in range(wp.static(FIRST_LACK), rods.end.shape[1]):
             if wp.static(TORQUES > 0 and not MEASURED):
-                if wp.static(not FIXED) or i != case.longest:
+                if wp.static(not FIXED or not CONCENTRIC) or i != case.longest:
                     lack = torque(rods, call, case, y, i)
                     if wp.static(not FIXED):
                         lack -= follower_torque(call, case, i)
@@ -354,14 +362,14 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
                 for j in range(3):
                     write_entry(call, case, moment_row(case, j), k, unit[j] * gap[j])
             else:
-                if wp.static(TORQUES > 0):
+                if wp.static(SHARED):
                     gap[2] = torque_column(rods, call, case, y, v, 0) - follower_torque_rate(call, case, 0, direction)
                 for j in range(3):
                     write_entry(call, case, j, k, unit[j] * gap[j])
             total += total_magnitude(gap)
-        for i in range(wp.static(0 if FIXED else 1), rods.end.shape[1]):
+        for i in range(wp.static(FIRST_LACK), rods.end.shape[1]):
             if wp.static(TORQUES > 0 and not MEASURED):
-                if wp.static(not FIXED) or i != case.longest:
+                if wp.static(not FIXED or not CONCENTRIC) or i != case.longest:
                     lack = torque_column(rods, call, case, y, v, i)
                     if wp.static(not FIXED):
                         lack -= follower_torque_rate(call, case, i, direction)
@@ -436,9 +444,9 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
 
     @wp.func
     def tip_angle(case: wp.ref[Instance], y: State) -> f64:
-        """Angle of the rod that ends at the tip, from rod 1."""
+        """Angle of the rod that ends at the tip, from rod 1; of rods side by side it is the frame that ends there."""
         angle = f64(0.0)
-        count = int(wp.static(n))
+        count = int(wp.static(n if CONCENTRIC else 0))
         for i in range(1, count):
             if i == case.longest:
                 angle = y[wp.static(THETA_AT) + i - 1]
@@ -448,7 +456,7 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
     def tip_angle_column(case: wp.ref[Instance], v: Column) -> f64:
         """Its variation."""
         angle = f64(0.0)
-        count = int(wp.static(n))
+        count = int(wp.static(n if CONCENTRIC else 0))
         for i in range(1, count):
             if i == case.longest:
                 angle = v[wp.static(THETA_AT) + i - 1]

@@ -17,6 +17,7 @@ class Features:
 
     Attributes:
         rod_count: Concentric rods that carry the backbone, n >= 1.
+        eccentric: The rods run side by side at offsets from a frame of their own, which does not twist, equation (7o).
         precurvature_degree: Degree of the polynomials in arclength that hold the precurvature; 0 is constant by section.
         force: An internal force acts.
         tip_moment: A dead tip moment acts, equation (11).
@@ -46,6 +47,7 @@ class Features:
     """
 
     rod_count: int = 1
+    eccentric: bool = False
     precurvature_degree: int = 0
     force: bool = False
     tip_moment: bool = False
@@ -107,12 +109,19 @@ class Features:
         Where they are rigid in torsion too, nothing would be left to solve for: then the moment is kept. So it is for columns at
         nodes, which say how any moment would bend the rods.
         """
-        return self.rod_count == 1 or self.loaded or not self.torsion or self.node_columns
+        alone = self.rod_count == 1 and not self.eccentric
+        return alone or self.loaded or not self.torsion or self.node_columns
 
     @property
     def torque_count(self) -> int:
-        """Rods whose torque is a state of its own beside the moment of all: all but the first, equation (8)."""
-        return self.rod_count - 1 if self.torsion else 0
+        """Rods whose torque is a state of its own beside the moment of all: all but the first, equation (8), which has what they
+        leave of it; all of them where the frame is their own."""
+        return self.turning_count if self.torsion else 0
+
+    @property
+    def turning_count(self) -> int:
+        """Rods that turn against the frame, which is that of the first of concentric rods."""
+        return self.rod_count if self.eccentric else self.rod_count - 1
 
     @property
     def column_has_frame(self) -> bool:

@@ -70,7 +70,7 @@ def unknowns_of(features: Features, *, moment: bool | None = None, force: bool |
     return Record(
         [
             Slot("moment", 3 * moment, "1/length"),
-            Slot("torques", features.torque_count, "1/length"),  # of the second rod and those outside it
+            Slot("torques", features.torque_count, "1/length"),  # of the rods that turn against the frame
             Slot("rotation", 3 * features.segment, "1/length"),
             Slot("drives", features.condition_count, "1/length"),  # of members whose drive is unknown
             Slot("force", 3 * force, "1/length"),
@@ -92,6 +92,7 @@ class Layout:
         column: What is integrated of one column, the derivative of the state by an unknown or along a direction of inputs.
         given: What stands beside a column: what its direction varies of the loads and of the stretch.
         stretch: What is constant between two nodes.
+        FIRST: The first rod that turns against the frame: the second of concentric rods, as the frame is the first one's.
         place: What columns need to know of the backbone at one place.
         steps: Where a lane stands on its stretch.
     """
@@ -101,6 +102,7 @@ class Layout:
         self.n = n = f.rod_count
         self.unknowns = unknowns_of(f)
         self.UNKNOWNS = self.unknowns.size
+        self.FIRST, self.TUBES, self.ECCENTRIC = n - f.turning_count, f.turning_count > 0, f.eccentric
         self.MOMENT, self.TORQUES = f.moment, f.torque_count
         self.FRAME, self.COLUMN_FRAME = f.frame, f.column_has_frame
         self.FORCE, self.FORCE_STATE = f.force, f.force_is_state
@@ -134,7 +136,7 @@ class Layout:
             Slot("moment", 3 * self.MOMENT, "moment"),
             Slot("force", 3 * self.FORCE_STATE, "force"),
             Slot("world_force", 3 * f.foundation, "force"),  # n, which depends on the position
-            Slot("angles", n - 1),
+            Slot("angles", f.turning_count),
             Slot("torques", self.TORQUES, "moment"),
             Slot("lengths", self.LENGTHS, "length"),  # what drives of members work on
             Slot("grips", self.DRIVES * f.friction),  # what friction leaves of each drive
@@ -164,7 +166,7 @@ class Layout:
                 Slot("shift", n * directed, "length"),  # of the rods, along themselves
             ]
         )
-        several = n > 1
+        several = self.TUBES
         self.stretch = Record(
             [
                 Slot("present", n * several),  # 1 if the rod reaches this far, else 0
@@ -172,6 +174,7 @@ class Layout:
                 Slot("bending_y", n * f.anisotropic, "stiffness"),
                 Slot("softness", 1 * several, "1/stiffness"),  # 1 / sum of bending
                 Slot("torsion", n * several, "1/stiffness"),  # 1/GJ, zero where it has ended
+                Slot("offset", 2 * n * f.eccentric, "length"),
                 Slot("compliance", 3 * (not several), "1/stiffness"),
                 Slot("shear", 3 * f.shear, "1/force"),
                 Slot("precurvature", 3 * self.CURVATURE_TERMS * n, "1/length"),
@@ -212,7 +215,11 @@ class Layout:
                 Slot("slope_x", tube),
                 Slot("slope_y", tube),
                 Slot("stiffness", 3 * n * f.anisotropic),
-                Slot("flexibility", 3 * f.anisotropic),
+                Slot("flexibility", 3 * (f.anisotropic or f.eccentric)),
+                # (7o), (8o): lam of each tube, and its twist per length of itself
+                Slot("stretching", n * f.eccentric),
+                Slot("twisting", n * f.eccentric, "1/length"),
+                Slot("torque", n * f.eccentric, "moment"),
                 Slot("cosine", tube),
                 Slot("sine", tube),
                 Slot("field", 3 * f.magnetised),  # R^T B
