@@ -95,6 +95,7 @@ SCENES = {
                 "tip_force": [(0.1, 0, 0), (0, 0.1, -0.2)],
                 "follower_moment": (0.003, 0, 0),
                 "gravity": (0, 0, -9.81),
+                "distributed_moment": (0.002, 0, 0.001),
                 "translation": (0.005, -0.005, -0.02, -0.01),
             },
         },

@@ -51,6 +51,8 @@ LOADS = {
     "distributed_moment": (0.01, 0, 0.02),
     "gravity": (0, 1.0, -9.81),
 }
+EXACT = mr.Shooting(tolerance=1e-11, integrator=mr.RK45(rtol=1e-11, atol=1e-13))
+FEW = mr.RK45(steps=12)  # fixed, by the kernels of ``EXACT``
 HEAVY = {"platform_mass": 0.02, "platform_centre": (0.005, -0.01, 0.02)}
 SCENES = {
     "two rods": lambda: robot([ROD, SOFT]),
@@ -84,7 +86,7 @@ def test_gamma_and_directions_are_derivatives(scene, difference):
     names = list(values)
     inputs = parallel.inputs(**values)
     count = len(names)
-    problem = parallel.problem(inputs, integrator=mr.RK4(12), pose_sensitivities=True, direction_count=count)
+    problem = parallel.problem(inputs, integrator=FEW, pose_sensitivities=True, direction_count=count)
     x = problem.guess() + 0.3 * rng.standard_normal((1, problem.unknown_count))
     steps = {name: rng.standard_normal(np.shape(values[name])) for name in names}
     steps["force_point"] *= 0.1
@@ -119,15 +121,12 @@ def test_gamma_and_directions_are_derivatives(scene, difference):
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8 * max(1, np.abs(expected).max()))
 
 
-EXACT = mr.Shooting(tolerance=1e-11, integrator=mr.RK45(rtol=1e-11, atol=1e-13))
-
-
 @pytest.mark.parametrize("scene", ["two rods", "rod and tubes"])
 def test_jacobian_is_the_derivative_of_the_pose(scene, difference):
     parallel = SCENES[scene]()
     values = LOADS | actuation(parallel, np.random.default_rng(2))
-    # the derivative is that of the discretised equations; each number of directions is a kernel, so few are taken
-    solver = mr.Shooting(tolerance=1e-11, integrator=mr.RK4(12))
+    # the derivative is that of the discretised equations
+    solver = mr.Shooting(tolerance=1e-11, integrator=FEW)
     solution = mr.solve(parallel, parallel.inputs(**values), solver=solver).raise_if_failed()
     R = solution.tip_rotation
     for name in values if scene == "two rods" else ("tip_force", "force_point"):
@@ -521,7 +520,7 @@ def test_legs_stand_anywhere():
 
 def test_a_leg_that_fails_fails_its_robot_alone():
     parallel = robot([ROD, tubes()])
-    problem = parallel.problem(parallel.inputs(tip_force=np.zeros((2, 3))), integrator=mr.RK4(10))
+    problem = parallel.problem(parallel.inputs(tip_force=np.zeros((2, 3))), integrator=FEW)
     x = problem.guess()
     x[1, 0] = 1e200
     residual, gamma = problem.evaluate(x)
@@ -608,7 +607,7 @@ def test_a_question_to_a_solution_costs_one_integration(monkeypatch, question, f
     """Legs of one build are integrated together: one pass answers for all of them."""
     parallel = SCENES["two rods"]()
     force = [(0, 0, 0.01), (0, 0, 1e9)] if failed else [(0, 0, 0.01), (0, 0, 0.02)]
-    solution = mr.solve(parallel, parallel.inputs(tip_force=force), solver=mr.Shooting(integrator=mr.RK4(12)))
+    solution = mr.solve(parallel, parallel.inputs(tip_force=force), solver=mr.Shooting(integrator=FEW))
     assert [mr.Status(int(status)).failed for status in solution.status] == [False, failed]
     ask, integrations, passes = QUESTIONS[question]
     counts = count_integrations(monkeypatch)
@@ -625,7 +624,7 @@ def test_what_is_natural_does_not_depend_on_what_was_asked_before(scene, monkeyp
     inputs = parallel.inputs(**LOADS, translation=-0.01)
 
     def fresh():
-        return parallel.problem(inputs, integrator=mr.RK4(12), pose_sensitivities=True, direction_count=1)
+        return parallel.problem(inputs, integrator=FEW, pose_sensitivities=True, direction_count=1)
 
     problem, other = fresh(), fresh()
     guess = other.guess()
@@ -641,7 +640,7 @@ def test_what_is_natural_does_not_depend_on_what_was_asked_before(scene, monkeyp
     assert counts == [0, 0]
     moved = parallel.inputs(**LOADS, translation=0.0)
     problem.write("inputs", problem.pack(moved))
-    expected = parallel.problem(moved, integrator=mr.RK4(12)).natural_singular_value
+    expected = parallel.problem(moved, integrator=FEW).natural_singular_value
     np.testing.assert_allclose(problem.natural_singular_value, expected, rtol=1e-12, atol=0)  # of another kernel
     assert counts[0] == 2 * problem.guess_integrations
 
@@ -654,7 +653,7 @@ def _unloaded_gamma(problem, unknowns):
 def test_asking_what_is_natural_changes_nothing():
     parallel = SCENES["two rods"]()
     inputs = parallel.inputs(**LOADS)
-    problem = parallel.problem(inputs, integrator=mr.RK4(12), pose_sensitivities=True, direction_count=1)
+    problem = parallel.problem(inputs, integrator=FEW, pose_sensitivities=True, direction_count=1)
     x = np.random.default_rng(3).standard_normal((1, problem.unknown_count))
     problem.directions.assign(np.ones(problem.directions.shape))
     problem.load_factor.fill_(0.5)
@@ -675,7 +674,7 @@ def test_asking_what_is_natural_changes_nothing():
 
 def test_a_stalled_step_of_a_robot_tracked_from_a_guess_is_not_the_end_of_its_branch():
     parallel = SCENES["two rods"]()
-    solver = mr.Shooting(integrator=mr.RK4(12))
+    solver = mr.Shooting(integrator=FEW)
     inputs = parallel.inputs(tip_force=(0, 0, 0.01))
     solution = mr.solve(parallel, inputs, solver=solver).raise_if_failed()
     problem = parallel.problem(inputs, integrator=solver.integrator)  # nobody has called guess()
