@@ -301,7 +301,7 @@ def test_what_stays_stable_has_no_critical_load():
 def test_what_is_refused(wire):
     robot = mr.SingleRod(wire)
     with pytest.raises(mr.SolveError, match="the loads have no potential"):
-        mr.critical_loads(robot, robot.inputs(tip_moment=(0, 0, 1)))
+        mr.critical_loads(robot, robot.inputs(tip_force=(0, 0, 1), tip_moment=(0, 0, 1)))
     with pytest.raises(ValueError, match="nothing is raised.* give start="):
         mr.critical_loads(robot, robot.inputs(rotation=1.0))
     with pytest.raises(ValueError, match=r"inputs = leading axes \(2,\)"):

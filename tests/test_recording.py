@@ -460,7 +460,7 @@ def test_tubes_are_entities_that_nest(tmp_path):
     robot = mr.ConcentricTubes(TUBES)
     time = 0.02 * np.arange(5)
     inputs = robot.inputs(rotation=time[:, None] * [1, 0, -1], translation=(-0.12, -0.1, -0.05))
-    history = mr.simulate(robot, inputs, time=time, solver=SOLVER)
+    history = mr.simulate(robot, inputs, time=time)
     save(tmp_path / "run.rrd", history, nodes=11)
     recording = Recording(tmp_path / "run.rrd")
     names = ["inner", "rod_1", "outer"]
