@@ -41,6 +41,12 @@ def solution() -> mr.Solution:
     return solved()
 
 
+def unloaded(robot: mr.SingleRod, **given: object) -> mr.Solution:
+    """Without a force: beside another under one, so that its kernel is one that other tests need too."""
+    inputs = robot.inputs(tip_force=[(0.0, 0.0, 0.0), FORCE], **given)
+    return mr.solve(robot, inputs, solver=PRECISE)[0]
+
+
 def by_tension(robot: mr.SingleRod) -> mr.SingleRod:
     """The same robot, whose lines are driven by their tensions."""
     (rod,) = robot.rods
@@ -90,7 +96,7 @@ def test_tensions_that_were_found_drive_the_same_robot_to_the_same_place(solutio
 
 def test_lengths_are_what_is_left_of_those_at_rest(solution: mr.Solution) -> None:
     # (L7), with the length at rest that the unloaded robot says
-    rest = mr.solve(ROBOT, solver=PRECISE).line_length
+    rest = unloaded(ROBOT).line_length
     given = np.array([40.0, np.inf, 60.0])
     np.testing.assert_allclose(solution.line_length, rest - PULL + rest / given * solution.tension, rtol=1e-11)
     np.testing.assert_allclose(ROBOT.rods[0].lines[2].length_at_rest(ROBOT.rods[0].sections), rest[2], rtol=1e-11)
@@ -103,7 +109,7 @@ def test_a_rest_length_is_that_without_tension() -> None:
 
     (straight,) = {robot().rods[0].length.item()}
     for rest in (straight, straight - 0.003):
-        found = mr.solve(robot(rest_length=rest), robot().inputs(displacement=(0.004 - straight + rest, 0.002)), solver=PRECISE)
+        found = unloaded(robot(rest_length=rest), displacement=(0.004 - straight + rest, 0.002))
         # the arc takes r^2 L/EI, the line its own length over EA
         np.testing.assert_allclose(found.tension[0], 0.004 / (R**2 * LENGTH / EI + rest / 40), rtol=1e-9)
 
@@ -134,8 +140,9 @@ def test_what_is_slack_is_longer_than_it_needs_and_what_is_taut_is_not() -> None
     rng = np.random.default_rng(5)
     pulls, forces = rng.uniform(-0.003, 0.005, (60, 3)), 0.4 * rng.normal(size=(60, 3))
     found = mr.solve(ROBOT, ROBOT.inputs(displacement=pulls, tip_force=forces)).raise_if_failed()
-    left = mr.solve(ROBOT).line_length - pulls
-    stretched = left + mr.solve(ROBOT).line_length / np.array([40.0, np.inf, 60.0]) * found.tension
+    rest = unloaded(ROBOT).line_length
+    left = rest - pulls
+    stretched = left + rest / np.array([40.0, np.inf, 60.0]) * found.tension
     assert 0.1 < found.slack.mean() < 0.6
     assert (found.tension[found.slack] == 0).all()
     assert (found.tension[~found.slack] >= 0).all()
@@ -191,7 +198,7 @@ def test_stiff_push_rods_share_the_bending_of_an_arc(axial: float | None) -> Non
     lines = [mr.PushRod(offset=(x, 0), bending_stiffness=own, axial_stiffness=EA) for x in offsets]
     more = {} if axial is None else {"shear_stiffness": 200.0, "axial_stiffness": axial}
     robot = mr.SingleRod(mr.Rod(**OWN, lines=lines, **more))
-    found = mr.solve(robot, robot.inputs(displacement=pull), solver=PRECISE).raise_if_failed()
+    found = unloaded(robot, displacement=pull).raise_if_failed()
 
     def slopes(x):
         kappa, e = x
@@ -212,11 +219,9 @@ def test_stiff_push_rods_share_the_bending_of_an_arc(axial: float | None) -> Non
 
 @pytest.mark.parametrize("more", [{}, {"shear_stiffness": 60.0, "axial_stiffness": 200.0}], ids=["stiff", "shear"])
 def test_stiff_push_rods_have_exact_derivatives_and_the_energy_that_loads_leave(more: dict[str, float]) -> None:
-    lines = [
-        mr.PushRod(offset=o, bending_stiffness=0.006, axial_stiffness=600.0) for o in ((R, 0.001), (-0.003, -R), (-R, 0.005))
-    ]
+    lines = [mr.PushRod(offset=o, bending_stiffness=0.006, axial_stiffness=600.0) for o in ((R, 0.001), (-0.003, -R))]
     robot = mr.SingleRod(mr.Rod(**OWN, lines=lines, **more))
-    pull, force, step = np.array([0.002, -0.003, 0.001]), np.array([0.5, -0.8, 0.3]), 1e-4
+    pull, force, step = np.array([0.002, -0.003]), np.array([0.5, -0.8, 0.3]), 1e-4
 
     def at(force: np.ndarray) -> mr.Solution:
         return mr.solve(robot, robot.inputs(displacement=pull, tip_force=force), solver=PRECISE).raise_if_failed()
@@ -432,7 +437,7 @@ def test_what_cannot_be_is_refused() -> None:
     with pytest.raises(ValueError, match=r"translation = .* must be zero: a line is driven by its displacement"):
         ROBOT.inputs(translation=0.01)
     with pytest.raises(ValueError, match=r"translation = .* must be zero: a line is driven by its displacement"):
-        mr.Tracker(ROBOT, dt=0.005, inputs=ROBOT.inputs(displacement=PULL)).step(translation=0.01)
+        mr.Tracker(ROBOT, dt=0.005, inputs=ROBOT.inputs(displacement=PULL, tip_force=FORCE)).step(translation=0.01)
     with pytest.raises(ValueError, match=r"route = 'a function' is not allowed: must not be given for rods of several lengths"):
         mr.Rod(**(OWN | {"length": [0.2, 0.3]}), lines=[mr.PushRod(route=helix)])
     rods = mr.SingleRod(mr.Rod(**(OWN | {"length": [0.2, 0.3]}), lines=[mr.PushRod(offset=(R, 0))]))
