@@ -417,7 +417,7 @@ def test_a_follower_force_of_zero_changes_no_equilibrium(robot):
     dead = robot.inputs(
         **place, tip_force=(0.1, 0.05, -0.02), distributed_force=(0.1, 0.3, 0), distributed_moment=lambda s: (s, 0, 1e-3)
     )
-    integrator = mr.RK4(80)
+    integrator = mr.RK45(steps=60)
     solution = mr.solve(robot, dead, solver=mr.Shooting(integrator=integrator)).raise_if_failed()
     with_force = robot.problem(dead, integrator=integrator, enabled=("follower_force",))
     residual, _ = with_force.evaluate(with_force.adopt(solution.unknowns[None]))

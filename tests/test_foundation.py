@@ -96,7 +96,7 @@ def test_gamma_and_input_columns_are_exact(name):
     make, inputs = SCENES[name]
     robot = make()
     options = robot.input_directions("translation")
-    problem = robot.problem(robot.inputs(**inputs), integrator=mr.RK4(20), pose_sensitivities=True, **options)
+    problem = robot.problem(robot.inputs(**inputs), integrator=mr.RK45(steps=20), pose_sensitivities=True, **options)
     x = problem.guess() + 0.3 * np.sin(1 + np.arange(problem.unknown_count))
     problem.write("unknowns", x)
     columns, pose = problem.input_columns("translation")

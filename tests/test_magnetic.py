@@ -134,7 +134,7 @@ def test_derivatives_are_exact(scene):
 
 def test_gamma_is_exact(scene):
     robot, inputs = scene
-    problem = robot.problem(robot.inputs(magnetic_field=FIELD, **inputs), integrator=mr.RK4(20))
+    problem = robot.problem(robot.inputs(magnetic_field=FIELD, **inputs), integrator=mr.RK45(steps=20))
     x = problem.guess() + 0.3 * np.sin(1 + np.arange(problem.unknown_count))
     _, gamma = problem.evaluate(x)
     h = 1e-6

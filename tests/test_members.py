@@ -216,7 +216,7 @@ def test_single_precision_counts_in_natural_units():
         robot = mr.SingleRod(bent)
         inputs = robot.inputs(tip_force=np.array([0.5, 0.4, -0.3]) * scale**2)
         single = mr.solve(robot, inputs, solver=mr.Shooting(integrator=mr.RK4(50, precision="float32")))
-        double = mr.solve(robot, inputs, solver=mr.Shooting(integrator=mr.RK4(50)))
+        double = mr.solve(robot, inputs)
         np.testing.assert_allclose(single.tip_position, double.tip_position, atol=1e-5 * LENGTH * scale)
 
 
