@@ -77,7 +77,7 @@ def test_stored_equilibria(tube_case, make_pose):
     values = {"rotation": inputs["base_angle_alpha"], "translation": inputs["base_position_beta"]}
     values |= {f"tip_{name}": inputs.get(f"tip_{name}_world", (0.0, 0.0, 0.0)) for name in ("force", "moment")}
     base = make_pose(inputs["R0"], inputs["p0"])
-    problem = Tubes(tubes_of(inputs), base, values, integrator=TIGHT, enabled=("tip_force", "tip_moment"))
+    problem = Tubes(tubes_of(inputs), base, values, integrator=TIGHT, enabled=("tip_force", "tip_moment", "gravity"))
     x, torque_gap = base_unknowns(inputs, torsion_rates, expected["tip_position"]["value"])
     problem.unknowns.assign(x[None])
     problem.integrate()

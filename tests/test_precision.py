@@ -152,7 +152,8 @@ def test_step_control_comes_to_an_end():
     robot, _ = loaded_rod()
     rng = np.random.default_rng(0)
     force = 10.0 ** rng.uniform(-12, 4, (100, 1)) * rng.standard_normal((100, 3))
-    inputs = robot.inputs(tip_force=force, tip_moment=(1e-6, 0, 0), distributed_force=(0, 1e-3, 0), gravity=(0, 0, -1.0))
+    spread = {"distributed_force": (0, 1e-3, 0), "distributed_moment": (0, 0, 1e-6), "gravity": (0, 0, -1.0)}
+    inputs = robot.inputs(tip_force=force, tip_moment=(1e-6, 0, 0), **spread)
     counts = {}
     for precision in ("float32", "float64"):
         problem = robot.problem(inputs, integrator=mr.RK45(1e-6, 1e-7, precision=precision))
