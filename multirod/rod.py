@@ -409,7 +409,8 @@ class RodArrays:
             with sections of no length.
         material: ``EI_x, EI_y, GJ``, their inverses, ``1/GA_x, 1/GA_y, 1/EA``, mass per length, magnetic moment per length,
             stiffness of the foundation, parameters of members, then their functions, coefficients of one power after those of the
-            power below, shape (batch, rod_count, section_count, 16 or more). Of eccentric rods, their offsets [m] stand there.
+            power below, shape (batch, rod_count, section_count, 16 or more). Of eccentric rods, their
+            offsets [m] stand there, and the torsional compliance of the line, which is zero.
         precurvature: Polynomial coefficients, shape (batch, rod_count, section_count, 3 (degree + 1)).
         degree: Degree of the polynomials.
         shear: Whether any rod shears or extends.
@@ -558,7 +559,7 @@ def lower(rods: Sequence[Rod], offsets: FloatArray | None = None) -> RodArrays:
 
     columns: list[list[tuple[FloatArray, FloatArray, FloatArray]]] = []
     for k, rod in enumerate(rods):
-        aside = [] if offsets is None else [batch(offset) for offset in offsets[k]]
+        aside = [] if offsets is None else [batch(value) for value in (*offsets[k], 0.0)]
         column: list[tuple[FloatArray, FloatArray, FloatArray]] = []
         end = np.zeros(math.prod(batch_shape))
         cuts = sorted({cut for member in rod.carried for cut in member.cuts})

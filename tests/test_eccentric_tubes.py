@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.optimize import brentq, root
+from scipy.optimize import brentq, minimize, root
 
 import multirod as mr
 from multirod.testing import check_assembly
@@ -38,7 +38,7 @@ def test_planar_closed_form(stored, reference_cases):
     kappa = float(expected["kappa"]["value"])
     for k, x in enumerate(given["offset_x"]):
         own = kappa / (1 - kappa * x)
-        assert solution.stability is mr.Stability.UNKNOWN
+        assert solution.stability is mr.Stability.STABLE
         np.testing.assert_allclose(solution.rod(k, nodes=2).curvature, [(0, own, 0)] * 2, atol=1e-9)
 
 
@@ -158,6 +158,55 @@ def test_a_tube_inside_a_bend_is_never_squeezed_to_nothing():
     kappa = brentq(slope, 0, 0.9999 / rho, xtol=1e-13)
     expected = [(1 - np.cos(0.1 * kappa)) / kappa, 0, np.sin(0.1 * kappa) / kappa]
     np.testing.assert_allclose(solution.tip_position, expected, atol=1e-10)
+
+
+def test_snapping_without_offsets_is_that_of_concentric_tubes():
+    """Nearly opposite tubes beyond their fold: both find the stable equilibrium, and both refuse the symmetric one."""
+    tubes = [mr.Rod(length=x, bending_stiffness=0.02, torsional_stiffness=0.016, precurvature=(12, 0, 0)) for x in (0.2, 0.18)]
+    robot, other = mr.EccentricTubes(tubes, np.zeros((2, 2))), mr.ConcentricTubes(tubes)
+    solution, expected = (mr.solve(r, r.inputs(rotation=(0, 3.5))) for r in (robot, other))
+    assert solution.stability is expected.stability is mr.Stability.STABLE
+    np.testing.assert_allclose(solution.energy, expected.energy, rtol=1e-8)
+    opposite, others = (mr.solve(r, r.inputs(rotation=(0, np.pi)), guess=np.zeros(size)) for r, size in ((robot, 2), (other, 1)))
+    assert opposite.stability is others.stability is mr.Stability.UNSTABLE
+    np.testing.assert_allclose(opposite.energy, others.energy, rtol=1e-8)
+
+
+@pytest.mark.parametrize(("part", "stability"), [(0.995, mr.Stability.UNSTABLE), (1.005, mr.Stability.STABLE)])
+def test_where_a_bend_towards_a_tube_gives_way(part, stability):
+    """A tube that bends another one on its inside would rather bend away from it.
+
+    Without loads the strains follow the angles, by an energy V(theta); both twist by ``GJ theta'^2 / (2 lam)``. Clamped at the
+    base and free at the tip, the plane shape is stable as long as ``(pi/2L)^2 GJ/lam + V''`` is positive.
+    """
+    length, EI, kappa, offsets = 0.15, (0.05, 0.02), (15.0, 6.0), ((0.0, 0.0), (0.006, 0.0))
+
+    def energy(u, theta):
+        total = 0.0
+        for k in range(2):
+            lam = 1 + u[0] * offsets[k][1] - u[1] * offsets[k][0]
+            own = kappa[k] * np.array([-np.sin(theta[k]), np.cos(theta[k])])
+            total += lam * EI[k] / 2 * np.sum((np.asarray(u) / lam - own) ** 2)
+        return total
+
+    def at_rest(theta):
+        return minimize(energy, (0.0, 10.0), args=(theta,), method="BFGS", options={"gtol": 1e-11}).fun
+
+    h = 0.02
+    steps = np.eye(2) * h
+    second = [[(at_rest(a + b) - at_rest(a - b) - at_rest(b - a) + at_rest(-a - b)) / (4 * h * h) for b in steps] for a in steps]
+    bend = minimize(energy, (0.0, 10.0), args=(np.zeros(2),), method="BFGS", options={"gtol": 1e-11}).x
+    lam = 1 - bend[1] * np.array(offsets)[:, 0]
+    # both tubes have the same torsional stiffness: the least at which no eigenvalue of the sum is negative
+    critical = -np.linalg.eigvals(np.diag(lam) @ second).real.min() * (2 * length / np.pi) ** 2
+    tubes = [
+        mr.Rod(length=length, bending_stiffness=EI[k], torsional_stiffness=part * critical, precurvature=(0, kappa[k], 0))
+        for k in range(2)
+    ]
+    robot = mr.EccentricTubes(tubes, offsets)
+    solution = mr.solve(robot, robot.inputs(), guess=np.zeros(2))
+    np.testing.assert_allclose(solution.rod(0, nodes=2).curvature[:, 1], bend[1], rtol=1e-6)
+    assert solution.stability is stability
 
 
 def test_it_conforms(robot):

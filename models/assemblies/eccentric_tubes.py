@@ -26,8 +26,7 @@ class EccentricTubes(BackboneAssembly):
 
     Arclengths are those of the line: where a tube ends, and its precurvature as a function. Loads act on the line. A solution's
     ``position`` and ``rotation`` are those of the line's end; ``rod(i)`` is tube i, where it is. What keeps the line from
-    twisting takes up a torque, so ``rod(i).force`` is the force of all tubes together, in the frame of one. Their stability is
-    not judged.
+    twisting takes up a torque. ``rod(i).force`` is the force of all tubes together, in the frame of one.
 
     Args:
         tubes: 1 to 6, in any order.

@@ -597,12 +597,15 @@ class BackboneProblem(BoundaryProblem):
         return NodePass(call, launch, columns, bool(features.members), self._host is not None)
 
     def _twisting_table(self) -> Any:
-        """The rods, one that is rigid in torsion only ``RIGID`` times stiffer than in bending: columns need to twist it."""
+        """The rods, one that is rigid in torsion only ``RIGID`` times stiffer than in bending: columns need to twist it, (8s)."""
         material = self.arrays.material
         rigid = np.isinf(material[..., 2])
-        if not rigid.any():
+        if not rigid.any() and not self.features.eccentric:
             return self.table
         material = np.array(material)
+        if self.features.eccentric:
+            stiffest = material[..., :2].max(axis=(1, 2, 3), keepdims=True)
+            material[..., kernels.MATERIAL_SIZE + 2] = 1 / (RIGID * stiffest[..., 0])
         material[..., 5][rigid] = 1 / (RIGID * material[..., :2].max(axis=-1)[rigid])
         table = self._make_table(None)
         table.material = self._array(material)

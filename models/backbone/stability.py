@@ -36,7 +36,7 @@ class BackboneStability(StabilityAnalysis):
 
     @property
     def multistable(self) -> bool:  # noqa: D102
-        return len(self.problem.rods) > 1 and not self.problem.features.eccentric
+        return self.problem.features.turning_count > 0
 
     @property
     def has_potential(self) -> NDArray[np.bool_]:  # noqa: D102
@@ -66,8 +66,7 @@ class BackboneStability(StabilityAnalysis):
         form, determinant = self.condensed_form()
         modes = form.modes(self.problem.stiffness_over_length())
         potential = self.has_potential
-        features = self.problem.features
-        judged = potential & self.problem.lines.stays_stiff() & (not (features.foundation or features.eccentric))
+        judged = potential & self.problem.lines.stays_stiff() & (not self.problem.features.foundation)
         modes.known[~judged] = False
         modes.values[~judged] = np.nan
         # det Gamma is positive where nothing acts
@@ -83,14 +82,12 @@ class BackboneStability(StabilityAnalysis):
         One integration over as many nodes as the loads call for; where the moments found call for more, another one.
         """
         unit, n = self.problem.stiffness_over_length(), len(self.problem.rods)
-        size = n + 2 + (3 if self.problem.held else 0)
+        size = self._free() + (3 if self.problem.held else 0)
         count = self.problem.instance_count
         form = CondensedForm(np.full((count, size, size), np.nan), np.zeros(count, dtype=np.int32), np.zeros(count, dtype=bool))
         determinant = np.full(count, np.nan)
         if n > 1 and not np.isfinite(self.problem.arrays.material[..., 2]).all():
             return form, determinant  # a torque of each that nothing determines
-        if self.problem.features.eccentric:
-            return form, determinant  # columns do not tell how a line that cannot twist would give way
         # each instance has its own number of nodes, whatever stands beside it in the batch
         nodes = _nodes(np.minimum(np.nan_to_num(self._segments_expected()), MOST_NODES_AT_FIRST - 2))
         open_ = np.ones(count, dtype=bool)
@@ -113,12 +110,16 @@ class BackboneStability(StabilityAnalysis):
             open_ &= ~chosen | more
         return form, determinant
 
+    def _free(self) -> int:
+        """Angles of a free tip: three of what ends there, and how each rod turns against it."""
+        return 3 + self.problem.features.turning_count
+
     def _form(self, call: "NodePass", chosen: NDArray[np.bool_], unit: FloatArray) -> CondensedForm:
         """(4) to (6), (14) by what a pass over nodes says of the instances ``chosen``; ``unit`` is ``K/L`` [N m] of these."""
         problem, drives = self.problem, self.problem.slots.places["drives"]
         by_tensions = np.arange(drives.start, drives.stop)
         # base forces that follow a load are no variations that keep the forces, and those of unloaded tubes carry a moment here
-        others = np.arange(len(problem.rods) + 2)
+        others = np.arange(self._free())
         if problem.held:
             others = np.delete(np.arange(problem.unknown_count), by_tensions)
         columns = self._node_columns(call, chosen, others)
@@ -133,8 +134,10 @@ class BackboneStability(StabilityAnalysis):
 
     def _node_columns(self, call: "NodePass", chosen: NDArray[np.bool_], columns: NDArray[np.intp]) -> NodeColumns:
         """What a pass over nodes says of variations of the instances ``chosen`` by some of the unknowns."""
-        rows = len(self.problem.rods) + 2
+        rows = self._free()
         ends = self.problem.ends()[chosen]
+        if self.problem.features.eccentric:  # the line is what ends at the tip, as the longest rod does
+            ends = np.concatenate([ends.max(axis=1, keepdims=True), ends], axis=1)
         arclength = call.read("column_arclength")[chosen]
         configuration = call.read("node_columns")[chosen, :, :rows][..., columns]
         momenta = call.read("tip_columns")[chosen, :rows][..., columns]
@@ -165,7 +168,7 @@ class BackboneStability(StabilityAnalysis):
     def _segments(self, moment: FloatArray, force: FloatArray, curvature: FloatArray) -> FloatArray:
         """(7) from bounds [N m], [N], [1/m], shape (instance_count,)."""
         coupling, potential = moment, force + self.problem.magnetic_load()
-        if len(self.problem.rods) > 1:
+        if self.problem.features.turning_count:
             EI, kappa = self.problem.by_section()
             bend = EI * kappa
             coupling = moment + bend.max(axis=2).sum(axis=1)

@@ -19,7 +19,10 @@ LEFT = 0.2  # of a rod's length against that of the line, the least that one ste
 
 
 def make_eccentric_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> SimpleNamespace:
-    """(7o), (8o): rods at offsets ``rho_i`` from a line whose frame does not twist, each with its own angle and torque."""
+    """(7o), (8o): rods at offsets ``rho_i`` from a line whose frame does not twist, each with its own angle and torque.
+
+    Columns that ask how the line would give way let it twist a little, (8s).
+    """
     L, V = lanes(W, d), vectors(W, d)
     Real, row, put, fill, any_less = L.Real, L.row, L.put, L.fill, L.any_less
     absolute, largest, least, where_less = L.absolute, L.largest, L.least, L.where_less
@@ -31,7 +34,8 @@ def make_eccentric_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simp
     n = layout.n
     VARIED = layout.VARIED and layout.DIRECTIONS
     s, p = layout.stretch, layout.place
-    PRESENT, BENDING, TORSION, OFFSET, UNIT_LENGTH = s["present"], s["bending"], s["torsion"], s["offset"], s["unit_length"]
+    PRESENT, BENDING, TORSION, OFFSET, SHEATH = s["present"], s["bending"], s["torsion"], s["offset"], s["sheath"]
+    UNIT_LENGTH = s["unit_length"]
     X, CURVATURE, TUBE_X, TUBE_Y, TORQUE = p["x"], p["curvature"], p["tube_x"], p["tube_y"], p["torque"]
     FLEXIBILITY, COSINE, SINE = p["flexibility"], p["cosine"], p["sine"]
     STRETCHING, TWISTING, OWN_TWIST, NODES = p["stretching"], p["twisting"], p["own_twist"], layout.NODES
@@ -48,6 +52,7 @@ def make_eccentric_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simp
         """(7o) u, by Newton's method on a convex energy; what each rod brings in is put to the place."""
         gx = M.x
         gy = M.y
+        rest = M.z
         one = fill(d(1.0))
         zero = fill(d(0.0))
         for i in range(wp.static(n)):
@@ -64,7 +69,9 @@ def make_eccentric_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simp
             put(memory, a + wp.static(TUBE_Y) + i, EI * by)
             tau = part(b, wp.static(TAU) + i)
             softness = row(memory, z + wp.static(TORSION) + i)
-            own_twist = row(memory, z + wp.static(PRESENT) + i) * u.z
+            present = row(memory, z + wp.static(PRESENT) + i)
+            own_twist = present * u.z
+            rest = rest - present * tau
             put(memory, a + wp.static(TORQUE) + i, tau)
             put(memory, a + wp.static(TWISTING) + i, softness * tau + own_twist)
             cx, cy = lever(memory, z, i)
@@ -94,7 +101,7 @@ def make_eccentric_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simp
             put(memory, a + wp.static(STRETCHING) + i, lam)
             shortest = least(shortest, where_less(zero, row(memory, z + wp.static(PRESENT) + i), lam, one))
         bad = d(0.0) / ((one - open_) * where_less(zero, shortest, one, zero))  # no number where it did not settle
-        return Vec3(ux + bad, uy + bad, zero)
+        return Vec3(ux + bad, uy + bad, row(memory, z + wp.static(SHEATH)) * rest)
 
     @wp.func
     def newton_step(memory: memory_type, z: int, a: int, gx: Real, gy: Real, ux: Real, uy: Real):
@@ -136,8 +143,8 @@ def make_eccentric_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simp
     def rates(memory: memory_type, z: int, a: int, x: Real, b: State, u: Vec3, f: wp.ref[State]):
         """(8o) theta_i' and tau_i'; zero where the rod has ended."""
         for i in range(wp.static(n)):
-            twisting = row(memory, a + wp.static(TWISTING) + i)
-            keep(f, wp.static(THETA) + i, row(memory, a + wp.static(STRETCHING) + i) * twisting)
+            own = row(memory, a + wp.static(STRETCHING) + i) * row(memory, a + wp.static(TWISTING) + i)
+            keep(f, wp.static(THETA) + i, own - row(memory, z + wp.static(PRESENT) + i) * u.z)
             torque = u.x * row(memory, a + wp.static(TUBE_Y) + i) - u.y * row(memory, a + wp.static(TUBE_X) + i)
             keep(f, wp.static(TAU) + i, torque)
 
@@ -145,6 +152,7 @@ def make_eccentric_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simp
     def energy_rate(memory: memory_type, z: int, a: int, x: Real, b: State, M: Vec3, N: Vec3, u: Vec3) -> Real:
         """(7o) Twice the energy per length of the line."""
         energy = fill(d(0.0))
+        rest = M.z
         for i in range(wp.static(n)):
             u_star = precurvature(memory, z, i, x)
             c = row(memory, a + wp.static(COSINE) + i)
@@ -155,7 +163,8 @@ def make_eccentric_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simp
             tau = part(b, wp.static(TAU) + i)
             bent = row(memory, z + wp.static(BENDING) + i) * (ex * ex + ey * ey)
             energy = energy + lam * (bent + row(memory, z + wp.static(TORSION) + i) * tau * tau)
-        return energy
+            rest = rest - row(memory, z + wp.static(PRESENT) + i) * tau
+        return energy + row(memory, z + wp.static(SHEATH)) * rest * rest
 
     @wp.func
     def turned_variation(memory: memory_type, z: int, a: int, i: int, g: int) -> Vec3:
@@ -171,12 +180,14 @@ def make_eccentric_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simp
         """(17o) du, and no shear; dM in the frame"""
         gx = dM.x
         gy = dM.y
+        rest = dM.z
         for i in range(wp.static(n)):
             turn = part_of(v, wp.static(THETA) + i)
             bx = row(memory, a + wp.static(TUBE_X) + i)
             by = row(memory, a + wp.static(TUBE_Y) + i)
             cx, cy = lever(memory, z, i)
             along = row(memory, a + wp.static(TWISTING) + i) * part_of(v, wp.static(TAU) + i)
+            rest = rest - row(memory, z + wp.static(PRESENT) + i) * part_of(v, wp.static(TAU) + i)
             gx = gx - by * turn
             gy = gy + bx * turn
             if wp.static(VARIED):
@@ -188,7 +199,7 @@ def make_eccentric_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simp
             gx = gx + along * cx
             gy = gy + along * cy
         f = row3(memory, a + wp.static(FLEXIBILITY))
-        return Vec3(f.x * gx + f.y * gy, f.y * gx + f.z * gy, fill(d(0.0))), zero3()
+        return Vec3(f.x * gx + f.y * gy, f.y * gx + f.z * gy, row(memory, z + wp.static(SHEATH)) * rest), zero3()
 
     @wp.func
     def rate_variations(memory: memory_type, z: int, a: int, g: int, v: Column, du: Vec3, f: wp.ref[Column]):
@@ -209,7 +220,7 @@ def make_eccentric_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simp
                 dbx = dbx + EI * e.x
                 dby = dby + EI * e.y
             longer = cx * du.x + cy * du.y
-            own = row(memory, a + wp.static(STRETCHING) + i) * twist
+            own = row(memory, a + wp.static(STRETCHING) + i) * twist - row(memory, z + wp.static(PRESENT) + i) * du.z
             keep_in(f, wp.static(THETA) + i, own + longer * row(memory, a + wp.static(TWISTING) + i))
             keep_in(f, wp.static(TAU) + i, du.x * by - du.y * bx + u.x * dby - u.y * dbx)
 

@@ -476,6 +476,8 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
                     for j in range(2):
                         offset = rods.material[case.rods, i, m, wp.static(MATERIAL_SIZE) + j] / case.unit
                         set_number(memory, z + wp.static(z_at("offset")) + 2 * i + j, l, offset)
+                    sheath = rods.material[case.rods, 0, 0, wp.static(MATERIAL_SIZE) + 2] * case.stiffness
+                    set_number(memory, z + wp.static(z_at("sheath")), l, sheath)
             else:
                 for j in range(3):
                     compliance = rods.material[case.rods, i, m, 3 + j] * case.stiffness

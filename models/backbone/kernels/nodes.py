@@ -111,8 +111,8 @@ def make_nodes(layout: Layout, memory: Memory, base: SimpleNamespace, tip: Simpl
 
     @wp.func
     def write_node_column(call: wp.ref[Call], case: wp.ref[Instance], passed: int, y: State, v: Column, s: f64, k: int):
-        """How the configuration at s varies with an unknown: rotation vector of the longest rod in the world, then the angle
-        of each other rod from it.
+        """How the configuration at s varies with an unknown: rotation vector of the longest rod in the world, or of the line that
+        rods side by side follow, then the angle of each other rod from it.
         """
         t = case.index
         if passed >= call.column_arclength.shape[1]:
@@ -124,10 +124,10 @@ def make_nodes(layout: Layout, memory: Memory, base: SimpleNamespace, tip: Simpl
         row = int(3)
         count = int(wp.static(n))
         for i in range(count):
-            if i != case.longest:
+            if wp.static(ECCENTRIC) or i != case.longest:
                 angle = -tip_angle_column(case, v)
-                if i > 0:
-                    angle += v[wp.static(THETA_AT) + i - 1]
+                if i >= wp.static(FIRST):
+                    angle += v[wp.static(THETA_AT) + i - wp.static(FIRST)]
                 call.node_columns[t, passed, row, k] = angle
                 row += int(1)
 
@@ -142,17 +142,17 @@ def make_nodes(layout: Layout, memory: Memory, base: SimpleNamespace, tip: Simpl
         for j in range(3):
             call.tip_columns[t, j, k] = moment[j]
         inner = dM[2]
-        last = int(wp.static(TORQUES + 1))
+        last = int(wp.static(0 if ECCENTRIC else TORQUES + 1))
         for i in range(1, last):
             inner -= v[wp.static(TAU_AT) + i - 1]
         row = int(3)
         count = int(wp.static(n))
         for i in range(count):
-            if i != case.longest:
+            if wp.static(ECCENTRIC) or i != case.longest:
                 torque = inner
                 if wp.static(TORQUES > 0):
-                    if i > 0:
-                        torque = v[wp.static(TAU_AT) + i - 1]
+                    if i >= wp.static(FIRST):
+                        torque = v[wp.static(TAU_AT) + i - wp.static(FIRST)]
                 call.tip_columns[t, row, k] = torque
                 row += int(1)
 

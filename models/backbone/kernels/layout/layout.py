@@ -175,6 +175,7 @@ class Layout:
                 Slot("softness", 1 * several, "1/stiffness"),  # 1 / sum of bending
                 Slot("torsion", n * several, "1/stiffness"),  # 1/GJ, zero where it has ended
                 Slot("offset", 2 * n * f.eccentric, "length"),
+                Slot("sheath", 1 * f.eccentric, "1/stiffness"),  # what the line gives way to torsion by
                 Slot("compliance", 3 * (not several), "1/stiffness"),
                 Slot("shear", 3 * f.shear, "1/force"),
                 Slot("precurvature", 3 * self.CURVATURE_TERMS * n, "1/length"),
