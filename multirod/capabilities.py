@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.batch import IntArray
+from multirod.status import Status
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -46,6 +47,10 @@ class Lines(ABC):
         """The part of its tension that friction leaves at nodes evenly spaced along its rod, shape (instance_count, line_count,
         node_count)."""
         return np.ones((*self.tension().shape, node_count))
+
+    def beyond(self) -> NDArray[np.bool_]:
+        """Whether it is so tight, with those beside it, that its law does not hold, shape (instance_count, line_count)."""
+        return np.zeros(self.tension().shape, dtype=bool)
 
     def length_columns(self) -> FloatArray:
         """Derivatives of the lengths after ``BoundaryProblem.input_columns``, by unknowns then directions, shape (instance_count,
@@ -124,7 +129,12 @@ class Joints(ABC):
 
 
 class ResultTest(ABC):
-    """Tests what any solver finds: where ``Gamma`` does not tell that stability is lost, or results have limits."""
+    """Tests what any solver finds: where ``Gamma`` does not tell that stability is lost, or results have limits.
+
+    ``integrations`` is how many it takes for what is settled.
+    """
+
+    integrations = 0
 
     @abstractmethod
     def refusals(self, settled: NDArray[np.bool_]) -> NDArray[np.int32]:
@@ -132,6 +142,16 @@ class ResultTest(ABC):
 
         What is ``settled`` is an equilibrium within the tolerance, the others are estimates or have failed.
         """
+
+
+class LineTest(ResultTest):
+    """Of a problem whose ``lines`` may be beyond what their law holds for."""
+
+    def __init__(self, lines: Lines) -> None:
+        self.lines = lines
+
+    def refusals(self, settled: NDArray[np.bool_]) -> NDArray[np.int32]:  # noqa: D102
+        return np.where(self.lines.beyond().any(axis=1), Status.LINE_LIMIT, Status.NOT_RUN).astype(np.int32)
 
 
 @dataclass(frozen=True)

@@ -88,7 +88,7 @@ def refuse_unfit(problem: BoundaryProblem, outcome: Outcome) -> None:
     refusals = problem.result_test.refusals(settled)
     refused = found & (refusals != Status.NOT_RUN)
     outcome.status[refused] = refusals[refused]
-    outcome.integrations += settled
+    outcome.integrations += problem.result_test.integrations * settled
 
 
 class Track(Uncopied, ABC):

@@ -35,6 +35,7 @@ class Status(IntEnum):
     MULTIPLE_SHOOTING = 16
     INTEGRATION_LIMIT = 17
     OUT_OF_LIMITS = 18
+    LINE_LIMIT = 19
 
     def __str__(self) -> str:
         return self.name
@@ -90,6 +91,9 @@ _MESSAGES = {
     "stable (simulate), or give another guess; of an inverse problem, ask for another pose",
     Status.OUT_OF_LIMITS: "the translations that lead to this pose are beyond the limits that inverse() was given, or leave "
     "nothing of a leg in use: ask for another pose, give wider limits, or begin at another translation or guess",
+    Status.LINE_LIMIT: "a line is where its law ends: pulled or bent to less than a tenth of its rod's length at some place, or "
+    "so tight that lines together buckle the rod between its discs; or another member's law has no strains for what the rod "
+    "carries: lower tensions, displacements or loads (docs/lines.md)",
     Status.LOWEST_ENERGY: "the residual is within the tolerance; raising loads (of tubes also precurvature and the angles "
     "between them) in proportion ends before the full load, so this is the stable equilibrium of lowest potential energy that "
     "was found from many starts (for a parallel robot whose loads have no potential, where raising these leads from "
@@ -116,3 +120,12 @@ class Fault(IntEnum):
     NONE = 0
     NONFINITE = 1
     STEP_LIMIT = 2
+    STRAIN_LAW = 3  # a section with members has no strains that answer to what it carries
+
+    @property
+    def status(self) -> Status:
+        """Of an instance that this ends; NONE, too, where what came after the integration overflows."""
+        return _OF_FAULTS.get(self, Status.NONFINITE)
+
+
+_OF_FAULTS = {Fault.STEP_LIMIT: Status.STEP_LIMIT, Fault.STRAIN_LAW: Status.LINE_LIMIT}

@@ -10,7 +10,7 @@ import numpy as np
 from multirod.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome, Solver
-from multirod.status import Status
+from multirod.status import Fault, Status
 from multirod.validation import FloatArray, boolean, choice, positive_float, positive_int, refuse
 
 _SIMPLEX = 0.01
@@ -80,7 +80,7 @@ class ScipyShooting(Solver):
             residual = np.abs(sample.residual).max()
             outcome.status[k] = Status.CONVERGED if residual <= self.max_residual else Status.STALLED
             if not math.isfinite(residual):
-                outcome.status[k] = Status.NONFINITE
+                outcome.status[k] = Fault(problem.fault.numpy()[k]).status
         return outcome
 
     def _minimise(self, sample: "_Sample", start: FloatArray) -> int:

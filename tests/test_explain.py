@@ -228,6 +228,30 @@ def test_a_table_says_what_asks_for_what():
         found["friction"]
 
 
+def test_lines_run_along_the_rod_and_slide_where_that_is_dropped():
+    own = {"length": 0.2, "bending_stiffness": 0.01, "torsional_stiffness": 0.0077, "precurvature": (0.0, 3.0, 0.0)}
+
+    def robot(discs: float | None, friction: float, driven: str) -> mr.SingleRod:
+        line = mr.Tendon(offset=(0.008, 0.001), end=0.15, friction=friction, driven=driven)
+        return mr.SingleRod(mr.Rod(**own, lines=[line], discs=discs))
+
+    for name, discs, friction in (("discs", 0.05, 0.0), ("friction", None, 0.2)):
+        for driven in ("tension", "displacement"):
+            given = robot(discs, friction, driven)
+            found = mr.explain(given, given.inputs(**{driven: 1e-3, "tip_force": (0.1, 0, 0)}))
+            assert found[name].error == np.inf
+            assert found[name].reason == "no promise"
+            assert found[name].saves
+            assert f"without {name}" in found.models()
+            assert {"discs", "friction"} - {name} <= set(found.absent)
+            left, _ = found.without(name)
+            expected = robot(None, 0.0, driven).arrays
+            assert left.arrays.members == expected.members
+            np.testing.assert_array_equal(left.arrays.material, expected.material)
+            assert given.rods[0].discs == discs
+    assert "friction" not in mr.explain(straight()).absent
+
+
 def test_only_what_can_be_dropped_is():
     robot = straight()
     found = mr.explain(robot, robot.inputs(tip_force=(0.1, 0, 0)))

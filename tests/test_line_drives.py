@@ -332,6 +332,31 @@ def test_lines_between_discs_have_exact_derivatives_and_no_energy_of_their_own()
         mr.Tracker(robot, dt=0.005, inputs=robot.inputs(tension=tension, tip_force=FORCE)).step(tension=(50, 50, 50))
 
 
+def test_a_displacement_beyond_what_a_line_can_do_says_so() -> None:
+    """Where a tenth of its length is left, or its tension buckles the rod between discs."""
+    spacing = 0.05
+    for discs, most in ((None, 0.9 * LENGTH), (spacing, None)):
+        rod = mr.Rod(**OWN, lines=[mr.Tendon(offset=(R, 0), driven="displacement")], discs=discs)
+        robot = mr.SingleRod(rod)
+        displacement = np.linspace(0.02, 0.1, 9) if most is None else most * np.array([0.97, 1.02, 1.3])
+        solution = mr.solve(robot, robot.inputs(displacement=displacement[:, None], tip_force=(0, 0.01, 0)))
+        failed = np.array([status == mr.Status.LINE_LIMIT for status in solution.status])
+        assert (solution.status[~failed] == mr.Status.CONVERGED).all()
+        assert failed.any()
+        assert not failed.all()
+        assert (np.diff(failed.astype(int)) >= 0).all()
+        assert np.isnan(solution.tension[failed]).all()
+        if most is None:
+            tension = solution.tension[~failed, 0]
+            # the next step would have been too far: they rise by less than that from one to the next
+            assert tension.max() < np.pi**2 * EI / spacing**2 < tension.max() + 2 * np.diff(tension)[-1]
+        else:
+            assert failed.tolist() == [False, True, True]
+    loop = mr.Tracker(robot, dt=0.005, inputs=robot.inputs(displacement=0.02, tip_force=(0, 0.01, 0)))
+    assert loop.step().status == mr.Status.CONVERGED
+    assert loop.step(displacement=displacement[failed][0]).status == mr.Status.LINE_LIMIT
+
+
 # ---- stability ----
 
 

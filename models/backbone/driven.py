@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.capabilities import Lines
-from multirod.models.backbone.lines import Line, SectionChamber
+from multirod.models.backbone.lines import Chamber, Line, SectionChamber
 from multirod.models.backbone.members import CONDITION, Member, columns_in_material, drive_places
 from multirod.validation import FloatArray
 
@@ -60,6 +60,18 @@ class DrivenLines(Lines):
         if not self.problem.features.friction:
             return super().left(node_count)
         return np.moveaxis(self.problem.node_pass(node_count).read("node_left"), 1, 2)
+
+    def beyond(self) -> NDArray[np.bool_]:
+        """Where lines between discs together buckle the rod, (L11)."""
+        pull = np.zeros((self.problem.instance_count, 1))
+        tension, straight = self.tension(), np.zeros((1, len(self._driven)), dtype=bool)
+        for k, (kind, own) in enumerate(self._driven):
+            if issubclass(kind, Line) and not issubclass(kind, Chamber):
+                spacing = own[..., list(kind.parameters).index("discs")].max(axis=1) * 24  # its square
+                straight[:, k] = spacing.any()
+                pull[:, 0] += tension[:, k] * self.problem.each(spacing)
+        softest = self.problem.each(self.problem.arrays.material[:, 0, :, :2].min(axis=(1, 2)))
+        return np.asarray(straight & (pull >= np.pi**2 * softest[:, None]))
 
     def taut(self) -> NDArray[np.bool_]:
         """Which of the lines that are driven by their length are held by it, shape (instance_count, condition_count)."""

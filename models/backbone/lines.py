@@ -95,6 +95,10 @@ class Line(Member):
         """Without the function: the polynomials are all that a solve needs."""
         return {**vars(self), "_route": None if self._route is None else self._resolved}
 
+    def smooth(self) -> "Line":
+        """The same without friction."""
+        return self
+
     @property
     def cuts(self) -> Sequence[float]:  # noqa: D102
         inner = [] if self._resolved is None else (self.start + self._resolved.ends[:-1]).tolist()
@@ -308,6 +312,11 @@ class RubbingTendon(Tendon):
         own, count = np.broadcast_to(own, (*shape, own.shape[-1])), len(Line.parameters)
         friction = np.broadcast_to(self.friction, shape)[..., None]
         return np.concatenate([own[..., :count], friction, own[..., count:]], axis=-1)
+
+    def smooth(self) -> Tendon:  # noqa: D102
+        result = object.__new__(DisplacedTendon if isinstance(self, DisplacedTendon) else Tendon)
+        vars(result).update({name: value for name, value in vars(self).items() if name != "friction"})
+        return result
 
     def polynomials(self, s: float) -> tuple[float, float, FloatArray]:  # noqa: D102
         begin, end, terms = super().polynomials(s)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from multirod.assembly import Assembly, pose
 from multirod.batch import IntArray, take
-from multirod.capabilities import FreeTip, Parts
+from multirod.capabilities import FreeTip, LineTest, Parts
 from multirod.inputs import Inputs, InputSpec
 from multirod.integrators import AdaptiveIntegrator, Integrator
 from multirod.launch import LONGEST
@@ -316,6 +316,10 @@ class BackboneProblem(BoundaryProblem):
     @property
     def lines(self) -> DrivenLines:  # noqa: D102
         return DrivenLines(self)
+
+    @property
+    def result_test(self) -> LineTest | None:  # noqa: D102
+        return LineTest(self.lines) if self.features.discs and self.features.condition_count else None
 
     @property
     def starts(self) -> BackboneStarts:  # noqa: D102

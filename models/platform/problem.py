@@ -12,7 +12,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from multirod.batch import IntArray, take
-from multirod.capabilities import Lines, Loading, Parts, Shapes
+from multirod.capabilities import Lines, LineTest, Loading, Parts, ResultTest, Shapes
 from multirod.inputs import Inputs, InputSpec
 from multirod.integrators import Integrator
 from multirod.launch import record
@@ -355,8 +355,11 @@ class ParallelProblem(BoundaryProblem):
         return None if self.inverse else PlatformStarts(self)
 
     @property
-    def result_test(self) -> InverseTest | None:  # noqa: D102
-        return InverseTest(self) if self.inverse else None
+    def result_test(self) -> ResultTest | None:  # noqa: D102
+        if self.inverse:
+            return InverseTest(self)
+        between_discs = any(group.backbones.features.discs and group.backbones.features.condition_count for group in self.groups)
+        return LineTest(self.lines) if between_discs else None
 
     # ---- the interface ----
 
@@ -702,6 +705,9 @@ class PlatformLines(Lines):
 
     def slack(self) -> NDArray[np.bool_]:  # noqa: D102
         return np.asarray(self._of_legs(lambda lines: lines.slack()) != 0)
+
+    def beyond(self) -> NDArray[np.bool_]:  # noqa: D102
+        return np.asarray(self._of_legs(lambda lines: lines.beyond()) != 0)
 
     def left(self, node_count: int) -> FloatArray:  # noqa: D102
         return self._of_legs(lambda lines: lines.left(node_count), node_count)

@@ -202,6 +202,8 @@ class PlatformStability(StabilityAnalysis):
 class InverseTest(ResultTest):
     """Of the inverse problem: with the platform held, no mode of ``Gamma`` vanishes where the robot loses stability."""
 
+    integrations = 1
+
     def __init__(self, problem: "ParallelProblem") -> None:
         self.problem = problem
 

@@ -17,7 +17,7 @@ from multirod.solvers.continuation.acceptance import (
     SMALLEST_RATIO,
     SURPRISE,
 )
-from multirod.solvers.newton.newton_kernels import NewtonState, begin, make_iteration
+from multirod.solvers.newton.newton_kernels import NewtonState, begin, failure_of, make_iteration
 from multirod.status import Fault, Status
 
 AGREEMENT = 0.25  # the same from half the way to where twice the step led: half for one that stays a distance away
@@ -244,6 +244,8 @@ def make_path(block: int = 0, border: int = 0):
         n = state.points.shape[2]
         if found == wp.static(int(Status.NONFINITE)) or found == wp.static(int(Status.STEP_LIMIT)):
             return found
+        if found == wp.static(int(Status.LINE_LIMIT)):
+            return found
         size = f64(0.0)
         largest = f64(0.0)
         for i in range(n):
@@ -257,10 +259,8 @@ def make_path(block: int = 0, border: int = 0):
     @wp.func
     def arrive(state: wp.ref[PathState], t: int) -> int:
         """Take in the equilibrium where the path starts."""
-        if state.newton.fault[t] == wp.static(int(Fault.STEP_LIMIT)):
-            return wp.static(int(Status.STEP_LIMIT))
-        if state.newton.fault[t] != 0:
-            return wp.static(int(Status.NONFINITE))
+        if state.newton.fault[t] != wp.static(int(Fault.NONE)):
+            return failure_of(state.newton.fault[t])
         keep(state, t, f64(0.0))
         state.step[t] = longest_step(state, t)
         return wp.static(int(Status.NOT_RUN))

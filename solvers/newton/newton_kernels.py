@@ -56,6 +56,16 @@ f64 = wp.float64
 
 
 @wp.func
+def failure_of(fault: int) -> int:
+    """Status of an instance that a failed integration ends."""
+    if fault == wp.static(int(Fault.STEP_LIMIT)):
+        return wp.static(int(Fault.STEP_LIMIT.status))
+    if fault == wp.static(int(Fault.STRAIN_LAW)):
+        return wp.static(int(Fault.STRAIN_LAW.status))
+    return wp.static(int(Fault.NONFINITE.status))
+
+
+@wp.func
 def begin(state: wp.ref[NewtonState], t: int):
     """The iteration is to start at the present unknowns."""
     state.iterations[t] = 0
@@ -240,14 +250,14 @@ def make_iteration(block: int = 0, border: int = 0) -> SimpleNamespace:
                         state.damping[t] = f64(1.0)
                         state.iterations[t] = state.iterations[t] + 1
         elif first or line_search == 0:
-            status = int(wp.static(int(Status.NONFINITE)))
-            if state.fault[t] == wp.static(int(Fault.STEP_LIMIT)):
-                status = int(wp.static(int(Status.STEP_LIMIT)))
+            status = failure_of(state.fault[t])
         else:
             damping = f64(0.5) * state.damping[t]
             state.damping[t] = damping
             if damping < f64(1.0e-4):
                 status = int(wp.static(int(Status.STALLED)))
+                if state.fault[t] == wp.static(int(Fault.STRAIN_LAW)):
+                    status = int(wp.static(int(Status.LINE_LIMIT)))
             for i in range(n):
                 state.unknowns[t, i] = state.accepted[t, i] + damping * state.step[t, i]
         return status

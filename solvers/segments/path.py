@@ -13,7 +13,7 @@ from multirod.integrators import Integrator
 from multirod.segment_system import System
 from multirod.segments import Breakpoints, Propagation, Request, Segments
 from multirod.solvers.continuation.acceptance import CONTRACTION, MIN_STEP, SURPRISE, same_branch_in_segments
-from multirod.status import Status
+from multirod.status import Fault, Status
 from multirod.validation import FloatArray
 
 PACE = 100  # steps over which it is told
@@ -226,7 +226,7 @@ class SegmentedPath:
                 if self.fault or not long.any():
                     return points, found
                 if len(long) > MOST_SEGMENTS:
-                    self.fault = 2
+                    self.fault = Fault.STEP_LIMIT
                     return points, found
                 half = points.halves(self.instance, long, level)
                 led = yield from self._ask(half)
@@ -364,7 +364,7 @@ class SegmentedPath:
     def _why(self, otherwise: Status) -> Status:
         if self.stalled and not self.fault:
             return Status.STALLED
-        return {0: otherwise, 1: Status.NONFINITE}.get(self.fault, Status.STEP_LIMIT)
+        return Fault(self.fault).status if self.fault else otherwise
 
 
 def run_together(segments: Segments, runs: dict[int, Run]) -> dict[int, Any]:

@@ -7,6 +7,7 @@ import warp as wp
 
 from multirod.models.rotation_kernels import rotation_from_vector
 from multirod.solvers.newton.linear_algebra_kernels import make_linear_algebra
+from multirod.solvers.newton.newton_kernels import failure_of
 from multirod.status import Status
 
 f64 = wp.float64
@@ -152,7 +153,7 @@ def make_descent(feed_forward: bool):
         state.size[t] = size
         state.margin[t] = f64(0.0)
         if state.fault[t] != 0 or not finite(g):
-            state.status[t] = wp.static(int(Status.NONFINITE))
+            state.status[t] = failure_of(state.fault[t])
             return
 
         Y = turned_columns(state, t)

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from multirod.solvers.newton.linear_algebra_kernels import make_linear_algebra
+from multirod.solvers.newton.newton_kernels import failure_of
 from multirod.status import Status
 
 f64 = wp.float64
@@ -361,7 +362,7 @@ def make_observer(
             size = wp.max(size, wp.abs(state.residual[t, i]))
         state.size[t] = size
         if state.fault[t] != 0 or not all_finite(state, t, state.residual):
-            state.status[t] = int(wp.static(int(Status.NONFINITE)))
+            state.status[t] = failure_of(state.fault[t])
             return
 
         if wp.static(EQUILIBRATED):

@@ -10,7 +10,7 @@ import numpy as np
 from multirod.problem import BoundaryProblem
 from multirod.rotations import matrices
 from multirod.solvers.tracking.observer_kernels import SWEEPS
-from multirod.status import Status
+from multirod.status import Fault, Status
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ class LargeSample:
         }
         kept["singular_value"] = state.singular_value.numpy().copy()
         kept["size"][active] = np.abs(eps[active]).max(axis=1)
-        kept["status"][active] = Status.NONFINITE
+        kept["status"][active] = [Fault(fault).status for fault in problem.fault.numpy()[active]]
         if sound.any():
             slopes = problem.residual_directions.numpy()[sound, :, 0] if options.feed_forward else np.zeros((sound.sum(), n))
             found, newton = self._update(

@@ -9,7 +9,7 @@ import warp as wp
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome, Track
 from multirod.solvers.continuation.acceptance import same_branch
-from multirod.status import Status
+from multirod.status import Fault, Status
 from multirod.validation import FloatArray, frozen
 
 
@@ -97,7 +97,8 @@ class SampledTrack(Track):
             status = self.state.status.numpy()
             done = active & self._settled(limit) & (load == 1.0)
             outcome.status[done] = Status.CONVERGED
-            outcome.status[active & (status == Status.NONFINITE)] = Status.NONFINITE
+            ended = active & np.isin(status, [fault.status for fault in Fault])
+            outcome.status[ended] = status[ended]
             outcome.status[active & (status == Status.EULER_LIMIT)] = Status.EULER_DIVERGED
             if guess is None:
                 gamma = problem.read("gamma").reshape(count, problem.unknown_count, -1)

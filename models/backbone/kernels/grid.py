@@ -624,6 +624,8 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         else:
             find_end(rods, call, case, p)
             load_sections(rods, call, case, memory, o, l, start)
+            if wp.static(MEMBERS):
+                set_number(memory, z + wp.static(z_at("unanswered")), l, f64(0.0))
             if wp.static(WORLD_FORCE):
                 n0 = wp.vec3d(call.lane[p, FORCE], call.lane[p, wp.static(FORCE + 1)], call.lane[p, wp.static(FORCE + 2)])
                 set_vector(memory, z + wp.static(z_at("force")), l, n0 / case.force)

@@ -84,7 +84,7 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
     Z, COLUMNS, COLUMN_SIZE, GIVEN = memory.STRETCH, memory.COLUMNS, memory.COLUMN_SIZE, layout.column.size
     GIVEN_FORCE_AT = g["force"]
     PLACE, CURVATURE_AT, MOMENT_AT = memory.PLACES, layout.place["curvature"], layout.place["moment"]
-    COMPLIANCE_AT = layout.stretch["compliance"]
+    COMPLIANCE_AT, UNANSWERED, MEMBERS = layout.stretch["compliance"], layout.stretch["unanswered"], bool(features.members)
 
     @wp.func
     def first_column(call: wp.ref[Call], job: int) -> int:
@@ -206,6 +206,14 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
         call.lane[p, JOB] = f64(-1.0)
         set_number(memory, o + wp.static(LEFT), l, f64(0.0))
 
+    @wp.func
+    def cause(memory: memory_type, o: int, l: int, fault: int) -> int:
+        """Of a fault: the strain law, where it had no answer on this stretch."""
+        if wp.static(MEMBERS):
+            if get_lane(memory, o + wp.static(Z + UNANSWERED), l) > d(0.5):
+                return wp.static(int(Fault.STRAIN_LAW))
+        return fault
+
     @wp.func(inline=False)
     def check(call: wp.ref[Call], memory: memory_type, o: int, p: int):
         """Lanes whose steps came to nothing, or are too many, end as they are."""
@@ -216,6 +224,8 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
                     fault = int(wp.static(int(Fault.STEP_LIMIT)))
                 if not (get_lane(memory, o + wp.static(SIZE), l) >= d(wp.static(TINY[d]))):
                     fault = int(wp.static(int(Fault.NONFINITE)))
+                if fault != wp.static(int(Fault.NONE)):
+                    fault = cause(memory, o, l, fault)
                 if fault != wp.static(int(Fault.NONE)):
                     call.lane[p + l, FAULT] = f64(fault)
                     set_number(memory, o + wp.static(LEFT), l, f64(0.0))
@@ -270,7 +280,7 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
         layout=layout, memory=memory, memory_type=memory_type, lanes=W, first_column=first_column, column_count=column_count,
         begin=begin, onto_stretch=onto_stretch, at_end=at_end, wait=wait, free=free, some_at_end=some_at_end, is_at_end=is_at_end,
         advance=advance, at_base=at_base, place_here=place_here, force_at=force_at, precurvature_here=precurvature_here,
-        step_count=step_count,
+        step_count=step_count, cause=cause,
     )  # fmt: skip
     return SimpleNamespace(own=own, grid=grid, base=base, tip=tip, nodes=nodes, record=record)
 
@@ -379,7 +389,7 @@ def make_kernel(features: Features, tableau: Tableau, precision: str = "float64"
     own, base, tip, nodes, record = parts.own, parts.base, parts.tip, parts.nodes, parts.record
     memory_type, d = own.memory_type, SCALARS[precision]
     first_column, column_count, begin, onto_stretch = own.first_column, own.column_count, own.begin, own.onto_stretch
-    force_at, precurvature_here, step_count = own.force_at, own.precurvature_here, own.step_count
+    force_at, precurvature_here, step_count, cause = own.force_at, own.precurvature_here, own.step_count, own.cause
     make_base_of, base_force, base_state, base_column = base.make_base_of, base.base_force, base.base_state, base.base_column
     write_tip, write_tip_column = tip.write_tip, tip.write_tip_column
     write_pose, write_pose_column = tip.write_pose, tip.write_pose_column
@@ -488,7 +498,7 @@ def make_kernel(features: Features, tableau: Tableau, precision: str = "float64"
                 if call.node_count > 0:
                     write_momenta(call, case, y, v, first + c)
         if not wp.isfinite(total):
-            call.fault[t] = wp.static(int(Fault.NONFINITE))
+            call.fault[t] = cause(memory, o, l, wp.static(int(Fault.NONFINITE)))
 
     jobs = SimpleNamespace(
         Jobs=Call, count=count, wanted=wanted, instance_of=instance_of, enter=enter, go_on=go_on, finish=finish

@@ -16,6 +16,7 @@ from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul,
 from multirod.models.backbone.kernels.numbers.vectors import vectors
 
 MOST_ITERATIONS = 20
+HUGE = {wp.float64: 1e300, wp.float32: 1e37}
 CLOSE = {wp.float64: 1e-8, wp.float32: 1e-4}  # a step of Newton's method after which the next would be lost in rounding
 
 
@@ -78,7 +79,7 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
     s, p = layout.stretch, layout.place
     COMPLIANCE, SHEAR_AT, UNIT_LENGTH = s["compliance"], s["shear"], s["unit_length"]
     X, EXTENSION_AT, SYSTEM, OWN_TWIST, CURVATURE = p["x"], p["extension"], p["system"], p["own_twist"], p["curvature"]
-    MEMBER_MOMENT, MEMBER_FORCE = p["member_moment"], p["member_force"]
+    MEMBER_MOMENT, MEMBER_FORCE, UNANSWERED = p["member_moment"], p["member_force"], s["unanswered"]
     system, matrix, vector = L.system(m), L.few(m * m), L.few(m)
     Matrix, factor, solve = system.type, system.factor, system.solve
     keep_entry, entry, write_matrix, read_matrix = matrix.keep, matrix.part, matrix.write, matrix.read
@@ -592,6 +593,13 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
             open_ = open_ * where_less(size + d(0.0) * total, close, zero, one)
             count += int(1)
         bad = d(0.0) / (one - open_)  # no number where it did not settle
+        if any_less(zero, open_):
+            # where what it should settle for is a number, it is the law that fails
+            asked = zero
+            for i in range(wp.static(m)):
+                asked = asked + absolute(one_of(start, i))
+            known = where_less(asked, fill(d(wp.static(HUGE[d]))), one, zero)
+            put(memory, z + wp.static(UNANSWERED), largest(row(memory, z + wp.static(UNANSWERED)), open_ * known))
         r = answer(memory, z, a, q)
         write_matrix(memory, a + wp.static(SYSTEM), tangent_system(c, r))
         if wp.static(NODES):

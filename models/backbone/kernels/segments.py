@@ -51,7 +51,7 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
     own, grid, base, tip, record = parts.own, parts.grid, parts.base, parts.tip, parts.record
     layout, memory_type = own.layout, own.memory_type
     first_column, column_count, begin, onto_stretch = own.first_column, own.column_count, own.begin, own.onto_stretch
-    force_at, precurvature_here = own.force_at, own.precurvature_here
+    force_at, precurvature_here, cause = own.force_at, own.precurvature_here, own.cause
     load_until, load_rate_until, output_arclength = grid.load_until, grid.load_rate_until, grid.output_arclength
     make_base_of, base_force, base_state, base_column = base.make_base_of, base.base_force, base.base_state, base.base_column
     unknown_unit = base.unknown_unit
@@ -260,7 +260,7 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
                 dn = force_column_in(case, memory, o, l, c)
                 total += write_tip_column(rods, call, case, y, v, s, n_end, dn, first + c)
         if not wp.isfinite(total):
-            seg.fault[t] = wp.static(int(Fault.NONFINITE))
+            seg.fault[t] = cause(memory, o, l, wp.static(int(Fault.NONFINITE)))
 
     jobs = SimpleNamespace(
         Jobs=SegmentCall, count=count, wanted=wanted, instance_of=instance_of, enter=enter, go_on=go_on, finish=finish

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields
-from math import inf, isfinite, prod
+from math import inf, isfinite, isnan, prod
 from time import process_time
 
 import numpy as np
@@ -14,7 +14,7 @@ from multirod.models.backbone.envelope import LOADS
 from multirod.models.backbone.inputs import LOADS as SPECS
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.rod import Rod
-from multirod.studies.terms.leaving_out import DROPPABLE, SECTIONS, left_out
+from multirod.studies.terms.leaving_out import DROPPABLE, LINES, SECTIONS, left_out
 from multirod.validation import boolean, positive_int, refuse
 
 SYMBOLS = {"tip_force": "F", "follower_force": "F", "tip_moment": "M", "follower_moment": "M"}
@@ -32,6 +32,8 @@ RODS = {
     "torsion": "torsional_stiffness is finite",
     "anisotropy": "bending_stiffness differs between its axes",
     "precurvature_profile": "precurvature is a function of arclength",
+    "discs": "lines run straight between discs",
+    "friction": "tendons rub against it",
 }
 MODELLED = (
     "gravity",
@@ -39,6 +41,8 @@ MODELLED = (
     "torsion",
     "anisotropy",
     "precurvature_profile",
+    "discs",
+    "friction",
 )  # not what is done to the robot, but how it is seen
 READ_AS = {"frame": "loads_need_frame"}  # with the pose alone it stands beside the equations that are solved
 LAUNCHES = 30
@@ -72,6 +76,8 @@ class Term:
         """What ``error`` rests on, in words."""
         if not self.droppable:
             return ""
+        if isnan(self.group):
+            return "no promise"
         group = f"{GROUPS[self.name]} = {self.group:.2g}"
         if self.error == 0:
             return f"{group}, of no effect here"
@@ -138,7 +144,8 @@ class Explanation:
         """The robot and the inputs without these terms, ready to be solved.
 
         Loads become zero; ``shear`` and ``torsion`` rigid; ``anisotropy`` the mean of both axes; ``precurvature_profile`` the
-        mean over each piece that the function was resolved into.
+        mean over each piece that the function was resolved into; without ``discs`` lines follow the rod, without ``friction``
+        they slide.
 
         Raises:
             ValueError: If a name is not one of a droppable term of this scene; the message lists them.
@@ -224,6 +231,8 @@ class Explanation:
         yield Term("pose", "the pose of the tip is a result")
 
     def _takes(self, name: str) -> bool:
+        if name in LINES:
+            return any(rod.lines for rod in self.robot.rods)
         return name in SECTIONS or name in [spec.name for spec in self.robot.input_specs]
 
     def _because(self, name: str) -> str:
@@ -296,6 +305,8 @@ ASKS: dict[str, Callable[[Rod], bool]] = {
     "torsion": _any(_finite, "torsional_stiffness"),
     "anisotropy": _any(lambda value: bool((value[..., 0] != value[..., 1]).any()), "bending_stiffness"),
     "precurvature_profile": _any(callable, "precurvature"),
+    "discs": lambda rod: any(line.discs for line in rod.lines),
+    "friction": lambda rod: any(line.rubs for line in rod.lines),
 }
 
 

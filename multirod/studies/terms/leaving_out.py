@@ -1,4 +1,4 @@
-"""The same scene without some of its terms: what is dropped is made rigid, round, uniform, or zero."""
+"""The same scene without some of its terms: what is dropped is made rigid, round, uniform, smooth, or zero."""
 
 from collections.abc import Callable, Sequence
 from copy import copy
@@ -49,20 +49,29 @@ SECTIONS = {
     "anisotropy": _round,
     "precurvature_profile": _uniform,
 }
-DROPPABLE = (*LOADS, *SECTIONS)
+LINES = {
+    "discs": lambda rod, line: line.on(rod.sections),
+    "friction": lambda rod, line: line.smooth(),
+}
+DROPPABLE = (*LOADS, *SECTIONS, *LINES)
 
 
 def left_out(robot: Assembly, inputs: Inputs, names: Sequence[str]) -> tuple[Assembly, Inputs]:
     """The robot and the inputs without these terms; what they do not touch is shared."""
-    changes = [SECTIONS[name] for name in SECTIONS if name in names]
+    changes = [name for name in (*SECTIONS, *LINES) if name in names]
     loads = [name for name in names if name in LOADS]
     if changes:
         robot = robot.with_rods([_without(rod, changes) for rod in robot.rods])
     return robot, inputs.without(loads) if loads else inputs
 
 
-def _without(rod: Rod, changes: Sequence[Callable[[Section], list[Section]]]) -> Rod:
+def _without(rod: Rod, names: Sequence[str]) -> Rod:
     result = copy(rod)
-    for change in changes:
-        result.sections = tuple(new for section in result.sections for new in change(section))
+    for name in names:
+        if name in SECTIONS:
+            result.sections = tuple(new for section in result.sections for new in SECTIONS[name](section))
+        else:
+            result.lines = tuple(LINES[name](rod, line) for line in result.lines)
+    if "discs" in names:
+        result.discs = None
     return result
