@@ -430,7 +430,7 @@ class Solution:
         Raises:
             TypeError: If the assembly takes no such input.
             ValueError: If ``of`` is neither.
-            NotImplementedError: If the robot is no single backbone, and ``of`` is the lengths.
+            NotImplementedError: If the assembly does not give the derivatives of lengths.
         """
         choice("of", of, ("pose", "line_length"))
         specs = {spec.name: spec for spec in self.assembly.input_specs}
@@ -450,7 +450,7 @@ class Solution:
             slopes, moved = problem.input_columns(name)
             n = problem.unknown_count
             gamma = problem.read("gamma").reshape(-1, n, n)
-            carried = problem.lines.length_columns() if by_length else problem.pose_columns.numpy()
+            carried = problem.lines.length_columns(name) if by_length else problem.pose_columns.numpy()
             moved = carried[:, :, n:] if by_length else moved
             result = np.full((len(gamma), rows, count), np.nan)
             with np.errstate(over="ignore"):

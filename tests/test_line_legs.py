@@ -45,6 +45,27 @@ def test_derivatives_are_exact_and_the_energy_is_that_of_rods_loads_and_lines():
         pushed = solved(force=FORCE + e), solved(force=FORCE - e)
         np.testing.assert_allclose((pushed[0].potential - pushed[1].potential) / (2 * STEP), -solution.tip_position[k], atol=1e-9)
     np.testing.assert_allclose(np.array(slopes), np.transpose(slopes), atol=1e-11)
+    by_tension = solution.jacobian("tension", of="line_length")
+    np.testing.assert_allclose(by_tension, np.transpose(slopes), atol=1e-7 * np.abs(slopes).max())
+    np.testing.assert_allclose(by_tension, by_tension.T, atol=1e-11 * np.abs(by_tension).max())
+    # what a force does to the lengths is what tensions do to where it acts
+    np.testing.assert_allclose(solution.jacobian("tip_force", of="line_length"), -pose[:3].T, atol=1e-10 * np.abs(pose).max())
+
+
+def test_lengths_follow_legs_that_are_pushed_and_turned():
+    there = {"rotation": np.array([0.1, -0.2, 0.3]), "translation": np.array([0.004, 0.0, -0.003]), "gravity": np.zeros(3)}
+
+    def at(**given) -> mr.Solution:
+        inputs = ROBOT.inputs(tension=TENSION, tip_force=FORCE, **(there | given))
+        return mr.solve(ROBOT, inputs, solver=PRECISE).raise_if_failed()
+
+    solution = at()
+    for name, step in (("rotation", 1e-4), ("translation", 1e-5), ("tip_moment", 1e-4)):
+        slopes = solution.jacobian(name, of="line_length")
+        for k, e in enumerate(step * np.eye(3)):
+            value = there.get(name, np.zeros(3))
+            ahead, behind = (at(**{name: value + sign * e}).line_length for sign in (1, -1))
+            np.testing.assert_allclose(slopes[:, k], (ahead - behind) / (2 * step), atol=1e-6 * np.abs(slopes).max())
     end = solution.line("routed", nodes=3).position[-1]
     shape = solution.rod(2, nodes=3)
     rho = 0.005 * np.array([np.cos(1.8), np.sin(1.8), 0])
@@ -89,6 +110,11 @@ def test_legs_are_driven_by_displacement_and_pressure_too():
     ahead, behind = at(pressure=pressure + 10), at(pressure=pressure - 10)
     slope = solution.jacobian("pressure")[:3, 0]
     np.testing.assert_allclose(slope, (ahead.tip_position - behind.tip_position) / 20, rtol=1e-4)
+    # what is held is as long as its displacement says: shorter by that, longer by what its tension stretches it
+    lengths = solution.jacobian("displacement", of="line_length")
+    by_pull = [(at(pull + e).line_length - at(pull - e).line_length) / (2 * step) for e in step * np.eye(2)]
+    np.testing.assert_allclose(lengths, np.transpose(by_pull), atol=1e-5)
+    np.testing.assert_allclose(lengths[2], [0, -1], atol=1e-10)
     # a robot whose lines are held is stiffer, and judged: a tension that is given takes nothing away from that
     assert solution.index == 0
     assert solution.stability_margin > other.stability_margin
@@ -99,5 +125,3 @@ def test_what_cannot_be_is_refused_by_name():
         ROBOT.inputs(tension=(1, -1, 0))
     with pytest.raises(ValueError, match=r"tension = .* is not allowed: .*must have shape \(\.\.\., 3\)"):
         ROBOT.inputs(tension=(1, 1))
-    with pytest.raises(NotImplementedError, match="ParallelRods does not give the derivatives of its lines' lengths"):
-        solved().jacobian("tension", of="line_length")

@@ -5,7 +5,7 @@ from copy import copy
 from dataclasses import replace
 from itertools import pairwise
 from math import inf
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -53,6 +53,8 @@ class ParallelRods(Assembly):
         ValueError: If a number is out of range, a pose is none, or shapes do not fit.
         TypeError: If a leg is neither a ``Rod`` nor a ``ConcentricTubes``.
     """
+
+    length_columns: ClassVar[bool] = True
 
     def __init__(
         self,
@@ -120,7 +122,8 @@ class ParallelRods(Assembly):
         if name in (*PER_ROD, *DRIVES):
             count = int(np.diff(self.geometry.first_rod if name in PER_ROD else self.geometry.first_drive(name)).max())
         on_legs = (*PER_ROD, *DRIVES, *kernels.LEG_VECTORS)
-        return {"direction_count": count, "leg_direction_count": count if name in on_legs else 0}
+        options = {"direction_count": count, "leg_direction_count": count if name in on_legs else 0}
+        return options | ({"lengths": True} if any(self.geometry.drives) else {})
 
     def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102
         if name in DRIVES:
@@ -230,6 +233,8 @@ class InverseParallelRods(Assembly):
     Attributes:
         limits: Least and greatest translation of each leg [m], shape (2, 6).
     """
+
+    length_columns: ClassVar[bool] = True
 
     def __init__(self, robot: ParallelRods, *, limits: Any = None) -> None:
         instance("InverseParallelRods.robot", robot, ParallelRods, "ParallelRods")

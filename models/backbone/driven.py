@@ -39,7 +39,8 @@ class DrivenLines(Lines):
                 result[k] = found[k]
         return result / self._weights()
 
-    def length_columns(self) -> FloatArray:  # noqa: D102
+    def length_columns(self, name: str = "") -> FloatArray:
+        """As said; by the directions that there are, whatever input they are of."""
         return np.asarray(self.problem.line_length_columns.numpy() / self._weights()[..., None])
 
     def tension(self) -> FloatArray:  # noqa: D102

@@ -217,6 +217,7 @@ class ParallelProblem(BoundaryProblem):
         pose_sensitivities: bool = False,
         direction_count: int = 0,
         leg_direction_count: int | None = None,
+        lengths: bool = False,
         enabled: Sequence[str] = (),
     ) -> None:
         self.leg_direction_count = direction_count if leg_direction_count is None else leg_direction_count
@@ -251,6 +252,7 @@ class ParallelProblem(BoundaryProblem):
             "integrator": integrator,
             "device": device,
             "direction_count": self.leg_direction_count + int(inverse),
+            "lengths": lengths,
             "enabled": [name for name in kernels.LEG_VECTORS if name in enabled or inputs.is_active(name)],
         }
         builds: dict[tuple[Any, ...], list[int]] = {}
@@ -565,13 +567,18 @@ class ParallelProblem(BoundaryProblem):
             rows.append(row)
         return np.array(rows, dtype=np.int32).reshape(len(rows), -1)
 
+    def own_inputs(self, name: str) -> NDArray[np.intp] | None:
+        """The first number of each leg of an input of its own, and how many there are, (leg + 1,); None of one that all share."""
+        if name in PER_ROD:
+            return self.geometry.first_rod
+        return self.geometry.first_drive(name) if name in DRIVES else None
+
     def input_columns(self, name: str) -> tuple[FloatArray, FloatArray]:
         """What ``BoundaryProblem.input_columns`` says; what acts on one leg alone shares its column with the same of all other
         legs."""
-        geometry, place = self.geometry, self._places[name]
-        if name not in PER_ROD and name not in DRIVES:
+        geometry, place, first = self.geometry, self._places[name], self.own_inputs(name)
+        if first is None:
             return super().input_columns(name)
-        first = geometry.first_rod if name in PER_ROD else geometry.first_drive(name)
         legs, numbers = len(geometry.legs), int(first[-1])
         directions = np.zeros(self.directions.shape)
         for leg in range(legs):
@@ -705,6 +712,29 @@ class PlatformLines(Lines):
 
     def slack(self) -> NDArray[np.bool_]:  # noqa: D102
         return np.asarray(self._of_legs(lambda lines: lines.slack()) != 0)
+
+    def length_columns(self, name: str) -> FloatArray:
+        """As said; of lines of legs, which touch neither the platform nor other legs."""
+        problem = self.problem
+        geometry, n = problem.geometry, problem.unknown_count
+        first = np.cumsum([0, *map(len, geometry.drives)])
+        own = problem.own_inputs(name)
+        directions = problem.leg_direction_count
+        size = problem.direction_count if own is None else int(own[-1])
+        result = np.zeros((problem.instance_count, int(first[-1]), n + size))
+        for group in problem.groups:
+            if not group.backbones.drive_count:
+                continue
+            m, found = group.backbones.unknown_count, group.backbones.lines.length_columns()
+            found = found.reshape(problem.instance_count, len(group.members), *found.shape[1:])
+            for place, leg in enumerate(group.members):
+                lines = slice(first[leg], first[leg + 1])
+                result[:, lines, problem.own[leg]] = found[:, place, :, :m]
+                if problem.inverse:  # by the translation that is unknown
+                    result[:, lines, problem.platform.start + leg] = found[:, place, :, m + directions]
+                begin, count = (0, directions) if own is None else (own[leg], own[leg + 1] - own[leg])
+                result[:, lines, n + begin : n + begin + count] = found[:, place, :, m : m + count]
+        return result
 
     def beyond(self) -> NDArray[np.bool_]:  # noqa: D102
         return np.asarray(self._of_legs(lambda lines: lines.beyond()) != 0)
