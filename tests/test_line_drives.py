@@ -1,6 +1,8 @@
 """Lines driven by displacement and pressure: closed forms, tensions that do the same, differences, slack, stability."""
 
+import json
 import pickle
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -387,6 +389,31 @@ def test_inextensible_push_rods_keep_a_column_straight_up_to_four_times_the_load
     below = mr.solve(robot, robot.inputs(tip_force=(0, 0, -0.99 * critical))).raise_if_failed()
     above = mr.solve(robot, robot.inputs(tip_force=(0, 0, -1.01 * critical)), guess=below).raise_if_failed()
     assert (below.index, above.index) == (0, 2)
+    # the lines hold the tip: what is left to it is the turn about the rod's own axis, which no load touches
+    np.testing.assert_allclose(below.stability_margin, 1.0, rtol=1e-6)
+
+
+@pytest.mark.parametrize("stored", ["10e_multibackbone_1", "10e_multibackbone_3"])
+def test_three_push_rods_bend_a_section_by_their_lengths_alone(stored: str) -> None:
+    """The closed form; one of them stretches, else all three have no tensions of their own."""
+    case = json.loads((Path(__file__).parent / "data" / f"{stored}.json").read_text())
+    given, expected = case["inputs"], {name: np.array(entry["value"]) for name, entry in case["expected"].items()}
+    azimuths = np.array(given["secondary_azimuths"])
+    offsets = given["r"] * np.stack([np.cos(azimuths), np.sin(azimuths)], axis=1)
+    lines = [
+        mr.PushRod(offset, bending_stiffness=given["EI_secondary"], axial_stiffness=stiffness)
+        for offset, stiffness in zip(offsets, (None, None, 1e4), strict=True)
+    ]
+    rod = mr.Rod(
+        length=given["L"], bending_stiffness=given["EI_central"], torsional_stiffness=given["EI_central"] / 1.3, lines=lines
+    )
+    robot = mr.SingleRod(rod)
+    found = mr.solve(robot, robot.inputs(displacement=-np.array(given["rod_length_changes"]))).raise_if_failed()
+    np.testing.assert_allclose(found.tip_position, expected["tip_position"], atol=1e-9)
+    np.testing.assert_allclose(found.tip_rotation, expected["tip_rotation"], atol=1e-9)
+    direction = np.array([np.cos(expected["delta"]), np.sin(expected["delta"])])
+    np.testing.assert_allclose(found.tension @ offsets @ direction, expected["generalized_bending_moment"], rtol=1e-9)
+    assert found.stability == mr.Stability.STABLE
 
 
 # ---- chambers ----

@@ -16,6 +16,8 @@ from multirod.validation import FloatArray
 
 MOST_NODES = 16385
 WORST_CONDITION = 1e12  # of the columns at a node; beyond it rounding may change a sign
+RIGID = 1e-9  # of what a line's tension does to its length with the tip free; less with the tip held, and it holds the tip
+REDUNDANT = 1e-6  # of how turns of the tip change lengths; less, and lines that hold the tip do not determine their tensions
 STIFF = 100.0  # times K/L: what stands where a tube's angle has been eliminated
 
 
@@ -180,12 +182,35 @@ def with_conditions(
     at_given = np.linalg.solve(given, np.concatenate([np.broadcast_to(np.eye(c), given.shape), -by_given], axis=2))
     couple, lengths = follows @ at_given[:, :, c:] + by_follows, gaps @ at_given
     own = np.where(taut[:, :, None] & taut[:, None], lengths[:, :, c:] + own_gaps, -np.eye(count))
-    known &= np.linalg.cond(np.where(known[:, None, None], own, np.eye(count))) < WORST_CONDITION
     own = np.where(known[:, None, None], own, -np.eye(count))
-    give = np.linalg.solve(own, np.where(taut[:, :, None], lengths[:, :, :c], 0.0))
+    couple, turns = np.where(taut[:, None], couple, 0.0), np.where(taut[:, :, None], lengths[:, :, :c], 0.0)
+    rigid = (np.abs(np.linalg.eigvals(own)) < RIGID * np.abs(own_gaps).max(axis=(1, 2), initial=1.0)[:, None]).any(axis=1)
+    rigid &= known
+    known &= (np.linalg.cond(own) < WORST_CONDITION) | rigid
+    own = np.where((known & ~rigid)[:, None, None], own, -np.eye(count))
     negative = (np.linalg.eigvals(own).real < 0).sum(axis=1)
-    matrix = form.matrix - np.where(taut[:, None], couple, 0.0) @ give
+    matrix = form.matrix - couple @ np.linalg.solve(own, turns)
+    for k in np.flatnonzero(rigid):
+        own_k = np.where(taut[k][:, None] & taut[k], lengths[k, :, c:] + own_gaps[k], -np.eye(count))
+        matrix[k], negative[k], known[k] = _held(form.matrix[k], couple[k], turns[k], own_k)
     return CondensedForm(matrix, form.conjugate + (negative - count).astype(np.int32), known)
+
+
+def _held(matrix: FloatArray, couple: FloatArray, turns: FloatArray, own: FloatArray) -> tuple[FloatArray, int, bool]:
+    """(14) Where lines by themselves hold some turns of the tip: those are left out, as what is infinitely stiff.
+
+    Of one instance: the form, its number of negative eigenvalues of ``S_TT`` and whether both are known.
+    """
+    values, vectors = np.linalg.eigh((own + own.T) / 2)
+    rigid = np.abs(values) < RIGID * max(1.0, np.abs(values).max())
+    give = (vectors[:, ~rigid].T @ turns) / values[~rigid, None]
+    result = matrix - couple @ vectors[:, ~rigid] @ give
+    _, sizes, axes = np.linalg.svd(vectors[:, rigid].T @ turns)
+    known = rigid.sum() <= len(matrix) and bool(sizes[-1] > REDUNDANT * np.abs(turns).max())
+    held = axes[: rigid.sum()]
+    free = np.eye(len(matrix)) - held.T @ held
+    stiff = STIFF * np.abs(matrix).max()
+    return free @ result @ free + stiff * held.T @ held, int((values[~rigid] < 0).sum() + rigid.sum()), known
 
 
 def form_by_segments(transition: FloatArray, frames: FloatArray, unit: FloatArray) -> tuple[FloatArray, int, bool]:

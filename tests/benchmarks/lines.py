@@ -1,6 +1,6 @@
-"""What tendons cost: an integration of a batch against rods without, rounds interleaved; steps of a control loop; random scenes.
+"""What tendons cost: an integration of a batch against rods without, rounds interleaved; steps of a control loop.
 
-python tests/benchmarks/lines.py [--rounds N] [--scenes N]
+python tests/benchmarks/lines.py [--rounds N]
 """
 
 import argparse
@@ -86,65 +86,11 @@ def follow() -> None:
         print(f"| {name} | {failed} | {np.median(counts):.0f}, {np.mean(counts):.1f} | {np.median(times):.0f} |")
 
 
-# ---- random scenes ----
-
-
-def scenes(count: int) -> Iterator[tuple[str, mr.SingleRod, np.ndarray, np.ndarray]]:
-    """Robots, displacements (count, lines) and forces over EI/L^2 (count, 3)."""
-    random, own = np.random.default_rng(1), {"bending_stiffness": 0.01, "torsional_stiffness": 0.0077}
-    by_length = {"driven": "displacement"}
-
-    def around(angles: np.ndarray) -> np.ndarray:
-        return 0.008 * np.column_stack([np.cos(angles), np.sin(angles)])
-
-    third, quarter = np.arange(3) * 2 * np.pi / 3, np.arange(4) * np.pi / 2
-    stiff = [mr.Tendon(offset, **by_length) for offset in around(quarter)]
-    elastic = {**by_length, "axial_stiffness": 300.0}
-    six = [mr.Tendon(offset, end=0.1, **elastic) for offset in around(third)] + [
-        mr.Tendon(o, **elastic) for o in around(third + 1)
-    ]
-    sections = [mr.Section(length=0.1, bending_stiffness=k * 0.01, torsional_stiffness=0.0077) for k in (2, 1)]
-    mixed = [mr.Tendon(route=helix, end=0.15, **by_length), *(mr.Tendon(o, **elastic) for o in ((0.007, 0), (-0.003, -0.006)))]
-    push = [mr.PushRod(offset, bending_stiffness=0.004, axial_stiffness=1000.0) for offset in around(third)]
-    robots = {
-        "four that do not stretch": mr.Rod(length=0.2, **own, lines=stiff),
-        "two segments, six elastic": mr.Rod(sections=sections, lines=six),
-        "a helix, shear, precurvature": mr.Rod(length=0.2, **own, **SHEARS, precurvature=(3, -4, 2), lines=mixed),
-        "three push rods": mr.Rod(length=0.2, **own, lines=push),
-    }
-    for name, rod in robots.items():
-        for size in (1.0, 10.0):
-            pull = random.uniform(-0.004, 0.006, (count, len(rod.lines)))
-            if name.startswith("four"):  # antagonists cannot both be pulled
-                pair = random.uniform(-0.004, 0.004, (count, 2))
-                pull = np.concatenate([pair, -pair - random.uniform(0, 0.002, (count, 2))], axis=1)
-            if name.endswith("push rods"):  # what all do together stretches them
-                pull -= 0.95 * pull.mean(axis=1, keepdims=True)
-            force = random.normal(size=(count, 3))
-            force *= size * random.uniform(0, 1, (count, 1)) / np.linalg.norm(force, axis=1, keepdims=True)
-            yield f"{name}, loads to {size:.0f} EI/L^2", mr.SingleRod(rod), pull, 0.01 / 0.2**2 * force
-
-
-def try_scenes(count: int) -> None:
-    """Print how many are solved, and whether lengths are what they must be, by another integration."""
-    print(f"\n{count} random scenes each\n")
-    print("| scene | solved | slack lines | unstable | largest gap of a length, m |\n|---|---|---|---|---|")
-    for name, robot, pull, force in scenes(count):
-        found = mr.solve(robot, robot.inputs(displacement=pull, tip_force=force))
-        solved = found.status == mr.Status.CONVERGED
-        rest, stiffness = mr.solve(robot).line_length, np.array([line.axial_stiffness for line in robot.rods[0].lines])
-        gap = (found.line_length - (rest - pull + rest / stiffness * found.tension))[solved]
-        gap = np.where(found.slack[solved], np.maximum(gap, 0), np.abs(gap))
-        print(f"| {name} | {solved.sum()} | {found.slack[solved].mean():.0%} | {(found.index > 0).sum()} | {gap.max():.0e} |")
-
-
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rounds", type=int, default=15)
-    parser.add_argument("--scenes", type=int, default=1000)
-    options = parser.parse_args()
-    rounds = options.rounds
+    rounds = parser.parse_args().rounds
     cases = {
         "no lines": Case([]),
         "one tendon": Case(tendons(1)),
@@ -164,7 +110,6 @@ def main() -> None:
         ratio = np.median(np.array(values) / np.array(without))
         print(f"| {name} | {np.median(values):.1f} | {min(values):.1f} | {ratio:.1f} |")
     follow()
-    try_scenes(options.scenes)
 
 
 if __name__ == "__main__":

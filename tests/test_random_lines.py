@@ -1,0 +1,34 @@
+"""Random robots with lines, at default settings: no wrong result, and none that is unstable without a word."""
+
+import numpy as np
+import pytest
+import random_lines
+
+import multirod as mr
+
+# the builds whose kernels other tests need too; all of them: python tests/benchmarks/random_lines.py
+BUILDS = ("three tendons", "a helix, shear, precurvature", "three push rods", "chambers, in the section", "discs")
+
+
+@pytest.mark.parametrize("build", BUILDS)
+def test_solutions_obey_equations_written_anew(build: str) -> None:
+    kind = random_lines.kinds(24, seed=2)[build]()
+    verdict = random_lines.check(kind, judge=2)
+    assert verdict.wrong == 0
+    assert verdict.solved.mean() > 0.9
+    assert verdict.judged > 0
+    assert verdict.unflagged == 0
+    assert verdict.overcautious == 0
+
+
+def test_a_wrong_equation_is_seen() -> None:
+    """The check fails where a line runs elsewhere than it is told."""
+    kind = random_lines.kinds(8, seed=2)["three push rods"]()
+    elsewhere = random_lines.ring(3, 1e-4)
+    lines = [random_lines.LineModel(random_lines.constant(own, 0), bending=0.004) for own in elsewhere]
+    moved = random_lines.LineEquations([random_lines.Section(random_lines.LENGTH, random_lines.K)], lines)
+    wrong = random_lines.Kind(kind.name, kind.robot, kind.inputs, lambda _: moved, kind.weight)
+    verdict = random_lines.check(wrong)
+    assert verdict.wrong == verdict.solved.sum() > 0
+    assert (verdict.status == mr.Status.CONVERGED).all()
+    assert np.nanmedian(verdict.gap) > 1e-6
