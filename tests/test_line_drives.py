@@ -186,6 +186,24 @@ def test_a_tracker_and_an_observer_follow_displacements(solution: mr.Solution) -
     np.testing.assert_allclose(observed.tip_position, solution.tip_position, atol=1e-7)
 
 
+def test_observers_of_each_line_and_the_rod_follow_from_rest() -> None:
+    """A motion at 200 Hz: there after half a second, and with feed-forward nearer by far."""
+    time = 0.005 * np.arange(241)
+    motion = PULL + 1e-3 * np.sin(2 * time[:, None] + np.arange(3))
+    inputs = ROBOT.inputs(displacement=motion, tip_force=FORCE)
+    exact = mr.simulate(ROBOT, inputs, time=time).raise_if_failed()
+    names = [block.name for block in ROBOT.problem(inputs[0], integrator=mr.RK45()).blocks]
+    assert names == ["line 1", "line 2", "line 3", "rod 1"]
+    errors = []
+    for feed_forward in (False, True):
+        found = mr.simulate(ROBOT, inputs, time=time, solver=mr.Observer(coupling="per-rod", feed_forward=feed_forward))
+        assert (found.status == mr.Status.TRACKING).all()
+        errors.append(np.linalg.norm(found.tip_position - exact.tip_position, axis=1))
+    late = np.array(errors)[:, 100:]
+    assert late[0].max() < 0.1 * errors[0][0]
+    assert late[1].mean() < late[0].mean() / 50
+
+
 def test_a_robot_whose_lines_have_lengths_survives_a_copy(solution: mr.Solution) -> None:
     robot = pickle.loads(pickle.dumps(ROBOT))
     found = mr.solve(robot, robot.inputs(displacement=PULL, tip_force=FORCE), solver=PRECISE)

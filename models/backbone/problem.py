@@ -768,11 +768,17 @@ def surely_driven(name: str, values: Sequence[float], rods: Sequence[Rod]) -> bo
 def _blocks(features: Features) -> list[Block]:
     """One block a rod with a torque of its own, the outermost first; what is left is the innermost's, and couples the others.
 
-    What is left of rods side by side is that of the line they share. An unknown base force, which all rods share, is the last.
+    What is left of rods side by side is that of the line they share. A line that is driven by its displacement has its own,
+    before its rod's. An unknown base force, which all rods share, is the last.
     """
     slots = unknowns_of(features)
     moment, force, first = slots.places["moment"], slots.places["force"], slots.places["torques"].start
     places: list[tuple[str, slice, int | None]]
+    if features.condition_count:  # one rod, with lines
+        driven = np.arange(slots.size)[slots.places["drives"]]
+        own_rows = np.delete(np.arange(slots.size), driven)
+        lines = [Block(f"line {k + 1}", row, row, 0) for k, row in enumerate(driven[:, None])]
+        return [*lines, Block("rod 1", own_rows, own_rows, 0)]
     if not features.torque_count:  # one rod, or several that are one
         places = [("rod 1", slice(0, slots.size), 0)]
     else:

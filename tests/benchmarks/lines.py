@@ -1,4 +1,4 @@
-"""What tendons cost: an integration of a batch against rods without, rounds interleaved; steps of a control loop.
+"""What tendons cost: an integration of a batch against rods without, rounds interleaved; steps of a control loop, observers too.
 
 python tests/benchmarks/lines.py [--rounds N]
 """
@@ -86,6 +86,28 @@ def follow() -> None:
         print(f"| {name} | {failed} | {np.median(counts):.0f}, {np.mean(counts):.1f} | {np.median(times):.0f} |")
 
 
+def observe() -> None:
+    """Print how the nonlinear observer follows what is driven by displacement, from the rod at rest, against solutions."""
+    *_, (name, robot, drive, motion) = followed()
+    time = 0.005 * np.arange(len(motion))
+    turning = 0.05 * np.stack([np.cos(2 * time), np.sin(2 * time), 0 * time], axis=1)
+    inputs = robot.inputs(**{drive: motion}, tip_force=turning)
+    exact = mr.simulate(robot, inputs, time=time, progress=False).raise_if_failed()
+    print(f"\n{name}, 200 Hz, under a turning force, observers from the rod at rest; tip error against solutions\n")
+    print("| observer | at 0.1 s, mm | at 0.5 s, mm | mean from then on, mm | status other than TRACKING | µs a sample |")
+    print("|---|---|---|---|---|---|")
+    for coupling in ("full", "per-rod"):
+        for feed_forward in (False, True):
+            solver = mr.Observer(coupling=coupling, feed_forward=feed_forward)
+            found = mr.simulate(robot, inputs, time=time, solver=solver, progress=False)
+            error = 1e3 * np.linalg.norm(found.tip_position - exact.tip_position, axis=1)
+            others = (np.asarray(found.status) != mr.Status.TRACKING).sum()
+            print(
+                f"| {coupling}{', feed-forward' * feed_forward} | {error[20]:.2g} | {error[100]:.2g} | {error[100:].mean():.2g} "
+                f"| {others} | {1e6 * np.median(found.step_time):.0f} |"
+            )
+
+
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -110,6 +132,7 @@ def main() -> None:
         ratio = np.median(np.array(values) / np.array(without))
         print(f"| {name} | {np.median(values):.1f} | {min(values):.1f} | {ratio:.1f} |")
     follow()
+    observe()
 
 
 if __name__ == "__main__":
