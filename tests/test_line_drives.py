@@ -210,6 +210,38 @@ def test_a_robot_whose_lines_have_lengths_survives_a_copy(solution: mr.Solution)
     np.testing.assert_array_equal(found.tip_position, solution.tip_position)
 
 
+@pytest.mark.parametrize("translation", [0.03, -0.04])
+def test_a_rod_that_is_pushed_takes_its_lines_along(translation: float) -> None:
+    """As one that was built longer or shorter: a line is longer at rest by what was pushed out of the base."""
+
+    def robot(length: float, compliance: float) -> mr.SingleRod:
+        lines = [
+            mr.Tendon(offset=(R, 0), driven="displacement", axial_stiffness=1 / compliance),
+            mr.Tendon(offset=(-0.004, 0.007), driven="displacement"),
+            mr.Tendon(route=lambda s: (0.001 + 0 * s, -0.006 + 0 * s), driven="displacement", axial_stiffness=1 / compliance),
+        ]
+        return mr.SingleRod(mr.Rod(**(OWN | {"length": length}), **FIRM, precurvature=(1.0, -0.5, 0.3), lines=lines))
+
+    pull, pushed = (0.004, 0.003, -0.002), robot(LENGTH, 1 / 40)
+
+    def at(t: float) -> mr.Solution:
+        inputs = pushed.inputs(displacement=pull, tip_force=FORCE, translation=t)
+        return mr.solve(pushed, inputs, solver=PRECISE).raise_if_failed()
+
+    solution = at(translation)
+    # what stretches is all of the tendon, also what is behind the base
+    built = robot(LENGTH + translation, LENGTH / (LENGTH + translation) / 40)
+    twin = mr.solve(built, built.inputs(displacement=pull, tip_force=FORCE), solver=PRECISE).raise_if_failed()
+    np.testing.assert_allclose(solution.tip_position, twin.tip_position, atol=1e-11)
+    np.testing.assert_allclose(solution.tension, twin.tension, rtol=1e-8, atol=1e-10)
+    step = 1e-6
+    ahead, behind = at(translation + step), at(translation - step)
+    slope = (ahead.tip_position - behind.tip_position) / (2 * step)
+    np.testing.assert_allclose(solution.jacobian("translation")[:3, 0], slope, atol=1e-8)
+    longer = (ahead.line_length - behind.line_length) / (2 * step)
+    np.testing.assert_allclose(solution.jacobian("translation", of="line_length")[:, 0], longer, atol=1e-8)
+
+
 # ---- push rods ----
 
 
@@ -507,10 +539,10 @@ def test_what_cannot_be_is_refused() -> None:
         ROBOT.inputs(displacement=(0.1, 0.2))
     with pytest.raises(ValueError, match="pressure = 1.* must not be given: no rod has a line that is driven by it"):
         ROBOT.inputs(pressure=1e5)
-    with pytest.raises(ValueError, match=r"translation = .* must be zero: a line is driven by its displacement"):
-        ROBOT.inputs(translation=0.01)
-    with pytest.raises(ValueError, match=r"translation = .* must be zero: a line is driven by its displacement"):
-        mr.Tracker(ROBOT, dt=0.005, inputs=ROBOT.inputs(displacement=PULL, tip_force=FORCE)).step(translation=0.01)
+    with pytest.raises(ValueError, match=r"translation = .* must be >= 0 m: further on, how long the line '' is at rest varies"):
+        ROBOT.inputs(translation=-0.01)
+    with pytest.raises(ValueError, match=r"translation = .* must be >= 0 m: further on, how long the line '' is at rest varies"):
+        mr.Tracker(ROBOT, dt=0.005, inputs=ROBOT.inputs(displacement=PULL, tip_force=FORCE)).step(translation=-0.01)
     with pytest.raises(ValueError, match=r"route = 'a function' is not allowed: must not be given for rods of several lengths"):
         mr.Rod(**(OWN | {"length": [0.2, 0.3]}), lines=[mr.PushRod(route=helix)])
     rods = mr.SingleRod(mr.Rod(**(OWN | {"length": [0.2, 0.3]}), lines=[mr.PushRod(offset=(R, 0))]))

@@ -34,6 +34,7 @@ class SingleRod(BackboneAssembly):
             raise TypeError(f"SingleRod takes a Rod, not {type(rod).__name__}")
         super().__init__((rod,), base)
         self._shortest = float(np.min(rod.length))
+        self._pulled = min((-np.inf if line.rubs else line.reach for line in rod.lines), default=np.inf)
 
     @property
     def input_specs(self) -> tuple[InputSpec, ...]:  # noqa: D102
@@ -70,7 +71,7 @@ class SingleRod(BackboneAssembly):
         if name in DRIVES:
             return surely_driven(name, values, self.rods)
         if name == "translation":
-            return values[0] > -self._shortest and (values[0] == 0 or not self.stays_at_base)
+            return values[0] == 0 or (values[0] > -self._shortest and values[0] >= -self._pulled)
         return name not in BY_MATERIAL
 
     def __repr__(self) -> str:

@@ -99,7 +99,7 @@ class DrivenLines(Lines):
         for kind in members:
             if kind.drive is not None:
                 if kind.conditioned:
-                    lever, _, _, excess = np.moveaxis(self._driven[k][1][:, 0, -len(CONDITION) :], -1, 0)
+                    lever, _, _, excess, *_ = np.moveaxis(self._driven[k][1][:, 0, -len(CONDITION) :], -1, 0)
                     total += (np.abs(inputs[:, k]) + problem.each(np.abs(excess))) * problem.each(stiffness / lever)
                 else:
                     lever = np.linalg.norm(offsets[:, first : first + len(kind.functions)], axis=1)

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from multirod.rod import Section
 
 GAUSS = np.polynomial.legendre.leggauss(16)
+EVEN = 1e-12  # what a length at rest per length of rod may differ by and count as the same
 PARTS = 4  # in each of which a length at rest is integrated by ``GAUSS``
 LEAST_LEVER = 1e-3  # of the rod's length: scales the tension of a line that is on the centreline
 DEGREE = 11  # of the polynomials that hold a route: a turn of a helix takes four
@@ -38,6 +39,7 @@ class Line(Member):
     parameters: ClassVar = {"weight": (0, 0), "discs": (0, 2)}
     functions: ClassVar = {"x": (0, 1), "y": (0, 1)}
     discs = 0.0  # their spacing [m]; zero where there are none
+    reach = np.inf  # how far its rod may be pulled into the base [m]
     weight: Any = 1.0  # what its length is multiplied by in what its drive works on, and its drive to be a tension
 
     def __init__(
@@ -142,12 +144,15 @@ class Line(Member):
                 s = float(np.max(start + (stop - start) * (part + (1 + node) / 2) / PARTS))
                 curve = section.precurvature
                 u = curve(s - float(np.max(begin))) if isinstance(curve, profile.Profile) else curve
-                rho, slope = self._offset_and_slope(s)
-                x, y = rho[..., 0], rho[..., 1]
-                a = (slope[..., 0] - u[..., 2] * y, slope[..., 1] + u[..., 2] * x, 1 + u[..., 0] * y - u[..., 1] * x)
-                straight = 1 - self.discs**2 / 24 * (u[..., 0] ** 2 + u[..., 1] ** 2)  # (L11)
-                total = total + straight * np.sqrt(a[0] ** 2 + a[1] ** 2 + a[2] ** 2) * weight / (2 * PARTS)
+                total = total + self._rate(u, *self._offset_and_slope(s)) * weight / (2 * PARTS)
         return np.asarray(total * (stop - start))
+
+    def _rate(self, u: FloatArray, rho: FloatArray, slope: FloatArray) -> FloatArray:
+        """(L1), (L11) Length per length of a rod of curvature ``u`` that does not stretch."""
+        x, y = rho[..., 0], rho[..., 1]
+        a = (slope[..., 0] - u[..., 2] * y, slope[..., 1] + u[..., 2] * x, 1 + u[..., 0] * y - u[..., 1] * x)
+        straight = 1 - self.discs**2 / 24 * (u[..., 0] ** 2 + u[..., 1] ** 2)
+        return np.asarray(straight * np.sqrt(a[0] ** 2 + a[1] ** 2 + a[2] ** 2))
 
     def _offset_and_slope(self, s: float) -> tuple[FloatArray, FloatArray]:
         """``rho`` [m] and its derivative by the arclength, each (..., 2)."""
@@ -247,7 +252,7 @@ class DrivenByLength(Line):
 
     drive: ClassVar = ("displacement", (1, 0))
     conditioned = True
-    condition: FloatArray  # what ``CONDITION`` says, (..., 4)
+    condition: FloatArray  # what ``CONDITION`` says, (..., 6)
 
     def __init__(
         self, offset: Any = None, *, axial_stiffness: Any = None, rest_length: float | None = None, **where: Any
@@ -270,9 +275,40 @@ class DrivenByLength(Line):
             )
         natural = result.length_at_rest(sections)
         rest = natural if self.rest_length is None else np.asarray(self.rest_length)
-        condition = np.broadcast_arrays(result.lever(sections), rest / self.axial_stiffness, natural, rest - natural)
-        result.condition = np.stack(condition, axis=-1)
+        pushed, pulled, result.reach = result._growth(sections)
+        found = (result.lever(sections), rest / self.axial_stiffness, natural, rest - natural, pushed, pulled)
+        result.condition = np.stack(np.broadcast_arrays(*found), axis=-1)
         return result
+
+    def _growth(self, sections: "Sequence[Section]") -> tuple[FloatArray, FloatArray, float]:
+        """(L7b) Rest length per length of rod that is pushed out of the base, or pulled into it, and how far that is so."""
+        none = np.zeros(())
+        if self.start:
+            return none, none, self.start  # all of it is beyond
+        ends = [float(np.min(end)) for end in np.cumsum([s.length for s in sections], axis=0)]
+        places = np.unique([0.0, *self.cuts, *ends])
+        places = places[places <= min(self._last, ends[-1])]
+        pushed, pulled, reach = self._rest_rate(sections[0], 0.0, moving=False), self._rest_rate(sections[0], 0.0), 0.0
+        for a, b in pairwise(places):
+            k = int(np.searchsorted(ends, (a + b) / 2))
+            section, begin = sections[k], ends[k - 1] if k else 0.0
+            curve = section.precurvature
+            inside = a + (b - a) * (1 + GAUSS[0]) / 2
+            if isinstance(curve, profile.Profile):
+                inside = np.concatenate([inside, begin + curve.ends[:-1]])
+            rates = [self._rest_rate(section, float(s), begin) for s in inside]
+            if not all(np.allclose(rate, pulled, rtol=0, atol=EVEN) for rate in rates):
+                break
+            reach = float(b)
+        return pushed, pulled, reach
+
+    def _rest_rate(self, section: "Section", s: float, begin: float = 0.0, *, moving: bool = True) -> FloatArray:
+        """(L1) Its length per length of rod where nothing loads that, in a section that begins at ``begin``; where its offset is
+        not ``moving``, as if that were constant."""
+        curve = section.precurvature
+        u = curve(s - begin) if isinstance(curve, profile.Profile) else curve
+        rho, slope = self._offset_and_slope(s)
+        return self._rate(u, rho, slope if moving else np.zeros_like(slope))
 
     def values(self, section: "Section", s: float) -> FloatArray:  # noqa: D102
         own = super().values(section, s)

@@ -684,19 +684,13 @@ class BackboneAssembly(Assembly):
         if inputs.is_active("magnetic_field") and not any(rod.is_magnetised for rod in self.rods):
             refuse("magnetic_field", inputs.magnetic_field.tolist(), "must be zero: no rod has a magnetisation")
         check_drives(inputs, self.rods)
-        if inputs.is_active("translation") and self.stays_at_base:
-            why = "a line is driven by its displacement" if self.has_conditions else "a line has friction"
-            refuse("translation", inputs.translation.tolist(), f"must be zero: {why}")
+        if inputs.is_active("translation"):
+            check_reach(inputs, self.rods)
 
     @property
     def has_conditions(self) -> bool:
         """Whether a line is driven by its length."""
         return any(kind.conditioned for rod in self.rods for kind in kinds(rod.carried))
-
-    @property
-    def stays_at_base(self) -> bool:
-        """Whether no rod may be pushed out of the base, as what its lines do there is not told."""
-        return self.has_conditions or any(kind.rubs for rod in self.rods for kind in kinds(rod.lines))
 
     def input_directions(self, name: str) -> dict[str, Any]:
         """Directions for the derivatives by an input; of rods with lines, of their lengths too."""
@@ -758,6 +752,21 @@ def check_drives(inputs: Inputs, rods: Sequence[Rod]) -> None:
                     f"must be < {np.pi**2 * softest / rod.discs**2:.3g} N together: between discs the rod buckles",
                 )
         first += count
+
+
+def check_reach(inputs: Inputs, rods: Sequence[Rod]) -> None:
+    """Refuse translations by which it is not told what lines do, by a ``ValueError``."""
+    for k, rod in enumerate(rods):
+        own = inputs.translation[..., k]
+        if any(line.rubs for line in rod.lines) and own.any():
+            refuse("translation", inputs.translation.tolist(), "must be zero: a line has friction")
+        for line in rod.lines:
+            if np.min(own, initial=0.0) < -line.reach:
+                refuse(
+                    "translation",
+                    inputs.translation.tolist(),
+                    f"must be >= {-line.reach:g} m: further on, how long the line {line.name!r} is at rest varies along the rod",
+                )
 
 
 def surely_driven(name: str, values: Sequence[float], rods: Sequence[Rod]) -> bool:

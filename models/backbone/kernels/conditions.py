@@ -19,7 +19,8 @@ def make_conditions(layout: Layout) -> SimpleNamespace:
     ``y`` and ``v`` are the state at the tip and a column of it, in SI units.
     """
     members = layout.features.members
-    DRIVES_AT, PLACES = InputOffsets(layout.n, layout.DRIVES).DRIVES, drive_places(members)
+    inputs, PLACES = InputOffsets(layout.n, layout.DRIVES), drive_places(members)
+    DRIVES_AT, TRANSLATION = inputs.DRIVES, inputs.TRANSLATION
     FIRST, LENGTHS_AT = layout.unknowns.places["drives"].start, layout.state["lengths"]  # a column's stands alike
     BEFORE = 3 if layout.features.held else 0  # of a held tip the base force comes later, but its residuals before
     State = wp.types.vector(length=layout.state.size, dtype=f64)
@@ -91,6 +92,13 @@ def make_conditions(layout: Layout) -> SimpleNamespace:
         natural = rods.material[case.rods, 0, 0, lever + 2]
         return (natural + c * tension_unit(rods, case, lever) / r) / case.scale
 
+    @wp.func
+    def growth(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], lever: int) -> f64:
+        """(L7b) Rest length per translation, one number for each way."""
+        if call.inputs[case.index, wp.static(TRANSLATION)] < f64(0.0):
+            return rods.material[case.rods, 0, 0, lever + 5]
+        return rods.material[case.rods, 0, 0, lever + 4]
+
     def make_writers(j: int, rest):
         """Functions that write condition j, and its column k, then those after it; they return the sum of what they write."""
         lever, drive, rate, length, row = at[j], drives[j], rates[j], LENGTHS_AT + number[j], FIRST + j
@@ -104,6 +112,7 @@ def make_conditions(layout: Layout) -> SimpleNamespace:
             natural = rods.material[case.rods, 0, 0, wp.static(lever + 2)]
             excess = rods.material[case.rods, 0, 0, wp.static(lever + 3)]
             asked = natural + call.load_factor[case.index] * (excess - call.inputs[case.index, wp.static(place)])
+            asked += growth(rods, call, case, wp.static(lever)) * call.inputs[case.index, wp.static(TRANSLATION)]
             gap = (asked + c * drive(rods, call, case) - y[wp.static(length)]) / (r * case.scale)
             if wp.static(slack):
                 z = call.unknowns[case.index, wp.static(row)]
@@ -127,6 +136,8 @@ def make_conditions(layout: Layout) -> SimpleNamespace:
             else:
                 direction = k - call.unknown_columns
                 change -= call.load_factor[case.index] * call.directions[case.direction, direction, wp.static(place)]
+                shift = call.directions[case.direction, direction, wp.static(TRANSLATION)]
+                change += growth(rods, call, case, wp.static(lever)) * shift
                 call.residual_directions[case.index, wp.static(residual), direction] = change / unit
             return wp.abs(change) + rest_of_column(rods, call, case, v, k)
 

@@ -624,8 +624,6 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         else:
             find_end(rods, call, case, p)
             load_sections(rods, call, case, memory, o, l, start)
-            if wp.static(MEMBERS):
-                set_number(memory, z + wp.static(z_at("unanswered")), l, f64(0.0))
             if wp.static(WORLD_FORCE):
                 n0 = wp.vec3d(call.lane[p, FORCE], call.lane[p, wp.static(FORCE + 1)], call.lane[p, wp.static(FORCE + 2)])
                 set_vector(memory, z + wp.static(z_at("force")), l, n0 / case.force)
@@ -638,6 +636,10 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
                 set_vector(memory, z + wp.static(z_at("field")), l, case.magnetic_field)
             if wp.static(PROFILE):
                 load_profile(rods, case, memory, o, l, start)
+        if wp.static(MEMBERS):
+            # what another lane found is none of this one's: results would depend on how columns are shared out
+            set_number(memory, z + wp.static(z_at("unanswered")), l, f64(0.0))
+            set_number(memory, z + wp.static(z_at("warm")), l, f64(0.0))
         if wp.static(DIRECTIONS):
             load_directions(rods, call, case, memory, o, l, p, first, count)
 

@@ -16,8 +16,9 @@ from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul,
 from multirod.models.backbone.kernels.numbers.vectors import vectors
 
 MOST_ITERATIONS = 20
+MOST_WARM = 8  # after which Newton's method begins where members carry nothing
 HUGE = {wp.float64: 1e300, wp.float32: 1e37}
-CLOSE = {wp.float64: 1e-8, wp.float32: 1e-4}  # a step of Newton's method after which the next would be lost in rounding
+CLOSE = {wp.float64: 1e-11, wp.float32: 1e-5}  # a step of Newton's method, relative to its answer, to the end
 
 
 def place_of(i: int, j: int, m: int) -> int:
@@ -80,10 +81,12 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
     COMPLIANCE, SHEAR_AT, UNIT_LENGTH = s["compliance"], s["shear"], s["unit_length"]
     X, EXTENSION_AT, SYSTEM, OWN_TWIST, CURVATURE = p["x"], p["extension"], p["system"], p["own_twist"], p["curvature"]
     MEMBER_MOMENT, MEMBER_FORCE, UNANSWERED = p["member_moment"], p["member_force"], s["unanswered"]
+    WARM, STRAINS_AT = s["warm"], s["strains"]
     system, matrix, vector = L.system(m), L.few(m * m), L.few(m)
     Matrix, factor, solve = system.type, system.factor, system.solve
     keep_entry, entry, write_matrix, read_matrix = matrix.keep, matrix.part, matrix.write, matrix.read
     Few, keep_one, one_of = vector.type, vector.keep, vector.part
+    choose, read_vector, write_vector = vector.where_less, vector.read, vector.write
     VARIED = layout.VARIED and layout.DIRECTIONS
     PLACES = R.places
     precurvature, precurvature_variation = law.precurvature, law.precurvature_variation
@@ -545,7 +548,7 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
     def strain(memory: memory_type, z: int, a: int, x: Real, b: State, M: Vec3, N: Vec3) -> Vec3:
         """(5m) u, and v - e3 to the place: the zero of ``u* + K^-1 (M - dW/du) - u`` and its like.
 
-        The search for it begins from where members carry nothing.
+        The search for it begins from what was found last on this stretch, or where members carry nothing.
         """
         u_star = precurvature(memory, z, 0, x)
         if wp.static(NODES):
@@ -565,14 +568,23 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
             keep_one(start, 3, slid.x)
             keep_one(start, 4, slid.y)
             keep_one(start, 5, slid.z)
-        q = start
         length = row(memory, z + wp.static(UNIT_LENGTH))
         close = fill(d(wp.static(CLOSE[d])))
         one = fill(d(1.0))
         zero = fill(d(0.0))
+        half = fill(d(0.5))
+        q = choose(half, row(memory, z + wp.static(WARM)), read_vector(memory, z + wp.static(STRAINS_AT)), start)
+        r = Response()
+        A = Matrix()
+        step = Few()
         open_ = one
         count = int(0)
         while any_less(zero, open_) and count < wp.static(MOST_ITERATIONS):
+            for i in range(wp.static(m)):
+                # a lane that is done stays where it is, whatever the others do: its last step is taken below
+                keep_one(q, i, one_of(q, i) + open_ * one_of(step, i))
+            if count == wp.static(MOST_WARM):
+                q = choose(half, open_, start, q)
             r = answer(memory, z, a, q)
             A = tangent_system(c, r)
             rest = Few()
@@ -582,17 +594,19 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
             size = zero
             total = zero
             for i in range(wp.static(m)):
-                # a lane that is done stays as it is, whatever the others do
-                keep_one(q, i, one_of(q, i) + open_ * one_of(step, i))
                 scale = one
                 if wp.static(i < 3):
                     scale = length
                 size = largest(size, scale * absolute(one_of(step, i)))
                 total = total + one_of(step, i)
             # also what is no number goes on, and is refused below
-            open_ = open_ * where_less(size + d(0.0) * total, close, zero, one)
+            open_ = where_less(size + d(0.0) * total, close, zero, one)
             count += int(1)
+        for i in range(wp.static(m)):
+            keep_one(q, i, one_of(q, i) + one_of(step, i))
         bad = d(0.0) / (one - open_)  # no number where it did not settle
+        put(memory, z + wp.static(WARM), one - open_)
+        write_vector(memory, z + wp.static(STRAINS_AT), q)
         if any_less(zero, open_):
             # where what it should settle for is a number, it is the law that fails
             asked = zero
@@ -600,8 +614,7 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
                 asked = asked + absolute(one_of(start, i))
             known = where_less(asked, fill(d(wp.static(HUGE[d]))), one, zero)
             put(memory, z + wp.static(UNANSWERED), largest(row(memory, z + wp.static(UNANSWERED)), open_ * known))
-        r = answer(memory, z, a, q)
-        write_matrix(memory, a + wp.static(SYSTEM), tangent_system(c, r))
+        write_matrix(memory, a + wp.static(SYSTEM), A)
         if wp.static(NODES):
             put3(
                 memory,
@@ -745,8 +758,11 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
         zero = fill(d(0.0))
         open_ = one
         A = Matrix()
+        step = Few()
         count = int(0)
         while any_less(zero, open_) and count < wp.static(MOST_ITERATIONS):
+            for i in range(wp.static(m)):
+                keep_one(q, i, one_of(q, i) - open_ * one_of(step, i))
             u_s = Vec3(one_of(q, 0), one_of(q, 1), one_of(q, 2))
             e_s = zero3()
             if wp.static(SHEAR):
@@ -765,17 +781,16 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
             size = zero
             total = zero
             for i in range(wp.static(m)):
-                keep_one(q, i, one_of(q, i) - open_ * one_of(step, i))
                 scale = length
                 if wp.static(i < 3):
                     scale = length * length
                 size = largest(size, scale * absolute(one_of(step, i)))
                 total = total + one_of(step, i)
-            open_ = open_ * where_less(size + d(0.0) * total, close, zero, one)
+            open_ = where_less(size + d(0.0) * total, close, zero, one)
             count += int(1)
         bad = d(0.0) / (one - open_)
         for i in range(wp.static(m)):
-            put(memory, a + wp.static(STRAIN_RATES) + i, one_of(q, i) + bad)
+            put(memory, a + wp.static(STRAIN_RATES) + i, one_of(q, i) - one_of(step, i) + bad)
         write_matrix(memory, a + wp.static(RATE_SYSTEM), A)
         grips_count = int(wp.static(DRIVES))
         for k in range(grips_count):
