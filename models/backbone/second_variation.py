@@ -156,7 +156,7 @@ def with_conditions(
     own_gaps: FloatArray,
     taut: NDArray[np.bool_],
 ) -> CondensedForm:
-    """(14) Of one rod with lines that are driven by their lengths: their tensions are eliminated, each of which is a condition.
+    """(18) Of one rod with lines that are driven by their lengths: their tensions are eliminated, each of which is a condition.
 
     Args:
         form: With all tensions fixed.
@@ -197,7 +197,7 @@ def with_conditions(
 
 
 def _held(matrix: FloatArray, couple: FloatArray, turns: FloatArray, own: FloatArray) -> tuple[FloatArray, int, bool]:
-    """(14) Where lines by themselves hold some turns of the tip: those are left out, as what is infinitely stiff.
+    """(18) Where lines by themselves hold some turns of the tip: those are left out, as what is infinitely stiff.
 
     Of one instance: the form, its number of negative eigenvalues of ``S_TT`` and whether both are known.
     """

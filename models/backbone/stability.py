@@ -115,7 +115,7 @@ class BackboneStability(StabilityAnalysis):
         return 3 + self.problem.features.turning_count
 
     def _form(self, call: "NodePass", chosen: NDArray[np.bool_], unit: FloatArray) -> CondensedForm:
-        """(4) to (6), (14) by what a pass over nodes says of the instances ``chosen``; ``unit`` is ``K/L`` [N m] of these."""
+        """(4) to (6), (18) by what a pass over nodes says of the instances ``chosen``; ``unit`` is ``K/L`` [N m] of these."""
         problem, drives = self.problem, self.problem.slots.places["drives"]
         by_tensions = np.arange(drives.start, drives.stop)
         # base forces that follow a load are no variations that keep the forces, and those of unloaded tubes carry a moment here
