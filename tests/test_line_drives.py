@@ -204,6 +204,14 @@ def test_observers_of_each_line_and_the_rod_follow_from_rest() -> None:
     assert late[1].mean() < late[0].mean() / 50
 
 
+def test_single_precision_is_as_near_as_its_digits(solution: mr.Solution) -> None:
+    inputs = ROBOT.inputs(displacement=PULL, tip_force=FORCE)
+    found = mr.solve(ROBOT, inputs, solver=mr.Shooting(integrator=mr.RK45(1e-5, 1e-7, precision="float32"))).raise_if_failed()
+    # 24 bits, and as much as tensions and moment multiply them by
+    np.testing.assert_allclose(found.tip_position, solution.tip_position, atol=1e-5 * LENGTH)
+    np.testing.assert_allclose(found.tension, solution.tension, rtol=1e-3)
+
+
 def test_a_robot_whose_lines_have_lengths_survives_a_copy(solution: mr.Solution) -> None:
     robot = pickle.loads(pickle.dumps(ROBOT))
     found = mr.solve(robot, robot.inputs(displacement=PULL, tip_force=FORCE), solver=PRECISE)

@@ -110,6 +110,32 @@ def test_a_displacement_finds_the_tension_that_makes_it():
     assert loose.slack.all()
 
 
+def test_tendons_of_legs_may_rub():
+    """Legs whose tendons are in one plane with a hold on the platform: derivatives, and less of a pull at the platform."""
+    base, platform = np.tile(np.eye(4), (2, 2, 1, 1))
+    base[:, 0, 3], platform[:, 0, 3] = (-0.05, 0.05), (-0.03, 0.03)
+
+    def robot(friction):
+        lines = [mr.Tendon(offset=(sign * OFFSET, 0), friction=friction) for sign in (1, -1)]
+        legs = [mr.Rod(length=LENGTH, bending_stiffness=EI, torsional_stiffness=GJ, lines=[line]) for line in lines]
+        return mr.ParallelRods(legs=legs, base=base, platform=platform)
+
+    rubs = robot(0.4)
+
+    def at(tension):
+        return mr.solve(rubs, rubs.inputs(tension=tension, tip_force=(0.1, 0.2, -0.1)), solver=TIGHT).raise_if_failed()
+
+    tension = np.array([3.0, 1.0])
+    solution = at(tension)
+    left = solution.line(0, nodes=9).tension
+    assert (np.diff(left) < 0).all()
+    assert left[0] == 3.0
+    J = solution.jacobian("tension")
+    for k, e in enumerate(1e-2 * np.eye(2)):
+        slope = (at(tension + e).tip_position - at(tension - e).tip_position) / 2e-2
+        np.testing.assert_allclose(J[:3, k], slope, atol=1e-5 * np.abs(J[:3]).max())  # a step of 1e-2 of the tension
+
+
 def test_what_friction_does_not_go_with_is_refused():
     rod = {"length": LENGTH, "bending_stiffness": EI, "torsional_stiffness": GJ}
     tendon = mr.Tendon(offset=(OFFSET, 0), friction=0.3)
