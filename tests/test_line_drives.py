@@ -547,9 +547,9 @@ def test_what_cannot_be_is_refused() -> None:
         ROBOT.inputs(displacement=(0.1, 0.2))
     with pytest.raises(ValueError, match="pressure = 1.* must not be given: no rod has a line that is driven by it"):
         ROBOT.inputs(pressure=1e5)
-    with pytest.raises(ValueError, match=r"translation = .* must be >= 0 m: further on, how long the line '' is at rest varies"):
+    with pytest.raises(ValueError, match=r"translation = .* must be >= 0 m: beyond, the length at rest of line '' varies"):
         ROBOT.inputs(translation=-0.01)
-    with pytest.raises(ValueError, match=r"translation = .* must be >= 0 m: further on, how long the line '' is at rest varies"):
+    with pytest.raises(ValueError, match=r"translation = .* must be >= 0 m: beyond, the length at rest of line '' varies"):
         mr.Tracker(ROBOT, dt=0.005, inputs=ROBOT.inputs(displacement=PULL, tip_force=FORCE)).step(translation=-0.01)
     with pytest.raises(ValueError, match=r"route = 'a function' is not allowed: must not be given for rods of several lengths"):
         mr.Rod(**(OWN | {"length": [0.2, 0.3]}), lines=[mr.PushRod(route=helix)])

@@ -765,7 +765,7 @@ def check_reach(inputs: Inputs, rods: Sequence[Rod]) -> None:
                 refuse(
                     "translation",
                     inputs.translation.tolist(),
-                    f"must be >= {-line.reach:g} m: further on, how long the line {line.name!r} is at rest varies along the rod",
+                    f"must be >= {0.0 - line.reach:g} m: beyond, the length at rest of line {line.name!r} varies",
                 )
 
 

@@ -16,9 +16,10 @@ from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul,
 from multirod.models.backbone.kernels.numbers.vectors import vectors
 
 MOST_ITERATIONS = 20
-MOST_WARM = 8  # after which Newton's method begins where members carry nothing
+MOST_WARM = 8  # after which Newton's method begins anew, where members carry nothing
 HUGE = {wp.float64: 1e300, wp.float32: 1e37}
-CLOSE = {wp.float64: 1e-11, wp.float32: 1e-5}  # a step of Newton's method, relative to its answer, to the end
+CLOSE = {wp.float64: 1e-11, wp.float32: 1e-5}  # the last step of Newton's method, over the length or, if larger, the strain
+ROUNDED = {wp.float64: 1e-15, wp.float32: 1e-6}  # what rounding makes of strains where members carry nothing
 
 
 def place_of(i: int, j: int, m: int) -> int:
@@ -545,6 +546,23 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
         return A
 
     @wp.func
+    def unsettled(step: Few, q: Few, start: Few, of_u: Real, of_e: Real) -> Real:
+        """0 where a step of Newton's method from q is the last one, else 1, also where it is no number; the factors make numbers
+        of curvatures and of what else there is."""
+        size = fill(d(0.0))
+        total = fill(d(0.0))
+        enough = fill(d(wp.static(CLOSE[d])))
+        for i in range(wp.static(m)):
+            scale = of_e
+            if wp.static(i < 3):
+                scale = of_u
+            size = largest(size, scale * absolute(one_of(step, i)))
+            noise = d(wp.static(ROUNDED[d])) * absolute(one_of(start, i)) + d(wp.static(CLOSE[d])) * absolute(one_of(q, i))
+            enough = enough + scale * noise
+            total = total + one_of(step, i)
+        return where_less(size + d(0.0) * total, enough, fill(d(0.0)), fill(d(1.0)))
+
+    @wp.func
     def strain(memory: memory_type, z: int, a: int, x: Real, b: State, M: Vec3, N: Vec3) -> Vec3:
         """(5m) u, and v - e3 to the place: the zero of ``u* + K^-1 (M - dW/du) - u`` and its like.
 
@@ -569,38 +587,29 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
             keep_one(start, 4, slid.y)
             keep_one(start, 5, slid.z)
         length = row(memory, z + wp.static(UNIT_LENGTH))
-        close = fill(d(wp.static(CLOSE[d])))
         one = fill(d(1.0))
         zero = fill(d(0.0))
         half = fill(d(0.5))
-        q = choose(half, row(memory, z + wp.static(WARM)), read_vector(memory, z + wp.static(STRAINS_AT)), start)
+        warm = row(memory, z + wp.static(WARM))
+        q = choose(half, warm, read_vector(memory, z + wp.static(STRAINS_AT)), start)
         r = Response()
         A = Matrix()
         step = Few()
         open_ = one
         count = int(0)
-        while any_less(zero, open_) and count < wp.static(MOST_ITERATIONS):
+        while any_less(zero, open_) and count < wp.static(MOST_WARM + MOST_ITERATIONS):
             for i in range(wp.static(m)):
                 # a lane that is done stays where it is, whatever the others do: its last step is taken below
                 keep_one(q, i, one_of(q, i) + open_ * one_of(step, i))
             if count == wp.static(MOST_WARM):
-                q = choose(half, open_, start, q)
+                q = choose(half, warm * open_, start, q)
             r = answer(memory, z, a, q)
             A = tangent_system(c, r)
             rest = Few()
             for i in range(wp.static(m)):
                 keep_one(rest, i, one_of(start, i) - one_of(c, i) * part_of_response(r, i) - one_of(q, i))
             step = solve(A, rest)
-            size = zero
-            total = zero
-            for i in range(wp.static(m)):
-                scale = one
-                if wp.static(i < 3):
-                    scale = length
-                size = largest(size, scale * absolute(one_of(step, i)))
-                total = total + one_of(step, i)
-            # also what is no number goes on, and is refused below
-            open_ = where_less(size + d(0.0) * total, close, zero, one)
+            open_ = unsettled(step, q, start, length, one)
             count += int(1)
         for i in range(wp.static(m)):
             keep_one(q, i, one_of(q, i) + one_of(step, i))
@@ -753,7 +762,6 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
             keep_one(start, i, one_of(start, i) + one_of(c, i) * one_of(carried, i))
         q = Few()
         length = row(memory, z + wp.static(UNIT_LENGTH))
-        close = fill(d(wp.static(CLOSE[d])))
         one = fill(d(1.0))
         zero = fill(d(0.0))
         open_ = one
@@ -778,15 +786,7 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
             wind_all(memory, z, a, u, e, u_s, e_s, c, gap, A, f, 0)
             factor(A)
             step = solve(A, gap)
-            size = zero
-            total = zero
-            for i in range(wp.static(m)):
-                scale = length
-                if wp.static(i < 3):
-                    scale = length * length
-                size = largest(size, scale * absolute(one_of(step, i)))
-                total = total + one_of(step, i)
-            open_ = where_less(size + d(0.0) * total, close, zero, one)
+            open_ = unsettled(step, q, start, length * length, length)
             count += int(1)
         bad = d(0.0) / (one - open_)
         for i in range(wp.static(m)):
