@@ -491,6 +491,11 @@ class BoundaryProblem(Uncopied, ABC):
         """Whether a step may end on another branch, and its ends not tell: not unless ``stability`` says so."""
         return self.stability is not None and self.stability.may_jump
 
+    @property
+    def kinks(self) -> NDArray[np.intp]:
+        """Unknowns, by their numbers, at whose zero the residual has a kink at the full load, and none at less."""
+        return np.zeros(0, dtype=np.intp)
+
     def mode_bounds(self) -> FloatArray:
         """As ``StabilityAnalysis.mode_bounds``; where that says nothing, what ``load_scale`` says of columns."""
         found = None if self.stability is None else self.stability.mode_bounds()

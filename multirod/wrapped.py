@@ -134,6 +134,10 @@ class WrappedProblem(BoundaryProblem):
         return None if self.inner.shapes is None else WrappedShapes(self)
 
     @property
+    def kinks(self) -> NDArray[np.intp]:  # noqa: D102
+        return self.inner.kinks
+
+    @property
     def starts(self) -> Starts | None:  # noqa: D102
         return self.inner.starts
 

@@ -20,6 +20,7 @@ from multirod.status import IntArray, Status, failures
 from multirod.validation import FloatArray, boolean, choice, positive_int
 
 PREDICTORS = ("none", "linear", "quadratic")
+DIP = 0.1  # of the load, that is taken off on the way past a kink
 _CONVERGED = int(Status.CONVERGED)
 
 
@@ -203,8 +204,18 @@ class NewtonTrack(Track):
         n = self.problem.unknown_count
         self.newton.allow(self.options._left(outcome))
         paths = Paths(self.problem, self.newton, self.options.max_continuation_steps)
-        again = paths.change_inputs(doubtful, before, self.history[0], self.newton.reference().reshape(-1, n, n))
-        outcome.status[doubtful] = again.status[doubtful]
+        last = self.history[0], self.newton.reference().reshape(-1, n, n)
+        again = paths.change_inputs(doubtful, before, *last)
+        self._take_in(doubtful, again, outcome)
+        stuck = doubtful & failures(again.status)
+        if len(self.problem.kinks) and stuck.any() and (stuck := stuck & paths.at_kink()).any():
+            # Gamma jumps there however short the steps are
+            self.newton.allow(self.options._left(outcome))
+            self._take_in(stuck, paths.change_inputs(stuck, before, *last, dip=DIP), outcome)
+
+    @staticmethod
+    def _take_in(chosen: Any, again: Outcome, outcome: Outcome) -> None:
+        outcome.status[chosen] = again.status[chosen]
         outcome.iterations += again.iterations
         outcome.integrations += again.integrations
         outcome.reached = again.reached

@@ -57,6 +57,14 @@ def test_three_segments_bend_by_the_same_angle(example):
     assert abs(push_rods - 0.6 * axial / (axial + bending)) < 1e-5
 
 
+def test_two_segments_are_those_of_a_published_program(example):
+    """And they are followed where tendons go slack and taut again, also those that hardly stretch."""
+    apart, error = example("two_segments.py").main()
+    assert apart["Cosserat rod"] < 1e-6  # what its own integration leaves
+    assert apart["rods between discs"] < 1e-3  # chords of arcs are to the fourth order in the spacing
+    assert error < 1.0  # of 400 mm: an observer meets a kink in every turn
+
+
 def test_new_assembly_agrees_with_the_clamped_rod(example):
     module = example("new_assembly.py")
     assert module.main() < 1e-9  # both solved to 1e-9 1/m on 0.4 m

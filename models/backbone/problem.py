@@ -344,6 +344,11 @@ class BackboneProblem(BoundaryProblem):
     def free_tip(self) -> FreeTip | None:  # noqa: D102
         return self._free_tip
 
+    @property
+    def kinks(self) -> NDArray[np.intp]:  # noqa: D102
+        slack = [kind.slackens for kind in self.features.members if kind.conditioned]
+        return np.asarray(np.arange(self.unknown_count)[self.slots.places["drives"]][np.array(slack, dtype=bool)])
+
     # ---- the interface ----
 
     def renew(self, inputs: Inputs) -> bool:  # noqa: D102

@@ -363,6 +363,11 @@ class ParallelProblem(BoundaryProblem):
         between_discs = any(group.backbones.features.discs and group.backbones.features.condition_count for group in self.groups)
         return LineTest(self.lines) if between_discs else None
 
+    @property
+    def kinks(self) -> NDArray[np.intp]:  # noqa: D102
+        own = [self.own[leg].start + group.backbones.kinks for group in self.groups for leg in group.members]
+        return np.sort(np.concatenate(own))
+
     # ---- the interface ----
 
     def focus(self, instances: IntArray | None = None) -> None:  # noqa: D102

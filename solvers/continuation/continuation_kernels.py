@@ -34,6 +34,7 @@ class PathState:
     newton: NewtonState
     # what a level sets: the load factor, or inputs between two rows of them
     by_inputs: int
+    dip: wp.float64  # part of the load that is taken off halfway between two rows of inputs
     load_factor: wp.array[wp.float64]
     inputs: wp.array2d[wp.float64]
     from_inputs: wp.array2d[wp.float64]
@@ -175,6 +176,8 @@ def make_path(block: int = 0, border: int = 0):
         if state.by_inputs != 0:
             for i in range(state.inputs.shape[1]):
                 state.inputs[t, i] = state.from_inputs[t, i] + level * (state.to_inputs[t, i] - state.from_inputs[t, i])
+            if state.dip > f64(0.0):
+                state.load_factor[t] = f64(1.0) - f64(4.0) * state.dip * level * (f64(1.0) - level)
         else:
             state.load_factor[t] = level
 

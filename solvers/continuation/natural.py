@@ -19,6 +19,7 @@ SINGULAR = 0.05  # largest singular value, in units of what is natural, that van
 TURN = 2.5  # by which rods may be turned against each other in a step [rad]: half a turn later they pull the other way
 GROWTH = 0.5  # of the load reached, that the next step may be if that is more
 TOGETHER = 4096  # instances whose columns at all nodes are held at once
+AT_KINK = 1e-3  # of the curvature scale, that an unknown may be from a kink where a path ended: steps are 1e-7 there
 FINER = 16  # times shorter steps, where a branch led to an unstable equilibrium
 
 BoolArray = NDArray[np.bool_]
@@ -151,14 +152,18 @@ class Paths:
             given = np.broadcast_to(np.asarray(values, dtype=kind), self.problem.instance_count)
             target.assign(np.ascontiguousarray(given))
 
-    def change_inputs(self, chosen: BoolArray, before: FloatArray, unknowns: FloatArray, gamma: FloatArray) -> Outcome:
+    def change_inputs(
+        self, chosen: BoolArray, before: FloatArray, unknowns: FloatArray, gamma: FloatArray, *, dip: float = 0.0
+    ) -> Outcome:
         """From the equilibrium ``unknowns``, where ``Gamma`` is ``gamma``, at the inputs ``before``, to the problem's inputs.
 
-        All of the first axis instance_count; what is not ``chosen`` is left as it is.
+        All of the first axis instance_count; what is not ``chosen`` is left as it is. With a ``dip``, that part of the load is
+        off halfway: what has a kink at the full load is smooth on the way.
         """
         problem, state = self.problem, self.state
         after = problem.read("inputs")
         state.by_inputs = 1
+        state.dip = dip
         for name, values in (("from_inputs", before), ("to_inputs", after)):
             setattr(state, name, wp.array(np.ascontiguousarray(values), dtype=wp.float64, device=problem.device))
         state.safe_step.fill_(1.0)
@@ -169,7 +174,14 @@ class Paths:
         self._set_out(chosen, known=1)
         outcome = self._follow()
         problem.write("inputs", after)
+        if dip:
+            self._set("load_factor", 1.0)  # that of paths which ended on the way
         return outcome
+
+    def at_kink(self) -> BoolArray:
+        """Whether the last equilibria on the paths are where the residual has a kink, shape (instance_count,)."""
+        kinks, last = self.problem.kinks, self.state.points.numpy()[:, 0]
+        return np.asarray((np.abs(last[:, kinks]) < AT_KINK * self.problem.curvature_scale()[:, None]).any(axis=1))
 
     def _set_out(self, chosen: BoolArray, known: int) -> None:
         """Put the chosen instances at the start of their paths, of which ``known`` equilibria are known, and leave the others."""
