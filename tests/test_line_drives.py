@@ -417,6 +417,15 @@ def test_a_displacement_beyond_what_a_line_can_do_says_so() -> None:
     assert loop.step(displacement=displacement[failed][0]).status == mr.Status.LINE_LIMIT
 
 
+def test_displacements_that_cannot_all_be_say_so() -> None:
+    """Two tendons that do not stretch, opposite each other, cannot both be pulled."""
+    lines = [mr.Tendon(offset=(sign * R, 0), driven="displacement") for sign in (1, -1)]
+    robot = mr.SingleRod(mr.Rod(**OWN, lines=lines))
+    pulls = np.array([(5e-4, 5e-4), (1e-3, -5e-4), (1e-3, -2e-3), (3e-3, 1e-3)])
+    found = mr.solve(robot, robot.inputs(displacement=pulls, tip_force=(0.1, 0.05, 0)))
+    assert [status.name for status in map(mr.Status, found.status)] == ["LINE_LIMIT", "LINE_LIMIT", "CONVERGED", "LINE_LIMIT"]
+
+
 # ---- stability ----
 
 

@@ -11,7 +11,7 @@ from multirod.problem import FEW, BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.continuation.continuation_kernels import PathState, make_path
 from multirod.solvers.newton.iteration import Newton, leave
-from multirod.status import Status
+from multirod.status import Status, failures
 from multirod.validation import FloatArray
 
 SAFE_LOAD = 5.0  # in F L^2/EI: no equilibrium loses and regains stability within such a step (Euler: 2.5 and 22)
@@ -19,6 +19,7 @@ SINGULAR = 0.05  # largest singular value, in units of what is natural, that van
 TURN = 2.5  # by which rods may be turned against each other in a step [rad]: half a turn later they pull the other way
 GROWTH = 0.5  # of the load reached, that the next step may be if that is more
 TOGETHER = 4096  # instances whose columns at all nodes are held at once
+RUNAWAY = 1e3  # times the curvature scale: where tensions grow without bound
 AT_KINK = 1e-3  # of the curvature scale, that an unknown may be from a kink where a path ended: steps are 1e-7 there
 FINER = 16  # times shorter steps, where a branch led to an unstable equilibrium
 
@@ -220,6 +221,10 @@ class Paths:
             leave(problem, remaining)
         counts: dict[str, Any] = {name: self._get(name) for name in ("status", "iterations", "integrations")}
         self._doubt_ends(counts["status"], counts["integrations"])
+        if len(problem.kinks) and (failed := failures(counts["status"])).any():
+            # lines that cannot all be as short as they are to be
+            last = np.abs(state.points.numpy()[:, 0, problem.kinks]).max(axis=1)
+            counts["status"][failed & (last > RUNAWAY * problem.curvature_scale())] = Status.LINE_LIMIT
         return Outcome(**counts, reached=self._get("levels")[:, 0].copy())
 
     def _doubt_ends(self, status: Any, integrations: Any) -> None:
