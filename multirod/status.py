@@ -92,9 +92,9 @@ _MESSAGES = {
     Status.OUT_OF_LIMITS: "the translations that lead to this pose are beyond the limits that inverse() was given, or leave "
     "nothing of a leg in use: ask for another pose, give wider limits, or begin at another translation or guess",
     Status.LINE_LIMIT: "a line is where its law ends: pulled or bent to less than a tenth of its rod's length at some place, or "
-    "so tight that lines together buckle the rod between its discs; or lines that do not stretch cannot all have the lengths that"
-    " their displacements ask for; or another member's law has no strains for what the rod carries: lower tensions, displacements "
-    "or loads (docs/lines.md)",
+    "so tight that lines together buckle the rod between its discs; or lines that do not stretch cannot all be as long as their "
+    "displacements say; or another member's law has no strains for what the rod carries: lower tensions, displacements or "
+    "loads (docs/lines.md)",
     Status.LOWEST_ENERGY: "the residual is within the tolerance; raising loads (of tubes also precurvature and the angles "
     "between them) in proportion ends before the full load, so this is the stable equilibrium of lowest potential energy that "
     "was found from many starts (for a parallel robot whose loads have no potential, where raising these leads from "
