@@ -82,7 +82,8 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
     COMPLIANCE, SHEAR_AT, UNIT_LENGTH = s["compliance"], s["shear"], s["unit_length"]
     X, EXTENSION_AT, SYSTEM, OWN_TWIST, CURVATURE = p["x"], p["extension"], p["system"], p["own_twist"], p["curvature"]
     MEMBER_MOMENT, MEMBER_FORCE, UNANSWERED = p["member_moment"], p["member_force"], s["unanswered"]
-    WARM, STRAINS_AT = s["warm"], s["strains"]
+    KNOWN, KNOWN_AT, STRAINS_AT = s["known"], s["place"], s["strains"]
+    BEFORE_AT, STRAINS_BEFORE = s["place_before"], s["strains_before"]
     system, matrix, vector = L.system(m), L.few(m * m), L.few(m)
     Matrix, factor, solve = system.type, system.factor, system.solve
     keep_entry, entry, write_matrix, read_matrix = matrix.keep, matrix.part, matrix.write, matrix.read
@@ -546,6 +547,45 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
         return A
 
     @wp.func
+    def led_to(memory: memory_type, z: int, x: Real) -> Few:
+        """Where the strains that are known on this stretch lead at x."""
+        at = row(memory, z + wp.static(KNOWN_AT))
+        back = at - row(memory, z + wp.static(BEFORE_AT))
+        zero = fill(d(0.0))
+        one = fill(d(1.0))
+        two = where_less(fill(d(1.5)), row(memory, z + wp.static(KNOWN)), one, zero)
+        # a step that was too long ends further back than it began
+        far = where_less(d(2.0) * absolute(back), absolute(x - at), zero, two)
+        t = far * (x - at) / (back + one - two)
+        q = Few()
+        for i in range(wp.static(m)):
+            last = row(memory, z + wp.static(STRAINS_AT) + i)
+            keep_one(q, i, last + t * (last - row(memory, z + wp.static(STRAINS_BEFORE) + i)))
+        return q
+
+    @wp.func
+    def remember(memory: memory_type, z: int, x: Real, q: Few, sound: Real):
+        """Strains at x, in the place of the last where those are there too, of a lane that is ``sound``; else none are known."""
+        zero = fill(d(0.0))
+        one = fill(d(1.0))
+        known = row(memory, z + wp.static(KNOWN))
+        at = row(memory, z + wp.static(KNOWN_AT))
+        elsewhere = where_less(zero, absolute(x - at), where_less(fill(d(0.5)), known, one, zero), zero)
+        half = fill(d(0.5))
+        before = row(memory, z + wp.static(BEFORE_AT))
+        put(memory, z + wp.static(BEFORE_AT), where_less(half, elsewhere, at, before))
+        last = read_vector(memory, z + wp.static(STRAINS_AT))
+        write_vector(
+            memory,
+            z + wp.static(STRAINS_BEFORE),
+            choose(half, elsewhere, last, read_vector(memory, z + wp.static(STRAINS_BEFORE))),
+        )
+        put(memory, z + wp.static(KNOWN_AT), x)
+        write_vector(memory, z + wp.static(STRAINS_AT), q)
+        most = where_less(half, elsewhere, fill(d(2.0)), where_less(half, known, known, one))
+        put(memory, z + wp.static(KNOWN), sound * most)
+
+    @wp.func
     def unsettled(step: Few, q: Few, start: Few, of_u: Real, of_e: Real) -> Real:
         """0 where a step of Newton's method from q is the last one, else 1, also where it is no number; the factors make numbers
         of curvatures and of what else there is."""
@@ -566,7 +606,7 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
     def strain(memory: memory_type, z: int, a: int, x: Real, b: State, M: Vec3, N: Vec3) -> Vec3:
         """(5m) u, and v - e3 to the place: the zero of ``u* + K^-1 (M - dW/du) - u`` and its like.
 
-        The search for it begins from what was found last on this stretch, or where members carry nothing.
+        The search for it begins where the last two on this stretch lead, or where members carry nothing.
         """
         u_star = precurvature(memory, z, 0, x)
         if wp.static(NODES):
@@ -590,8 +630,8 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
         one = fill(d(1.0))
         zero = fill(d(0.0))
         half = fill(d(0.5))
-        warm = row(memory, z + wp.static(WARM))
-        q = choose(half, warm, read_vector(memory, z + wp.static(STRAINS_AT)), start)
+        known = row(memory, z + wp.static(KNOWN))
+        q = choose(half, known, led_to(memory, z, x), start)
         r = Response()
         A = Matrix()
         step = Few()
@@ -602,7 +642,7 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
                 # a lane that is done stays where it is, whatever the others do: its last step is taken below
                 keep_one(q, i, one_of(q, i) + open_ * one_of(step, i))
             if count == wp.static(MOST_WARM):
-                q = choose(half, warm * open_, start, q)
+                q = choose(half, known * open_, start, q)
             r = answer(memory, z, a, q)
             A = tangent_system(c, r)
             rest = Few()
@@ -614,8 +654,7 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
         for i in range(wp.static(m)):
             keep_one(q, i, one_of(q, i) + one_of(step, i))
         bad = d(0.0) / (one - open_)  # no number where it did not settle
-        put(memory, z + wp.static(WARM), one - open_)
-        write_vector(memory, z + wp.static(STRAINS_AT), q)
+        remember(memory, z, x, q, one - open_)
         if any_less(zero, open_):
             # where what it should settle for is a number, it is the law that fails
             asked = zero

@@ -195,8 +195,12 @@ class Layout:
                 *self.member_slots,
                 Slot("functions", self.FUNCTIONS * self.FUNCTION_TERMS),  # of members, the constant terms first
                 Slot("unanswered", 1 * bool(f.members)),  # 1 where members left no strains for what the rod carried
-                Slot("warm", 1 * bool(f.members)),  # 1 where strains were found before, and those
+                # how many strains are known, 2 at most: the last ones and where they are, and those before
+                Slot("known", 1 * bool(f.members)),
+                Slot("place", 1 * bool(f.members)),
                 Slot("strains", self.STRAINS * bool(f.members)),
+                Slot("place_before", 1 * bool(f.members)),
+                Slot("strains_before", self.STRAINS * bool(f.members)),
                 Slot("unit_moment", 1, "moment"),  # what counts as one in the errors of a step
                 Slot("unit_force", 1, "force"),
                 Slot("unit_length", 1, "length"),
