@@ -339,7 +339,14 @@ class Rod:
     def __repr__(self) -> str:
         label = f"{self.name!r}, " if self.name else ""
         size = f"{float(self.length):g} m" if self.length.ndim == 0 else f"batch {self.batch_shape}"
-        return f"Rod({label}{size}, {len(self.sections)} section{'s' if len(self.sections) > 1 else ''})"
+        made, (first, *others) = f"{len(self.sections)} sections", self.sections
+        if not others:
+            made = "1 section"
+        if not others and not first.batch_shape:
+            EI = " and ".join(f"{value:.4g}" for value in dict.fromkeys(first.bending_stiffness.tolist()))
+            made = f"EI {EI}, GJ {float(first.torsional_stiffness):.4g} N m^2"
+        lines = f", {len(self.lines)} line{'s' * (len(self.lines) > 1)}" if self.lines else ""
+        return f"Rod({label}{size}, {made}{lines})"
 
 
 def _members(given: Any) -> "tuple[Member, ...]":

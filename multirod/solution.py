@@ -548,7 +548,9 @@ class Solution:
 
     def __repr__(self) -> str:
         if not self.batch_shape:
-            return f"{type(self).__name__}({self.status.name}, residual {float(self.residual):.2g} 1/m{self._without})"
+            x, y, z = self.tip_position
+            tip = "" if self.status.failed else f", tip ({x:.5g}, {y:.5g}, {z:.5g}) m"
+            return f"{type(self).__name__}({self.status.name}{tip}, residual {float(self.residual):.2g} 1/m{self._without})"
         return f"{type(self).__name__}(batch {self.batch_shape}: {self._counts(slice(None))}{self._without})"
 
     @property

@@ -88,6 +88,13 @@ def test_bad_options_exit_with_2_and_a_message(options: list[str], message: str,
     assert re.search(message, error.replace("\n", " "))
 
 
+def test_it_says_its_version(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["--version"])
+    assert ended.value.code == 0
+    assert capsys.readouterr().out == f"multirod {mr.__version__}\n"
+
+
 def test_missing_folder_is_refused_before_anything_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "no" / "run.rrd"
     with pytest.raises(SystemExit) as exit_info:

@@ -215,6 +215,15 @@ def test_one_straight_tendon_bends_the_rod_to_a_circle_at_order_four():
     np.testing.assert_allclose(solution.energy, EI * kappa**2 * LENGTH / 2, rtol=1e-12)
 
 
+def test_rods_and_solutions_show_what_they_are():
+    robot = mr.SingleRod(STRAIGHT)
+    assert repr(robot) == f"SingleRod(Rod({LENGTH:g} m, EI {EI:g}, GJ {GJ:g} N m^2, 1 line))"
+    pulled = mr.solve(robot, robot.inputs(tension=[[1.0], [141.0]]), solver=FIXED)
+    x, _, z = pulled.tip_position[0]
+    assert repr(pulled[0]) == f"Solution(CONVERGED, tip ({x:.5g}, 0, {z:.5g}) m, residual 0 1/m)"
+    assert repr(pulled[1]) == "Solution(LINE_LIMIT, residual 0 1/m)"
+
+
 def test_a_line_at_the_centre_of_curvature_fails():
     """Where a tenth of its length is left: ``1 - T r^2/EI = 0.1``."""
     robot = mr.SingleRod(STRAIGHT)

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 from rich.console import Console
 
+from multirod import __version__
 from multirod.cli import demo, prepare, tradeoff
 from multirod.cli.terminal import FULL_WIDTH
 
@@ -14,6 +15,7 @@ INTERRUPTED = 130  # as a shell has it
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
     parser = argparse.ArgumentParser(prog="multirod", description="Static equilibria of robots made of slender elastic rods.")
+    parser.add_argument("--version", action="version", version=f"multirod {__version__}")
     commands = parser.add_subparsers(dest="command", required=True)
     for command in (demo, tradeoff, prepare):
         command.add_parser(commands)
