@@ -221,7 +221,7 @@ def test_rods_and_solutions_show_what_they_are():
     pulled = mr.solve(robot, robot.inputs(tension=[[1.0], [141.0]]), solver=FIXED)
     x, _, z = pulled.tip_position[0]
     assert repr(pulled[0]) == f"Solution(CONVERGED, tip ({x:.5g}, 0, {z:.5g}) m, residual 0 1/m)"
-    assert repr(pulled[1]) == "Solution(LINE_LIMIT, residual 0 1/m)"
+    assert repr(pulled[1]) == "Solution(LINE_LIMIT, residual nan 1/m)"
 
 
 def test_a_line_at_the_centre_of_curvature_fails():
