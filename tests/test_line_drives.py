@@ -458,6 +458,14 @@ def test_inextensible_push_rods_keep_a_column_straight_up_to_four_times_the_load
     assert (below.index, above.index) == (0, 2)
     # the lines hold the tip: what is left to it is the turn about the rod's own axis, which no load touches
     np.testing.assert_allclose(below.stability_margin, 1.0, rtol=1e-6)
+    # bent in space they are what stiff ones tend to
+    margins = []
+    for stiffness in (None, 1e8):
+        lines = [mr.PushRod(offset=offset, axial_stiffness=stiffness) for offset in ((R, 0), (0, R))]
+        held = mr.SingleRod(mr.Rod(**OWN, lines=lines))
+        inputs = held.inputs(displacement=(0.002, -0.001), tip_force=(0.3, 0.2, -0.3))
+        margins.append(mr.solve(held, inputs).raise_if_failed().stability_margin)
+    np.testing.assert_allclose(*margins, rtol=1e-6)
 
 
 @pytest.mark.parametrize("stored", ["10e_multibackbone_1", "10e_multibackbone_3"])
