@@ -14,7 +14,7 @@ demo: $(VENV)/.installed
 	$(BIN)/multirod demo $(ARGS)
 
 test: $(VENV)/.installed-test
-	$(AS_MACHINE)$(BIN)/pytest --numprocesses auto --dist loadfile --no-loadscope-reorder $(ARGS)
+	$(AS_MACHINE)$(BIN)/pytest --numprocesses auto --dist loadfile $(ARGS)
 
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check .

@@ -13,34 +13,6 @@ DATA = Path(__file__).parent / "data"
 CASE_FIXTURES = {"single_rod_case": "single_rod", "tube_case": "concentric_tubes", "parallel_case": "parallel_continuum_robot"}
 
 
-# whose kernels take the longest to compile, a file being the work of one process: they go first, so that none is left with one
-LONGEST = (
-    "test_line_drives",
-    "test_concentric_tubes",
-    "test_parallel_rods",
-    "test_stability",
-    "test_observer_couplings",
-    "test_magnetic",
-    "test_conformance",
-    "test_line_legs",
-    "test_check_assembly",
-    "test_eccentric_tubes",
-    "test_random_lines",
-    "test_line_friction",
-    "test_members",
-    "test_examples",
-    "test_foundation",
-    "test_lines",
-    "test_precision",
-)
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The longest files first; else in their order."""
-    order = {name: place for place, name in enumerate(LONGEST)}
-    items.sort(key=lambda item: order.get(item.path.stem, len(order)))
-
-
 def load_cases(model: str) -> list[dict]:
     """Stored reference cases of one model, in order of their names."""
     cases = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(DATA.glob("*.json"))]
