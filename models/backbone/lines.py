@@ -242,7 +242,7 @@ class Tendon(Line):
 
     @staticmethod
     def law(numbers: SimpleNamespace) -> SimpleNamespace:  # noqa: D102
-        from multirod.models.backbone.kernels.lines import tendon_law
+        from multirod.models.backbone.kernels.members.lines import tendon_law
 
         return tendon_law(numbers, len(Tendon.parameters), discs_at=1)
 
@@ -364,7 +364,7 @@ class RubbingTendon(Tendon):
 
     @staticmethod
     def law(numbers: SimpleNamespace) -> SimpleNamespace:  # noqa: D102
-        from multirod.models.backbone.kernels.lines import tendon_law
+        from multirod.models.backbone.kernels.members.lines import tendon_law
 
         return tendon_law(numbers, len(RubbingTendon.parameters), friction_at=len(Line.parameters))
 
@@ -448,7 +448,7 @@ class PushRod(DrivenByLength):
 
     @staticmethod
     def law(numbers: SimpleNamespace) -> SimpleNamespace:  # noqa: D102
-        from multirod.models.backbone.kernels.lines import tendon_law
+        from multirod.models.backbone.kernels.members.lines import tendon_law
 
         return tendon_law(numbers, len(PushRod.parameters), bending_at=len(Line.parameters), discs_at=1)
 
@@ -536,7 +536,7 @@ class Chamber(Line):
 
     @staticmethod
     def law(numbers: SimpleNamespace) -> SimpleNamespace:  # noqa: D102
-        from multirod.models.backbone.kernels.lines import tendon_law
+        from multirod.models.backbone.kernels.members.lines import tendon_law
 
         return tendon_law(numbers, len(Chamber.parameters))
 

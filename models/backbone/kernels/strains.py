@@ -12,7 +12,7 @@ import warp as wp
 
 from multirod.models.backbone.kernels.eccentric import make_eccentric_rods
 from multirod.models.backbone.kernels.layout.layout import Layout
-from multirod.models.backbone.kernels.members import make_rod_with_members
+from multirod.models.backbone.kernels.members.rod import make_rod_with_members
 from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul, neg, sub  # noqa: F401  (by name)
 from multirod.models.backbone.kernels.numbers.vectors import vectors
 

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from multirod.models.backbone.kernels.friction import make_winding
+from multirod.models.backbone.kernels.members.winding import make_winding
 from multirod.models.backbone.kernels.numbers.lanes import add, div, mul, neg, sub  # noqa: F401  (by name)
 
 SHORTEST = 0.1  # length of a line per length of rod, below which it is bent to its centre of curvature

@@ -1,0 +1,296 @@
+# mypy: ignore-errors
+"""The strain law of a rod with members: strains from force and moment by Newton's method, (5m), and its variation, (17m).
+
+``z`` is where the record of a stretch stands in memory, ``a`` where that of a place stands, ``x`` the arclength from the start of
+the stretch. Numbers in parentheses are those of ``docs/model.md``.
+"""
+
+from types import SimpleNamespace
+
+import warp as wp
+
+from multirod.models.backbone.kernels.layout.layout import Layout
+from multirod.models.backbone.kernels.members.friction import make_friction
+from multirod.models.backbone.kernels.members.newton import MOST_ITERATIONS, make_newton
+from multirod.models.backbone.kernels.members.together import make_members
+from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul, neg, sub  # noqa: F401  (by name)
+from multirod.models.backbone.kernels.numbers.vectors import vectors
+
+MOST_WARM = 8  # after which Newton's method begins anew, where members carry nothing
+HUGE = {wp.float64: 1e300, wp.float32: 1e37}
+
+
+def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> SimpleNamespace:
+    """(5m): the rod and its members share the strains, and carry force and moment together."""
+    L, V = lanes(W, d), vectors(W, d)
+    members = make_members(layout, W, d)
+    newton = make_newton(layout, W, d, members)
+    friction = make_friction(layout, W, d, law, members, newton)
+    Real, row, put, fill, any_less = L.Real, L.row, L.put, L.fill, L.any_less
+    absolute, largest, where_less = L.absolute, L.largest, L.where_less
+    Vec3, row3, put3, zero3 = V.Vec3, V.row3, V.put3, V.zero3
+    plus, minus, times, dot, ahead3 = V.plus, V.minus, V.times, V.dot, V.ahead3
+    memory_type = wp.array(dtype=d)
+    state, column = L.few(layout.state.size), L.few(layout.column.size)
+    State, Column, keep_in = state.type, column.type, column.keep
+    SHEAR, NODES, m = layout.features.shear, layout.NODES, layout.STRAINS
+    s, p, given = layout.stretch, layout.place, layout.given
+    COMPLIANCE, SHEAR_AT, UNIT_LENGTH = s["compliance"], s["shear"], s["unit_length"]
+    X, EXTENSION_AT, SYSTEM, OWN_TWIST = p["x"], p["extension"], p["system"], p["own_twist"]
+    MEMBER_MOMENT, MEMBER_FORCE, UNANSWERED = p["member_moment"], p["member_force"], s["unanswered"]
+    KNOWN, KNOWN_AT, STRAINS_AT = s["known"], s["place"], s["strains"]
+    BEFORE_AT, STRAINS_BEFORE = s["place_before"], s["strains_before"]
+    Matrix, factor, solve = newton.Matrix, newton.factor, newton.solve
+    read_matrix, write_matrix, tangent, unsettled = newton.read_matrix, newton.write_matrix, newton.tangent, newton.unsettled
+    vector = L.few(m)
+    Few, keep_one, one_of = vector.type, vector.keep, vector.part
+    choose, read_vector, write_vector = vector.where_less, vector.read, vector.write
+    VARIED = layout.VARIED and layout.DIRECTIONS
+    precurvature, precurvature_variation = law.precurvature, law.precurvature_variation
+    Response, part_of_response, answer = members.Response, members.part_of_response, members.answer
+    at_place, extension_at, compliances = members.at_place, members.extension_at, members.compliances
+    drive_variation, put_pulls, put_slides = members.drive_variation, members.put_pulls, members.put_slides
+    energy_of_members, work_of_drives, keep_lengths = members.energy, members.work_of_drives, members.keep_lengths
+    put_grips = friction.put_grips
+    ROUTED, ALONG = layout.ROUTED, layout.ROUTED and layout.DIRECTIONS
+    DRIVES, LENGTHS, LENGTHS_AT = layout.DRIVES, layout.LENGTHS, layout.state["lengths"]
+    PULLS_AT, SLIDES_AT = p["pulls"], p["slides"]
+    PULLS, DRIVES_VARY, FRICTION = DRIVES * layout.PULLED, layout.DRIVES_VARY, layout.FRICTION
+    GIVEN_START, GROWTH, SHIFT = given["start"], given["growth"], given["shift"]
+
+    @wp.func
+    def led_to(memory: memory_type, z: int, x: Real) -> Few:
+        """Where the strains that are known on this stretch lead at x."""
+        at = row(memory, z + wp.static(KNOWN_AT))
+        back = at - row(memory, z + wp.static(BEFORE_AT))
+        zero = fill(d(0.0))
+        one = fill(d(1.0))
+        two = where_less(fill(d(1.5)), row(memory, z + wp.static(KNOWN)), one, zero)
+        # a step that was too long ends further back than it began
+        far = where_less(d(2.0) * absolute(back), absolute(x - at), zero, two)
+        t = far * (x - at) / (back + one - two)
+        q = Few()
+        for i in range(wp.static(m)):
+            last = row(memory, z + wp.static(STRAINS_AT) + i)
+            keep_one(q, i, last + t * (last - row(memory, z + wp.static(STRAINS_BEFORE) + i)))
+        return q
+
+    @wp.func
+    def remember(memory: memory_type, z: int, x: Real, q: Few, sound: Real):
+        """Strains at x, in the place of the last where those are there too, of a lane that is ``sound``; else none are known."""
+        zero = fill(d(0.0))
+        one = fill(d(1.0))
+        known = row(memory, z + wp.static(KNOWN))
+        at = row(memory, z + wp.static(KNOWN_AT))
+        elsewhere = where_less(zero, absolute(x - at), where_less(fill(d(0.5)), known, one, zero), zero)
+        half = fill(d(0.5))
+        before = row(memory, z + wp.static(BEFORE_AT))
+        put(memory, z + wp.static(BEFORE_AT), where_less(half, elsewhere, at, before))
+        last = read_vector(memory, z + wp.static(STRAINS_AT))
+        write_vector(
+            memory,
+            z + wp.static(STRAINS_BEFORE),
+            choose(half, elsewhere, last, read_vector(memory, z + wp.static(STRAINS_BEFORE))),
+        )
+        put(memory, z + wp.static(KNOWN_AT), x)
+        write_vector(memory, z + wp.static(STRAINS_AT), q)
+        most = where_less(half, elsewhere, fill(d(2.0)), where_less(half, known, known, one))
+        put(memory, z + wp.static(KNOWN), sound * most)
+
+    @wp.func
+    def strain(memory: memory_type, z: int, a: int, x: Real, b: State, M: Vec3, N: Vec3) -> Vec3:
+        """(5m) u, and v - e3 to the place: the zero of ``u* + K^-1 (M - dW/du) - u`` and its like.
+
+        The search for it begins where the last two on this stretch lead, or where members carry nothing.
+        """
+        u_star = precurvature(memory, z, 0, x)
+        if wp.static(NODES):
+            put(memory, a + wp.static(OWN_TWIST), u_star.z)
+        if wp.static(ROUTED):
+            at_place(memory, z, a, x)
+        if wp.static(FRICTION):
+            put_grips(memory, z, a, b, 0)
+        c = compliances(memory, z)
+        free = plus(u_star, times(row3(memory, z + wp.static(COMPLIANCE)), M))
+        start = Few()
+        keep_one(start, 0, free.x)
+        keep_one(start, 1, free.y)
+        keep_one(start, 2, free.z)
+        if wp.static(SHEAR):
+            slid = times(row3(memory, z + wp.static(SHEAR_AT)), N)
+            keep_one(start, 3, slid.x)
+            keep_one(start, 4, slid.y)
+            keep_one(start, 5, slid.z)
+        length = row(memory, z + wp.static(UNIT_LENGTH))
+        one = fill(d(1.0))
+        zero = fill(d(0.0))
+        half = fill(d(0.5))
+        known = row(memory, z + wp.static(KNOWN))
+        q = choose(half, known, led_to(memory, z, x), start)
+        r = Response()
+        A = Matrix()
+        step = Few()
+        open_ = one
+        count = int(0)
+        while any_less(zero, open_) and count < wp.static(MOST_WARM + MOST_ITERATIONS):
+            for i in range(wp.static(m)):
+                # a lane that is done stays where it is, whatever the others do: its last step is taken below
+                keep_one(q, i, one_of(q, i) + open_ * one_of(step, i))
+            if count == wp.static(MOST_WARM):
+                q = choose(half, known * open_, start, q)
+            r = answer(memory, z, a, q)
+            A = tangent(c, r)
+            factor(A)
+            rest = Few()
+            for i in range(wp.static(m)):
+                keep_one(rest, i, one_of(start, i) - one_of(c, i) * part_of_response(r, i) - one_of(q, i))
+            step = solve(A, rest)
+            open_ = unsettled(step, q, start, length, one)
+            count += int(1)
+        for i in range(wp.static(m)):
+            keep_one(q, i, one_of(q, i) + one_of(step, i))
+        bad = d(0.0) / (one - open_)  # no number where it did not settle
+        remember(memory, z, x, q, one - open_)
+        if any_less(zero, open_):
+            # where what it should settle for is a number, it is the law that fails
+            asked = zero
+            for i in range(wp.static(m)):
+                asked = asked + absolute(one_of(start, i))
+            known = where_less(asked, fill(d(wp.static(HUGE[d]))), one, zero)
+            put(memory, z + wp.static(UNANSWERED), largest(row(memory, z + wp.static(UNANSWERED)), open_ * known))
+        write_matrix(memory, a + wp.static(SYSTEM), A)
+        if wp.static(NODES):
+            put3(
+                memory,
+                a + wp.static(MEMBER_MOMENT),
+                Vec3(part_of_response(r, 0), part_of_response(r, 1), part_of_response(r, 2)),
+            )
+            put3(
+                memory,
+                a + wp.static(MEMBER_FORCE),
+                Vec3(part_of_response(r, 3), part_of_response(r, 4), part_of_response(r, 5)),
+            )
+        u = Vec3(one_of(q, 0), one_of(q, 1), one_of(q, 2))
+        e = zero3()
+        if wp.static(SHEAR):
+            e = Vec3(one_of(q, 3), one_of(q, 4), one_of(q, 5))
+            put3(memory, a + wp.static(EXTENSION_AT), e)
+        if wp.static(PULLS > 0):
+            put_pulls(memory, z, a, u, e, 0)
+        if wp.static(ALONG):
+            moving = Response()
+            put_slides(memory, z, a, u, e, moving, 0)
+            for j in range(wp.static(m)):
+                put(memory, a + wp.static(SLIDES_AT) + j, part_of_response(moving, j))
+        return Vec3(one_of(q, 0) + bad, one_of(q, 1) + bad, one_of(q, 2) + bad)
+
+    @wp.func
+    def rates(memory: memory_type, z: int, a: int, x: Real, b: State, u: Vec3, f: wp.ref[State]):
+        """No angles, no torques."""
+
+    @wp.func
+    def length_rates(memory: memory_type, z: int, a: int, u: Vec3, f: wp.ref[State]):
+        """(5l) What drives work on."""
+        keep_lengths(memory, z, a, u, extension_at(memory, a), f, 0)
+
+    @wp.func
+    def driven_work(memory: memory_type, z: int, a: int, u: Vec3) -> Real:
+        """Work per length of what drives members: it pulls, and gives way where they lengthen."""
+        return -work_of_drives(memory, z, a, u, extension_at(memory, a))
+
+    @wp.func
+    def energy_rate(memory: memory_type, z: int, a: int, x: Real, b: State, M: Vec3, N: Vec3, u: Vec3) -> Real:
+        """(14) Twice the energy per length, that of the members with it."""
+        own = minus(M, row3(memory, a + wp.static(MEMBER_MOMENT)))
+        energy = dot(own, times(row3(memory, z + wp.static(COMPLIANCE)), own))
+        if wp.static(SHEAR):
+            pull = minus(N, row3(memory, a + wp.static(MEMBER_FORCE)))
+            energy = energy + dot(pull, times(row3(memory, z + wp.static(SHEAR_AT)), pull))
+        return energy + d(2.0) * energy_of_members(memory, z, a, u, extension_at(memory, a))
+
+    @wp.func
+    def moved(memory: memory_type, a: int, g: int) -> Real:
+        """How far a place at a fixed part of the stretch moves along the rod, for a direction."""
+        x = row(memory, a + wp.static(X))
+        return (
+            row(memory, g + wp.static(GIVEN_START)) + x * row(memory, g + wp.static(GROWTH)) - row(memory, g + wp.static(SHIFT))
+        )
+
+    @wp.func
+    def less_pulls(memory: memory_type, a: int, g: int, v: Column, dM: Vec3, dN: Vec3):
+        """(17m) dM, dN less what drives change by themselves, for a direction."""
+        M = Vec3(dM.x, dM.y, dM.z)
+        N = Vec3(dN.x, dN.y, dN.z)
+        count = int(wp.static(DRIVES))
+        for k in range(count):
+            change = -drive_variation(memory, a, g, v, k)
+            at = a + wp.static(PULLS_AT) + k * wp.static(m)
+            M = ahead3(M, change, row3(memory, at))
+            if wp.static(SHEAR):
+                N = ahead3(N, change, row3(memory, at + 3))
+        return M, N
+
+    @wp.func
+    def less_slide(memory: memory_type, a: int, by: Real, dM: Vec3, dN: Vec3):
+        """(17m) dM, dN less what changes as members move along with the rod."""
+        M = ahead3(dM, -by, row3(memory, a + wp.static(SLIDES_AT)))
+        if wp.static(SHEAR):
+            return M, ahead3(dN, -by, row3(memory, a + wp.static(SLIDES_AT + 3)))
+        return M, dN
+
+    @wp.func
+    def strain_variation(memory: memory_type, z: int, a: int, g: int, v: Column, dM_: Vec3, dN_: Vec3):
+        """(17m) du and d(v - e3); dM_ and dN_ in the frame"""
+        dM = dM_
+        dN = dN_
+        if wp.static(DRIVES_VARY or FRICTION):
+            dM, dN = less_pulls(memory, a, g, v, dM, dN)
+        if wp.static(ALONG):
+            dM, dN = less_slide(memory, a, moved(memory, a, g), dM, dN)
+        c = times(row3(memory, z + wp.static(COMPLIANCE)), dM)
+        if wp.static(VARIED):
+            c = plus(c, precurvature_variation(memory, z, 0, row(memory, a + wp.static(X)), g))
+        right = Few()
+        keep_one(right, 0, c.x)
+        keep_one(right, 1, c.y)
+        keep_one(right, 2, c.z)
+        if wp.static(SHEAR):
+            slid = times(row3(memory, z + wp.static(SHEAR_AT)), dN)
+            keep_one(right, 3, slid.x)
+            keep_one(right, 4, slid.y)
+            keep_one(right, 5, slid.z)
+        q = solve(read_matrix(memory, a + wp.static(SYSTEM)), right)
+        e = zero3()
+        if wp.static(SHEAR):
+            e = Vec3(one_of(q, 3), one_of(q, 4), one_of(q, 5))
+        return Vec3(one_of(q, 0), one_of(q, 1), one_of(q, 2)), e
+
+    @wp.func
+    def rate_variations(memory: memory_type, z: int, a: int, g: int, v: Column, du: Vec3, f: wp.ref[Column]):
+        """No angles, no torques."""
+
+    @wp.func
+    def length_variations(memory: memory_type, a: int, g: int, du: Vec3, de: Vec3, f: wp.ref[Column]):
+        """(5l) for a column."""
+        count = int(wp.static(LENGTHS))
+        for k in range(count):
+            at = a + wp.static(PULLS_AT) + k * wp.static(m)
+            change = dot(row3(memory, at), du)
+            if wp.static(SHEAR):
+                change = change + dot(row3(memory, at + 3), de)
+            if wp.static(ALONG):
+                change = change + moved(memory, a, g) * row(memory, a + wp.static(SLIDES_AT + m) + k)
+            keep_in(f, wp.static(LENGTHS_AT) + k, change)
+
+    return SimpleNamespace(
+        strain=strain,
+        friction_rates=friction.rates,
+        friction_variations=friction.variations,
+        rates=rates,
+        energy_rate=energy_rate,
+        driven_work=driven_work,
+        length_rates=length_rates,
+        length_variations=length_variations,
+        strain_variation=strain_variation,
+        rate_variations=rate_variations,
+    )
