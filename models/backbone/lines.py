@@ -548,6 +548,6 @@ class SectionChamber(Chamber):
 
     @staticmethod
     def law(numbers: SimpleNamespace) -> SimpleNamespace:  # noqa: D102
-        from multirod.models.backbone.kernels.lines import section_chamber_law
+        from multirod.models.backbone.kernels.members.lines import section_chamber_law
 
         return section_chamber_law(numbers, len(Chamber.parameters))
