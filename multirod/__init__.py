@@ -25,6 +25,7 @@ if find_spec("multirod.models") is None:
 if TYPE_CHECKING:
     from multirod.assembly import Assembly
     from multirod.compiling import CompileError
+    from multirod.files import load
     from multirod.inputs import Inputs, InputSpec
     from multirod.integrators import RK4, RK23, RK45, AdaptiveIntegrator, FixedStepIntegrator, Integrator, Tableau
     from multirod.models.assemblies.concentric_tubes import ConcentricTubes
@@ -109,6 +110,7 @@ __all__ = [
     "critical_loads",
     "equilibria",
     "explain",
+    "load",
     "registered_solvers",
     "simulate",
     "solve",
@@ -123,6 +125,7 @@ _PUBLIC = {
     "compiling": "CompileError",
     "studies.critical_loads": "CriticalLoad CriticalLoads critical_loads",
     "studies.equilibria": "Equilibria equilibria",
+    "files": "load",
     "inputs": "Inputs InputSpec",
     "models.assemblies.concentric_tubes": "ConcentricTubes",
     "models.assemblies.eccentric_tubes": "EccentricTubes",

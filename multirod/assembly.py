@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from os import PathLike
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -179,6 +180,20 @@ class Assembly(ABC):
             device=device,
             progress=progress,
         )
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the robot to a file, to be read by ``mr.load(path)`` (``docs/files.md``).
+
+        Args:
+            path: File to write, ``.toml`` (text, with units) or ``.npz``; an existing one is replaced.
+
+        Raises:
+            ValueError: If it has another ending, or the robot is, or has, something of another package; or, of text, something
+                that is a function of arclength.
+        """
+        from multirod.files.saving import save_robot
+
+        save_robot(path, self)
 
     def _check_axes(self, inputs: Inputs) -> None:
         try:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from os import PathLike
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -111,6 +112,24 @@ class Inputs:
     def profile(self, name: str) -> Profile | None:
         """The resolved function of arclength given for an input, if one was."""
         return self._profiles.get(name)
+
+    @property
+    def specs(self) -> Mapping[str, InputSpec]:
+        """What each input means, by name, given or not."""
+        return MappingProxyType(self._specs)
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the inputs to a file, to be read by ``mr.load(path, robot=robot)`` (``docs/files.md``).
+
+        Args:
+            path: File to write, ``.toml`` (text, with units) or ``.npz``; an existing one is replaced.
+
+        Raises:
+            ValueError: If it has another ending; or, of text, if an input is a function of arclength.
+        """
+        from multirod.files.saving import save_inputs
+
+        save_inputs(path, self)
 
     @property
     def profiles(self) -> Mapping[str, Profile]:

@@ -47,6 +47,16 @@ class Profile:
         k = min(int(np.searchsorted(self.ends, s)), len(self.ends) - 1)
         return float(self.ends[k - 1]) if k else 0.0, float(self.ends[k]), self.coefficients[k]
 
+    @classmethod
+    def resolved(cls, ends: FloatArray, coefficients: FloatArray) -> "Profile":
+        """From polynomials alone, whose function is not at hand: it holds where it was resolved, and cannot be resolved anew."""
+        return cls(ends, coefficients, _left_behind)
+
+    def holds(self, length: float, degree: int, width: int) -> bool:
+        """Whether there is nothing to resolve anew, and it is what that would come to."""
+        same = bool(self.ends[-1] == length) and self.coefficients.shape[1:] == (degree + 1, width)
+        return same and self.function is _left_behind
+
     def __getstate__(self) -> dict[str, Any]:
         return {"ends": self.ends, "coefficients": self.coefficients}
 
@@ -57,7 +67,7 @@ class Profile:
 
 
 def _left_behind(s: float) -> Any:
-    raise ValueError("a function of arclength cannot be resolved anew after pickling: give the function itself")
+    raise ValueError("a function of arclength cannot be resolved anew after pickling, or from a file: give the function itself")
 
 
 @cache
@@ -95,12 +105,14 @@ def fit(
     degree: int = DEGREE,
 ) -> Profile:
     """Resolve ``function(s)``, returning ``width`` numbers, on ``start <= s <= start + length``; the arclength of the pieces
-    counts from ``start``.
+    counts from ``start``. What was resolved before, as far, and has no function at hand, is returned as it is.
 
     Raises:
         ValueError: If a value is not finite or not of that width; the message names ``field`` and the arclength.
     """
 
+    if isinstance(function, Profile) and function.holds(length, degree, width):
+        return function
     source = function.function if isinstance(function, Profile) else function
 
     def sample(x: float) -> FloatArray:

@@ -5,6 +5,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from math import prod
+from os import PathLike
 from threading import Event, Lock
 from typing import TYPE_CHECKING, Any
 
@@ -26,8 +27,6 @@ from multirod.status import Status, failures
 from multirod.validation import FloatArray, choice, frozen, positive_int, refuse, shown
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from multirod.models.backbone.lines import Line
     from multirod.studies.terms.simplify import Dropped
 
@@ -465,6 +464,58 @@ class Solution:
         (result,) = self._gather(columns, pose_sensitivities=True, enabled=(name,), **options)
         return self._masked(result, (rows, count))
 
+    def save(self, path: str | PathLike[str], **options: Any) -> None:
+        """Write the solution to a file, by its ending (``docs/files.md``).
+
+        Args:
+            path: File to write; an existing one is replaced, and there is a whole one or none. ``.npz`` holds all of it, for
+                ``mr.load``; ``.csv`` the centrelines; ``.nc`` what ``to_xarray`` makes of it; ``.glb``, ``.obj``, ``.ply`` and
+                ``.stl`` what ``to_mesh`` does.
+            **options: ``nodes`` of a rod, for all but ``.npz``; of meshes also ``corners``.
+
+        Raises:
+            TypeError: If there is no such option.
+            ValueError: If the ending is none of these, or ``.npz`` cannot hold it: robots of other packages.
+            ImportError: If a package is missing that the file needs; the message says what to install.
+        """
+        from multirod.files.saving import save_result
+
+        save_result(path, self, options)
+
+    def to_xarray(self, *, nodes: int | None = None) -> Any:
+        """An ``xarray.Dataset`` with named axes, units and the robot, which netCDF and Zarr take as it is.
+
+        Axes are ``time`` of a history, ``instance`` of a batch (``instance_0`` and so on of several axes), ``component``,
+        ``rod``, ``line``, ``unknown``. Failed instances are NaN; ``status`` says why.
+
+        Args:
+            nodes: Nodes of a rod, for arclength, position, rotation, curvature, moment and force along the rods to be included;
+                None, the default, is without.
+
+        Raises:
+            ImportError: If xarray is missing: ``pip install "multirod[xarray]"``.
+        """
+        from multirod.files.datasets import dataset
+
+        return dataset(self, nodes)
+
+    def to_mesh(self, *, nodes: int | None = None, corners: int = 24) -> Any:
+        """A ``trimesh.Scene`` of tubes, swept along their centrelines, and platforms [m], each a closed surface of its own name.
+
+        Tubes are as thick as their diameters; what has none is as thick as recordings show it. Failed instances are left out.
+
+        Args:
+            nodes: Nodes of a rod, as for ``rod``.
+            corners: Of the polygons in the place of circles; they lie on these.
+
+        Raises:
+            ValueError: If no instance has a result, or there are more than 100: choose some, ``solution[index]``.
+            ImportError: If trimesh is missing: ``pip install "multirod[mesh]"``.
+        """
+        from multirod.files.meshes import scene
+
+        return scene(self, nodes, corners)
+
     def raise_if_failed(self) -> "Solution":
         """Return ``self`` if every instance has a result.
 
@@ -587,8 +638,15 @@ class History(Solution):
         self.step_time: FloatArray = frozen(step_time)
         self.description = description
 
-    def save(self, path: "str | Path", **options: Any) -> None:
-        """Write a recording for the Rerun viewer; options as for ``multirod.recording.save``."""
-        from multirod.recording import save
+    def save(self, path: str | PathLike[str], **options: Any) -> None:
+        """Write the history to a file, by its ending: what ``Solution.save`` says, or ``.rrd``.
 
-        save(path, self, **options)
+        Args:
+            path: File to write; an existing one is replaced. ``.rrd`` is a recording for the Rerun viewer; options are those of
+                ``multirod.recording.save``.
+            **options: As for ``Solution.save``; of ``.rrd``, as said.
+
+        Raises:
+            TypeError, ValueError, ImportError: As for ``Solution.save``.
+        """
+        super().save(path, **options)

@@ -26,6 +26,7 @@ from multirod.validation import Described, FloatArray, array, choice, frozen, in
 
 JOINTS = {"clamped": kernels.CLAMPED, "revolute": kernels.REVOLUTE, "spherical": kernels.SPHERICAL}
 
+ROUNDED = 1e-15  # what the length of an axis of length 1 may be off
 SMALLEST_AXIS = 1e-100  # whose square still is a number
 PLATFORM_WEIGHT = 8 / 3  # a weight on the tip against the same distributed along the rod
 CLOSURE = ("shear", "torsion", "anisotropy", "precurvature_profile")  # what these do depends on how the legs hold each other
@@ -328,4 +329,5 @@ def _axes(value: Any, count: int) -> FloatArray:
         size = np.linalg.norm(axes, axis=1)
     if not ((size > SMALLEST_AXIS) & (size < 1 / SMALLEST_AXIS)).all():
         refuse("ParallelRods.joint_axes", value, f"must have lengths from {SMALLEST_AXIS:g} to {1 / SMALLEST_AXIS:g}")
-    return np.asarray(frozen(axes / size[:, None]))
+    unit = np.abs(size - 1) <= ROUNDED  # as they are: the same again from what was kept
+    return np.asarray(frozen(axes / np.where(unit, 1.0, size)[:, None]))

@@ -4,7 +4,7 @@ import json
 import os
 import re
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from hashlib import blake2b
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ try:
 except ImportError:  # no such locks on this system: docs/sweep.md says so
     fcntl = None  # type: ignore[assignment]
 
+from multirod.files.whole import written
 from multirod.validation import Described, refuse
 
 FORMAT = "multirod study 2"  # 1 had no checksums
@@ -142,23 +143,9 @@ class Folder:
             with self.written(self.manifest_path) as part:
                 part.write_text(json.dumps(_sealed(manifest), indent=2) + "\n", encoding="utf-8")
 
-    @contextmanager
-    def written(self, target: Path) -> Iterator[Path]:
+    def written(self, target: Path) -> AbstractContextManager[Path]:
         """A path to write to, that becomes ``target`` when all of it is on the disk, and never otherwise."""
-        part = self.path / _PART  # outside of chunks/, which holds nothing but what is whole
-        try:
-            yield part
-            with part.open("rb+") as file:
-                os.fsync(file.fileno())
-            os.replace(part, target)
-        finally:
-            part.unlink(missing_ok=True)
-        if os.name == "posix":  # elsewhere a folder cannot be flushed
-            descriptor = os.open(target.parent, os.O_RDONLY)
-            try:
-                os.fsync(descriptor)
-            finally:
-                os.close(descriptor)
+        return written(target, self.path / _PART)  # outside of chunks/, which holds nothing but what is whole
 
     @contextmanager
     def locked(self) -> Iterator[None]:

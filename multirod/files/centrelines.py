@@ -1,0 +1,60 @@
+"""Centrelines as one table of text, a row a node."""
+
+import csv
+from math import prod
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from multirod.files.whole import written
+from multirod.recording.figure import drawn_rods
+from multirod.solution import History, Solution
+from multirod.status import Status
+from multirod.validation import FloatArray
+
+SAMPLE = ("sample", "time [s]")  # of a history
+HEADER = ("instance", "status", "rod", "arclength [m]", "x [m]", "y [m]", "z [m]", "qx", "qy", "qz", "qw")
+
+
+def write(path: Path, solution: Solution, nodes: int | None = None) -> None:
+    """One row for each node of each rod, of each instance of each sample; frames as quaternions, body to world.
+
+    Args:
+        path: Of the file.
+        solution: What to write.
+        nodes: Nodes of a rod, as for ``Solution.rod``.
+    """
+    shape = solution.batch_shape
+    samples = shape[0] if isinstance(solution, History) else 1
+    count = prod(shape) // samples if samples else 0
+    statuses = np.reshape(np.asarray(solution.status), (samples, count))
+    drawn = drawn_rods(solution.assembly)
+    rods = [(rod.name, _nodes(solution, k, samples, count, nodes)) for k, rod in enumerate(drawn)]
+    with written(path) as part, part.open("w", newline="", encoding="utf-8") as file:
+        rows = csv.writer(file)
+        rows.writerow([*(SAMPLE if isinstance(solution, History) else ()), *HEADER])
+        for sample in range(samples):
+            first: list[Any] = [sample, float(solution.time[sample])] if isinstance(solution, History) else []
+            for instance in range(count):
+                status = Status(int(statuses[sample, instance])).name
+                for name, values in rods:
+                    rows.writerows([*first, instance, status, name, *row] for row in values[sample, instance].tolist())
+
+
+def _nodes(solution: Solution, rod: int, samples: int, count: int, nodes: int | None) -> FloatArray:
+    """Arclength, position and quaternion of each node, shape (samples, count, node_count, 8)."""
+    shape = solution.rod(rod, nodes=nodes)
+    values = np.concatenate([shape.arclength[..., None], shape.position, quaternions(shape.rotation)], axis=-1)
+    return values.reshape(samples, count, *values.shape[-2:])
+
+
+def quaternions(rotation: FloatArray) -> FloatArray:
+    """Scalar last, shape (..., 4), of rotation matrices (..., 3, 3); NaN where these are."""
+    from scipy.spatial.transform import Rotation
+
+    result = np.full((*rotation.shape[:-2], 4), np.nan)
+    sound = np.isfinite(rotation).all(axis=(-2, -1))
+    if sound.any():
+        result[sound] = Rotation.from_matrix(rotation[sound]).as_quat()
+    return result

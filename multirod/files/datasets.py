@@ -1,0 +1,164 @@
+"""Results as ``xarray.Dataset``, and as netCDF."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import multirod
+from multirod.files.optional import optional
+from multirod.files.whole import written
+from multirod.recording.figure import drawn_lines, drawn_rods
+from multirod.solution import History, Solution
+from multirod.status import Status
+from multirod.validation import FloatArray, positive_int
+
+COMPONENTS = ["x", "y", "z"]
+DIRECTORS = ["d1", "d2", "d3"]
+
+# of each instance: name, axes after the batch's, unit, what it is
+RESULTS = (
+    ("residual", (), "1/m", "what the solver drove to zero, max norm"),
+    ("iterations", (), "1", "iterations"),
+    ("integrations", (), "1", "initial value problems integrated, per rod"),
+    ("unknowns", ("unknown",), "1/m", "unknowns"),
+    ("boundary_residual", ("equation",), "1/m", "residual of the boundary conditions"),
+    ("gamma", ("equation", "unknown"), "1", "derivative of the residual by the unknowns"),
+    ("condition", (), "1", "condition number of gamma"),
+    ("smallest_singular_value", (), "1", "smallest singular value of gamma"),
+    ("tip_position", ("component",), "m", "position of the end effector, world frame"),
+    ("tip_rotation", ("component", "director"), "1", "rotation of the end effector, body to world: its directors in the world"),
+)
+OF_LINES = (
+    ("tension", "N", "tension of each line, negative where it pushes"),
+    ("line_length", "m", "length of each line between its start and its end on the rod"),
+    ("slack", "1", "whether each line hangs loose"),
+)
+ALONG = (
+    ("arclength", (), "m", "arclength from the base"),
+    ("position", ("component",), "m", "position of the centreline, world frame"),
+    ("rotation", ("component", "director"), "1", "rotation of the material frame, body to world"),
+    ("curvature", ("component",), "1/m", "curvature and twist, body frame"),
+    ("moment", ("component",), "N m", "internal moment, body frame"),
+    ("force", ("component",), "N", "internal force, body frame"),
+)
+
+
+def write(path: Path, solution: Solution, nodes: int | None = None) -> None:
+    """The dataset as netCDF 3, which SciPy writes: whatever else is installed, the file is the same."""
+    found = dataset(solution, nodes)
+    with written(path) as part:
+        found.to_netcdf(part, engine="scipy")
+
+
+def dataset(solution: Solution, nodes: int | None) -> Any:
+    """See ``Solution.to_xarray``."""
+    if nodes is not None:
+        positive_int("to_xarray.nodes", nodes, 2)
+    xarray = optional("xarray", "xarray", "datasets")
+    axes = _axes(solution)
+    variables: dict[str, Any] = {"status": (axes, np.asarray(solution.status, dtype=np.int32), _flags())}
+    for name, own, unit, meaning in RESULTS:
+        variables[name] = ((*axes, *own), getattr(solution, name), {"units": unit, "long_name": meaning})
+    if isinstance(solution, History):
+        measured = {"units": "s", "long_name": "measured time that the sample took"}
+        variables["step_time"] = (("time",), solution.step_time, measured)
+        if solution._outcome.rates is not None:
+            rates = {"units": "1/s", "long_name": "closed-loop rates of the observer"}
+            variables["rates"] = (("time", *axes[1:], "mode"), solution.rates, rates)
+    variables |= _lines(solution, axes) | _inputs(solution, axes)
+    if nodes is not None:
+        variables["energy"] = (axes, solution.energy, {"units": "J", "long_name": "elastic energy of all rods"})
+        variables |= _along(solution, axes, nodes)
+    used = {axis for value in variables.values() for axis in value[0]}
+    coordinates = {name: value for name, value in _coordinates(solution).items() if name in used}
+    return xarray.Dataset(variables, coords=coordinates, attrs=_about(solution))
+
+
+def _axes(solution: Solution) -> tuple[str, ...]:
+    """Names of the leading axes."""
+    timed = isinstance(solution, History)
+    count = len(solution.batch_shape) - timed
+    return (*(["time"] if timed else []), *(["instance"] if count == 1 else [f"instance_{k}" for k in range(count)]))
+
+
+def _flags() -> dict[str, Any]:
+    """Of the status, as the conventions for climate and forecast data have it."""
+    every = list(Status)
+    return {
+        "long_name": "why each instance ended",
+        "flag_values": np.array(every, dtype=np.int32),
+        "flag_meanings": " ".join(status.name for status in every),
+        "failed": " ".join(status.name for status in every if status.failed),
+    }
+
+
+def _lines(solution: Solution, axes: tuple[str, ...]) -> dict[str, Any]:
+    if not solution.assembly.lines:
+        return {}
+    found = {}
+    for name, unit, meaning in OF_LINES:
+        try:
+            found[name] = ((*axes, "line"), getattr(solution, name), {"units": unit, "long_name": meaning})
+        except NotImplementedError:  # an assembly that says nothing of its lines
+            return {}
+    return found
+
+
+def _inputs(solution: Solution, axes: tuple[str, ...]) -> dict[str, Any]:
+    """What was given as numbers, broadcast to all instances."""
+    inputs, found = solution.inputs, {}
+    for name in inputs.given:
+        if name in inputs.profiles:
+            continue
+        spec, value = inputs.specs[name], getattr(inputs, name)
+        own = "rod" if spec.per_rod else "component" if spec.count is None else f"line_by_{name}"
+        every = np.broadcast_to(value, (*solution.batch_shape, value.shape[-1]))
+        found[f"input_{name}"] = ((*axes, own), every, {"units": spec.unit, "long_name": spec.description})
+    return found
+
+
+def _along(solution: Solution, axes: tuple[str, ...], nodes: int) -> dict[str, Any]:
+    shapes = [solution.rod(k, nodes=nodes) for k in range(solution.assembly.rod_count)]
+    place = len(axes)
+
+    def joined(name: str) -> FloatArray:
+        return np.stack([getattr(shape, name) for shape in shapes], axis=place)
+
+    return {
+        name: ((*axes, "rod", "node", *own), joined(name), {"units": unit, "long_name": f"{meaning}, along the rods"})
+        for name, own, unit, meaning in ALONG
+    }
+
+
+def _coordinates(solution: Solution) -> dict[str, Any]:
+    assembly = solution.assembly
+    rods = drawn_rods(assembly)
+    lines = [line.name for line in drawn_lines(assembly, rods)]
+    names = {"component": COMPONENTS, "director": DIRECTORS, "rod": [rod.name for rod in rods], "line": lines}
+    for spec in solution.inputs.specs.values():
+        if spec.count is not None:
+            driven = [line.drive is not None and line.drive[0] == spec.name for _, line in assembly.lines]
+            names[f"line_by_{spec.name}"] = [name for name, own in zip(lines, driven, strict=True) if own]
+    # as objects: what Zarr makes of strings of one length is not settled
+    found: dict[str, Any] = {axis: (axis, np.array(own, dtype=object)) for axis, own in names.items()}
+    if isinstance(solution, History):
+        found["time"] = ("time", solution.time, {"units": "s", "long_name": "time of the sample"})
+    return found
+
+
+def _about(solution: Solution) -> dict[str, Any]:
+    from multirod.files.saving import robot_text
+
+    try:
+        robot = robot_text(solution.assembly)
+    except ValueError:  # of another package
+        robot = repr(solution.assembly)
+    found = {"multirod_version": multirod.__version__, "robot": robot, "integrator": str(solution._scene.integrator)}
+    if isinstance(solution, History):
+        found["description"] = solution.description
+    if solution.dropped:
+        found["dropped"] = "; ".join(map(str, solution.dropped))
+    if solution.inputs.profiles:
+        found["inputs_as_functions_of_arclength"] = " ".join(solution.inputs.profiles)
+    return found

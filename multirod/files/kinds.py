@@ -1,0 +1,326 @@
+"""What a file may hold: objects of this package, each as a table of the arguments that make it.
+
+A table is a dictionary of ``kind``, the name of the class or of another constructor, and of arguments: numbers, arrays, strings,
+tables, lists of tables. Nothing in it is code, and only what is named here is ever made.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from inspect import Parameter, signature
+from typing import Any
+
+import numpy as np
+
+from multirod.integrators import RK4, RK23, RK45
+from multirod.models.assemblies.concentric_tubes import ConcentricTubes
+from multirod.models.assemblies.eccentric_tubes import EccentricTubes
+from multirod.models.assemblies.parallel_rods import JOINTS, InverseParallelRods, ParallelRods
+from multirod.models.assemblies.single_rod import SingleRod
+from multirod.models.backbone.lines import (
+    Chamber,
+    DisplacedTendon,
+    Line,
+    PushRod,
+    RubbingDisplacedTendon,
+    RubbingTendon,
+    SectionChamber,
+    Tendon,
+)
+from multirod.profile import Profile
+from multirod.rod import Rod, Section
+from multirod.validation import Described, choice, refuse
+
+CLASSES: dict[str, type] = {
+    made.__name__: made
+    for made in (
+        *(SingleRod, ConcentricTubes, EccentricTubes, ParallelRods, InverseParallelRods),
+        *(Rod, Section, Tendon, PushRod, Chamber, RK4, RK23, RK45),
+    )
+}
+ROBOTS = ("SingleRod", "ConcentricTubes", "EccentricTubes", "ParallelRods", "InverseParallelRods")
+LINES = ("Tendon", "PushRod", "Chamber")
+INTEGRATORS = ("RK4", "RK23", "RK45")
+KINDS: dict[type, str] = {made: name for name, made in CLASSES.items()} | {
+    DisplacedTendon: "Tendon",
+    RubbingTendon: "Tendon",
+    RubbingDisplacedTendon: "Tendon",
+    SectionChamber: "Chamber",
+}
+UNITS = {
+    "length": "m",
+    "bending_stiffness": "N m^2",
+    "torsional_stiffness": "N m^2",
+    "shear_stiffness": "N",
+    "axial_stiffness": "N",
+    "precurvature": "1/m",
+    "linear_density": "kg/m",
+    "magnetisation": "A m",
+    "foundation": "N/m^2",
+    "discs": "m",
+    "outer_diameter": "m",
+    "inner_diameter": "m",
+    "offset": "m",
+    "offsets": "m",
+    "start": "m",
+    "end": "m",
+    "rest_length": "m",
+    "area": "m^2",
+    "base": "pose: rotation, position in m",
+    "platform": "poses: rotation, position in m",
+    "platform_mass": "kg",
+    "platform_centre": "m",
+    "limits": "m",
+}
+EQUAL = ("bending_stiffness", "shear_stiffness", "foundation")  # one number for all their axes will do
+
+
+@dataclass(frozen=True)
+class Part:
+    """An argument that is an object itself, or a list of some.
+
+    Attributes:
+        kinds: What it may be.
+        many: Whether it is a list.
+        named: Whether its table has to say its kind; otherwise the first of these is meant.
+    """
+
+    kinds: tuple[str, ...]
+    many: bool = True
+    named: bool = False
+
+
+PARTS: dict[str, dict[str, Part]] = {
+    "Rod": {"sections": Part(("Section",)), "lines": Part(LINES, named=True)},
+    "SingleRod": {"rod": Part(("Rod",), many=False)},
+    "ConcentricTubes": {"tubes": Part(("Rod",))},
+    "EccentricTubes": {"tubes": Part(("Rod",))},
+    "ParallelRods": {"legs": Part(("Rod", "ConcentricTubes"))},
+    "InverseParallelRods": {"robot": Part(("ParallelRods",), many=False)},
+}
+
+
+def _route(line: Line) -> Any:
+    return line._resolved
+
+
+def _stretch(line: Any) -> Any:
+    value = getattr(line, "axial_stiffness", None)
+    return None if value is None or np.isinf(value).all() else value
+
+
+def _joints(robot: ParallelRods) -> str | list[str]:
+    names = {code: name for name, code in JOINTS.items()}
+    joints = [names[code] for code in robot.geometry.joints.tolist()]
+    return joints[0] if len(set(joints)) == 1 else joints
+
+
+def _joint_axes(robot: ParallelRods) -> Any:
+    axes = robot.geometry.axes
+    return axes[0] if (axes == axes[0]).all() else axes
+
+
+# arguments that an object does not keep as an attribute of the same name
+READERS: dict[str, dict[str, Callable[[Any], Any]]] = {
+    "SingleRod": {"rod": lambda robot: robot.rods[0]},
+    "ConcentricTubes": {"tubes": lambda robot: robot.rods},
+    "EccentricTubes": {"tubes": lambda robot: robot.rods},
+    "ParallelRods": {
+        "base": lambda robot: robot.geometry.base,
+        "platform": lambda robot: robot.geometry.platform,
+        "joints": _joints,
+        "joint_axes": _joint_axes,
+        "platform_mass": lambda robot: robot.geometry.mass,
+        "platform_centre": lambda robot: robot.geometry.mass_centre,
+    },
+    "InverseParallelRods": {"limits": lambda robot: robot.limits if np.isfinite(robot.limits).any() else None},
+    "Tendon": {
+        "route": _route,
+        "driven": lambda line: line.drive[0],
+        "axial_stiffness": _stretch,
+        "rest_length": lambda line: getattr(line, "rest_length", None),
+    },
+    "PushRod": {
+        "route": _route,
+        "axial_stiffness": _stretch,
+        "bending_stiffness": lambda line: line.bending_stiffness if np.any(line.bending_stiffness) else None,
+    },
+    "Chamber": {
+        "route": _route,
+        "area_fixed": lambda line: "section" if isinstance(line, SectionChamber) else "across",
+    },
+}
+
+
+def constructors(kinds: Sequence[str]) -> dict[str, Callable[..., Any]]:
+    """What makes objects of these kinds: the classes, and their other constructors, such as ``Rod.tube``."""
+    found: dict[str, Callable[..., Any]] = {}
+    for kind in kinds:
+        made = CLASSES[kind]
+        found[kind] = made
+        others = (name for name, member in vars(made).items() if isinstance(member, classmethod) and not name.startswith("_"))
+        found |= {f"{kind}.{name}": getattr(made, name) for name in others}
+    return found
+
+
+def parameters(make: Callable[..., Any]) -> dict[str, Any]:
+    """Arguments of a constructor with their defaults; ``Parameter.empty`` of those that have none."""
+    function: Any = vars(make)["__init__"] if isinstance(make, type) and "__init__" in vars(make) else make
+    return {name: given.default for name, given in signature(function).parameters.items() if name != "self"}
+
+
+# ---- from objects to tables ----
+
+
+def described(thing: Any, where: str, *, functions: bool) -> dict[str, Any]:
+    """The table of an object, called ``where`` in errors; arguments that are the default are left out.
+
+    Args:
+        thing: The object.
+        where: Its name.
+        functions: Whether a function of arclength may be in it, as the polynomials that it was resolved into.
+
+    Raises:
+        ValueError: If it is, or has, something that no file holds; the message names it.
+    """
+    kind = KINDS.get(type(thing))
+    if kind is None:
+        refuse(
+            where,
+            thing,
+            f"a file holds only what multirod itself makes ({', '.join(CLASSES)}), and no {type(thing).__name__}: that has to be "
+            "made by its own code, and results can be saved as .csv, .nc and meshes",
+        )
+    parts = PARTS.get(kind, {})
+    result: dict[str, Any] = {"kind": kind}
+    for name, (value, default) in _arguments(kind, thing, where).items():
+        field = f"{where}.{name}"
+        if name in parts:
+            single = [value] if not parts[name].many else value
+            tables = [
+                _unnamed(described(item, f"{field}[{k}]" if parts[name].many else field, functions=functions), parts[name])
+                for k, item in enumerate(single)
+            ]
+            if tables:
+                result[name] = tables if parts[name].many else tables[0]
+        elif name == "members" and value:
+            refuse(field, list(value), "a file holds only the lines of multirod itself, and no members of other classes")
+        else:
+            plain = _plain(field, name, value, functions)
+            if not _is(plain, default):
+                result[name] = plain
+    return result
+
+
+def _unnamed(table: dict[str, Any], part: Part) -> dict[str, Any]:
+    """Without the kind, where it goes without saying."""
+    if part.named or table["kind"] != part.kinds[0]:
+        return table
+    return {name: value for name, value in table.items() if name != "kind"}
+
+
+def _arguments(kind: str, thing: Any, where: str) -> dict[str, tuple[Any, Any]]:
+    """Values and defaults of what makes an object; of a rod of one section, that section's among its own."""
+    readers, own = READERS.get(kind, {}), parameters(CLASSES[kind])
+    if kind == "Rod":
+        single = len(thing.sections) == 1
+        others = ("members", "lines", "discs", "outer_diameter", "inner_diameter")
+        found: dict[str, tuple[Any, Any]] = {"name": (thing.name, "")}
+        if single:
+            (section,) = thing.sections
+            if type(section) is not Section:
+                refuse(f"{where}.sections", section, "a file holds only sections that are multirod's Section")
+            defaults = parameters(Section)
+            found |= {item.name: (getattr(section, item.name), defaults[item.name]) for item in fields(Section)}
+        else:
+            found["sections"] = (thing.sections, None)
+        return found | {name: (getattr(thing, name), own[name]) for name in others}
+    return {name: (readers[name](thing) if name in readers else getattr(thing, name), default) for name, default in own.items()}
+
+
+def _plain(field: str, name: str, value: Any, functions: bool) -> Any:
+    """A value as a file holds it: an array, a number, a string, a list of strings, the table of a function; None is none."""
+    if isinstance(value, Profile):
+        if not functions:
+            refuse(
+                field,
+                Described("a function of arclength"),
+                "text holds only numbers: save it as .npz, which keeps the polynomials that it was resolved into, or give it as "
+                "numbers (precurvature by sections, a line by its offset)",
+            )
+        return {"kind": "Profile", "ends": value.ends, "coefficients": value.coefficients}
+    if isinstance(value, np.ndarray):
+        if name in EQUAL and value.ndim == 1 and (value == value[0]).all():
+            return float(value[0])
+        return float(value) if value.ndim == 0 else value
+    return value
+
+
+def _is(value: Any, default: Any) -> bool:
+    """Whether a value is the default; a batch of it is not."""
+    if default is Parameter.empty:
+        return False
+    if default is None:
+        return value is None or (isinstance(value, np.ndarray) and np.array_equal(value, np.eye(4)))
+    if isinstance(default, (int, float, tuple)) and not isinstance(value, (str, dict)):
+        return bool(np.array_equal(value, default))
+    return bool(value == default)
+
+
+# ---- from tables to objects ----
+
+
+def made(table: Any, part: Part, where: str) -> Any:
+    """The object of a table.
+
+    Args:
+        table: As ``described`` makes it, or as someone wrote it.
+        part: What it may be.
+        where: The file, then the place in it.
+
+    Raises:
+        ValueError: If the table has what is unknown, out of range or of a wrong type, or lacks something; the message names file,
+            place, value and what is allowed.
+    """
+    if not isinstance(table, dict):
+        refuse(where, table, "must be a table")
+    options = constructors(part.kinds)
+    kind = choice(at(where, "kind"), table.get("kind", None if part.named else part.kinds[0]), options)
+    make, parts = options[kind], PARTS.get(kind.partition(".")[0], {})
+    known, given = parameters(make), {name: value for name, value in table.items() if name != "kind"}
+    for name, value in given.items():
+        if name not in known:
+            refuse(at(where, name), value, f"there is no such key: {kind} takes {', '.join(known)}")
+    for name, default in known.items():
+        if default is Parameter.empty and name not in given:
+            raise ValueError(f"{at(where, name)} is not there: {kind} needs {name}")
+    arguments = {name: _argument(value, parts.get(name), at(where, name)) for name, value in given.items()}
+    try:
+        return make(**arguments)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{where}{'' if where.endswith(': ') else ': '}{error}") from error
+
+
+def at(where: str, name: str) -> str:
+    """The place of a key in a table that is ``where``: in a file by its name and ``": "``, or further inside."""
+    return where + name if where.endswith(": ") else f"{where}.{name}"
+
+
+def _argument(value: Any, part: Part | None, where: str) -> Any:
+    if part is None:
+        return profile(value, where) if isinstance(value, dict) else value
+    if not part.many:
+        return made(value, part, where)
+    if not isinstance(value, list):
+        refuse(where, value, f"must be a list of tables, [[{where.rpartition(': ')[2]}]]")
+    return [made(item, part, f"{where}[{k}]") for k, item in enumerate(value)]
+
+
+def profile(value: Any, where: str) -> Profile:
+    """A function of arclength from its table."""
+    if not (isinstance(value, dict) and value.get("kind") == "Profile" and set(value) == {"kind", "ends", "coefficients"}):
+        refuse(where, value, "must be numbers")
+    ends, coefficients = (np.array(value[name], dtype=np.float64) for name in ("ends", "coefficients"))
+    sound = ends.ndim == 1 and coefficients.ndim == 3 and len(ends) == len(coefficients) > 0
+    if not (sound and np.isfinite(ends).all() and np.isfinite(coefficients).all() and (np.diff(ends, prepend=0.0) > 0).all()):
+        refuse(where, Described("a function of arclength"), "its polynomials must be finite, on pieces that follow each other")
+    return Profile.resolved(ends, coefficients)

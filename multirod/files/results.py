@@ -1,0 +1,164 @@
+"""Solutions and histories as tables, complete: what is read back answers all that was answered before, by the same bits."""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from itertools import pairwise
+from math import prod
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod.assembly import Assembly
+from multirod.batch import thread_count
+from multirod.files.kinds import INTEGRATORS, ROBOTS, Part, described, made, profile
+from multirod.inputs import Inputs
+from multirod.segments import Breakpoints
+from multirod.solution import History, Scene, Solution
+from multirod.solver import Outcome
+from multirod.studies.terms.simplify import Dropped
+from multirod.validation import refuse
+
+ROBOT = Part(ROBOTS, many=False, named=True)
+INTEGRATOR = Part(INTEGRATORS, many=False, named=True)
+
+
+def table_of_inputs(inputs: Inputs, where: str, *, functions: bool) -> dict[str, Any]:
+    """Values by the names of inputs, axes along which nothing varies as one.
+
+    Raises:
+        ValueError: If one is a function of arclength and ``functions`` are not allowed.
+    """
+    result: dict[str, Any] = {}
+    for name in inputs.given:
+        resolved = inputs.profile(name)
+        if resolved is None:
+            value = getattr(inputs, name)
+            result[name] = value[tuple(slice(1) if step == 0 else slice(None) for step in value.strides[:-1])]
+        elif functions:
+            result[name] = {"kind": "Profile", "ends": resolved.ends, "coefficients": resolved.coefficients}
+        else:
+            refuse(
+                f"{where}.{name}",
+                "a function of arclength",
+                "text holds only numbers: save it as .npz, which keeps the polynomials that it was resolved into",
+            )
+    return result
+
+
+def inputs_from(table: Mapping[str, Any], robot: Assembly, where: str) -> Inputs:
+    """Inputs of a robot from their values.
+
+    Raises:
+        ValueError: If there is an input that the robot does not take, or a value that it does not take.
+    """
+    values = {name: profile(value, f"{where}{name}") if isinstance(value, dict) else value for name, value in table.items()}
+    try:
+        return robot.inputs(**values)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{where}{error}") from error
+
+
+def table_of_result(solution: Solution) -> dict[str, Any]:
+    """All that a solution is made of.
+
+    Raises:
+        ValueError: If the robot or the integrator is of a class of another package.
+    """
+    scene, inputs = solution._scene, solution._whole
+    names = [name for name in scene.fields if name != "inputs"]
+    result: dict[str, Any] = {
+        "robot": described(scene.assembly, "robot", functions=True),
+        "inputs": table_of_inputs(inputs, "inputs", functions=True),
+        "inputs_batch_shape": list(inputs.batch_shape),
+        "batch_shape": list(solution.batch_shape),
+        "instances": solution._instances,
+        "integrator": described(scene.integrator, "integrator", functions=True),
+        "device": scene.device,
+        "dropped": [asdict(term) for term in scene.dropped],
+        "records": {name: solution._records[:, scene.fields[name]] for name in names},
+        "outcome": {**solution._outcome.arrays, "breakpoints": _joined(solution._outcome.breakpoints)},
+    }
+    if isinstance(solution, History):
+        result |= {"time": solution.time, "step_time": solution.step_time, "description": solution.description}
+    return result
+
+
+def result_from(table: Mapping[str, Any], where: str) -> Solution:
+    """The solution of a table; a ``History`` where it has times.
+
+    Raises:
+        ValueError: If it is of another version, or does not hold together.
+    """
+    robot: Assembly = made(table["robot"], ROBOT, f"{where}robot")
+    inputs = inputs_from(table["inputs"], robot, where)
+    shape = tuple(table["inputs_batch_shape"])
+    arrays = {name: getattr(inputs, name) for name in inputs.given if name not in inputs.profiles}
+    inputs = inputs.with_arrays({name: np.broadcast_to(value, (*shape, value.shape[-1])) for name, value in arrays.items()})
+    inputs.batch_shape = shape
+    fields, start = {}, 0
+    for name, values in table["records"].items():
+        fields[name] = slice(start, start + values.shape[1])
+        start += values.shape[1]
+    records = np.concatenate(list(table["records"].values()), axis=1)
+    found = dict(table["outcome"])
+    outcome = Outcome(**{**found, "breakpoints": _separate(found["breakpoints"])})
+    scene = Scene(
+        robot,
+        tuple(table["batch_shape"]),
+        made(table["integrator"], INTEGRATOR, f"{where}integrator"),
+        _device(table["device"]),
+        fields,
+        threads=thread_count(None),
+        dropped=tuple(Dropped(**term) for term in table["dropped"]),
+    )
+    if not len(records) == prod(scene.batch_shape) == len(outcome.status):
+        raise ValueError(
+            f"{where}{len(records)} records and {len(outcome.status)} statuses do not make a batch {scene.batch_shape}"
+        )
+    if "time" not in table:
+        return Solution(scene, records, outcome, inputs, table["instances"])
+    times = {name: table[name] for name in ("time", "step_time", "description")}
+    return History(scene, records, outcome, inputs, **times)
+
+
+def _device(name: str) -> str:
+    """The device that it was computed on, or the CPU where there is none such."""
+    import warp as wp
+
+    from multirod.compiling import start_warp
+
+    start_warp()
+    return name if name in [device.alias for device in wp.get_devices()] else "cpu"
+
+
+def _joined(points: Mapping[int, Breakpoints]) -> dict[str, NDArray[Any]] | None:
+    """Breakpoints of all instances, one after another."""
+    if not points:
+        return None
+    own = list(points.values())
+    return {
+        "instances": np.array(list(points)),
+        "segments": np.array([len(p.steps) for p in own]),
+        "arclength": np.concatenate([p.arclength for p in own]),
+        "states": np.concatenate([p.states for p in own]),
+        "steps": np.concatenate([p.steps for p in own]),
+        "unknowns": np.stack([p.unknowns for p in own]),
+        "gap": np.array([p.gap for p in own]),
+    }
+
+
+def _separate(joined: Mapping[str, NDArray[Any]] | None) -> dict[int, Breakpoints]:
+    if joined is None:
+        return {}
+    ends = np.cumsum([0, *joined["segments"]]).tolist()
+    return {
+        instance: Breakpoints(
+            joined["arclength"][first + k : last + k + 1],
+            joined["states"][first:last],
+            joined["unknowns"][k],
+            joined["steps"][first:last],
+            float(joined["gap"][k]),
+        )
+        for k, (instance, (first, last)) in enumerate(zip(joined["instances"].tolist(), pairwise(ends), strict=True))
+    }

@@ -1,0 +1,687 @@
+"""Files: robots, inputs and results written and read back by the same bits, tables, meshes, and what is refused."""
+
+import csv
+import inspect
+import json
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray
+from scipy.spatial.transform import Rotation
+
+import multirod as mr
+from multirod.files import kinds, meshes
+from multirod.files.whole import written
+from multirod.profile import Profile
+from multirod.segments import Breakpoints
+
+COARSE = mr.Shooting(integrator=mr.RK4(20))
+ROD = mr.Rod(length=0.2, bending_stiffness=0.02, torsional_stiffness=0.015, outer_diameter=2e-3)
+TUBES = [
+    mr.Rod(length=0.30, bending_stiffness=0.004, torsional_stiffness=0.003, precurvature=(9, 0, 0), name="inner"),
+    mr.Rod(length=0.22, bending_stiffness=0.017, torsional_stiffness=0.014, precurvature=(5, 0, 0)),
+    mr.Rod(length=0.12, bending_stiffness=0.040, torsional_stiffness=0.030, name="outer"),
+]
+UNUSUAL = 'a "name"\n\\ with [brackets] = # é 漢 🤖 \x7f'
+
+
+def poses(radius, degrees=(0, 120, 240)):
+    angle = np.radians(degrees)
+    found = np.tile(np.eye(4), (len(angle), 1, 1))
+    found[:, :2, 3] = radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    return found
+
+
+def wire_robot(**more):
+    return mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638, precurvature=(3, 1, 0), **more))
+
+
+def helix(s):
+    return 0.006 * np.cos(30 * s), 0.006 * np.sin(30 * s)
+
+
+def lined():
+    lines = [
+        mr.Tendon(offset=(0.008, 0), driven="displacement", axial_stiffness=2000.0, name="right"),
+        mr.Tendon(offset=(-0.008, 0), driven="displacement", axial_stiffness=2000.0, end=0.1),
+        mr.Chamber(offset=(0, 0.005), area=2e-5, name="chamber"),
+    ]
+    return mr.SingleRod(mr.Rod(length=0.2, bending_stiffness=0.02, torsional_stiffness=0.015, lines=lines, discs=0.05))
+
+
+def tripod(**more):
+    return mr.ParallelRods(legs=[mr.ConcentricTubes(TUBES), ROD, ROD], base=poses(0.05), platform=poses(0.03), **more)
+
+
+def hexapod():
+    base, platform = poses(0.05, [-10, 10, 110, 130, 230, 250]), poses(0.05, [-50, 50, 70, 170, 190, 290])
+    return mr.ParallelRods(legs=[ROD] * 6, base=base, platform=platform).inverse(limits=(-0.05, [0.01 * k for k in range(6)]))
+
+
+def every_line():
+    """All that lines can be made of, no two alike."""
+    return [
+        mr.Tendon(offset=(0.008, 0.001), start=0.02, end=0.15, friction=0.1, name=UNUSUAL),
+        mr.Tendon(offset=[(0.001, 0.007), (0.002, 0.007)], driven="displacement", axial_stiffness=[40.0, 50.0], rest_length=0.19),
+        mr.Tendon(offset=(-0.004, 0.007), driven="displacement", friction=-0.2),
+        mr.PushRod(offset=(0.003, -0.004), axial_stiffness=1e4, rest_length=0.2, name="push"),
+        mr.Chamber(offset=(0, 0.005), area=[2e-5, 3e-5], area_fixed="section", start=0.1, end=0.19),
+    ]
+
+
+SECTIONS = [
+    mr.Section(
+        length=[0.1, 0.11],
+        bending_stiffness=(0.02, 0.03),
+        torsional_stiffness=np.inf,
+        precurvature=[(1, 2, 3), (4, 5, 1 / 3)],
+        shear_stiffness=(50.0, 60.0),
+        axial_stiffness=90.0,
+        linear_density=0.1,
+        magnetisation=(0.1, 0.2, 0.3),
+        foundation=(1.0, 2.0, 3.0),
+    ),
+    mr.Section(length=0.3, bending_stiffness=[[0.01], [0.02]], torsional_stiffness=0.01, foundation=5.0),
+]
+TURNED = np.block([[Rotation.from_rotvec((0.3, -0.2, 0.5)).as_matrix(), np.array([[0.1], [0.2], [0.3]])], [0, 0, 0, 1]])
+ROBOTS = {
+    "one rod": lambda: wire_robot(name=UNUSUAL, outer_diameter=3e-3, inner_diameter=1e-3),
+    "sections": lambda: mr.SingleRod(mr.Rod(sections=SECTIONS, name="batch"), base=TURNED),
+    "lines": lambda: mr.SingleRod(mr.Rod(length=0.2, bending_stiffness=0.02, torsional_stiffness=0.015, lines=every_line())),
+    "discs": lined,
+    "tubes": lambda: mr.ConcentricTubes(TUBES, base=[TURNED, np.eye(4)]),
+    "side by side": lambda: mr.EccentricTubes(TUBES[:2], [(0.003, 0.001), (-0.002, 0.002)], base=TURNED),
+    "legs": lambda: tripod(
+        joints=["clamped", "revolute", "spherical"],
+        joint_axes=[(1, 2, 3), (0, 1, 1), (0.1, 0, 0.7)],
+        platform_mass=0.02,
+        platform_centre=(0, 1e-3, 1 / 3),
+    ),
+    "inverse": hexapod,
+}
+
+
+def assert_same(one, other, where="it"):
+    """Two robots, rods, ... are of the same numbers, all of them."""
+    assert type(one) is type(other), where
+    if isinstance(one, Profile):
+        one, other = (one.ends, one.coefficients), (other.ends, other.coefficients)
+    if isinstance(one, np.ndarray):
+        assert one.dtype == other.dtype, where
+        np.testing.assert_array_equal(one, other, err_msg=where)
+    elif isinstance(one, (list, tuple)):
+        assert len(one) == len(other), where
+        for k, (a, b) in enumerate(zip(one, other, strict=True)):
+            assert_same(a, b, f"{where}[{k}]")
+    elif type(one).__module__.startswith("multirod") and hasattr(one, "__dict__"):
+        # what is kept for later has no place in a file
+        ours = {name for name in vars(one) if name not in ("arrays", "_route")}
+        assert ours == {name for name in vars(other) if name not in ("arrays", "_route")}, where
+        for name in ours:
+            assert_same(getattr(one, name), getattr(other, name), f"{where}.{name}")
+    else:
+        assert one == other, where
+
+
+@pytest.mark.parametrize("ending", [".toml", ".npz"])
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_robot_is_read_back_by_the_same_bits(name, ending, tmp_path):
+    robot = ROBOTS[name]()
+    robot.save(tmp_path / f"robot{ending}")
+    assert_same(mr.load(tmp_path / f"robot{ending}"), robot)
+
+
+def test_the_robots_tried_have_all_that_a_file_may_hold():
+    """Each argument of each class is somewhere not its default; and each number has a unit beside it, or has none."""
+    shown = {kind: set() for kind in kinds.CLASSES}
+
+    def look(table, part):
+        kind = table.get("kind", part.kinds[0])
+        shown[kind] |= set(table)
+        for name, inner in kinds.PARTS.get(kind, {}).items():
+            tables = table.get(name, [])
+            for item in tables if isinstance(tables, list) else [tables]:
+                look(item, inner)
+
+    curved = mr.SingleRod(mr.Rod(length=0.2, bending_stiffness=1, torsional_stiffness=1, lines=routed()))
+    for robot in [*(make() for make in ROBOTS.values()), curved, stiff_push_rod()]:
+        look(kinds.described(robot, "robot", functions=True), kinds.Part(kinds.ROBOTS, many=False, named=True))
+    shown["Rod"] |= shown["Section"]
+    shown["Section"] |= {"precurvature"}
+    without_unit = {"name", "driven", "friction", "area_fixed", "joints", "joint_axes", "route", "members"}
+    for kind in (*kinds.ROBOTS, *kinds.LINES, "Rod", "Section"):
+        arguments = set(kinds.parameters(kinds.CLASSES[kind]))
+        assert arguments - shown[kind] <= {"members"}, kind
+        parts = set(kinds.PARTS.get(kind, {}))
+        assert {name for name in arguments - parts if name not in kinds.UNITS} <= without_unit, kind
+
+
+def routed():
+    return [
+        line(route=helix, **more) for line, more in ((mr.Tendon, {}), (mr.PushRod, {"start": 0.05}), (mr.Chamber, {"area": 1e-5}))
+    ]
+
+
+def stiff_push_rod():
+    push = mr.PushRod(offset=(0.003, 0), bending_stiffness=1e-4, end=0.1)
+    return mr.SingleRod(mr.Rod(length=0.2, bending_stiffness=0.02, torsional_stiffness=0.015, lines=[push]))
+
+
+def test_a_robot_that_was_read_solves_by_the_same_bits(tmp_path):
+    robot, place = tripod(), {"translation": (-0.1, -0.1, -0.05, 0, 0)}
+    robot.save(tmp_path / "robot.toml")
+    inputs = robot.inputs(**place, tip_force=(0.2, 0, -0.3), follower_force=(0, 0.1, 0.2), force_point=(0, 0, 0.01))
+    inputs.save(tmp_path / "inputs.toml")
+    there = mr.load(tmp_path / "robot.toml")
+    one, other = mr.solve(robot, inputs), mr.solve(there, mr.load(tmp_path / "inputs.toml", robot=there))
+    assert one.status == mr.Status.CONVERGED
+    np.testing.assert_array_equal(one.unknowns, other.unknowns)
+    np.testing.assert_array_equal(one.tip_position, other.tip_position)
+
+
+def test_units_are_beside_the_numbers_of_a_text(tmp_path):
+    wire_robot().save(tmp_path / "robot.toml")
+    lines = (tmp_path / "robot.toml").read_text().splitlines()
+    assert "length = 0.4  # m" in lines
+    assert "precurvature = [3.0, 1.0, 0.0]  # 1/m" in lines
+    wire_robot().inputs(tip_force=[(1, 0, 0), (0, 1 / 3, 0)]).save(tmp_path / "inputs.toml")
+    text = (tmp_path / "inputs.toml").read_text()
+    assert "tip_force = [  # N\n    [1.0, 0.0, 0.0],\n    [0.0, 0.3333333333333333, 0.0],\n]" in text
+    assert tomllib.loads(text)["version"] == 1
+
+
+def test_functions_of_arclength_are_kept_as_resolved(tmp_path):
+    """Not in text; in an archive they are the polynomials that kernels read."""
+    rod = mr.Rod(length=0.2, bending_stiffness=1, torsional_stiffness=1, precurvature=lambda s: (60 * s, 0, 1), lines=routed())
+    robot = mr.SingleRod(rod)
+    with pytest.raises(ValueError, match=r"robot\.rod\.precurvature = a function of arclength .*save it as \.npz.*sections"):
+        robot.save(tmp_path / "robot.toml")
+    plain = mr.SingleRod(mr.Rod(length=0.2, bending_stiffness=1, torsional_stiffness=1, lines=routed()))
+    with pytest.raises(ValueError, match=r"robot\.rod\.lines\[0\]\.route = a function"):
+        plain.save(tmp_path / "robot.toml")
+    robot.save(tmp_path / "robot.npz")
+    there = mr.load(tmp_path / "robot.npz")
+    assert_same(there, robot)
+    inputs = robot.inputs(distributed_force=lambda s: (s, s * s, 0), translation=[[-0.01], [0.02]])
+    with pytest.raises(ValueError, match=r"inputs\.distributed_force = 'a function of arclength' is not allowed: .*\.npz"):
+        inputs.save(tmp_path / "inputs.toml")
+    inputs.save(tmp_path / "inputs.npz")
+    again = mr.load(tmp_path / "inputs.npz", robot=there)
+    assert_same(again.profile("distributed_force"), inputs.profile("distributed_force"))
+    np.testing.assert_array_equal(again.translation, inputs.translation)
+    assert not list(tmp_path.glob("*.toml"))
+    there.save(tmp_path / "again.npz")  # without the functions themselves
+    assert_same(mr.load(tmp_path / "again.npz"), robot)
+    with pytest.raises(ValueError, match="cannot be resolved anew after pickling, or from a file"):
+        mr.Rod(length=0.3, bending_stiffness=1, torsional_stiffness=1, precurvature=there.rods[0].sections[0].precurvature)
+
+
+class Own(mr.SingleRod):
+    """A robot of another package."""
+
+
+def test_what_is_of_other_packages_is_refused_by_name(tmp_path, wire):
+    class Backbone(mr.Rod):
+        pass
+
+    class Scheme(mr.RK4):
+        pass
+
+    own = Own(wire)
+    with pytest.raises(ValueError, match=r"robot = .* is not allowed: a file holds only what multirod .*SingleRod.*no Own"):
+        own.save(tmp_path / "robot.toml")
+    backbone = Backbone(length=0.4, bending_stiffness=1, torsional_stiffness=1)
+    with pytest.raises(ValueError, match=r"robot\.rod = .* and no Backbone"):
+        mr.SingleRod(backbone).save(tmp_path / "robot.npz")
+    solution = mr.solve(own, solver=COARSE)
+    with pytest.raises(ValueError, match=r"no Own.*results can be saved as \.csv, \.nc and meshes"):
+        solution.save(tmp_path / "solution.npz")
+    assert solution.to_xarray().attrs["robot"] == repr(own)
+    with pytest.raises(ValueError, match="integrator = .* and no Scheme"):
+        mr.solve(mr.SingleRod(wire), solver=mr.Shooting(integrator=Scheme(20))).save(tmp_path / "solution.npz")
+    assert list(tmp_path.iterdir()) == []
+
+
+HAND_WRITTEN = """
+kind = "ConcentricTubes"
+
+[[tubes]]
+name = "inner"
+length = 0.3
+bending_stiffness = 4e-3
+torsional_stiffness = 3e-3
+precurvature = [[0.2, [0, 0, 0]], [0.1, [9, 0, 0]]]
+
+[[tubes]]
+kind = "Rod.tube"
+length = 0.2
+outer_diameter = 2e-3
+inner_diameter = 1.5e-3
+young_modulus = 60e9
+shear_modulus = 23e9
+"""
+
+
+def test_what_someone_wrote_is_read(tmp_path):
+    (tmp_path / "robot.toml").write_text(HAND_WRITTEN)
+    inner = mr.Rod(
+        name="inner",
+        length=0.3,
+        bending_stiffness=4e-3,
+        torsional_stiffness=3e-3,
+        precurvature=[(0.2, (0, 0, 0)), (0.1, (9, 0, 0))],
+    )
+    outer = mr.Rod.tube(length=0.2, outer_diameter=2e-3, inner_diameter=1.5e-3, young_modulus=60e9, shear_modulus=23e9)
+    assert_same(mr.load(tmp_path / "robot.toml"), mr.ConcentricTubes([inner, outer]))
+
+
+MISTAKES = {
+    "unknown key": ("length = 0.3", "lenght = 0.3", r"tubes\[0\]\.lenght = 0\.3 is not allowed: .*no such key: Rod takes length"),
+    "unknown key at the top": (
+        'kind = "ConcentricTubes"',
+        'kind = "ConcentricTubes"\nrods = 2',
+        r"rods = 2 is not allowed: .*ConcentricTubes takes tubes",
+    ),
+    "unknown kind": ('"ConcentricTubes"', '"Concentric"', r"kind = 'Concentric' is not allowed: must be one of 'SingleRod'"),
+    "unknown kind inside": ('"Rod.tube"', '"Rod.from_file"', r"tubes\[1\]\.kind = 'Rod\.from_file' .*'Rod', 'Rod\.tube'"),
+    "no kind": ('kind = "ConcentricTubes"', "", r"kind = None is not allowed: must be one of"),
+    "out of range": ("length = 0.3", "length = -0.3", r"tubes\[0\]: Rod\.length = -0\.3 is not allowed: must be finite and > 0"),
+    "wrong type": ("length = 0.3", 'length = "0.3"', r"tubes\[0\]: Rod\.length = '0\.3' is not allowed: must be numeric"),
+    "a table for a number": (
+        "length = 0.3",
+        "length = {m = 1}",
+        r"tubes\[0\]\.length = {'m': 1} is not allowed: must be numbers",
+    ),
+    "a date": ("length = 0.3", "length = 2021-01-01", r"tubes\[0\]: Rod\.length = datetime.* must be numeric"),
+    "a number for tables": (HAND_WRITTEN, 'kind = "SingleRod"\nrod = 3', r"rod = 3 is not allowed: must be a table"),
+    "a number for a list of tables": (HAND_WRITTEN, 'kind = "ConcentricTubes"\ntubes = 3', r"tubes = 3 .*list of tables"),
+    "something missing": ("bending_stiffness = 4e-3", "", r"tubes\[0\]: Rod needs bending_stiffness"),
+    "no tubes": (HAND_WRITTEN, 'kind = "ConcentricTubes"', r"tubes is not there: ConcentricTubes needs tubes"),
+    "what does not fit": ("inner_diameter = 1.5e-3", "inner_diameter = 0", r"tubes\[1\]\.inner_diameter = 0\.0 .*must be > 0"),
+    "later version": ("kind = ", "version = 2\nkind = ", r"version = 2 is not allowed: must be 1 to 1"),
+    "no version": ("kind = ", 'version = "1"\nkind = ', r"version = '1' is not allowed"),
+    "no TOML": ("length = 0.3", "length = 0.3 m", r"it is no TOML: .*line 6"),
+}
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_mistakes_in_a_file_are_named_with_their_place(name, tmp_path):
+    before, after, message = MISTAKES[name]
+    assert before in HAND_WRITTEN
+    (tmp_path / "robot.toml").write_text(HAND_WRITTEN.replace(before, after, 1))
+    with pytest.raises(ValueError, match=rf"robot\.toml[:'].*{message}"):
+        mr.load(tmp_path / "robot.toml")
+
+
+def test_mistakes_of_who_loads(tmp_path, wire):
+    robot = mr.SingleRod(wire)
+    robot.save(tmp_path / "robot.toml")
+    robot.inputs(rotation=0.1).save(tmp_path / "inputs.toml")
+    with pytest.raises(ValueError, match=r"load\.robot = None is not allowed: must be the robot .*inputs\.toml"):
+        mr.load(tmp_path / "inputs.toml")
+    with pytest.raises(ValueError, match=r"load\.robot = SingleRod.* must not be given: robot\.toml holds no inputs"):
+        mr.load(tmp_path / "robot.toml", robot=robot)
+    with pytest.raises(TypeError, match=r"load\.robot = 3 is not allowed"):
+        mr.load(tmp_path / "inputs.toml", robot=3)
+    (tmp_path / "inputs.toml").write_text('kind = "Inputs"\ntip_forc = [1, 0, 0]')
+    with pytest.raises(ValueError, match=r"inputs\.toml: inputs\(\) takes no 'tip_forc': it takes rotation"):
+        mr.load(tmp_path / "inputs.toml", robot=robot)
+    with pytest.raises(ValueError, match=r"must end in \.npz or \.toml"):
+        mr.load(tmp_path / "robot.rrd")
+    for name in ("none.toml", "none.npz"):
+        with pytest.raises(FileNotFoundError, match=name):
+            mr.load(tmp_path / name)
+    with pytest.raises(ValueError, match=r"leading axes \(0,\).*\.npz"):
+        robot.inputs(rotation=np.zeros((0, 1))).save(tmp_path / "empty.toml")
+    robot.inputs(rotation=np.zeros((0, 1))).save(tmp_path / "empty.npz")
+    assert mr.load(tmp_path / "empty.npz", robot=robot).rotation.shape == (0, 1)
+    for thing in (robot, robot.inputs()):
+        with pytest.raises(ValueError, match=r"must end in \.toml or \.npz"):
+            thing.save(tmp_path / "robot.json")
+
+
+# ---- results ----
+
+ANSWERS = (
+    *("status", "iterations", "integrations", "residual", "boundary_residual", "unknowns", "gamma", "condition"),
+    *("tip_position", "tip_rotation", "energy"),
+)
+STABILITY = ("potential", "stability", "index", "stability_margin")
+
+
+def assert_answers_the_same(one, other, jacobian="tip_force"):
+    """In all they can be asked for; of stability and derivatives only where there is an input for these."""
+    assert type(one) is type(other)
+    assert repr(one) == repr(other)
+    for name in (*ANSWERS, *(STABILITY if jacobian else ())):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+    for k in range(one.assembly.rod_count):
+        for name, values in vars(one.rod(k, nodes=11)).items():
+            np.testing.assert_array_equal(values, getattr(other.rod(k, nodes=11), name), err_msg=name)
+    if jacobian:
+        np.testing.assert_array_equal(one.jacobian(jacobian), other.jacobian(jacobian))
+    for name in one.inputs.given:
+        if name not in one.inputs.profiles:
+            np.testing.assert_array_equal(getattr(one.inputs, name), getattr(other.inputs, name), err_msg=name)
+    assert one.dropped == other.dropped
+
+
+def reread(solution, folder):
+    solution.save(folder / "solution.npz")
+    return mr.load(folder / "solution.npz")
+
+
+@pytest.fixture(scope="module")
+def history():
+    """Of two robots at once; samples 3 and 4 of the second fail: the force jumps, and one iteration does not follow it."""
+    robot = wire_robot()
+    time = 0.02 * np.arange(6)
+    force = np.zeros((6, 2, 3))
+    force[:, 0, 0] = 0.1 * time
+    force[3:5, 1, 1] = 60.0
+    solver = mr.Shooting(integrator=mr.RK4(20), max_iterations=3, max_continuation_steps=2)
+    found = mr.simulate(robot, robot.inputs(rotation=0.1, tip_force=force), time=time, solver=solver)
+    failed = np.isnan(found.tip_position).any(axis=-1)
+    assert failed[3:5, 1].all()
+    assert failed.sum() == 2
+    return found
+
+
+def test_a_history_is_read_back_complete(history, tmp_path):
+    other = reread(history, tmp_path)
+    assert_answers_the_same(history, other)
+    for name in ("time", "step_time"):
+        np.testing.assert_array_equal(getattr(history, name), getattr(other, name))
+    assert history.description == other.description
+    with pytest.raises(mr.SolveError) as one:
+        history.raise_if_failed()
+    with pytest.raises(mr.SolveError) as two:
+        other.raise_if_failed()
+    assert str(one.value) == str(two.value)
+    part = reread(history[2:4, 1], tmp_path)  # some instances of a batch
+    assert_answers_the_same(history[2:4, 1], part)
+    with np.load(tmp_path / "solution.npz", allow_pickle=False) as arrays:
+        assert all(arrays[name].dtype != object for name in arrays.files)
+        assert json.loads(str(arrays["multirod"]))["written_by"] == f"multirod {mr.__version__}"
+
+
+def test_one_solution_is_read_back_also_of_a_tracker(tmp_path):
+    robot = wire_robot()
+    tracker = mr.Tracker(robot, solver=COARSE, dt=0.02, inputs=robot.inputs(rotation=0.0, tip_force=(0, 0.1, 0)))
+    solution = tracker.step(rotation=0.2)
+    other = reread(solution, tmp_path)
+    assert_answers_the_same(solution, other)
+    # and a solve begins from it
+    again = mr.solve(other.assembly, other.inputs, solver=COARSE, guess=other)
+    np.testing.assert_allclose(again.tip_position, solution.tip_position, rtol=0, atol=1e-9)  # its tolerance
+
+
+def test_an_observers_rates_and_terms_that_were_dropped_are_kept(tmp_path):
+    robot = wire_robot()
+    time = 0.02 * np.arange(4)
+    inputs = robot.inputs(rotation=time[:, None], tip_force=(0, 0.1, 0), tip_moment=(1e-12, 0, 0))
+    history = mr.simulate(robot, inputs, time=time, solver=mr.Observer(integrator=mr.RK4(20)), simplify=1e-4)
+    assert [term.name for term in history.dropped] == ["tip_moment"]
+    other = reread(history, tmp_path)
+    np.testing.assert_array_equal(history.rates, other.rates)
+    assert history.dropped == other.dropped
+    np.testing.assert_array_equal(history.inputs.tip_moment, other.inputs.tip_moment)
+    assert history.to_xarray()["rates"].attrs["units"] == "1/s"
+
+
+def test_lines_are_read_back(tmp_path):
+    robot = lined()
+    pulled = 0.002 * np.array([1.0, 0.0, -1.0])
+    inputs = robot.inputs(displacement=np.stack([pulled, -pulled], axis=-1), pressure=1e4)
+    history = mr.simulate(robot, inputs, time=0.1 * np.arange(3), solver=COARSE)
+    other = reread(history, tmp_path)
+    assert_answers_the_same(history, other, jacobian="")
+    for name in ("tension", "line_length", "slack"):
+        np.testing.assert_array_equal(getattr(history, name), getattr(other, name))
+    np.testing.assert_array_equal(history.line("chamber").position, other.line("chamber").position)
+    data = history.to_xarray()
+    assert data.sizes["line"] == 3
+    assert data["line"].values.tolist() == ["right", "line 2", "chamber"]
+    assert data["line_by_displacement"].values.tolist() == ["right", "line 2"]
+    np.testing.assert_array_equal(data["tension"].sel(line="right"), history.tension[:, 0])
+    assert data["input_pressure"].attrs["units"] == "Pa"
+
+
+def test_legs_are_read_back(tmp_path):
+    robot = tripod()
+    inputs = robot.inputs(translation=(-0.1, -0.1, -0.05, 0, 0), tip_force=(0.2, 0, -0.3), follower_force=(0, 0.1, 0.2))
+    assert_answers_the_same(solution := mr.solve(robot, inputs), reread(solution, tmp_path))
+
+
+def test_breakpoints_are_read_back(tmp_path):
+    """A rod that its unknowns at the base alone do not describe, beside one that they do."""
+    robot = mr.SingleRod(
+        mr.Rod(length=0.4, bending_stiffness=(0.02, 0.03), torsional_stiffness=0.012, precurvature=(4, -2, 6)),
+    )
+    solution = mr.solve(robot, robot.inputs(tip_force=[(60.0, -50.0, 30.0), (0.1, 0, 0), (80.0, 0, 30.0)]))
+    solution = solution.raise_if_failed()
+    points = solution._outcome.breakpoints
+    assert len(points) == 2
+    other = reread(solution, tmp_path)
+    assert_answers_the_same(solution, other)
+    assert points.keys() == other._outcome.breakpoints.keys()
+    for k, own in points.items():
+        assert isinstance(own, Breakpoints)
+        assert_same(own, other._outcome.breakpoints[k])
+
+
+def test_a_file_that_is_not_whole_is_refused(history, tmp_path):
+    file = tmp_path / "history.npz"
+    history.save(file)
+    content = file.read_bytes()
+    for wrong in (content[: len(content) // 2], b"", b"not a zip", content[:900] + b"\0\1\2\3" + content[904:]):
+        file.write_bytes(wrong)
+        with pytest.raises(ValueError, match=r"history\.npz' is not allowed: it is"):
+            mr.load(file)
+    np.savez(file, time=history.time)
+    with pytest.raises(ValueError, match="none that multirod wrote"):
+        mr.load(file)
+    with (
+        np.load(rewritten(file, content, lambda about: about | {"batch_shape": [7]})) as _,
+        pytest.raises(ValueError, match="12 records"),
+    ):
+        mr.load(file)
+    rewritten(file, content, lambda about: {name: value for name, value in about.items() if name != "outcome"})
+    with pytest.raises(ValueError, match="does not hold together"):
+        mr.load(file)
+    rewritten(file, content, lambda about: about | {"version": 2})
+    with pytest.raises(ValueError, match=r"history\.npz: version = 2 is not allowed: .*newer multirod"):
+        mr.load(file)
+
+
+def rewritten(file, content, change):
+    """The file with what is no array in it changed."""
+    file.write_bytes(content)
+    with np.load(file) as arrays:
+        held = dict(arrays)
+    held["multirod"] = np.array(json.dumps(change(json.loads(str(held["multirod"])))))
+    np.savez(file, **held)
+    return file
+
+
+def test_nothing_of_an_archive_is_run(tmp_path):
+    """An array of objects, which only unpickling could read."""
+    np.savez(tmp_path / "robot.npz", allow_pickle=True, multirod=np.array([object], dtype=object))
+    with pytest.raises(ValueError, match="Object arrays cannot be loaded"):
+        mr.load(tmp_path / "robot.npz")
+
+
+@pytest.mark.parametrize("ending", [".txt", ".mat", ".h5", ""])
+def test_an_ending_that_is_not_known_is_refused_with_those_that_are(ending, history, tmp_path):
+    every = r"must end in \.npz or \.csv or \.nc or \.glb or \.obj or \.ply or \.stl"
+    with pytest.raises(ValueError, match=f"{every} or .rrd"):
+        history.save(tmp_path / f"run{ending}")
+    with pytest.raises(ValueError, match=f"{every}$"):
+        history[0].save(tmp_path / f"run{ending}")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_options_that_an_ending_does_not_take_are_refused(history, tmp_path):
+    with pytest.raises(TypeError, match=r"save\(path\), ending in \.csv, takes no 'node': it takes nodes"):
+        history.save(tmp_path / "run.csv", node=3)
+    with pytest.raises(TypeError, match=r"ending in \.npz, takes no 'nodes': it takes no options"):
+        history.save(tmp_path / "run.npz", nodes=3)
+    for ending in (".csv", ".nc", ".glb"):
+        with pytest.raises(ValueError, match="nodes = 1 is not allowed"):
+            history[:, 0].save(tmp_path / f"run{ending}", nodes=1)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_is_there_as_a_whole_or_as_before(history, tmp_path, monkeypatch):
+    file = tmp_path / "run.npz"
+    file.write_bytes(b"before")
+
+    def fail(*_, **__):
+        raise OSError("the disk is full")
+
+    monkeypatch.setattr(np, "savez", fail)
+    with pytest.raises(OSError, match="full"):
+        history.save(file)
+    assert file.read_bytes() == b"before"
+    assert list(tmp_path.iterdir()) == [file]
+    with written(file) as part:
+        part.write_bytes(b"after")
+        assert file.read_bytes() == b"before"
+        assert part.suffix == ".npz"
+    assert file.read_bytes() == b"after"
+
+
+# ---- tables, datasets, meshes ----
+
+
+def test_centrelines_as_a_table(history, tmp_path):
+    history.save(tmp_path / "run.csv", nodes=4)
+    with (tmp_path / "run.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0])[:8] == ["sample", "time [s]", "instance", "status", "rod", "arclength [m]", "x [m]", "y [m]"]
+    assert len(rows) == 6 * 2 * 4
+    values = np.array([[float(row[name]) for name in list(row)[5:]] for row in rows]).reshape(6, 2, 4, 8)
+    shape = history.rod(0, nodes=4)
+    np.testing.assert_array_equal(values[..., 0], shape.arclength)
+    np.testing.assert_array_equal(values[..., 1:4], shape.position)
+    sound = np.isfinite(shape.position).all(axis=-1)
+    # of orthogonal matrices to rounding
+    np.testing.assert_allclose(Rotation.from_quat(values[sound, 4:]).as_matrix(), shape.rotation[sound], rtol=0, atol=1e-13)
+    assert [row["status"] for row in rows[::4]] == [mr.Status(int(code)).name for code in history.status.reshape(-1)]
+    assert {float(row["time [s]"]) for row in rows} == set(history.time.tolist())
+    history[0, 0].save(tmp_path / "one.csv")
+    assert (tmp_path / "one.csv").read_text().startswith("instance,status,rod,arclength [m],x [m]")
+
+
+def test_a_dataset_has_names_units_and_the_robot(history, tmp_path):
+    data = history.to_xarray(nodes=5)
+    assert data["tip_position"].dims == ("time", "instance", "component")
+    assert data["position"].dims == ("time", "instance", "rod", "node", "component")
+    assert dict(data.sizes)["node"] == 5
+    assert all({"units", "long_name"} <= set(value.attrs) for name, value in data.data_vars.items() if name != "status")
+    np.testing.assert_array_equal(data["position"].isel(rod=0), history.rod(0, nodes=5).position)
+    np.testing.assert_array_equal(data["input_tip_force"], history.inputs.tip_force)
+    np.testing.assert_array_equal(data["time"], history.time)
+    assert data.attrs["description"] == history.description
+    (tmp_path / "robot.toml").write_text(data.attrs["robot"])
+    assert_same(mr.load(tmp_path / "robot.toml"), history.assembly)
+    history.save(tmp_path / "run.nc", nodes=5)
+    with xarray.open_dataset(tmp_path / "run.nc") as there:
+        xarray.testing.assert_identical(there.load(), data.drop_attrs(deep=False).assign_attrs(there.attrs))
+        assert there.attrs == data.attrs
+    one = history[0, 0].to_xarray()
+    assert one["tip_position"].dims == ("component",)
+    assert "position" not in one
+
+
+def test_axes_of_a_batch_of_several_axes():
+    robot = wire_robot()
+    solution = mr.solve(robot, robot.inputs(rotation=np.zeros((2, 3, 1)), tip_force=(0, 0.1, 0)), solver=COARSE)
+    assert solution.to_xarray()["residual"].dims == ("instance_0", "instance_1")
+
+
+def ring(radius, corners=24):
+    """Area of a regular polygon."""
+    return corners / 2 * radius**2 * np.sin(2 * np.pi / corners)
+
+
+@pytest.mark.parametrize("hollow", [False, True])
+def test_tubes_are_closed_and_as_large_as_they_are(hollow):
+    robot = wire_robot(outer_diameter=3e-3, **({"inner_diameter": 2e-3} if hollow else {}))
+    solution = mr.solve(robot, robot.inputs(tip_force=(0, 0.1, 0)), solver=COARSE)
+    (mesh,) = solution.to_mesh(nodes=201).geometry.values()
+    assert mesh.is_watertight
+    assert mesh.is_winding_consistent
+    area = ring(1.5e-3) - (ring(1e-3) if hollow else 0.0)
+    assert mesh.volume == pytest.approx(area * 0.4, rel=1e-4)  # of chords in the place of arcs
+    low, high = mesh.bounds
+    points = solution.rod(0, nodes=201).position
+    assert (low >= points.min(axis=0) - 1.5e-3 - 1e-12).all()
+    assert (high <= points.max(axis=0) + 1.5e-3 + 1e-12).all()
+
+
+@pytest.mark.parametrize("inner", [0.0, 0.06])
+def test_sections_of_a_tube_turn_about_it_as_little_as_they_can(inner):
+    """Along half a circle in a plane, the corners of one row are all as far from that; the volume is that of Pappus."""
+    angle = np.linspace(0, np.pi, 401)
+    centre = np.stack([1 - np.cos(angle), 0 * angle, np.sin(angle)], axis=-1)
+    tangent = np.stack([np.sin(angle), 0 * angle, np.cos(angle)], axis=-1)
+    vertices, triangles = meshes.tube(centre, tangent, 0.1, inner, 24)
+    rows = vertices[: 401 * 24].reshape(401, 24, 3)
+    assert np.ptp(rows[..., 1], axis=0).max() < 1e-12  # rounding
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    volume = np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6
+    assert volume == pytest.approx((ring(0.1) - ring(inner)) * np.pi, rel=1e-4)  # of chords in the place of arcs
+
+
+def test_a_robot_with_a_platform_as_meshes(tmp_path):
+    trimesh = pytest.importorskip("trimesh")
+    robot = tripod()
+    place = {"translation": (-0.1, -0.1, -0.05, 0, 0), "follower_force": (0, 0.1, 0.2)}
+    solution = mr.solve(robot, robot.inputs(**place, tip_force=[(0.2, 0, -0.3), (0.1, 0, 0)]))
+    scene = solution.to_mesh(nodes=11)
+    names = ["leg_1 inner", "leg_1 rod_1", "leg_1 outer", "leg_2", "leg_3", "platform"]
+    assert sorted(scene.geometry) == sorted(f"instance_{k}/{name}" for k in range(2) for name in names)
+    assert all(mesh.is_volume for mesh in scene.geometry.values())
+    plate = scene.geometry["instance_1/platform"]
+    # its middle is the mean of the attachments, the platform's origin
+    np.testing.assert_allclose(plate.center_mass, solution.tip_position[1], rtol=0, atol=1e-6)
+    for ending in (".glb", ".obj", ".ply", ".stl"):
+        solution[1].save(tmp_path / f"robot{ending}", nodes=11, corners=8)
+        there = trimesh.load(tmp_path / f"robot{ending}", force="mesh")
+        np.testing.assert_allclose(there.bounds, solution[1].to_mesh(nodes=11, corners=8).bounds, rtol=0, atol=1e-7)
+    assert sorted(trimesh.load(tmp_path / "robot.glb").geometry) == sorted(names)
+
+
+def test_meshes_leave_out_what_failed_and_refuse_what_is_none(history, tmp_path):
+    assert len(history.to_mesh(nodes=5).geometry) == 10
+    with pytest.raises(ValueError, match="to_mesh = Solution.*there must be an instance with a result"):
+        history[3:5, 1].to_mesh()
+    robot = wire_robot()
+    many = mr.solve(robot, robot.inputs(rotation=np.zeros((101, 1)), tip_force=(0, 0.1, 0)), solver=COARSE)
+    with pytest.raises(ValueError, match=r"to_mesh = 101 instances is not allowed: at most 100: choose some"):
+        many.save(tmp_path / "many.glb")
+
+
+@pytest.mark.parametrize(("module", "extra", "ask"), [("xarray", "xarray", "to_xarray"), ("trimesh", "mesh", "to_mesh")])
+def test_what_is_missing_is_said_with_how_to_get_it(module, extra, ask, history, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, module, None)
+    with pytest.raises(ImportError, match=rf'need {module}: pip install "multirod\[{extra}\]"'):
+        getattr(history[:, 0], ask)()
+
+
+def test_the_page_says_what_is_so(tmp_path):
+    page = (Path(__file__).parent.parent / "docs" / "files.md").read_text(encoding="utf-8")
+    blocks = [block.split("```")[0] for block in page.split("```toml\n")[1:]]
+    robot, inputs = blocks[:2]
+    (tmp_path / "robot.toml").write_text(robot, encoding="utf-8")
+    (tmp_path / "inputs.toml").write_text(inputs, encoding="utf-8")
+    there = mr.load(tmp_path / "robot.toml")
+    assert isinstance(there, mr.ConcentricTubes)
+    assert mr.load(tmp_path / "inputs.toml", robot=there).given == ("rotation", "translation", "tip_force")
+    for method in (mr.Solution.save, mr.History.save):
+        assert "path" in inspect.signature(method).parameters
+    for ending in (*meshes.ENDINGS, ".npz", ".toml", ".csv", ".nc", ".rrd"):
+        assert f"`{ending}`" in page
