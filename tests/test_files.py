@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import multirod as mr
 from multirod.files import kinds, meshes
+from multirod.files.saving import robot_text
 from multirod.files.whole import written
 from multirod.profile import Profile
 from multirod.segments import Breakpoints
@@ -211,7 +212,9 @@ def test_functions_of_arclength_are_kept_as_resolved(tmp_path):
     again = mr.load(tmp_path / "inputs.npz", robot=there)
     assert_same(again.profile("distributed_force"), inputs.profile("distributed_force"))
     np.testing.assert_array_equal(again.translation, inputs.translation)
-    assert not list(tmp_path.glob("*.toml"))
+    assert not list(tmp_path.glob("*.toml"))  # nothing of what was refused
+    (tmp_path / "text.toml").write_text(robot_text(robot), encoding="utf-8")  # what a dataset holds
+    assert_same(mr.load(tmp_path / "text.toml"), robot)
     there.save(tmp_path / "again.npz")  # without the functions themselves
     assert_same(mr.load(tmp_path / "again.npz"), robot)
     with pytest.raises(ValueError, match="cannot be resolved anew after pickling, or from a file"):
@@ -585,6 +588,10 @@ def test_a_dataset_has_names_units_and_the_robot(history, tmp_path):
     np.testing.assert_array_equal(data["input_tip_force"], history.inputs.tip_force)
     np.testing.assert_array_equal(data["time"], history.time)
     assert data.attrs["description"] == history.description
+    codes = data["status"].attrs
+    meaning = dict(zip(codes["flag_values"].tolist(), codes["flag_meanings"].split(), strict=True))
+    assert [meaning[code] for code in data["status"].values[:, 1].tolist()] == [mr.Status(k).name for k in history.status[:, 1]]
+    assert meaning[int(mr.Status.MAX_ITERATIONS)] in codes["failed"].split()
     (tmp_path / "robot.toml").write_text(data.attrs["robot"])
     assert_same(mr.load(tmp_path / "robot.toml"), history.assembly)
     history.save(tmp_path / "run.nc", nodes=5)

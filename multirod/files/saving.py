@@ -82,7 +82,8 @@ def _version() -> dict[str, Any]:
 
 
 def _npz(path: Path, solution: Solution) -> None:
-    archive.write(path, {**_version(), "kind": type(solution).__name__, **table_of_result(solution)})
+    kind = "History" if isinstance(solution, History) else "Solution"
+    archive.write(path, {**_version(), "kind": kind, **table_of_result(solution)})
 
 
 def _recording(path: Path, history: History, **options: Any) -> None:
