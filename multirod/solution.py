@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.assembly import Assembly
-from multirod.batch import IntArray, parts, run
+from multirod.batch import IntArray, parts, run, take
 from multirod.capabilities import Lines
 from multirod.inputs import Inputs
 from multirod.integrators import Integrator
@@ -326,16 +326,21 @@ class Solution:
         Raises:
             ValueError: If there is no such rod, or ``nodes`` is not an integer >= 2.
         """
-        names = [r.name for r in self.assembly.rods]
-        index = names.index(rod) if isinstance(rod, str) and rod in names else rod
-        if isinstance(index, bool) or not isinstance(index, (int, np.integer)) or not -len(names) <= index < len(names):
-            refuse("rod", rod, f"must be an index below {len(names)} or one of the names {[n for n in names if n]}")
+        index = self._rod_index(rod)
         count = self._default_node_count if nodes is None else positive_int("nodes", nodes, 2)
         shape = self._shape_pass(count)[0][index]
         values = {}
         for name, value in vars(shape).items():
             values[name] = self._masked(value, value.shape[1:])
         return Shape(**values)
+
+    def _rod_index(self, rod: int | str) -> int:
+        """Number of a rod, from the first."""
+        names = [r.name for r in self.assembly.rods]
+        index = names.index(rod) if isinstance(rod, str) and rod in names else rod
+        if isinstance(index, bool) or not isinstance(index, (int, np.integer)) or not -len(names) <= index < len(names):
+            refuse("rod", rod, f"must be an index below {len(names)} or one of the names {[n for n in names if n]}")
+        return int(index) % len(names)
 
     @cached_property
     def tension(self) -> FloatArray:
@@ -413,6 +418,13 @@ class Solution:
     def _each(self, values: FloatArray) -> FloatArray:
         """Rows of an input, one an instance."""
         return np.broadcast_to(values, (*self.batch_shape, values.shape[-1])).reshape(-1, values.shape[-1])
+
+    def _parameter(self, values: FloatArray, tail: int) -> FloatArray:
+        """A parameter of the robot, of the instances at hand: itself where it has none but the last ``tail`` axes."""
+        if values.ndim == tail:
+            return values
+        rows = take(values, self._axes, self._instances, tail=tail)
+        return np.asarray(rows.reshape(*self.batch_shape, *values.shape[values.ndim - tail :]))
 
     def jacobian(self, name: str, *, of: str = "pose") -> FloatArray:
         """Derivative of the end effector's pose by an input, at equilibrium, or of the lengths of lines.
@@ -516,6 +528,68 @@ class Solution:
 
         return scene(self, nodes, corners)
 
+    def plot(
+        self,
+        quantity: str = "shape",
+        *,
+        ax: Any = None,
+        rod: int | str | None = None,
+        instances: int = 20,
+        colour_by: Any = None,
+        colour_label: str = "",
+        nodes: int | None = None,
+        frames: bool = True,
+        loads: bool = True,
+    ) -> Any:
+        """Plot the shape in space, or a quantity along the arclength, by matplotlib (``docs/plotting.md``).
+
+        ==============  ==========================================================================================================
+        quantity        what is drawn
+        ==============  ==========================================================================================================
+        ``shape``       the robot in 3-D, to scale: rods, lines, discs, platform, joints; frames at bases and tip; loads as arrows
+        ``curvature``   ``u1, u2, u3`` in the frame of each rod [1/m]
+        ``moment``      the internal moment of each rod, in its frame [N m]
+        ``force``       the internal force in that frame [N], of all concentric rods together
+        ``strain``      bending and torsion at the surface of rods that have an outer diameter, extension and shear of rods that
+                        stretch or shear [%]
+        ==============  ==========================================================================================================
+
+        A batch is drawn as a family of shapes or curves, without lines, discs and loads. Instances that failed are left out, and
+        the title says so. ``plt.show()`` is not called.
+
+        Args:
+            quantity: One of the above.
+            ax: Axes to draw on, 3-D ones for a shape; by default those of a new figure. Along the arclength, several rods or
+                instances need an array of them, one for each component.
+            rod: Index or name of the only rod to be drawn; all by default.
+            instances: How many instances of a batch are drawn at most, evenly chosen among those that have a result.
+            colour_by: What instances are coloured by: an array of the batch's shape, or the name of a scalar such as
+                ``"residual"`` or ``"energy"``; by default their number.
+            colour_label: Of the colour bar.
+            nodes: Of each rod; by default 51 in space, 301 along the arclength.
+            frames: Whether frames are drawn.
+            loads: Whether loads are drawn.
+
+        Returns:
+            The axes, or an array of them, shape (k,).
+
+        Raises:
+            ValueError: If there is no such quantity or rod, or ``ax`` is not what it takes.
+            ImportError: If matplotlib is not there: ``pip install "multirod[plot]"``.
+            NotImplementedError: If the assembly offers no shapes.
+        """
+        from multirod.plotting import plot_solution
+
+        options = {
+            "instances": instances,
+            "colour_by": colour_by,
+            "colour_label": colour_label,
+            "nodes": nodes,
+            "frames": frames,
+            "loads": loads,
+        }
+        return plot_solution(self, quantity, ax=ax, rod=rod, **options)
+
     def raise_if_failed(self) -> "Solution":
         """Return ``self`` if every instance has a result.
 
@@ -604,6 +678,11 @@ class Solution:
             return f"{type(self).__name__}({self.status.name}{tip}, residual {float(self.residual):.2g} 1/m{self._without})"
         return f"{type(self).__name__}(batch {self.batch_shape}: {self._counts(slice(None))}{self._without})"
 
+    def _repr_html_(self) -> str:
+        from multirod import html
+
+        return html.solution(self)
+
     @property
     def _without(self) -> str:
         return f"; dropped {', '.join(map(str, self.dropped))}" if self.dropped else ""
@@ -650,3 +729,87 @@ class History(Solution):
             TypeError, ValueError, ImportError: As for ``Solution.save``.
         """
         super().save(path, **options)
+
+    def show(self, **options: Any) -> None:
+        """Show a recording in a notebook, by Rerun's widget; options as for ``multirod.recording.notebook.show``.
+
+        Raises:
+            ImportError: If the widget is not there: ``pip install "multirod[notebook]"``.
+        """
+        from multirod.recording.notebook import show
+
+        show(self, **options)
+
+    def _repr_html_(self) -> str:
+        from multirod import html
+
+        return html.history(self)
+
+    def plot(
+        self,
+        quantity: str = "shape",
+        *,
+        ax: Any = None,
+        rod: int | str | None = None,
+        instance: int | tuple[int, ...] = 0,
+        instances: int = 12,
+        colour_by: Any = None,
+        colour_label: str = "",
+        nodes: int | None = None,
+        frames: bool = True,
+        loads: bool = True,
+    ) -> Any:
+        """Plot shapes at some times, a quantity along the arclength at some times, or a quantity over time.
+
+        The quantities of ``Solution.plot`` (``shape``, ``curvature``, ``moment``, ``force``, ``strain``) are drawn at
+        ``instances`` times, coloured by time; ``shape`` also has the path of the tip. Over time there are:
+
+        ============================================  ============================================================================
+        quantity                                      what is drawn
+        ============================================  ============================================================================
+        ``tip``                                       position of the tip [m]
+        ``inputs``                                    inputs that were given as numbers, an axes for each
+        ``unknowns``                                  [1/m]
+        ``residual``                                  [1/m], logarithmic
+        ``condition``, ``smallest_singular_value``    of ``Gamma``, logarithmic
+        ``energy``                                    elastic energy [J]
+        ``stability_margin``                          as the property of this name
+        ``iterations``, ``integrations``              of each sample
+        ``step_time``                                 time that each sample took [ms]
+        ``tension``, ``line_length``                  of lines [N], [m]
+        ============================================  ============================================================================
+
+        Samples without a result are marked by crosses on the time axis. Instances of a batch are drawn over time in one axes for
+        each component, coloured by ``colour_by``.
+
+        Args:
+            quantity: One of the above.
+            ax: Axes to draw on, as many as the quantity needs; by default those of a new figure.
+            rod: Index or name of the only rod to be drawn; all by default.
+            instance: Of a batch, which one is drawn in space or along the arclength: its number, or an index.
+            instances: How many samples (in space, along the arclength) or instances (over time) are drawn at most, evenly chosen.
+            colour_by: Over time, what instances are coloured by: an array of the batch's shape; by default their number.
+            colour_label: Of the colour bar.
+            nodes: Of each rod; by default 51 in space, 301 along the arclength.
+            frames: Whether frames are drawn.
+            loads: Whether loads are drawn, of a single sample.
+
+        Returns:
+            The axes, or an array of them, shape (k,).
+
+        Raises:
+            ValueError: If there is no such quantity, rod or instance, or ``ax`` is not what it takes.
+            ImportError: If matplotlib is not there: ``pip install "multirod[plot]"``.
+            NotImplementedError: If the assembly offers no shapes.
+        """
+        from multirod.plotting import plot_history
+
+        options = {
+            "instances": instances,
+            "colour_by": colour_by,
+            "colour_label": colour_label,
+            "nodes": nodes,
+            "frames": frames,
+            "loads": loads,
+        }
+        return plot_history(self, quantity, ax=ax, rod=rod, instance=instance, **options)

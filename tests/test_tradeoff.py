@@ -456,8 +456,19 @@ def test_plots_are_written(measured, tmp_path):
     for ending in ("png", "svg"):
         measured.plot(tmp_path / f"front.{ending}", time="slow")
         assert (tmp_path / f"front.{ending}").stat().st_size > 5000
-    with pytest.raises(ValueError, match="must end in one of"):
+    with pytest.raises(ValueError, match="must end in .* or .png or"):
         measured.plot(tmp_path / "front.docx")
+
+
+def test_plots_are_drawn_on_axes_that_are_given(measured):
+    plt = pytest.importorskip("matplotlib.pyplot", reason="an extra: plot")
+    ax = plt.figure().add_subplot()
+    assert measured.plot(ax=ax, title="mine") is ax
+    assert {line.get_label() for line in ax.lines} >= {row.family for row in measured.rows if np.isfinite(row.position)}
+    assert ax.get_title() == "mine"
+    own = measured.plot()
+    assert own.figure is not ax.figure
+    plt.close("all")
 
 
 def test_plots_without_matplotlib_say_what_to_install(measured, tmp_path, monkeypatch):

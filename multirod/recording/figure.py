@@ -37,6 +37,7 @@ _PALEST = 0.5  # how much white is in the colour of a leg's innermost tube
 _MARGIN = 0.25  # how far a platform reaches beyond its attachments, over their distance from its middle
 _RIM = 1.25  # radius of a disc over the offset of the outermost line
 _CORNERS = 12  # of the rounding about each attachment
+_COPIES = 6  # of a corner among a plate's vertices: on two faces and, for each of two sides, twice on the rim
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,11 @@ class Plate:
     vertices: FloatArray
     normals: FloatArray
     triangles: NDArray[np.uint32]
+
+    @property
+    def outline(self) -> FloatArray:
+        """Corners of one of its faces [m], shape (corner_count, 3)."""
+        return self.vertices[: len(self.vertices) // _COPIES]
 
 
 def drawn_rods(assembly: Assembly) -> list[DrawnRod]:
@@ -147,10 +153,10 @@ def platforms(assembly: Assembly, batch_shape: tuple[int, ...], count: int) -> l
     attachments = assembly.geometry.platform
     every = np.broadcast_to(attachments, (*batch_shape, *attachments.shape[-3:])).reshape(-1, *attachments.shape[-3:])
     least = 2 * max(rod.radius for rod in drawn_rods(assembly))
-    return [_plate(poses, least) for poses in every[:count]]
+    return [plate_through(poses, least) for poses in every[:count]]
 
 
-def _plate(attachments: FloatArray, least: float) -> Plate:
+def plate_through(attachments: FloatArray, least: float) -> Plate:
     """A plate through the attachments (leg_count, 4, 4), ``least`` or more around each [m].
 
     A disc about each attachment, square to its leg, gives points enough to fit a plane where attachments are on a line.

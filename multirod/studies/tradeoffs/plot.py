@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from multirod.plotting.canvas import matplotlib
 from multirod.validation import file_path, refuse
 
 if TYPE_CHECKING:
@@ -21,21 +22,31 @@ AXES = {
 MARKERS = {"Newton": "o", "observer": "s", "": "^"}  # by what a family's name begins with
 
 
-def plot(table: "Tradeoff", path: str | PathLike[str], *, error: str, time: str, title: str) -> None:
+def plot(table: "Tradeoff", path: str | PathLike[str] | None, *, error: str, time: str, title: str, ax: Any) -> Any:
     """See ``Tradeoff.plot``."""
-    try:
-        from matplotlib import rc_context  # type: ignore[import-not-found, unused-ignore]
-        from matplotlib.backends.backend_agg import FigureCanvasAgg  # type: ignore[import-not-found, unused-ignore]
-        from matplotlib.figure import Figure  # type: ignore[import-not-found, unused-ignore]
-    except ImportError:
-        raise ImportError('plots need matplotlib: pip install "multirod[plot]"') from None
-    kinds = sorted(FigureCanvasAgg.get_supported_filetypes())  # type: ignore[no-untyped-call, unused-ignore]
-    file_path("plot", path, *(f".{kind}" for kind in kinds))
+    kinds = sorted(matplotlib("backends.backend_agg").FigureCanvasAgg.get_supported_filetypes())
+    if path is not None:
+        file_path("plot", path, *(f".{kind}" for kind in kinds))
     shown = [row for row in table.rows if np.isfinite(getattr(row, error))]
     if not shown:
-        refuse("plot", str(path), "no setting has a result in every sample: there is nothing to plot")
-    figure: Any = Figure(figsize=(8, 5), layout="constrained")
-    axes = figure.add_subplot()
+        refuse("plot", table, "no setting has a result in every sample: there is nothing to plot")
+    axes = ax
+    if axes is None:
+        # a figure that is written is no business of pyplot's
+        make = matplotlib("figure").Figure if path is not None else matplotlib().figure
+        axes = make(figsize=(8, 5), layout="constrained").add_subplot()
+    _draw(axes, table, shown, error=error, time=time, title=title)
+    if ax is None:
+        axes.figure.legend(fontsize="x-small", loc="outside right upper")
+    else:
+        axes.legend(fontsize="x-small")
+    if path is not None:
+        with matplotlib("").rc_context({"svg.fonttype": "none", "svg.hashsalt": "multirod"}):  # small, the same for the same rows
+            axes.figure.savefig(path, dpi=150, metadata={"Date": None} if Path(path).suffix.lower() == ".svg" else None)
+    return axes
+
+
+def _draw(axes: Any, table: "Tradeoff", shown: "list[Measured]", *, error: str, time: str, title: str) -> None:
     # what is exact to the last digit has no place on a logarithmic axis
     floor = min((value for row in shown if (value := getattr(row, error)) > 0), default=1e-16)
 
@@ -58,6 +69,3 @@ def plot(table: "Tradeoff", path: str | PathLike[str], *, error: str, time: str,
         axes.axhspan(low, gap, color="0.9", zorder=0, label="below what the reference tells")
         axes.set_ylim(low, high)
     axes.grid(True, which="major", alpha=0.3)
-    figure.legend(fontsize="x-small", loc="outside right upper")
-    with rc_context({"svg.fonttype": "none", "svg.hashsalt": "multirod"}):  # small, and the same for the same rows
-        figure.savefig(path, dpi=150, metadata={"Date": None} if Path(path).suffix.lower() == ".svg" else None)

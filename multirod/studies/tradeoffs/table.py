@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 from math import inf
 from os import PathLike
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -187,8 +187,26 @@ class Tradeoff:
             for row in self.rows:
                 rows.write(row)
 
-    def plot(self, path: str | PathLike[str], *, error: str = "position", time: str = "median", title: str = "") -> None:
-        """Write a plot of work against precision, log-log, as the path's ending says (png, svg).
+    def plot(
+        self,
+        path: str | PathLike[str] | None = None,
+        *,
+        error: str = "position",
+        time: str = "median",
+        title: str = "",
+        ax: Any = None,
+    ) -> Any:
+        """Plot work against precision, log-log.
+
+        Args:
+            path: File to write, as its ending says (png, svg); none by default.
+            error: ``"position"``, ``"rotation"`` or ``"shape"``.
+            time: ``"median"`` or ``"slow"``.
+            title: Of the plot.
+            ax: Axes to draw on; by default those of a new figure.
+
+        Returns:
+            The axes.
 
         Raises:
             ImportError: If matplotlib is not there: ``pip install "multirod[plot]"``.
@@ -198,7 +216,7 @@ class Tradeoff:
 
         choice("error", error, ERRORS)
         choice("time", time, TIMES)
-        plot(self, path, error=error, time=time, title=title)
+        return plot(self, path, error=error, time=time, title=title, ax=ax)
 
     def save(self, path: str | PathLike[str], *, name: str | None = None) -> None:
         """Write a recording for the Rerun viewer: work against precision, the motion, and errors of the best settings over time.
@@ -213,6 +231,11 @@ class Tradeoff:
         from multirod.recording.work_precision import save_tradeoff
 
         save_tradeoff(path, self, name=name)
+
+    def _repr_html_(self) -> str:
+        from multirod import html
+
+        return html.tradeoff(self)
 
     def __str__(self) -> str:
         front = {row.name for row in self.pareto()}

@@ -1,0 +1,117 @@
+"""What ``Solution.plot`` and ``History.plot`` call."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from multirod.plotting import along, over_time, scene
+from multirod.plotting.canvas import axes_in_space, returned, title
+from multirod.plotting.family import Family, family_of
+from multirod.solution import History, Solution
+from multirod.validation import boolean, choice, positive_int, refuse
+
+SHAPE = "shape"
+IN_SPACE, ALONG = 51, 301  # nodes of a rod: along the arclength steps are to look like steps
+OF_SOLUTIONS = (SHAPE, *along.QUANTITIES)
+OF_HISTORIES = (*OF_SOLUTIONS, *over_time.QUANTITIES)
+
+
+def plot_solution(
+    solution: Solution,
+    quantity: str = SHAPE,
+    *,
+    ax: Any = None,
+    rod: int | str | None = None,
+    instances: int = 20,
+    colour_by: Any = None,
+    colour_label: str = "",
+    nodes: int | None = None,
+    frames: bool = True,
+    loads: bool = True,
+) -> Any:
+    """See ``Solution.plot``."""
+    choice("quantity", quantity, OF_SOLUTIONS)
+    family = family_of(solution, instances, colour_by, colour_label)
+    return _drawn(family, quantity, ax, rod, nodes, frames, loads)
+
+
+def plot_history(
+    history: History,
+    quantity: str = SHAPE,
+    *,
+    ax: Any = None,
+    rod: int | str | None = None,
+    instance: int | tuple[int, ...] = 0,
+    instances: int = 12,
+    colour_by: Any = None,
+    colour_label: str = "",
+    nodes: int | None = None,
+    frames: bool = True,
+    loads: bool = True,
+) -> Any:
+    """See ``History.plot``."""
+    choice("quantity", quantity, OF_HISTORIES)
+    if quantity in over_time.QUANTITIES:
+        return returned(
+            over_time.draw(
+                ax,
+                history,
+                quantity,
+                instances=positive_int("instances", instances),
+                colour_by=colour_by,
+                colour_label=colour_label,
+            )
+        )
+    if colour_by is not None:
+        refuse("colour_by", colour_by, "must be None: shapes and curves of a motion are coloured by time")
+    motion, chosen = _motion(history, instance)
+    family = family_of(motion, instances, history.time, over_time.TIME, "samples")
+    family = replace(family, title="; ".join(filter(None, (chosen, family.title))))
+    return _drawn(family, quantity, ax, rod, nodes, frames, loads, motion)
+
+
+def _motion(history: History, instance: Any) -> tuple[Solution, str]:
+    """One instance over time, shape (sample,), and which it is, where there are several."""
+    axes = history.batch_shape[1:]
+    if not axes:
+        return history[:], ""
+    index = instance if isinstance(instance, tuple) else np.unravel_index(_within(instance, axes), axes)
+    try:
+        motion = history[(slice(None), *index)]
+    except IndexError:
+        motion = history[:]
+    if len(motion.batch_shape) != 1:
+        refuse("instance", instance, f"must be the number of an instance, or an index into the batch axes {axes}")
+    return motion, f"instance {instance} of {int(np.prod(axes)):,}"
+
+
+def _within(instance: Any, axes: tuple[int, ...]) -> int:
+    number = positive_int("instance", instance, 0)
+    if number >= np.prod(axes):
+        refuse("instance", instance, f"must be below the number of instances, {int(np.prod(axes))}")
+    return number
+
+
+def _drawn(
+    family: Family, quantity: str, ax: Any, rod: Any, nodes: int | None, frames: bool, loads: bool, motion: Solution | None = None
+) -> Any:
+    rods = _rods(family.solution, rod)
+    count = (IN_SPACE if quantity == SHAPE else ALONG) if nodes is None else positive_int("nodes", nodes, 2)
+    options = {"frames": boolean("frames", frames), "loads": boolean("loads", loads)}
+    if quantity != SHAPE:
+        axes = along.draw(ax, family, quantity, rods, nodes=count)
+        title(axes[0], family.title)
+        return returned(axes)
+    axes = axes_in_space(ax)
+    path = None if motion is None else motion.tip_position
+    scene.draw(axes, family, rods, nodes=count, path=path, **options)
+    family.colorbar(axes)
+    title(axes, family.title)
+    return axes
+
+
+def _rods(solution: Solution, rod: int | str | None) -> list[int]:
+    if rod is None:
+        return list(range(solution.assembly.rod_count))
+    return [solution._rod_index(rod)]
