@@ -157,8 +157,8 @@ class Assembly(ABC):
             stability: Whether ``solution.stability``, ``index`` or ``stability_margin`` will be asked for.
             motion: Whether it will be followed, by ``simulate`` or a ``Tracker``: the first axis of ``inputs``, if any, is time.
             device: Warp device.
-            progress: Whether to show a bar on a terminal where it takes more than two seconds; or a function that is called with
-                the number of kernels compiled.
+            progress: Whether to show a bar, in a terminal or a notebook, where it takes more than two seconds; or a function
+                that is called with the number of kernels compiled.
 
         Returns:
             How many kernels were compiled; 0 if all were in Warp's cache.
@@ -194,6 +194,11 @@ class Assembly(ABC):
         from multirod.files.saving import save_robot
 
         save_robot(path, self)
+
+    def _repr_html_(self) -> str:
+        from multirod import html
+
+        return html.robot(self)
 
     def _check_axes(self, inputs: Inputs) -> None:
         try:

@@ -191,6 +191,11 @@ class Inputs:
         result._kept = frozenset(self.active)
         return result
 
+    def _repr_html_(self) -> str:
+        from multirod import html
+
+        return html.inputs(self)
+
     def __repr__(self) -> str:
         return f"Inputs({', '.join(self.given) or 'none'}; batch {self.batch_shape})"
 

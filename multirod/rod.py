@@ -336,6 +336,11 @@ class Rod:
         """Whether an elastic medium is around any of its sections."""
         return any(np.any(section.foundation) for section in self.sections)
 
+    def _repr_html_(self) -> str:
+        from multirod import html
+
+        return html.rod(self)
+
     def __repr__(self) -> str:
         label = f"{self.name!r}, " if self.name else ""
         size = f"{float(self.length):g} m" if self.length.ndim == 0 else f"batch {self.batch_shape}"

@@ -1,6 +1,9 @@
 """A progress bar for what takes long."""
 
+import sys
 from collections.abc import Callable
+from html import escape
+from importlib import import_module
 from threading import Lock
 from time import monotonic
 from types import TracebackType
@@ -9,10 +12,12 @@ from typing import Any, Self
 from multirod.validation import refuse
 
 PATIENCE = 2.0  # seconds before a bar is worth showing
+REFRESH = 0.2  # seconds between two states of a bar in a notebook
 
 
 class Watch:
-    """Counts what is done, and shows it by a bar on a terminal once it has taken two seconds, or tells a function.
+    """Counts what is done, and once it has taken two seconds shows it by a bar on a terminal or in a notebook, or tells a
+    function.
 
     Args:
         label: What is counted.
@@ -72,7 +77,46 @@ class Watch:
 
 
 def _bar(label: str, total: int) -> Any:
-    """A bar on the terminal of the standard error stream; None where that is none."""
+    """A bar in a notebook, or on the terminal of the standard error stream; None where neither is."""
+    if in_notebook():
+        return _NotebookBar(label, total)
+    return _terminal_bar(label, total)
+
+
+def in_notebook() -> bool:
+    """Whether a kernel runs this, whose front end draws what is displayed."""
+    shell = sys.modules.get("IPython")
+    running = None if shell is None else shell.get_ipython()
+    return hasattr(running, "kernel")
+
+
+class _NotebookBar:
+    """A bar of plain HTML below the cell, drawn anew at most five times a second, gone in the end; calls are those of rich's."""
+
+    task_ids = (0,)
+
+    def __init__(self, label: str, total: int) -> None:
+        self._label, self._total, self._done = label, total, 0
+        self._page: Any = import_module("IPython.display")
+        self._drawn = monotonic()
+        self._handle = self._page.display(self._page.HTML(self._text()), display_id=True)
+
+    def update(self, task: int, *, completed: int | None = None, total: int | None = None) -> None:
+        self._done = self._done if completed is None else completed
+        self._total = self._total if total is None else total
+        if monotonic() - self._drawn > REFRESH:
+            self._drawn = monotonic()
+            self._handle.update(self._page.HTML(self._text()))
+
+    def stop(self) -> None:
+        self._handle.update(self._page.HTML(""))
+
+    def _text(self) -> str:
+        bar = f'<progress value="{self._done}" max="{self._total}"></progress>'
+        return f"<small>{escape(self._label)} {bar} {self._done:,}/{self._total:,}</small>"
+
+
+def _terminal_bar(label: str, total: int) -> Any:
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 

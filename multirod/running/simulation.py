@@ -73,8 +73,8 @@ def solve(
         instances: Numbers, in the flattened batch, of the only ones to be solved, shape (k,): the result has that shape.
         simplify: Drop the terms that together move no tip by more than this times the length in use (``docs/explain.md``); the
             solution is then of the robot and inputs without them, and ``solution.dropped`` names them.
-        progress: Whether to show a bar on a terminal where it takes more than two seconds; or a function that is called with
-            the number of instances done.
+        progress: Whether to show a bar, in a terminal or a notebook, where it takes more than two seconds; or a function
+            that is called with the number of instances done.
 
     Returns:
         One equilibrium an instance, each with its status; an instance that fails never raises.
@@ -135,8 +135,8 @@ def simulate(
         device: Warp device.
         threads: That share the parts of a batch on the CPU; one for each core by default.
         simplify: As for ``solve``: a term is dropped only where it may be in all samples.
-        progress: Whether to show a bar on a terminal where it takes more than two seconds; or a function that is called with
-            the number of samples done.
+        progress: Whether to show a bar, in a terminal or a notebook, where it takes more than two seconds; or a function
+            that is called with the number of samples done.
 
     Returns:
         The series, each sample with its status and the time that it took.

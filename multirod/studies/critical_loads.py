@@ -54,6 +54,11 @@ class CriticalLoad:
         """How many modes are neutral there."""
         return abs(self.index_after - self.index_before)
 
+    def _repr_html_(self) -> str:
+        from multirod import html
+
+        return html.critical_loads([self])
+
     def __repr__(self) -> str:
         kind = "fold" if self.fold else "bifurcation"
         return f"CriticalLoad({self.load_factor:.9g}, {kind}, unstable modes {self.index_before} to {self.index_after})"
@@ -76,6 +81,12 @@ class CriticalLoads(tuple[CriticalLoad, ...]):
         result = super().__new__(cls, found)
         result.reached, result.undecided = reached, undecided
         return result
+
+    def _repr_html_(self) -> str:
+        from multirod import html
+
+        unsure = [f"from {low:.6g} to {high:.6g} changes may be missing" for low, high in self.undecided]
+        return html.critical_loads(self, [f"searched up to load factor {self.reached:.6g}", *unsure])
 
     def __repr__(self) -> str:
         """The list, and how far it goes."""

@@ -45,6 +45,11 @@ class Equilibria(Solution):
         result.missing = None if degree is None or (gap <= 0 and neutral.any()) else gap
         return result
 
+    def _repr_html_(self) -> str:
+        from multirod import html
+
+        return html.equilibria(self)
+
     @property
     def _without(self) -> str:
         return f"; {self.missing} missing at least" if self.missing else super()._without

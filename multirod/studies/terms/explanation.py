@@ -252,16 +252,16 @@ class Explanation:
         largest = np.linalg.norm(getattr(self.inputs, name), axis=-1).max()
         return f"inputs.{name}, up to {largest:.3g} {spec.unit}"
 
-    def __str__(self) -> str:
+    def as_table(self) -> tuple[str, list[str], list[list[str]], str]:
+        """What is printed: a line above, names of columns, a row for each term, and a line below."""
         shape = np.broadcast_shapes(self.inputs.batch_shape, self.robot.batch_shape)
-        count = prod(shape)
         head = f"{type(self.robot).__name__} of {self.robot.rod_count} rod{'s' * (self.robot.rod_count > 1)}"
-        head += f", {count} instances" if shape else ""
+        head += f", {prod(shape)} instances" if shape else ""
         columns = ["term", "asked for by", "tip moves without it", "because", "that saves"]
         if self.cost is not None:
             head += f"; one integration {1e6 * self.cost.present:.2f} µs"
             columns.append("µs without it")
-        rows = [columns]
+        rows = []
         for term in self.terms:
             moves = "" if not term.droppable else "?" if not isfinite(term.error) else f"< {term.error:.1e} L"
             saved = (", ".join(term.saves) or "nothing") if term.droppable else ""
@@ -270,9 +270,19 @@ class Explanation:
                 value = self.cost.without.get(term.name)
                 row.append("" if value is None else f"{1e6 * value:.2f}")
             rows.append(row)
+        return head, columns, rows, "not asked for, not compiled in: " + (", ".join(self.absent) or "nothing")
+
+    def __str__(self) -> str:
+        head, columns, found, below = self.as_table()
+        rows = [columns, *found]
         widths = [max(len(row[k]) for row in rows) for k in range(len(columns))]
         lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
-        return "\n".join([head, "", *lines, "", "not asked for, not compiled in: " + (", ".join(self.absent) or "nothing")])
+        return "\n".join([head, "", *lines, "", below])
+
+    def _repr_html_(self) -> str:
+        from multirod import html
+
+        return html.explanation(self)
 
     def __repr__(self) -> str:
         return f"Explanation({', '.join(term.name for term in self.terms)})"
