@@ -1,0 +1,61 @@
+"""The pictures of docs/plotting.md: runs the page's code and writes each plot to docs/images.
+
+python docs/make_plots.py [--out FOLDER]
+"""
+
+import argparse
+import os
+import re
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+DOCS = Path(__file__).parent
+PICTURES = {
+    "plot_shape": "solution.plot()",
+    "plot_curvature": 'solution.plot("curvature")',
+    "plot_hexapod": "loaded.plot()",
+    "plot_hexapod_moment": 'loaded.plot("moment")',
+    "plot_family": 'batch.plot(colour_by=force, colour_label="tip force along x [N]")',
+    "plot_history": "history.plot()",
+    "plot_tip": 'history.plot("tip")',
+}  # each a line of the page
+DPI = 80
+
+
+def run_page(page: Path) -> dict[str, Any]:
+    """Run all blocks of a page, and return their names."""
+    scope: dict[str, Any] = {}
+    for code in re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL):
+        exec(code, scope)
+    return scope
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Write all pictures."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, default=DOCS / "images")
+    folder = parser.parse_args(arguments).out.resolve()
+    before = Path.cwd()
+    with tempfile.TemporaryDirectory() as scratch:
+        os.chdir(scratch)  # where the page writes its files
+        try:
+            scope = run_page(DOCS.resolve() / "plotting.md")
+        finally:
+            os.chdir(before)
+    for name, line in PICTURES.items():
+        pyplot.close("all")
+        axes = eval(line, scope)
+        figure = axes.flat[0].figure if hasattr(axes, "flat") else axes.figure
+        figure.savefig(folder / f"{name}.png", dpi=DPI, bbox_inches="tight", metadata={"Software": None})
+    pyplot.close("all")
+
+
+if __name__ == "__main__":
+    main()
