@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rerun.chunk import RrdReader
 
 import multirod as mr
 from multirod.running import progress
@@ -155,7 +156,7 @@ def test_a_recording_without_the_widget_says_what_to_install(robot, monkeypatch)
         history.show()
 
 
-def test_a_recording_is_given_to_the_widget(robot, monkeypatch):
+def test_a_recording_is_given_to_the_widget(robot, monkeypatch, tmp_path):
     pytest.importorskip("rerun_notebook")
     import rerun.notebook
 
@@ -166,8 +167,10 @@ def test_a_recording_is_given_to_the_widget(robot, monkeypatch):
     history.show(width=800, name="mine")
     (viewer,), (recording,) = shown, sent
     assert viewer._viewer._width == 800
-    assert recording[:3] == b"RRF"
-    assert b"mine" in recording
+    (tmp_path / "sent.rrd").write_bytes(recording)
+    reader = RrdReader(str(tmp_path / "sent.rrd"))
+    assert len(reader.blueprints()) == 1
+    assert "/world/rods/<b>&" in {str(chunk.entity_path).replace("\\", "") for chunk in reader.stream().collect().stream()}
     for size in ("wide", 0, 2.5):
         with pytest.raises(ValueError, match=r"show\.height = .* is not allowed"):
             history.show(height=size)
@@ -196,12 +199,13 @@ print(seen[-1])
 
 
 @pytest.mark.filterwarnings("default::DeprecationWarning")  # those of the programs that run notebooks
-def test_the_first_notebook_runs_and_shows_what_it_says():
+def test_the_first_notebook_runs_and_shows_what_it_says(tmp_path):
     nbformat = pytest.importorskip("nbformat")
     client = pytest.importorskip("nbclient")
     notebook = nbformat.read(NOTEBOOKS / "first_robot.ipynb", as_version=4)
     notebook.cells += [nbformat.v4.new_code_cell(code) for code in CELLS]
-    client.NotebookClient(notebook, timeout=600, kernel_name="python3").execute()
+    folder = {"metadata": {"path": str(tmp_path)}}  # not the repository's, where the package is a bare folder
+    client.NotebookClient(notebook, timeout=600, kernel_name="python3", resources=folder).execute()
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
     kinds = [kind for output in outputs for kind in output.get("data", {})]
     assert kinds.count("image/png") == 5

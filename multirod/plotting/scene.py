@@ -70,7 +70,7 @@ def draw(
     _frame_view(ax, np.concatenate([robot, *ends]) if ends else robot)
     scale = _points_per_metre(ax)
     if path is not None:
-        ax.plot(*path.T, color="0.2", lw=1.0, ls=":", label="path of the tip")
+        ax.plot(*path.T, color="0.1", lw=1.3, ls=":", zorder=4.5, label="path of the tip")
     _rods(ax, family, drawn, shapes, scale)
     _platforms(ax, family, plates)
     if frames:
