@@ -210,9 +210,9 @@ def test_the_first_notebook_runs_and_shows_what_it_says(tmp_path):
     kinds = [kind for output in outputs for kind in output.get("data", {})]
     assert kinds.count("image/png") == 5
     tables = [output["data"]["text/html"] for output in outputs if "text/html" in output.get("data", {})]
-    assert [Page(text).text[0].split()[0] for text in tables[:4]] == ["SingleRod", "Solution", "Solution", "History"]
+    assert [Page(text).text[0].split()[0] for text in tables if text] == ["SingleRod", "Solution", "Solution", "History"]
     assert "application/vnd.jupyter.widget-view+json" in kinds
-    assert tables[4] == ""  # a bar that has gone
+    assert tables[-1] == ""  # a bar that has gone
     printed = [(output["name"], output["text"]) for output in outputs if output["output_type"] == "stream"]
     assert ("stdout", '<small>things &lt;b&gt; <progress value="5" max="5"></progress> 5/5</small>\n') in printed
     assert not [text for name, text in printed if name == "stderr" and "compiling kernels" not in text]
