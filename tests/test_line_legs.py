@@ -79,8 +79,8 @@ def driven(*lines: mr.Tendon | mr.PushRod | mr.Chamber) -> mr.ParallelRods:
 
 def test_legs_are_driven_by_displacement_and_pressure_too():
     area = 1e-5
-    lines = [mr.Tendon((0.006, 0), driven="displacement", axial_stiffness=300.0), mr.Chamber((0, 0.006), end=0.12, area=area)]
-    robot = driven(*lines, mr.PushRod((0.004, 0.004)))
+    elastic = mr.PushRod((0.006, 0), axial_stiffness=300.0)
+    robot = driven(elastic, mr.Chamber((0, 0.006), end=0.12, area=area), mr.PushRod((0.004, 0.004)))
     pull, pressure = np.array([0.0006, -0.0003]), np.array([1e5])
 
     def at(pull=pull, pressure=pressure, force=FORCE) -> mr.Solution:

@@ -6,14 +6,14 @@ import random_lines
 
 import multirod as mr
 
-# the builds whose kernels other tests need too; all of them: python tests/benchmarks/random_lines.py
-BUILDS = ("three tendons", "a helix, shear, precurvature", "three push rods", "chambers, in the section", "discs")
+# some of the builds, as each needs kernels of its own; all of them: python tests/benchmarks/random_lines.py
+BUILDS = ("a helix, shear, precurvature", "three push rods", "discs")
 
 
 @pytest.mark.parametrize("build", BUILDS)
 def test_solutions_obey_equations_written_anew(build: str) -> None:
-    kind = random_lines.kinds(24, seed=2)[build]()
-    verdict = random_lines.check(kind, judge=2)
+    kind = random_lines.kinds(16, seed=2)[build]()
+    verdict = random_lines.check(kind, judge=1)
     assert verdict.wrong == 0
     assert verdict.solved.mean() > 0.9
     assert verdict.judged > 0
