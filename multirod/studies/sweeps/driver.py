@@ -42,10 +42,8 @@ def sweep(
     """Solve every instance of a large batch, chunk by chunk, into a folder; go on where an earlier call stopped.
 
     Each chunk that is done is one file, there as a whole or not at all, whatever ends the process; it is never solved again
-    unless
-    its checksum says that it is no longer what was written: then a ``RuntimeWarning`` names it. The arrays equal those of
-        ``solve``,
-    bitwise, whatever the chunk and the executor (``docs/sweep.md``).
+    unless its checksum says that it is no longer what was written: then a ``RuntimeWarning`` names it. The arrays equal those
+    of ``solve``, bitwise, whatever the chunk and the executor (``docs/sweep.md``).
 
     Args:
         robot: The assembly.

@@ -19,13 +19,11 @@ from multirod.validation import path_of, unknown_names
 class Study:
     """The results of a sweep, as far as they are done; reads the folder anew at each call, also while it is being written.
 
-    Every file that is read is checked against its checksum: one that is truncated or altered is not among ``finished_chunks``,
-        and
-    arrays that it is part of raise a ``RuntimeError`` that names it.
+    Every file that is read is checked against its checksum: one that is truncated or altered is not among
+    ``finished_chunks``, and arrays that it is part of raise a ``RuntimeError`` that names it.
 
     ``study["tip_position"]`` is a whole array in the batch's axes, ``study.chunks(...)`` goes through it chunk by chunk. The
-    files are
-    Parquet: ``docs/sweep.md`` opens them without this package.
+    files are Parquet: ``docs/sweep.md`` opens them without this package.
 
     Args:
         folder: What was ``out`` of the sweep.

@@ -1,0 +1,116 @@
+"""The site: `make docs`. Pages stay plain Markdown that reads well without it; what only the site needs is added here."""
+
+import re
+from enum import IntEnum
+from pathlib import Path
+from typing import Any
+
+from docutils import nodes
+from sphinx import addnodes
+
+import multirod as mr
+
+HERE = Path(__file__).parent
+LINK = re.compile(r"\]\(([\w/-]+)\.md\)")
+
+project = "multirod"
+author = "the authors of multirod"
+copyright = author  # noqa: A001
+version = release = mr.__version__
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.mathjax"]
+root_doc = "README"
+html_theme = "furo"
+html_title = f"multirod {release}"
+html_copy_source = False
+html_show_sourcelink = False
+nitpicky = True
+
+myst_enable_extensions = ["dollarmath", "amsmath"]
+myst_dmath_allow_labels = False
+myst_heading_anchors = 4
+
+nitpick_ignore = [("py:exc", "Interrupted")]  # raised inside the package only
+
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"  # docstrings say what it is, in which shape and unit; annotations say array in most places
+napoleon_google_docstring = True
+napoleon_numpy_docstring = False
+napoleon_use_ivar = True
+napoleon_use_rtype = False
+napoleon_attr_annotations = False
+
+for _name in mr.__all__:  # public names are loaded from where they stand; here they are called as users call them
+    getattr(mr, _name).__module__ = "multirod"
+
+
+def named(page: str) -> list[str]:
+    """Public names in the first column of the tables of a page of the reference."""
+    return re.findall(r"^\| `(\w+)`", page, flags=re.MULTILINE)
+
+
+def public(thing: type) -> bool:
+    """Whether a class is one that users name."""
+    return thing.__name__ in mr.__all__
+
+
+def directive(name: str) -> str:
+    """What documents a public name from its docstring."""
+    thing = getattr(mr, name)
+    if not isinstance(thing, type):
+        return f".. autofunction:: multirod.{name}\n"
+    options = ["members"]
+    options += ["undoc-members"] * issubclass(thing, IntEnum)
+    options += ["show-inheritance"] * any(map(public, thing.__bases__))
+    options += ["inherited-members"] * (issubclass(thing, mr.Assembly) and thing is not mr.Assembly)
+    return f".. autoclass:: multirod.{name}\n" + "".join(f"   :{option}:\n" for option in options)
+
+
+def contents(docname: str, page: str) -> str:
+    """The sections of an index as a contents tree; what the first one does not name stands last in it."""
+    folder = (HERE / docname).parent
+    parts = {"": page.partition("\n## ")[0]} | dict(re.findall(r"^## (.*)\n((?:(?!## ).*\n)*)", page, flags=re.MULTILINE))
+    listed = {title: [name for name in LINK.findall(body) if (folder / f"{name}.md").exists()] for title, body in parts.items()}
+    if docname == root_doc:
+        known = {name for names in listed.values() for name in names}
+        listed["More"] = sorted(path.stem for path in HERE.glob("*.md") if path.stem not in known | {root_doc})
+    return "".join(
+        f"\n```{{toctree}}\n:hidden:\n" + f":caption: {title}\n" * bool(title) + "\n" + "\n".join(names) + "\n```\n"
+        for title, names in listed.items()
+        if names
+    )
+
+
+def complete(app: object, docname: str, source: list[str]) -> None:
+    """Add to a page what only the site needs."""
+    if Path(docname).name == "README":
+        source[0] += contents(docname, source[0])
+    elif docname.startswith("reference/"):
+        source[0] += "\n```{eval-rst}\n" + "\n".join(map(directive, named(source[0]))) + "```\n"
+
+
+def only_public(app: object, name: str, thing: object, options: object, bases: list[type]) -> None:
+    """Name the bases that users name."""
+    bases[:] = filter(public, bases)
+
+
+def no_type(app: object, what: str, name: str, thing: object, options: object, lines: list[str]) -> None:
+    """Napoleon takes what stands before a colon in the first line of a property for its type."""
+    if what in ("property", "attribute") and lines:
+        lines[0] = lines[0].replace(": ", " \N{EN DASH} ", 1)
+
+
+def plain(app: object, doctree: nodes.document) -> None:
+    """Leave out the annotations of properties and attributes: their docstrings have shape and unit."""
+    for signature in doctree.findall(addnodes.desc_signature):
+        for part in list(signature.findall(addnodes.desc_annotation)):
+            if part.astext().startswith(":"):
+                part.parent.remove(part)
+
+
+def setup(app: Any) -> None:
+    """Called by Sphinx."""
+    app.connect("source-read", complete)
+    app.connect("autodoc-process-bases", only_public)
+    app.connect("autodoc-process-docstring", no_type, priority=400)
+    app.connect("doctree-read", plain)
