@@ -8,7 +8,7 @@ CPU ?=
 CORES ?=
 AS_MACHINE := $(if $(CPU)$(CORES),PYTHONPATH="$(CURDIR)/tests/machine" MULTIROD_TEST_CPU=$(CPU) MULTIROD_TEST_CORES=$(CORES) )
 
-.PHONY: demo test lint bench clean
+.PHONY: demo test lint docs bench clean
 
 demo: $(VENV)/.installed
 	$(BIN)/multirod demo $(ARGS)
@@ -21,6 +21,10 @@ lint: $(VENV)/.installed-dev
 	$(BIN)/ruff format --check .
 	$(BIN)/python tests/typing_tree.py
 	$(BIN)/mypy
+
+docs: $(VENV)/.installed-docs
+	$(BIN)/sphinx-build -W --keep-going --fresh-env --quiet docs build/docs
+	@echo "build/docs/README.html"
 
 bench: $(VENV)/.installed
 	$(BIN)/python tests/benchmarks/single_rod.py $(ARGS)
