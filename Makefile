@@ -24,7 +24,7 @@ lint: $(VENV)/.installed-dev
 
 docs: $(VENV)/.installed-docs
 	$(BIN)/sphinx-build -W --keep-going --fresh-env --quiet docs build/docs
-	@echo "build/docs/README.html"
+	@echo build/docs/index.html
 
 bench: $(VENV)/.installed
 	$(BIN)/python tests/benchmarks/single_rod.py $(ARGS)

@@ -3,10 +3,8 @@
 import re
 from enum import IntEnum
 from pathlib import Path
+from shutil import copyfile
 from typing import Any
-
-from docutils import nodes
-from sphinx import addnodes
 
 import multirod as mr
 
@@ -15,7 +13,7 @@ LINK = re.compile(r"\]\(([\w/-]+)\.md\)")
 
 project = "multirod"
 author = "the authors of multirod"
-copyright = author  # noqa: A001
+copyright = author
 version = release = mr.__version__
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.mathjax"]
@@ -39,9 +37,6 @@ napoleon_numpy_docstring = False
 napoleon_use_ivar = True
 napoleon_use_rtype = False
 napoleon_attr_annotations = False
-
-for _name in mr.__all__:  # public names are loaded from where they stand; here they are called as users call them
-    getattr(mr, _name).__module__ = "multirod"
 
 
 def named(page: str) -> list[str]:
@@ -75,7 +70,7 @@ def contents(docname: str, page: str) -> str:
         known = {name for names in listed.values() for name in names}
         listed["More"] = sorted(path.stem for path in HERE.glob("*.md") if path.stem not in known | {root_doc})
     return "".join(
-        f"\n```{{toctree}}\n:hidden:\n" + f":caption: {title}\n" * bool(title) + "\n" + "\n".join(names) + "\n```\n"
+        "\n```{toctree}\n:hidden:\n" + f":caption: {title}\n" * bool(title) + "\n" + "\n".join(names) + "\n```\n"
         for title, names in listed.items()
         if names
     )
@@ -100,17 +95,28 @@ def no_type(app: object, what: str, name: str, thing: object, options: object, l
         lines[0] = lines[0].replace(": ", " \N{EN DASH} ", 1)
 
 
-def plain(app: object, doctree: nodes.document) -> None:
+def plain(app: object, doctree: Any) -> None:
     """Leave out the annotations of properties and attributes: their docstrings have shape and unit."""
+    from sphinx import addnodes
+
     for signature in doctree.findall(addnodes.desc_signature):
         for part in list(signature.findall(addnodes.desc_annotation)):
             if part.astext().startswith(":"):
                 part.parent.remove(part)
 
 
+def also_index(app: Any, error: Exception | None) -> None:
+    """The first page under the name that servers look for."""
+    if error is None and app.builder.format == "html":
+        copyfile(Path(app.outdir) / f"{root_doc}.html", Path(app.outdir) / "index.html")
+
+
 def setup(app: Any) -> None:
     """Called by Sphinx."""
+    for name in mr.__all__:  # documented as users call them, not where they stand
+        getattr(mr, name).__module__ = "multirod"
     app.connect("source-read", complete)
     app.connect("autodoc-process-bases", only_public)
     app.connect("autodoc-process-docstring", no_type, priority=400)
     app.connect("doctree-read", plain)
+    app.connect("build-finished", also_index)

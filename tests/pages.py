@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
@@ -45,7 +46,7 @@ def shown(page: Path) -> dict[int, str]:
     found = list(blocks(page))
     lines = page.read_text(encoding="utf-8").splitlines()
     result = {}
-    for program, output in zip(found, found[1:], strict=False):
+    for program, output in pairwise(found):
         between = lines[program.line - 1 + program.text.count("\n") + 1 : output.line - 2]
         if program.language == "python" and output.language == "text" and not any(map(str.strip, between)):
             result[program.line] = output.text

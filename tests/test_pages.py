@@ -5,11 +5,14 @@ import ast
 import contextlib
 import io
 import re
+import runpy
 import shlex
 from pathlib import Path
 
+import numpy as np
 import pages
 import pytest
+import yaml
 
 import multirod as mr
 from multirod import cli
@@ -28,14 +31,15 @@ def test_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setitem(passes.WIDTH, "float64", passes.WIDTH["float64"])  # a page may set it
     namespace: dict[str, object] = {"__name__": "page"}
     shown = pages.shown(page)
-    for block in pages.blocks(page):
-        if block.language == "python":
-            tree = ast.parse("\n" * (block.line - 1) + block.text)
-            with contextlib.redirect_stdout(io.StringIO()) as printed:
-                exec(compile(tree, str(page), "exec"), namespace)
-            said = shown.get(block.line)
-            if said is not None:
-                assert pages.same_output(said, printed.getvalue()), f"line {block.line} prints:\n{printed.getvalue()}"
+    with np.printoptions():  # a page may set them
+        for block in pages.blocks(page):
+            if block.language == "python":
+                tree = ast.parse("\n" * (block.line - 1) + block.text)
+                with contextlib.redirect_stdout(io.StringIO()) as printed:
+                    exec(compile(tree, str(page), "exec"), namespace)
+                said = shown.get(block.line)
+                if said is not None:
+                    assert pages.same_output(said, printed.getvalue()), f"line {block.line} prints:\n{printed.getvalue()}"
 
 
 @pytest.mark.parametrize("page", pages.PAGES, ids=name)
@@ -74,6 +78,61 @@ def test_links_lead_somewhere(page: Path) -> None:
     for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", text):
         if not re.match(r"\w+:", target):
             assert (page.parent / target).exists(), target
+
+
+SHAPES = {
+    "(..., rods)": lambda spec: spec.per_rod,
+    "(..., lines)": lambda spec: spec.count,
+    "(..., 3)": lambda spec: not spec.per_rod,
+}
+
+
+def robots_of_the_page() -> dict[str, mr.Assembly]:
+    rod = mr.Rod(length=0.4, bending_stiffness=0.2, torsional_stiffness=0.06)
+    lines = [mr.Tendon(offset=(0.008, 0)), mr.PushRod(offset=(0, 0.008)), mr.Chamber(offset=(0, -0.008), area=2e-5)]
+    driven = mr.Rod(length=0.4, bending_stiffness=0.2, torsional_stiffness=0.06, lines=lines)
+    poses = np.tile(np.eye(4), (6, 1, 1))
+    legs = mr.ParallelRods(legs=[rod] * 6, base=poses, platform=poses)
+    robots = mr.SingleRod(driven), mr.ConcentricTubes([rod]), mr.EccentricTubes([rod], [(0, 0)]), legs, legs.inverse()
+    return {type(robot).__name__: robot for robot in robots}
+
+
+@pytest.mark.parametrize("robot", robots_of_the_page().values(), ids=lambda robot: type(robot).__name__)
+def test_robots_md_lists_the_inputs_of_each_robot(robot: mr.Assembly) -> None:
+    text = (pages.ROOT / "docs" / "robots.md").read_text(encoding="utf-8")
+    parts = re.split(r"^#+ (.*)$", text, flags=re.MULTILINE)
+    sections = dict(zip(parts[1::2], parts[2::2], strict=True))
+    listed = {}
+    for title in (type(robot).__name__, "Loads"):
+        for row in re.findall(r"^\| `\w+` \| \(.*\|$", sections[title], re.MULTILINE):
+            called, shape, unit, frame, _ = (cell.strip() for cell in row.strip("|").split("|"))
+            listed[called.strip("`")] = shape, unit, frame
+    if "take no `gravity` and no `magnetic_field`" in sections[type(robot).__name__]:
+        del listed["gravity"], listed["magnetic_field"]
+    specs = {spec.name: spec for spec in robot.input_specs}
+    assert listed.keys() == specs.keys()
+    for called, (shape, unit, frame) in listed.items():
+        assert unit == specs[called].unit, called
+        assert SHAPES[shape](specs[called]), called
+        if frame in ("world", "tip", "platform"):
+            assert f"{frame} frame" in specs[called].description, called
+
+
+def test_the_site_is_of_all_pages(tmp_path: Path) -> None:
+    """The contents tree names every page once, in the order of the index; what the index leaves out stands last."""
+    conf = runpy.run_path(str(pages.ROOT / "docs" / "conf.py"))
+    index = (pages.ROOT / "docs" / "README.md").read_text(encoding="utf-8")
+    trees = re.findall(r"```\{toctree\}\n(?::.*\n)*\n((?:.+\n)*?)```", conf["contents"]("README", index))
+    names = [name for tree in trees for name in tree.split()]
+    assert names[0] == "quickstart"
+    assert sorted(names) == sorted({page.stem for page in (pages.ROOT / "docs").glob("*.md")} - {"README"} | {"reference/README"})
+
+
+def test_citation_is_of_this_version() -> None:
+    cited = yaml.safe_load((pages.ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert cited["version"] == mr.__version__
+    assert cited["license"] == "MIT"
+    assert {"cff-version", "message", "title", "authors"} <= cited.keys()
 
 
 def test_outputs_are_compared_to_three_digits() -> None:

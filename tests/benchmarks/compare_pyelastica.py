@@ -1,10 +1,11 @@
 """A clamped rod under a force across its tip, by PyElastica and by this package: how long until the tip is within an error.
 
 PyElastica (``pip install pyelastica``) integrates in time; equilibrium is where its rod comes to rest. So it is given what suits
-that: a soft rod, whose time steps may be long; damping that is critical for the slowest vibration; and half an element more behind
-the base, since what it clamps is the middle of the first element (without that its error is of first order, 6e-3 at 100 elements).
-It simulates dynamics, contact and much else that this package does not: what is compared is only what both can do. The error is against elliptic
-integrals of a rod that neither shears nor stretches; PyElastica's does a little, by less than 1e-4 of the length here.
+that: a soft rod, whose time steps may be long; damping that is critical for the slowest vibration; and half an element more
+behind the base, since what it clamps is the middle of the first element (without that its error is of first order, 6e-3 at 100
+elements). It simulates dynamics, contact and much else that this package does not: what is compared is only what both can do.
+The error is against elliptic integrals of a rod that neither shears nor stretches; PyElastica's does a little, by less than 1e-4
+of the length here.
 
 python tests/benchmarks/compare_pyelastica.py [--elements 20 50 100] [--error 1e-3]
 """
@@ -112,7 +113,8 @@ def main() -> None:
         print(f"| PyElastica, {count} elements | {spent:.2f} s | {time:.1f} | {off:.1e} |")
     for integrator in (mr.RK4(10), mr.RK4(50), mr.RK45()):
         spent, off = solve(integrator, tip)
-        print(f"| mr.solve, {repr(integrator).partition(', precision')[0].replace(', steps=None', '')}) | {1e3 * spent:.2f} ms | | {off:.1e} |")
+        name = repr(integrator).partition(", precision")[0].replace(", steps=None", "")
+        print(f"| mr.solve, {name}) | {1e3 * spent:.2f} ms | | {off:.1e} |")
 
 
 if __name__ == "__main__":
