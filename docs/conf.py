@@ -24,8 +24,7 @@ html_copy_source = False
 html_show_sourcelink = False
 nitpicky = True
 
-myst_enable_extensions = ["dollarmath", "amsmath"]
-myst_dmath_allow_labels = False
+myst_fence_as_directive = {"math"}  # as GitHub renders them: blocks marked as math
 myst_heading_anchors = 4
 
 nitpick_ignore = [("py:exc", "Interrupted")]  # raised inside the package only

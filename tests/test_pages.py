@@ -128,6 +128,14 @@ def test_the_site_is_of_all_pages(tmp_path: Path) -> None:
     assert sorted(names) == sorted({page.stem for page in (pages.ROOT / "docs").glob("*.md")} - {"README"} | {"reference/README"})
 
 
+@pytest.mark.parametrize("page", pages.PAGES, ids=name)
+def test_equations_are_numbered_once_and_stand_alone(page: Path) -> None:
+    equations = [block.text for block in pages.blocks(page) if block.language == "math"]
+    numbers = [number for text in equations for number in re.findall(r"\\tag\{(.*?)\}", text)]
+    assert len(set(numbers)) == len(numbers)
+    assert not any(r"\\" in text or "\n\n" in text for text in equations), "GitHub and the site break lines differently"
+
+
 def test_citation_is_of_this_version() -> None:
     cited = yaml.safe_load((pages.ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     assert cited["version"] == mr.__version__
