@@ -2,6 +2,7 @@
 
 import re
 from enum import IntEnum
+from importlib import import_module
 from pathlib import Path
 from shutil import copyfile
 from typing import Any
@@ -39,8 +40,8 @@ napoleon_attr_annotations = False
 
 
 def named(page: str) -> list[str]:
-    """Public names in the first column of the tables of a page of the reference."""
-    return re.findall(r"^\| `(\w+)`", page, flags=re.MULTILINE)
+    """Names in the first column of the tables of a page of the reference; those with a dot are of a module of the package."""
+    return re.findall(r"^\| `([\w.]+)`", page, flags=re.MULTILINE)
 
 
 def public(thing: type) -> bool:
@@ -50,7 +51,8 @@ def public(thing: type) -> bool:
 
 def directive(name: str) -> str:
     """What documents a public name from its docstring."""
-    thing = getattr(mr, name)
+    module, _, last = f"multirod.{name}".rpartition(".")
+    thing = getattr(import_module(module), last)
     if not isinstance(thing, type):
         return f".. autofunction:: multirod.{name}\n"
     options = ["members"]
