@@ -90,8 +90,9 @@ def only_public(app: object, name: str, thing: object, options: object, bases: l
     bases[:] = filter(public, bases)
 
 
-def no_type(app: object, what: str, name: str, thing: object, options: object, lines: list[str]) -> None:
-    """Napoleon takes what stands before a colon in the first line of a property for its type."""
+def adapt(app: object, what: str, name: str, thing: object, options: object, lines: list[str]) -> None:
+    """Link pages, and keep what stands before a colon in the first line of a property from being taken for its type."""
+    lines[:] = [re.sub(r"``docs/(\w+)\.md``", r":doc:`/\1`", line) for line in lines]
     if what in ("property", "attribute") and lines:
         lines[0] = lines[0].replace(": ", " \N{EN DASH} ", 1)
 
@@ -118,6 +119,6 @@ def setup(app: Any) -> None:
         getattr(mr, name).__module__ = "multirod"
     app.connect("source-read", complete)
     app.connect("autodoc-process-bases", only_public)
-    app.connect("autodoc-process-docstring", no_type, priority=400)
+    app.connect("autodoc-process-docstring", adapt, priority=400)
     app.connect("doctree-read", plain)
     app.connect("build-finished", also_index)
