@@ -12,17 +12,17 @@ Compose an assembly of rods, give it actuation and loads, and get its equilibriu
 SI units, radians; rotation matrices are body to world.
 """
 
-from importlib import import_module
-from importlib.util import find_spec
-from typing import TYPE_CHECKING
+import typing as _typing
+from importlib import import_module as _import_module
+from importlib.util import find_spec as _find_spec
 
-if find_spec("multirod.models") is None:
+if _find_spec("multirod.models") is None:
     raise ImportError(
         f"{__file__} is a bare checkout folder, not the installed package: run `pip install -e .`; "
         "to test an installed wheel use `pytest`, not `python -m pytest`"
     )
 
-if TYPE_CHECKING:
+if _typing.TYPE_CHECKING:
     from multirod.assembly import Assembly
     from multirod.compiling import CompileError
     from multirod.files import load
@@ -158,13 +158,13 @@ _HOME = {name: f"multirod.{module}" for module, names in _PUBLIC.items() for nam
 def __getattr__(name: str) -> object:
     """A public name or a module of the package, when it is first asked for."""
     if name in _HOME:
-        found: object = getattr(import_module(_HOME[name]), name)
+        found: object = getattr(_import_module(_HOME[name]), name)
         globals()[name] = found
         return found
-    if not name.startswith("_") and find_spec(f"multirod.{name}") is not None:
-        return import_module(f"multirod.{name}")
+    if not name.startswith("_") and _find_spec(f"multirod.{name}") is not None:
+        return _import_module(f"multirod.{name}")
     raise AttributeError(f"module 'multirod' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return [*__all__, "__version__"]

@@ -11,14 +11,19 @@ from multirod.batch import IntArray
 from multirod.inputs import Inputs, InputSpec
 from multirod.problem import BoundaryProblem
 from multirod.rod import Rod
+from multirod.types import AlongRod
 from multirod.validation import Described, FloatArray, array, refuse, unknown_names
 
 if TYPE_CHECKING:
+    from typing_extensions import TypeVar
+
     from multirod.integrators import Integrator
     from multirod.models.backbone.influence import Influence
     from multirod.models.backbone.kernels.layout.features import Features
     from multirod.models.backbone.lines import Line
     from multirod.solver import Solver
+else:
+    from typing import TypeVar
 
 
 class Assembly(ABC):
@@ -29,6 +34,8 @@ class Assembly(ABC):
     """
 
     rods: tuple[Rod, ...]
+    if TYPE_CHECKING:
+        _input_name: Any  # of the names of inputs, those that ``Solution.jacobian`` takes: a ``Literal`` where they are known
     length_columns: ClassVar[bool] = False  # whether its problems take ``lengths``, and give how the lengths of lines vary
 
     @property
@@ -93,7 +100,7 @@ class Assembly(ABC):
         """Leading axes of the rods' parameters together."""
         return np.broadcast_shapes(*(rod.batch_shape for rod in self.rods))
 
-    def inputs(self, **values: Any) -> Inputs:
+    def inputs(self, **values: AlongRod | None) -> Inputs:
         """Check and broadcast inputs by name; what is not named is zero.
 
         Raises:
@@ -221,6 +228,14 @@ class Assembly(ABC):
     def _reach(self, inputs: Inputs) -> float:
         """Largest arclength in use [m], for functions of arclength."""
         return max(float(rod.length.max()) for rod in self.rods) + float(np.max(inputs.translation, initial=0.0))
+
+
+if TYPE_CHECKING:
+    Robot = TypeVar("Robot", bound=Assembly)
+    Robot_co = TypeVar("Robot_co", bound=Assembly, covariant=True, default=Assembly)
+else:  # without a default, which needs Python 3.13
+    Robot = TypeVar("Robot", bound=Assembly)
+    Robot_co = TypeVar("Robot_co", bound=Assembly, covariant=True)
 
 
 def pose(field: str, value: Any) -> FloatArray:

@@ -7,12 +7,12 @@ from functools import cached_property
 from math import prod
 from os import PathLike
 from threading import Event, Lock
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Generic, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.assembly import Assembly
+from multirod.assembly import Assembly, Robot_co
 from multirod.batch import IntArray, parts, run, take
 from multirod.capabilities import Lines
 from multirod.inputs import Inputs
@@ -24,6 +24,7 @@ from multirod.segments import taken
 from multirod.solver import Outcome
 from multirod.stability import Modes, Stability, modes_of
 from multirod.status import Status, failures
+from multirod.types import Index, Name, Named, StabilityOrArray, StatusOrArray
 from multirod.validation import FloatArray, choice, frozen, positive_int, refuse, shown
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ class IncompleteWarning(UserWarning):
 
 
 @dataclass(frozen=True)
-class Scene:
+class Scene(Generic[Robot_co]):
     """What the samples of one problem have in common.
 
     Attributes:
@@ -56,7 +57,7 @@ class Scene:
         dropped: The terms that were left out of the robot and inputs that were given.
     """
 
-    assembly: Assembly
+    assembly: Robot_co
     batch_shape: tuple[int, ...]
     integrator: Integrator
     device: str
@@ -82,7 +83,7 @@ def _modes(problem: BoundaryProblem) -> tuple[Any, ...]:
     return tuple(vars(modes_of(problem)).values())
 
 
-class Solution:
+class Solution(Generic[Robot_co]):
     """Equilibria of all instances; every array has the batch's leading axes ``...`` and is read-only: change a copy of it.
 
     An instance that failed has NaN in every array but ``status``, ``residual``, ``iterations`` and ``integrations``,
@@ -92,7 +93,7 @@ class Solution:
 
     def __init__(
         self,
-        scene: "Scene",
+        scene: "Scene[Robot_co]",
         records: FloatArray,
         outcome: Outcome,
         inputs: Inputs | None = None,
@@ -105,13 +106,14 @@ class Solution:
         self._instances = instances  # of it, in the order of the records; None is all
         self._last_shapes: tuple[int, tuple[tuple[Shape, ...], FloatArray]] | None = None
 
-    def __getitem__(self, index: Any) -> "Solution":
+    def __getitem__(self, index: Index) -> "Solution[Robot_co]":
         """The solution of some instances: ``index`` as for an array with the leading axes ``batch_shape``.
 
         Raises:
             IndexError: If there are no such instances.
         """
-        rows = np.arange(len(self._records)).reshape(self.batch_shape)[index]
+        numbers: Any = np.arange(len(self._records)).reshape(self.batch_shape)
+        rows = numbers[index]
         flat = rows.reshape(-1)
         chosen = flat if self._instances is None else self._instances[flat]
         scene = replace(self._scene, batch_shape=rows.shape)
@@ -123,7 +125,7 @@ class Solution:
         return self._scene.dropped
 
     @property
-    def assembly(self) -> Assembly:
+    def assembly(self) -> Robot_co:
         """The robot."""
         return self._scene.assembly
 
@@ -173,21 +175,24 @@ class Solution:
         return self._masked(self._records[:, self._scene.fields[name]], tail)
 
     @cached_property
-    def status(self) -> Any:
-        """``Status`` of each instance; a ``Status`` where there are no leading axes."""
+    def status(self) -> StatusOrArray | Any:
+        """``Status`` of each instance, shape (...); a ``Status`` where there are no leading axes.
+
+        Which of the two it is, inputs say and no type checker: ``multirod.types`` says how it is typed, and why.
+        """
         if not self.batch_shape:
             return Status(int(self._outcome.status.reshape(-1)[0]))
         return self._shaped(self._outcome.status)
 
     @cached_property
-    def iterations(self) -> Any:
+    def iterations(self) -> NDArray[np.int32]:
         """Iterations, shape (...)."""
-        return self._shaped(self._outcome.iterations)
+        return np.asarray(self._shaped(self._outcome.iterations))
 
     @cached_property
-    def integrations(self) -> Any:
+    def integrations(self) -> NDArray[np.int32]:
         """Initial value problems integrated, per rod, shape (...)."""
-        return self._shaped(self._outcome.integrations)
+        return np.asarray(self._shaped(self._outcome.integrations))
 
     @cached_property
     def residual(self) -> FloatArray:
@@ -290,12 +295,12 @@ class Solution:
         return modes
 
     @cached_property
-    def index(self) -> Any:
+    def index(self) -> NDArray[np.int32] | Any:
         """Unstable modes of each equilibrium (its Morse index), shape (...); -1 where it cannot be said."""
         return self._shaped(self._modes.index) if self.batch_shape else int(self._modes.index[0])
 
     @cached_property
-    def stability(self) -> Any:
+    def stability(self) -> StabilityOrArray | Any:
         """``Stability`` of each equilibrium, shape (...); a ``Stability`` where there are no leading axes."""
         values = self._modes.stability
         return self._shaped(values) if self.batch_shape else Stability(int(values[0]))
@@ -426,7 +431,12 @@ class Solution:
         rows = take(values, self._axes, self._instances, tail=tail)
         return np.asarray(rows.reshape(*self.batch_shape, *values.shape[values.ndim - tail :]))
 
-    def jacobian(self, name: str, *, of: str = "pose") -> FloatArray:
+    def jacobian(
+        self: "Solution[Named[Name]]",  # type: ignore[type-var]  # a robot, by what its inputs are called
+        name: Name,
+        *,
+        of: Literal["pose", "line_length"] = "pose",
+    ) -> FloatArray:
         """Derivative of the end effector's pose by an input, at equilibrium, or of the lengths of lines.
 
         Args:
@@ -443,6 +453,9 @@ class Solution:
             ValueError: If ``of`` is neither.
             NotImplementedError: If the assembly does not give the derivatives of lengths.
         """
+        return self._jacobian(name, of)
+
+    def _jacobian(self, name: str, of: str) -> FloatArray:
         choice("of", of, ("pose", "line_length"))
         specs = {spec.name: spec for spec in self.assembly.input_specs}
         if not isinstance(name, str) or name not in specs:
@@ -450,7 +463,7 @@ class Solution:
         twin = specs[name].dead_twin
         if twin and not self.inputs.is_active(name):
             # a follower force is an unknown's worth of equations more, but to first order only its direction counts
-            return np.asarray(frozen(self.jacobian(twin, of=of) @ self.tip_rotation))
+            return np.asarray(frozen(self._jacobian(twin, of) @ self.tip_rotation))
         count = specs[name].size(len(self.assembly.rods))
         by_length = of == "line_length"
         rows = len(self._lines()) if by_length else 6
@@ -590,7 +603,7 @@ class Solution:
         }
         return plot_solution(self, quantity, ax=ax, rod=rod, **options)
 
-    def raise_if_failed(self) -> "Solution":
+    def raise_if_failed(self) -> Self:
         """Return ``self`` if every instance has a result.
 
         Raises:
@@ -692,7 +705,7 @@ class Solution:
         return ", ".join(f"{count} {Status(int(value))}" for value, count in zip(values, counts, strict=True))
 
 
-class History(Solution):
+class History(Solution[Robot_co]):
     """A time series of equilibria: the fields of ``Solution`` with time as the first axis.
 
     Attributes:
@@ -703,7 +716,7 @@ class History(Solution):
 
     def __init__(
         self,
-        scene: "Scene",
+        scene: "Scene[Robot_co]",
         records: FloatArray,
         outcome: Outcome,
         inputs: Inputs,
@@ -716,6 +729,20 @@ class History(Solution):
         self.time: FloatArray = frozen(time)
         self.step_time: FloatArray = frozen(step_time)
         self.description = description
+
+    if TYPE_CHECKING:  # time is an axis
+
+        @cached_property
+        def status(self) -> NDArray[np.int32]:
+            """Values of ``Status``, shape (sample_count, ...)."""
+
+        @cached_property
+        def index(self) -> NDArray[np.int32]:
+            """Unstable modes of each equilibrium, shape (sample_count, ...); -1 where it cannot be said."""
+
+        @cached_property
+        def stability(self) -> NDArray[np.int32]:
+            """Values of ``Stability``, shape (sample_count, ...)."""
 
     def save(self, path: str | PathLike[str], **options: Any) -> None:
         """Write the history to a file, by its ending: what ``Solution.save`` says, or ``.rrd``.

@@ -3,14 +3,16 @@
 from collections.abc import Sequence
 from itertools import combinations
 from math import inf
-from typing import Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
 from multirod.inputs import Inputs
-from multirod.models.backbone.inputs import BY_MATERIAL
+from multirod.models.assemblies.inputs import ConcentricTubesInput, ConcentricTubesInputs, listed
+from multirod.models.backbone.inputs import BACKBONE_INPUTS, BY_MATERIAL
 from multirod.models.backbone.problem import BackboneAssembly
 from multirod.rod import Rod
+from multirod.types import Numbers
 from multirod.validation import FloatArray, refuse, sequence
 
 SAME_PLACE = 1e-12  # [m]: bases this close are at the same place
@@ -35,7 +37,7 @@ class ConcentricTubes(BackboneAssembly):
 
     transmission = True
 
-    def __init__(self, tubes: Sequence[Rod], *, base: Any = None) -> None:
+    def __init__(self, tubes: Sequence[Rod], *, base: Numbers | None = None) -> None:
         sequence("ConcentricTubes.tubes", tubes, Rod, "Rod, innermost first")
         if not 1 <= len(tubes) <= 6:
             refuse("ConcentricTubes.tubes", f"{len(tubes)} tubes", "must be 1 to 6")
@@ -50,6 +52,27 @@ class ConcentricTubes(BackboneAssembly):
                 refuse(f"ConcentricTubes.tubes[{k}]", tube, "must have no lines: how they bend several tubes is not modelled")
         super().__init__(tuple(tubes), base)
         self._shortest = [float(np.min(tube.length)) for tube in tubes]
+
+    if TYPE_CHECKING:
+        _input_name: ConcentricTubesInput
+
+    @listed(*BACKBONE_INPUTS)
+    def inputs(self, **values: Unpack[ConcentricTubesInputs]) -> Inputs:  # type: ignore[override]  # these, and no others
+        """Actuation and loads by name, all optional: numbers or arrays, whose leading axes ``...`` broadcast.
+
+        What is not named is zero. A leading axis makes a batch, an instance for each entry.
+
+        Args:
+            **values: Those of ``ConcentricTubesInputs``.
+
+        Returns:
+            The inputs, checked, as ``solve`` and ``simulate`` take them.
+
+        Raises:
+            TypeError: If a name is not one of these.
+            ValueError: If a value is out of range, not finite or of a wrong shape, or the leading axes do not broadcast.
+        """
+        return super().inputs(**ConcentricTubesInputs(**values))
 
     def check(self, inputs: Inputs) -> None:  # noqa: D102
         super().check(inputs)

@@ -2,18 +2,21 @@
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 
 from multirod.inputs import Inputs, InputSpec
 from multirod.models.assemblies.concentric_tubes import refuse_behind_plate
+from multirod.models.assemblies.inputs import EccentricTubesInput, EccentricTubesInputs, listed
 from multirod.models.backbone.inputs import BACKBONE_INPUTS, BY_MATERIAL
 from multirod.models.backbone.problem import BackboneAssembly
 from multirod.rod import Rod, RodArrays, lower
+from multirod.types import Numbers
 from multirod.validation import FloatArray, array, refuse, sequence
 
 MOST_TUBES = 6
+INPUTS = tuple(spec for spec in BACKBONE_INPUTS if spec.name not in BY_MATERIAL)
 
 
 class EccentricTubes(BackboneAssembly):
@@ -41,7 +44,7 @@ class EccentricTubes(BackboneAssembly):
 
     transmission = True
 
-    def __init__(self, tubes: Sequence[Rod], offsets: Any, *, base: Any = None) -> None:
+    def __init__(self, tubes: Sequence[Rod], offsets: Numbers, *, base: Numbers | None = None) -> None:
         sequence("EccentricTubes.tubes", tubes, Rod, "Rod")
         if not 1 <= len(tubes) <= MOST_TUBES:
             refuse("EccentricTubes.tubes", f"{len(tubes)} tubes", f"must be 1 to {MOST_TUBES}")
@@ -52,9 +55,30 @@ class EccentricTubes(BackboneAssembly):
             refuse("EccentricTubes.offsets", f"shape {self.offsets.shape}", f"must be ({len(tubes)}, 2)")
         super().__init__(tuple(tubes), base)
 
+    if TYPE_CHECKING:
+        _input_name: EccentricTubesInput
+
+    @listed(*INPUTS)
+    def inputs(self, **values: Unpack[EccentricTubesInputs]) -> Inputs:  # type: ignore[override]  # these, and no others
+        """Actuation and loads by name, all optional: numbers or arrays, whose leading axes ``...`` broadcast.
+
+        What is not named is zero. A leading axis makes a batch, an instance for each entry.
+
+        Args:
+            **values: Those of ``EccentricTubesInputs``.
+
+        Returns:
+            The inputs, checked, as ``solve`` and ``simulate`` take them.
+
+        Raises:
+            TypeError: If a name is not one of these.
+            ValueError: If a value is out of range, not finite or of a wrong shape, or the leading axes do not broadcast.
+        """
+        return super().inputs(**EccentricTubesInputs(**values))
+
     @property
     def input_specs(self) -> tuple[InputSpec, ...]:  # noqa: D102
-        return tuple(spec for spec in BACKBONE_INPUTS if spec.name not in BY_MATERIAL)
+        return INPUTS
 
     @cached_property
     def arrays(self) -> RodArrays:  # noqa: D102

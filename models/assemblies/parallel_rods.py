@@ -5,24 +5,36 @@ from copy import copy
 from dataclasses import replace
 from itertools import pairwise
 from math import inf
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeAlias, Unpack
 
 import numpy as np
+from numpy.typing import NDArray
 
 from multirod.assembly import Assembly, pose
 from multirod.batch import IntArray
 from multirod.inputs import Inputs, InputSpec
 from multirod.models.assemblies.concentric_tubes import ConcentricTubes
+from multirod.models.assemblies.inputs import (
+    InverseParallelRodsInput,
+    InverseParallelRodsInputs,
+    ParallelRodsInput,
+    ParallelRodsInputs,
+    listed,
+)
 from multirod.models.assemblies.single_rod import SingleRod
 from multirod.models.backbone.influence import Influence, influences
-from multirod.models.backbone.inputs import BY_MATERIAL, DRIVES, drive_specs
+from multirod.models.backbone.inputs import BY_MATERIAL, DRIVE_INPUTS, DRIVES, drive_specs
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.problem import BackboneAssembly, check_drives, scene_features, surely_driven
 from multirod.models.platform import platform_kernels as kernels
 from multirod.models.platform.problem import LEG_INPUTS, PER_ROD, PLATFORM_INPUTS, Geometry, ParallelProblem
 from multirod.reuse import reusable
 from multirod.rod import Rod
+from multirod.types import Numbers
 from multirod.validation import Described, FloatArray, array, choice, frozen, instance, nonnegative_float, refuse
+
+if TYPE_CHECKING:
+    from multirod.solution import Solution
 
 JOINTS = {"clamped": kernels.CLAMPED, "revolute": kernels.REVOLUTE, "spherical": kernels.SPHERICAL}
 
@@ -30,6 +42,14 @@ ROUNDED = 1e-15  # what the length of an axis of length 1 may be off
 SMALLEST_AXIS = 1e-100  # whose square still is a number
 PLATFORM_WEIGHT = 8 / 3  # a weight on the tip against the same distributed along the rod
 CLOSURE = ("shear", "torsion", "anisotropy", "precurvature_profile")  # what these do depends on how the legs hold each other
+
+
+INPUTS = (*LEG_INPUTS[:2], *PLATFORM_INPUTS, *LEG_INPUTS[2:])
+POSE_INPUTS = (
+    InputSpec(name="platform_position", unit="m", description="of the platform's origin, world frame"),
+    InputSpec(name="platform_rotation", unit="rad", description="rotation vector of the platform, world frame"),
+)
+Limits: TypeAlias = Sequence[Numbers] | NDArray[Any]  # a pair
 
 
 class ParallelRods(Assembly):
@@ -61,12 +81,12 @@ class ParallelRods(Assembly):
         self,
         *,
         legs: Sequence[Rod | ConcentricTubes],
-        base: Any,
-        platform: Any,
+        base: Numbers,
+        platform: Numbers,
         joints: str | Sequence[str] = "clamped",
-        joint_axes: Any = (0.0, 0.0, 1.0),
+        joint_axes: Numbers = (0.0, 0.0, 1.0),
         platform_mass: float = 0.0,
-        platform_centre: Any = (0.0, 0.0, 0.0),
+        platform_centre: Numbers = (0.0, 0.0, 0.0),
     ) -> None:
         if not isinstance(legs, (list, tuple)) or not all(isinstance(leg, (Rod, ConcentricTubes)) for leg in legs):
             raise TypeError("ParallelRods.legs must be a list of Rod or ConcentricTubes")
@@ -98,9 +118,30 @@ class ParallelRods(Assembly):
         """Leading axes of the rods' parameters and of the poses."""
         return self.geometry.batch_shape
 
+    if TYPE_CHECKING:
+        _input_name: ParallelRodsInput
+
+    @listed(*INPUTS, *DRIVE_INPUTS)
+    def inputs(self, **values: Unpack[ParallelRodsInputs]) -> Inputs:  # type: ignore[override]  # these, and no others
+        """Actuation and loads by name, all optional: numbers or arrays, whose leading axes ``...`` broadcast.
+
+        What is not named is zero. A leading axis makes a batch, an instance for each entry.
+
+        Args:
+            **values: Those of ``ParallelRodsInputs``.
+
+        Returns:
+            The inputs, checked, as ``solve`` and ``simulate`` take them.
+
+        Raises:
+            TypeError: If a name is not one of these, or no rod has such lines.
+            ValueError: If a value is out of range, not finite or of a wrong shape, or the leading axes do not broadcast.
+        """
+        return super().inputs(**ParallelRodsInputs(**values))
+
     @property
     def input_specs(self) -> tuple[InputSpec, ...]:  # noqa: D102
-        return (*LEG_INPUTS[:2], *PLATFORM_INPUTS, *LEG_INPUTS[2:], *drive_specs(self.rods))
+        return (*INPUTS, *drive_specs(self.rods))
 
     def check(self, inputs: Inputs) -> None:  # noqa: D102
         one = not inputs.batch_shape and self.surely_takes("translation", inputs.translation.tolist())
@@ -202,7 +243,7 @@ class ParallelRods(Assembly):
                 found[name] = known if name not in found else found[name].joined(known)
         return found
 
-    def inverse(self, *, limits: Any = None) -> "InverseParallelRods":
+    def inverse(self, *, limits: Limits | None = None) -> "InverseParallelRods":
         """The same robot with the platform's pose given, and the legs' translations to be found.
 
         Args:
@@ -237,7 +278,7 @@ class InverseParallelRods(Assembly):
 
     length_columns: ClassVar[bool] = True
 
-    def __init__(self, robot: ParallelRods, *, limits: Any = None) -> None:
+    def __init__(self, robot: ParallelRods, *, limits: Limits | None = None) -> None:
         instance("InverseParallelRods.robot", robot, ParallelRods, "ParallelRods")
         legs = robot.legs
         if len(legs) != 6 or not all(isinstance(leg, Rod) for leg in legs):
@@ -254,13 +295,30 @@ class InverseParallelRods(Assembly):
         """Leading axes of the rods' parameters and of the poses."""
         return self.robot.batch_shape
 
+    if TYPE_CHECKING:
+        _input_name: InverseParallelRodsInput
+
+    @listed(*POSE_INPUTS, *INPUTS, *DRIVE_INPUTS)
+    def inputs(self, **values: Unpack[InverseParallelRodsInputs]) -> Inputs:  # type: ignore[override]  # these, and no others
+        """Actuation and loads by name, all optional: numbers or arrays, whose leading axes ``...`` broadcast.
+
+        What is not named is zero. A leading axis makes a batch, an instance for each entry.
+
+        Args:
+            **values: Those of ``InverseParallelRodsInputs``.
+
+        Returns:
+            The inputs, checked, as ``solve`` and ``simulate`` take them.
+
+        Raises:
+            TypeError: If a name is not one of these, or no rod has such lines.
+            ValueError: If a value is out of range, not finite or of a wrong shape, or the leading axes do not broadcast.
+        """
+        return super().inputs(**InverseParallelRodsInputs(**values))
+
     @property
     def input_specs(self) -> tuple[InputSpec, ...]:  # noqa: D102
-        pose_inputs = (
-            InputSpec(name="platform_position", unit="m", description="of the platform's origin, world frame"),
-            InputSpec(name="platform_rotation", unit="rad", description="rotation vector of the platform, world frame"),
-        )
-        return (*pose_inputs, *self.robot.input_specs)
+        return (*POSE_INPUTS, *self.robot.input_specs)
 
     def check(self, inputs: Inputs) -> None:  # noqa: D102
         self.robot.check(inputs)
@@ -281,7 +339,7 @@ class InverseParallelRods(Assembly):
     def with_rods(self, rods: Sequence[Rod]) -> "InverseParallelRods":  # noqa: D102
         return InverseParallelRods(self.robot.with_rods(rods), limits=self.limits)
 
-    def translations(self, solution: Any) -> FloatArray:
+    def translations(self, solution: "Solution") -> FloatArray:
         """Translation of each leg [m], shape (..., 6); NaN where the solution failed."""
         length = self.geometry.scales()[0].reshape(*self.geometry.batch_shape, -1)[..., :-1]
         return np.asarray(solution.inputs.translation + length**2 * solution.unknowns[..., -6:])

@@ -1,15 +1,26 @@
 """One rod, clamped at its base, free at its tip: the robot of the paper."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 
 from multirod.inputs import Inputs, InputSpec
-from multirod.models.backbone.inputs import BACKBONE_INPUTS, BY_MATERIAL, DRIVES, drive_specs
+from multirod.models.assemblies.inputs import SingleRodInput, SingleRodInputs, listed
+from multirod.models.backbone.inputs import BACKBONE_INPUTS, BY_MATERIAL, DRIVE_INPUTS, DRIVES, drive_specs
 from multirod.models.backbone.problem import BackboneAssembly, surely_driven
 from multirod.rod import Rod
+from multirod.types import Numbers
 from multirod.validation import refuse
+
+TIP_CURVATURE = InputSpec(
+    name="tip_curvature",
+    unit="1/m",
+    acts="sensor",
+    optional=True,
+    measured=True,
+    description="measured curvature at the tip, tip frame",
+)
 
 
 class SingleRod(BackboneAssembly):
@@ -29,24 +40,37 @@ class SingleRod(BackboneAssembly):
         TypeError: If ``rod`` is not a ``Rod``.
     """
 
-    def __init__(self, rod: Rod, *, base: Any = None) -> None:
+    def __init__(self, rod: Rod, *, base: Numbers | None = None) -> None:
         if not isinstance(rod, Rod):
             raise TypeError(f"SingleRod takes a Rod, not {type(rod).__name__}")
         super().__init__((rod,), base)
         self._shortest = float(np.min(rod.length))
         self._pulled = min((-np.inf if line.rubs else line.reach for line in rod.lines), default=np.inf)
 
+    if TYPE_CHECKING:
+        _input_name: SingleRodInput
+
+    @listed(*BACKBONE_INPUTS, *DRIVE_INPUTS, TIP_CURVATURE)
+    def inputs(self, **values: Unpack[SingleRodInputs]) -> Inputs:  # type: ignore[override]  # these, and no others
+        """Actuation and loads by name, all optional: numbers or arrays, whose leading axes ``...`` broadcast.
+
+        What is not named is zero. A leading axis makes a batch, an instance for each entry.
+
+        Args:
+            **values: Those of ``SingleRodInputs``.
+
+        Returns:
+            The inputs, checked, as ``solve`` and ``simulate`` take them.
+
+        Raises:
+            TypeError: If a name is not one of these, or no rod has such lines.
+            ValueError: If a value is out of range, not finite or of a wrong shape, or the leading axes do not broadcast.
+        """
+        return super().inputs(**SingleRodInputs(**values))
+
     @property
     def input_specs(self) -> tuple[InputSpec, ...]:  # noqa: D102
-        measured = InputSpec(
-            name="tip_curvature",
-            unit="1/m",
-            acts="sensor",
-            optional=True,
-            measured=True,
-            description="measured curvature at the tip, tip frame",
-        )
-        return (*BACKBONE_INPUTS, *drive_specs(self.rods), measured)
+        return (*BACKBONE_INPUTS, *drive_specs(self.rods), TIP_CURVATURE)
 
     def check(self, inputs: Inputs) -> None:  # noqa: D102
         super().check(inputs)

@@ -1,6 +1,7 @@
 """The inputs of a backbone, and what they mean."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from multirod.inputs import InputSpec
@@ -86,12 +87,15 @@ DRIVES: dict[str, dict[str, Any]] = {
 }  # inputs that drive lines, where there are such lines
 
 
+DRIVE_INPUTS = tuple(InputSpec(name=name, acts="lines", **meaning) for name, meaning in DRIVES.items())
+
+
 def drive_specs(rods: "Sequence[Rod]") -> tuple[InputSpec, ...]:
     """The inputs that drive lines of these rods, one number a line."""
     counts = {
         name: sum(line.drive is not None and line.drive[0] == name for rod in rods for line in rod.lines) for name in DRIVES
     }
-    return tuple(InputSpec(name=name, acts="lines", count=count, **DRIVES[name]) for name, count in counts.items() if count)
+    return tuple(replace(spec, count=counts[spec.name]) for spec in DRIVE_INPUTS if counts[spec.name])
 
 
 LOADS = tuple(spec for spec in BACKBONE_INPUTS if spec.load is not None)

@@ -1,6 +1,6 @@
 """Solving one set of inputs, a motion, or a batch of either."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from math import prod
 from threading import Event, Lock
@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
-from multirod.assembly import Assembly
+from multirod.assembly import Assembly, Robot
 from multirod.batch import IntArray, parts, run, thread_count
 from multirod.inputs import Inputs
 from multirod.problem import BoundaryProblem
@@ -21,6 +22,7 @@ from multirod.solution import History, Scene, Solution, stand_in
 from multirod.solver import Outcome, Solver, Tested
 from multirod.solvers.shooting import Shooting
 from multirod.studies.terms.simplify import simplified
+from multirod.types import Numbers
 from multirod.validation import Described, FloatArray, array, device_name, integers, refuse
 
 _DEFAULT = Shooting()
@@ -47,17 +49,17 @@ def _needs(solver: Solver) -> dict[str, Any]:
 
 
 def solve(
-    robot: Assembly,
+    robot: Robot,
     inputs: Inputs | None = None,
     *,
     solver: Solver | None = None,
-    guess: Any = None,
+    guess: Solution | Numbers | None = None,
     device: str = "cpu",
     threads: int | None = None,
-    instances: Any = None,
+    instances: Sequence[int] | NDArray[np.integer[Any]] | None = None,
     simplify: float | None = None,
-    progress: bool | Callable[[int], Any] = True,
-) -> Solution:
+    progress: bool | Callable[[int], object] = True,
+) -> Solution[Robot]:
     """Static equilibrium of every instance of ``inputs`` and of the robot's own leading axes.
 
     A batch is solved in parts, on several threads. An instance is bitwise the same whatever the parts and threads.
@@ -113,17 +115,17 @@ def solve(
 
 
 def simulate(
-    robot: Assembly,
+    robot: Robot,
     inputs: Inputs,
     *,
-    time: Any,
+    time: Numbers,
     solver: Solver | None = None,
-    guess: Any = None,
+    guess: Solution | Numbers | None = None,
     device: str = "cpu",
     threads: int | None = None,
     simplify: float | None = None,
-    progress: bool | Callable[[int], Any] = True,
-) -> History:
+    progress: bool | Callable[[int], object] = True,
+) -> History[Robot]:
     """Follow a motion from sample to sample, or a batch of motions.
 
     Args:

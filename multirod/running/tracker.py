@@ -1,16 +1,19 @@
 """One sample at a time: a solver in a control loop."""
 
+from inspect import Parameter, Signature
 from threading import Lock
-from typing import Any
+from typing import Any, Generic
 
 import numpy as np
 
-from multirod.assembly import Assembly
+from multirod.assembly import Assembly, Robot_co
 from multirod.exclusive import Uncopied
 from multirod.inputs import Inputs
+from multirod.models.assemblies.inputs import KnownInputs
 from multirod.running.simulation import Runner, as_solver
 from multirod.solution import Scene, Solution
 from multirod.solver import Solver
+from multirod.types import Numbers, P, Takes
 from multirod.validation import Described, FloatArray, device_name, positive_float, refuse, unknown_names
 
 _PLAIN_NUMBERS = (float, int, np.float64)
@@ -24,7 +27,7 @@ def _broadcasts(shape: tuple[int, ...], target: tuple[int, ...]) -> bool:
         return False
 
 
-class Tracker(Uncopied):
+class Tracker(Uncopied, Generic[Robot_co]):
     """A solver in a control loop: one sample a call, buffers and launches made once.
 
     One thread steps it at a time: each sample starts from the last. Several loops need a tracker each.
@@ -46,16 +49,16 @@ class Tracker(Uncopied):
 
     def __init__(
         self,
-        robot: Assembly,
+        robot: Robot_co,
         *,
         solver: Solver | None = None,
         dt: float,
         inputs: Inputs | None = None,
-        guess: Any = None,
+        guess: Solution | Numbers | None = None,
         device: str = "cpu",
     ) -> None:
         self._solver = as_solver(robot, solver)
-        self._robot = robot
+        self._robot: Assembly = robot
         self._dt = positive_float("Tracker.dt", dt)
         self._device = device_name("Tracker.device", device)
         self._inputs = robot.accept(inputs)
@@ -86,7 +89,8 @@ class Tracker(Uncopied):
                 {name: rows[:, problem.input_slice(name)].reshape(*self._batch_shape, -1) for name in names}
             )
 
-        self._scene = Scene(self._robot, self._batch_shape, self._solver.integrator, self._device, problem.record_fields, unpack)
+        results = self._batch_shape, self._solver.integrator, self._device, problem.record_fields, unpack
+        self._scene: Scene[Any] = Scene(self._robot, *results)
         self._unpack = unpack
         self._rows: dict[str, Any] = {}
         view = problem.input_view()
@@ -118,12 +122,17 @@ class Tracker(Uncopied):
     def _present(self) -> Inputs:
         return self._unpack(self._problem.read("inputs"))
 
-    def step(self, inputs: Inputs | None = None, **changes: Any) -> Solution:
+    def step(
+        self: "Tracker[Takes[P]]",  # type: ignore[type-var]  # a robot, by the inputs that it takes
+        inputs: Inputs | None = None,
+        *others: P.args,
+        **changes: P.kwargs,
+    ) -> Solution[Robot_co]:
         """Solve the next sample.
 
         Args:
             inputs: All inputs anew; or
-            **changes: inputs by name, the others keep their values.
+            **changes: Inputs by name, those that ``robot.inputs`` takes; what is not named keeps its value.
 
         Returns:
             The sample's equilibrium or estimate, with its status.
@@ -133,10 +142,12 @@ class Tracker(Uncopied):
             ValueError: If a value is out of range, not finite, or changes the batch shape.
             RuntimeError: If another thread is in ``step`` or reads ``inputs``; nothing is changed.
         """
+        if others:
+            raise TypeError("Tracker.step takes inputs, or inputs by name")
         self._take()
         try:
             if inputs is not None or not self._write(changes):
-                self._apply(inputs, changes)
+                self._apply(inputs, **changes)
             outcome = self._track.step()
             self._started = True
             return Solution(self._scene, self._problem.snapshot(), outcome)
@@ -165,7 +176,7 @@ class Tracker(Uncopied):
             row[:] = value
         return True
 
-    def _apply(self, inputs: Inputs | None, changes: dict[str, Any]) -> None:
+    def _apply(self, inputs: Inputs | None, **changes: Any) -> None:
         """Check new inputs, and compile in what they need."""
         if inputs is not None:
             if changes:
@@ -176,7 +187,8 @@ class Tracker(Uncopied):
             present = self._present()
             held: dict[str, Any] = {name: getattr(present, name) for name in present.given if name not in present.profiles}
             held |= dict(present.profiles)
-            new = self._robot.inputs(**{**held, **changes})
+            # named so, for editors that follow them from ``step`` on
+            new = self._robot.inputs(**{**held, **KnownInputs(**changes)})  # type: ignore[typeddict-item]
         if not _broadcasts(new.batch_shape, self._batch_shape):
             refuse(
                 f"inputs ({', '.join(changes)})" if changes else "inputs",
@@ -193,3 +205,16 @@ class Tracker(Uncopied):
             return
         self._enabled |= named
         self._prepare(self._problem.read("unknowns") if self._started else None)
+
+
+# for ``help`` and notebooks, which see no types
+_CHANGES = [Parameter(name, Parameter.KEYWORD_ONLY, default=Described("unchanged")) for name in KnownInputs.__annotations__]
+Tracker.step.__signature__ = Signature(  # type: ignore[attr-defined]
+    [
+        Parameter("self", Parameter.POSITIONAL_OR_KEYWORD),
+        Parameter("inputs", Parameter.POSITIONAL_OR_KEYWORD, default=None),
+        *_CHANGES,
+        Parameter("changes", Parameter.VAR_KEYWORD),
+    ],
+    return_annotation="Solution",
+)

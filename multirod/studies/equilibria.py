@@ -1,12 +1,14 @@
 """All equilibria of one robot at one set of inputs."""
 
 from collections.abc import Iterator
-from typing import Any
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 from warnings import warn
 
 import numpy as np
+from numpy.typing import NDArray
 
-from multirod.assembly import Assembly
+from multirod.assembly import Assembly, Robot, Robot_co
 from multirod.inputs import Inputs
 from multirod.running.simulation import solve
 from multirod.solution import IncompleteWarning, Solution, SolveError
@@ -23,7 +25,7 @@ FOLLOWED_STEPS = 400  # of each
 REACH = 2 * np.pi  # how far a rotation is turned along a branch; loads: to twice, and to none
 
 
-class Equilibria(Solution):
+class Equilibria(Solution[Robot_co]):
     """The equilibria of one robot at one set of inputs, the one of lowest potential energy first, shape (k,).
 
     Attributes:
@@ -34,8 +36,22 @@ class Equilibria(Solution):
 
     missing: int | None
 
+    if TYPE_CHECKING:  # there is always an axis
+
+        @cached_property
+        def status(self) -> NDArray[np.int32]:
+            """Values of ``Status``, shape (k,)."""
+
+        @cached_property
+        def index(self) -> NDArray[np.int32]:
+            """Unstable modes of each equilibrium, shape (k,); -1 where it cannot be said."""
+
+        @cached_property
+        def stability(self) -> NDArray[np.int32]:
+            """Values of ``Stability``, shape (k,)."""
+
     @classmethod
-    def of(cls, found: Solution, degree: float | None) -> "Equilibria":
+    def of(cls, found: Solution[Robot_co], degree: float | None) -> "Equilibria[Robot_co]":
         """Those of a solution, of which the signs must add up to ``degree``."""
         result = cls.__new__(cls)
         result.__dict__.update(found.__dict__)
@@ -56,8 +72,8 @@ class Equilibria(Solution):
 
 
 def equilibria(
-    robot: Assembly, inputs: Inputs | None = None, *, starts: int = STARTS, solver: Shooting | None = None, device: str = "cpu"
-) -> Equilibria:
+    robot: Robot, inputs: Inputs | None = None, *, starts: int = STARTS, solver: Shooting | None = None, device: str = "cpu"
+) -> Equilibria[Robot]:
     """All equilibria that Newton's method finds from many starts, the one of lowest potential energy first.
 
     Starts cover all base moments and torques that an equilibrium can have (for parallel robots, poses of the platform), in

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from multirod.assembly import Assembly
+from multirod.assembly import Robot
 from multirod.inputs import Inputs
 from multirod.models.backbone.envelope import LOADS
 from multirod.profile import Profile
@@ -56,7 +56,7 @@ LINES = {
 DROPPABLE = (*LOADS, *SECTIONS, *LINES)
 
 
-def left_out(robot: Assembly, inputs: Inputs, names: Sequence[str]) -> tuple[Assembly, Inputs]:
+def left_out(robot: Robot, inputs: Inputs, names: Sequence[str]) -> tuple[Robot, Inputs]:
     """The robot and the inputs without these terms; what they do not touch is shared."""
     changes = [name for name in (*SECTIONS, *LINES) if name in names]
     loads = [name for name in names if name in LOADS]

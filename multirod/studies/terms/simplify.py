@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from multirod.assembly import Assembly
+from multirod.assembly import Robot
 from multirod.inputs import Inputs
 from multirod.studies.terms.explanation import Explanation
 from multirod.studies.terms.leaving_out import left_out
@@ -28,9 +28,7 @@ class Dropped:
         return f"{self.name} (tip error < {self.error:.1e} L)"
 
 
-def simplified(
-    robot: Assembly, inputs: Inputs, bound: Any, over: Inputs | None = None
-) -> tuple[Assembly, Inputs, tuple[Dropped, ...]]:
+def simplified(robot: Robot, inputs: Inputs, bound: Any, over: Inputs | None = None) -> tuple[Robot, Inputs, tuple[Dropped, ...]]:
     """The scene without the terms that may all be dropped within ``bound``; as it is where that is None.
 
     Terms are taken from the least on while their sum stays below the bound. One whose absence would leave the kernel as it is, is

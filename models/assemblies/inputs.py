@@ -1,0 +1,132 @@
+"""The inputs of each robot, by name, for type checkers and editors; ``InputSpec`` says what they mean to the package.
+
+``robot.inputs(**values)`` and ``tracker.step(**changes)`` take them. All are optional and zero by default; any may have leading
+axes ``...``, which broadcast. ``docs/extending.md`` says what an assembly of one's own needs for the same: nothing, or a class
+like these.
+"""
+
+from collections.abc import Callable
+from inspect import Parameter, Signature, cleandoc
+from re import sub
+from typing import Any, Literal, TypeAlias, TypedDict, TypeVar, dataclass_transform
+
+from multirod.inputs import InputSpec
+from multirod.types import AlongRod, Numbers
+
+
+@dataclass_transform(kw_only_default=True)  # for editors by Jedi: it knows no Unpack, but that such a class takes its fields
+class RobotInputs(TypedDict, total=False):
+    """What every robot of this package takes."""
+
+    rotation: Numbers
+    """Angle of each rod's base about its axis [rad], shape (..., rod_count); one number is the same for all."""
+    translation: Numbers
+    """How far each rod is pushed out of its base [m], shape (..., rod_count). Of tubes behind a plate <= 0."""
+    tip_force: Numbers
+    """Dead force on the tip, or the platform, world frame [N], shape (..., 3)."""
+    tip_moment: Numbers
+    """Dead moment on the tip, or the platform, world frame [N m], shape (..., 3)."""
+    follower_force: Numbers
+    """Force on the tip, or the platform, fixed in its frame [N], shape (..., 3)."""
+    follower_moment: Numbers
+    """Moment on the tip, or the platform, fixed in its frame [N m], shape (..., 3)."""
+    distributed_force: AlongRod
+    """Dead force per length, world frame [N/m], shape (..., 3), or a function of the arclength."""
+    distributed_moment: AlongRod
+    """Dead moment per length, world frame [N], shape (..., 3), or a function of the arclength."""
+
+
+class EccentricTubesInputs(RobotInputs, total=False):
+    """Inputs of ``EccentricTubes``."""
+
+
+class ConcentricTubesInputs(RobotInputs, total=False):
+    """Inputs of ``ConcentricTubes``."""
+
+    gravity: Numbers
+    """Acceleration, world frame [m/s^2], shape (..., 3); acts on ``linear_density``, which must be given."""
+    magnetic_field: Numbers
+    """Uniform magnetic field, world frame [T], shape (..., 3); acts on ``magnetisation``, which must be given."""
+
+
+class LineInputs(ConcentricTubesInputs, total=False):
+    """Those, and what drives lines, where rods have such lines."""
+
+    tension: Numbers
+    """Tension of each line that is driven by it [N], >= 0, shape (..., line_count), in the order of the rods' lines."""
+    pressure: Numbers
+    """Pressure in each chamber [Pa], shape (..., chamber_count), in their order."""
+    displacement: Numbers
+    """How far each line that is driven by it is pulled out of the base [m], shape (..., line_count), in their order."""
+
+
+class SingleRodInputs(LineInputs, total=False):
+    """Inputs of ``SingleRod``."""
+
+    tip_curvature: Numbers | None
+    """Measured curvature at the tip, tip frame [1/m], shape (..., 3), in place of the boundary condition there."""
+
+
+class ParallelRodsInputs(LineInputs, total=False):
+    """Inputs of ``ParallelRods``."""
+
+    force_point: Numbers
+    """Where forces act on the platform, platform frame [m], shape (..., 3)."""
+
+
+class InverseParallelRodsInputs(ParallelRodsInputs, total=False):
+    """Inputs of ``InverseParallelRods``."""
+
+    platform_position: Numbers
+    """Of the platform's origin, world frame [m], shape (..., 3)."""
+    platform_rotation: Numbers
+    """Rotation vector of the platform, world frame [rad], shape (..., 3)."""
+
+
+class KnownInputs(SingleRodInputs, InverseParallelRodsInputs, total=False):
+    """Those of all robots."""
+
+
+# the names alone, for ``Solution.jacobian``
+EccentricTubesInput: TypeAlias = Literal[
+    "rotation",
+    "translation",
+    "tip_force",
+    "tip_moment",
+    "follower_force",
+    "follower_moment",
+    "distributed_force",
+    "distributed_moment",
+]
+ConcentricTubesInput: TypeAlias = Literal[EccentricTubesInput, "gravity", "magnetic_field"]
+LineInput: TypeAlias = Literal[ConcentricTubesInput, "tension", "pressure", "displacement"]
+SingleRodInput: TypeAlias = Literal[LineInput, "tip_curvature"]
+ParallelRodsInput: TypeAlias = Literal[LineInput, "force_point"]
+InverseParallelRodsInput: TypeAlias = Literal[ParallelRodsInput, "platform_position", "platform_rotation"]
+
+Method = TypeVar("Method", bound=Callable[..., Any])
+
+
+def listed(*specs: InputSpec) -> Callable[[Method], Method]:
+    """Have ``help`` and notebooks, which see no types, show the inputs of a robot's ``inputs(**values)`` one by one."""
+
+    def show(method: Method) -> Method:
+        lines = "\n".join(f"    {spec.name}: {_described(spec)}" for spec in specs)
+        method.__doc__ = sub(r"    \*\*values: .*", lines, cleandoc(method.__doc__ or ""), count=1)
+        values = [Parameter(spec.name, Parameter.KEYWORD_ONLY, default=_default(spec)) for spec in specs]
+        method.__signature__ = Signature(  # type: ignore[attr-defined]
+            [Parameter("self", Parameter.POSITIONAL_OR_KEYWORD), *values], return_annotation="Inputs"
+        )
+        return method
+
+    return show
+
+
+def _described(spec: InputSpec) -> str:
+    count = "rod_count" if spec.per_rod else "line_count" if spec.acts == "lines" else "3"
+    function = ", or a function of the arclength" if spec.function else ""
+    return f"{spec.description[0].upper()}{spec.description[1:]} [{spec.unit}], shape (..., {count}){function}."
+
+
+def _default(spec: InputSpec) -> object:
+    return None if spec.optional else 0 if spec.per_rod or spec.acts == "lines" else (0, 0, 0)

@@ -1,0 +1,96 @@
+"""Types of what is given and what comes back, for type checkers and editors; nothing is computed here.
+
+A result of ``solve`` is one instance or a batch, as its inputs are, and no checker can tell which. So ``StatusOrArray`` and its
+like are known to it as arrays that also have what one ``Status`` has: both uses pass, editors complete both, and a name that
+neither has is reported. A plain union would refuse whatever one of the two does not allow, ``Any`` would refuse nothing. Where a
+function takes one, ``mr.Status(solution.status)`` says that it is one. A ``History`` always has a time axis: its are arrays.
+"""
+
+from collections.abc import Callable, Sequence
+from types import EllipsisType
+from typing import TYPE_CHECKING, Any, ParamSpec, Protocol, TypeAlias, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod.stability import Stability
+from multirod.status import Status
+
+if TYPE_CHECKING:
+    from multirod.inputs import Inputs
+
+
+class SupportsArray(Protocol):
+    """What NumPy makes an array of: its own arrays and numbers, series, tensors."""
+
+    def __array__(self) -> NDArray[Any]:
+        """As an array."""
+
+
+Number: TypeAlias = float | SupportsArray
+Numbers: TypeAlias = (
+    Number | Sequence[Number] | Sequence[Sequence[Number]] | Sequence[Sequence[Sequence[Number]]] | Sequence[NDArray[Any]]
+)
+"""A number, an array, or nested lists or tuples of them."""
+
+AlongRod: TypeAlias = Numbers | Callable[[float], Numbers]
+"""The same, or a function of the arclength [m]."""
+
+Index: TypeAlias = (
+    int | np.integer[Any] | slice | EllipsisType | None | NDArray[Any] | Sequence[int] | Sequence[bool] | tuple["Index", ...]
+)
+"""An index of an array, as NumPy takes it."""
+
+if TYPE_CHECKING:
+
+    class StatusOrArray(NDArray[np.int32]):
+        """A ``Status``; of a batch, an array of its values."""
+
+        @property
+        def name(self) -> str:
+            """Of one instance: its name, such as ``"CONVERGED"``."""
+
+        @property
+        def value(self) -> int:
+            """Of one instance: its number."""
+
+        @property
+        def message(self) -> str:
+            """Of one instance: what happened, and what to try."""
+
+        @property
+        def failed(self) -> bool:
+            """Of one instance: whether there is no result."""
+
+    class StabilityOrArray(NDArray[np.int32]):
+        """A ``Stability``; of a batch, an array of its values."""
+
+        @property
+        def name(self) -> str:
+            """Of one instance: its name, such as ``"STABLE"``."""
+
+        @property
+        def value(self) -> int:
+            """Of one instance: its number."""
+
+else:
+    StatusOrArray = Status | NDArray[np.int32]
+    StabilityOrArray = Stability | NDArray[np.int32]
+
+P = ParamSpec("P")
+Name = TypeVar("Name", bound=str)
+Name_co = TypeVar("Name_co", covariant=True)
+
+
+class Takes(Protocol[P]):
+    """A robot, by the inputs that it takes."""
+
+    def inputs(self, *args: P.args, **values: P.kwargs) -> "Inputs":
+        """Inputs by name."""
+
+
+class Named(Protocol[Name_co]):
+    """A robot, by the names of its inputs."""
+
+    @property
+    def _input_name(self) -> Name_co: ...
