@@ -23,6 +23,8 @@ if _find_spec("multirod.models") is None:
     )
 
 if _typing.TYPE_CHECKING:
+    from multirod import recording as recording
+    from multirod import testing as testing
     from multirod.assembly import Assembly
     from multirod.compiling import CompileError
     from multirod.files import load
@@ -155,15 +157,17 @@ _PUBLIC = {
 _HOME = {name: f"multirod.{module}" for module, names in _PUBLIC.items() for name in names.split()}
 
 
-def __getattr__(name: str) -> object:
-    """A public name or a module of the package, when it is first asked for."""
-    if name in _HOME:
-        found: object = getattr(_import_module(_HOME[name]), name)
-        globals()[name] = found
-        return found
-    if not name.startswith("_") and _find_spec(f"multirod.{name}") is not None:
-        return _import_module(f"multirod.{name}")
-    raise AttributeError(f"module 'multirod' has no attribute {name!r}")
+if not _typing.TYPE_CHECKING:  # which would take any name for one that there is
+
+    def __getattr__(name: str) -> object:
+        """A public name or a module of the package, when it is first asked for."""
+        if name in _HOME:
+            found: object = getattr(_import_module(_HOME[name]), name)
+            globals()[name] = found
+            return found
+        if not name.startswith("_") and _find_spec(f"multirod.{name}") is not None:
+            return _import_module(f"multirod.{name}")
+        raise AttributeError(f"module 'multirod' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:

@@ -148,7 +148,7 @@ class Assembly(ABC):
         stability: bool = False,
         motion: bool = False,
         device: str = "cpu",
-        progress: bool | Callable[[int], Any] = True,
+        progress: bool | Callable[[int], object] = True,
     ) -> int:
         """Have the kernels of a scene compiled now, several at a time, so that no later call waits for them.
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from multirod import profile
 from multirod.batch import take
+from multirod.types import AlongRod, Numbers, Precurvature
 from multirod.validation import (
     LARGEST,
     SMALLEST,
@@ -65,6 +66,11 @@ def _is_by_section(value: object) -> bool:
     )
 
 
+_NONE: Any = 0.0
+_ZERO: Any = (0.0, 0.0, 0.0)
+_RIGID: Any = math.inf
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Section:
     """A stretch of rod with one stiffness and one law of precurvature; any parameter may have leading batch axes.
@@ -86,15 +92,31 @@ class Section:
         ValueError: If a field is out of range; the message names the field, its value and what is allowed.
     """
 
-    length: Any
-    bending_stiffness: Any
-    torsional_stiffness: Any
-    precurvature: Any = (0.0, 0.0, 0.0)
-    shear_stiffness: Any = math.inf
-    axial_stiffness: Any = math.inf
-    linear_density: Any = 0.0
-    magnetisation: Any = (0.0, 0.0, 0.0)
-    foundation: Any = 0.0
+    length: FloatArray
+    bending_stiffness: FloatArray
+    torsional_stiffness: FloatArray
+    precurvature: FloatArray | profile.Profile = _ZERO
+    shear_stiffness: FloatArray = _RIGID
+    axial_stiffness: FloatArray = _RIGID
+    linear_density: FloatArray = _NONE
+    magnetisation: FloatArray = _ZERO
+    foundation: FloatArray = _NONE
+
+    if TYPE_CHECKING:  # what is given; the fields are what it becomes
+
+        def __init__(
+            self,
+            *,
+            length: Numbers,
+            bending_stiffness: Numbers,
+            torsional_stiffness: Numbers,
+            precurvature: AlongRod = ...,
+            shear_stiffness: Numbers = ...,
+            axial_stiffness: Numbers = ...,
+            linear_density: Numbers = ...,
+            magnetisation: Numbers = ...,
+            foundation: Numbers = ...,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         self._check("Section")
@@ -114,12 +136,13 @@ class Section:
         put("linear_density", density)
         put("magnetisation", array(f"{owner}.magnetisation", self.magnetisation, (3,)))
         put("foundation", _foundation(f"{owner}.foundation", self.foundation))
-        if _is_function(self.precurvature):
+        precurvature: Any = self.precurvature
+        if _is_function(precurvature):
             if np.ndim(self.length):
                 refuse(f"{owner}.length", self.length, "must be one number where precurvature is a function")
-            put("precurvature", profile.fit(f"{owner}.precurvature", self.precurvature, float(self.length)))
+            put("precurvature", profile.fit(f"{owner}.precurvature", precurvature, float(self.length)))
         else:
-            put("precurvature", array(f"{owner}.precurvature", self.precurvature, (3,)))
+            put("precurvature", array(f"{owner}.precurvature", precurvature, (3,)))
         for item in fields(self):
             value = getattr(self, item.name)
             if isinstance(value, np.ndarray) and not value.size:
@@ -182,15 +205,15 @@ class Rod:
     def __init__(
         self,
         *,
-        length: Any = None,
-        bending_stiffness: Any = None,
-        torsional_stiffness: Any = None,
-        precurvature: Any = None,
-        shear_stiffness: Any = None,
-        axial_stiffness: Any = None,
-        linear_density: Any = None,
-        magnetisation: Any = None,
-        foundation: Any = None,
+        length: Numbers | None = None,
+        bending_stiffness: Numbers | None = None,
+        torsional_stiffness: Numbers | None = None,
+        precurvature: Precurvature | None = None,
+        shear_stiffness: Numbers | None = None,
+        axial_stiffness: Numbers | None = None,
+        linear_density: Numbers | None = None,
+        magnetisation: Numbers | None = None,
+        foundation: Numbers | None = None,
         members: Sequence["Member"] = (),
         lines: Sequence["Line"] = (),
         discs: float | None = None,
@@ -246,14 +269,14 @@ class Rod:
     def tube(
         cls,
         *,
-        length: Any,
+        length: Numbers,
         outer_diameter: float,
         inner_diameter: float = 0.0,
         young_modulus: float,
         shear_modulus: float,
-        precurvature: Any = None,
+        precurvature: Precurvature | None = None,
         density: float = 0.0,
-        magnetisation: Any = None,
+        magnetisation: Numbers | None = None,
         members: Sequence["Member"] = (),
         lines: Sequence["Line"] = (),
         discs: float | None = None,

@@ -455,7 +455,7 @@ class Solution(Generic[Robot_co]):
         """
         return self._jacobian(name, of)
 
-    def _jacobian(self, name: str, of: str) -> FloatArray:
+    def _jacobian(self, name: object, of: str) -> FloatArray:
         choice("of", of, ("pose", "line_length"))
         specs = {spec.name: spec for spec in self.assembly.input_specs}
         if not isinstance(name, str) or name not in specs:

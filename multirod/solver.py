@@ -207,14 +207,14 @@ class _WarmStarted(Track):
         return outcome
 
 
-def registered_solvers() -> dict[str, Any]:
+def registered_solvers() -> dict[str, type[Solver]]:
     """Solver classes by name, of this package and of others that register in the group ``multirod.solvers``.
 
     What cannot be loaded, or is no ``Solver``, is left out and named in a ``RuntimeWarning``: the others are there.
     """
     from importlib.metadata import entry_points
 
-    solvers: dict[str, Any] = {}
+    solvers: dict[str, type[Solver]] = {}
     for point in entry_points(group="multirod.solvers"):
         where = f"solver {point.name!r} of {'an unknown package' if point.dist is None else point.dist.name} ({point.value})"
         try:

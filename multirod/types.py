@@ -3,7 +3,7 @@
 A result of ``solve`` is one instance or a batch, as its inputs are, and no checker can tell which. So ``StatusOrArray`` and its
 like are known to it as arrays that also have what one ``Status`` has: both uses pass, editors complete both, and a name that
 neither has is reported. A plain union would refuse whatever one of the two does not allow, ``Any`` would refuse nothing. Where a
-function takes one, ``mr.Status(solution.status)`` says that it is one. A ``History`` always has a time axis: its are arrays.
+function takes one, ``mr.Status(int(solution.status))`` says that it is one. A ``History`` always has a time axis: its are arrays.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,29 +19,19 @@ from multirod.status import Status
 if TYPE_CHECKING:
     from multirod.inputs import Inputs
 
+    class SupportsArray(Protocol):
+        """What NumPy makes an array of: its own arrays and numbers, series, tensors."""
 
-class SupportsArray(Protocol):
-    """What NumPy makes an array of: its own arrays and numbers, series, tensors."""
+        def __array__(self) -> NDArray[Any]:
+            """As an array."""
 
-    def __array__(self) -> NDArray[Any]:
-        """As an array."""
-
-
-Number: TypeAlias = float | SupportsArray
-Numbers: TypeAlias = (
-    Number | Sequence[Number] | Sequence[Sequence[Number]] | Sequence[Sequence[Sequence[Number]]] | Sequence[NDArray[Any]]
-)
-"""A number, an array, or nested lists or tuples of them."""
-
-AlongRod: TypeAlias = Numbers | Callable[[float], Numbers]
-"""The same, or a function of the arclength [m]."""
-
-Index: TypeAlias = (
-    int | np.integer[Any] | slice | EllipsisType | None | NDArray[Any] | Sequence[int] | Sequence[bool] | tuple["Index", ...]
-)
-"""An index of an array, as NumPy takes it."""
-
-if TYPE_CHECKING:
+    Number: TypeAlias = float | SupportsArray
+    Numbers: TypeAlias = Number | Sequence[Number] | Sequence[Sequence[Number]] | Sequence[Sequence[Sequence[Number]]]
+    AlongRod: TypeAlias = Numbers | Callable[[float], Numbers]
+    Precurvature: TypeAlias = AlongRod | Sequence[tuple[Numbers, AlongRod]]
+    Index: TypeAlias = (
+        int | np.integer[Any] | slice | EllipsisType | None | NDArray[Any] | Sequence[int] | Sequence[bool] | tuple["Index", ...]
+    )
 
     class StatusOrArray(NDArray[np.int32]):
         """A ``Status``; of a batch, an array of its values."""
@@ -73,13 +63,25 @@ if TYPE_CHECKING:
         def value(self) -> int:
             """Of one instance: its number."""
 
-else:
+else:  # ``help`` shows these by their names, not what they stand for
+
+    class Numbers:
+        """A number, an array, or nested lists or tuples of them."""
+
+    class AlongRod:
+        """The same as ``Numbers``, or a function of the arclength [m] that returns it."""
+
+    class Precurvature:
+        """``Numbers``, a function of the arclength [m], or ``(section length, either)`` pairs."""
+
+    class Index:
+        """An index of an array, as NumPy takes it."""
+
     StatusOrArray = Status | NDArray[np.int32]
     StabilityOrArray = Stability | NDArray[np.int32]
 
 P = ParamSpec("P")
-Name = TypeVar("Name", bound=str)
-Name_co = TypeVar("Name_co", covariant=True)
+Name = TypeVar("Name")
 
 
 class Takes(Protocol[P]):
@@ -89,8 +91,7 @@ class Takes(Protocol[P]):
         """Inputs by name."""
 
 
-class Named(Protocol[Name_co]):
+class Named(Protocol[Name]):
     """A robot, by the names of its inputs."""
 
-    @property
-    def _input_name(self) -> Name_co: ...
+    _input_name: Name

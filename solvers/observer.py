@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 import warp as wp
@@ -14,12 +14,17 @@ from multirod.solver import Outcome, Solver
 from multirod.solvers.tracking.observer_kernels import ObserverState, make_observer
 from multirod.solvers.tracking.observer_lapack import LargeSample
 from multirod.solvers.tracking.sampled import SampledTrack
+from multirod.types import Numbers
 from multirod.validation import FloatArray, array, boolean, choice, positive_float, positive_int, refuse
 
-RICCATI = ("steady", "forward", "horizon")
-UPDATES = ("exact", "euler")
-COUPLINGS = ("full", "per-rod", "per-rod-plain")
-SCALINGS = ("none", "equilibrated", "newton")
+Riccati: TypeAlias = Literal["steady", "forward", "horizon"]
+Update: TypeAlias = Literal["exact", "euler"]
+Coupling: TypeAlias = Literal["full", "per-rod", "per-rod-plain"]
+Scaling: TypeAlias = Literal["none", "equilibrated", "newton"]
+RICCATI: tuple[Riccati, ...] = get_args(Riccati)
+UPDATES: tuple[Update, ...] = get_args(Update)
+COUPLINGS: tuple[Coupling, ...] = get_args(Coupling)
+SCALINGS: tuple[Scaling, ...] = get_args(Scaling)
 SPACES = {"R": "unknowns", "Q": "residuals", "P0": "residuals"}
 LARGEST_IN_KERNEL = 8  # unknowns of a block; a larger one takes longer to compile than LAPACK takes in thousands of samples
 
@@ -63,15 +68,15 @@ class Observer(Solver):
         ValueError: If a field is out of range, or a matrix is not symmetric positive definite.
     """
 
-    R: Any = 120.0
-    Q: Any = 30.0
-    P0: Any = 0.5
+    R: Numbers = 120.0
+    Q: Numbers = 30.0
+    P0: Numbers = 0.5
     integrator: Integrator = field(default_factory=RK45)
-    coupling: str = "full"
-    scaling: str = "none"
-    riccati: str = "steady"
+    coupling: Coupling = "full"
+    scaling: Scaling = "none"
+    riccati: Riccati = "steady"
     horizon: float = 0.5
-    update: str = "exact"
+    update: Update = "exact"
     feed_forward: bool = False
     correct_output: bool = False
     fold_threshold: float = 0.05

@@ -5,7 +5,7 @@ from copy import copy
 from dataclasses import replace
 from itertools import pairwise
 from math import inf
-from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeAlias, Unpack
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, TypeAlias, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,7 +83,7 @@ class ParallelRods(Assembly):
         legs: Sequence[Rod | ConcentricTubes],
         base: Numbers,
         platform: Numbers,
-        joints: str | Sequence[str] = "clamped",
+        joints: Literal["clamped", "spherical", "revolute"] | Sequence[str] = "clamped",
         joint_axes: Numbers = (0.0, 0.0, 1.0),
         platform_mass: float = 0.0,
         platform_centre: Numbers = (0.0, 0.0, 0.0),

@@ -4,13 +4,14 @@ from collections.abc import Callable, Sequence
 from copy import copy
 from itertools import pairwise
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
 
 from multirod import profile
 from multirod.batch import IntArray, take
 from multirod.models.backbone.members import Member
+from multirod.types import Numbers
 from multirod.validation import FloatArray, array, choice, nonnegative_float, positive_array, positive_float, refuse
 
 if TYPE_CHECKING:
@@ -44,9 +45,9 @@ class Line(Member):
 
     def __init__(
         self,
-        offset: Any = None,
+        offset: Numbers | None = None,
         *,
-        route: Callable[[float], Any] | None = None,
+        route: Callable[[float], Numbers] | None = None,
         start: float = 0.0,
         end: float | None = None,
         name: str = "",
@@ -224,15 +225,15 @@ class Tendon(Line):
 
     def __init__(
         self,
-        offset: Any = None,
+        offset: Numbers | None = None,
         *,
-        route: Callable[[float], Any] | None = None,
+        route: Callable[[float], Numbers] | None = None,
         start: float = 0.0,
         end: float | None = None,
-        driven: str = "tension",
-        axial_stiffness: Any = None,
+        driven: Literal["tension", "displacement"] = "tension",
+        axial_stiffness: Numbers | None = None,
         rest_length: float | None = None,
-        friction: Any = 0.0,
+        friction: Numbers = 0.0,
         name: str = "",
     ) -> None:
         for field, value in (("axial_stiffness", axial_stiffness), ("rest_length", rest_length)):
@@ -409,13 +410,13 @@ class PushRod(DrivenByLength):
 
     def __init__(
         self,
-        offset: Any = None,
+        offset: Numbers | None = None,
         *,
-        route: Callable[[float], Any] | None = None,
+        route: Callable[[float], Numbers] | None = None,
         start: float = 0.0,
         end: float | None = None,
-        axial_stiffness: Any = None,
-        bending_stiffness: Any = None,
+        axial_stiffness: Numbers | None = None,
+        bending_stiffness: Numbers | None = None,
         rest_length: float | None = None,
         name: str = "",
     ) -> None:
@@ -515,11 +516,11 @@ class Chamber(Line):
 
     def __init__(
         self,
-        offset: Any = None,
+        offset: Numbers | None = None,
         *,
-        route: Callable[[float], Any] | None = None,
-        area: Any = None,
-        area_fixed: str = "across",
+        route: Callable[[float], Numbers] | None = None,
+        area: Numbers | None = None,
+        area_fixed: Literal["across", "section"] = "across",
         start: float = 0.0,
         end: float | None = None,
         name: str = "",

@@ -35,7 +35,7 @@ def sweep(
     quantities: Iterable[str] = (),
     executor: Executors | None = None,
     in_flight: int = 32,
-    progress: bool | Callable[[int], Any] = True,
+    progress: bool | Callable[[int], object] = True,
     device: str = "cpu",
     threads: int | None = None,
 ) -> Study:

@@ -114,7 +114,7 @@ class Study:
         for chunk, path in present.items():
             yield self.instances(chunk), from_table(self._opened(path).read(columns=columns), wanted, tails)
 
-    def __getitem__(self, name: str) -> Any:
+    def __getitem__(self, name: str) -> NDArray[Any]:
         """An array (..., its own axes); where an instance is not done: NaN, ``Status.NOT_RUN``, and -1 for other integers.
 
         Raises:
@@ -128,7 +128,7 @@ class Study:
             if result is None:
                 result = blank(name, values.dtype, (self.instance_count, *values.shape[1:]))
             result[instances] = values
-        return result.reshape((*self.batch_shape, *result.shape[1:]))
+        return np.asarray(result.reshape((*self.batch_shape, *result.shape[1:])))
 
     def counts(self) -> dict[Status, int]:
         """How many instances ended with each status; those that are not done are ``NOT_RUN``."""

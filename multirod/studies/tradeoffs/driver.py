@@ -12,6 +12,7 @@ from multirod.solver import Solver
 from multirod.studies.tradeoffs.measurement import Measurement
 from multirod.studies.tradeoffs.promise import kept
 from multirod.studies.tradeoffs.table import Measured, Rows, Tradeoff
+from multirod.types import Numbers
 from multirod.validation import positive_float
 
 
@@ -19,13 +20,13 @@ def tradeoff(
     robot: Assembly,
     inputs: Inputs,
     *,
-    time: Any,
+    time: Numbers,
     solvers: Mapping[str, Solver] | None = None,
     models: Mapping[str, tuple[Assembly, Inputs]] | None = None,
     settle: float = 0.3,
     budget: float = 60.0,
     csv: str | PathLike[str] | None = None,
-    progress: bool | Callable[[int], Any] = True,
+    progress: bool | Callable[[int], object] = True,
 ) -> Tradeoff:
     """Run every setting on a motion and measure its errors and its time.
 
@@ -58,10 +59,15 @@ def tune(
     robot: Assembly,
     inputs: Inputs,
     *,
-    time: Any,
+    time: Numbers,
     error: float | None = None,
     rate: float | None = None,
-    **options: Any,
+    solvers: Mapping[str, Solver] | None = None,
+    models: Mapping[str, tuple[Assembly, Inputs]] | None = None,
+    settle: float = 0.3,
+    budget: float = 60.0,
+    csv: str | PathLike[str] | None = None,
+    progress: bool | Callable[[int], object] = True,
 ) -> Measured:
     """The fastest setting within an error, or the most accurate within a rate, with what was measured of it.
 
@@ -73,7 +79,12 @@ def tune(
         time: Of the samples [s].
         error: Largest distance of the tip from the reference [m].
         rate: Samples a second that 95 of 100 samples must keep up with, with half of the time to spare.
-        options: For ``tradeoff``.
+        solvers: As for ``tradeoff``.
+        models: As for ``tradeoff``.
+        settle: As for ``tradeoff``.
+        budget: As for ``tradeoff``.
+        csv: As for ``tradeoff``.
+        progress: As for ``tradeoff``.
 
     Raises:
         TypeError: If not exactly one of both is given.
@@ -84,11 +95,13 @@ def tune(
     for name, value in (("error", error), ("rate", rate)):
         if value is not None:
             positive_float(name, value)
-    csv, progress = options.pop("csv", None), options.pop("progress", True)
+    options = {"solvers": solvers, "models": models, "settle": settle, "budget": budget}
     return kept(_measure(csv, progress, robot, inputs, time=time, **options), error=error, rate=rate)
 
 
-def _measure(csv: str | PathLike[str] | None, progress: bool | Callable[[int], Any], *motion: Any, **options: Any) -> Measurement:
+def _measure(
+    csv: str | PathLike[str] | None, progress: bool | Callable[[int], object], *motion: Any, **options: Any
+) -> Measurement:
     with ExitStack() as stack:
         # its first line is there before anything is measured
         rows = None if csv is None else stack.enter_context(Rows(csv))

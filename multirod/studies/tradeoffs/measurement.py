@@ -18,6 +18,7 @@ from multirod.studies.tradeoffs.limit import Limited
 from multirod.studies.tradeoffs.reference import SHAPE_NODES, Reference, load_kernels
 from multirod.studies.tradeoffs.settings import Setting, grid, registered, settings
 from multirod.studies.tradeoffs.table import Measured, Tradeoff
+from multirod.types import Numbers
 from multirod.validation import Described, FloatArray, instance, nonnegative_float, positive_float, refuse
 
 START = 6  # samples that say how long all will take
@@ -53,7 +54,7 @@ class Measurement:
         robot: Assembly,
         inputs: Inputs,
         *,
-        time: Any,
+        time: Numbers,
         solvers: Mapping[str, Solver] | None = None,
         models: Mapping[str, tuple[Assembly, Inputs]] | None = None,
         settle: float = 0.3,
@@ -221,7 +222,7 @@ class Measurement:
         guess: FloatArray | None,
         count: int,
         seconds: float,
-        progress: bool | Callable[[int], Any] = False,
+        progress: bool | Callable[[int], object] = False,
     ) -> History | None:
         """The first samples; None where they take longer than that."""
         count = min(count, len(self._time))
