@@ -169,10 +169,10 @@ class Section:
 
 
 class Rod:
-    """One elastic rod or tube, clamped frames continuous along its sections.
+    """One elastic rod or tube: its length, stiffnesses and shape at rest; ``Rod.tube`` makes one from diameters and moduli.
 
-    Material frame: z along the unsheared tangent, x and y the principal axes of bending. Give one set of stiffnesses
-    with a ``length``, or ``sections``. Any parameter may have leading batch axes; they broadcast.
+    Give one set of stiffnesses with a ``length``, or ``sections``, along which frames are continuous. Material frame: z along the
+    unsheared tangent, x and y the principal axes of bending. Any parameter may have leading batch axes; they broadcast.
 
     Args:
         length: Arclength [m].

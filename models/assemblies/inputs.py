@@ -14,8 +14,12 @@ from multirod.inputs import InputSpec
 from multirod.types import AlongRod, Numbers
 
 
-@dataclass_transform(kw_only_default=True)  # for editors by Jedi: it knows no Unpack, but that such a class takes its fields
-class RobotInputs(TypedDict, total=False):
+@dataclass_transform(kw_only_default=True)
+class Fields(TypedDict, total=False):
+    """For editors by Jedi: it knows no ``Unpack``, but that a class derived from such a one takes its fields by name."""
+
+
+class RobotInputs(Fields, total=False):
     """What every robot of this package takes."""
 
     rotation: Numbers
@@ -83,8 +87,11 @@ class InverseParallelRodsInputs(ParallelRodsInputs, total=False):
     """Rotation vector of the platform, world frame [rad], shape (..., 3)."""
 
 
-class KnownInputs(SingleRodInputs, InverseParallelRodsInputs, total=False):
-    """Those of all robots."""
+class KnownInputs(InverseParallelRodsInputs, total=False):
+    """Those of all robots: which of them a tracker's robot takes, editors that read no types do not know."""
+
+    tip_curvature: Numbers | None
+    """As for ``SingleRod``."""
 
 
 # the names alone, for ``Solution.jacobian``
