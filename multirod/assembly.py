@@ -11,7 +11,6 @@ from multirod.batch import IntArray
 from multirod.inputs import Inputs, InputSpec
 from multirod.problem import BoundaryProblem
 from multirod.rod import Rod
-from multirod.types import AlongRod
 from multirod.validation import Described, FloatArray, array, refuse, unknown_names
 
 if TYPE_CHECKING:
@@ -100,7 +99,7 @@ class Assembly(ABC):
         """Leading axes of the rods' parameters together."""
         return np.broadcast_shapes(*(rod.batch_shape for rod in self.rods))
 
-    def inputs(self, **values: AlongRod | None) -> Inputs:
+    def inputs(self, **values: Any) -> Inputs:
         """Check and broadcast inputs by name; what is not named is zero.
 
         Raises:

@@ -1,13 +1,16 @@
 """Right and wrong uses of the package, read by mypy and pyright and never run: each reports the marked lines, and no other.
 
-``# wrong`` is reported by both.
+A line that ends in ``# wrong`` is reported by both.
 """
+
+from typing import TYPE_CHECKING, Literal, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
 import multirod as mr
 from multirod.models.assemblies.inputs import SingleRodInputs
+from multirod.types import Numbers
 
 wire = mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638, precurvature=(14, 5, 0))
 tube = mr.Rod.tube(length=0.4, outer_diameter=3e-3, inner_diameter=2e-3, young_modulus=60e9, shear_modulus=23e9)
@@ -170,6 +173,33 @@ class Sprung(mr.SingleRod):
 
 class Other(mr.Assembly):
     """Takes what its ``input_specs`` say."""
+
+
+class OtherInputs(TypedDict, total=False):
+    """What it takes, said."""
+
+    spring: Numbers
+
+
+class Typed(Other):
+    """The same, for checkers too."""
+
+    if TYPE_CHECKING:
+        _input_name: Literal["spring"]
+
+    def inputs(self, **values: Unpack[OtherInputs]) -> mr.Inputs:  # type: ignore[override]
+        """As the package's robots do."""
+        return super().inputs(**values)
+
+
+def typed_robot(other: Typed) -> None:
+    """Names that a checker knows."""
+    other.inputs(spring=0.1)
+    other.inputs(rotation=0.1)  # wrong
+    mr.Tracker(other, dt=0.01).step(spring=0.2)
+    mr.Tracker(other, dt=0.01).step(rotation=0.2)  # wrong
+    mr.solve(other).jacobian("spring")
+    mr.solve(other).jacobian("rotation")  # wrong
 
 
 def any_robot(other: Other, some: mr.Assembly, tracker: mr.Tracker, result: mr.Solution) -> mr.Solution:
