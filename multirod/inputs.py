@@ -10,6 +10,7 @@ import numpy as np
 
 from multirod.batch import IntArray, take
 from multirod.profile import Profile, fit
+from multirod.types import Index
 from multirod.validation import FloatArray, array, unknown_names
 
 
@@ -172,11 +173,12 @@ class Inputs:
         result.batch_shape = self.batch_shape
         return result
 
-    def __getitem__(self, index: Any) -> "Inputs":
+    def __getitem__(self, index: Index) -> "Inputs":
         """The inputs of some instances: ``inputs[k]`` takes the k-th along the first batch axis."""
-        arrays = {name: np.broadcast_to(a, (*self.batch_shape, a.shape[-1]))[index] for name, a in self._arrays.items()}
+        chosen: Any = index
+        arrays = {name: np.broadcast_to(a, (*self.batch_shape, a.shape[-1]))[chosen] for name, a in self._arrays.items()}
         result = self.with_arrays(arrays)
-        result.batch_shape = np.shape(np.broadcast_to(0.0, self.batch_shape)[index])
+        result.batch_shape = np.shape(np.broadcast_to(0.0, self.batch_shape)[chosen])
         return result
 
     def take(self, batch_shape: tuple[int, ...], instances: IntArray) -> "Inputs":

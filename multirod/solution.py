@@ -24,7 +24,7 @@ from multirod.segments import taken
 from multirod.solver import Outcome
 from multirod.stability import Modes, Stability, modes_of
 from multirod.status import Status, failures
-from multirod.types import Index, Name, Named, StabilityOrArray, StatusOrArray
+from multirod.types import Index, Name, Named, Numbers, Quantity, QuantityOverTime, StabilityOrArray, StatusOrArray
 from multirod.validation import FloatArray, choice, frozen, positive_int, refuse, shown
 
 if TYPE_CHECKING:
@@ -543,12 +543,12 @@ class Solution(Generic[Robot_co]):
 
     def plot(
         self,
-        quantity: str = "shape",
+        quantity: Quantity = "shape",
         *,
         ax: Any = None,
         rod: int | str | None = None,
         instances: int = 20,
-        colour_by: Any = None,
+        colour_by: str | Numbers | None = None,
         colour_label: str = "",
         nodes: int | None = None,
         frames: bool = True,
@@ -593,7 +593,7 @@ class Solution(Generic[Robot_co]):
         """
         from multirod.plotting import plot_solution
 
-        options = {
+        options: dict[str, Any] = {
             "instances": instances,
             "colour_by": colour_by,
             "colour_label": colour_label,
@@ -774,13 +774,13 @@ class History(Solution[Robot_co]):
 
     def plot(
         self,
-        quantity: str = "shape",
+        quantity: QuantityOverTime = "shape",
         *,
         ax: Any = None,
         rod: int | str | None = None,
         instance: int | tuple[int, ...] = 0,
         instances: int = 12,
-        colour_by: Any = None,
+        colour_by: str | Numbers | None = None,
         colour_label: str = "",
         nodes: int | None = None,
         frames: bool = True,
@@ -831,7 +831,7 @@ class History(Solution[Robot_co]):
         """
         from multirod.plotting import plot_history
 
-        options = {
+        options: dict[str, Any] = {
             "instances": instances,
             "colour_by": colour_by,
             "colour_label": colour_label,

@@ -8,7 +8,7 @@ function takes one, ``mr.Status(int(solution.status))`` says that it is one. A `
 
 from collections.abc import Callable, Sequence
 from types import EllipsisType
-from typing import TYPE_CHECKING, Any, ParamSpec, Protocol, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, ParamSpec, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,6 +79,27 @@ else:  # ``help`` shows these by their names, not what they stand for
 
     StatusOrArray = Status | NDArray[np.int32]
     StabilityOrArray = Stability | NDArray[np.int32]
+
+Quantity: TypeAlias = Literal["shape", "curvature", "moment", "force", "strain"]
+"""What ``Solution.plot`` draws."""
+
+QuantityOverTime: TypeAlias = Literal[
+    Quantity,
+    "tip",
+    "inputs",
+    "unknowns",
+    "residual",
+    "condition",
+    "smallest_singular_value",
+    "energy",
+    "stability_margin",
+    "iterations",
+    "integrations",
+    "step_time",
+    "tension",
+    "line_length",
+]
+"""What ``History.plot`` draws."""
 
 P = ParamSpec("P")
 Name = TypeVar("Name")

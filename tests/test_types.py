@@ -18,6 +18,7 @@ import programs
 import pytest
 
 import multirod as mr
+from multirod import types
 from multirod.models.assemblies import inputs as typed
 
 ROOT = Path(__file__).parent.parent
@@ -201,6 +202,12 @@ def test_help_lists_the_inputs_with_units_and_shapes(name):
 def test_help_calls_types_by_their_names(thing):
     text = pydoc.plain(pydoc.render_doc(thing))
     assert not re.search(r"SupportsArray|P\.args|Sequence\[collections", text)
+
+
+def test_typed_quantities_are_those_that_plots_draw():
+    plots = pytest.importorskip("multirod.plotting.plots")
+    assert get_args(types.Quantity) == plots.OF_SOLUTIONS
+    assert set(get_args(types.QuantityOverTime)) == set(plots.OF_HISTORIES)
 
 
 def test_the_package_shows_its_public_names():

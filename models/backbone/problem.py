@@ -35,6 +35,7 @@ from multirod.profile import DEGREE, interpolate
 from multirod.reuse import reusable
 from multirod.rod import Rod, RodArrays, lower
 from multirod.segments import taken
+from multirod.types import Numbers
 from multirod.validation import Described, FloatArray, refuse
 
 STEP_LIMIT = 100_000
@@ -664,7 +665,7 @@ class BackboneAssembly(Assembly):
     length_columns: ClassVar[bool] = True
     transmission: ClassVar[bool] = False  # whether the rods twist behind the base plate
 
-    def __init__(self, rods: tuple[Rod, ...], base: Any) -> None:
+    def __init__(self, rods: tuple[Rod, ...], base: Numbers | None) -> None:
         field = f"{type(self).__name__}.base"
         self.rods = rods
         self.base = pose(field, base)

@@ -89,6 +89,12 @@ shape = solution.rod("inner", nodes=11)
 shape.curvature.max()
 shape.curvatures  # wrong
 
+solution.plot("curvature", colour_by="residual")
+solution.plot("curvatur")  # wrong
+solution.plot("tip")  # wrong
+inputs[0:5].without(["gravity"])
+inputs["gravity"]  # wrong
+
 # ---- one instance or a batch: no checker can tell ----
 
 single: mr.Status = mr.Status(int(solution.status))
@@ -113,6 +119,8 @@ history.jacobian("rotatoin")  # wrong
 statuses: NDArray[np.int32] = history.status
 history.status.message  # wrong
 history.step_time.max()
+history.plot("tip")
+history.plot("tipp")  # wrong
 history[3].status.message
 found = mr.equilibria(robot, inputs)
 found.jacobian("tip_force")
