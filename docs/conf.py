@@ -5,7 +5,7 @@ from enum import IntEnum
 from importlib import import_module
 from pathlib import Path
 from shutil import copyfile
-from typing import Any
+from typing import Any, get_origin
 
 import multirod as mr
 
@@ -86,8 +86,8 @@ def complete(app: object, docname: str, source: list[str]) -> None:
 
 
 def only_public(app: object, name: str, thing: object, options: object, bases: list[type]) -> None:
-    """Name the bases that users name."""
-    bases[:] = filter(public, bases)
+    """Name the bases that users name, without their parameters."""
+    bases[:] = [get_origin(base) or base for base in bases if public(base)]
 
 
 def adapt(app: object, what: str, name: str, thing: object, options: object, lines: list[str]) -> None:
