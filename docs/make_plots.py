@@ -1,4 +1,4 @@
-"""The pictures of docs/plotting.md: runs the page's code and writes each plot to docs/images.
+"""The plots on pages: runs the code of README.md and docs/plotting.md, and writes each picture to docs/images.
 
 python docs/make_plots.py [--out FOLDER]
 """
@@ -7,20 +7,23 @@ import argparse
 import os
 import re
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-DOCS = Path(__file__).parent
+ROOT = Path(__file__).resolve().parent.parent
 PICTURES = {
-    "plot_shape": "solution.plot()",
-    "plot_curvature": 'solution.plot("curvature")',
-    "plot_hexapod": "loaded.plot()",
-    "plot_hexapod_moment": 'loaded.plot("moment")',
-    "plot_family": 'batch.plot(colour_by=force, colour_label="tip force along x [N]")',
-    "plot_history": "history.plot()",
-    "plot_tip": 'history.plot("tip")',
-}  # each a line of the page
+    "README.md": {"readme": "solution.plot()"},
+    "docs/plotting.md": {
+        "plot_shape": "solution.plot()",
+        "plot_curvature": 'solution.plot("curvature")',
+        "plot_hexapod": "loaded.plot()",
+        "plot_hexapod_moment": 'loaded.plot("moment")',
+        "plot_family": 'batch.plot(colour_by=force, colour_label="tip force along x [N]")',
+        "plot_history": "history.plot()",
+        "plot_tip": 'history.plot("tip")',
+    },
+}  # of each page, and each a line of it
 DPI = 80
 
 
@@ -32,6 +35,18 @@ def run_page(page: Path) -> dict[str, Any]:
     return scope
 
 
+def draw(page: Path, pictures: Mapping[str, str], folder: Path) -> None:
+    """Run a page and write its pictures."""
+    from matplotlib import pyplot
+
+    scope = run_page(page)
+    for name, line in pictures.items():
+        pyplot.close("all")
+        axes = eval(line, scope)
+        figure = axes.flat[0].figure if hasattr(axes, "flat") else axes.figure
+        figure.savefig(folder / f"{name}.png", dpi=DPI, bbox_inches="tight", metadata={"Software": None})
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Write all pictures."""
     import matplotlib
@@ -40,21 +55,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     from matplotlib import pyplot
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=DOCS / "images")
+    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "images")
     folder = parser.parse_args(arguments).out.resolve()
     before = Path.cwd()
     with tempfile.TemporaryDirectory() as scratch:
-        os.chdir(scratch)  # where the page writes its files
+        os.chdir(scratch)  # where pages write their files
         try:
-            scope = run_page(DOCS.resolve() / "plotting.md")
+            for page, pictures in PICTURES.items():
+                draw(ROOT / page, pictures, folder)
         finally:
             os.chdir(before)
-    for name, line in PICTURES.items():
-        pyplot.close("all")
-        axes = eval(line, scope)
-        figure = axes.flat[0].figure if hasattr(axes, "flat") else axes.figure
-        figure.savefig(folder / f"{name}.png", dpi=DPI, bbox_inches="tight", metadata={"Software": None})
-    pyplot.close("all")
+            pyplot.close("all")
 
 
 if __name__ == "__main__":

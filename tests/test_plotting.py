@@ -463,15 +463,18 @@ def test_without_matplotlib_the_extra_is_named(solution, history, monkeypatch):
         history.plot("tip")
 
 
-def test_the_pictures_of_the_page_are_made_by_its_code(tmp_path, monkeypatch):
+def test_the_pictures_of_pages_are_made_by_their_code(tmp_path, monkeypatch):
     spec = importlib.util.spec_from_file_location("make_plots", ROOT / "docs" / "make_plots.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    page = (ROOT / "docs" / "plotting.md").read_text(encoding="utf-8")
-    assert {f"plot_{name}" for name in re.findall(r"images/plot_(.*?)\.png", page)} == set(module.PICTURES)
-    for line in module.PICTURES.values():
-        assert f"\n{line}" in page
-    module.main(["--out", str(tmp_path)])
-    for name in module.PICTURES:
+    for name, pictures in module.PICTURES.items():
+        page = (ROOT / name).read_text(encoding="utf-8")
+        assert set(re.findall(r"images/(plot_.*?|readme)\.png", page)) == set(pictures)
+        for line in pictures.values():
+            assert f"\n{line}" in page
+    page, pictures = ROOT / "docs" / "plotting.md", module.PICTURES["docs/plotting.md"]
+    monkeypatch.chdir(tmp_path)
+    module.draw(page, pictures, tmp_path)
+    for name in pictures:
         assert (tmp_path / f"{name}.png").stat().st_size > 10_000
         assert 10_000 < (ROOT / "docs" / "images" / f"{name}.png").stat().st_size < 150_000
