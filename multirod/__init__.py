@@ -36,6 +36,7 @@ if _typing.TYPE_CHECKING:
     from multirod.models.assemblies.single_rod import SingleRod
     from multirod.models.backbone.lines import Chamber, PushRod, Tendon
     from multirod.models.backbone.members import Member
+    from multirod.plausibility import PlausibilityWarning
     from multirod.problem import Block, BoundaryProblem, Shape
     from multirod.recording import Recorder
     from multirod.rod import Rod, Section
@@ -89,6 +90,7 @@ __all__ = [
     "Observer",
     "Outcome",
     "ParallelRods",
+    "PlausibilityWarning",
     "PushRod",
     "Recorder",
     "Rod",
@@ -136,6 +138,7 @@ _PUBLIC = {
     "integrators": "RK4 RK23 RK45 AdaptiveIntegrator FixedStepIntegrator Integrator Tableau",
     "models.assemblies.parallel_rods": "InverseParallelRods ParallelRods",
     "models.assemblies.single_rod": "SingleRod",
+    "plausibility": "PlausibilityWarning",
     "problem": "Block BoundaryProblem Shape",
     "recording": "Recorder",
     "rod": "Rod Section",

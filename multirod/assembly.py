@@ -2,11 +2,13 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cached_property
 from os import PathLike
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
+from multirod import plausibility
 from multirod.batch import IntArray
 from multirod.inputs import Inputs, InputSpec
 from multirod.problem import BoundaryProblem
@@ -23,6 +25,10 @@ if TYPE_CHECKING:
     from multirod.solver import Solver
 else:
     from typing import TypeVar
+
+
+ORTHOGONAL = 1e-8  # what R R^T of a rotation may be off the identity
+ROUNDED = 0.02  # that it may be off where digits were cut
 
 
 class Assembly(ABC):
@@ -105,7 +111,16 @@ class Assembly(ABC):
         Raises:
             TypeError: If a name is not one of ``input_specs``.
             ValueError: If a value is out of range, not finite or of a wrong shape, or the leading axes do not broadcast.
+
+        Warns:
+            PlausibilityWarning: Of what is allowed and hardly meant, such as angles in degrees.
         """
+        result = self.make_inputs(values)
+        plausibility.of_inputs(self, result)
+        return result
+
+    def make_inputs(self, values: Mapping[str, Any]) -> Inputs:
+        """``inputs(**values)``, of values that nobody gave: nothing is said of how plausible they are."""
         from multirod.models.backbone.inputs import DRIVES
 
         for name in values.keys() & DRIVES.keys():
@@ -226,7 +241,30 @@ class Assembly(ABC):
 
     def _reach(self, inputs: Inputs) -> float:
         """Largest arclength in use [m], for functions of arclength."""
-        return max(float(rod.length.max()) for rod in self.rods) + float(np.max(inputs.translation, initial=0.0))
+        return self.longest + float(np.max(inputs.translation, initial=0.0))
+
+    def bent_at_base(self, unknowns: FloatArray) -> FloatArray | None:
+        """Curvature less precurvature at the base of a single rod [1/m], shape (k, 2), by unknowns (k, n); None if these do not
+        tell."""
+        return None
+
+    @cached_property
+    def longest(self) -> float:
+        """Length of the longest rod [m]."""
+        return max(float(rod.length.max()) for rod in self.rods)
+
+    @cached_property
+    def stiffest(self) -> float:
+        """Bending stiffness of all rods together, where each is stiffest [N m^2]."""
+        return sum(max(float(np.max(section.bending_stiffness)) for section in rod.sections) for rod in self.rods)
+
+
+def _not_turned(R: FloatArray) -> str:
+    """What is wrong with matrices that are no rotations."""
+    off = float(np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max())
+    if off <= ORTHOGONAL:
+        return "its determinant is -1, a mirror image: a left-handed frame, or axes in another order"
+    return f"R R^T is off the identity by {off:.2g}" + (": it is rounded, give all digits" if off < ROUNDED else "")
 
 
 if TYPE_CHECKING:
@@ -245,8 +283,10 @@ def pose(field: str, value: Any) -> FloatArray:
     if not result.size:
         refuse(field, Described(f"array of shape {result.shape}"), "there must be a pose")
     R = result[..., :3, :3]
-    if np.abs(R).max() > 2 or np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max() > 1e-8 or (np.linalg.det(R) < 0).any():
-        refuse(field, value, "the upper left 3 x 3 block must be a rotation")
+    if np.abs(R).max() > 2 or np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max() > ORTHOGONAL or (np.linalg.det(R) < 0).any():
+        refuse(field, value, f"the upper left 3 x 3 block must be a rotation: {_not_turned(R)}")
     if np.abs(result[..., 3, :] - [0, 0, 0, 1]).max() > 0:
-        refuse(field, value, "the last row must be 0, 0, 0, 1")
+        hint = ": it is transposed" if np.abs(result[..., :3, 3]).max() == 0 else ""
+        refuse(field, value, f"the last row must be 0, 0, 0, 1{hint}")
+    plausibility.of_pose(field, result)
     return result

@@ -114,6 +114,14 @@ class Inputs:
         """The resolved function of arclength given for an input, if one was."""
         return self._profiles.get(name)
 
+    def array(self, name: str) -> FloatArray:
+        """Values of an input as they were given, their leading axes not broadcast."""
+        return self._arrays[name]
+
+    def spec(self, name: str) -> InputSpec:
+        """What the input of this name means."""
+        return self._specs[name]
+
     @property
     def specs(self) -> Mapping[str, InputSpec]:
         """What each input means, by name, given or not."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from multirod import profile
+from multirod import plausibility, profile
 from multirod.batch import take
 from multirod.types import AlongRod, Numbers, Precurvature
 from multirod.validation import (
@@ -200,7 +200,12 @@ class Rod:
     Raises:
         ValueError: If a parameter is out of range or of a wrong shape; the message names it, its value and what is allowed.
         TypeError: If both or neither of ``length`` and ``sections`` are given.
+
+    Warns:
+        PlausibilityWarning: Of what is allowed and hardly meant, such as a length in mm.
     """
+
+    _material: plausibility.Material | None = None  # what a tube was made of
 
     def __init__(
         self,
@@ -243,7 +248,7 @@ class Rod:
         else:
             for key in ("length", "bending_stiffness", "torsional_stiffness"):
                 if key not in properties:
-                    raise TypeError(f"Rod needs {key} (or sections)")
+                    raise TypeError(f"Rod needs {key} (or sections; Rod.wire and Rod.tube take moduli and diameters)")
             self.sections = _by_section(properties)
         if (self.length < SMALLEST).any():
             refuse(
@@ -264,6 +269,7 @@ class Rod:
             )
         except ValueError:
             raise ValueError(f"the batch axes of a rod's sections{' and lines' * bool(lines)} do not broadcast") from None
+        plausibility.of_rod(self, self._material)
 
     @classmethod
     def tube(
@@ -273,7 +279,8 @@ class Rod:
         outer_diameter: float,
         inner_diameter: float = 0.0,
         young_modulus: float,
-        shear_modulus: float,
+        shear_modulus: float | None = None,
+        poisson_ratio: float | None = None,
         precurvature: Precurvature | None = None,
         density: float = 0.0,
         magnetisation: Numbers | None = None,
@@ -282,7 +289,7 @@ class Rod:
         discs: float | None = None,
         name: str = "",
     ) -> "Rod":
-        """A round tube, or a wire when ``inner_diameter`` is 0: ``EI``, ``GJ`` and mass from its cross-section.
+        """A round tube: ``EI``, ``GJ`` and mass from its cross-section.
 
         Args:
             length: Arclength [m].
@@ -290,6 +297,7 @@ class Rod:
             inner_diameter: [m].
             young_modulus: ``E`` [Pa].
             shear_modulus: ``G`` [Pa].
+            poisson_ratio: Instead, ``E/(2G) - 1``.
             precurvature: As for ``Rod``.
             density: Mass per volume [kg/m^3].
             magnetisation: Magnetic moment per volume in the material frame [A/m], three numbers; ``Rod`` itself takes it per
@@ -301,12 +309,16 @@ class Rod:
 
         Raises:
             ValueError: If a value is out of range, or the inner diameter is not smaller than the outer.
+            TypeError: If both of ``shear_modulus`` and ``poisson_ratio`` are given.
+
+        Warns:
+            PlausibilityWarning: Of what is allowed and hardly meant, such as moduli in GPa.
         """
         outer, inner = _diameters(outer_diameter, inner_diameter)
         if outer is None or inner is None:
             refuse("Rod.outer_diameter" if outer is None else "Rod.inner_diameter", None, "must be a number")
         E = positive_array("Rod.young_modulus", young_modulus)
-        G = positive_array("Rod.shear_modulus", shear_modulus)
+        G = _shear_modulus(E, shear_modulus, poisson_ratio)
         rho = nonnegative_float("Rod.density", density)
         with np.errstate(over="ignore", under="ignore", invalid="ignore"):
             I = math.pi / 64 * (np.float64(outer) ** 4 - np.float64(inner) ** 4)
@@ -319,15 +331,77 @@ class Rod:
                 refuse(f"Rod.{field_name}", given, f"must make EI and GJ from {SMALLEST:g} to {LARGEST:g} N m^2")
         if not mass <= LARGEST:
             refuse("Rod.density", density, f"must make the mass per length at most {LARGEST:g} kg/m")
-        return cls(
+        if magnetisation is not None:
+            magnetisation = array("Rod.magnetisation", magnetisation, (3,))
+            plausibility.of_tube_magnetisation(magnetisation)
+        result = cls.__new__(cls)
+        result._material = plausibility.Material(E, G, rho)
+        result.__init__(  # type: ignore[misc]  # which says what is not plausible of moduli by their own names
             length=length,
             bending_stiffness=EI[..., None],
             torsional_stiffness=GJ,
             precurvature=precurvature,
             linear_density=float(mass),
-            magnetisation=None if magnetisation is None else float(A) * array("Rod.magnetisation", magnetisation, (3,)),
+            magnetisation=None if magnetisation is None else float(A) * magnetisation,
             outer_diameter=outer,
             inner_diameter=inner,
+            members=members,
+            lines=lines,
+            discs=discs,
+            name=name,
+        )
+        del result._material  # no part of what a rod is
+        return result
+
+    @classmethod
+    def wire(
+        cls,
+        *,
+        length: Numbers,
+        diameter: float,
+        young_modulus: float,
+        shear_modulus: float | None = None,
+        poisson_ratio: float | None = None,
+        precurvature: Precurvature | None = None,
+        density: float = 0.0,
+        magnetisation: Numbers | None = None,
+        members: Sequence["Member"] = (),
+        lines: Sequence["Line"] = (),
+        discs: float | None = None,
+        name: str = "",
+    ) -> "Rod":
+        """A solid round wire: ``EI``, ``GJ`` and mass from its cross-section.
+
+        Args:
+            length: Arclength [m].
+            diameter: [m].
+            young_modulus: ``E`` [Pa].
+            shear_modulus: ``G`` [Pa].
+            poisson_ratio: Instead, ``E/(2G) - 1``.
+            precurvature: As for ``Rod``.
+            density: Mass per volume [kg/m^3].
+            magnetisation: As for ``Rod.tube``, per volume [A/m].
+            members: As for ``Rod``.
+            lines: As for ``Rod``.
+            discs: As for ``Rod``.
+            name: As for ``Rod``.
+
+        Raises:
+            ValueError: If a value is out of range.
+            TypeError: If both of ``shear_modulus`` and ``poisson_ratio`` are given.
+
+        Warns:
+            PlausibilityWarning: Of what is allowed and hardly meant, such as a diameter in mm.
+        """
+        return cls.tube(
+            length=length,
+            outer_diameter=positive_float("Rod.diameter", diameter),
+            young_modulus=young_modulus,
+            shear_modulus=shear_modulus,
+            poisson_ratio=poisson_ratio,
+            precurvature=precurvature,
+            density=density,
+            magnetisation=magnetisation,
             members=members,
             lines=lines,
             discs=discs,
@@ -399,6 +473,24 @@ def _lines(given: Any, rod: Rod) -> "tuple[Line, ...]":
     refuse_redundant(given, any(np.isfinite(section.axial_stiffness).any() for section in rod.sections))
     refuse_beside_friction(given, rod.members, rod.discs)
     return tuple(line.on(rod.sections, rod.discs or 0.0) for line in given)
+
+
+def _shear_modulus(E: FloatArray, shear_modulus: Any, poisson_ratio: Any) -> FloatArray:
+    """``G`` [Pa], given or by Poisson's ratio."""
+    if poisson_ratio is None:
+        if shear_modulus is None:
+            refuse("Rod.shear_modulus", None, "must be a number, or give poisson_ratio")
+        return positive_array("Rod.shear_modulus", shear_modulus)
+    if shear_modulus is not None:
+        raise TypeError("Rod.tube and Rod.wire take shear_modulus or poisson_ratio, not both")
+    ratio = number("Rod.poisson_ratio", poisson_ratio)
+    if not -1 < ratio <= 0.5:
+        refuse(
+            "Rod.poisson_ratio",
+            poisson_ratio,
+            "must be > -1 and <= 0.5: no other is of a material that is alike in all directions",
+        )
+    return np.asarray(E / (2 * (1 + ratio)))
 
 
 def _diameters(outer: float | None, inner: float | None) -> tuple[float | None, float | None]:

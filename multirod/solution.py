@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod import plausibility
 from multirod.assembly import Assembly, Robot_co
 from multirod.batch import IntArray, parts, run, take
 from multirod.capabilities import Lines
@@ -25,7 +26,7 @@ from multirod.solver import Outcome
 from multirod.stability import Modes, Stability, modes_of
 from multirod.status import Status, failures
 from multirod.types import Index, Name, Named, Numbers, Quantity, QuantityOverTime, StabilityOrArray, StatusOrArray
-from multirod.validation import FloatArray, choice, frozen, positive_int, refuse, shown
+from multirod.validation import FloatArray, choice, frozen, meant, positive_int, refuse, shown
 
 if TYPE_CHECKING:
     from multirod.models.backbone.lines import Line
@@ -105,6 +106,7 @@ class Solution(Generic[Robot_co]):
         self._inputs = inputs  # of the whole batch
         self._instances = instances  # of it, in the order of the records; None is all
         self._last_shapes: tuple[int, tuple[tuple[Shape, ...], FloatArray]] | None = None
+        self._strain_said = False
 
     def __getitem__(self, index: Index) -> "Solution[Robot_co]":
         """The solution of some instances: ``index`` as for an array with the leading axes ``batch_shape``.
@@ -118,6 +120,19 @@ class Solution(Generic[Robot_co]):
         chosen = flat if self._instances is None else self._instances[flat]
         scene = replace(self._scene, batch_shape=rows.shape)
         return Solution(scene, self._records[flat], self._outcome.take(flat), self._whole, chosen)
+
+    def mind_strain(self, shapes: tuple[Shape, ...] | None = None) -> None:
+        """Warn once, by a ``PlausibilityWarning``, where the outer fibre of a rod is strained more than it bears.
+
+        At the base of a single rod, as soon as it is solved; everywhere once its shape is asked for.
+        """
+        if self._strain_said or all(rod.outer_diameter is None for rod in self.assembly.rods):
+            return
+        if shapes is None:
+            unknowns = self._records[:, self._scene.fields["unknowns"]]
+            self._strain_said = plausibility.of_bases(self.assembly, unknowns, self._failed)
+        else:
+            self._strain_said = plausibility.of_shapes(self.assembly, shapes, self._failed)
 
     @property
     def dropped(self) -> tuple["Dropped", ...]:
@@ -459,7 +474,8 @@ class Solution(Generic[Robot_co]):
         choice("of", of, ("pose", "line_length"))
         specs = {spec.name: spec for spec in self.assembly.input_specs}
         if not isinstance(name, str) or name not in specs:
-            raise TypeError(f"jacobian(name) takes no {shown(name)}: it takes " + ", ".join(specs))
+            hint = meant(name, specs) if isinstance(name, str) else ""
+            raise TypeError(f"jacobian(name) takes no {shown(name)}: it takes " + ", ".join(specs) + hint)
         twin = specs[name].dead_twin
         if twin and not self.inputs.is_active(name):
             # a follower force is an unknown's worth of equations more, but to first order only its direction counts
@@ -669,6 +685,7 @@ class Solution(Generic[Robot_co]):
         kept = self._last_shapes
         if kept is None or kept[0] != node_count:
             self._last_shapes = kept = node_count, self._all_shapes(node_count)
+            self.mind_strain(kept[1][0])
         return kept[1]
 
     def _all_shapes(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:

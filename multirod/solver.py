@@ -5,7 +5,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, field
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,9 +114,11 @@ class Solver(ABC):
 
     Attributes:
         integrator: Of the spatial equations.
+        needs_dt: Whether ``track`` goes by the time between samples; if not, a ``Tracker`` may give it NaN.
     """
 
     integrator: Integrator = RK45()
+    needs_dt: ClassVar[bool] = False
     pose_sensitivities: bool = False
     direction_count: int = 0
 

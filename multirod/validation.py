@@ -3,6 +3,7 @@
 import math
 import os
 from collections.abc import Iterable
+from difflib import get_close_matches
 from numbers import Real
 from pathlib import Path
 from typing import Any, NoReturn
@@ -15,7 +16,33 @@ FloatArray = NDArray[np.float64]
 LARGEST_INT = 2**31 - 1  # counts are kept in 32 bits
 LARGEST = 1e50  # in SI units: products of several such numbers are still floats, and no robot is larger
 SMALLEST = 1 / LARGEST
+_OTHER_NAMES = {
+    **dict.fromkeys(("force", "load", "wrench", "tip_load", "tip_wrench"), "tip_force"),
+    **dict.fromkeys(("moment", "torque", "tip_torque"), "tip_moment"),
+    **dict.fromkeys(("angle", "angles", "theta", "alpha", "base_angle"), "rotation"),
+    **dict.fromkeys(("insertion", "feed", "beta", "shift"), "translation"),
+    **dict.fromkeys(("g", "acceleration", "weight"), "gravity"),
+    **dict.fromkeys(("tensions", "tendon_force", "tendon_tension", "pull"), "tension"),
+    **dict.fromkeys(("field", "b", "magnetic"), "magnetic_field"),
+}  # what names of inputs are called elsewhere
 LONGEST = 500  # characters of a value that an error shows
+
+
+_POSE_HINTS: dict[tuple[int, ...], str] = {
+    (3, 3): "of a rotation alone, make a pose: np.eye(4), its [:3, :3] the rotation",
+    (3, 4): "the last row 0, 0, 0, 1 is missing",
+    (3,): "of a position alone, make a pose: np.eye(4), its [:3, 3] the position",
+    (6,): "of position and angles, make a pose: np.eye(4), its [:3, 3] the position, its [:3, :3] the rotation",
+    (7,): "of position and quaternion, make a pose: np.eye(4), its [:3, 3] the position, its [:3, :3] the rotation",
+    (16,): "reshape it to (..., 4, 4)",
+}  # by last axes
+_VECTOR_HINTS: dict[tuple[int, ...], str] = {
+    (): "one number has no direction: give x, y and z, such as (0, 0, -1)",
+    (1,): "one number has no direction: give x, y and z, such as (0, 0, -1)",
+    (2,): "in a plane the third is 0",
+    (4,): "without a fourth for homogeneous coordinates",
+    (6,): "a wrench is two inputs, tip_force and tip_moment",
+}
 
 
 class Described(str):
@@ -140,7 +167,8 @@ def choice(field: str, value: object, allowed: Iterable[str]) -> str:
     """One of the names in ``allowed``."""
     options = tuple(allowed)
     if not isinstance(value, str) or value not in options:
-        refuse(field, value, "must be one of " + ", ".join(repr(option) for option in options))
+        hint = meant(value, options) if isinstance(value, str) else ""
+        refuse(field, value, "must be one of " + ", ".join(repr(option) for option in options) + hint)
     return value
 
 
@@ -168,7 +196,8 @@ def array(field: str, value: Any, tail: tuple[int, ...] = (), *, finite: bool = 
     with np.errstate(over="ignore"):  # from longer floats
         result = given.astype(np.float64)
     if tail and result.shape[-len(tail) :] != tail:
-        refuse(field, value if result.size < 20 else Described(f"array of shape {result.shape}"), f"must have {wanted}")
+        given = value if result.size < 20 else Described(f"array of shape {result.shape}")
+        refuse(field, given, f"must have {wanted}{_shape_meant(result.shape, tail)}")
     if finite and not np.isfinite(result).all():
         refuse(field, value if result.size < 20 else Described(f"array of shape {result.shape}"), "must be finite")
     if finite and (np.abs(result) > LARGEST).any():
@@ -179,6 +208,22 @@ def array(field: str, value: Any, tail: tuple[int, ...] = (), *, finite: bool = 
         )
     result.flags.writeable = False
     return result
+
+
+def _shape_meant(shape: tuple[int, ...], tail: tuple[int, ...]) -> str:
+    """What was probably meant by an array of the wrong shape, as the end of a message."""
+    hint = ""
+    if len(tail) == 1 and len(shape) > 1 and shape[-2] == tail[0]:
+        hint = f"it is transposed: give its .T, shape {(*shape[:-2], shape[-1], shape[-2])}"
+    elif tail == (4, 4):
+        hint = _POSE_HINTS.get(shape[-2:], _POSE_HINTS.get(shape[-1:], ""))
+    elif tail == (3,):
+        hint = _VECTOR_HINTS.get(shape[-1:], "")
+    elif tail == (2,) and shape[-1:] == (3,):
+        hint = "in the plane of the section, two numbers"
+    elif len(tail) == 1 and len(shape) == 1:
+        hint = f"one column for each of {tail[0]}, also where all are the same"
+    return f"; {hint}" if hint else ""
 
 
 def _hides(value: object) -> bool:
@@ -239,4 +284,12 @@ def unknown_names(owner: str, given: Iterable[str], allowed: Iterable[str]) -> N
     options = tuple(allowed)
     for name in given:
         if name not in options:
-            raise TypeError(f"{owner} takes no {name!r}: it takes " + ", ".join(options))
+            raise TypeError(f"{owner} takes no {name!r}: it takes " + ", ".join(options) + meant(name, options))
+
+
+def meant(name: str, options: Iterable[str]) -> str:
+    """The option that was probably meant by a name that is none, as the end of a message."""
+    options = tuple(options)
+    close = [option for option in options if option == _OTHER_NAMES.get(name.lower())]
+    close = close or get_close_matches(name, options, 1) or [o for o in options if name.lower() == o.lower()]
+    return f"; did you mean {close[0]!r}?" if close else ""

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any, ClassVar, Literal, TypeAlias, get_args
 
 import numpy as np
 import warp as wp
@@ -67,6 +67,8 @@ class Observer(Solver):
     Raises:
         ValueError: If a field is out of range, or a matrix is not symmetric positive definite.
     """
+
+    needs_dt: ClassVar[bool] = True
 
     R: Numbers = 120.0
     Q: Numbers = 30.0

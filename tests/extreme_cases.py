@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from leg_equations import LegEquations
+from meant import meant
 from random_scenes import draw
 from reference_branch import ReferenceBranch
 from test_cases import robot_and_inputs
@@ -47,6 +48,7 @@ def pose(rotation=None, position=(0, 0, 0)):
     return result
 
 
+@meant()
 def stored(name, identity):
     """A stored reference case."""
     case = json.loads((DATA / f"{identity}.json").read_text(encoding="utf-8"))
@@ -58,6 +60,7 @@ def stored(name, identity):
     return Case(name, robot, inputs, tip, max(tube["length"] for tube in case["inputs"]["tubes"]), "stored")
 
 
+@meant()
 def straight_rod(name, tip, source, ratio=2.0, **loads):
     """A straight rod that is ``ratio`` times stiffer about x than about y."""
     robot = mr.SingleRod(mr.Rod(length=LENGTH, bending_stiffness=(ratio * EI, EI), torsional_stiffness=0.65 * EI))
@@ -86,6 +89,7 @@ def rolled_up(turns, ratio, axis):
     return straight_rod(f"rolled up {turns} times by a moment{axis}", (0, 0, 0), "closed", ratio, tip_moment=moment)
 
 
+@meant()
 def by_branch(name, sections, loads, intervals, first_step):
     """A rod whose branch is followed by ``ReferenceBranch``."""
     robot = mr.SingleRod(mr.Rod(sections=[mr.Section(**s) for s in sections]))

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 from leg_equations import LegEquations
+from meant import meant
 from random_scenes import direction, log_uniform
 from scipy.spatial.transform import Rotation
 
@@ -40,6 +41,7 @@ class Drawn:
     load: float
 
 
+@meant()
 def draw(number: int, seed: int = 0) -> Drawn:
     """Two to eight legs, some of them two tubes, in joints of all kinds, attachments spread and tilted, half of them loaded."""
     rng = np.random.default_rng([seed, number])

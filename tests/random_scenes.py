@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from meant import meant
 
 import multirod as mr
 
@@ -190,6 +191,7 @@ def _turn(axis, angle):
 KINDS = dict.fromkeys(SINGLE, single_rod) | dict.fromkeys(TUBES, concentric_tubes) | dict.fromkeys(LEGS, parallel_rods)
 
 
+@meant()
 def draw(kind, seed):
     """The scene of a kind and a seed."""
     return KINDS[kind](kind, np.random.default_rng([seed, list(KINDS).index(kind)]))

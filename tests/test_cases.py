@@ -1,7 +1,10 @@
 """Stored reference equilibria of one rod through the public contract."""
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
+from meant import meant
 from scipy.integrate import solve_ivp
 
 import multirod as mr
@@ -14,6 +17,7 @@ LOADS = {
     "follower_force": "tip_force_material",
     "follower_moment": "tip_moment_material",
 }
+EXTREME = ("14a_big_force_a1e+06_psi1p571", "14c_torsion_ratio_1e+06")  # of which a user is warned
 TIGHT = mr.Shooting(tolerance=1e-11, integrator=mr.RK45(rtol=1e-12, atol=1e-14))
 
 
@@ -22,6 +26,11 @@ def pair(a, b):
 
 
 def robot_and_inputs(case, make_pose):
+    with meant() if case["id"] in EXTREME else nullcontext():
+        return _robot_and_inputs(case, make_pose)
+
+
+def _robot_and_inputs(case, make_pose):
     stored = case["inputs"]["rods"][0]
     K, S = stored["K"], stored["S"]
     more = {"shear_stiffness": pair(S[0], S[1]), "axial_stiffness": S[2]} if S else {}

@@ -18,6 +18,8 @@ import pytest
 
 import multirod as mr
 
+pytestmark = pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")  # extremes are meant
+
 HUGE = 10**400
 NAN, INF = math.nan, math.inf
 

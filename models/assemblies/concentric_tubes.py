@@ -106,10 +106,13 @@ def _check_nesting(inner: Rod, outer: Rod, j: int, k: int) -> None:
     if thickness is None:
         return
     field = f"ConcentricTubes.tubes[{j}].outer_diameter"
+    fits = inner.inner_diameter is not None and outer.outer_diameter is not None and outer.outer_diameter <= inner.inner_diameter
+    hint = "; tubes are listed innermost first" if fits else ""
     if outer.inner_diameter is not None and thickness > outer.inner_diameter:
-        refuse(field, thickness, f"must be <= the inner diameter of tubes[{k}], {outer.inner_diameter:g} m")
+        refuse(field, thickness, f"must be <= the inner diameter of tubes[{k}], {outer.inner_diameter:g} m{hint}")
     if outer.outer_diameter is not None and thickness >= outer.outer_diameter:
-        refuse(field, thickness, f"must be < the outer diameter of tubes[{k}], {outer.outer_diameter:g} m, which lies around it")
+        allowed = f"must be < the outer diameter of tubes[{k}], {outer.outer_diameter:g} m, which lies around it{hint}"
+        refuse(field, thickness, allowed)
 
 
 def refuse_behind_plate(inputs: Inputs, tubes: Sequence[Rod]) -> None:
@@ -119,7 +122,8 @@ def refuse_behind_plate(inputs: Inputs, tubes: Sequence[Rod]) -> None:
         _refuse_where(beta[..., k] > 0, beta, k, "must be <= 0: a tube starts behind the plate")
         limit = -float(np.min(tube.length))
         out = tube.length + beta[..., k] <= 0
-        _refuse_where(out, beta, k, f"must be > -length = {limit:g} m: the tube is pulled out of the plate")
+        millimetres = ", or is it in mm?" if np.any(out) and np.min(beta[..., k]) * 1e-3 > limit else ""
+        _refuse_where(out, beta, k, f"must be > -length = {limit:g} m: the tube is pulled out of the plate{millimetres}")
 
 
 def _refuse_where(wrong: Any, beta: FloatArray, k: int, allowed: str) -> None:

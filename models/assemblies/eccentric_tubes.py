@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 
+from multirod import plausibility
 from multirod.inputs import Inputs, InputSpec
 from multirod.models.assemblies.concentric_tubes import refuse_behind_plate
 from multirod.models.assemblies.inputs import EccentricTubesInput, EccentricTubesInputs, listed
@@ -54,6 +55,7 @@ class EccentricTubes(BackboneAssembly):
         if self.offsets.shape != (len(tubes), 2):
             refuse("EccentricTubes.offsets", f"shape {self.offsets.shape}", f"must be ({len(tubes)}, 2)")
         super().__init__(tuple(tubes), base)
+        plausibility.of_offsets(self.offsets, self.rods)
 
     if TYPE_CHECKING:
         _input_name: EccentricTubesInput

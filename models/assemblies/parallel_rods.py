@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, TypeAlias, Unpac
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod import plausibility
 from multirod.assembly import Assembly, pose
 from multirod.batch import IntArray
 from multirod.inputs import Inputs, InputSpec
@@ -111,6 +112,7 @@ class ParallelRods(Assembly):
             array("ParallelRods.platform_centre", platform_centre, (3,)),
         )
         self.rods = self.geometry.rods
+        plausibility.of_legs(self.geometry.base, self.geometry.platform, mass, self.rods)
         self._own_rods = [slice(a, b) for a, b in pairwise(self.geometry.first_rod.tolist())]
 
     @property

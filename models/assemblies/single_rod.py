@@ -42,7 +42,9 @@ class SingleRod(BackboneAssembly):
 
     def __init__(self, rod: Rod, *, base: Numbers | None = None) -> None:
         if not isinstance(rod, Rod):
-            raise TypeError(f"SingleRod takes a Rod, not {type(rod).__name__}")
+            several = isinstance(rod, (list, tuple)) and all(isinstance(item, Rod) for item in rod)
+            hint = ": of several rods, make ConcentricTubes, EccentricTubes or ParallelRods" if several else ""
+            raise TypeError(f"SingleRod takes a Rod, not {type(rod).__name__}{hint}")
         super().__init__((rod,), base)
         self._shortest = float(np.min(rod.length))
         self._pulled = min((-np.inf if line.rubs else line.reach for line in rod.lines), default=np.inf)

@@ -31,7 +31,7 @@ from multirod.models.backbone.stability import BackboneStability
 from multirod.models.backbone.starts import BackboneStarts
 from multirod.models.backbone.units import unit_stiffness
 from multirod.problem import Block, BoundaryProblem
-from multirod.profile import DEGREE, interpolate
+from multirod.profile import DEGREE, Profile, interpolate
 from multirod.reuse import reusable
 from multirod.rod import Rod, RodArrays, lower
 from multirod.segments import taken
@@ -708,6 +708,13 @@ class BackboneAssembly(Assembly):
     def arrays(self) -> RodArrays:
         """The rods as kernels read them."""
         return lower(self.rods)
+
+    def bent_at_base(self, unknowns: FloatArray) -> FloatArray | None:  # noqa: D102
+        rest = self.rods[0].sections[0].precurvature
+        rest = rest(0.0) if isinstance(rest, Profile) else rest
+        if self.rod_count > 1 or self.transmission or self.rods[0].carried or rest.ndim > 1:
+            return None
+        return np.asarray(unknowns[:, :2] - rest[:2])
 
     def with_rods(self, rods: Sequence[Rod]) -> Self:  # noqa: D102
         result = copy(self)

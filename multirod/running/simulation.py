@@ -11,6 +11,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from multirod import plausibility
 from multirod.assembly import Assembly, Robot
 from multirod.batch import IntArray, parts, run, thread_count
 from multirod.inputs import Inputs
@@ -36,7 +37,9 @@ def as_solver(robot: object, solver: object) -> Solver:
     if solver is None:
         return _DEFAULT
     if not isinstance(solver, Solver):
-        raise TypeError(f"solver must be a Solver such as Shooting(), not {type(solver).__name__}")
+        made = isinstance(solver, type) and issubclass(solver, Solver)
+        hint = f": make one, {solver.__name__}()" if made else ""  # type: ignore[attr-defined]
+        raise TypeError(f"solver must be a Solver such as Shooting(), not {type(solver).__name__}{hint}")
     return solver
 
 
@@ -111,7 +114,9 @@ def solve(
     with Watch("solving", count, progress) as watch:
         run(work, pieces, workers)
     scene = Scene(robot, batch_shape, method.integrator, device, results.fields, threads=workers, dropped=dropped)
-    return Solution(scene, results.records[0], results.outcome(), inputs, chosen)
+    solution = Solution(scene, results.records[0], results.outcome(), inputs, chosen)
+    solution.mind_strain()
+    return solution
 
 
 def simulate(
@@ -150,6 +155,8 @@ def simulate(
     device = device_name("device", device)
     inputs = robot.accept(inputs)
     time, dt = even_times(time)
+    if method.needs_dt and len(time) > 1:
+        plausibility.of_dt("time", dt)
     samples = len(time)
     if inputs.batch_shape and inputs.batch_shape[0] not in (1, samples):
         refuse("inputs", Described(f"leading axes {inputs.batch_shape}"), f"the first must be time, {samples} samples")
@@ -186,7 +193,7 @@ def simulate(
 
     with Watch("samples", samples, progress, shares=len(pieces)) as watch:
         run(work, pieces, workers)
-    return History(
+    history = History(
         Scene(robot, (samples, *batch_shape), method.integrator, device, results.fields, threads=workers, dropped=dropped),
         results.records.reshape(samples * count, results.records.shape[-1]),
         results.outcome(),
@@ -195,6 +202,8 @@ def simulate(
         step_time=step_time.sum(axis=0),
         description=", ".join([repr(method), *(f"without {term}" for term in dropped)]),
     )
+    history.mind_strain()
+    return history
 
 
 class Runner:

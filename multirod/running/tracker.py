@@ -1,11 +1,13 @@
 """One sample at a time: a solver in a control loop."""
 
+import math
 from inspect import Parameter, Signature
 from threading import Lock
 from typing import Any, Generic
 
 import numpy as np
 
+from multirod import plausibility
 from multirod.assembly import Assembly, Robot_co
 from multirod.exclusive import Uncopied
 from multirod.inputs import Inputs
@@ -27,6 +29,18 @@ def _broadcasts(shape: tuple[int, ...], target: tuple[int, ...]) -> bool:
         return False
 
 
+def _time_step(dt: float | None, solver: Solver) -> float:
+    """Time between samples [s]; NaN where there is none and the solver needs none."""
+    if dt is None:
+        if solver.needs_dt:
+            raise TypeError(f"Tracker needs dt, the time between samples [s]: {type(solver).__name__} goes by it")
+        return math.nan
+    positive_float("Tracker.dt", dt)
+    if solver.needs_dt:
+        plausibility.of_dt("Tracker.dt", float(dt))
+    return float(dt)
+
+
 class Tracker(Uncopied, Generic[Robot_co]):
     """A solver in a control loop: one sample a call, buffers and launches made once.
 
@@ -35,14 +49,14 @@ class Tracker(Uncopied, Generic[Robot_co]):
     Args:
         robot: The assembly.
         solver: ``Shooting()`` by default.
-        dt: Time between samples [s].
+        dt: Time between samples [s]; needed by solvers that have dynamics of their own, such as ``Observer``.
         inputs: At the start; their batch axes are kept. Loads not zero here are compiled in now: another load named
             later is compiled in when it first comes, which takes seconds once.
         guess: Unknowns at the first sample, as for ``solve``.
         device: Warp device.
 
     Raises:
-        TypeError, ValueError: If an argument is not what it must be.
+        TypeError, ValueError: If an argument is not what it must be, or the solver needs ``dt`` and there is none.
     """
 
     instead = "make a new Tracker(robot, solver=..., dt=..., inputs=tracker.inputs, guess=solution)"
@@ -52,14 +66,14 @@ class Tracker(Uncopied, Generic[Robot_co]):
         robot: Robot_co,
         *,
         solver: Solver | None = None,
-        dt: float,
+        dt: float | None = None,
         inputs: Inputs | None = None,
         guess: Solution | Numbers | None = None,
         device: str = "cpu",
     ) -> None:
         self._solver = as_solver(robot, solver)
         self._robot: Assembly = robot
-        self._dt = positive_float("Tracker.dt", dt)
+        self._dt = _time_step(dt, self._solver)
         self._device = device_name("Tracker.device", device)
         self._inputs = robot.accept(inputs)
         self._enabled: set[str] = set()

@@ -222,12 +222,7 @@ def natural_start(robot: Assembly, begin: Inputs, inputs: Inputs, method: Shooti
     if inputs.profiles:
         first[-1] = 0.0  # what multiplies functions of arclength
     if (first == last).all():
-        refuse(
-            "inputs",
-            inputs,
-            "nothing is raised: they are those at the start, by default the same without loads; to raise something else, such "
-            "as a rotation, give start=, the inputs at load factor 0",
-        )
+        refuse("inputs", inputs, _nothing_raised(inputs))
     problem.write("inputs", first)
     outcome = method.solve(problem)
     if failures(outcome.status)[0]:
@@ -249,17 +244,28 @@ def natural_start(robot: Assembly, begin: Inputs, inputs: Inputs, method: Shooti
     return branch, branch.first(unknowns)
 
 
+def _nothing_raised(inputs: Inputs) -> str:
+    """What is missing where inputs are those at the start."""
+    moved = [name for name in inputs.given if inputs.is_active(name) and inputs.spec(name).load is None]
+    what = "rotation" if "rotation" in moved or not moved else moved[0]
+    rest = ", ".join(f"{name}=inputs.{name}" for name in inputs.given if name != what and inputs.is_active(name))
+    return (
+        "nothing is raised: they are those at the start, and without start= that is the same inputs without loads; to raise the "
+        f"{what} from zero, give start=robot.inputs({rest})"
+    )
+
+
 def unloaded(robot: Assembly, inputs: Inputs) -> Inputs:
     """The same inputs without loads: forces, moments, gravity."""
     loads = {spec.name for spec in robot.input_specs if spec.load is not None}
-    return robot.inputs(**{name: getattr(inputs, name) for name in inputs.given if name not in loads})
+    return robot.make_inputs({name: getattr(inputs, name) for name in inputs.given if name not in loads})
 
 
 def _between(robot: Assembly, begin: Inputs, inputs: Inputs, factor: float) -> Inputs:
     """The inputs at a load factor."""
     names = {*begin.given, *inputs.given} - set(inputs.profiles)
     values = {name: getattr(begin, name) + factor * (getattr(inputs, name) - getattr(begin, name)) for name in names}
-    return robot.inputs(**values, **{name: _scaled(profile, factor) for name, profile in inputs.profiles.items()})
+    return robot.make_inputs(values | {name: _scaled(profile, factor) for name, profile in inputs.profiles.items()})
 
 
 def _scaled(profile: Profile, factor: float) -> Profile:

@@ -79,7 +79,7 @@ class Study:
         """One input by changes of its components, (k, size): a batch."""
         plain = {given: getattr(self.inputs, given) for given in self.inputs.given if given not in self.inputs.profiles}
         plain[name] = np.asarray(getattr(self.inputs, name)) + changes
-        return self.robot.inputs(**plain, **self.inputs.profiles)
+        return self.robot.make_inputs(plain | dict(self.inputs.profiles))
 
     @cached_property
     def near(self) -> FloatArray:

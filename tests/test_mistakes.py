@@ -1,0 +1,138 @@
+"""Mistakes that people make: each is refused, or warned of, by a message that says what was probably meant."""
+
+import math
+import warnings
+
+import numpy as np
+import pytest
+from meant import meant
+from mistakes import MISTAKES, PAGE, Mistake, page, said
+
+import multirod as mr
+
+WIRE = {"length": 0.4, "diameter": 1e-3, "young_modulus": 60e9}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES, ids=lambda mistake: mistake.name)
+def test_a_mistake_is_said(mistake: Mistake) -> None:
+    kind, message = said(mistake)
+    assert kind is mistake.kind, message
+    assert mistake.says in message
+
+
+def test_there_are_as_many_as_there_were_to_be() -> None:
+    assert len(MISTAKES) >= 69
+    assert len({mistake.name for mistake in MISTAKES}) == len({mistake.code for mistake in MISTAKES}) == len(MISTAKES)
+
+
+def test_the_page_lists_what_is_said() -> None:
+    assert PAGE.read_text(encoding="utf-8") == page(), "python tests/mistakes.py writes it anew"
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"length": 2.0, "diameter": 0.3e-3},  # a guide wire
+        {"length": 0.08, "diameter": 0.4e-3, "young_modulus": 3e6, "poisson_ratio": 0.5, "density": 1100.0},  # a soft micro-robot
+        {"length": 0.1, "diameter": 0.03, "young_modulus": 1.3e5, "poisson_ratio": 0.49, "density": 1070.0},  # of silicone
+        {"length": 0.6, "diameter": 125e-6, "young_modulus": 72e9, "poisson_ratio": 0.17, "density": 2200.0},  # a fibre
+        {"length": 5.0, "diameter": 0.02, "young_modulus": 230e9, "poisson_ratio": 0.2, "density": 1600.0},  # a boom of carbon
+        {"diameter": 1.2e-3, "precurvature": (1 / 0.02, 0, 0)},
+        {"precurvature": lambda s: (20 * s, 5, 0)},
+        {"length": (0.3, 0.4), "young_modulus": (60e9, 70e9)},
+    ],
+    ids=lambda given: ", ".join(given),
+)
+def test_what_is_built_is_plausible(given: dict) -> None:
+    robot = mr.SingleRod(mr.Rod.wire(**{"poisson_ratio": 0.3, **WIRE, **given}))
+    force = robot.stiffest / robot.longest**2
+    robot.inputs(rotation=math.pi / 2, tip_force=(100 * force, 0, 0))
+    robot.inputs(rotation=0.0, translation=0.02, tip_moment=(0, 10 * force * robot.longest, 0))
+    robot.inputs()
+
+
+def test_a_wire_is_a_tube_without_a_hole() -> None:
+    wire = mr.Rod.wire(**WIRE, shear_modulus=23e9, density=6450.0, precurvature=(3, 0, 0), name="w")
+    tube = mr.Rod.tube(length=0.4, outer_diameter=1e-3, young_modulus=60e9, shear_modulus=23e9, density=6450.0)
+    for name in ("bending_stiffness", "torsional_stiffness", "linear_density"):
+        assert np.array_equal(getattr(wire.sections[0], name), getattr(tube.sections[0], name))
+    assert wire.sections[0].bending_stiffness == pytest.approx([60e9 * math.pi / 64 * 1e-12] * 2)
+    assert (wire.outer_diameter, wire.inner_diameter, wire.name) == (1e-3, 0.0, "w")
+    assert vars(wire).keys() == vars(mr.Rod(length=1.0, bending_stiffness=1.0, torsional_stiffness=1.0)).keys()
+
+
+def test_poissons_ratio_takes_the_place_of_the_shear_modulus() -> None:
+    by_ratio, by_modulus = mr.Rod.wire(**WIRE, poisson_ratio=0.25), mr.Rod.wire(**WIRE, shear_modulus=24e9)
+    assert by_ratio.sections[0].torsional_stiffness == pytest.approx(by_modulus.sections[0].torsional_stiffness, rel=1e-14)
+    for value in (-1, 0.51, math.nan, "0.3", True):
+        with pytest.raises(ValueError, match=r"^Rod\.poisson_ratio = .* is not allowed"):
+            mr.Rod.wire(**WIRE, poisson_ratio=value)
+    with pytest.warns(mr.PlausibilityWarning, match="Poisson ratio of -0.3"):
+        mr.Rod.wire(**WIRE, poisson_ratio=-0.3)
+    with pytest.raises(ValueError, match=r"^Rod\.shear_modulus = None is not allowed: must be a number, or give poisson_ratio"):
+        mr.Rod.wire(**WIRE)
+
+
+@pytest.mark.parametrize("value", [0, -1e-3, math.nan, "1e-3", None, True])
+def test_the_diameter_of_a_wire_is_a_number_above_zero(value: object) -> None:
+    with pytest.raises(ValueError, match=r"^Rod\.diameter = .* is not allowed"):
+        mr.Rod.wire(**{**WIRE, "diameter": value}, poisson_ratio=0.3)
+
+
+def test_one_mistake_is_said_once() -> None:
+    with pytest.warns(mr.PlausibilityWarning) as caught:
+        mr.Rod.wire(**{**WIRE, "length": 400.0}, poisson_ratio=0.3)
+    assert len(caught) == 1
+    assert caught[0].filename == __file__
+
+
+def strained(solution: mr.Solution) -> list[str]:
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        solution.rod(0)
+    return [str(warning.message) for warning in caught]
+
+
+@pytest.fixture
+def thick(wire: mr.Rod) -> mr.SingleRod:
+    return mr.SingleRod(
+        mr.Rod(
+            length=0.4, bending_stiffness=wire.sections[0].bending_stiffness, torsional_stiffness=0.063814, outer_diameter=3e-3
+        )
+    )
+
+
+def test_strain_is_that_of_the_outer_fibre(thick: mr.SingleRod) -> None:
+    """By a moment M, EI u = M along the whole rod: the limit is where M d / (2 EI) is 8 %."""
+    EI = thick.rods[0].sections[0].bending_stiffness[0]
+    moment = 0.08 * 2 * EI / 3e-3
+    mr.solve(thick, thick.inputs(tip_moment=(0, 0.99 * moment, 0))).raise_if_failed()
+    with pytest.warns(mr.PlausibilityWarning, match=r"the outer fibre of the rod is strained by 8\.08 %, more than 8 %"):
+        mr.solve(thick, thick.inputs(tip_moment=[(0, 0.5 * moment, 0), (0, 1.01 * moment, 0)])).raise_if_failed()
+
+
+def test_strain_is_said_once_and_along_the_rod_when_its_shape_is_asked_for(thick: mr.SingleRod) -> None:
+    with pytest.warns(mr.PlausibilityWarning, match="strained"):
+        at_base = mr.solve(thick, thick.inputs(tip_force=(500.0, 0, 0)))
+    assert strained(at_base) == []
+    with meant():  # a tracker does not look
+        tracked = mr.Tracker(thick, inputs=thick.inputs(tip_force=(500.0, 0, 0))).step()
+    (message,) = strained(tracked)
+    assert message.startswith("solution: the outer fibre of the rod is strained by 10 %")
+
+
+def test_failed_instances_are_not_strained(thick: mr.SingleRod) -> None:
+    hopeless = mr.Shooting(max_iterations=1, max_continuation_steps=1, max_integrations=2, fallback=False)
+    solution = mr.solve(thick, thick.inputs(tip_force=(5000.0, 0, 0)), solver=hopeless)
+    assert solution.status.failed
+
+
+def test_a_tracker_takes_a_time_step_where_it_is_used(wire: mr.Rod) -> None:
+    robot = mr.SingleRod(wire)
+    inputs = robot.inputs(tip_force=(1, 0, 0))
+    steps = [mr.Tracker(robot, inputs=inputs, dt=dt).step() for dt in (None, 0.005)]
+    assert np.array_equal(*(step.tip_position for step in steps))
+    for solver in (mr.EnergyDescent(), mr.ScipyShooting(), mr.MultipleShooting()):
+        assert not solver.needs_dt
+    with pytest.raises(TypeError, match="Tracker needs dt, the time between samples .*: Observer goes by it"):
+        mr.Tracker(robot, inputs=inputs, solver=mr.Observer())
