@@ -334,9 +334,9 @@ class Rod:
         if magnetisation is not None:
             magnetisation = array("Rod.magnetisation", magnetisation, (3,))
             plausibility.of_tube_magnetisation(magnetisation)
-        result = cls.__new__(cls)
-        result._material = plausibility.Material(E, G, rho)
-        result.__init__(  # type: ignore[misc]  # which says what is not plausible of moduli by their own names
+        rod = cls.__new__(cls)
+        rod._material = plausibility.Material(E, G, rho)
+        rod.__init__(  # type: ignore[misc]  # which says what is not plausible of moduli by their own names
             length=length,
             bending_stiffness=EI[..., None],
             torsional_stiffness=GJ,
@@ -350,8 +350,8 @@ class Rod:
             discs=discs,
             name=name,
         )
-        del result._material  # no part of what a rod is
-        return result
+        del rod._material  # no part of what a rod is
+        return rod
 
     @classmethod
     def wire(

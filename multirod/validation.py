@@ -196,8 +196,8 @@ def array(field: str, value: Any, tail: tuple[int, ...] = (), *, finite: bool = 
     with np.errstate(over="ignore"):  # from longer floats
         result = given.astype(np.float64)
     if tail and result.shape[-len(tail) :] != tail:
-        given = value if result.size < 20 else Described(f"array of shape {result.shape}")
-        refuse(field, given, f"must have {wanted}{_shape_meant(result.shape, tail)}")
+        named = value if result.size < 20 else Described(f"array of shape {result.shape}")
+        refuse(field, named, f"must have {wanted}{_shape_meant(result.shape, tail)}")
     if finite and not np.isfinite(result).all():
         refuse(field, value if result.size < 20 else Described(f"array of shape {result.shape}"), "must be finite")
     if finite and (np.abs(result) > LARGEST).any():
