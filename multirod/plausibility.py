@@ -409,7 +409,7 @@ def of_inputs(robot: "Assembly", inputs: "Inputs") -> None:
         if name in ("rotation", "platform_rotation"):
             _of_angles(name, values, most)
         elif name == "gravity":
-            _of_gravity(values, most)
+            _of_gravity(values, most, robot)
         elif name == "magnetic_field" and most > FIELD:
             say(f"magnetic_field = {most:.6g} T is more than any scanner's; if it is in mT, give {1e-3 * most:.6g}")
         elif name == "pressure":
@@ -433,21 +433,19 @@ def _of_angles(name: str, values: FloatArray, most: float) -> None:
         say(f"{name} = {most:.6g} rad is {most / (2 * math.pi):.3g} turns; if it is in degrees, give {math.radians(most):.6g}")
 
 
-def _of_gravity(values: FloatArray, most: float) -> None:
+def _of_gravity(values: FloatArray, most: float, robot: "Assembly") -> None:
     size = float(np.linalg.norm(values, axis=-1).max())
     if size > GRAVITY:
         say(
             f"gravity = {size:.6g} m/s^2 is {size / 9.81:.3g} times that of the earth; if it is in mm/s^2, give {1e-3 * size:.6g}"
         )
-    elif size == 1.0 and most == 1.0:
+    elif size == 1.0 and any(rod.outer_diameter is not None for rod in robot.rods):  # others may be without units
         say("gravity = 1 m/s^2 is a tenth of that of the earth; if it is in g, or a direction, give 9.81 along it")
 
 
 def _of_place(name: str, most: float, robot: "Assembly") -> None:
     length = robot.longest
     limit = PUSHED * length if name == "translation" else REACH * length
-    if name == "displacement":
-        limit = length
     if most > limit:
         found = f"; if it is in mm, give {1e-3 * most:.6g}" if 1e-3 * most <= limit else ""
         say(f"{name} = {most:.6g} m is far for a rod of {length:.6g} m{found}")

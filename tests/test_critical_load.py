@@ -281,6 +281,7 @@ def test_what_cannot_be_excluded_is_said():
     assert "undecided ((3.14159265" in repr(found)
 
 
+@pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")
 def test_a_column_that_is_imperfect_by_a_little_only_bends():
     """The straight state passes by: it is another branch."""
     for bent in (1e-2, 1e-4, 1e-6):

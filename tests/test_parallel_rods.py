@@ -531,6 +531,7 @@ def test_a_leg_that_fails_fails_its_robot_alone():
     assert problem.fault.numpy().tolist()[0] == 0
 
 
+@pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")
 def test_impossible_instances_leave_the_others_alone():
     parallel = robot([ROD, SOFT, ROD])
     force = np.array([(0.1, 0, 0), (1e7, 0, 0), (0, 0.1, 0)])
@@ -603,6 +604,7 @@ QUESTIONS = {
 
 @pytest.mark.parametrize("failed", [False, True])
 @pytest.mark.parametrize("question", QUESTIONS)
+@pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")
 def test_a_question_to_a_solution_costs_one_integration(monkeypatch, question, failed):
     """Legs of one build are integrated together: one pass answers for all of them."""
     parallel = SCENES["two rods"]()

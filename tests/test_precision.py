@@ -147,6 +147,7 @@ def test_no_node_is_lost(wire, integrator):
     assert np.abs(tips[0] - tips[1]).max() < SINGLE_TOLERANCE * 3 * 0.4**2 + 0.4 * ROUNDED
 
 
+@pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")
 def test_step_control_comes_to_an_end():
     """At the finest tolerances allowed it takes about as many steps as double precision, however the rod is loaded."""
     robot, _ = loaded_rod()
@@ -298,6 +299,7 @@ def everything(length, stiffness):
     }
 
 
+@pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")
 def test_every_number_is_counted_in_natural_units():
     """A rod 1e6 times smaller and 2e13 times softer has the same numbers in them, to the last bit."""
     whole, small = everything(1.0, 1.0), everything(SMALL, SOFT)

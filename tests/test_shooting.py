@@ -329,6 +329,7 @@ def test_integrations_of_a_minimiser_are_counted(robot: mr.SingleRod, monkeypatc
     assert outcome.integrations[0] == len(calls)
 
 
+@pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")
 def test_minimiser_takes_each_instance_alone(robot: mr.SingleRod) -> None:
     solver = mr.ScipyShooting(integrator=INTEGRATOR, exact_gradient=True)
     force = np.array([(0, 1.0, 0), (0, 1e9, 0), (1.0, 0, 1.0)])
