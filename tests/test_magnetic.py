@@ -152,6 +152,7 @@ def test_a_batch_is_bitwise_what_each_is_alone():
         np.testing.assert_array_equal(batch.tip_position[k], alone.tip_position)
 
 
+@pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")
 def test_single_precision_finds_the_same_in_any_unit():
     for scale in (1e-3, 1.0, 1e3):
         rod = wire(length=LENGTH * scale, bending_stiffness=EI * scale**4, torsional_stiffness=GJ * scale**4)

@@ -495,6 +495,7 @@ def test_parallel_rods_have_an_entity_for_every_leg_and_tube(tripod_history, tmp
         np.testing.assert_allclose(origin[0], place, atol=1e-8)
 
 
+@pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")
 def test_thin_robot_is_drawn_thick_enough(tripod_history, tmp_path):
     tripod_history.save(tmp_path / "run.rrd")
     recording = Recording(tmp_path / "run.rrd")
