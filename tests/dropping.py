@@ -11,7 +11,6 @@ from time import process_time
 from typing import Any
 
 import numpy as np
-from meant import meant
 
 import multirod as mr
 from multirod.studies.terms import simplified
@@ -59,7 +58,6 @@ def or_rigid(stiffness: np.ndarray, kept: Mapping[str, np.ndarray], name: str) -
     return np.where(kept[name] > 0, stiffness, np.inf) if name in kept else stiffness
 
 
-@meant()
 def rods(random: np.random.Generator, count: int) -> Family:
     """Single rods, slender to stubby, straight to strongly precurved, under loads from none to strong."""
     length = log(random, 0.05, 2.0, count)
@@ -89,7 +87,6 @@ def rods(random: np.random.Generator, count: int) -> Family:
     return Family(build, ("tip_force", "gravity", "shear"), count, length)
 
 
-@meant()
 def columns(random: np.random.Generator, count: int) -> Family:
     """Straight rods pressed along their axis from far below their buckling load to beyond it, with a little weight across."""
     ones = np.ones(count)
@@ -113,7 +110,6 @@ def columns(random: np.random.Generator, count: int) -> Family:
     return Family(build, ("gravity", "shear"), count, ones)
 
 
-@meant()
 def tubes(random: np.random.Generator, count: int) -> Family:
     """Two concentric tubes, weakly to strongly precurved, under a tip force and their weight."""
     longer = log(random, 0.1, 0.5, count)
@@ -146,7 +142,6 @@ def tubes(random: np.random.Generator, count: int) -> Family:
     return Family(build, ("tip_force", "gravity", "torsion"), count, reach)
 
 
-@meant()
 def legs(random: np.random.Generator, count: int) -> Family:
     """Three legs clamped to a platform, pushed out by unequal amounts, under a force on the platform and their weight."""
     length = log(random, 0.2, 0.6, count)

@@ -37,6 +37,7 @@ def moved(robot: mr.Assembly, inputs: mr.Inputs, *names: str) -> float:
 
 
 @pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")
 def test_tips_stay_within_the_bound_asked_for(family):
     found = measure(FAMILIES[family](np.random.default_rng(2026), COUNT))
     for bound in BOUNDS:

@@ -112,6 +112,7 @@ def test_rk4_converges_to_the_floor(scene):
 @pytest.mark.parametrize(
     ("length", "stiffness"), [(0.1, 1e-37), (1e-12, 1e-37), (1000.0, 1e6), (1000.0, 1e30)], ids=lambda value: f"{value:g}"
 )
+@pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")
 def test_units_do_not_matter(length, stiffness):
     """Sections of 1e-12 m have EI = 1e-37 N m^2, which float32 does not hold: steps are taken in natural units."""
     scaled = {}

@@ -87,6 +87,7 @@ def test_reported_residual_is_that_of_the_unknowns(study: experiment.Motion, run
     np.testing.assert_allclose(gamma, runs["linear"].gamma, rtol=0, atol=1e-12)
 
 
+@pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")
 def test_a_sample_that_fails_does_not_stop_the_motion(robot: mr.SingleRod) -> None:
     force = np.tile((0, 1.0, 0), (6, 2, 1))
     force[:, :, 0] = np.linspace(0, 0.1, 6)[:, None]

@@ -148,6 +148,7 @@ def test_loads_without_a_potential_are_not_judged(wire):
         assert np.isnan(solution.potential)
 
 
+@pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")
 def test_rods_rigid_in_torsion_are_judged():
     """Euler's column has no use for torsion; a narrow cantilever that cannot twist does not tip over."""
     rigid = column(torsional_stiffness=np.inf)
