@@ -466,7 +466,7 @@ def _of_load(name: str, moment: bool, most: float, power: int, robot: "Assembly"
 # ---- solutions ----
 
 
-def of_bases(robot: "Assembly", unknowns: FloatArray, failed: Any) -> bool:
+def of_bases(robot: "Assembly", unknowns: FloatArray, left_out: Any) -> bool:
     """Warn of strain at the base of a single rod, which its unknowns tell; returns whether there is too much."""
     rod = robot.rods[0]
     if rod.outer_diameter is None:
@@ -474,11 +474,11 @@ def of_bases(robot: "Assembly", unknowns: FloatArray, failed: Any) -> bool:
     change = robot.bent_at_base(unknowns)
     if change is None:
         return False
-    change[failed] = 0.0
+    change[left_out] = 0.0
     return of_strain(rod, rod.name or "the rod", rod.outer_diameter / 2 * float(np.linalg.norm(change, axis=-1).max(initial=0.0)))
 
 
-def of_shapes(robot: "Assembly", shapes: "Sequence[Shape]", failed: Any) -> bool:
+def of_shapes(robot: "Assembly", shapes: "Sequence[Shape]", left_out: Any) -> bool:
     """Warn of strain along rods, by their moments and where they are stiffest; returns whether there is too much."""
     for k, (rod, shape) in enumerate(zip(robot.rods, shapes, strict=True)):
         if rod.outer_diameter is None:
@@ -488,7 +488,7 @@ def of_shapes(robot: "Assembly", shapes: "Sequence[Shape]", failed: Any) -> bool
         bent = np.linalg.norm(shape.moment[..., :2] / EI, axis=-1)
         strain = rod.outer_diameter / 2 * bent + np.abs(shape.force[..., 2]) / EA
         strain = np.where(np.isfinite(strain), strain, 0.0)
-        strain[failed] = 0.0
+        strain[left_out] = 0.0
         if of_strain(rod, rod.name or (f"rod {k}" if robot.rod_count > 1 else "the rod"), float(strain.max(initial=0.0))):
             return True
     return False

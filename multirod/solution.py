@@ -22,7 +22,7 @@ from multirod.problem import BoundaryProblem, LineShape, Shape
 from multirod.reuse import borrowed
 from multirod.segment_system import pose_jacobian
 from multirod.segments import taken
-from multirod.solver import Outcome
+from multirod.solver import SETTLED, Outcome
 from multirod.stability import Modes, Stability, modes_of
 from multirod.status import Status, failures
 from multirod.types import Index, Name, Named, Numbers, Quantity, QuantityOverTime, StabilityOrArray, StatusOrArray
@@ -124,15 +124,17 @@ class Solution(Generic[Robot_co]):
     def mind_strain(self, shapes: tuple[Shape, ...] | None = None) -> None:
         """Warn once, by a ``PlausibilityWarning``, where the outer fibre of a rod is strained more than it bears.
 
-        At the base of a single rod, as soon as it is solved; everywhere once its shape is asked for.
+        At the base of a single rod, as soon as it is solved; everywhere once its shape is asked for. Estimates and failures are
+        left out.
         """
         if self._strain_said or all(rod.outer_diameter is None for rod in self.assembly.rods):
             return
+        unsettled = ~np.isin(self._outcome.status.reshape(-1), SETTLED)
         if shapes is None:
             unknowns = self._records[:, self._scene.fields["unknowns"]]
-            self._strain_said = plausibility.of_bases(self.assembly, unknowns, self._failed)
+            self._strain_said = plausibility.of_bases(self.assembly, unknowns, unsettled)
         else:
-            self._strain_said = plausibility.of_shapes(self.assembly, shapes, self._failed)
+            self._strain_said = plausibility.of_shapes(self.assembly, shapes, unsettled)
 
     @property
     def dropped(self) -> tuple["Dropped", ...]:

@@ -340,6 +340,7 @@ def test_no_false_alarm_in_the_paper_run(long_rod: experiment.Motion, long_newto
     assert np.isfinite(flagged.tip_position).all()  # a warning, not a failure
 
 
+@pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")
 def test_overflow_is_a_failed_sample_and_its_neighbour_does_not_notice(robot: mr.SingleRod) -> None:
     force = np.tile((0, 1.0, 0), (5, 2, 1))
     ordinary = mr.simulate(robot, robot.inputs(tip_force=force), time=np.arange(5) * 0.005, solver=observer())
