@@ -8,6 +8,8 @@ import multirod as mr
 from multirod.solvers.continuation.acceptance import LARGEST_RATIO, RATIO_POWERS, SMALLEST_RATIO
 from multirod.solvers.newton.newton_kernels import NewtonState, make_iteration
 
+pytestmark = pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")  # extremes are meant
+
 N = 4
 
 

@@ -15,6 +15,8 @@ from multirod.models.backbone.kernels.numbers.lanes import lanes as numbers
 from multirod.models.backbone.kernels.numbers.vectors import vectors
 from multirod.models.backbone.problem import BackboneProblem
 
+pytestmark = pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")  # extremes are meant
+
 TIGHT = mr.RK45(rtol=1e-12, atol=1e-14)
 
 

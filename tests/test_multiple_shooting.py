@@ -22,6 +22,8 @@ from multirod.solvers.segments import path as segmented_path
 from multirod.solvers.segments.path import SegmentedPath, run_together
 from multirod.stability import Modes
 
+pytestmark = pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")  # extremes are meant
+
 EXTREME = (
     "14a_big_force_a400_psi1p571",
     "14a_big_force_a10000_psi1p571",
