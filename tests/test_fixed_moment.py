@@ -13,6 +13,8 @@ import multirod as mr
 from multirod.models.backbone.second_variation import certain_determinant
 from multirod.solvers.energy_descent import EnergyDescentTrack
 
+pytestmark = pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")  # extremes are meant
+
 L = 0.4
 STIFFNESS = (0.03, 0.05, 0.09)
 TURNS = (1, 7, 8.25, 10, 20)
