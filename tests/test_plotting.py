@@ -262,6 +262,7 @@ def test_loads_along_the_rod_and_moments_are_drawn(monkeypatch):
     np.testing.assert_allclose(lengths, lengths[-1] * shape.arclength[nodes] / 0.4, atol=1e-12)
 
 
+@pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")
 def test_strains_are_those_of_the_curvature_and_of_the_centreline():
     """Told by moment and stiffness; here by geometry."""
     rod = mr.Rod(
