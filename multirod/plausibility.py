@@ -240,9 +240,9 @@ def _twists_too_little(rod: "Rod") -> bool:
         GJ, EI = section.torsional_stiffness, section.bending_stiffness.sum(axis=-1)
         wrong = np.isfinite(GJ) & (GJ > TWISTING * EI)
         if wrong.any():
-            GJ, EI = (float(np.broadcast_to(value, wrong.shape)[wrong][0]) for value in (GJ, EI))
+            twisting, bending = (float(np.broadcast_to(value, wrong.shape)[wrong][0]) for value in (GJ, EI))
             say(
-                f"Rod.torsional_stiffness = {GJ:.6g} N m^2 is too much beside bending_stiffness = {EI / 2:.6g} N m^2: of one "
+                f"Rod.torsional_stiffness = {twisting:.6g} N m^2 is too much beside bending_stiffness = {bending / 2:.6g} N m^2: of one "
                 f"material GJ is at most about EI; are they exchanged, or in different units?"
             )
             return True
