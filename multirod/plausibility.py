@@ -242,8 +242,8 @@ def _twists_too_little(rod: "Rod") -> bool:
         if wrong.any():
             twisting, bending = (float(np.broadcast_to(value, wrong.shape)[wrong][0]) for value in (GJ, EI))
             say(
-                f"Rod.torsional_stiffness = {twisting:.6g} N m^2 is too much beside bending_stiffness = {bending / 2:.6g} N m^2: of one "
-                f"material GJ is at most about EI; are they exchanged, or in different units?"
+                f"Rod.torsional_stiffness = {twisting:.6g} N m^2 is too much beside bending_stiffness = {bending / 2:.6g} N m^2: "
+                "of one material GJ is at most about EI; are they exchanged, or in different units?"
             )
             return True
     return False
