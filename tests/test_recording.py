@@ -11,7 +11,9 @@ import rerun as rr
 from rerun.chunk import RrdReader
 
 import multirod as mr
-from multirod.recording import Recorder, save
+from multirod.recording import Recorder, layout, save
+from multirod.recording.framing import Extent, Frame
+from multirod.recording.profiles import stepped
 
 SOLVER = mr.Shooting(integrator=mr.RK4(20))
 SCALARS = (
@@ -96,15 +98,24 @@ class Recording:
         return np.array(self.column(path, "Scalars:scalars"))
 
 
+def arrows_of(recording, name):
+    """What arrows are drawn as in the scene, and from where."""
+    path = f"/world/loads/{name}"
+    scale = recording.column(path, "InstancePoses3D:scales", static=True)[-1][0]
+    vectors = [row for row in recording.column(path, "Arrows3D:vectors") if row]
+    origins = [row for row in recording.column(path, "Transform3D:translation") if row]
+    return np.array(vectors)[:, 0] * scale, np.array(origins)[:, 0]
+
+
 def assert_logarithms(found, values):
     """Within their rounding: how NumPy rounds them depends on how many it is given at once."""
     np.testing.assert_array_max_ulp(found, np.log10(values), maxulp=4)
 
 
 def views_of(path):
-    """Kinds of the views in the layout that a recording holds."""
+    """Kinds of the views in the layout that a recording opens with, the last that it holds."""
     reader = RrdReader(str(path))
-    (layout,) = reader.blueprints()
+    layout = list(reader.blueprints())[-1]
     found = set()
     for chunk in reader.stream(store=layout).collect().stream():
         batch = chunk.to_record_batch()
@@ -184,8 +195,11 @@ def test_radius_and_name_come_from_the_rod(tmp_path):
 def test_force_arrows_have_the_stated_scale(history, tmp_path):
     save(tmp_path / "run.rrd", history, force_scale=0.125)
     recording = Recording(tmp_path / "run.rrd")
-    arrows = np.array(recording.column("/world/loads/tip_force", "Arrows3D:vectors"))[:, 0]
+    arrows, _ = arrows_of(recording, "tip_force")
     np.testing.assert_allclose(arrows, 0.125 * history.inputs.tip_force, atol=1e-8)
+    ((legend,),) = recording.column("/legend", "TextDocument:text", static=True)
+    assert "yellow `tip_force`, 1 N is 125 mm" in legend
+    assert "follower_force" not in legend  # there is none
     (text,) = recording.column("/description", "TextDocument:text", static=True)
     assert "1 N is 125 mm" in text[0]
     assert "SingleRod" in text[0]
@@ -323,6 +337,8 @@ tracker = mr.Tracker(robot, solver=mr.Shooting(integrator=mr.RK4(20)), dt=0.02, 
 with Recorder(sys.argv[1], flush_every=10) as recorder:
     for k in range(1000):
         recorder.log(0.02 * k, tracker.step(rotation=0.001 * k))
+        if k == 100:
+            recorder.flush()
         if k == 105:
             os.kill(os.getpid(), getattr(signal, sys.argv[2]))
 """
@@ -538,9 +554,8 @@ def test_loads_on_a_platform_start_where_they_act(tripod_history, tmp_path):
     point = tripod_history.tip_position + np.einsum("tij,tj->ti", R, inputs.force_point)
     turned = np.einsum("tij,tj->ti", R, inputs.follower_force)
     for name, force in (("tip_force", inputs.tip_force), ("follower_force", turned)):
-        arrows = np.array(recording.column(f"/world/loads/{name}", "Arrows3D:vectors"))[:, 0]
-        np.testing.assert_allclose(arrows, 0.1 * force, atol=1e-8, err_msg=name)
-        origins = np.array(recording.column(f"/world/loads/{name}", "Arrows3D:origins"))[:, 0]
+        arrows, origins = arrows_of(recording, name)
+        np.testing.assert_allclose(arrows, 0.1 * force, atol=1e-7, err_msg=name)
         np.testing.assert_allclose(origins, point, atol=1e-7, err_msg=name)
 
 
@@ -748,3 +763,141 @@ def test_failed_samples_have_no_lines(tmp_path):
     (path,) = [path for path in recording.paths if path.startswith("/world/lines/")]
     assert [len(strips) for strips in recording.column(path, "LineStrips3D:strips")] == [10, 0, 10]
     assert np.isnan(recording.scalars("/lines/tension")[1]).all()
+
+
+def test_view_and_arrows_fit_what_comes_after_the_first_sample(tmp_path):
+    """The first sample is straight and unloaded; what follows is turned over and loaded ever more."""
+    robot = make_robot()
+    tracker = mr.Tracker(robot, solver=SOLVER, dt=0.02, inputs=robot.inputs(tip_force=(0, 0, 0.01)))
+    forces = 0.4 * np.arange(30)[:, None] * [0.5, 0.3, -1]
+    with Recorder(tmp_path / "run.rrd", flush_every=5) as recorder:
+        solutions = []
+        for k, force in enumerate(forces):
+            solutions.append(tracker.step(tip_force=force).raise_if_failed())
+            recorder.log(0.02 * k, solutions[-1])
+        recorder.flush()
+        stage = recorder._recording._writer.stage
+        frame = Frame.between(stage.centre, stage.eye)
+        for solution, force in zip(solutions, forces, strict=True):
+            tip = solution.tip_position
+            assert frame.shows(solution.rod(0).position)
+            assert frame.shows(np.array([tip + stage.force_scale * force, *(tip + 0.1 * stage.size * solution.tip_rotation.T)]))
+        longest = np.linalg.norm(forces, axis=1).max() * stage.force_scale
+        assert 0.05 * 0.4 < longest < 0.4
+    recording = Recording(tmp_path / "run.rrd")
+    vectors, _ = arrows_of(recording, "tip_force")
+    scale = recording.column("/world/loads/tip_force", "InstancePoses3D:scales", static=True)[-1][0][0]
+    np.testing.assert_allclose(vectors, scale * forces[np.abs(forces).max(axis=1) > 0], rtol=1e-6, atol=1e-8)
+    legend = recording.column("/legend", "TextDocument:text", static=True)[-1][0]
+    assert f"1 N is {1e3 * scale:.4g} mm" in legend
+
+
+def test_a_frame_shows_its_points_and_no_more_than_it_must():
+    points = np.random.default_rng(5).normal(size=(50, 3)) * [1, 2, 0.5] + [3, 0, 1]
+    frame = Frame(points)
+    assert frame.shows(points)
+    assert not frame.shows(frame.centre + 1.3 * (points - frame.centre))
+    few = Extent(points).points
+    assert len(few) < len(points) or len(few) == 50
+    np.testing.assert_allclose(Frame(few).eye, frame.eye, atol=0.1)  # of 96 directions, not all
+    assert frame.widened(3 * points).shows(3 * points)
+
+
+def test_precurvature_is_drawn_as_steps(tmp_path):
+    s = np.linspace(0, 1, 11)[None]
+    values = np.where(s <= 0.31, 1.0, 3.0)[..., None] + s[..., None]
+    x, y = stepped(s, values, np.array([[0.31, 1.5, -0.5]]))
+    at = np.flatnonzero(x[0] == 0.31)
+    np.testing.assert_allclose(y[0, at, 0], [1.31, 3.31])
+    assert (np.diff(x) >= 0).all()
+    x, y = stepped(s, np.where(s < 0.35, 1.0, 3.0)[..., None], np.array([[0.3]]))  # on a node, which has what was before
+    np.testing.assert_array_equal(y[0, np.flatnonzero(np.isclose(x[0], 0.3)), 0], [1, 1, 3])
+
+    sections = [(0.25, (0, 0, 0)), (0.15, (14, 5, 0))]
+    robot = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638, precurvature=sections))
+    save(tmp_path / "run.rrd", make_history(3, robot=robot))
+    recording = Recording(tmp_path / "run.rrd")
+    for row, shift in zip(recording.column("/curvature/rod_0", "LineStrips2D:strips"), 0.01 * 0.02 * np.arange(3), strict=True):
+        x, y = np.array(row)[0].T
+        jump = np.argmax(np.abs(np.diff(y)))
+        assert x[jump] == x[jump + 1]
+        np.testing.assert_allclose(x[jump] / x[-1], (0.25 + shift) / (0.4 + shift), rtol=1e-5)  # single precision
+
+
+def test_moment_force_and_strain_along_the_arclength(tmp_path):
+    robot = make_robot(outer_diameter=3e-3)
+    history = make_history(3, robot=robot)
+    save(tmp_path / "run.rrd", history, nodes=11)
+    recording, shape = Recording(tmp_path / "run.rrd"), history.rod(0, nodes=11)
+    strain = 100 * 1.5e-3 * np.linalg.norm(shape.moment[..., :2], axis=-1, keepdims=True) / 0.2233
+    for name, values in (("moment", shape.moment), ("force", shape.force), ("strain", strain)):
+        drawn = np.array(recording.column(f"/{name}/rod_0", "LineStrips2D:strips"))[..., 1]
+        ((top, *_),) = [row for row in recording.column(f"/{name}/axes/labels", "Points2D:labels") if row]
+        height = 0.5 - drawn if name == "strain" else -2 * drawn
+        np.testing.assert_allclose(np.moveaxis(height, 1, 2) * float(top), values, atol=1e-6 * float(top), err_msg=name)
+
+
+def test_last_shape_and_the_status_in_words_where_samples_failed(broken, tmp_path):
+    broken.save(tmp_path / "run.rrd", nodes=11)
+    recording = Recording(tmp_path / "run.rrd")
+    np.testing.assert_array_equal(recording.index("/world/failed/rods/rod_0", "step"), [10, 15])
+    (during, after) = recording.column("/world/failed/rods/rod_0", "LineStrips3D:strips")
+    np.testing.assert_allclose(during[0], broken.rod(0, nodes=11).position[9], atol=1e-7)
+    assert not after
+    labels = recording.column("/world/failed/status", "Points3D:labels")
+    status = mr.Status(int(broken.status[10]))
+    assert [label.replace("\n", " ") for label in labels[0]] == [f"{status.name} {status.message}"]
+    assert not labels[1]
+
+
+def test_two_robots_are_overlaid(history, tmp_path):
+    stiffer = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.4, torsional_stiffness=0.0638, name="stiff"))
+    other = make_history(robot=stiffer)
+    save(tmp_path / "run.rrd", history, reference=other, reference_name="a stiffer rod", nodes=11)
+    recording = Recording(tmp_path / "run.rrd")
+    assert "/world/reference/rods/stiff" in recording.paths
+    ((legend,),) = recording.column("/legend", "TextDocument:text", static=True)
+    assert "grey: a stiffer rod" in legend
+    apart = 1e3 * np.linalg.norm(history.rod(0, nodes=11).position - other.rod(0, nodes=11).position, axis=-1)
+    drawn = np.array(recording.column("/difference/rod_0", "LineStrips2D:strips"))[:, 0, :, 1]
+    ((top, *_),) = [row for row in recording.column("/difference/axes/labels", "Points2D:labels") if row]
+    np.testing.assert_allclose((0.5 - drawn) * float(top), apart, atol=1e-5 * float(top))
+
+
+def test_instances_are_coloured_by_a_quantity(tmp_path):
+    robot = make_robot()
+    inputs = robot.inputs(tip_force=np.linspace(0, 0.2, 3)[:, None] * [0, 1, 0])
+    time = 0.02 * np.arange(4)
+    moving = robot.inputs(rotation=0.1 * time[:, None, None] + np.zeros((4, 3, 1)), tip_force=inputs.tip_force)
+    history = mr.simulate(robot, moving, time=time, solver=SOLVER)
+    values = np.array([[0.0, 1.0, np.nan]])
+    save(tmp_path / "run.rrd", history, colour_by=values)
+    recording = Recording(tmp_path / "run.rrd")
+    colors = [recording.column(f"/world/instance_{k}/rods/rod_0", "Capsules3D:colors") for k in range(3)]
+    assert [set(map(tuple, color)) for color in colors] == [{(0x4F83F1FF,)}, {(0xE8503AFF,)}, {(0x868E96FF,)}]
+    save(tmp_path / "run.rrd", history, colour_by="energy")
+    ((legend,),) = Recording(tmp_path / "run.rrd").column("/legend", "TextDocument:text", static=True)
+    assert f"energy: blue, teal, yellow, red from {history.energy.min():.3g} to {history.energy.max():.3g}" in legend
+    for by, message in (("mass", "must be one of residual"), (np.zeros(5), r"must broadcast to the leading axes \(4, 3\)")):
+        with pytest.raises(ValueError, match=rf"save\.colour_by = .* is not allowed: {message}"):
+            save(tmp_path / "run.rrd", history, colour_by=by)
+
+
+def test_names_and_colours_are_in_the_scene_and_the_table(tripod_history, tmp_path):
+    tripod_history.save(tmp_path / "run.rrd")
+    recording = Recording(tmp_path / "run.rrd")
+    for path, name in zip(TRIPOD_RODS, ["leg_1 inner", "leg_1 rod_1", "leg_1 outer", "leg_2", "strut"], strict=True):
+        assert recording.column(f"/world/names/{path}", "Points3D:labels", static=True) == [[name]]
+        color = recording.column(f"/world/names/{path}", "Points3D:colors", static=True)
+        assert color == recording.column(f"/world/rods/{path}", "Capsules3D:colors", static=True)
+    ((text,),) = recording.column("/description", "TextDocument:text", static=True)
+    assert "| leg | colour |" in text
+    assert "| leg_2, strut | orange, green | 0.2 |" in text
+
+
+def test_decades_are_numbered():
+    assert layout.decades(-11.2, -9.7) == (-12, -9)
+    assert layout.decades(-16.0, -3.5) == (-20, 0)
+    assert layout.decades(-300.0, 2.5) == (-20, 10)
+    low, high = layout.decades(0.1, 0.2)
+    assert high - low >= 2

@@ -16,20 +16,21 @@ from multirod.rod import Rod
 from multirod.validation import FloatArray
 
 # Picked to be told apart on the viewer's dark theme; one for each of the 12 legs that a robot may have.
-PALETTE = (
-    0x4FC3F7,
-    0xFFB74D,
-    0x81C784,
-    0xF06292,
-    0xBA9CFF,
-    0xFFF176,
-    0x4DB6AC,
-    0xFF8A65,
-    0xD4E157,
-    0xE1A6D8,
-    0xA1887F,
-    0x90A4AE,
-)
+COLORS = {
+    "blue": 0x4FC3F7,
+    "orange": 0xFFB74D,
+    "green": 0x81C784,
+    "pink": 0xF06292,
+    "violet": 0xBA9CFF,
+    "yellow": 0xFFF176,
+    "teal": 0x4DB6AC,
+    "coral": 0xFF8A65,
+    "lime": 0xD4E157,
+    "mauve": 0xE1A6D8,
+    "brown": 0xA1887F,
+    "grey": 0x90A4AE,
+}
+PALETTE = tuple(COLORS.values())
 PLATFORM_COLOR = 0xC3CAD3
 _THICKNESS = 0.004  # radius over length of a rod without diameter
 _NESTING = 0.75  # radius of such a tube over that of the next around it
@@ -49,12 +50,16 @@ class DrawnRod:
         path: Parts of its entity path, below ``rods``.
         color: ``0xRRGGBB``.
         radius: [m].
+        shade: The colour in words.
+        leg: Number of the leg, among tubes alone of their robot.
     """
 
     name: str
     path: tuple[str, ...]
     color: int
     radius: float
+    shade: str
+    leg: int
 
 
 @dataclass(frozen=True)
@@ -97,8 +102,9 @@ def drawn_rods(assembly: Assembly) -> list[DrawnRod]:
     if not isinstance(assembly, (ParallelRods, InverseParallelRods)):
         names = _names(assembly.rods)
         radii = _radii(assembly.rods) if isinstance(assembly, BackboneAssembly) else [_radii([rod])[0] for rod in assembly.rods]
+        nested = isinstance(assembly, BackboneAssembly)
         return [
-            DrawnRod(name, (name,), PALETTE[k % len(PALETTE)], radius)
+            DrawnRod(name, (name,), PALETTE[k % len(PALETTE)], radius, _shade(k), 0 if nested else k)
             for k, (name, radius) in enumerate(zip(names, radii, strict=True))
         ]
     drawn = []
@@ -107,8 +113,17 @@ def drawn_rods(assembly: Assembly) -> list[DrawnRod]:
         for i, (name, radius) in enumerate(zip(names, _radii(own), strict=True)):
             path = (leg,) if len(own) == 1 else (leg, name)
             white = _PALEST * (len(own) - 1 - i) / max(len(own) - 1, 1)
-            drawn.append(DrawnRod(" ".join(path), path, _mixed_with_white(PALETTE[k % len(PALETTE)], white), radius))
+            color = _mixed_with_white(PALETTE[k % len(PALETTE)], white)
+            shade = f"{'pale ' if white else ''}{_shade(k)}"
+            drawn.append(DrawnRod(" ".join(path), path, color, radius, shade, k))
     return drawn
+
+
+def kind(assembly: Assembly) -> str:
+    """What the parts of a robot are called."""
+    if isinstance(assembly, (ParallelRods, InverseParallelRods)):
+        return "leg"
+    return "tube" if len(assembly.rods) > 1 and isinstance(assembly, BackboneAssembly) else "rod"
 
 
 def bases(assembly: Assembly) -> dict[tuple[str, ...], FloatArray]:
@@ -219,6 +234,10 @@ def _radii(nested: Sequence[Rod]) -> list[float]:
         around = _NESTING * around if own is None else own
         found.append(around)
     return found[::-1]
+
+
+def _shade(k: int) -> str:
+    return list(COLORS)[k % len(COLORS)]
 
 
 def _mixed_with_white(color: int, part: float) -> int:

@@ -1,37 +1,79 @@
 """What a recording opens with: a description of the run, and the layout of the views."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from multirod.recording.columns import rgba
-from multirod.recording.stage import LOADS, Stage
+from multirod.recording.stage import Stage
 
-# The curvature plot in its own units: 2D views keep the aspect ratio, so arclength and curvature are both scaled to fit.
-PLOT_WIDTH, PLOT_HEIGHT = 6.0, 1.0
+# Plots along the arclength in their own units: 2D views keep the aspect ratio, so both axes are scaled to fit.
+PLOT_WIDTH, PLOT_HEIGHT = 4.0, 1.0
+SHADES = {"tip_force": "yellow", "follower_force": "orange"}
+_LOWEST = -20.0  # decade from which on residuals are nothing
+_DECADES = 4  # that the viewer numbers in a small plot
+_LANES = 4  # instances whose status has room below the shape
 
 
-def description(stage: Stage, title: str, solver: str, total: int) -> str:
-    """What was run, units and scales, as Markdown; of ``total`` instances."""
+def description(stage: Stage, title: str, solver: str, total: int, compared: str = "") -> str:
+    """What was run, units and scales, as Markdown; of ``total`` instances, ``compared`` with what the reference is."""
     lines = [f"### {title}", "", f"**Robot** `{stage.assembly!r}`  "]
     lines += [f"**Solver** `{solver}`  "] if solver else []
+    lines += [f"**Compared with** {stage.reference}, in grey{f': `{compared}`' if compared else ''}  "] if stage.reference else []
     lines += [f"**Batch** the first {stage.count} of {total} instances  "] if total > stage.count else []
     lines += [
-        f"**Shape** grid {1e3 * stage.grid:g} mm; frames x red, y green, z blue at base and tip; white: path of the tip up to "
-        "the cursor" + ("; grey: the reference" if stage.reference else "") + "  ",
-    ]
-    if stage.live or any(spec.name in LOADS for spec in stage.given):
-        scale = f"1 N is {1e3 * stage.force_scale:g} mm"
-        lines += [f"**Arrows** {scale}; yellow `tip_force`, orange `follower_force`; each begins where it acts  "]
-    if stage.lines:
-        lines += [f"**Lines** red pulls, blue pushes, in full at {stage.strongest:g} N; grey hangs loose  "]
-    lines += [
         "",
-        "| rod | length [m] | bending stiffness [N m^2] | torsional stiffness [N m^2] | drawn diameter [mm] |",
-        "|---|---|---|---|---|",
+        f"| {stage.kind} | colour | length [m] | bending stiffness [N m^2] | torsional stiffness [N m^2] | drawn diameter [mm] |",
+        "|---|---|---|---|---|---|",
+        *_table(stage),
+        "",
+        f"**Shape** {legend(stage)}  ",
+        "",
+        "**Plots** "
+        + ("Instances are coloured as their rods. " if stage.batched and len(stage.rods) == 1 and not stage.coloring else "")
+        + "Vectors: x red, y green, z blue. Boundary error: what the solver drives to zero [1/m]. "
+        + (f"{stage.split.capitalize()}: in their colours{_balance(stage)}. " if stage.blocks else "")
+        + ("Tip error: distance from the reference's tip [mm]. " if stage.reference else "")
+        + "Condition and \u03c3 min, the least singular value, are of Gamma, the scaled Jacobian; the second vanishes at a fold.",
+        "",
+        "**Along the arclength**, at the cursor: curvature, moment and force "
+        + ("in the frame of the section" if stage.by_component else "by their magnitudes, curvature without twist")
+        + "; force is of all concentric rods together"
+        + ("; strain is the largest of bending at the surface" if any(p.name == "strain" for p in stage.profiles) else "")
+        + ("; difference is the distance from the reference" if any(p.name == "difference" for p in stage.profiles) else "")
+        + ". Where a section ends they may jump.",
+        "",
+        "**Status** of each sample; one that failed has no shape, no numbers in the plots, and the last shape before in grey.",
     ]
-    for index, rod in enumerate(stage.assembly.rods[:24]):
+    return "\n".join(lines)
+
+
+def legend(stage: Stage) -> str:
+    """What is drawn, and to what scale, in a line."""
+    parts = [f"grid {1e3 * stage.grid:g} mm", "frames x red, y green, z blue", "white: path of the tip"]
+    arrows = [f"{shade} `{name}`" for name, shade in SHADES.items() if any(spec.name == name for spec in stage.given)]
+    if arrows:
+        parts.append(f"arrows: {', '.join(arrows)}, 1 N is {1e3 * stage.force_scale:.4g} mm")
+    if stage.lines:
+        parts.append(f"lines: red pulls, blue pushes, in full at {stage.strongest:g} N; grey hangs loose")
+    if stage.coloring:
+        parts.append(f"{stage.coloring}, grey without result")
+    if stage.reference:
+        parts.append(f"grey: {stage.reference}")
+    return " · ".join(parts)
+
+
+def _balance(stage: Stage) -> str:
+    return ", light grey the platform's balance" if stage.kind == "leg" else ""
+
+
+def _table(stage: Stage) -> list[str]:
+    """A row for rods that are alike."""
+    rows: dict[tuple[str, ...], list[int]] = {}
+    for index, rod in enumerate(stage.assembly.rods):
         bending = _span([section.bending_stiffness for section in rod.sections])
         torsion = _span([section.torsional_stiffness for section in rod.sections])
         drawn = f"{2e3 * stage.rods[index].radius:.3g}"
@@ -39,20 +81,17 @@ def description(stage: Stage, title: str, solver: str, total: int) -> str:
             drawn += " (not given)"
         elif stage.rods[index].radius > 0.51 * rod.outer_diameter:
             drawn += f" (is {1e3 * rod.outer_diameter:.3g})"
-        lines.append(f"| {stage.rods[index].name} | {_span([rod.length])} | {bending} | {torsion} | {drawn} |")
-    lines += [
-        "",
-        "**Plots** "
-        + ("Instances are coloured as their rods. " if stage.batched and len(stage.rods) == 1 else "")
-        + "Vectors: x red, y green, z blue. Boundary error: what the solver drives to zero [1/m]. "
-        + ("By leg: coloured as the legs, light grey the platform's balance. " if stage.blocks else "")
-        + ("Tip error: distance from the reference's tip [mm]. " if stage.reference else "")
-        + "Gamma: the scaled Jacobian; its smallest singular value vanishes at a fold. Curvature: at the cursor, "
-        + ("in the body frame." if stage.by_component else "magnitude of bending, coloured as the rods."),
-        "",
-        "**Status** of each sample; a failed one has no shape and gaps in the plots.",
-    ]
-    return "\n".join(lines)
+        rows.setdefault((_span([rod.length]), bending, torsion, drawn), []).append(index)
+    lines = []
+    for values, indices in rows.items():
+        names = ", ".join(stage.rods[index].name for index in indices)
+        shades = "by instance" if _by_instance(stage) else ", ".join(stage.rods[index].shade for index in indices)
+        lines.append(f"| {names} | {shades} | " + " | ".join(values) + " |")
+    return lines
+
+
+def _by_instance(stage: Stage) -> bool:
+    return stage.coloring is not None or (stage.batched and len(stage.rods) == 1)
 
 
 def scene_view(stage: Stage, name: str, **options: Any) -> Any:
@@ -71,8 +110,8 @@ def scene_view(stage: Stage, name: str, **options: Any) -> Any:
     )
 
 
-def blueprint(stage: Stage) -> Any:
-    """The views that a recording opens with."""
+def blueprint(stage: Stage, ranges: Mapping[str, tuple[float, float]] = MappingProxyType({})) -> Any:
+    """The views that a recording opens with; ``ranges`` of what is plotted by its logarithm, by entity, where they are known."""
     import rerun.blueprint as rrb
 
     up_to_now = rrb.VisibleTimeRanges(
@@ -83,11 +122,35 @@ def blueprint(stage: Stage) -> Any:
     )
     paths = [stage.world(f"{kind}tip_path", k) for kind in ("", "reference/") for k in range(stage.count)]
     scene = scene_view(stage, "Shape", overrides={path: [up_to_now] for path in paths})
+    left = rrb.Vertical(scene, rrb.TextDocumentView(origin="/legend", name="Legend"), row_shares=[6, 1.2])
+    plots = _plots(stage, ranges)
+    text = rrb.TextDocumentView(origin="/description", name="Description")
+    right = rrb.Tabs(plots, text, active_tab=0)
+    lane = rrb.StateTimelineView(origin="/status", name="Status of each sample")
+    return rrb.Blueprint(
+        rrb.Vertical(
+            rrb.Horizontal(left, right, column_shares=[1, 1]),
+            lane,
+            row_shares=[6, 0.75 + 0.25 * min(stage.count, _LANES)],
+        ),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(state="collapsed", timeline="time"),
+        auto_layout=False,
+        auto_views=False,
+    )
+
+
+def _plots(stage: Stage, ranges: Mapping[str, tuple[float, float]]) -> Any:
+    """What changes with time, and what is along the arclength at the cursor."""
+    import rerun.blueprint as rrb
 
     def plot(name: str, *contents: str, legend: bool = False) -> Any:
+        known = ranges.get(f"/{contents[0]}")
         return rrb.TimeSeriesView(
             origin="/",
             name=name,
+            axis_y=None if known is None else rrb.ScalarAxis(range=decades(*known)),
             contents=[f"/{path}/**" for path in contents],
             plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=legend),
         )
@@ -95,57 +158,57 @@ def blueprint(stage: Stage) -> Any:
     def tabs(*views: Any) -> Any:
         return rrb.Tabs(*views, active_tab=0) if len(views) > 1 else views[0]
 
-    w, h = PLOT_WIDTH, 0.5 * PLOT_HEIGHT
-    bounds = rrb.VisualBounds2D(x_range=(-0.1 * w, 1.12 * w), y_range=(-1.35 * h, 1.35 * h))
-    components = "u_x red, u_y green, u_z blue" if stage.by_component else "bending, magnitude"
-    curvature = rrb.Spatial2DView(
-        origin="/curvature", name=f"Curvature along the arclength [1/m]: {components}", visual_bounds=bounds
-    )
+    few = stage.count == 1
     errors = [plot("Boundary error, log10 [1/m]", "error/boundary_log10"), plot("linear", "error/boundary")]
     if stage.blocks:
-        errors.insert(0, plot("Boundary error by leg, log10 [1/m]", "error/blocks_log10"))
-    boundary = tabs(*errors)
-    conditioning = plot(
-        "Gamma, log10: cond, \u03c3_min" if stage.batched else "Gamma, log10: cond violet, \u03c3_min teal",
-        "conditioning/condition_log10",
-        "conditioning/smallest_singular_value_log10",
+        errors.insert(0, plot(f"Error {stage.split}, log10 [1/m]", "error/blocks_log10", legend=few))
+    conditioning = tabs(
+        plot("Condition, log10", "conditioning/condition_log10"),
+        plot("\u03c3 min, log10", "conditioning/smallest_singular_value_log10"),
     )
-    count = plot("Iterations, integrations", "solver/iterations", "solver/integrations", legend=True)
-    effort = count
+    effort = plot("Iterations, integrations", "solver/iterations", "solver/integrations", legend=few)
     if stage.measured:
         linear = plot("Time per sample [ms]", "solver/step_time_ms")
-        effort = tabs(plot("Time per sample, log10 [ms]", "solver/step_time_ms_log10"), linear, count)
-    actuation = [
-        plot(
-            f"{spec.name} [{spec.unit}]",
-            f"inputs/{spec.name}",
-            legend=(spec.per_rod and len(stage.rods) > 1) or (spec.count or 0) > 1,
-        )
-        for spec in stage.given
-    ]
+        effort = tabs(plot("Time per sample, log10 [ms]", "solver/step_time_ms_log10"), linear, effort)
+    actuation = [plot(f"{spec.name} [{spec.unit}]", f"inputs/{spec.name}", legend=few) for spec in stage.given]
     if stage.lines:
-        several = len(stage.lines) > 1
         actuation += [
-            plot("Tension [N]", "lines/tension", legend=several),
-            plot("Line length [mm]", "lines/length_mm", legend=several),
+            plot("Tension [N]", "lines/tension", legend=few),
+            plot("Line length [mm]", "lines/length_mm", legend=few),
         ]
-    text = rrb.TextDocumentView(origin="/description", name="Description")
+    cells = [tabs(*errors), conditioning, effort]
     if stage.reference:
-        tip = tabs(plot("Tip error, log10 [mm]", "error/tip_mm_log10"), plot("linear", "error/tip_mm"))
-        rows = [tabs(text, *actuation), rrb.Horizontal(boundary, tip), rrb.Horizontal(conditioning, effort), curvature]
-    else:
-        fourth = [tabs(*actuation)] if actuation else []
-        rows = [text, rrb.Horizontal(boundary, conditioning), rrb.Horizontal(effort, *fourth), curvature]
-    right = rrb.Vertical(*rows, row_shares=[4.6, 3, 3, 2.7])
-    lane = rrb.StateTimelineView(origin="/status", name="Status of each sample")
-    return rrb.Blueprint(
-        rrb.Vertical(rrb.Horizontal(scene, right, column_shares=[1, 1]), lane, row_shares=[6, 0.75 + 0.25 * stage.count]),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline="time"),
-        auto_layout=False,
-        auto_views=False,
-    )
+        cells.insert(1, tabs(plot("Tip error, log10 [mm]", "error/tip_mm_log10"), plot("linear", "error/tip_mm")))
+    if actuation:
+        cells.append(tabs(*actuation))
+    rows = [rrb.Horizontal(*cells[k : k + 2]) if cells[k + 1 :] else cells[k] for k in range(0, len(cells), 2)]
+    return rrb.Vertical(*rows, _along(stage), row_shares=[3] * len(rows) + [3], name="Plots")
+
+
+def decades(low: float, high: float) -> tuple[float, float]:
+    """Limits of an axis of logarithms: the viewer numbers each decade where it shows few, else each tenth one."""
+    low, high = math.floor(max(low, _LOWEST) + 1e-6), math.ceil(max(high, _LOWEST) - 1e-6)
+    if high - low > _DECADES:
+        return 10.0 * math.floor(low / 10), 10.0 * math.ceil(high / 10)
+    middle = 0.5 * (low + high)
+    return min(low, math.floor(middle - 1)), max(high, math.ceil(middle + 1))
+
+
+def _along(stage: Stage) -> Any:
+    """Tabs of what is drawn along the arclength."""
+    import rerun.blueprint as rrb
+
+    w, h = PLOT_WIDTH, 0.5 * PLOT_HEIGHT
+    bounds = rrb.VisualBounds2D(x_range=(-0.12 * w, 1.3 * w), y_range=(-1.3 * h, 1.6 * h))
+    views = [
+        rrb.Spatial2DView(
+            origin=f"/{profile.name}",
+            name=f"{profile.name.capitalize()} [{profile.unit}]",
+            visual_bounds=bounds,
+        )
+        for profile in stage.profiles
+    ]
+    return rrb.Tabs(*views, active_tab=0)
 
 
 def _span(values: Sequence[Any]) -> str:

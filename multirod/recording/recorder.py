@@ -3,6 +3,9 @@
 import math
 import os
 import uuid
+import warnings
+import weakref
+from collections.abc import Sequence
 from threading import RLock
 from types import TracebackType
 from typing import Any, Self
@@ -11,11 +14,13 @@ import numpy as np
 
 from multirod.assembly import Assembly
 from multirod.exclusive import Uncopied
+from multirod.recording.background import Sample, WritingThread
+from multirod.recording.coloring import Coloring
 from multirod.recording.samples import first_instances, stack, stackable
 from multirod.recording.viewer import ViewerStream
 from multirod.recording.writer import Writer
 from multirod.solution import History, Solution
-from multirod.validation import file_path, finite_float, positive_float, positive_int, refuse
+from multirod.validation import choice, file_path, finite_float, positive_float, positive_int, refuse
 
 ENDING = ".rrd"
 LONGEST = 9e9  # seconds: nanoseconds are counted in 64 bits
@@ -27,22 +32,27 @@ def save(
     history: History,
     *,
     reference: History | None = None,
+    reference_name: str = "reference",
     name: str | None = None,
     nodes: int = 51,
     instances: int = 4,
     force_scale: float | None = None,
+    colour_by: Any = None,
 ) -> None:
     """Write a recording of ``history``, with a layout that opens ready to read.
 
     Args:
         path: File to write (``.rrd``); an existing one is replaced.
         history: What to record. Of a batch, the first ``instances`` are recorded, each as entities of its own.
-        reference: The same samples from a method that is trusted: its shape is drawn in grey, and the distance between
-            the tips is recorded.
+        reference: The same samples of another run, which is drawn in grey: by a method that is trusted, or of another robot. The
+            distance between the tips is recorded, and where both have as many rods, that between them along their arclength.
+        reference_name: What the reference is called.
         name: What the viewer calls the recording; by default the file's name.
         nodes: Nodes that a rod is drawn with.
         instances: How many instances of a batch are recorded.
         force_scale: Length of force arrows [m/N]; by default the largest arrow is about a quarter of the robot's size.
+        colour_by: What colours the rods, which are otherwise told apart: a quantity of each solution, such as ``"residual"``,
+            ``"condition"``, ``"energy"`` or ``"stability_margin"``, or an array that broadcasts to the history's leading axes.
 
     Raises:
         TypeError: If ``history`` or ``reference`` is not a ``History``.
@@ -64,14 +74,16 @@ def save(
     if np.abs(history.time).max() > LONGEST:
         refuse("save.history", history, f"its times must be within {LONGEST:g} s of zero")
     title = _name("save.name", name, file.stem)
+    other_name = _name("save.reference_name", reference_name, "")
 
     block = first_instances(history, count)
     other = None if reference is None else first_instances(reference, count)
+    coloring = None if colour_by is None else Coloring.of(colour_by, history, block)
     total = math.prod(history.batch_shape[1:])
     stream = rr.RecordingStream("multirod", recording_id=uuid.uuid4())
     stream.set_log_time_enabled(False)
     writer = Writer([stream], node_count=node_count, instances=count, force_scale=scale, live=False)
-    blueprint = writer.prepare(block, other, title, history.description, total)
+    blueprint = writer.prepare(block, other, title, history.description, total, reference_name=other_name, coloring=coloring)
     stream.save(file, default_blueprint=blueprint)
     with stream:
         stream.send_recording_name(title)
@@ -79,16 +91,104 @@ def save(
         writer.write(block, other, np.arange(len(history.time)))
 
 
+class _Recording:
+    """Where a recorder's thread writes to; it knows nothing of the recorder, which may be forgotten meanwhile."""
+
+    def __init__(
+        self,
+        file: os.PathLike[str] | None,
+        address: str | None,
+        patience: float,
+        title: str,
+        description: str,
+        options: dict[str, Any],
+        together: int,
+    ) -> None:
+        import rerun as rr
+        from scipy.spatial import transform  # noqa: F401  # now, not while the loop runs
+
+        self._title, self._description, self._instances = title, description, options["instances"]
+        self._count = 0
+        # Not one stream with two sinks: flushing the file would then wait for a viewer that may not be there.
+        identity = uuid.uuid4()
+        self._file_stream: Any = None
+        self._streams: list[Any] = []
+        self.thread = WritingThread(self.write, together)
+        if file is not None:
+            self._file_stream = rr.RecordingStream("multirod", recording_id=identity)
+            self._file_stream.set_log_time_enabled(False)
+            self._file_stream.save(file)
+            self._streams.append(self._file_stream)
+        if address is not None:
+            viewer_stream = rr.RecordingStream("multirod", recording_id=identity)
+            viewer_stream.set_log_time_enabled(False)
+            self._streams.append(ViewerStream(viewer_stream, address, patience, self.thread.say))
+        self._writer = Writer(self._streams, live=True, breathe=self.thread.breathe, **options)
+
+    def write(self, samples: Sequence[Sample]) -> None:
+        """Write samples in runs of those that can be one batch; on the thread."""
+        run = [samples[0]]
+        for sample in samples[1:]:
+            if not stackable(run[-1], sample):
+                self._write_run(run)
+                run = []
+            run.append(sample)
+        self._write_run(run)
+        if self._file_stream is not None:
+            self._file_stream.flush()
+
+    def _write_run(self, samples: Sequence[Sample]) -> None:
+        times = np.array([sample.time for sample in samples])
+        durations = np.array([sample.step_time for sample in samples])
+        block = stack([sample.solution for sample in samples], times, durations)
+        references = [sample.reference for sample in samples if sample.reference is not None]
+        other = stack(references, times, durations) if references else None
+        total = math.prod(block.batch_shape[1:])
+        block = first_instances(block, self._instances)
+        other = None if other is None else first_instances(other, self._instances)
+        if self._count == 0:
+            blueprint = self._writer.prepare(block, other, self._title, self._description, total)
+            for stream in self._streams:
+                stream.send_recording_name(self._title)
+                stream.send_blueprint(blueprint)
+            self._writer.write_static()
+        self._writer.write(block, other, np.array([sample.step for sample in samples]))
+        self._count += len(samples)
+
+    def close(self) -> None:
+        """Write what waits and finish the file; wait for a viewer no longer than there is patience for."""
+        self.thread.close()
+        try:
+            if self._count:
+                blueprint = self._writer.finish()
+                if self._file_stream is not None:
+                    self._file_stream.send_blueprint(blueprint)
+        finally:
+            for stream in self._streams:
+                stream.disconnect()
+
+    def end(self) -> None:
+        """The same for a recorder that nobody closed: what is to be said is said here."""
+        self.close()
+        self.thread.speak()
+
+
 class Recorder(Uncopied):
     """Records a control loop sample by sample, to a file, to a viewer, or to both.
 
-    Samples are kept until there are ``flush_every`` of them, then written together: shapes are integrated as one batch
-    and rows are sent as columns, so that a sample costs little. The first sample is written at once; where the kernel
-    for shapes is not in Warp's cache yet, that is when it is compiled.
+    ``log`` hands a sample over and returns within some tens of microseconds: a thread of the recorder integrates shapes and
+    writes, several samples at once. Where it does not keep up, samples wait for it in memory; beyond 256 MB they are left out, or
+    ``log`` waits, as ``when_full`` says. What is left out is counted, and a ``RuntimeWarning`` says so. What goes wrong on the
+    thread is raised by the next ``log``, ``flush`` or ``close``; after that nothing more is recorded.
 
-    A run that is killed leaves a readable file. ``with`` writes what is pending whatever exception ends the block.
-    SIGKILL loses at most the last ``flush_every`` samples, and so does SIGTERM, unless the program turns it into an
-    exception: ``signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))``.
+    ``flush`` waits until all that was logged is in the file. A run that is killed leaves a readable file of what was written, at
+    least of all that was flushed. ``with`` writes what waits whatever exception ends the block, and so does the end of the
+    process. SIGKILL does not, and neither does SIGTERM, unless the program turns it into an exception:
+    ``signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))``.
+
+    The view is framed by what the robot can reach, and widened where it leaves that. Arrows of forces are drawn to a scale from
+    the robot's stiffness, which is halved for all samples, also those before, where a larger force comes; the legend states it.
+    When the recorder is closed, the file is given the frame and the scale that fit what was recorded.
 
     The layout is made for the first sample: give it a ``reference`` if later ones have it. Threads may share a recorder: they
     log one after another, and the times of their samples increase all the same.
@@ -106,11 +206,14 @@ class Recorder(Uncopied):
             answer, the loop goes on; what it does not take is lost, and a ``RuntimeWarning`` says so.
         name: What the viewer calls the recording; by default the file's name.
         description: What is run, such as ``repr(solver)``, for the description panel.
-        flush_every: Samples that are written together.
+        flush_every: Samples that are written together; they wait for each other some tenths of a second at most.
         nodes: Nodes that a rod is drawn with.
         instances: How many instances of a batch are recorded.
-        force_scale: Length of force arrows [m/N]; by default half of the length in use for ``EI/L^2``, ``EI`` of all rods.
-        close_timeout: How long ``close`` waits for the viewer to take what is left [s].
+        force_scale: Length of force arrows [m/N]; by default three tenths of the length in use for a force that bends the robot
+            by about a radian, ``2 EI/L^2``, ``EI`` of all rods.
+        close_timeout: How long ``close`` waits for a viewer that listens to take what is left [s].
+        when_full: Where too many samples wait: ``"leave_out"`` the newest, for a control loop, or ``"wait"``, for a program that
+            must lose none.
 
     Raises:
         TypeError: If neither ``path`` nor ``address`` is given.
@@ -131,9 +234,8 @@ class Recorder(Uncopied):
         instances: int = 4,
         force_scale: float | None = None,
         close_timeout: float = 10.0,
+        when_full: str = "leave_out",
     ) -> None:
-        import rerun as rr
-
         if path is None and address is None:
             raise TypeError("Recorder needs a path, an address, or both")
         file = None if path is None else file_path("Recorder.path", path, ENDING)
@@ -141,34 +243,30 @@ class Recorder(Uncopied):
             refuse("Recorder.address", address, "must be a viewer's address such as 'rerun+http://127.0.0.1:9876/proxy'")
         if not isinstance(description, str):
             refuse("Recorder.description", description, "must be a string")
-        self._name = _name("Recorder.name", name, "multirod" if file is None else file.stem)
-        self._description = description
-        self._flush_every = positive_int("Recorder.flush_every", flush_every)
-        self._instances = positive_int("Recorder.instances", instances)
-        node_count = positive_int("Recorder.nodes", nodes, 2)
-        scale = _force_scale("Recorder.force_scale", force_scale)
+        title = _name("Recorder.name", name, "multirod" if file is None else file.stem)
+        together = positive_int("Recorder.flush_every", flush_every)
+        options = {
+            "instances": positive_int("Recorder.instances", instances),
+            "node_count": positive_int("Recorder.nodes", nodes, 2),
+            "force_scale": _force_scale("Recorder.force_scale", force_scale),
+        }
         patience = positive_float("Recorder.close_timeout", close_timeout)
-        self._pending: list[tuple[float, Solution, float, Solution | None]] = []
-        self._count = 0
+        self._waits = choice("Recorder.when_full", when_full, ("leave_out", "wait")) == "wait"
+        self._step = 0
+        self._left_out = 0
         self._last_time = -math.inf
         self._assembly: Assembly | None = None
         self._batch_shape: tuple[int, ...] = ()
         self._closed = False
         self._lock = RLock()
-        # Not one stream with two sinks: flushing the file would then wait for a viewer that may not be there.
-        identity = uuid.uuid4()
-        self._file_stream: Any = None
-        self._streams: list[Any] = []
-        if file is not None:
-            self._file_stream = rr.RecordingStream("multirod", recording_id=identity)
-            self._file_stream.set_log_time_enabled(False)
-            self._file_stream.save(file)
-            self._streams.append(self._file_stream)
-        if address is not None:
-            viewer_stream = rr.RecordingStream("multirod", recording_id=identity)
-            viewer_stream.set_log_time_enabled(False)
-            self._streams.append(ViewerStream(viewer_stream, address, patience))
-        self._writer = Writer(self._streams, node_count=node_count, instances=self._instances, force_scale=scale, live=True)
+        self._recording = _Recording(file, address, patience, title, description, options, together)
+        self._thread = self._recording.thread
+        self._forgotten = weakref.finalize(self, self._recording.end)
+
+    @property
+    def left_out(self) -> int:
+        """Samples that were not recorded, as too many waited."""
+        return self._left_out
 
     def log(self, time: float, solution: Solution, *, step_time: float | None = None, reference: Solution | None = None) -> None:
         """Record one sample.
@@ -182,14 +280,28 @@ class Recorder(Uncopied):
         Raises:
             TypeError: If ``solution`` or ``reference`` is not a ``Solution``.
             ValueError: If ``time`` does not increase, or the robot or its batch axes are not those of the first sample.
-            RuntimeError: If the recorder is closed.
+            RuntimeError: If the recorder is closed, or has stopped after an error.
+            Exception: What went wrong where samples before were written.
         """
         with self._lock:
-            self._log(time, solution, step_time, reference)
+            if self._closed:
+                raise RuntimeError("Recorder.log: the recorder is closed")
+            now, duration = self._checked(time, solution, step_time, reference)
+            sample = Sample(self._step, now, solution, duration, reference)
+            taken = self._thread.put(sample, wait=self._waits)
+            self._last_time = now
+            self._step += 1
+            if taken:
+                return
+            self._left_out += 1
+            if self._left_out == 1:
+                warnings.warn(
+                    f"the recorder does not keep up: samples are left out, the first at {now:g} s", RuntimeWarning, stacklevel=2
+                )
 
-    def _log(self, time: float, solution: Solution, step_time: float | None, reference: Solution | None) -> None:
-        if self._closed:
-            raise RuntimeError("Recorder.log: the recorder is closed")
+    def _checked(
+        self, time: float, solution: Solution, step_time: float | None, reference: Solution | None
+    ) -> tuple[float, float]:
         now = finite_float("Recorder.log.time", time)
         if now <= self._last_time:
             refuse("Recorder.log.time", time, f"must be later than the sample before, {self._last_time:g} s")
@@ -208,51 +320,37 @@ class Recorder(Uncopied):
                 refuse("Recorder.log.solution", value, "must be of the robot of the first sample")
             if value.batch_shape != self._batch_shape:
                 refuse(f"Recorder.log.{field}", value, f"must have the leading axes of the first sample, {self._batch_shape}")
-        self._last_time = now
-        if self._pending and not stackable(self._pending[-1], solution, reference):
-            self.flush()
-        self._pending.append((now, solution, duration, reference))
-        if self._count == 0 or len(self._pending) >= self._flush_every:
-            self.flush()
+        return now, duration
 
     def flush(self) -> None:
-        """Write the samples that are pending."""
-        with self._lock:
-            self._flush()
+        """Wait until all samples that were logged are written.
 
-    def _flush(self) -> None:
-        if self._pending:
-            times = np.array([sample[0] for sample in self._pending])
-            durations = np.array([sample[2] for sample in self._pending])
-            block = stack([sample[1] for sample in self._pending], times, durations)
-            references = [sample[3] for sample in self._pending if sample[3] is not None]
-            other = stack(references, times, durations) if references else None
-            self._pending = []
-            block = first_instances(block, self._instances)
-            other = None if other is None else first_instances(other, self._instances)
-            if self._count == 0:
-                total = math.prod(self._batch_shape)
-                blueprint = self._writer.prepare(block, other, self._name, self._description, total)
-                for stream in self._streams:
-                    stream.send_recording_name(self._name)
-                    stream.send_blueprint(blueprint)
-                self._writer.write_static()
-            self._writer.write(block, other, np.arange(self._count, self._count + len(times)))
-            self._count += len(times)
-        if self._file_stream is not None:
-            self._file_stream.flush()
+        Raises:
+            Exception: What went wrong where they were written.
+        """
+        with self._lock:
+            if not self._closed:
+                self._thread.flush()
 
     def close(self) -> None:
-        """Write what is pending and finish the file; wait for a viewer no longer than ``close_timeout``."""
+        """Write what waits and finish the file; wait for a viewer that listens no longer than ``close_timeout``.
+
+        Raises:
+            Exception: What went wrong where samples were written, if it was not raised before.
+        """
         with self._lock:
             if self._closed:
                 return
             self._closed = True
-            try:
-                self._flush()
-            finally:
-                for stream in self._streams:
-                    stream.disconnect()
+            self._forgotten.detach()
+            self._recording.close()
+            if self._left_out:
+                warnings.warn(
+                    f"the recorder did not keep up: {self._left_out} of {self._step} samples were left out",
+                    RuntimeWarning,
+                    stacklevel=2,
+                )
+            self._thread.speak()
 
     def __enter__(self) -> Self:
         return self

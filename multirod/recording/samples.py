@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from multirod.recording.background import Sample
 from multirod.solution import History, Solution
 from multirod.solver import Outcome
 from multirod.validation import FloatArray
@@ -29,7 +30,7 @@ def stack(solutions: Sequence[Solution], times: FloatArray, durations: FloatArra
     return History(scene, records, outcome, inputs, time=times, step_time=durations)
 
 
-def stackable(pending: tuple[float, Solution, float, Solution | None], solution: Solution, reference: Solution | None) -> bool:
+def stackable(before: Sample, sample: Sample) -> bool:
     """Whether a sample can be part of the same batch as the one before: same records, same inputs by name."""
 
     def same(one: Solution | None, other: Solution | None) -> bool:
@@ -41,7 +42,7 @@ def stackable(pending: tuple[float, Solution, float, Solution | None], solution:
             and all(other.inputs.profile(name) is profile for name, profile in one.inputs.profiles.items())
         )
 
-    return same(pending[1], solution) and same(pending[3], reference)
+    return same(before.solution, sample.solution) and same(before.reference, sample.reference)
 
 
 def first_instances(history: History, count: int) -> History:

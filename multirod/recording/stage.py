@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from multirod.assembly import Assembly
 from multirod.inputs import Inputs, InputSpec
+from multirod.recording.coloring import Coloring
 from multirod.recording.figure import (
     PALETTE,
     PLATFORM_COLOR,
@@ -19,13 +20,18 @@ from multirod.recording.figure import (
     bases,
     drawn_lines,
     drawn_rods,
+    kind,
     platforms,
 )
+from multirod.recording.framing import ARROW, Extent, Frame, halved, radian_force, round_down, round_up
+from multirod.recording.profiles import Profile, profiles
 from multirod.solution import History
 from multirod.validation import FloatArray
 
 LOADS = {"tip_force": 0xFFD43B, "follower_force": 0xFF922B}
-_VIEW = 0.52  # half the width of what is seen over its distance, with room for frames and arrows
+TIP_AXES = 0.1  # length of the tip's axes over what is in view
+_LABELLED = 4  # instances that have room for labels
+_NAMED = 12  # names that can be told apart in the scene
 _THINNEST = 0.002  # radius over size of the robot at which a rod can be seen
 
 
@@ -55,11 +61,15 @@ class Stage:
         live: Whether samples are still to come that nothing is known of.
         measured: Whether the time of samples was measured.
         given: What is known of the inputs given as numbers: first what varies, and among it the loads.
-        reference: Whether there is one.
+        reference: What it is called; empty where there is none.
+        kind: What the robot's parts are called.
         rods: How each rod is drawn.
+        reference_rods: How each rod of the reference is drawn, which may be another robot.
         lines: How each line of the rods is drawn.
         strongest: Tension at which a line's colour is full [N].
         blocks: Parts of the residual, where there are several.
+        profiles: What is drawn along the arclength.
+        coloring: What colours the instances; None where their numbers do.
         bases: Poses by entity path.
         platforms: Of each instance; empty where there is none.
         centre: Middle of what is in view [m], shape (3,).
@@ -75,11 +85,15 @@ class Stage:
     live: bool
     measured: bool
     given: tuple[InputSpec, ...]
-    reference: bool
+    reference: str
+    kind: str
     rods: tuple[DrawnRod, ...]
+    reference_rods: tuple[DrawnRod, ...]
     lines: tuple[DrawnLine, ...]
     strongest: float
     blocks: tuple[DrawnBlock, ...]
+    profiles: tuple[Profile, ...]
+    coloring: Coloring | None
     bases: dict[str, FloatArray]
     platforms: tuple[Plate, ...]
     centre: FloatArray
@@ -90,50 +104,68 @@ class Stage:
 
     @classmethod
     def of(
-        cls, block: History, reference: History | None, *, node_count: int, instances: int, force_scale: float | None, live: bool
+        cls,
+        block: History,
+        reference: History | None,
+        *,
+        node_count: int,
+        instances: int,
+        force_scale: float | None,
+        live: bool,
+        reference_name: str = "",
+        coloring: Coloring | None = None,
     ) -> Self:
         """The stage for ``block``, the first samples; see ``save`` and ``Recorder`` for the rest."""
         assembly = block.assembly
         shapes = [block.rod(index, nodes=node_count) for index in range(assembly.rod_count)]
         base_poses = bases(assembly)
-        origins = np.array([pose[:3, 3] for pose in base_poses.values()])
+        origins = np.array(list(base_poses.values()))
         reach = _largest([shape.arclength for shape in shapes]) or max(float(np.max(rod.length)) for rod in assembly.rods)
-        points = [origins, *(shape.position.reshape(-1, 3) for shape in shapes)]
         count = min(instances, math.prod(block.batch_shape[1:]))
         plates = platforms(assembly, block.batch_shape[1:], count)
-        if plates:
-            around = np.abs(plates[0].vertices).max() * np.array([[-1.0], [1.0], [0.0]])
-            points.append((block.tip_position.reshape(-1, 1, 3) + around).reshape(-1, 3))
+        extent = Extent(origins[:, :3, 3])
+        for shape in shapes:
+            extent.add(shape.position)
+        extent.add(around_platform(block.tip_position, plates))
+        size = max(extent.size, 0.2 * reach)
+        extent.add(frame_ends(block, TIP_AXES * size))
         if live:
-            room = (0.1 if plates else 0.35) * reach
-            points += [origins - room, origins + room]
-        everything = np.concatenate(points)
-        everything = everything[np.isfinite(everything).all(axis=1)]
-        low, high = everything.min(axis=0), everything.max(axis=0)
-        size = max(float(np.linalg.norm(high - low)), 0.2 * reach)
+            frame, size = Frame.of_reach(origins, extent.points, reach, bool(plates)), max(size, 1.5 * reach)
+            scale = round_down(ARROW * reach / radian_force(assembly.rods, reach))
+        else:
+            scale = final_scale(largest_force(block), size)
+            extent.add(arrow_ends(block, scale if force_scale is None else force_scale))
+            frame = Frame(extent.points)
         rods = _visible(drawn_rods(assembly), size)
-        numbers = set(block.inputs.given) - set(block.inputs.profiles)
-        given = [spec for spec in assembly.input_specs if spec.name in numbers]
+        reference_rods = () if reference is None else _visible(drawn_rods(reference.assembly), size)
         return cls(
             assembly=assembly,
             count=count,
             batched=len(block.batch_shape) > 1,
             live=live,
             measured=bool(np.isfinite(block.step_time).any()),
-            given=tuple(sorted(given, key=lambda spec: (not _varies(block, spec.name), spec.name not in LOADS))),
-            reference=reference is not None,
+            given=given(block),
+            reference="" if reference is None else reference_name or "reference",
+            kind=kind(assembly),
             rods=rods,
+            reference_rods=reference_rods,
             lines=tuple(drawn_lines(assembly, rods)),
             strongest=_strongest(block, live),
             blocks=tuple(_blocks(block, rods)),
+            profiles=profiles(assembly.rods, compared=0 < len(reference_rods) == len(rods)),
+            coloring=coloring,
             bases={"/world" + _entity(path): pose for path, pose in base_poses.items()},
             platforms=tuple(plates),
-            centre=0.5 * (low + high),
-            eye=_eye(everything - 0.5 * (low + high)) + 0.5 * (low + high),
+            centre=frame.centre,
+            eye=frame.eye,
             size=size,
             grid=round_down(0.2 * size),
-            force_scale=_force_scale(block, size, reach, live) if force_scale is None else force_scale,
+            force_scale=scale if force_scale is None else force_scale,
         )
+
+    def seen_from(self, frame: Frame) -> Self:
+        """The stage in another frame."""
+        return replace(self, centre=frame.centre, eye=frame.eye)
 
     @property
     def by_component(self) -> bool:
@@ -143,6 +175,23 @@ class Stage:
     def rod_color(self, k: int, rod: int) -> int:
         """Of a rod of instance ``k``: instances of one rod are told apart by colour."""
         return PALETTE[k % len(PALETTE)] if len(self.rods) == 1 else self.rods[rod].color
+
+    @property
+    def labelled(self) -> bool:
+        """Whether there is room for names, and for what arrows are worth."""
+        return self.count <= _LABELLED
+
+    @property
+    def split(self) -> str:
+        """What the residual is split by."""
+        return "by part" if self.lines else f"by {self.kind}"
+
+    def label(self, k: int, rod: int) -> str:
+        """The name of a rod in the scene, empty where it says nothing or there are too many."""
+        if self.batched:
+            return f"instance {k}" if rod == 0 and self.labelled else ""
+        alone = len(self.rods) == 1 and not self.assembly.rods[0].name
+        return "" if alone or len(self.rods) > _NAMED else self.rods[rod].name
 
     def world(self, path: str, k: int) -> str:
         """Entity of instance ``k`` in the scene."""
@@ -154,7 +203,8 @@ class Stage:
 
     def rod(self, group: str, k: int, rod: int) -> str:
         """Entity of a rod in the scene, below ``group``."""
-        return self.world(group, k) + _entity(self.rods[rod].path)
+        rods = self.reference_rods if group.startswith("reference") else self.rods
+        return self.world(group, k) + _entity(rods[rod].path)
 
     def line(self, k: int, line: int) -> str:
         """Entity of a line in the scene."""
@@ -168,9 +218,9 @@ class Stage:
             if line.drive is not None and line.drive[0] == name
         ]
 
-    def curvature(self, k: int, rod: int) -> str:
-        """Entity of a rod's curvature."""
-        return self.scalar("/curvature", k) + _entity(self.rods[rod].path)
+    def profile(self, name: str, k: int, rod: int) -> str:
+        """Entity of what is drawn along a rod."""
+        return self.scalar(f"/{name}", k) + _entity(self.rods[rod].path)
 
 
 def load(inputs: Inputs, name: str) -> FloatArray:
@@ -178,16 +228,52 @@ def load(inputs: Inputs, name: str) -> FloatArray:
     return getattr(inputs, name) if name in inputs.given else np.zeros(3)
 
 
-def round_down(value: float) -> float:
-    """The largest 1, 2 or 5 times a power of ten that is not above ``value``."""
-    power = 10.0 ** math.floor(math.log10(value))
-    return max(factor * power for factor in (1, 2, 5) if factor * power <= value * (1 + 1e-12))
+def given(block: History) -> tuple[InputSpec, ...]:
+    """The inputs given as numbers: first what varies as far as is known, and among it the loads."""
+    numbers = set(block.inputs.given) - set(block.inputs.profiles)
+    specs = [spec for spec in block.assembly.input_specs if spec.name in numbers]
+    return tuple(sorted(specs, key=lambda spec: (not _varies(block, spec.name), spec.name not in LOADS)))
 
 
-def round_up(value: float) -> float:
-    """The value rounded up to two digits."""
-    power = 10.0 ** (math.floor(math.log10(value)) - 1)
-    return math.ceil(value / power - 1e-9) * power
+def around_platform(tips: FloatArray, plates: Sequence[Plate]) -> FloatArray:
+    """Points about the tips (..., 3) as far as a platform reaches: of the tips alone where there is none."""
+    if not plates:
+        return tips.reshape(-1, 3)
+    around = np.abs(plates[0].vertices).max() * np.array([[-1.0], [1.0], [0.0]])
+    return np.asarray(tips.reshape(-1, 1, 3) + around).reshape(-1, 3)
+
+
+def frame_ends(block: History, length: float) -> FloatArray:
+    """Where the axes of the tip's frame end [m], shape (count, 3)."""
+    axes = block.tip_rotation.reshape(-1, 3, 3).swapaxes(1, 2)
+    return np.asarray(block.tip_position.reshape(-1, 1, 3) + length * axes).reshape(-1, 3)
+
+
+def largest_force(block: History) -> float:
+    """The largest force that is drawn [N]."""
+    return max(float(np.linalg.norm(load(block.inputs, name), axis=-1).max()) for name in LOADS)
+
+
+def final_scale(largest: float, size: float) -> float:
+    """Of arrows, where all forces are known: a quarter of the size for the largest [m/N]."""
+    return round_down(0.25 * size / largest) if largest > 0 else 1.0
+
+
+def live_scale(scale: float, largest: float, stage: Stage) -> float:
+    """Of arrows, where larger forces may come [m/N]: no arrow is longer than a part of the robot's size."""
+    return halved(scale, largest, ARROW * stage.size / 1.5)
+
+
+def arrow_ends(block: History, scale: float) -> FloatArray:
+    """Where the arrows of all samples end [m], shape (count, 3)."""
+    tips, rotations = block.tip_position.reshape(-1, 3), block.tip_rotation.reshape(-1, 3, 3)
+
+    def vectors(name: str) -> FloatArray:
+        return np.broadcast_to(load(block.inputs, name), (*block.batch_shape, 3)).reshape(-1, 3)
+
+    origins = tips + np.einsum("tij,tj->ti", rotations, vectors("force_point"))
+    followers = np.einsum("tij,tj->ti", rotations, vectors("follower_force"))
+    return np.concatenate([origins, origins + scale * vectors("tip_force"), origins + scale * followers])
 
 
 def _entity(parts: tuple[str, ...]) -> str:
@@ -218,19 +304,14 @@ def _blocks(block: History, rods: Sequence[DrawnRod]) -> list[DrawnBlock]:
         blocks = problem.blocks
     if len(blocks) == 1:
         return []
-    return [
-        DrawnBlock(part.name, PLATFORM_COLOR if part.rod is None else rods[part.rod].color, part.residuals) for part in blocks
-    ]
-
-
-def _eye(points: FloatArray) -> FloatArray:
-    """From where points about the origin (count, 3) fill the view, seen obliquely."""
-    back = np.array([0.75, -1.0, 0.6]) / np.linalg.norm([0.75, -1.0, 0.6])
-    right = np.cross([0.0, 0.0, 1.0], back)
-    right /= np.linalg.norm(right)
-    aside = np.abs(points @ np.stack([right, np.cross(back, right)], axis=-1)).max(axis=1)
-    distance = float((points @ back + aside / _VIEW).max())
-    return np.asarray(distance * back)
+    found: list[DrawnBlock] = []
+    for part in blocks:
+        color = PLATFORM_COLOR if part.rod is None else rods[part.rod].color
+        taken = {drawn.color for drawn in found}
+        if color in taken:  # a line's, beside its rod's
+            color = next((other for other in PALETTE[::-1] if other not in taken), color)
+        found.append(DrawnBlock(part.name, color, part.residuals))
+    return found
 
 
 def _strongest(block: History, live: bool) -> float:
@@ -244,12 +325,3 @@ def _strongest(block: History, live: bool) -> float:
             bends = [stiffness / float(np.max(line.lever(rod.sections)) * np.max(rod.length)) for line in rod.lines]
             largest = max([largest, *bends])
     return round_up(largest)
-
-
-def _force_scale(block: History, size: float, reach: float, live: bool) -> float:
-    """A quarter of the size for the largest force; live, where that is not known, half the length for ``EI/L^2``."""
-    if live:
-        stiffness = sum(max(float(np.max(s.bending_stiffness)) for s in rod.sections) for rod in block.assembly.rods)
-        return round_down(0.5 * reach**3 / stiffness)
-    largest = max(float(np.linalg.norm(load(block.inputs, name), axis=-1).max()) for name in LOADS)
-    return round_down(0.25 * size / largest) if largest > 0 else 1.0

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from multirod.recording.columns import rgba
 from multirod.recording.figure import PALETTE, PLATFORM_COLOR
-from multirod.recording.layout import PLOT_HEIGHT, PLOT_WIDTH
+from multirod.recording.layout import PLOT_HEIGHT, PLOT_WIDTH, legend
+from multirod.recording.profiles import Profile
 from multirod.recording.stage import LOADS, Stage
 from multirod.status import Status
 
@@ -27,6 +28,9 @@ _STATUS_COLORS = {
     Status.UNSTABLE_COUPLING: 0xE8590C,
 }
 _FAILURE_COLOR = 0xE03131
+_FAILURE_TEXT_COLOR = 0xFF8787
+_FADED_COLOR = 0x5C636B
+_NAMED = 8  # rods whose names have room beside a plot
 _SERIES = {
     "/error/boundary": ("boundary error [1/m]", 0xF06292),
     "/error/boundary_log10": ("log10 boundary error [1/m]", 0xF06292),
@@ -59,11 +63,23 @@ def styles(stage: Stage) -> Styled:
         yield stage.scalar("/status", k), [rr.StateConfiguration(values=names, labels=names, colors=colors)]
         yield from _scene(stage, k)
         yield from _series(stage, k)
-        yield from _curvature(stage, k)
-    h = 0.5 * PLOT_HEIGHT
-    frame = [(0.0, -h), (0.0, h), (PLOT_WIDTH, h), (PLOT_WIDTH, -h), (0.0, -h)]
-    lines = [frame, [(0.0, 0.0), (PLOT_WIDTH, 0.0)]] if stage.by_component else [frame]
-    yield "/curvature/axes", [rr.LineStrips2D(lines, radii=rr.Radius.ui_points(0.5), colors=rgba(_AXIS_LINE_COLOR))]
+        for profile in stage.profiles:
+            yield from _along(stage, profile, k)
+    for profile in stage.profiles:
+        yield from _axes(stage, profile)
+    yield from scales(stage)
+
+
+def scales(stage: Stage) -> Styled:
+    """What changes where larger loads come than were known."""
+    import rerun as rr
+
+    yield "/legend", [rr.TextDocument(legend(stage), media_type=rr.MediaType.MARKDOWN)]
+    for k in range(stage.count):
+        for name, color in LOADS.items():
+            if any(spec.name == name for spec in stage.given):
+                arrow = rr.Arrows3D.from_fields(radii=rr.Radius.ui_points(3.0), colors=rgba(color))
+                yield stage.world(f"loads/{name}", k), [arrow, rr.InstancePoses3D(scales=[[stage.force_scale] * 3])]
 
 
 def _scene(stage: Stage, k: int) -> Styled:
@@ -72,9 +88,15 @@ def _scene(stage: Stage, k: int) -> Styled:
     stroke = 0.0015 * stage.size
     for index, rod in enumerate(stage.rods):
         color = rgba(stage.rod_color(k, index))
-        yield stage.rod("rods", k, index), [rr.Capsules3D.from_fields(colors=color, fill_mode=rr.components.FillMode.Solid)]
+        own = None if stage.coloring else color
+        yield stage.rod("rods", k, index), [rr.Capsules3D.from_fields(fill_mode=rr.components.FillMode.Solid, colors=own)]
+        yield stage.rod("names", k, index), [rr.Points3D.from_fields(radii=0.0, colors=color, labels=stage.label(k, index))]
+        faded = rr.LineStrips3D.from_fields(radii=0.8 * rod.radius, colors=rgba(_FADED_COLOR))
+        yield stage.rod("failed/rods", k, index), [faded]
+    for index, rod in enumerate(stage.reference_rods):
         grey = rr.LineStrips3D.from_fields(radii=0.4 * rod.radius, colors=rgba(_REFERENCE_COLOR, 0xC0))
         yield stage.rod("reference/rods", k, index), [grey]
+    yield stage.world("failed/status", k), [rr.Points3D.from_fields(radii=0.0, colors=rgba(_FAILURE_TEXT_COLOR))]
     yield stage.world("tip_path", k), [rr.LineStrips3D.from_fields(radii=stroke, colors=rgba(0xFFFFFF, 0x90))]
     grey = rr.LineStrips3D.from_fields(radii=0.6 * stroke, colors=rgba(_REFERENCE_COLOR))
     yield stage.world("reference/tip_path", k), [grey]
@@ -87,8 +109,6 @@ def _scene(stage: Stage, k: int) -> Styled:
             yield stage.rod("discs", k, index), [rim]
     if stage.platforms:
         yield stage.world("platform", k), [rr.Mesh3D.from_fields(albedo_factor=rgba(PLATFORM_COLOR, 0xB0))]
-    for name, color in LOADS.items():
-        yield stage.world(f"loads/{name}", k), [rr.Arrows3D.from_fields(radii=2 * stroke, colors=rgba(color))]
 
 
 def _series(stage: Stage, k: int) -> Styled:
@@ -122,13 +142,35 @@ def _lines(names: list[str], colors: list[int]) -> Any:
     return rr.SeriesLines(names=names, colors=_colors(colors), widths=[1.5] * len(names))
 
 
-def _curvature(stage: Stage, k: int) -> Styled:
+def _along(stage: Stage, profile: Profile, k: int) -> Styled:
     import rerun as rr
 
     for index in range(len(stage.rods)):
-        shades = _AXIS_COLORS if stage.by_component else (stage.rod_color(k, index),)
+        parts = stage.by_component and not profile.positive
+        shades = _AXIS_COLORS if parts else (stage.rod_color(k, index),)
         lines = rr.LineStrips2D.from_fields(radii=rr.Radius.ui_points(1.0), colors=_colors(shades))
-        yield stage.curvature(k, index), [lines]
+        yield stage.profile(profile.name, k, index), [lines]
+
+
+def _axes(stage: Stage, profile: Profile) -> Styled:
+    """The frame of a plot, and what its colours are, beside it."""
+    import rerun as rr
+
+    w, h = PLOT_WIDTH, 0.5 * PLOT_HEIGHT
+    parts = stage.by_component and not profile.positive
+    frame = [(0.0, -h), (0.0, h), (w, h), (w, -h), (0.0, -h)]
+    lines = [frame, [(0.0, 0.0), (w, 0.0)]] if parts else [frame]
+    yield f"/{profile.name}/axes", [rr.LineStrips2D(lines, radii=rr.Radius.ui_points(0.5), colors=rgba(_AXIS_LINE_COLOR))]
+    labels, shades = [rod.name for rod in stage.rods], [rod.color for rod in stage.rods]
+    if parts:
+        labels, shades = [f"{profile.letter}_{axis}" for axis in "xyz"], list(_AXIS_COLORS)
+    elif stage.batched and len(stage.rods) == 1:
+        labels = [f"instance {k}" for k in range(stage.count)]
+        shades = [stage.rod_color(k, 0) for k in range(stage.count)]
+    if 1 < len(labels) <= _NAMED:
+        places = [(1.05 * w + 0.14 * w * (i // 4), h * (0.55 * (i % 4) - 0.85)) for i in range(len(labels))]
+        names = rr.Points2D(places, labels=labels, colors=_colors(shades), radii=[0.0] * len(labels), show_labels=True)
+        yield f"/{profile.name}/names", [names]
 
 
 def _colors(values: Sequence[int]) -> NDArray[np.uint32]:

@@ -1,11 +1,16 @@
 """A stream to a viewer that may take what it is sent slowly, or not at all."""
 
 import atexit
+import socket
 import warnings
+from collections.abc import Callable
 from queue import Full, Queue
 from threading import Thread
 from typing import Any
+from urllib.parse import urlsplit
 
+_KNOCK = 0.4  # seconds that a viewer has to let itself be reached
+_START = "start one with `rerun`, which listens at rerun+http://127.0.0.1:9876/proxy"
 WAITING = 20_000  # calls that wait to be sent at most; a sample of a few rods makes some tens when it is flushed
 
 
@@ -18,11 +23,13 @@ class ViewerStream:
     Args:
         stream: The ``rerun.RecordingStream``, not connected yet.
         address: Of the viewer.
-        patience: That ``disconnect`` has with the viewer [s].
+        patience: That ``disconnect`` has with a viewer that listens [s].
+        say: Takes what is to be said of it from whatever thread; by default it is a warning there.
     """
 
-    def __init__(self, stream: Any, address: str, patience: float) -> None:
+    def __init__(self, stream: Any, address: str, patience: float, say: Callable[[str], None] | None = None) -> None:
         self._stream, self._address, self._patience = stream, address, patience
+        self._say = _warn if say is None else say
         self._calls: Queue[tuple[str, tuple[Any, ...], dict[str, Any]]] = Queue(WAITING)
         self._left_out = False
         stream.connect_grpc(address)
@@ -41,9 +48,7 @@ class ViewerStream:
         except Full:
             if not self._left_out:
                 self._left_out = True
-                warnings.warn(
-                    f"the viewer at {self._address} does not keep up: samples are left out", RuntimeWarning, stacklevel=2
-                )
+                self._say(f"the viewer at {self._address} does not keep up: samples are left out")
 
     def log(self, *arguments: Any, **options: Any) -> None:
         """As the stream's own."""
@@ -62,21 +67,45 @@ class ViewerStream:
         self._call("send_blueprint", blueprint)
 
     def disconnect(self) -> None:
-        """Wait until the viewer has everything, at most as long as there is patience for."""
+        """Wait until the viewer has everything, as long as there is patience; not at all for one that is not there."""
+        absent = not listens(self._address)
+        patience = _KNOCK if absent else self._patience
         try:
-            self._calls.put(("disconnect", (), {}), timeout=self._patience)
+            self._calls.put(("disconnect", (), {}), timeout=patience)
         except Full:
             pass
         else:
-            self._thread.join(self._patience)
-        if self._thread.is_alive():
-            _exit_without_waiting(self._patience)
-            warnings.warn(
+            self._thread.join(patience)
+        if not self._thread.is_alive():
+            return
+        _exit_without_waiting(patience)
+        if absent:
+            self._say(f"no viewer listens at {self._address}: it has nothing of the recording, or not its end; {_START}")
+        else:
+            self._say(
                 f"the viewer at {self._address} has not taken the whole recording within {self._patience:g} s: "
-                "its last samples, or all of them, are lost there",
-                RuntimeWarning,
-                stacklevel=2,
+                "its last samples, or all of them, are lost there"
             )
+
+
+def listens(address: str) -> bool:
+    """Whether something can be reached at the address; where it names no port, that is not tried."""
+    parts = urlsplit(address)
+    try:
+        host, port = parts.hostname, parts.port
+    except ValueError:  # such a port there is not
+        return True
+    if host is None or port is None:
+        return True
+    try:
+        socket.create_connection((host, port), timeout=_KNOCK).close()
+    except OSError:
+        return False
+    return True
+
+
+def _warn(message: str) -> None:
+    warnings.warn(message, RuntimeWarning, stacklevel=3)
 
 
 def _exit_without_waiting(patience: float) -> None:

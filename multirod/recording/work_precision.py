@@ -54,7 +54,7 @@ def save_tradeoff(path: str | PathLike[str], table: "Tradeoff", *, name: str | N
     writer = Writer([stream], node_count=51, instances=1, force_scale=None, live=False)
     writer.prepare(reference, None, title, "", 1)
     plot = _Plot(table)
-    stream.save(file, default_blueprint=_blueprint(writer._stage, shown))
+    stream.save(file, default_blueprint=_blueprint(writer.stage, shown))
     with stream:
         stream.send_recording_name(title)
         writer.write_static()
@@ -64,7 +64,7 @@ def save_tradeoff(path: str | PathLike[str], table: "Tradeoff", *, name: str | N
         writer.write(reference, None, steps)
         plot.log(stream, front, shown)
         for k, row in enumerate(shown):
-            _log_setting(stream, table, row, PALETTE[k], writer._stage.size)
+            _log_setting(stream, table, row, PALETTE[k], writer.stage.size)
 
 
 def _some(front: "list[Measured]") -> "list[Measured]":

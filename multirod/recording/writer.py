@@ -1,83 +1,164 @@
 """Rows of a recording: samples turned into columns of its entities."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from textwrap import wrap
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from multirod.recording import columns, layout
-from multirod.recording.columns import rgba
+from multirod.recording.along import AlongPlots
+from multirod.recording.coloring import Coloring
 from multirod.recording.figure import discs
-from multirod.recording.layout import PLOT_HEIGHT, PLOT_WIDTH
-from multirod.recording.stage import LOADS, Stage, load, round_up
-from multirod.recording.style import styles
+from multirod.recording.framing import Extent, Frame
+from multirod.recording.stage import (
+    LOADS,
+    TIP_AXES,
+    Stage,
+    around_platform,
+    arrow_ends,
+    final_scale,
+    frame_ends,
+    given,
+    largest_force,
+    live_scale,
+    load,
+)
+from multirod.recording.style import scales, styles
 from multirod.solution import History
-from multirod.status import Status
+from multirod.status import Status, failures
 from multirod.validation import FloatArray
 
 _ROWS = 1000
 
 
 class Writer:
-    """Turns blocks of samples into columns. ``prepare`` comes first: it sets the stage and makes the layout."""
+    """Turns blocks of samples into columns. ``prepare`` comes first: it sets the stage and makes the layout.
 
-    _stage: Stage
+    Args:
+        streams: That take the columns.
+        node_count: Nodes of a rod.
+        instances: That are recorded.
+        force_scale: Of arrows [m/N]; None to choose it.
+        live: Whether samples come that nothing is known of yet.
+        breathe: Called often, between short pieces of work.
+    """
 
-    def __init__(self, streams: Sequence[Any], *, node_count: int, instances: int, force_scale: float | None, live: bool) -> None:
+    stage: Stage
+
+    def __init__(
+        self,
+        streams: Sequence[Any],
+        *,
+        node_count: int,
+        instances: int,
+        force_scale: float | None,
+        live: bool,
+        breathe: Callable[[], None] = lambda: None,
+    ) -> None:
         self._streams = streams
         self._node_count = node_count
         self._instances = instances
         self._force_scale = force_scale
         self._live = live
+        self._breathe = breathe
         self._last_tip: dict[str, FloatArray] = {}
         self._last_value: dict[str, Any] = {}
-        self._curvature_limit = 0.0
-        self._arclength_limit = 0.0
+        self._last_sound: dict[int, list[FloatArray]] = {}
+        self._extent = Extent(np.zeros((0, 3)))
+        self._largest = 0.0
+        self._ranges: dict[str, tuple[float, float]] = {}  # of what is plotted by its logarithm
 
-    def prepare(self, block: History, reference: History | None, title: str, solver: str, total: int) -> Any:
+    def prepare(
+        self,
+        block: History,
+        reference: History | None,
+        title: str,
+        solver: str,
+        total: int,
+        *,
+        reference_name: str = "",
+        coloring: Coloring | None = None,
+    ) -> Any:
         """Set the stage by the first block, and return the layout."""
-        self._stage = Stage.of(
+        self.stage = Stage.of(
             block,
             reference,
             node_count=self._node_count,
             instances=self._instances,
             force_scale=self._force_scale,
             live=self._live,
+            reference_name=reference_name,
+            coloring=coloring,
         )
-        self._description = layout.description(self._stage, title, solver, total)
-        return layout.blueprint(self._stage)
+        self._text = title, solver, total, "" if reference is None else f"{reference.assembly!r}, {reference.description}"
+        self._along = AlongPlots(self.stage, self._send)
+        self._note_ranges(_scalars(self.stage, block, _tips(block, reference)))
+        return layout.blueprint(self.stage, {} if self._live else self._ranges)
+
+    def _note_ranges(self, scalars: dict[str, FloatArray]) -> None:
+        for path, values in scalars.items():
+            known = values[np.isfinite(values)] if path.endswith("_log10") else np.zeros(0)
+            if known.size:
+                low, high = self._ranges.get(path, (math.inf, -math.inf))
+                self._ranges[path] = min(low, float(known.min())), max(high, float(known.max()))
 
     def write_static(self) -> None:
         """Write what does not change with time."""
-        import rerun as rr
+        self._log(styles(self.stage))
+        self._describe()
 
-        text = rr.TextDocument(self._description, media_type=rr.MediaType.MARKDOWN)
-        for path, archetypes in (("/description", [text]), *styles(self._stage)):
+    def _log(self, entities: Iterable[tuple[str, list[Any]]]) -> None:
+        for path, archetypes in entities:
             for stream in self._streams:
                 stream.log(path, *archetypes, static=True)
+            self._breathe()
+
+    def _describe(self) -> None:
+        import rerun as rr
+
+        text = layout.description(self.stage, *self._text)
+        self._log([("/description", [rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)])])
 
     def write(self, block: History, reference: History | None, steps: NDArray[np.int64]) -> None:
         """Send the samples of ``block``; columns of at most 1000 rows, so that the viewer loads what it shows."""
-        stage, samples = self._stage, len(block.time)
+        samples = len(block.time)
         sources = [("", block)] if reference is None else [("", block), ("reference/", reference)]
-        shapes = {kind: [self._shape(source, rod, samples) for rod in range(len(stage.rods))] for kind, source in sources}
+        shapes = {kind: self._shapes(source, samples) for kind, source in sources}
+        tips = _tips(block, reference)
+        if self._live:
+            self._widen(block, shapes[""])
+        self._breathe()
+        stage = self.stage
+        if any(profile.name == "difference" for profile in stage.profiles):
+            _compare(shapes)
         lines = [self._line(block, line, samples) for line in range(len(stage.lines))]
-        rims = [self._rims(block, rod, samples) for rod in range(len(stage.rods))]
+        rims = [self._rims(block, rod, shape) for rod, shape in enumerate(shapes[""])]
         tension = np.reshape(block.tension, (samples, -1, len(stage.lines))) if stage.lines else np.zeros((samples, 0, 0))
-        tips = {kind: np.reshape(source.tip_position, (samples, -1, 3)) for kind, source in sources}
         rotations = np.reshape(block.tip_rotation, (samples, -1, 3, 3))
+        self._breathe()
         scalars = _scalars(stage, block, tips)
+        self._breathe()
         loads = _loads(block, tips[""], rotations)
         statuses = np.reshape(np.asarray(block.status), (samples, -1))
-        self._write_curvature_axes(shapes[""], block.time, steps)
+        self._breathe()
+        along = self._along.curves(shapes[""])
+        self._note_ranges(scalars)
+        self._breathe()
         for start in range(0, samples, _ROWS):
             rows = slice(start, start + _ROWS)
             index = columns.index(steps[rows], block.time[rows])
+            self._along.write_limits(along, steps[rows], block.time[rows])
             for k in range(stage.count):
+                shades = None if stage.coloring is None else stage.coloring.colors[steps[rows], k]
                 for i, shape in enumerate(shapes[""]):
-                    self._send(stage.rod("rods", k, i), index, columns.capsules(shape["position"][rows, k], stage.rods[i].radius))
-                    self._write_curvature(k, i, index, shape["arclength"][rows, k], shape["curvature"][rows, k])
+                    capsules = columns.capsules(shape["position"][rows, k], stage.rods[i].radius, shades)
+                    self._send(stage.rod("rods", k, i), index, capsules)
+                    self._write_name(k, i, index, shapes[""], rows)
+                    self._along.write(along, k, i, index, rows)
                 for i, shape in enumerate(shapes.get("reference/", [])):
                     self._send(stage.rod("reference/rods", k, i), index, columns.strips(shape["position"][rows, k]))
                 for i, nodes in enumerate(lines):
@@ -93,24 +174,67 @@ class Writer:
                 for path, values in scalars.items():
                     self._send_scalars(stage.scalar(path, k), index, values[rows, k])
                 self._write_status(stage.scalar("/status", k), steps[rows], block.time[rows], statuses[rows, k])
+                nodes_of_rods = [shape["position"][rows, k] for shape in shapes[""]]
+                self._write_failed(k, steps[rows], block.time[rows], statuses[rows, k], nodes_of_rods)
 
-    def _shape(self, source: History, rod: int, samples: int) -> dict[str, FloatArray]:
-        """Shape of a rod with axes (sample, instance, node, ...)."""
-        values = vars(source.rod(rod, nodes=self._node_count))
-        tails = {"arclength": 1, "position": 2, "rotation": 3, "curvature": 2}
-        return {name: values[name].reshape(samples, -1, *values[name].shape[-tail:]) for name, tail in tails.items()}
+    def _widen(self, block: History, shapes: Sequence[dict[str, FloatArray]]) -> None:
+        """Fit scale, frame and plots to what was not known when the stage was set."""
+        before = self.stage
+        self._largest = max(self._largest, largest_force(block))
+        scale = before.force_scale
+        if self._force_scale is None:
+            scale = live_scale(scale, self._largest, before)
+        for shape in shapes:
+            self._extent.add(shape["position"])
+        self._extent.add(around_platform(block.tip_position, before.platforms))
+        self._extent.add(frame_ends(block, TIP_AXES * before.size))
+        self._extent.add(arrow_ends(block, scale))
+        more = tuple(spec for spec in given(block) if spec not in before.given)
+        self.stage = replace(before, force_scale=scale, given=(*before.given, *more))
+        frame = Frame.between(before.centre, before.eye)
+        if not frame.shows(self._extent.points):
+            self.stage = self.stage.seen_from(frame.widened(self._extent.points))
+        if more or scale != before.force_scale:
+            self._log(scales(self.stage))
+            self._describe()
+        if more or self.stage.eye is not before.eye:
+            blueprint = layout.blueprint(self.stage)
+            for stream in self._streams:
+                stream.send_blueprint(blueprint)
+
+    def finish(self) -> Any:
+        """Fit the scale of arrows to all that came, and return the layout that shows it."""
+        size = max(self._extent.size, 0.5 * self.stage.size)
+        if self._force_scale is None and self._largest > 0:
+            self.stage = replace(self.stage, force_scale=final_scale(self._largest, size))
+            self._log(scales(self.stage))
+            self._describe()
+        bases = np.array([pose[:3, 3] for pose in self.stage.bases.values()])
+        self._extent.add(bases)
+        self.stage = self.stage.seen_from(Frame(self._extent.points))
+        return layout.blueprint(self.stage, self._ranges)
+
+    def _shapes(self, source: History, samples: int) -> list[dict[str, FloatArray]]:
+        """Shapes of all rods with axes (sample, instance, node, ...)."""
+        tails = {"arclength": 1, "position": 2, "rotation": 3, "curvature": 2, "moment": 2, "force": 2}
+        shapes = []
+        for rod in range(source.assembly.rod_count):
+            values = vars(source.rod(rod, nodes=self._node_count))
+            self._breathe()
+            shapes.append({name: values[name].reshape(samples, -1, *values[name].shape[-tail:]) for name, tail in tails.items()})
+        return shapes
 
     def _line(self, source: History, line: int, samples: int) -> FloatArray:
         """Nodes of a line, axes (sample, instance, node, 3): not finite where it is not."""
         position = source.line(line, nodes=self._node_count).position
         return position.reshape(samples, -1, *position.shape[-2:])
 
-    def _rims(self, source: History, rod: int, samples: int) -> FloatArray:
+    def _rims(self, source: History, rod: int, shape: dict[str, FloatArray]) -> FloatArray:
         """Rims of a rod's discs, axes (sample, instance, disc, node, 3), between nodes as if straight."""
         places, radius = discs(source.assembly.rods[rod])
         if not places.size:
-            return np.zeros((samples, 0))
-        shape = self._shape(source, rod, samples)
+            return np.zeros((len(source.time), 0))
+        samples = len(source.time)
         shift = np.broadcast_to(source.inputs.translation[..., rod], source.batch_shape).reshape(samples, -1)
         s = places + shift[..., None]
         whole = (self._node_count - 1) * s / shape["arclength"][..., -1:]
@@ -127,9 +251,9 @@ class Writer:
 
     def _write_line(self, k: int, line: int, index: Any, nodes: FloatArray, tension: FloatArray) -> None:
         path, shades, radius = (
-            self._stage.line(k, line),
-            columns.shades(tension, self._stage.strongest),
-            self._stage.lines[line].radius,
+            self.stage.line(k, line),
+            columns.shades(tension, self.stage.strongest),
+            self.stage.lines[line].radius,
         )
         if radius:
             self._send(path, index, columns.capsules(nodes, radius, shades))
@@ -142,14 +266,16 @@ class Writer:
 
         index = columns.index(steps, times)
         frames, sound = columns.poses(position, rotation)
-        axes = rr.TransformAxes3D.columns(axis_length=np.where(sound, 0.1 * self._stage.size, 0.0))
-        self._send(self._stage.world("tip", k), index, [*frames, *axes])
-        if self._stage.platforms:
-            path = self._stage.world("platform", k)
+        axes = rr.TransformAxes3D.columns(
+            axis_length=np.where(sound, (TIP_AXES if self.stage.labelled else 0.3 * TIP_AXES) * self.stage.size, 0.0)
+        )
+        self._send(self.stage.world("tip", k), index, [*frames, *axes])
+        if self.stage.platforms:
+            path = self.stage.world("platform", k)
             self._send(path, index, frames)
             changed = self._changed(path, sound)
             if changed.any():
-                mesh = columns.plates(self._stage.platforms[k], sound[changed])
+                mesh = columns.plates(self.stage.platforms[k], sound[changed])
                 self._send(path, columns.index(steps[changed], times[changed]), mesh)
 
     def _write_path(self, path: str, index: Any, positions: FloatArray) -> None:
@@ -158,11 +284,60 @@ class Writer:
         self._send(path, index, columns.strips(np.stack([before, positions], axis=1)))
 
     def _write_arrows(self, path: str, index: Any, origins: FloatArray, force: FloatArray) -> None:
+        """Arrows in newtons, each from the origin of a frame whose scale may yet change."""
         import rerun as rr
 
         sound = np.isfinite(origins).all(axis=1) & np.isfinite(force).all(axis=1) & (np.abs(force).max(axis=1) > 0)
-        vectors = self._stage.force_scale * force[sound]
-        self._send(path, index, rr.Arrows3D.columns(vectors=vectors, origins=origins[sound]).partition(sound.astype(int)))
+        labels = [f"{value:.3g} N" for value in np.linalg.norm(force[sound], axis=1)]
+        arrows = rr.Arrows3D.columns(vectors=force[sound], labels=labels if self.stage.labelled else None)
+        places = rr.Transform3D.columns(translation=origins[sound])
+        self._send(path, index, [*arrows.partition(sound.astype(int)), *places.partition(sound.astype(int))])
+
+    def _write_name(self, k: int, rod: int, index: Any, shapes: Sequence[dict[str, FloatArray]], rows: slice) -> None:
+        """A name where the rod can be seen: in the middle of what no tube of its leg covers."""
+        import rerun as rr
+
+        if not self.stage.label(k, rod):
+            return
+        own = shapes[rod]["arclength"][rows, k, -1]
+        others = [shapes[i]["arclength"][rows, k, -1] for i, r in enumerate(self.stage.rods) if r.leg == self.stage.rods[rod].leg]
+        covered = np.max([np.where(other < own, other, 0.0) for other in others], axis=0)
+        part = 1.0 if self.stage.batched else 0.5 + 0.5 * covered / own
+        node = np.nan_to_num(part * (self._node_count - 1)).astype(int)
+        nodes = np.broadcast_to(node, own.shape)[:, None, None]
+        places = np.take_along_axis(shapes[rod]["position"][rows, k], nodes, axis=1)[:, 0]
+        sound = np.isfinite(places).all(axis=1)
+        self._send(
+            self.stage.rod("names", k, rod), index, rr.Points3D.columns(positions=places[sound]).partition(sound.astype(int))
+        )
+
+    def _write_failed(
+        self, k: int, steps: NDArray[np.int64], times: FloatArray, codes: NDArray[Any], positions: Sequence[FloatArray]
+    ) -> None:
+        """Where samples begin to fail, the last shape before and what happened, in words; where they end, nothing."""
+        import rerun as rr
+
+        failed = failures(codes)
+        last = self._last_sound.setdefault(k, [np.zeros((0, 3)) for _ in positions])
+        states = np.where(failed, codes, -1)
+        path = self.stage.world("failed/status", k)
+        self._last_value.setdefault(path, -1)
+        if failed.any() or self._last_value[path] != -1:
+            for row in np.flatnonzero(self._changed(path, states)):
+                index = columns.index(steps[row : row + 1], times[row : row + 1])
+                shown = [p[row - 1] for p in positions] if row and not failed[row - 1] else last
+                for i, nodes in enumerate(shown):
+                    strip = [nodes] if failed[row] and len(nodes) else []
+                    strips = rr.LineStrips3D.columns(strips=strip).partition([len(strip)])
+                    self._send(self.stage.rod("failed/rods", k, i), index, strips)
+                    last[i] = nodes
+                text = [_words(int(codes[row]))] if failed[row] else []
+                place = [nodes[-1] if len(nodes) else next(iter(self.stage.bases.values()))[:3, 3]] if failed[row] else []
+                points = [*rr.Points3D.columns(positions=place).partition([len(text)])]
+                self._send(path, index, [*points, *rr.Points3D.columns(labels=text).partition([len(text)])])
+        sound = np.flatnonzero(~failed)
+        if sound.size:
+            self._last_sound[k] = [p[sound[-1]] for p in positions]
 
     def _write_status(self, path: str, steps: NDArray[np.int64], times: FloatArray, codes: NDArray[Any]) -> None:
         import rerun as rr
@@ -179,48 +354,32 @@ class Writer:
         self._last_value[path] = values[-1]
         return changed
 
-    def _write_curvature_axes(self, shapes: Sequence[dict[str, FloatArray]], times: FloatArray, steps: NDArray[np.int64]) -> None:
-        """Choose the plot's scales, anew where values outgrow them; the tick labels are data, so each row has its own."""
-        import rerun as rr
-
-        curvature = [self._drawn_curvature(shape["curvature"]) for shape in shapes]
-        largest = max((float(np.nanmax(np.abs(c), initial=0.0)) for c in curvature if np.isfinite(c).any()), default=0.0)
-        reach = max(
-            (float(np.nanmax(s["arclength"], initial=0.0)) for s in shapes if np.isfinite(s["arclength"]).any()), default=0.0
-        )
-        if self._curvature_limit and largest <= self._curvature_limit and reach <= self._arclength_limit:
-            return
-        margin = 1.5 if self._live else 1.05
-        self._curvature_limit = max(self._curvature_limit, round_up(margin * largest) if largest > 0 else 1.0)
-        self._arclength_limit = max(self._arclength_limit, round_up((1.1 if self._live else 1.0) * reach) if reach > 0 else 1.0)
-        w, h = PLOT_WIDTH, 0.5 * PLOT_HEIGHT
-        left = -0.05 * w
-        positions = [(left, -1.3 * h), (left, -0.3 * h), (left, 0.7 * h), (1.06 * w, -0.3 * h)]
-        top = self._curvature_limit
-        ticks = (top, 0.0, -top) if self._stage.by_component else (top, 0.5 * top, 0.0)
-        labels = [*(f"{tick:g}" for tick in ticks), f"s = {self._arclength_limit:g} m"]
-        colors = np.full(len(labels), rgba(0xDEE2E6), dtype=np.uint32)
-        points = rr.Points2D.columns(positions=positions, labels=labels, colors=colors, radii=[0.0] * len(labels))
-        self._send("/curvature/axes/labels", columns.index(steps[:1], times[:1]), points.partition([len(labels)]))
-
-    def _write_curvature(self, k: int, rod: int, index: Any, arclength: FloatArray, curvature: FloatArray) -> None:
-        values = self._drawn_curvature(curvature) / self._curvature_limit
-        x = PLOT_WIDTH / self._arclength_limit * arclength
-        y = PLOT_HEIGHT * (-0.5 * values if self._stage.by_component else 0.5 - values)  # 2D views point down
-        strips = np.stack([np.broadcast_to(x[..., None], y.shape), y], axis=-1)
-        self._send(self._stage.curvature(k, rod), index, columns.strips(np.moveaxis(strips, 2, 1)))
-
-    def _drawn_curvature(self, curvature: FloatArray) -> FloatArray:
-        return curvature if self._stage.by_component else np.linalg.norm(curvature[..., :2], axis=-1, keepdims=True)
-
     def _send(self, path: str, index: Any, values: Any) -> None:
         for stream in self._streams:
             stream.send_columns(path, index, values)
+        self._breathe()
 
     def _send_scalars(self, path: str, index: Any, values: FloatArray) -> None:
         import rerun as rr
 
         self._send(path, index, rr.Scalars.columns(scalars=np.ascontiguousarray(values)))
+
+
+def _tips(block: History, reference: History | None) -> dict[str, FloatArray]:
+    """Of all sources, axes (sample, instance, 3)."""
+    sources = {"": block} if reference is None else {"": block, "reference/": reference}
+    return {kind: np.reshape(source.tip_position, (len(block.time), -1, 3)) for kind, source in sources.items()}
+
+
+def _words(code: int) -> str:
+    status = Status(code)
+    return f"{status.name}\n" + "\n".join(wrap(status.message, 44))
+
+
+def _compare(shapes: dict[str, list[dict[str, FloatArray]]]) -> None:
+    """Add to each rod's shape how far its nodes are from the reference's [mm]."""
+    for shape, other in zip(shapes[""], shapes["reference/"], strict=True):
+        shape["difference"] = 1e3 * np.linalg.norm(shape["position"] - other["position"], axis=-1, keepdims=True)
 
 
 def _scalars(stage: Stage, block: History, tips: dict[str, FloatArray]) -> dict[str, FloatArray]:
