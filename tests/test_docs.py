@@ -36,3 +36,14 @@ def test_the_documented_default_of_critical_loads_is_its_default() -> None:
     default = sys.modules["multirod.studies.critical_loads"].PRECISE
     assert eval(said, public) == default
     assert eval(said, public).integrator == default.integrator
+
+
+def test_documented_recordings_are_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = (PAGES[0].parent / "recordings.md").read_text(encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    scope: dict[str, object] = {}
+    for code in re.findall(r"```python\n(.*?)```", page, re.DOTALL):
+        exec(code, scope)
+    assert {file.name for file in tmp_path.iterdir()} == {"run.rrd", "loop.rrd", "compared.rrd", "batch.rrd"}
+    for name in re.findall(r"images/(.*?)\)", page):
+        assert 0 < (PAGES[0].parent / "images" / name).stat().st_size < 300_000

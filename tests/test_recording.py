@@ -377,7 +377,7 @@ def test_save_refuses_bad_arguments(history, tmp_path):
             save(path, history)
     for name in ("x.npz", "x.txt", "x", "x.rrd.gz"):
         with pytest.raises(ValueError, match=r"save\.path = .* is not allowed: must end in \.rrd"):
-            history.save(tmp_path / name)
+            save(tmp_path / name, history)
         with pytest.raises(ValueError, match=r"Recorder\.path = .* is not allowed: must end in \.rrd"):
             Recorder(tmp_path / name)
     assert not list(tmp_path.iterdir())

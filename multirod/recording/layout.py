@@ -26,7 +26,7 @@ def description(stage: Stage, title: str, solver: str, total: int, compared: str
     lines += [f"**Batch** the first {stage.count} of {total} instances  "] if total > stage.count else []
     lines += [
         "",
-        f"| {stage.kind} | colour | length [m] | bending stiffness [N m^2] | torsional stiffness [N m^2] | drawn diameter [mm] |",
+        f"| {stage.kind} | colour | length [m] | EI [N m^2] | GJ [N m^2] | drawn diameter [mm] |",
         "|---|---|---|---|---|---|",
         *_table(stage),
         "",

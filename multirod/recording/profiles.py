@@ -39,7 +39,7 @@ def profiles(rods: Sequence[Rod], *, compared: bool) -> tuple[Profile, ...]:
         Profile("force", "N", "n", lambda shape, _, parts: _drawn(shape["force"], parts)),
     ]
     if all(rod.outer_diameter is not None for rod in rods):
-        found.append(Profile("strain", "%", "", _strain, positive=True))
+        found.append(Profile("strain", "%", "", lambda shape, _rod, _parts: shape["strain"], positive=True))
     if compared:
         found.append(Profile("difference", "mm", "", lambda shape, _rod, _parts: shape["difference"], positive=True))
     return tuple(found)
@@ -106,16 +106,3 @@ def _curvature(shape: Shapes, rod: Rod, parts: bool) -> FloatArray:
 
 def _drawn(values: FloatArray, parts: bool) -> FloatArray:
     return values if parts else np.linalg.norm(values, axis=-1, keepdims=True)
-
-
-def _strain(shape: Shapes, rod: Rod, parts: bool) -> FloatArray:
-    """Of bending, where the surface is strained most [%]."""
-    assert rod.outer_diameter is not None
-    s = shape["arclength"] - shape["arclength"][..., -1:] + float(np.max(rod.length))
-    places = ends(rod)
-    stiffness = np.stack([np.broadcast_to(np.max(np.reshape(x.bending_stiffness, (-1, 2)), axis=0), 2) for x in rod.sections])
-    section = np.zeros(s.shape, dtype=int)
-    if places is not None:
-        section = np.minimum(np.searchsorted(places, np.nan_to_num(s) * (1 - 1e-9)), len(places) - 1)
-    bending = shape["moment"][..., :2] / stiffness[section]
-    return np.asarray(100 * 0.5 * float(rod.outer_diameter) * np.linalg.norm(bending, axis=-1, keepdims=True))

@@ -30,6 +30,7 @@ from multirod.recording.stage import (
 from multirod.recording.style import scales, styles
 from multirod.solution import History
 from multirod.status import Status, failures
+from multirod.strains import strains
 from multirod.validation import FloatArray
 
 _ROWS = 1000
@@ -94,7 +95,7 @@ class Writer:
             reference_name=reference_name,
             coloring=coloring,
         )
-        self._text = title, solver, total, "" if reference is None else f"{reference.assembly!r}, {reference.description}"
+        self._text = title, solver, total, _compared(block, reference)
         self._along = AlongPlots(self.stage, self._send)
         self._note_ranges(_scalars(self.stage, block, _tips(block, reference)))
         return layout.blueprint(self.stage, {} if self._live else self._ranges)
@@ -219,9 +220,14 @@ class Writer:
         tails = {"arclength": 1, "position": 2, "rotation": 3, "curvature": 2, "moment": 2, "force": 2}
         shapes = []
         for rod in range(source.assembly.rod_count):
-            values = vars(source.rod(rod, nodes=self._node_count))
+            shape = source.rod(rod, nodes=self._node_count)
             self._breathe()
-            shapes.append({name: values[name].reshape(samples, -1, *values[name].shape[-tail:]) for name, tail in tails.items()})
+            values = vars(shape)
+            found = {name: values[name].reshape(samples, -1, *values[name].shape[-tail:]) for name, tail in tails.items()}
+            if any(profile.name == "strain" for profile in self.stage.profiles) and source.assembly is self.stage.assembly:
+                bending = 100 * strains(source, rod, shape)["bending"]
+                found["strain"] = bending.reshape(samples, -1, bending.shape[-1], 1)
+            shapes.append(found)
         return shapes
 
     def _line(self, source: History, line: int, samples: int) -> FloatArray:
@@ -369,6 +375,14 @@ def _tips(block: History, reference: History | None) -> dict[str, FloatArray]:
     """Of all sources, axes (sample, instance, 3)."""
     sources = {"": block} if reference is None else {"": block, "reference/": reference}
     return {kind: np.reshape(source.tip_position, (len(block.time), -1, 3)) for kind, source in sources.items()}
+
+
+def _compared(block: History, reference: History | None) -> str:
+    """What the reference is, as far as it is another."""
+    if reference is None:
+        return ""
+    robot = "" if reference.assembly is block.assembly else repr(reference.assembly)
+    return ", ".join(part for part in (robot, reference.description) if part)
 
 
 def _words(code: int) -> str:

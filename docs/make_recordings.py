@@ -1,6 +1,6 @@
 """The pictures of docs/recordings.md: recordings of the page's own examples, as the viewer shows them.
 
-python docs/images/recordings.py [NAME ...] [--size 1280x800] [--out FOLDER]
+python docs/make_recordings.py [NAME ...] [--size 1280x800] [--out FOLDER]
 
 Needs the package ``pillow``, and a Vulkan driver; ``apt-get install mesa-vulkan-drivers libvulkan1`` has one that draws without a
 graphics card.
@@ -21,7 +21,7 @@ import numpy as np
 import multirod as mr
 from multirod.studies import scenes
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).parent / "images"
 PATIENCE = 90.0  # seconds for a picture
 ROD = {"length": 0.4, "bending_stiffness": 0.2233, "torsional_stiffness": 0.0638, "precurvature": (3, 1, 0)}
 QUICK = mr.Shooting(integrator=mr.RK4(20))
