@@ -149,4 +149,4 @@ def test_samples_logged_by_several_threads_are_all_recorded(robot: mr.SingleRod,
     with ThreadPoolExecutor(4) as pool:
         list(pool.map(log, range(200)))
     recorder.close()
-    assert recorder._count == len(taken)
+    assert recorder._recording._count == len(taken)
