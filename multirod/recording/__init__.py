@@ -10,7 +10,7 @@ Entities (``[instance_k]`` only where there is a batch axis). ``ROD`` is a rod's
 ``/world/[instance_k/]tip``                frame of the end effector, which may be a platform's
 ``/world/[instance_k/]tip_path``           a stroke a sample, from the tip before
 ``/world/[instance_k/]platform``           a plate through the attachments, for robots that have a platform
-``/world/[instance_k/]loads/NAME``         ``tip_force`` and ``follower_force`` as arrows from where they act
+``/world/[instance_k/]loads/NAME``         ``tip_force`` and ``follower_force``, arrows in newtons, from where they act
 ``/world/[instance_k/]reference/...``      shape and tip path of the reference
 ``/error/boundary[_log10][/instance_k]``   ``residual`` [1/m]
 ``/error/blocks[_log10][/instance_k]``     the same of each leg and of the platform, a series each, where there are several
@@ -18,7 +18,10 @@ Entities (``[instance_k]`` only where there is a batch axis). ``ROD`` is a rod's
 ``/conditioning/...[/instance_k]``         ``condition[_log10]``, ``smallest_singular_value[_log10]``
 ``/solver/...[/instance_k]``               ``step_time_ms[_log10]``, ``iterations``, ``integrations``
 ``/inputs/NAME[/instance_k]``              every input that was given as numbers, a series a component or rod
-``/curvature/...``                         curvature along the arclength, as drawn
+``/PROFILE/...``                           ``curvature``, ``moment``, ``force``, ``strain``, ``difference`` along rods, as drawn
+``/world/[instance_k/]names/ROD``          names of rods
+``/world/[instance_k/]failed/...``         where samples failed: the last shape before, and the status in words
+``/legend``                                what colours mean, and the scale of arrows
 ``/status[/instance_k]``                   name of ``Status``, one row a change
 =========================================  ==============================================================================
 
