@@ -78,8 +78,7 @@ _OF_MODULUS = (("GPa", 1e9), ("MPa or N/mm^2", 1e6))
 LENGTH = Limit(1e-4, 10.0, "m", "is less than 0.1 mm", "is more than 10 m", _OF_LENGTH)
 YOUNG = Limit(1e5, 2e12, "Pa", "is softer than soft rubber, 1e5 Pa", "is stiffer than any material, 2e12 Pa", _OF_MODULUS)
 SHEAR = Limit(3e4, 1e12, "Pa", "is softer than soft rubber, 3e4 Pa", "is stiffer than any material, 1e12 Pa", _OF_MODULUS)
-# the paper's rod has 2.5, as printed: G of superelastic and of braided tubes is what somebody measured
-POISSON = Limit(-0.1, 4.0, "", "", "")
+POISSON = Limit(-0.1, 0.5 + 1e-9, "", "", "")  # that of rubber, and its rounding
 DENSITY = Limit(
     10.0,
     3e4,

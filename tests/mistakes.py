@@ -118,6 +118,13 @@ GROUPS: dict[str, list[Mistake]] = {
             "Poisson ratio of -0.808: G is at most about E/2; are young_modulus and shear_modulus exchanged",
             "the larger as young_modulus",
         ),
+        Mistake(
+            "G of another material",
+            "tube(young_modulus=70e9, shear_modulus=10e9)",
+            WARNING,
+            "Poisson ratio of 2.5: is G too small, or E too large",
+            "G is E/3 to E/2 of metals and rubbers",
+        ),
         Mistake("Poisson's ratio given for G", "tube(shear_modulus=0.3)", WARNING, "give poisson_ratio=0.3", "poisson_ratio="),
         Mistake(
             "Poisson's ratio in percent", "wire(poisson_ratio=30)", ValueError, "must be > -1 and <= 0.5", "a number such as 0.3"

@@ -15,7 +15,7 @@ NOTHING = 1e-9  # what stands for zero and differs from machine to machine
 
 @dataclass(frozen=True)
 class Block:
-    """A block of a page: its language (``indented`` if not fenced), its text, and the line that its text begins on."""
+    """A block of a page: its language (``indented`` if not fenced; ``python no-run`` is not run), its text, its line."""
 
     language: str
     text: str
@@ -27,7 +27,7 @@ def blocks(page: Path) -> Iterator[Block]:
     lines = page.read_text(encoding="utf-8").splitlines()
     k = 0
     while k < len(lines):
-        fence = re.match(r"```+(\w*)", lines[k])
+        fence = re.match(r"```+(\w*(?: no-run)?)", lines[k])
         start = k + 1
         if fence:
             k = next(j for j in range(start, len(lines)) if lines[j].startswith("```"))

@@ -12,7 +12,7 @@ import multirod as mr
 
 NAN, INF = math.nan, math.inf
 PROPERTIES = {"length": 0.4, "bending_stiffness": 0.02, "torsional_stiffness": 0.015}
-TUBE = {"length": 0.4, "outer_diameter": 3e-3, "young_modulus": 70e9, "shear_modulus": 10e9}
+TUBE = {"length": 0.4, "outer_diameter": 3e-3, "young_modulus": 70e9, "shear_modulus": 27e9}
 VECTORS = ("tip_force", "tip_moment", "follower_force", "follower_moment", "distributed_force", "distributed_moment", "gravity")
 VECTOR_INPUTS = (*VECTORS, "tip_curvature")
 INTEGRATOR = mr.RK4(50)

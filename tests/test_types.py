@@ -144,7 +144,7 @@ def robots() -> dict[str, list[mr.Assembly]]:
     plain, embedded = wire(), wire(linear_density=0.1, magnetisation=(0, 0, 1), foundation=10.0)
     lined = wire(lines=around)
     six, with_lines = (mr.ParallelRods(legs=[leg] * 6, base=BASES, platform=BASES) for leg in (plain, lined))
-    tubes = wire(outer_diameter=1e-3), wire(inner_diameter=2e-3, outer_diameter=3e-3)
+    tubes = wire(outer_diameter=3e-3), wire(inner_diameter=3.2e-3, outer_diameter=4e-3)
     pressed = mr.ParallelRods(legs=[wire(lines=around[::2])] * 6, base=BASES, platform=BASES)
     return {
         "SingleRod": [mr.SingleRod(plain), mr.SingleRod(embedded), mr.SingleRod(lined)],
