@@ -8,6 +8,7 @@ import numpy as np
 
 from multirod.batch import IntArray
 from multirod.plotting.canvas import matplotlib
+from multirod.quantities import SCALARS
 from multirod.solution import Solution
 from multirod.status import Status, failures
 from multirod.validation import Described, FloatArray, array, instance, positive_int, refuse
@@ -15,17 +16,6 @@ from multirod.validation import Described, FloatArray, array, instance, positive
 COLORMAP = "viridis"
 UNKNOWN = "0.65"  # the colour of what has no value
 DARKEST_TO_LIGHTEST = (0.0, 0.9)  # of the colour map: its end is lost on white
-SCALARS = {
-    "residual": "residual [1/m]",
-    "condition": "condition number",
-    "smallest_singular_value": "smallest singular value",
-    "determinant": "determinant",
-    "iterations": "iterations",
-    "integrations": "integrations",
-    "energy": "elastic energy [J]",
-    "potential": "potential energy [J]",
-    "stability_margin": "stability margin",
-}
 
 
 @dataclass(frozen=True)

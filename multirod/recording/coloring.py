@@ -7,22 +7,12 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod.quantities import SCALARS
 from multirod.validation import Described, FloatArray, array, refuse
 
 if TYPE_CHECKING:
     from multirod.solution import History
 
-QUANTITIES = (
-    "residual",
-    "condition",
-    "smallest_singular_value",
-    "determinant",
-    "iterations",
-    "integrations",
-    "energy",
-    "potential",
-    "stability_margin",
-)
 SCALE = (0x4F83F1, 0x3FC1B0, 0xF4E04D, 0xE8503A)
 WORDS = "blue, teal, yellow, red"
 _UNKNOWN = 0x868E96
@@ -56,8 +46,8 @@ class Coloring:
         """
         samples = len(history.time)
         if isinstance(by, str):
-            if by not in QUANTITIES:
-                refuse("save.colour_by", by, f"must be one of {', '.join(QUANTITIES)}, or an array of values")
+            if by not in SCALARS:
+                refuse("save.colour_by", by, f"must be one of {', '.join(SCALARS)}, or an array of values")
             name, values = by.replace("_", " "), np.asarray(getattr(block, by), dtype=np.float64)
         else:
             name, values = "values given", array("save.colour_by", by, finite=False)
