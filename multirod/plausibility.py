@@ -451,6 +451,8 @@ def _of_place(name: str, most: float, robot: "Assembly") -> None:
 
 
 def _of_load(name: str, moment: bool, most: float, power: int, robot: "Assembly") -> None:
+    if any(rod.members for rod in robot.rods):  # which may be what carries it
+        return
     length, EI = robot.longest, robot.stiffest
     with np.errstate(over="ignore"):
         size = most * np.float64(length) ** power / EI

@@ -208,6 +208,7 @@ def test_distributed_moment_twists_and_bends():
 # ---- limits and symmetries ----
 
 
+@pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")
 def test_rigid_torsion_is_the_limit(wire):
     """The distance to ``inf`` falls like 1/GJ: by 100 from 1e2 to 1e4 EI."""
     force = (0.8, -0.5, 0.6)

@@ -417,9 +417,7 @@ def test_a_tracker_takes_up_loads_one_after_the_other():
 @pytest.mark.parametrize("robot", [three(), mr.SingleRod(INNER)], ids=["tubes", "rod"])
 def test_a_follower_force_of_zero_changes_no_equilibrium(robot):
     place = PLACE if robot.rod_count > 1 else {"rotation": 0.3}
-    dead = robot.inputs(
-        **place, tip_force=(0.1, 0.05, -0.02), distributed_force=(0.1, 0.3, 0), distributed_moment=lambda s: (s, 0, 1e-3)
-    )
+    dead = robot.inputs(**place, tip_force=(0.1, 0.05, -0.02))
     integrator = mr.RK45(steps=60)
     solution = mr.solve(robot, dead, solver=mr.Shooting(integrator=integrator)).raise_if_failed()
     with_force = robot.problem(dead, integrator=integrator, enabled=("follower_force",))

@@ -242,6 +242,7 @@ def test_a_solver_needs_only_solve() -> None:
         np.testing.assert_allclose(step.unknowns, truth.unknowns[k], rtol=0, atol=1e-8)
 
 
+@pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")
 def test_a_solver_that_fails_in_one_instance_keeps_its_last_good_start() -> None:
     robot = single_rod()
     force = np.tile((0.3, 0.2, 0.0), (4, 2, 1))

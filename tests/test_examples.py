@@ -1,16 +1,14 @@
-"""The README's quickstart and every example run, and their closing numbers are right."""
+"""Every example runs, and its closing numbers are right; programs of pages: ``test_pages.py``."""
 
 import importlib.util
 import re
 import sys
 from pathlib import Path
-from time import process_time
 
 import numpy as np
 import pytest
 
 import multirod as mr
-from multirod.studies.tradeoffs import limit, settings
 
 ROOT = Path(__file__).parent.parent
 
@@ -25,23 +23,6 @@ def example(monkeypatch):
         return module
 
     return load
-
-
-def quickstart():
-    return re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL).group(1)
-
-
-def test_quickstart_is_short_and_runs(tmp_path, monkeypatch, capsys):
-    code = quickstart()
-    assert len(code.strip().splitlines()) <= 15
-    monkeypatch.chdir(tmp_path)
-    scope = {}
-    exec(code, scope)
-    assert scope["solution"].status == mr.Status.CONVERGED
-    # after the start the observer with feed-forward lags by less than a thousandth of a curvature unit
-    assert np.abs(scope["history"].residual[100:]).max() < 1e-3
-    assert (tmp_path / "run.rrd").stat().st_size > 10_000
-    assert "(6, 3)" in capsys.readouterr().out
 
 
 def test_new_integrator_has_its_order(example):
@@ -118,19 +99,6 @@ def test_robots_of_several_rods(path, limit, figure, example, tmp_path, capsys):
     assert figure in capsys.readouterr().out
 
 
-def test_documented_robots_of_several_rods_run():
-    page = (ROOT / "docs" / "quickstart.md").read_text()
-    section = page[page.index("## Tubes, legs and a platform") : page.index("## The first call")]
-    scope = {"np": np, "mr": mr}
-    for code in re.findall(r"```python\n(.*?)```", section, re.DOTALL):
-        exec(code, scope)
-        assert scope["solution"].status == mr.Status.CONVERGED
-    assert scope["hexapod"].rod_count == 6
-    assert scope["two_arms"].rod_count == 6
-    for name in re.findall(r"images/(.*?)\)", section):
-        assert 0 < (ROOT / "docs" / "images" / name).stat().st_size < 200_000
-
-
 def test_solver_of_another_package_is_found_by_entry_point(tmp_path, monkeypatch, wire):
     package = ROOT / "examples" / "solver_package"
     info = tmp_path / "multirod_broyden-0.1.0.dist-info"
@@ -177,32 +145,3 @@ def test_a_broken_solver_of_another_package_is_named_and_the_others_are_listed(t
         found = mr.registered_solvers()
     assert found == expected
     sys.modules.pop("broken_solver", None)
-
-
-def test_documented_batch_runs():
-    page = (ROOT / "docs" / "batches.md").read_text()
-    scope = {"np": np, "mr": mr}
-    exec(re.search(r"```python\n(.*?)```", page, re.DOTALL).group(1), scope)
-    assert (scope["solution"].status == mr.Status.CONVERGED).all()
-    assert scope["worst"].rod(0).position.shape == (5, 51, 3)
-    assert scope["worst"].condition.max() == scope["solution"].condition.max()
-    for name in re.findall(r"images/(.*?)\)", page):
-        assert 0 < (ROOT / "docs" / "images" / name).stat().st_size < 300_000
-
-
-def test_documented_tradeoff_runs(tmp_path, monkeypatch):
-    page = (ROOT / "docs" / "tradeoff.md").read_text()
-    monkeypatch.chdir(tmp_path)
-    # with an empty kernel cache, or on a busy machine, its budgets would go to compiling and to others
-    monkeypatch.setattr(limit, "now", lambda: process_time() / 10)
-    monkeypatch.setattr(settings, "integrators", lambda: (mr.RK4(10), mr.RK4(50)))
-    scope = {"np": np, "mr": mr}
-    text = re.search(r"```python\n(.*?)```", page, re.DOTALL).group(1)
-    assert "rate=1000" in text
-    assert "time=1e-3" in text
-    # what others do on the machine costs samples a hundredth of a second
-    exec(text.replace("rate=1000", "rate=10").replace("time=1e-3", "time=0.1"), scope)
-    assert scope["table"].checked
-    assert scope["setting"].position <= 1e-5
-    assert scope["fast"].slow < 0.1
-    assert (tmp_path / "table.csv").stat().st_size > 1000

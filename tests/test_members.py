@@ -205,6 +205,7 @@ def test_a_batch_is_bitwise_what_each_is_alone_whatever_stands_beside_it():
         np.testing.assert_array_equal(batch.tip_position[k], alone.tip_position[0])
 
 
+@pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")
 def test_single_precision_counts_in_natural_units():
     for scale in (1e-3, 1.0, 1e3):
         bent = mr.Rod(

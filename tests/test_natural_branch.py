@@ -133,7 +133,7 @@ def test_bounds_of_two_equal_tubes(root):
     np.testing.assert_allclose(problem.mode_bounds()[0], (root**2 / 2, root**2 / 6), rtol=1e-12)
 
 
-def eigenvalues(problem, elements=400):
+def eigenvalues(problem, elements=200):
     """Of ``P`` over the torsional energy (13), descending, by linear elements on the angles of tubes behind and before the
     plate."""
     arrays = problem.arrays
