@@ -177,6 +177,11 @@ class Solution(Generic[Robot_co]):
     def _shaped(self, values: Any, tail: tuple[int, ...] = ()) -> Any:
         return frozen(np.reshape(values, (*self.batch_shape, *tail)))
 
+    @property
+    def failed(self) -> NDArray[np.bool_]:
+        """Whether there is no result, ``Status.failed`` of each instance, shape (...)."""
+        return np.asarray(self._shaped(self._failed))
+
     @cached_property
     def _failed(self) -> NDArray[np.bool_]:
         return failures(self._outcome.status.reshape(-1))

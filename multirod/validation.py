@@ -197,7 +197,7 @@ def array(field: str, value: Any, tail: tuple[int, ...] = (), *, finite: bool = 
         result = given.astype(np.float64)
     if tail and result.shape[-len(tail) :] != tail:
         named = value if result.size < 20 else Described(f"array of shape {result.shape}")
-        refuse(field, named, f"must have {wanted}{_shape_meant(result.shape, tail)}")
+        refuse(field, named, f"must have {wanted}{_shape_meant(field, result.shape, tail)}")
     if finite and not np.isfinite(result).all():
         refuse(field, value if result.size < 20 else Described(f"array of shape {result.shape}"), "must be finite")
     if finite and (np.abs(result) > LARGEST).any():
@@ -210,7 +210,7 @@ def array(field: str, value: Any, tail: tuple[int, ...] = (), *, finite: bool = 
     return result
 
 
-def _shape_meant(shape: tuple[int, ...], tail: tuple[int, ...]) -> str:
+def _shape_meant(field: str, shape: tuple[int, ...], tail: tuple[int, ...]) -> str:
     """What was probably meant by an array of the wrong shape, as the end of a message."""
     hint = ""
     if len(tail) == 1 and len(shape) > 1 and shape[-2] == tail[0]:
@@ -219,7 +219,7 @@ def _shape_meant(shape: tuple[int, ...], tail: tuple[int, ...]) -> str:
         hint = _POSE_HINTS.get(shape[-2:], _POSE_HINTS.get(shape[-1:], ""))
     elif tail == (3,):
         hint = _VECTOR_HINTS.get(shape[-1:], "")
-    elif tail == (2,) and shape[-1:] == (3,):
+    elif tail == (2,) and shape[-1:] == (3,) and field.endswith("offset"):
         hint = "in the plane of the section, two numbers"
     elif len(tail) == 1 and len(shape) == 1:
         hint = f"one column for each of {tail[0]}, also where all are the same"
