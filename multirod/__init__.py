@@ -18,7 +18,8 @@ from importlib.util import find_spec as _find_spec
 
 if _find_spec("multirod.models") is None:
     raise ImportError(
-        f"{__file__} is a bare checkout folder, not the installed package: run `pip install -e .`; "
+        f"{__file__} is a bare checkout folder, and hides the package where that is installed: work in another folder, "
+        "or run `pip install -e .` here; "
         "to test an installed wheel use `pytest`, not `python -m pytest`"
     )
 

@@ -524,6 +524,8 @@ def test_an_ending_that_is_not_known_is_refused_with_those_that_are(ending, hist
         history.save(tmp_path / f"run{ending}")
     with pytest.raises(ValueError, match=f"{every}$"):
         history[0].save(tmp_path / f"run{ending}")
+    with pytest.raises(ValueError, match="a recording is of a History"):
+        history[0].save(tmp_path / "run.rrd")
     assert list(tmp_path.iterdir()) == []
 
 

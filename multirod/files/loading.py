@@ -44,7 +44,7 @@ def load(path: str | os.PathLike[str], *, robot: Assembly | None = None) -> Any:
     kind = choice(f"{where}kind", table.get("kind"), options)
     if kind == "Inputs":
         if robot is None:
-            refuse("load.robot", None, f"must be the robot that the inputs in {file.name} are for")
+            refuse("load.robot", None, f"must be the robot that these inputs are for: mr.load({file.name!r}, robot=robot)")
         return inputs_from({name: value for name, value in table.items() if name != "kind"}, robot, where)
     if robot is not None:
         refuse("load.robot", robot, f"must not be given: {file.name} holds no inputs, but {kind}")

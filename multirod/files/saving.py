@@ -32,6 +32,10 @@ def save_result(path: str | os.PathLike[str], solution: Solution, options: Mappi
     }
     if isinstance(solution, History):
         kinds[".rrd"] = _recording
+    elif str(path).lower().endswith(".rrd"):
+        refuse(
+            "save.path", str(path), "a recording is of a History, as simulate() gives: or take a Recorder, and log(0.0, solution)"
+        )
     file = file_path("save.path", path, *kinds)
     write = kinds[file.suffix.lower()]
     if write is not _recording:
