@@ -205,7 +205,7 @@ class Rod:
         PlausibilityWarning: Of what is allowed and hardly meant, such as a length in mm.
     """
 
-    _material: plausibility.Material | None = None  # what a tube was made of
+    _material: plausibility.Material | None = None  # what a tube was made of, for warnings and files
 
     def __init__(
         self,
@@ -350,7 +350,6 @@ class Rod:
             discs=discs,
             name=name,
         )
-        del rod._material  # no part of what a rod is
         return rod
 
     @classmethod

@@ -695,3 +695,25 @@ def test_the_page_says_what_is_so(tmp_path):
         assert "path" in inspect.signature(method).parameters
     for ending in (*meshes.ENDINGS, ".npz", ".toml", ".csv", ".nc", ".rrd"):
         assert f"`{ending}`" in page
+
+
+def test_a_tube_is_written_by_its_diameters_and_moduli_where_these_make_it(tmp_path):
+    made_of = {"outer_diameter": 2e-3, "inner_diameter": 1.5e-3, "young_modulus": 60e9, "shear_modulus": 23e9}
+    bent = mr.Rod.tube(length=0.2, **made_of, density=6450.0, precurvature=[(0.15, (0, 0, 0)), (0.05, (9, 0, 0))])
+    robot, file = mr.SingleRod(bent), tmp_path / "robot.toml"
+    robot.save(file)
+    text = file.read_text(encoding="utf-8")
+    assert "young_modulus = 60000000000.0  # Pa" in text
+    assert "stiffness" not in text
+    read = mr.load(file).rods[0]
+    for own, other in zip(read.sections, bent.sections, strict=True):
+        for name in ("length", "bending_stiffness", "torsional_stiffness", "linear_density", "precurvature"):
+            np.testing.assert_array_equal(getattr(own, name), getattr(other, name))
+    # what is changed in the file is what is solved
+    file.write_text(text.replace("inner_diameter = 0.0015", "inner_diameter = 0.001"), encoding="utf-8")
+    thicker = mr.load(file).rods[0].sections[0].bending_stiffness
+    np.testing.assert_allclose(thicker / bent.sections[0].bending_stiffness, (2**4 - 1**4) / (2**4 - 1.5**4), rtol=1e-12)
+    # a magnetisation per length is not that of Rod.tube, to the last bit: by its stiffnesses
+    mr.SingleRod(mr.Rod.tube(length=0.2, **made_of, magnetisation=(0, 0, 1e5))).save(file)
+    assert "young_modulus" not in file.read_text(encoding="utf-8")
+    assert mr.load(file).rods[0].is_magnetised

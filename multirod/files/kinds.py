@@ -4,6 +4,7 @@ A table is a dictionary of ``kind``, the name of the class or of another constru
 tables, lists of tables. Nothing in it is code, and only what is named here is ever made.
 """
 
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from inspect import Parameter, signature
@@ -57,8 +58,11 @@ UNITS = {
     "magnetisation": "A m",
     "foundation": "N/m^2",
     "discs": "m",
-    "outer_diameter": "m; stiffnesses do not follow it",
-    "inner_diameter": "m; stiffnesses do not follow it",
+    "outer_diameter": "m",
+    "inner_diameter": "m",
+    "young_modulus": "Pa",
+    "shear_modulus": "Pa",
+    "density": "kg/m^3",
     "offset": "m",
     "offsets": "m",
     "start": "m",
@@ -191,8 +195,11 @@ def described(thing: Any, where: str, *, functions: bool) -> dict[str, Any]:
             "made by its own code, and results can be saved as .csv, .nc and meshes",
         )
     parts = PARTS.get(kind, {})
+    arguments = _arguments(kind, thing, where)
+    if isinstance(thing, Rod) and (as_tube := _as_tube(thing)) is not None:
+        kind, arguments = "Rod.tube", as_tube
     result: dict[str, Any] = {"kind": kind}
-    for name, (value, default) in _arguments(kind, thing, where).items():
+    for name, (value, default) in arguments.items():
         field = f"{where}.{name}"
         if name in parts:
             single = [value] if not parts[name].many else value
@@ -235,6 +242,42 @@ def _arguments(kind: str, thing: Any, where: str) -> dict[str, tuple[Any, Any]]:
             found["sections"] = (thing.sections, None)
         return found | {name: (getattr(thing, name), own[name]) for name in others}
     return {name: (readers[name](thing) if name in readers else getattr(thing, name), default) for name, default in own.items()}
+
+
+def _as_tube(rod: Rod) -> dict[str, tuple[Any, Any]] | None:
+    """Values and defaults of what makes a rod by its cross-section and material, if just that makes the same bits."""
+    material, sections = rod._material, rod.sections
+    curves = [section.precurvature for section in sections if not isinstance(section.precurvature, Profile)]
+    if material is None or len(curves) < len(sections) or rod.length.ndim:
+        return None
+    pieces = [[float(section.length), curve.tolist()] for section, curve in zip(sections, curves, strict=True)]
+    values: dict[str, Any] = {
+        "length": float(rod.length),
+        "outer_diameter": rod.outer_diameter,
+        "inner_diameter": rod.inner_diameter,
+        "young_modulus": material.young,
+        "shear_modulus": material.shear,
+        "density": material.density,
+        "precurvature": curves[0] if len(sections) == 1 else pieces,
+        "discs": rod.discs,
+        "name": rod.name,
+        "lines": rod.lines,
+    }
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            twin = Rod.tube(**values)
+        except (TypeError, ValueError):
+            return None
+    same = len(twin.sections) == len(sections) and all(
+        np.array_equal(getattr(own, item.name), getattr(other, item.name))
+        for own, other in zip(sections, twin.sections, strict=True)
+        for item in fields(Section)
+    )
+    if not same or rod.members:
+        return None
+    known = parameters(Rod.tube)
+    return {name: (value, known[name]) for name, value in values.items()}
 
 
 def _plain(field: str, name: str, value: Any, functions: bool) -> Any:
