@@ -68,6 +68,8 @@ def shown(value: object) -> str:
 
 def number(field: str, value: object) -> float:
     """``value`` as a float."""
+    if type(value) is float:
+        return value
     if isinstance(value, np.ndarray) and not isinstance(value, np.ma.MaskedArray) and value.ndim == 0:
         value = value[()]
     if isinstance(value, (bool, np.bool_, np.timedelta64)) or not isinstance(value, Real):

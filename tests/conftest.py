@@ -33,6 +33,16 @@ def reference_cases() -> Callable[[str], list[dict]]:
 
 
 @pytest.fixture
+def written_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Recorders write on a thread, as where no process can be started, which takes its time."""
+
+    def refused(*_: object) -> None:
+        raise OSError("no process is to be started")
+
+    monkeypatch.setattr("multirod.recording.recorder.WritingProcess", refused)
+
+
+@pytest.fixture
 def wire() -> mr.Rod:
     """The wire of the paper's single-rod example."""
     return mr.Rod(length=0.4, bending_stiffness=0.223349, torsional_stiffness=0.063814, precurvature=(14, 5, 0))

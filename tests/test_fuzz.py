@@ -18,7 +18,10 @@ import pytest
 
 import multirod as mr
 
-pytestmark = pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")  # extremes are meant
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning"),  # extremes are meant
+    pytest.mark.usefixtures("written_here"),
+]
 
 HUGE = 10**400
 NAN, INF = math.nan, math.inf

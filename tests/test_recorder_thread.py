@@ -1,4 +1,4 @@
-"""The thread that writes for a recorder: what it does not do to the loop, what is said when it fails or is late."""
+"""The thread of a recorder, where it writes itself: what it does not do to the loop, what is said when it fails or is late."""
 
 import gc
 import re
@@ -15,10 +15,11 @@ import pytest
 from rerun.chunk import RrdReader
 
 import multirod as mr
-from multirod.recording import background, recorder, viewer
+from multirod.recording import background, recorder, target, viewer
 
 PATIENCE = 400.0  # [s]: a guard against a test that hangs, not a measure
 SOLVER = mr.Shooting(integrator=mr.RK4(20))
+pytestmark = pytest.mark.usefixtures("written_here")
 
 
 @pytest.fixture(scope="module")
@@ -97,14 +98,14 @@ def test_an_error_of_the_thread_comes_out_at_the_next_call(
     def fails(*_: Any, **__: Any) -> None:
         raise OSError("the disk is full")
 
-    monkeypatch.setattr(recorder.Writer, "write", fails)
+    monkeypatch.setattr(target.Writer, "write", fails)
     one = mr.Recorder(tmp_path / "run.rrd")
     one.log(0.0, solution)
     one._thread._thread.join(PATIENCE)
     calls = {"log": lambda: one.log(0.1, solution), "flush": one.flush, "close": one.close}
     with pytest.raises(OSError, match="the disk is full") as caught:
         calls[call]()
-    assert caught.value.__notes__ == ["on the recorder's thread, in samples 0 to 0"]
+    assert caught.value.__notes__ == ["where samples 0 to 0 were written"]
     if call != "close":
         with pytest.raises(RuntimeError, match="stopped after an error"):
             one.log(0.2, solution)

@@ -15,6 +15,7 @@ from multirod.recording import Recorder, layout, save
 from multirod.recording.framing import Extent, Frame
 from multirod.recording.profiles import stepped
 
+pytestmark = pytest.mark.usefixtures("written_here")
 SOLVER = mr.Shooting(integrator=mr.RK4(20))
 SCALARS = (
     "/error/boundary",
@@ -776,7 +777,7 @@ def test_view_and_arrows_fit_what_comes_after_the_first_sample(tmp_path):
             solutions.append(tracker.step(tip_force=force, translation=0.02 * k).raise_if_failed())
             recorder.log(0.02 * k, solutions[-1])
         recorder.flush()
-        stage = recorder._recording._writer.stage
+        stage = recorder._recording._target._writer.stage
         frame = Frame.between(stage.centre, stage.eye)
         for solution, force in zip(solutions, forces, strict=True):
             tip = solution.tip_position

@@ -107,6 +107,7 @@ def uncopied(tmp_path: Any, robot: mr.SingleRod) -> dict[str, Any]:
     }
 
 
+@pytest.mark.usefixtures("written_here")
 @pytest.mark.parametrize("name", ["Tracker", "BackboneProblem", "NewtonTrack", "Recorder"])
 @pytest.mark.parametrize("duplicate", [copy.copy, copy.deepcopy, pickle.dumps])
 def test_what_has_buffers_cannot_be_copied(robot: mr.SingleRod, tmp_path: Any, name: str, duplicate: Any) -> None:
@@ -134,6 +135,7 @@ def test_shapes_of_one_solution_may_be_asked_for_by_several_threads(robot: mr.Si
         sys.setswitchinterval(interval)
 
 
+@pytest.mark.usefixtures("written_here")
 def test_samples_logged_by_several_threads_are_all_recorded(robot: mr.SingleRod, tmp_path: Any) -> None:
     solution = mr.solve(robot, robot.inputs(tip_force=FORCE), solver=NEWTON)
     recorder = mr.recording.Recorder(tmp_path / "run.rrd", flush_every=3, nodes=5)
@@ -149,4 +151,4 @@ def test_samples_logged_by_several_threads_are_all_recorded(robot: mr.SingleRod,
     with ThreadPoolExecutor(4) as pool:
         list(pool.map(log, range(200)))
     recorder.close()
-    assert recorder._recording._count == len(taken)
+    assert recorder._recording._target._count == len(taken)

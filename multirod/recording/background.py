@@ -25,6 +25,8 @@ class Sample(NamedTuple):
         solution: Its equilibrium or estimate.
         step_time: How long it took [s]; NaN if that is not known.
         reference: The same from a method that is trusted.
+        total: Instances of the batch.
+        packed: All this for another process; None where none writes.
     """
 
     step: int
@@ -32,11 +34,13 @@ class Sample(NamedTuple):
     solution: Solution
     step_time: float
     reference: Solution | None
+    total: int
+    packed: bytes | None = None
 
     @property
     def size(self) -> int:
         """Bytes that it holds, about."""
-        own = self.solution._records.nbytes
+        own = self.solution._records.nbytes + len(self.packed or b"")
         return _OVERHEAD + (own if self.reference is None else own + self.reference._records.nbytes)
 
 
@@ -136,7 +140,7 @@ class WritingThread:
             try:
                 self._write(samples)
             except BaseException as error:  # noqa: BLE001
-                error.add_note(f"on the recorder's thread, in samples {samples[0].step} to {samples[-1].step}")
+                error.add_note(f"where samples {samples[0].step} to {samples[-1].step} were written")
                 with self._changed:
                     self._error = error
                     self._waiting.clear()

@@ -6,6 +6,7 @@ import uuid
 import warnings
 import weakref
 from collections.abc import Sequence
+from contextlib import suppress
 from threading import RLock
 from types import TracebackType
 from typing import Any, Self
@@ -16,8 +17,10 @@ from multirod.assembly import Assembly
 from multirod.exclusive import Uncopied
 from multirod.recording.background import Sample, WritingThread
 from multirod.recording.coloring import Coloring
-from multirod.recording.samples import first_instances, stack, stackable
-from multirod.recording.viewer import ViewerStream
+from multirod.recording.passing import Packer
+from multirod.recording.process import Unfit, WritingProcess
+from multirod.recording.samples import first_instances
+from multirod.recording.target import Goal, Target
 from multirod.recording.writer import Writer
 from multirod.solution import History, Solution
 from multirod.validation import choice, file_path, finite_float, positive_float, positive_int, refuse
@@ -92,80 +95,57 @@ def save(
 
 
 class _Recording:
-    """Where a recorder's thread writes to; it knows nothing of the recorder, which may be forgotten meanwhile."""
+    """What a recorder's thread does; it knows nothing of the recorder, which may be forgotten meanwhile."""
 
-    def __init__(
-        self,
-        file: os.PathLike[str] | None,
-        address: str | None,
-        patience: float,
-        title: str,
-        description: str,
-        options: dict[str, Any],
-        together: int,
-    ) -> None:
-        import rerun as rr
-        from scipy.spatial import transform  # noqa: F401  # now, not while the loop runs
-
-        self._title, self._description, self._instances = title, description, options["instances"]
-        self._count = 0
-        # Not one stream with two sinks: flushing the file would then wait for a viewer that may not be there.
-        identity = uuid.uuid4()
-        self._file_stream: Any = None
-        self._streams: list[Any] = []
+    def __init__(self, goal: Goal, together: int) -> None:
+        self._goal = goal
+        self._packer: Packer | None = Packer(goal.instances)
+        self._target: Target | None = None
+        self._process: WritingProcess | None = None
         self.thread = WritingThread(self.write, together)
-        if file is not None:
-            self._file_stream = rr.RecordingStream("multirod", recording_id=identity)
-            self._file_stream.set_log_time_enabled(False)
-            self._file_stream.save(file)
-            self._streams.append(self._file_stream)
-        if address is not None:
-            viewer_stream = rr.RecordingStream("multirod", recording_id=identity)
-            viewer_stream.set_log_time_enabled(False)
-            self._streams.append(ViewerStream(viewer_stream, address, patience, self.thread.say))
-        self._writer = Writer(self._streams, live=True, breathe=self.thread.breathe, **options)
+        with suppress(OSError):
+            self._process = WritingProcess(goal, self.thread.say)
+
+    def sample(self, step: int, time: float, step_time: float, solutions: Sequence[Solution]) -> Sample:
+        """A sample, and with it what another process needs, if one writes."""
+        total = math.prod(solutions[0].batch_shape)
+        packed = None
+        if self._process is not None and self._packer is not None:
+            try:
+                packed = self._packer.pack(step, time, step_time, total, solutions)
+            except Exception:  # (of whatever a robot of another package is made of)
+                if step:
+                    raise
+                self._packer = None
+        return Sample(step, time, solutions[0], step_time, solutions[1] if len(solutions) > 1 else None, total, packed)
 
     def write(self, samples: Sequence[Sample]) -> None:
-        """Write samples in runs of those that can be one batch; on the thread."""
-        run = [samples[0]]
-        for sample in samples[1:]:
-            if not stackable(run[-1], sample):
-                self._write_run(run)
-                run = []
-            run.append(sample)
-        self._write_run(run)
-        if self._file_stream is not None:
-            self._file_stream.flush()
-
-    def _write_run(self, samples: Sequence[Sample]) -> None:
-        times = np.array([sample.time for sample in samples])
-        durations = np.array([sample.step_time for sample in samples])
-        block = stack([sample.solution for sample in samples], times, durations)
-        references = [sample.reference for sample in samples if sample.reference is not None]
-        other = stack(references, times, durations) if references else None
-        total = math.prod(block.batch_shape[1:])
-        block = first_instances(block, self._instances)
-        other = None if other is None else first_instances(other, self._instances)
-        if self._count == 0:
-            blueprint = self._writer.prepare(block, other, self._title, self._description, total)
-            for stream in self._streams:
-                stream.send_recording_name(self._title)
-                stream.send_blueprint(blueprint)
-            self._writer.write_static()
-        self._writer.write(block, other, np.array([sample.step for sample in samples]))
-        self._count += len(samples)
+        """Have samples written by the process, or write them here where there is none; on the thread."""
+        if self._process is not None:
+            try:
+                self._process.write(samples)
+            except Unfit:
+                self._process.close()
+                self._process = None
+            else:
+                return
+        if self._target is None:
+            self._target = Target(self._goal, self.thread.say, self.thread.breathe)
+        self._target.write(samples)
 
     def close(self) -> None:
         """Write what waits and finish the file; wait for a viewer no longer than there is patience for."""
+        process = self._process
+        if process is not None:
+            process.give_up_unless_begun()
         self.thread.close()
-        try:
-            if self._count:
-                blueprint = self._writer.finish()
-                if self._file_stream is not None:
-                    self._file_stream.send_blueprint(blueprint)
-        finally:
-            for stream in self._streams:
-                stream.disconnect()
+        if process is not None:
+            process.close()
+            if process.begun:
+                return
+        if self._target is None:
+            self._target = Target(self._goal, self.thread.say)
+        self._target.close()
 
     def end(self) -> None:
         """The same for a recorder that nobody closed: what is to be said is said here."""
@@ -176,15 +156,18 @@ class _Recording:
 class Recorder(Uncopied):
     """Records a control loop sample by sample, to a file, to a viewer, or to both.
 
-    ``log`` hands a sample over and returns within some tens of microseconds: a thread of the recorder integrates shapes and
+    ``log`` hands a sample over and returns within some tens of microseconds: a process of the recorder integrates shapes and
     writes, several samples at once. Where it does not keep up, samples wait for it in memory; beyond 256 MB they are left out, or
-    ``log`` waits, as ``when_full`` says. What is left out is counted, and a ``RuntimeWarning`` says so. What goes wrong on the
-    thread is raised by the next ``log``, ``flush`` or ``close``; after that nothing more is recorded.
+    ``log`` waits, as ``when_full`` says. What is left out is counted, and a ``RuntimeWarning`` says so. What goes wrong where
+    samples are written is raised by the next ``log``, ``flush`` or ``close``; after that nothing more is recorded.
 
-    ``flush`` waits until all that was logged is in the file. A run that is killed leaves a readable file of what was written, at
-    least of all that was flushed. ``with`` writes what waits whatever exception ends the block, and so does the end of the
-    process. SIGKILL does not, and neither does SIGTERM, unless the program turns it into an exception:
-    ``signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))``.
+    That process begins within a second or two; samples wait for it. A recorder that is closed before then writes what waits
+    itself, and a thread of the recorder writes where no process can: for robots of classes that another process does not know,
+    such as those of the program's main file, and in programs that embed Python.
+
+    ``flush`` waits until all that was logged is in the file. ``with`` writes what waits whatever exception ends the block, and so
+    does the end of the program. Of a program that is killed, the file is finished all the same, with all samples up to the last
+    few tenths of a second, and at least those that were flushed.
 
     The view is framed by what the robot can reach, and widened where it leaves that. Arrows of forces are drawn to a scale from
     the robot's stiffness, which is halved for all samples, also those before, where a larger force comes; the legend states it.
@@ -238,19 +221,23 @@ class Recorder(Uncopied):
     ) -> None:
         if path is None and address is None:
             raise TypeError("Recorder needs a path, an address, or both")
-        file = None if path is None else file_path("Recorder.path", path, ENDING)
+        file = None if path is None else file_path("Recorder.path", path, ENDING).absolute()
         if address is not None and not (isinstance(address, str) and address.startswith(("rerun://", "rerun+http"))):
             refuse("Recorder.address", address, "must be a viewer's address such as 'rerun+http://127.0.0.1:9876/proxy'")
         if not isinstance(description, str):
             refuse("Recorder.description", description, "must be a string")
         title = _name("Recorder.name", name, "multirod" if file is None else file.stem)
         together = positive_int("Recorder.flush_every", flush_every)
-        options = {
-            "instances": positive_int("Recorder.instances", instances),
-            "node_count": positive_int("Recorder.nodes", nodes, 2),
-            "force_scale": _force_scale("Recorder.force_scale", force_scale),
-        }
-        patience = positive_float("Recorder.close_timeout", close_timeout)
+        goal = Goal(
+            file=file,
+            address=address,
+            patience=positive_float("Recorder.close_timeout", close_timeout),
+            title=title,
+            description=description,
+            instances=positive_int("Recorder.instances", instances),
+            node_count=positive_int("Recorder.nodes", nodes, 2),
+            force_scale=_force_scale("Recorder.force_scale", force_scale),
+        )
         self._waits = choice("Recorder.when_full", when_full, ("leave_out", "wait")) == "wait"
         self._step = 0
         self._left_out = 0
@@ -259,7 +246,9 @@ class Recorder(Uncopied):
         self._batch_shape: tuple[int, ...] = ()
         self._closed = False
         self._lock = RLock()
-        self._recording = _Recording(file, address, patience, title, description, options, together)
+        if file is not None:
+            file.write_bytes(b"")  # what cannot be written is said here
+        self._recording = _Recording(goal, together)
         self._thread = self._recording.thread
         self._forgotten = weakref.finalize(self, self._recording.end)
 
@@ -287,7 +276,8 @@ class Recorder(Uncopied):
             if self._closed:
                 raise RuntimeError("Recorder.log: the recorder is closed")
             now, duration = self._checked(time, solution, step_time, reference)
-            sample = Sample(self._step, now, solution, duration, reference)
+            solutions = (solution,) if reference is None else (solution, reference)
+            sample = self._recording.sample(self._step, now, duration, solutions)
             taken = self._thread.put(sample, wait=self._waits)
             self._last_time = now
             self._step += 1

@@ -1,6 +1,7 @@
 """One sample at a time: a solver in a control loop."""
 
 import math
+from dataclasses import dataclass
 from inspect import Parameter, Signature
 from threading import Lock
 from typing import Any, Generic
@@ -27,6 +28,18 @@ def _broadcasts(shape: tuple[int, ...], target: tuple[int, ...]) -> bool:
         return np.broadcast_shapes(shape, target) == target
     except ValueError:
         return False
+
+
+@dataclass(frozen=True)
+class _Unpack:
+    """Makes inputs of rows that hold their numbers; it can be pickled."""
+
+    like: Inputs
+    places: dict[str, slice]
+    batch_shape: tuple[int, ...]
+
+    def __call__(self, rows: FloatArray) -> Inputs:
+        return self.like.with_arrays({name: rows[:, place].reshape(*self.batch_shape, -1) for name, place in self.places.items()})
 
 
 def _time_step(dt: float | None, solver: Solver) -> float:
@@ -98,11 +111,7 @@ class Tracker(Uncopied, Generic[Robot_co]):
         problem, inputs = self._problem, self._inputs
         names = [name for name in inputs.given if name not in inputs.profiles]
 
-        def unpack(rows: FloatArray) -> Inputs:
-            return inputs.with_arrays(
-                {name: rows[:, problem.input_slice(name)].reshape(*self._batch_shape, -1) for name in names}
-            )
-
+        unpack = _Unpack(inputs, {name: problem.input_slice(name) for name in names}, self._batch_shape)
         results = self._batch_shape, self._solver.integrator, self._device, problem.record_fields, unpack
         self._scene: Scene[Any] = Scene(self._robot, *results)
         self._unpack = unpack
