@@ -2,7 +2,9 @@
 
 import os
 import signal
+import time
 from collections import defaultdict
+from pathlib import Path
 
 import numpy as np
 import programs
@@ -902,3 +904,22 @@ def test_decades_are_numbered():
     assert layout.decades(-300.0, 2.5) == (-20, 10)
     low, high = layout.decades(0.1, 0.2)
     assert high - low >= 2
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="this system does not list a process's threads")
+def test_recordings_that_are_written_leave_no_threads(wire: mr.Rod, tmp_path: Path) -> None:
+    """Rerun keeps four of a recording and its blueprint until it is told not to."""
+    robot = mr.SingleRod(wire)
+    history = mr.simulate(robot, robot.inputs(rotation=[0.0, 0.1]), time=[0.0, 0.1], solver=SOLVER, progress=False)
+    for k in range(12):
+        history.save(tmp_path / f"{k}.rrd")
+        if k == 1:
+            few = count_threads()
+    patience = time.monotonic() + 60
+    while count_threads() > few + 4 and time.monotonic() < patience:  # they take their time to end
+        time.sleep(0.1)
+    assert count_threads() <= few + 4  # four of each would be 40 more
+
+
+def count_threads() -> int:
+    return len(list(Path("/proc/self/task").iterdir()))

@@ -2,7 +2,6 @@
 
 import math
 import os
-import uuid
 import warnings
 import weakref
 from collections.abc import Sequence
@@ -20,6 +19,7 @@ from multirod.recording.coloring import Coloring
 from multirod.recording.passing import Packer
 from multirod.recording.process import Unfit, WritingProcess
 from multirod.recording.samples import first_instances
+from multirod.recording.streams import new_stream, send_to_file
 from multirod.recording.target import Goal, Target
 from multirod.recording.writer import Writer
 from multirod.solution import History, Solution
@@ -61,8 +61,6 @@ def save(
         TypeError: If ``history`` or ``reference`` is not a ``History``.
         ValueError: If ``reference`` has other samples, or another argument is out of range.
     """
-    import rerun as rr
-
     file = file_path("save.path", path, ENDING)
     if not isinstance(history, History):
         raise TypeError(f"save takes a History, not {type(history).__name__}")
@@ -83,11 +81,10 @@ def save(
     other = None if reference is None else first_instances(reference, count)
     coloring = None if colour_by is None else Coloring.of(colour_by, history, block)
     total = math.prod(history.batch_shape[1:])
-    stream = rr.RecordingStream("multirod", recording_id=uuid.uuid4())
-    stream.set_log_time_enabled(False)
+    stream = new_stream()
     writer = Writer([stream], node_count=node_count, instances=count, force_scale=scale, live=False)
     blueprint = writer.prepare(block, other, title, history.description, total, reference_name=other_name, coloring=coloring)
-    stream.save(file, default_blueprint=blueprint)
+    send_to_file(stream, file, blueprint)
     with stream:
         stream.send_recording_name(title)
         writer.write_static()

@@ -10,6 +10,7 @@ import numpy as np
 
 from multirod.recording.background import Sample
 from multirod.recording.samples import first_instances, stack, stackable
+from multirod.recording.streams import new_stream
 from multirod.recording.viewer import ViewerStream
 from multirod.recording.writer import Writer
 
@@ -49,8 +50,6 @@ class Target:
     """
 
     def __init__(self, goal: Goal, say: Callable[[str], None], breathe: Callable[[], None] = lambda: None) -> None:
-        import rerun as rr
-
         self._goal = goal
         self._count = 0
         # Not one stream with two sinks: flushing the file would then wait for a viewer that may not be there.
@@ -58,14 +57,11 @@ class Target:
         self._file_stream: Any = None
         self._streams: list[Any] = []
         if goal.file is not None:
-            self._file_stream = rr.RecordingStream("multirod", recording_id=identity)
-            self._file_stream.set_log_time_enabled(False)
+            self._file_stream = new_stream(identity)
             self._file_stream.save(goal.file)
             self._streams.append(self._file_stream)
         if goal.address is not None:
-            viewer_stream = rr.RecordingStream("multirod", recording_id=identity)
-            viewer_stream.set_log_time_enabled(False)
-            self._streams.append(ViewerStream(viewer_stream, goal.address, goal.patience, say))
+            self._streams.append(ViewerStream(new_stream(identity), goal.address, goal.patience, say))
         self._writer = Writer(
             self._streams,
             node_count=goal.node_count,

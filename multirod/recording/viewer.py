@@ -9,6 +9,8 @@ from threading import Thread
 from typing import Any
 from urllib.parse import urlsplit
 
+from multirod.recording.streams import VIEWER_THREAD
+
 _KNOCK = 0.4  # seconds that a viewer has to let itself be reached
 _START = "start one with `rerun`, which listens at rerun+http://127.0.0.1:9876/proxy"
 WAITING = 20_000  # calls that wait to be sent at most; a sample of a few rods makes some tens when it is flushed
@@ -33,7 +35,7 @@ class ViewerStream:
         self._calls: Queue[tuple[str, tuple[Any, ...], dict[str, Any]]] = Queue(WAITING)
         self._left_out = False
         stream.connect_grpc(address)
-        self._thread = Thread(target=self._feed, name="multirod viewer", daemon=True)
+        self._thread = Thread(target=self._feed, name=VIEWER_THREAD, daemon=True)
         self._thread.start()
 
     def _feed(self) -> None:

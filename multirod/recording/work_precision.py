@@ -15,7 +15,6 @@ The timelines are those of a history's recording. Points and what explains them 
 """
 
 import math
-import uuid
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +25,7 @@ from multirod.recording.columns import rgba
 from multirod.recording.figure import PALETTE
 from multirod.recording.layout import scene_view
 from multirod.recording.recorder import ENDING, _name
+from multirod.recording.streams import new_stream, send_to_file
 from multirod.recording.writer import Writer
 from multirod.validation import FloatArray, file_path, refuse
 
@@ -49,12 +49,11 @@ def save_tradeoff(path: str | PathLike[str], table: "Tradeoff", *, name: str | N
     shown = _some(front)
     reference = table.reference.history
     steps = np.arange(len(reference.time))
-    stream = rr.RecordingStream("multirod", recording_id=uuid.uuid4())
-    stream.set_log_time_enabled(False)
+    stream = new_stream()
     writer = Writer([stream], node_count=51, instances=1, force_scale=None, live=False)
     writer.prepare(reference, None, title, "", 1)
     plot = _Plot(table)
-    stream.save(file, default_blueprint=_blueprint(writer.stage, shown))
+    send_to_file(stream, file, _blueprint(writer.stage, shown))
     with stream:
         stream.send_recording_name(title)
         writer.write_static()

@@ -66,6 +66,7 @@ class Writer:
         self._force_scale = force_scale
         self._live = live
         self._breathe = breathe
+        self._send = _sender(streams, breathe)
         self._last_tip: dict[str, FloatArray] = {}
         self._last_value: dict[str, Any] = {}
         self._last_sound: dict[int, list[FloatArray]] = {}
@@ -360,15 +361,21 @@ class Writer:
         self._last_value[path] = values[-1]
         return changed
 
-    def _send(self, path: str, index: Any, values: Any) -> None:
-        for stream in self._streams:
-            stream.send_columns(path, index, values)
-        self._breathe()
-
     def _send_scalars(self, path: str, index: Any, values: FloatArray) -> None:
         import rerun as rr
 
         self._send(path, index, rr.Scalars.columns(scalars=np.ascontiguousarray(values)))
+
+
+def _sender(streams: Sequence[Any], breathe: Callable[[], None]) -> Callable[[str, Any, Any], None]:
+    """Sends columns to an entity; it does not hold the writer, which would keep streams open until garbage is collected."""
+
+    def send(path: str, index: Any, values: Any) -> None:
+        for stream in streams:
+            stream.send_columns(path, index, values)
+        breathe()
+
+    return send
 
 
 def _tips(block: History, reference: History | None) -> dict[str, FloatArray]:

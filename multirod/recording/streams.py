@@ -1,0 +1,45 @@
+"""Streams of the SDK, opened and given up: of each, and of each blueprint, it keeps threads and megabytes until it is told."""
+
+import threading
+import uuid
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rerun.blueprint import Blueprint
+
+VIEWER_THREAD = "multirod viewer"  # by which one is fed
+
+
+def new_stream(identity: uuid.UUID | None = None) -> Any:
+    """A ``rerun.RecordingStream`` of a recording of this package, not connected yet."""
+    import rerun as rr
+
+    _clean_up()
+    stream = rr.RecordingStream("multirod", recording_id=uuid.uuid4() if identity is None else identity)
+    stream.set_log_time_enabled(False)
+    return stream
+
+
+def send_to_file(stream: Any, file: Any, blueprint: "Blueprint") -> None:
+    """Have a stream written to a file that begins with a blueprint."""
+    made: list[Any] = []
+    log = blueprint._log_to_stream
+
+    def log_to(own: Any) -> None:
+        made.append(own)
+        log(own)
+
+    vars(blueprint)["_log_to_stream"] = log_to
+    stream.save(file, default_blueprint=blueprint)
+    del vars(blueprint)["_log_to_stream"]
+    for own in made:  # the stream that the SDK makes of a blueprint holds itself for ever unless it is disconnected
+        own.disconnect()
+
+
+def _clean_up() -> None:
+    """Forget streams that nobody holds any more; not while others are there, whose viewer this would wait for."""
+    import rerun as rr
+
+    feeding = any(thread.name == VIEWER_THREAD for thread in threading.enumerate())
+    if not feeding and rr.get_global_data_recording() is None:
+        rr.bindings.flush_and_cleanup_orphaned_recordings()  # type: ignore[attr-defined]
