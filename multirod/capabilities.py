@@ -81,10 +81,11 @@ class Parts(ABC):
     """
 
     @abstractmethod
-    def of(self, instances: IntArray, *, double: bool = False) -> "BoundaryProblem":
-        """A problem of these instances, (k,), at their present inputs and unknowns; with ``double`` in double precision."""
+    def of(self, instances: IntArray, *, double: bool = False, poses: bool = False) -> "BoundaryProblem":
+        """A problem of these instances, (k,), at their present inputs and unknowns; with ``double`` in double precision, with
+        ``poses`` with the columns of the pose."""
 
-    def finer(self, instances: IntArray) -> "BoundaryProblem | None":
+    def finer(self, instances: IntArray, *, poses: bool = False) -> "BoundaryProblem | None":
         """The same, its integration as exact as rounding lets it be; None where that is not offered, or it is so already."""
         return None
 

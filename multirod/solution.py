@@ -29,6 +29,7 @@ from multirod.types import Index, Name, Named, Numbers, Quantity, QuantityOverTi
 from multirod.validation import FloatArray, choice, frozen, meant, positive_int, refuse, shown
 
 if TYPE_CHECKING:
+    from multirod.events import BranchEvent
     from multirod.models.backbone.lines import Line
     from multirod.studies.terms.simplify import Dropped
 
@@ -205,6 +206,17 @@ class Solution(Generic[Robot_co]):
         if not self.batch_shape:
             return Status(int(self._outcome.status.reshape(-1)[0]))
         return self._shaped(self._outcome.status)
+
+    @cached_property
+    def events(self) -> "tuple[BranchEvent, ...] | NDArray[np.object_] | Any":
+        """What happened on the way, as a tuple of ``BranchEvent`` of each instance, shape (...); a tuple where there are no leading axes.
+
+        It is empty where no branch ended (``docs/branches.md``).
+        """
+        found = np.empty(len(self._records), dtype=object)
+        for k in range(len(found)):
+            found[k] = self._outcome.events.get(k, ())
+        return self._shaped(found) if self.batch_shape else found[0]
 
     @cached_property
     def iterations(self) -> NDArray[np.int32]:

@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod.events import Events, placed_events, taken_events
 from multirod.exclusive import Uncopied
 from multirod.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
@@ -32,6 +33,7 @@ class Outcome:
         reached: Part of the load, or of the way from the last sample, that continuation reached, shape (instance_count,).
         rates: Closed-loop rates of an observer [1/s], shape (instance_count, n).
         breakpoints: Of the instances that are known by their states there, as the unknowns alone do not lead to the tip.
+        events: What happened on the way, of the instances whose branch ended.
     """
 
     status: IntArray
@@ -41,6 +43,7 @@ class Outcome:
     rates: FloatArray | None = None
     reached: FloatArray | None = None
     breakpoints: dict[int, Breakpoints] = field(default_factory=dict)
+    events: Events = field(default_factory=dict)
 
     @property
     def arrays(self) -> dict[str, NDArray[Any]]:
@@ -50,7 +53,8 @@ class Outcome:
     def take(self, instances: NDArray[np.intp]) -> "Outcome":
         """The outcome of the instances with these numbers, shape (k,)."""
         arrays: dict[str, Any] = {name: value[instances] for name, value in self.arrays.items()}
-        return Outcome(**arrays, breakpoints=taken(self.breakpoints, instances))
+        events = taken_events(self.events, instances)
+        return Outcome(**arrays, breakpoints=taken(self.breakpoints, instances), events=events)
 
     @classmethod
     def zeros(cls, count: int) -> "Outcome":
@@ -65,8 +69,11 @@ class Outcome:
         rates = [outcome.rates for outcome in outcomes if outcome.rates is not None]
         starts = np.cumsum([0, *(len(outcome.status) for outcome in outcomes)])
         breakpoints: dict[int, Breakpoints] = {}
+        events: Events = {}
         for start, outcome in zip(starts[:-1], outcomes, strict=True):
-            breakpoints |= placed(outcome.breakpoints, start + np.arange(len(outcome.status)))
+            instances = start + np.arange(len(outcome.status))
+            breakpoints |= placed(outcome.breakpoints, instances)
+            events |= placed_events(outcome.events, instances)
         return cls(
             np.concatenate([outcome.status for outcome in outcomes]),
             np.concatenate([outcome.iterations for outcome in outcomes]),
@@ -74,10 +81,11 @@ class Outcome:
             np.concatenate(residuals) if len(residuals) == len(outcomes) else None,
             np.concatenate(rates) if len(rates) == len(outcomes) else None,
             breakpoints=breakpoints,
+            events=events,
         )
 
 
-SETTLED = (Status.CONVERGED, Status.LOWEST_ENERGY, Status.MULTIPLE_SHOOTING)
+SETTLED = (Status.CONVERGED, Status.LOWEST_ENERGY, Status.MULTIPLE_SHOOTING, Status.BIFURCATED, Status.SNAPPED)
 
 
 def refuse_unfit(problem: BoundaryProblem, outcome: Outcome) -> None:

@@ -36,6 +36,8 @@ class Status(IntEnum):
     INTEGRATION_LIMIT = 17
     OUT_OF_LIMITS = 18
     LINE_LIMIT = 19
+    BIFURCATED = 20
+    SNAPPED = 21
 
     def __str__(self) -> str:
         return self.name
@@ -44,6 +46,12 @@ class Status(IntEnum):
     def failed(self) -> bool:
         """Whether there is no result: the instance's arrays hold NaN."""
         return self not in _WITH_RESULT
+
+    @property
+    def event(self) -> bool:
+        """Whether there is a result, on another branch of equilibria than the one that was followed: neither a failure nor plain
+        convergence."""
+        return self in _EVENTS
 
     @property
     def message(self) -> str:
@@ -61,8 +69,12 @@ _WITH_RESULT = frozenset(
         Status.SINGULAR_PIVOT,
         Status.UNSTABLE_COUPLING,
         Status.MULTIPLE_SHOOTING,
+        Status.BIFURCATED,
+        Status.SNAPPED,
     }
 )
+
+_EVENTS = frozenset({Status.LOWEST_ENERGY, Status.BIFURCATED, Status.SNAPPED})
 
 
 _FAILED = np.isin(np.arange(max(Status) + 1), [int(status) for status in Status if status.failed])
@@ -100,6 +112,11 @@ _MESSAGES = {
     "between them) in proportion ends before the full load, so this is the stable equilibrium of lowest potential energy that "
     "was found from many starts (for a parallel robot whose loads have no potential, where raising these leads from "
     "there): equilibria() lists all",
+    Status.BIFURCATED: "the residual is within the tolerance; on the way the robot buckled: its equilibrium lost stability where "
+    "another branch crosses, and went on along that, to the side that docs/branches.md says (its twin: side='negative' of Shooting()); "
+    "solution.events says where",
+    Status.SNAPPED: "the residual is within the tolerance; on the way the robot snapped: its equilibrium ended, and went down in "
+    "energy to another one that is stable, then on; solution.events says where, and how much energy was lost",
     Status.TRACKING: "an estimate by one integration; residual says how far it is",
     Status.EULER_LIMIT: "the observer's explicit Euler update left its stability limit: use update='exact', a shorter time "
     "step, or lower gains",

@@ -165,13 +165,13 @@ class WrappedParts(Parts):
     def __init__(self, problem: WrappedProblem) -> None:
         self.problem = problem
 
-    def of(self, instances: IntArray, *, double: bool = False) -> BoundaryProblem:  # noqa: D102
+    def of(self, instances: IntArray, *, double: bool = False, poses: bool = False) -> BoundaryProblem:  # noqa: D102
         assert self.problem.inner.parts is not None
-        return self._around(self.problem.inner.parts.of(instances, double=double), instances)
+        return self._around(self.problem.inner.parts.of(instances, double=double, poses=poses), instances)
 
-    def finer(self, instances: IntArray) -> BoundaryProblem | None:  # noqa: D102
+    def finer(self, instances: IntArray, *, poses: bool = False) -> BoundaryProblem | None:  # noqa: D102
         assert self.problem.inner.parts is not None
-        part = self.problem.inner.parts.finer(instances)
+        part = self.problem.inner.parts.finer(instances, poses=poses)
         return None if part is None else self._around(part, instances)
 
     def _around(self, inner: BoundaryProblem, instances: IntArray) -> WrappedProblem:

@@ -11,6 +11,7 @@ from multirod.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome, Solver, Track
 from multirod.solvers.continuation.natural import TURN, Paths, natural_branch
+from multirod.solvers.following.follow import follow
 from multirod.solvers.multiple_shooting import MultipleShooting
 from multirod.solvers.newton.iteration import Newton
 from multirod.solvers.newton.refinement import refine
@@ -20,6 +21,8 @@ from multirod.status import IntArray, Status, failures
 from multirod.validation import FloatArray, boolean, choice, positive_int
 
 PREDICTORS = ("none", "linear", "quadratic")
+AT_FOLD = ("follow", "stop")
+SIDES = ("positive", "negative")
 DIP = 0.1  # of the load, that is taken off on the way past a kink
 _CONVERGED = int(Status.CONVERGED)
 
@@ -47,6 +50,11 @@ class Shooting(Solver):
             has taken them without a result ends as ``INTEGRATION_LIMIT``. The few that judge a result, or tell what is left of
             the residual, come on top.
         fallback: Whether ``MultipleShooting`` goes on where rounding or these steps end the natural branch.
+        at_fold: What is done where the natural branch of a single rod ends, or that of a motion: ``"follow"`` goes where a robot
+            would whose loads are raised slowly, to the status ``BIFURCATED`` or ``SNAPPED`` (``docs/branches.md``); ``"stop"``
+            ends there, with the status ``BRANCH_END``.
+        side: To which side it goes at a bifurcation: ``"positive"``, where the tip moves along a positive axis of the world, or
+            ``"negative"``, to its twin.
 
     Raises:
         ValueError: If a field is out of range.
@@ -60,6 +68,8 @@ class Shooting(Solver):
     max_continuation_steps: int = 1000
     max_integrations: int = 50_000
     fallback: bool = True
+    at_fold: str = "follow"
+    side: str = "positive"
 
     def __post_init__(self) -> None:
         self._check_integrator()
@@ -70,6 +80,8 @@ class Shooting(Solver):
         positive_int("Shooting.max_continuation_steps", self.max_continuation_steps)
         positive_int("Shooting.max_integrations", self.max_integrations)
         boolean("Shooting.fallback", self.fallback)
+        choice("Shooting.at_fold", self.at_fold, AT_FOLD)
+        choice("Shooting.side", self.side, SIDES)
 
     def newton(self, problem: BoundaryProblem) -> Newton:
         """Newton's iteration on a problem, with these options."""
@@ -102,6 +114,7 @@ class Shooting(Solver):
         with problem.without_poses() if poses_apart else nullcontext():
             newton.allow(self.max_integrations)
             outcome = natural_branch(problem, newton, self.max_continuation_steps, chosen)
+            reached, ends = outcome.reached, problem.read("unknowns")
             newton.allow(self._left(outcome))
             refine(problem, newton, outcome, chosen)
             refuse_unstable(problem, outcome, chosen)
@@ -116,7 +129,36 @@ class Shooting(Solver):
                 integrator=self.integrator,
                 max_continuation_steps=self.max_continuation_steps,
             ).rescue(problem, outcome, self._left(outcome))
+        lost = chosen & (outcome.status == Status.BRANCH_END)
+        if lost.any() and reached is not None:
+            self._follow(problem, newton, outcome, lost, reached, ends)
         return outcome
+
+    def _follow(
+        self,
+        problem: BoundaryProblem,
+        newton: Newton,
+        outcome: Outcome,
+        lost: Any,
+        reached: FloatArray,
+        unknowns: FloatArray,
+        before: FloatArray | None = None,
+    ) -> None:
+        """Go on from where branches ended; what is not followed stays as it is."""
+        if self.at_fold == "stop":
+            return
+        follow(
+            problem,
+            outcome,
+            lost,
+            unknowns=unknowns,
+            reached=reached,
+            tolerance=newton.tolerance(),
+            allowed=self._left(outcome),
+            max_steps=self.max_continuation_steps,
+            side=1 if self.side == SIDES[0] else -1,
+            before=before,
+        )
 
     def _left(self, outcome: Outcome) -> IntArray:
         """Integrations that each instance may still take, shape (instance_count,)."""
@@ -182,7 +224,7 @@ class NewtonTrack(Track):
                 (outcome.integrations, first.integrations),
             ):
                 mine[~self.known] = theirs[~self.known]
-            outcome.breakpoints = first.breakpoints
+            outcome.breakpoints, outcome.events = first.breakpoints, first.events
         turned = self._turned()
         if self.inputs is not None and (newton.doubtful() or first is not None or turned is not None):
             doubtful = ((outcome.status != _CONVERGED) | newton.strayed()) & self.known
@@ -207,11 +249,16 @@ class NewtonTrack(Track):
         last = self.history[0], self.newton.reference().reshape(-1, n, n)
         again = paths.change_inputs(doubtful, before, *last)
         self._take_in(doubtful, again, outcome)
+        reached, ends = again.reached, self.problem.read("unknowns")
         stuck = doubtful & failures(again.status)
         if len(self.problem.kinks) and stuck.any() and (stuck := stuck & paths.at_kink()).any():
             # Gamma jumps there however short the steps are
             self.newton.allow(self.options._left(outcome))
             self._take_in(stuck, paths.change_inputs(stuck, before, *last, dip=DIP), outcome)
+        ended = doubtful & (outcome.status == Status.BRANCH_END)
+        if ended.any():
+            assert reached is not None  # by every path
+            self.options._follow(self.problem, self.newton, outcome, ended, reached, ends, before)
 
     @staticmethod
     def _take_in(chosen: Any, again: Outcome, outcome: Outcome) -> None:
@@ -230,7 +277,8 @@ class NewtonTrack(Track):
         # of what is known by its breakpoints only, the unknowns alone cannot start the next sample
         good = ~failures(outcome.status) & (outcome.status != Status.MULTIPLE_SHOOTING)
         # what failed starts again from its last equilibrium, what is new from its first, both without a slope
-        kept, new = good[:, None], (good & ~self.known)[:, None]
+        elsewhere = np.isin(outcome.status, (Status.BIFURCATED, Status.SNAPPED))
+        kept, new = good[:, None], (good & (elsewhere | ~self.known))[:, None]
         last = self.history[0]
         past = [found, *self.history[: self.order]]
         self.history = [np.where(new, found, np.where(kept, point, last)) for point in past]

@@ -628,21 +628,24 @@ class BackboneParts(Parts):
     def __init__(self, problem: BackboneProblem) -> None:
         self.problem = problem
 
-    def of(self, instances: IntArray, *, double: bool = False) -> BackboneProblem:  # noqa: D102
-        return self._part(instances, self.problem.integrator.in_double() if double else self.problem.integrator)
+    def of(self, instances: IntArray, *, double: bool = False, poses: bool = False) -> BackboneProblem:  # noqa: D102
+        integrator = self.problem.integrator.in_double() if double else self.problem.integrator
+        return self._part(instances, integrator, poses)
 
-    def finer(self, instances: IntArray) -> BackboneProblem | None:  # noqa: D102
+    def finer(self, instances: IntArray, *, poses: bool = False) -> BackboneProblem | None:  # noqa: D102
         coarse = self.problem.integrator.in_double()
         if not isinstance(coarse, AdaptiveIntegrator) or not coarse.adaptive or coarse.rtol <= FINEST:
             return None
-        return self._part(instances, replace(coarse, rtol=FINEST, atol=min(coarse.atol, 0.01 * FINEST)))
+        return self._part(instances, replace(coarse, rtol=FINEST, atol=min(coarse.atol, 0.01 * FINEST)), poses)
 
-    def _part(self, instances: IntArray, integrator: Integrator) -> BackboneProblem:
+    def _part(self, instances: IntArray, integrator: Integrator, poses: bool) -> BackboneProblem:
         whole = self.problem
         shape = whole.batch_shape
         base = take(whole.base, shape, instances, tail=2) if whole.base.ndim > 2 else whole.base
         arrays, inputs = whole.arrays.take(shape, instances), whole.inputs_given.take(shape, instances)
         options = {**whole.options, "integrator": integrator}
+        if poses:  # with a direction too, it is the kernel that tells stability
+            options |= {"pose_sensitivities": True, "direction_count": 1}
         result = BackboneProblem(whole.rods, base, inputs, enabled=tuple(whole.enabled), arrays=arrays, **options)
         result.stop = whole.stop
         for name in ("inputs", "unknowns"):

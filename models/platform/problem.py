@@ -656,13 +656,14 @@ class PlatformParts(Parts):
     def __init__(self, problem: ParallelProblem) -> None:
         self.problem = problem
 
-    def of(self, instances: IntArray, *, double: bool = False) -> ParallelProblem:  # noqa: D102
+    def of(self, instances: IntArray, *, double: bool = False, poses: bool = False) -> ParallelProblem:  # noqa: D102
         integrator = self.problem.integrator.in_double() if double else self.problem.integrator
         geometry, inputs = (
             self.problem.geometry.take(self.problem.batch_shape, instances),
             self.problem.inputs_given.take(self.problem.batch_shape, instances),
         )
-        result = ParallelProblem(geometry, inputs, integrator=integrator, **self.problem.options)
+        options = {**self.problem.options, **({"pose_sensitivities": True} if poses else {})}
+        result = ParallelProblem(geometry, inputs, integrator=integrator, **options)
         result.stop = self.problem.stop
         for name in ("inputs", "unknowns"):
             result.write(name, self.problem.read(name)[instances])

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from multirod import plausibility
 from multirod.assembly import Assembly, Robot
 from multirod.batch import IntArray, parts, run, thread_count
+from multirod.events import Events, placed_events
 from multirod.inputs import Inputs
 from multirod.problem import BoundaryProblem
 from multirod.reuse import borrowed
@@ -242,6 +243,7 @@ class _Results:
         self._lock = Lock()
         self._outcome: dict[str, Any] = {}
         self._breakpoints: dict[int, Breakpoints] = {}
+        self._events: Events = {}
         self.fields: dict[str, slice] = {}
         self.records: FloatArray = np.zeros(0)
 
@@ -258,6 +260,7 @@ class _Results:
         first, last = (sample * self._shape[1] + end for end in (piece.start, piece.stop))
         with self._lock:
             self._breakpoints |= placed(outcome.breakpoints, np.arange(first, last))
+            self._events |= placed_events(outcome.events, np.arange(first, last))
             if not self.fields:
                 # the inputs are known
                 self.fields = {name: field for name, field in problem.record_fields.items() if name != "inputs"}
@@ -272,7 +275,7 @@ class _Results:
     def outcome(self) -> Outcome:
         """The outcomes of all samples, one after another."""
         arrays = {name: value.reshape(-1, *value.shape[2:]) for name, value in self._outcome.items()}
-        return Outcome(**arrays, breakpoints=self._breakpoints)
+        return Outcome(**arrays, breakpoints=self._breakpoints, events=self._events)
 
 
 def _pieces(robot: Assembly, count: int, threads: int, device: str) -> list[slice]:

@@ -159,6 +159,10 @@ class Newton:
         """Integrations that a run or path may take, shape (instance_count,)."""
         return np.array(self.state.allowed.numpy())
 
+    def tolerance(self) -> FloatArray:
+        """Largest residual of each instance [1/m], shape (instance_count,)."""
+        return np.array(self.state.tolerance.numpy())
+
     def doubtful(self) -> bool:
         """Whether any instance of the last run failed or may have strayed."""
         if self._counts is None or self._doubts is None:

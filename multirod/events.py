@@ -1,0 +1,67 @@
+"""What happened to a robot on its way: where its branch of equilibria ended, and where it went."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from multirod.batch import IntArray
+from multirod.status import Status
+from multirod.validation import FloatArray, frozen
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BranchEvent:
+    """A branch of equilibria ended on the way, and the robot went on elsewhere (``docs/branches.md``).
+
+    Attributes:
+        status: ``BIFURCATED``, or ``SNAPPED``.
+        fold: Whether the load had a maximum there (a limit point); else another branch crosses (a bifurcation).
+        load_factor: Of the full load, at which it happened; NaN in a motion.
+        progress: Part of the way from the inputs of the last sample that has a result; NaN where loads are raised.
+        time: In a history, when that was, as inputs change evenly between samples [s]; else NaN.
+        energy_lost: Potential energy of the equilibrium that was left, less that of the one it came to, at the same inputs [J]:
+            0 at a bifurcation.
+        tip_displacement: Of the end effector, from the one to the other, in the world [m], shape (3,); at a bifurcation, the
+            unit vector along which it begins to move, (1) of ``docs/branches.md``.
+        neutral: Modes that symmetry leaves neutral where it came to: it might stand anywhere along these.
+    """
+
+    status: Status
+    fold: bool
+    load_factor: float
+    progress: float
+    energy_lost: float
+    tip_displacement: FloatArray
+    neutral: int = 0
+    time: float = np.nan
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "tip_displacement", frozen(np.asarray(self.tip_displacement)))
+
+    def __repr__(self) -> str:
+        return f"BranchEvent({self.said})"
+
+    @property
+    def said(self) -> str:
+        """The same in words."""
+        cause = "at a fold" if self.fold else "at a bifurcation"
+        where = f"load factor {self.load_factor:.6g}"
+        if not np.isnan(self.progress):
+            where = f"{self.progress:.3g} of the way" if np.isnan(self.time) else f"{self.time:.6g} s"
+        x, y, z = self.tip_displacement
+        if self.status is Status.BIFURCATED:
+            return f"{self.status.name} {cause}, {where}, tip along ({x:.3g}, {y:.3g}, {z:.3g})"
+        return f"{self.status.name} {cause}, {where}, {self.energy_lost:.3g} J lost, tip moved {np.linalg.norm(self.tip_displacement):.3g} m"
+
+
+Events = dict[int, tuple[BranchEvent, ...]]
+
+
+def taken_events(events: Events, instances: IntArray) -> dict[int, tuple[BranchEvent, ...]]:
+    """Those of the instances with these numbers, (k,), by their places among them."""
+    return {place: events[int(k)] for place, k in enumerate(instances) if int(k) in events} if events else {}
+
+
+def placed_events(events: Events, instances: IntArray) -> dict[int, tuple[BranchEvent, ...]]:
+    """The reverse: by the numbers of instances, (k,), whose places among them were the keys."""
+    return {int(instances[place]): own for place, own in events.items()}

@@ -1,0 +1,1 @@
+"""What a robot does where its branch of equilibria ends: it buckles or snaps, and goes on (``docs/branches.md``)."""

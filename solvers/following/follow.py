@@ -1,0 +1,184 @@
+"""Instances whose branch ended, all on their way at once: every launch integrates for all of them."""
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod.batch import IntArray
+from multirod.problem import BoundaryProblem
+from multirod.solver import Outcome
+from multirod.solvers.continuation.natural import SAFE_LOAD, TURN
+from multirod.solvers.following.descent import Ground, Point
+from multirod.solvers.following.journey import At, Journey, Judge, Judgement, Run
+from multirod.stability import Modes
+from multirod.status import failures
+from multirod.validation import FloatArray
+
+TOGETHER = 4096  # instances on their way at once
+
+
+def follow(
+    problem: BoundaryProblem,
+    outcome: Outcome,
+    chosen: NDArray[np.bool_],
+    *,
+    unknowns: FloatArray,
+    reached: FloatArray,
+    tolerance: FloatArray,
+    allowed: IntArray,
+    max_steps: int,
+    side: int,
+    before: FloatArray | None = None,
+) -> None:
+    """Let the ``chosen`` instances go on from where their branches ended; what comes to the end of its way is put into the
+    problem's buffers and the outcome.
+
+    Args:
+        problem: At the inputs where the way ends.
+        outcome: Of the search that ended there.
+        chosen: Shape (instance_count,).
+        unknowns: Where it ended [1/m], shape (instance_count, n).
+        reached: Part of the way there, shape (instance_count,).
+        tolerance: Largest residual [1/m], shape (instance_count,).
+        allowed: Integrations that each may take, shape (instance_count,).
+        max_steps: Steps along a branch.
+        side: 1, or -1 for the other one at each bifurcation.
+        before: Inputs where the way begins, shape (instance_count, input_count); without them it is the loads that are raised.
+    """
+    stability, parts = problem.stability, problem.parts
+    if parts is None or stability is None or stability.multistable or problem.free_tip is None:
+        return
+    chosen = chosen & (reached < 1) & stability.has_potential
+    for places in np.split(np.flatnonzero(chosen), range(TOGETHER, int(chosen.sum()), TOGETHER)):
+        if not len(places):
+            continue
+        # where branches end, the error of the integration moves what it finds the most
+        part = parts.finer(places, poses=True) or parts.of(places, double=True, poses=True)
+        start = None if before is None else before[places]
+        safe, most = np.ones(len(places)), np.ones(len(places))
+        if start is None:
+            safe = SAFE_LOAD / np.maximum(part.load_scale(), 1e-300)
+        else:
+            most = TURN / np.maximum(part.turning(start), 1e-300)
+        tip = part.free_tip
+        assert tip is not None  # as for all
+        journeys = [
+            Journey(
+                Ground(part, tip, k),
+                np.array(unknowns[place]),
+                float(reached[place]),
+                float(tolerance[place]),
+                int(allowed[place]),
+                float(safe[k]),
+                float(most[k]),
+                max_steps,
+                side,
+                before is not None,
+            )
+            for k, place in enumerate(places)
+        ]
+        _Together(part, start).run([journey.run() for journey in journeys])
+        _polish(problem, places, journeys)
+        _report(places, journeys, outcome)
+
+
+class _Together:
+    """Serves the requests of all journeys, a launch at a time.
+
+    Args:
+        part: Their problem.
+        before: Inputs where their ways begin; None where loads are raised.
+    """
+
+    def __init__(self, part: BoundaryProblem, before: FloatArray | None) -> None:
+        self.part, self.before, self.after = part, before, part.read("inputs")
+        self.levels = np.ones(part.instance_count)
+
+    def run(self, all_: Iterable[Run]) -> None:
+        """Take all to their ends."""
+        runs = dict(enumerate(all_))
+        asked: dict[int, At | Judge] = {}
+        for k in list(runs):
+            self._next(runs, asked, k, None)
+        while asked:
+            there = {k: request for k, request in asked.items() if isinstance(request, At)}
+            answers: dict[int, Any]
+            if there:
+                answers = self._integrate(there)
+            else:
+                answers = self._judge({k: request for k, request in asked.items() if isinstance(request, Judge)})
+            for k, answer in answers.items():
+                self._next(runs, asked, k, answer)
+
+    @staticmethod
+    def _next(runs: dict[int, Run], asked: dict[int, At | Judge], k: int, answer: Any) -> None:
+        asked.pop(k, None)
+        try:
+            asked[k] = runs[k].send(answer)
+        except StopIteration:
+            del runs[k]
+
+    def _place(self, unknowns: dict[int, FloatArray], levels: dict[int, float]) -> None:
+        """Put instances where they are to be integrated."""
+        part = self.part
+        values = part.read("unknowns")
+        for k, own in unknowns.items():
+            values[k], self.levels[k] = own, levels[k]
+        part.write("unknowns", values)
+        if self.before is None:
+            part.load_factor.assign(self.levels)
+        else:
+            part.write("inputs", self.before + self.levels[:, None] * (self.after - self.before))
+
+    def _integrate(self, asked: dict[int, At]) -> dict[int, Point]:
+        part, n = self.part, self.part.unknown_count
+        self._place({k: at.unknowns for k, at in asked.items()}, {k: at.level for k, at in asked.items()})
+        on = np.zeros(part.instance_count, dtype=bool)
+        on[list(asked)] = True
+        with part.only(on):
+            part.integrate()
+        residual, gamma = part.read("residual"), part.read("gamma").reshape(-1, n, n)
+        residual[part.fault.numpy() != 0] = np.nan
+        columns, position, rotation = part.pose_columns.numpy(), part.read("position"), part.read("rotation").reshape(-1, 3, 3)
+        angle = part.read("inputs")[:, part.input_slice("rotation").start]
+        return {
+            k: Point(
+                at.unknowns, at.level, residual[k], gamma[k], np.array(columns[k, :, :n]), position[k], rotation[k], angle[k]
+            )
+            for k, at in asked.items()
+        }
+
+    def _judge(self, asked: dict[int, Judge]) -> dict[int, Judgement]:
+        stability = self.part.stability
+        assert stability is not None  # or there was nothing to follow
+        self._place(
+            {k: judge.point.unknowns for k, judge in asked.items()}, {k: judge.point.level for k, judge in asked.items()}
+        )
+        with self.part.everyone():
+            modes, potential = stability.modes(), stability.potential()
+        return {k: Judgement(Modes(*(value[[k]] for value in vars(modes).values())), float(potential[k])) for k in asked}
+
+
+def _polish(problem: BoundaryProblem, places: IntArray, journeys: Sequence[Journey]) -> None:
+    """Take what came to an end to the problem's own equations, and into its buffers."""
+    there = np.flatnonzero([journey.end is not None for journey in journeys])
+    if not len(there):
+        return
+    assert problem.parts is not None  # as before
+    own = problem.parts.of(places[there])
+    _Together(own, None).run([journeys[k].polish() for k in there])
+    kept = np.flatnonzero([journeys[k].end is not None for k in there])
+    problem.keep(own, places[there[kept]], kept)
+
+
+def _report(places: IntArray, journeys: Sequence[Journey], outcome: Outcome) -> None:
+    outcome.iterations[places] += [journey.iterations for journey in journeys]
+    outcome.integrations[places] += [journey.integrations for journey in journeys]
+    for place, journey in zip(places.tolist(), journeys, strict=True):
+        outcome.status[place] = journey.status
+        if journey.events and not journey.status.failed:
+            outcome.events[place] = tuple(journey.events)
+    if outcome.reached is not None:
+        outcome.reached[places[~failures(outcome.status[places])]] = 1.0

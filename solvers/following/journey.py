@@ -1,0 +1,369 @@
+"""One instance on its way from where its branch of equilibria ended.
+
+Numbers in parentheses are those of ``docs/branches.md``.
+"""
+
+from collections.abc import Generator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from multirod.events import BranchEvent
+from multirod.solvers.continuation.acceptance import CONTRACTION, MIN_STEP, SURPRISE, same_branch
+from multirod.solvers.following.descent import RADIUS, SOFT, Ground, Point, Slope
+from multirod.stability import Modes
+from multirod.status import Status
+from multirod.validation import FloatArray
+
+OVERSHOOT = 1e-3  # of the way, by which a critical point is passed; four times as much until it is decided
+DECIDED = 1e-4  # of K/L: a mode as unstable, or a moment as large, decides
+DRIVEN = 1e-6  # of K/L: a smaller moment along a mode that vanishes is none
+KICK = 1e-2  # turn of the tip off what is unstable and in balance [rad]
+TOGETHER = 1e-2  # of the lowest: modes that close to it vanish with it
+ALONG = 0.1  # of its largest component, that the tip's way must be along an axis to count
+FAR = 0.5  # turn of the tip to another branch [rad], however near the critical point
+APART = 0.7  # ratio of distances at a quarter of the overshoot: above it another branch, half on one that bifurcates here
+BRANCHES_OFF = 0.35  # below it the same branch, a quarter
+DESCENT_STEPS = 1000
+NEWTON_STEPS = 8
+GROWTH = 0.5  # of the way, that the next step may be
+FASTER = 3.0
+MOST_EVENTS = 16
+ASIDE = 0.05  # turn along a neutral mode, where it is still neutral if symmetry makes it so [rad]
+
+
+@dataclass(frozen=True)
+class Judge:
+    """A request to tell the stability and the potential energy at a point."""
+
+    point: Point
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Its answer, of one instance."""
+
+    modes: Modes
+    potential: float
+
+
+@dataclass(frozen=True)
+class At:
+    """A request to integrate at unknowns, shape (n,), and a level."""
+
+    unknowns: FloatArray
+    level: float
+
+
+Run = Generator[At | Judge, Any, Any]
+
+
+class Spent(Exception):
+    """An instance has taken the integrations that it may."""
+
+
+@dataclass
+class Journey:
+    """One instance; what integrates is a generator, so that many share every launch (``follow``).
+
+    Attributes:
+        ground: Its energy.
+        start: Unknowns where its branch ended, shape (n,).
+        level: Part of the way there.
+        tolerance: Largest residual [1/m].
+        allowed: Integrations that it may take.
+        safe_step: A step that is short enough wherever it starts.
+        most_step: No step is longer.
+        max_steps: Steps allowed.
+        side: 1, or -1 for the other one at each bifurcation.
+        by_inputs: Whether inputs change on the way, not loads alone.
+    """
+
+    ground: Ground
+    start: FloatArray
+    level: float
+    tolerance: float
+    allowed: int
+    safe_step: float
+    most_step: float
+    max_steps: int
+    side: int
+    by_inputs: bool
+    integrations: int = 0
+    iterations: int = 0
+    status: Status = Status.BRANCH_END
+    end: Point | None = None
+    neutral: int = 0
+
+    def __post_init__(self) -> None:
+        self.events: list[BranchEvent] = []
+
+    def run(self) -> Run:
+        """To the end of the way: ``status``, ``events`` and ``end`` say what came of it."""
+        try:
+            yield from self._run()
+        except Spent:
+            self.status = Status.INTEGRATION_LIMIT
+
+    def _run(self) -> Run:
+        point = yield from self._at(self.start, self.level)
+        neutral = yield from self._by_symmetry(point)
+        # these equations are a little finer than those that its branch ended by
+        found, _ = yield from self._correct(self.start, self.level, neutral)
+        if found is not None:
+            point = yield from self._along(found, neutral)
+        while point.level < 1:
+            if len(self.events) == MOST_EVENTS:
+                return
+            landed = yield from self._leave(point)
+            if landed is None:
+                return
+            landed, event, neutral = landed
+            if event is not None:
+                self.events.append(event)
+            elif landed.level <= point.level:
+                return
+            point = yield from self._along(landed, neutral)
+        if self.events and not (yield from self._rests(point, neutral)):
+            self.status = Status.UNSTABLE
+            return
+        statuses = {event.status for event in self.events}
+        self.status = next((status for status in (Status.SNAPPED, Status.BIFURCATED) if status in statuses), Status.CONVERGED)
+        self.end, self.neutral = point, neutral
+
+    def polish(self) -> Run:
+        """The end again, by the equations and the tolerance of the problem that this is done for."""
+        assert self.end is not None  # or there is nothing to be polished
+        try:
+            found, _ = yield from self._correct(self.end.unknowns, 1.0, self.neutral)
+        except Spent:
+            found = None
+            self.status = Status.INTEGRATION_LIMIT
+        else:
+            self.status = Status.BRANCH_END if found is None else self.status
+        self.end = found
+
+    # ---- evaluation ----
+
+    def _at(self, unknowns: FloatArray, level: float) -> Run:
+        self._count()
+        point = yield At(unknowns, level)
+        return point
+
+    def _judge(self, point: Point) -> Run:
+        self._count(2)
+        judgement = yield Judge(point)
+        return judgement
+
+    def _count(self, integrations: int = 1) -> None:
+        if self.integrations + integrations > self.allowed:
+            raise Spent
+        self.integrations += integrations
+
+    def _rests(self, point: Point, neutral: int) -> Run:
+        """Whether a point is stable but for modes that symmetry leaves neutral."""
+        judgement = yield from self._judge(point)
+        return _stable(judgement.modes, neutral)
+
+    # ---- leaving a branch ----
+
+    def _leave(self, critical: Point) -> Run:
+        """Where the robot goes from a critical point: the point it comes to, what happened, and the modes that are neutral there;
+        None where that cannot be told."""
+        beyond = yield from self._pass(critical)
+        if beyond is None:
+            return None
+        slope = self.ground.slope(beyond)
+        first, fold = self._way_out(slope, beyond, critical)
+        landed = yield from self._descend(beyond, slope, first)
+        if landed is None:
+            return None
+        neutral = self.ground.slope(landed).neutral
+        there = yield from self._judge(landed)
+        if not _stable(there.modes, neutral):
+            return None
+        if neutral and (yield from self._by_symmetry(landed)) != neutral:
+            return None
+        snapped = _turn(critical.rotation, landed.rotation) > FAR
+        if not snapped:
+            ratio = yield from self._shrinks(critical, beyond.level, landed, first)
+            if ratio < BRANCHES_OFF:
+                return landed, None, neutral
+            snapped = ratio > APART
+        lost, way = 0.0, slope.change(first) if first.any() else landed.unknowns - critical.unknowns
+        displacement = beyond.pose_columns[:3] @ way
+        displacement = displacement / max(float(np.linalg.norm(displacement)), 1e-300)
+        if snapped:
+            before = yield from self._judge(beyond)
+            lost, displacement = before.potential - there.potential, landed.position - critical.position
+        level = critical.level
+        event = BranchEvent(
+            status=Status.SNAPPED if snapped else Status.BIFURCATED,
+            fold=fold,
+            load_factor=np.nan if self.by_inputs else level,
+            progress=level if self.by_inputs else np.nan,
+            energy_lost=float(lost),
+            tip_displacement=displacement,
+            neutral=neutral,
+        )
+        return landed, event, neutral
+
+    def _pass(self, critical: Point) -> Run:
+        """The critical unknowns at a level beyond, where it is decided that they are left; None where it is not before the end."""
+        step = OVERSHOOT
+        while True:
+            level = min(1.0, critical.level + step)
+            beyond = yield from self._at(critical.unknowns, level)
+            slope = self.ground.slope(beyond)
+            if slope is None:
+                return None
+            if slope.values[0] < -DECIDED or abs(slope.along[0]) > DECIDED:
+                return beyond
+            if level == 1.0:
+                return None
+            step *= 4
+
+    def _way_out(self, slope: Slope, beyond: Point, critical: Point) -> tuple[FloatArray, bool]:
+        """How the tip is turned off a point that is in balance, 0 where a moment drives it, shape (n,), and whether that is so.
+
+        (5) Of the modes that vanish together, the combination by which the tip goes to a positive x of the world; where it hardly
+        moves that way, y, then z.
+        """
+        count = int((slope.values <= slope.values[0] + TOGETHER * abs(slope.values[0]) + SOFT).sum())
+        level = beyond.level - critical.level
+        if np.abs(slope.along[:count]).max() > DRIVEN * max(1.0, level / OVERSHOOT):
+            return np.zeros(len(slope.values)), True
+        modes = slope.modes[:, :count]
+        moves = beyond.pose_columns[:3] @ np.column_stack([slope.change(mode) for mode in modes.T])
+        size = np.linalg.norm(moves, axis=1)
+        axis = int(np.argmax(size >= ALONG * size.max()))
+        return self.side * KICK * modes @ (moves[axis] / size[axis]), False
+
+    def _shrinks(self, critical: Point, level: float, landed: Point, first: FloatArray) -> Run:
+        """Distance of where a quarter of the overshoot leads, over that of where all of it did."""
+        near = yield from self._at(critical.unknowns, critical.level + 0.25 * (level - critical.level))
+        slope = self.ground.slope(near)
+        other = None if slope is None else (yield from self._descend(near, slope, first))
+        if other is None:
+            return 1.0
+        size = [float(np.linalg.norm(point.unknowns - critical.unknowns)) for point in (other, landed)]
+        return size[0] / max(size[1], 1e-300)
+
+    def _descend(self, point: Point, slope: Slope, first: FloatArray) -> Run:
+        """(4) Where going down in energy leads from a point, after turning the tip by ``first``; None where it leads nowhere."""
+        facing = np.sign(np.linalg.det(slope.turned))
+        step = slope.change(first) if first.any() else slope.step(RADIUS)
+        for _ in range(DESCENT_STEPS):
+            point = yield from self._at(point.unknowns + step, point.level)
+            self.iterations += 1
+            found = self.ground.slope(point)
+            if found is None or np.sign(np.linalg.det(found.turned)) != facing:
+                return None  # the rod would snap though its tip were held
+            if point.size <= self.tolerance and found.values[0] >= -SOFT:
+                return point
+            step = found.step(RADIUS)
+        return None
+
+    # ---- along a branch ----
+
+    def _by_symmetry(self, point: Point) -> Run:
+        """Modes that are neutral at a point and near it: those that symmetry leaves so."""
+        slope = self.ground.slope(point)
+        count = 0 if slope is None else slope.neutral
+        for k in range(count):
+            mode = slope.modes[:, np.argsort(np.abs(slope.values))[k]]
+            begin = point.unknowns + slope.change(ASIDE * mode)
+            found, _ = yield from self._correct(begin, point.level, count)
+            other = None if found is None else self.ground.slope(found)
+            if other is None or other.neutral < count or _turn(point.rotation, found.rotation) < 0.5 * ASIDE:
+                return 0
+        return count
+
+    def _along(self, start: Point, neutral: int) -> Run:
+        """The last point on the branch through one, of level 1 if it leads there."""
+        points, halved, taken = [start], False, 0
+        step = min(self._longest(start.level), OVERSHOOT)
+        surprise: FloatArray | None = None
+        while points[0].level < 1 and taken < self.max_steps:
+            taken += 1
+            last = points[0]
+            goal = min(1.0, last.level + step)
+            expected = _extrapolated(points, goal)
+            found, contraction = yield from self._correct(expected, goal, neutral)
+            same = found is not None and contraction <= CONTRACTION and _alike(found.gamma, last.gamma, neutral)
+            if same and (len(points) < 2 or _foreseen(found.unknowns, expected, last.unknowns, surprise)):
+                growth = (0.5 * CONTRACTION / max(contraction, 1e-6)) ** (1 / len(points))
+                step = min((goal - last.level) * float(np.clip(growth, 0.5, 1.0 if halved else FASTER)), self._longest(goal))
+                points, halved, surprise = [found, *points[:2]], False, None
+                continue
+            surprise = found.unknowns if same and found is not None else None
+            step, halved = 0.5 * (goal - last.level), True
+            if step < MIN_STEP:
+                break
+        return points[0]
+
+    def _longest(self, level: float) -> float:
+        return min(max(self.safe_step, GROWTH * level), self.most_step)
+
+    def _correct(self, unknowns: FloatArray, level: float, neutral: int) -> Run:
+        """(6) Newton's method, without steps along ``neutral`` modes: the point, None where it fails, and its contraction."""
+        contraction, size = 0.0, np.inf
+        for k in range(NEWTON_STEPS):
+            point = yield from self._at(unknowns, level)
+            self.iterations += 1
+            if not np.isfinite(point.size) or not np.isfinite(point.gamma).all():
+                break
+            if point.size <= self.tolerance:
+                return point, contraction
+            u, s, v = np.linalg.svd(point.gamma)
+            kept = slice(0, len(s) - neutral)
+            if s[kept][-1] == 0:
+                break
+            move = -v[kept].T @ ((u[:, kept].T @ point.residual) / s[kept])
+            before, size = size, float(np.linalg.norm(move))
+            if k and size > 1e-10 * float(np.linalg.norm(unknowns)):
+                contraction = max(contraction, size / before)
+            if contraction > CONTRACTION and neutral == 0:
+                break
+            unknowns = unknowns + move
+        return None, np.inf
+
+
+def _stable(modes: Modes, neutral: int) -> bool:
+    """Whether nothing is unstable, and no more modes neutral than symmetry leaves so."""
+    soft = int(modes._soft[0].sum())
+    return bool(modes.known[0] and modes.index[0] == 0 and not modes.diverging[0] and soft == neutral)
+
+
+def _turn(before: FloatArray, after: FloatArray) -> float:
+    """Angle between two rotations [rad]."""
+    return float(np.arccos(np.clip(0.5 * (np.trace(before.T @ after) - 1), -1, 1)))
+
+
+def _extrapolated(points: list[Point], level: float) -> FloatArray:
+    """Unknowns by the polynomial through the last points."""
+    result = np.zeros_like(points[0].unknowns)
+    for i, point in enumerate(points):
+        weights = [(level - other.level) / (point.level - other.level) for k, other in enumerate(points) if k != i]
+        result = result + float(np.prod(weights)) * point.unknowns
+    return result
+
+
+def _foreseen(found: FloatArray, expected: FloatArray, last: FloatArray, surprise: FloatArray | None) -> bool:
+    """Whether a point lies where the extrapolation led, or half as far as that of twice the step, which did not."""
+    moved, size = float(np.linalg.norm(found - last)), float(np.linalg.norm(found))
+    if np.linalg.norm(found - expected) <= SURPRISE * moved + 1e-6 * (1 + size):
+        return True
+    return surprise is not None and bool(np.linalg.norm(found - 0.5 * (last + surprise)) <= 0.5 * SURPRISE * moved)
+
+
+def _alike(gamma: FloatArray, before: FloatArray, neutral: int) -> bool:
+    """(7) ``same_branch`` without the modes that are neutral all along."""
+    if neutral:
+        u, _, v = np.linalg.svd(before)
+        u, v = u[:, :-neutral], v[:-neutral].T
+        gamma, before = u.T @ gamma @ v, u.T @ before @ v
+    return bool(same_branch(gamma[None], before[None])[0])
+
+
