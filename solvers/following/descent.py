@@ -14,7 +14,7 @@ from multirod.validation import FloatArray
 
 SOFT = 1e-6  # of K/L: a mode no stiffer than this is neutral
 RADIUS = 0.1  # largest turn in a mode by one step [rad]
-NUDGE = 1e-3  # of the radius, at least, along a mode that is unstable
+NUDGE = 1e-3  # of the radius, along a mode that is unstable where no step is longer
 KEPT = 1e-9  # largest condition, inverted, of a Y that is not singular
 
 
@@ -81,7 +81,8 @@ class Slope:
         """(4) Change of the unknowns [1/m]: down in every mode, Newton's step where that is shorter, shape (n,)."""
         slope, values = self.along, self.values
         turn = np.minimum(np.abs(slope) / np.maximum(np.abs(values), SOFT), radius)
-        turn = np.where(values < -SOFT, np.maximum(turn, NUDGE * radius), turn)
+        if values[0] < -SOFT and turn.max() < NUDGE * radius:  # in balance where nothing holds it
+            turn[0] = NUDGE * radius
         return self.change(self.modes @ np.where(slope > 0, -turn, turn))
 
     def change(self, turn: FloatArray) -> FloatArray:

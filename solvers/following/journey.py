@@ -16,7 +16,7 @@ from multirod.stability import Modes
 from multirod.status import Status
 from multirod.validation import FloatArray
 
-OVERSHOOT = 1e-3  # of the way, by which a critical point is passed; four times as much until it is decided
+OVERSHOOT = 1e-3  # of the load, or of the way between two samples, by which a critical point is passed; four times as much until it is decided
 DECIDED = 1e-4  # of K/L: a mode as unstable, or a moment as large, decides
 DRIVEN = 1e-6  # of K/L: a smaller moment along a mode that vanishes is none
 KICK = 1e-2  # turn of the tip off what is unstable and in balance [rad]
@@ -24,8 +24,10 @@ TOGETHER = 1e-2  # of the lowest: modes that close to it vanish with it
 ALONG = 0.1  # of its largest component, that the tip's way must be along an axis to count
 FAR = 0.5  # turn of the tip to another branch [rad], however near the critical point
 APART = 0.7  # ratio of distances at a quarter of the overshoot: above it another branch, half on one that bifurcates here
-BRANCHES_OFF = 0.35  # below it the same branch, a quarter
-DESCENT_STEPS = 1000
+SAME_BRANCH = 0.35  # below it the same branch, a quarter
+RETURNED = 1e-4  # turn of the tip by which what was pushed off came back [rad]
+MERGED = 0.05  # turn of the tip [rad] within which branches merge
+DESCENT_STEPS = 300
 NEWTON_STEPS = 8
 GROWTH = 0.5  # of the way, that the next step may be
 FASTER = 3.0
@@ -185,10 +187,13 @@ class Journey:
             return None
         if neutral and (yield from self._by_symmetry(landed)) != neutral:
             return None
-        snapped = _turn(critical.rotation, landed.rotation) > FAR
+        turn = _turn(critical.rotation, landed.rotation)
+        if _held(slope) and turn < 2 * MERGED:
+            return landed, None, neutral
+        snapped = turn > FAR
         if not snapped:
             ratio = yield from self._shrinks(critical, beyond.level, landed, first)
-            if ratio < BRANCHES_OFF:
+            if ratio < SAME_BRANCH and (fold or turn < RETURNED):
                 return landed, None, neutral
             snapped = ratio > APART
         lost, way = 0.0, slope.change(first) if first.any() else landed.unknowns - critical.unknowns
@@ -211,14 +216,14 @@ class Journey:
 
     def _pass(self, critical: Point) -> Run:
         """The critical unknowns at a level beyond, where it is decided that they are left; None where it is not before the end."""
-        step = OVERSHOOT
+        step = self._overshoot(critical)
         while True:
             level = min(1.0, critical.level + step)
             beyond = yield from self._at(critical.unknowns, level)
             slope = self.ground.slope(beyond)
             if slope is None:
                 return None
-            if slope.values[0] < -DECIDED or abs(slope.along[0]) > DECIDED:
+            if slope.values[0] < -DECIDED or abs(slope.along[0]) > DECIDED or _held(slope):
                 return beyond
             if level == 1.0:
                 return None
@@ -231,8 +236,7 @@ class Journey:
         moves that way, y, then z.
         """
         count = int((slope.values <= slope.values[0] + TOGETHER * abs(slope.values[0]) + SOFT).sum())
-        level = beyond.level - critical.level
-        if np.abs(slope.along[:count]).max() > DRIVEN * max(1.0, level / OVERSHOOT):
+        if np.abs(slope.along[:count]).max() > DRIVEN * max(1.0, (beyond.level - critical.level) / self._overshoot(critical)):
             return np.zeros(len(slope.values)), True
         modes = slope.modes[:, :count]
         moves = beyond.pose_columns[:3] @ np.column_stack([slope.change(mode) for mode in modes.T])
@@ -283,7 +287,7 @@ class Journey:
     def _along(self, start: Point, neutral: int) -> Run:
         """The last point on the branch through one, of level 1 if it leads there."""
         points, halved, taken = [start], False, 0
-        step = min(self._longest(start.level), OVERSHOOT)
+        step = min(self._longest(start.level), self._overshoot(start))
         surprise: FloatArray | None = None
         while points[0].level < 1 and taken < self.max_steps:
             taken += 1
@@ -302,6 +306,9 @@ class Journey:
             if step < MIN_STEP:
                 break
         return points[0]
+
+    def _overshoot(self, point: Point) -> float:
+        return OVERSHOOT if self.by_inputs else OVERSHOOT * max(point.level, OVERSHOOT)
 
     def _longest(self, level: float) -> float:
         return min(max(self.safe_step, GROWTH * level), self.most_step)
@@ -328,6 +335,11 @@ class Journey:
                 break
             unknowns = unknowns + move
         return None, np.inf
+
+
+def _held(slope: Slope) -> bool:
+    """Whether a stable equilibrium is beside a point: one on which branches merge."""
+    return bool(slope.values[0] > DECIDED and np.abs(slope.along).max() < MERGED * slope.values[0])
 
 
 def _stable(modes: Modes, neutral: int) -> bool:
