@@ -28,6 +28,7 @@ if _typing.TYPE_CHECKING:
     from multirod import testing as testing
     from multirod.assembly import Assembly
     from multirod.compiling import CompileError
+    from multirod.events import BranchEvent
     from multirod.files import load
     from multirod.inputs import Inputs, InputSpec
     from multirod.integrators import RK4, RK23, RK45, AdaptiveIntegrator, FixedStepIntegrator, Integrator, Tableau
@@ -68,6 +69,7 @@ __all__ = [
     "Assembly",
     "Block",
     "BoundaryProblem",
+    "BranchEvent",
     "Chamber",
     "CompileError",
     "ConcentricTubes",
@@ -130,6 +132,7 @@ _PUBLIC = {
     "compiling": "CompileError",
     "studies.critical_loads": "CriticalLoad CriticalLoads critical_loads",
     "studies.equilibria": "Equilibria equilibria",
+    "events": "BranchEvent",
     "files": "load",
     "inputs": "Inputs InputSpec",
     "models.assemblies.concentric_tubes": "ConcentricTubes",

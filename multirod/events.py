@@ -1,8 +1,11 @@
 """What happened to a robot on its way: where its branch of equilibria ended, and where it went."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from multirod.batch import IntArray
 from multirod.status import Status
@@ -44,24 +47,58 @@ class BranchEvent:
     @property
     def said(self) -> str:
         """The same in words."""
-        cause = "at a fold" if self.fold else "at a bifurcation"
         where = f"load factor {self.load_factor:.6g}"
         if not np.isnan(self.progress):
             where = f"{self.progress:.3g} of the way" if np.isnan(self.time) else f"{self.time:.6g} s"
-        x, y, z = self.tip_displacement
+        what = f"{self.status.name} at a {'fold' if self.fold else 'bifurcation'}, {where}"
         if self.status is Status.BIFURCATED:
-            return f"{self.status.name} {cause}, {where}, tip along ({x:.3g}, {y:.3g}, {z:.3g})"
-        return f"{self.status.name} {cause}, {where}, {self.energy_lost:.3g} J lost, tip moved {np.linalg.norm(self.tip_displacement):.3g} m"
+            return f"{what}, tip along ({', '.join(f'{x:.3f}' for x in self.tip_displacement + 0.0)})"
+        return f"{what}, {self.energy_lost:.3g} J lost, tip moved {np.linalg.norm(self.tip_displacement):.3g} m"
 
 
 Events = dict[int, tuple[BranchEvent, ...]]
 
 
-def taken_events(events: Events, instances: IntArray) -> dict[int, tuple[BranchEvent, ...]]:
+def taken_events(events: Events, instances: IntArray) -> Events:
     """Those of the instances with these numbers, (k,), by their places among them."""
     return {place: events[int(k)] for place, k in enumerate(instances) if int(k) in events} if events else {}
 
 
-def placed_events(events: Events, instances: IntArray) -> dict[int, tuple[BranchEvent, ...]]:
+def placed_events(events: Events, instances: IntArray) -> Events:
     """The reverse: by the numbers of instances, (k,), whose places among them were the keys."""
     return {int(instances[place]): own for place, own in events.items()}
+
+
+def timed_events(events: Events, time: FloatArray, failed: NDArray[np.bool_]) -> Events:
+    """Events of samples, numbered as those of ``failed`` (sample_count, k), with their times."""
+    result: Events = {}
+    count = failed.shape[1] if failed.size else 1
+    for place, own in events.items():
+        sample, instance = divmod(place, count)
+        good = np.flatnonzero(~failed[:sample, instance])
+        before = float(time[good[-1]] if len(good) else time[sample])
+        result[place] = tuple(replace(event, time=before + event.progress * (float(time[sample]) - before)) for event in own)
+    return result
+
+
+def joined_events(events: Events) -> dict[str, NDArray[Any]]:
+    """Events of all instances as arrays, one after another."""
+    every = [(instance, event) for instance, own in events.items() for event in own]
+    names = [field.name for field in fields(BranchEvent)]
+    columns = {name: np.array([getattr(event, name) for _, event in every]) for name in names}
+    return {"instances": np.array([instance for instance, _ in every]), **columns}
+
+
+def separate_events(joined: Mapping[str, NDArray[Any]]) -> Events:
+    """The reverse."""
+    result: Events = {}
+    for k, instance in enumerate(joined["instances"].tolist()):
+        event = BranchEvent(
+            status=Status(int(joined["status"][k])),
+            fold=bool(joined["fold"][k]),
+            neutral=int(joined["neutral"][k]),
+            tip_displacement=joined["tip_displacement"][k],
+            **{name: float(joined[name][k]) for name in ("load_factor", "progress", "energy_lost", "time")},
+        )
+        result[instance] = (*result.get(instance, ()), event)
+    return result

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 ROWS = 8  # of a batch or a history that are shown, evenly chosen
 SECTIONS = 8
+EVENTS = 8
 LONGEST_TRADEOFF = 30  # rows
 MOST_EQUILIBRIA = 20
 _LEFT = "text-align:left"
@@ -199,7 +200,7 @@ def _single(found: "Solution", title: str) -> str:
         ["iterations, integrations", f"{int(found.iterations)}, {int(found.integrations)}"],
     ]
     notes = [status.message] if status is not Status.CONVERGED else []
-    return table(title, [], rows, [*notes, *_dropped(found)])
+    return table(title, [], rows, [*notes, *(event.said for event in found.events), *_dropped(found)])
 
 
 def _dropped(found: "Solution") -> list[str]:
@@ -222,7 +223,15 @@ def _summary(found: "Solution", shown: int, noun: str) -> list[str]:
     total = found.batch_shape[0] if noun == "samples" else len(status)
     if shown < total:
         notes.append(f"{shown} of {total:,} {noun} are shown")
-    return notes + _dropped(found)
+    return notes + _events(found) + _dropped(found)
+
+
+def _events(found: "Solution") -> list[str]:
+    """The first of what happened on the way."""
+    events = found._outcome.events
+    every = [event.said for place in sorted(events) for event in events[place]]
+    more = [f"and {len(every) - EVENTS} more events"] if len(every) > EVENTS else []
+    return every[:EVENTS] + more
 
 
 def equilibria(found: "Equilibria") -> str:

@@ -16,6 +16,7 @@ from multirod import plausibility
 from multirod.assembly import Assembly, Robot_co
 from multirod.batch import IntArray, parts, run, take
 from multirod.capabilities import Lines
+from multirod.events import BranchEvent, timed_events
 from multirod.inputs import Inputs
 from multirod.integrators import Integrator
 from multirod.problem import BoundaryProblem, LineShape, Shape
@@ -29,7 +30,6 @@ from multirod.types import Index, Name, Named, Numbers, Quantity, QuantityOverTi
 from multirod.validation import FloatArray, choice, frozen, meant, positive_int, refuse, shown
 
 if TYPE_CHECKING:
-    from multirod.events import BranchEvent
     from multirod.models.backbone.lines import Line
     from multirod.studies.terms.simplify import Dropped
 
@@ -208,7 +208,7 @@ class Solution(Generic[Robot_co]):
         return self._shaped(self._outcome.status)
 
     @cached_property
-    def events(self) -> "tuple[BranchEvent, ...] | NDArray[np.object_] | Any":
+    def events(self) -> tuple[BranchEvent, ...] | NDArray[np.object_] | Any:
         """What happened on the way, as a tuple of ``BranchEvent`` of each instance, shape (...); a tuple where there are no leading axes.
 
         It is empty where no branch ended (``docs/branches.md``).
@@ -724,7 +724,9 @@ class Solution(Generic[Robot_co]):
         if not self.batch_shape:
             x, y, z = self.tip_position
             tip = "" if self.status.failed else f", tip ({x:.5g}, {y:.5g}, {z:.5g}) m"
-            return f"{type(self).__name__}({self.status.name}{tip}, residual {float(self.residual):.2g} 1/m{self._without})"
+            residual = f", residual {float(self.residual):.2g} 1/m"
+            events = "".join(f"; {event.said}" for event in self.events)
+            return f"{type(self).__name__}({self.status.name}{tip}{residual}{self._without}{events})"
         return f"{type(self).__name__}(batch {self.batch_shape}: {self._counts(slice(None))}{self._without})"
 
     def _repr_html_(self) -> str:
@@ -763,6 +765,9 @@ class History(Solution[Robot_co]):
     ) -> None:
         super().__init__(scene, records, outcome, inputs)
         self.time: FloatArray = frozen(time)
+        if outcome.events:
+            failed = failures(np.reshape(outcome.status, (len(time), -1)))
+            outcome.events = timed_events(outcome.events, self.time, failed)
         self.step_time: FloatArray = frozen(step_time)
         self.description = description
 

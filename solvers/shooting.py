@@ -23,6 +23,8 @@ from multirod.validation import FloatArray, boolean, choice, positive_int
 PREDICTORS = ("none", "linear", "quadratic")
 AT_FOLD = ("follow", "stop")
 SIDES = ("positive", "negative")
+SAME = 1e-6  # unknowns that are, beside 1/m and themselves
+FRESH = 1e-3  # of the way between two samples, that the first step from where a motion has just come to is
 DIP = 0.1  # of the load, that is taken off on the way past a kink
 _CONVERGED = int(Status.CONVERGED)
 
@@ -187,6 +189,7 @@ class NewtonTrack(Track):
         self.inputs: FloatArray | None = None  # those of the last good sample
         self.known = np.zeros(problem.instance_count, dtype=bool)  # instances that have had a good sample, or a guess
         self.all_known = False
+        self.fresh = np.zeros(problem.instance_count, dtype=bool)  # where branches are near: what came there by an event
 
     def start(self, unknowns: FloatArray) -> None:
         """Take ``unknowns`` as the sample before the first."""
@@ -226,12 +229,18 @@ class NewtonTrack(Track):
                 mine[~self.known] = theirs[~self.known]
             outcome.breakpoints, outcome.events = first.breakpoints, first.events
         turned = self._turned()
-        if self.inputs is not None and (newton.doubtful() or first is not None or turned is not None):
+        fresh = bool(self.fresh.any())
+        if self.inputs is not None and (newton.doubtful() or first is not None or turned is not None or fresh):
             doubtful = ((outcome.status != _CONVERGED) | newton.strayed()) & self.known
             if turned is not None:
                 doubtful |= turned & self.known
+            calm, own = ~doubtful, problem.read("unknowns") if fresh else None
+            doubtful |= self.fresh
             if doubtful.any():
                 self._continue(doubtful, outcome, self.inputs)
+            if own is not None:
+                # where both lead to the same, branches are no longer near
+                self.fresh &= ~(calm & np.isclose(own, problem.read("unknowns"), rtol=SAME, atol=SAME).all(axis=1))
         return self._keep(outcome)
 
     def _turned(self) -> Any:
@@ -246,8 +255,9 @@ class NewtonTrack(Track):
         n = self.problem.unknown_count
         self.newton.allow(self.options._left(outcome))
         paths = Paths(self.problem, self.newton, self.options.max_continuation_steps)
+        safe = np.where(self.fresh, FRESH, 1.0)
         last = self.history[0], self.newton.reference().reshape(-1, n, n)
-        again = paths.change_inputs(doubtful, before, *last)
+        again = paths.change_inputs(doubtful, before, *last, safe_step=safe)
         self._take_in(doubtful, again, outcome)
         reached, ends = again.reached, self.problem.read("unknowns")
         stuck = doubtful & failures(again.status)
@@ -278,6 +288,7 @@ class NewtonTrack(Track):
         good = ~failures(outcome.status) & (outcome.status != Status.MULTIPLE_SHOOTING)
         # what failed starts again from its last equilibrium, what is new from its first, both without a slope
         elsewhere = np.isin(outcome.status, (Status.BIFURCATED, Status.SNAPPED))
+        self.fresh |= elsewhere
         kept, new = good[:, None], (good & (elsewhere | ~self.known))[:, None]
         last = self.history[0]
         past = [found, *self.history[: self.order]]

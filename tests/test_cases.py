@@ -18,6 +18,7 @@ LOADS = {
     "follower_moment": "tip_moment_material",
 }
 EXTREME = ("14a_big_force_a1e+06_psi1p571", "14c_torsion_ratio_1e+06")  # of which a user is warned
+BUCKLED = ("04c_", "04e_", "07b_")  # stored: beyond a bifurcation, with the tip on the side of a positive x
 TIGHT = mr.Shooting(tolerance=1e-11, integrator=mr.RK45(rtol=1e-12, atol=1e-14))
 
 
@@ -74,7 +75,10 @@ def test_default_settings_solve_or_say_that_they_do_not(single_rod_case, make_po
         return
     robot, inputs = robot_and_inputs(single_rod_case, make_pose)
     solution = mr.solve(robot, inputs)
-    if solution.status not in (mr.Status.CONVERGED, mr.Status.MULTIPLE_SHOOTING):
+    buckled = single_rod_case["id"].startswith(BUCKLED)
+    assert (solution.status is mr.Status.BIFURCATED) == buckled
+    assert not buckled or solution.stability is mr.Stability.STABLE
+    if solution.status not in (mr.Status.CONVERGED, mr.Status.MULTIPLE_SHOOTING, mr.Status.BIFURCATED):
         assert single_rod_case["difficulty"] != "standard"
         assert solution.status.failed
         assert np.isnan(solution.tip_position).all()

@@ -13,6 +13,7 @@ from multirod.studies import experiment
 
 INTEGRATOR = mr.RK4(50)
 NEWTON = mr.Shooting(integrator=INTEGRATOR)
+STOPS = mr.Shooting(integrator=INTEGRATOR, at_fold="stop")
 MINIMISERS = ("interior-point", "quasi-newton", "nelder-mead")
 
 EI, LENGTH = 0.02, 0.5
@@ -107,8 +108,8 @@ def test_a_sample_that_fails_does_not_stop_the_motion(robot: mr.SingleRod) -> No
 def test_an_instance_that_fails_at_first_does_not_change_the_others(column: mr.SingleRod) -> None:
     loads = np.stack([np.linspace(0.5, 0.6, 5), np.linspace(1.05, 1.25, 5)], axis=1)
     time = np.arange(5) * 0.005
-    both = mr.simulate(column, compression(column, loads, 0.01 * (loads < 1)), time=time, solver=NEWTON)
-    alone = mr.simulate(column, compression(column, loads[:, 0], 0.01), time=time, solver=NEWTON)
+    both = mr.simulate(column, compression(column, loads, 0.01 * (loads < 1)), time=time, solver=STOPS)
+    alone = mr.simulate(column, compression(column, loads[:, 0], 0.01), time=time, solver=STOPS)
     assert both.status[0, 1] == mr.Status.BRANCH_END
     assert np.array_equal(both.unknowns[:, 0], alone.unknowns)
     assert np.array_equal(both.integrations[:, 0], alone.integrations)
@@ -119,7 +120,7 @@ def test_an_instance_that_fails_at_first_does_not_change_the_others(column: mr.S
 
 @pytest.mark.parametrize("load", [1.05, 2.5, 4.0, 16.0])
 def test_natural_branch_of_a_column_ends_at_the_euler_load(column: mr.SingleRod, load: float) -> None:
-    solution = mr.solve(column, compression(column, load), solver=NEWTON)
+    solution = mr.solve(column, compression(column, load), solver=STOPS)
     assert solution.status is mr.Status.BRANCH_END
     assert np.isnan(solution.unknowns).all()
     assert solution.integrations < 150  # measured: 60 to 80
@@ -188,7 +189,7 @@ def test_natural_branch_is_the_one_that_small_load_steps_follow(robot: mr.Single
 
 def test_failures_stay_in_their_instance(column: mr.SingleRod) -> None:
     loads = np.array([0.5, 1.05, 0.95, 16.0, 2.5, 0.0])
-    solution = mr.solve(column, compression(column, loads), solver=NEWTON)
+    solution = mr.solve(column, compression(column, loads), solver=STOPS)
     failed = loads > 1
     assert (solution.status[failed] == mr.Status.BRANCH_END).all()
     assert (solution.status[~failed] == mr.Status.CONVERGED).all()
@@ -199,7 +200,7 @@ def test_failures_stay_in_their_instance(column: mr.SingleRod) -> None:
     for values in (solution.energy, solution.condition, solution.determinant):
         assert np.array_equal(np.isnan(values), failed)
     for k in range(len(loads)):
-        alone = mr.solve(column, compression(column, loads[k]), solver=NEWTON)
+        alone = mr.solve(column, compression(column, loads[k]), solver=STOPS)
         assert alone.integrations == solution.integrations[k]
         assert np.array_equal(alone.unknowns, solution.unknowns[k], equal_nan=True)
 
@@ -232,9 +233,9 @@ def test_failing_solve_ends_with_a_reason(robot: mr.SingleRod, options: dict, gu
 
 
 def test_raise_if_failed_counts_and_explains(column: mr.SingleRod) -> None:
-    good = mr.solve(column, compression(column, [0.1, 0.5]), solver=NEWTON)
+    good = mr.solve(column, compression(column, [0.1, 0.5]), solver=STOPS)
     assert good.raise_if_failed() is good
-    bad = mr.solve(column, compression(column, [[0.1, 0.5], [2.0, 3.0]]), solver=NEWTON)
+    bad = mr.solve(column, compression(column, [[0.1, 0.5], [2.0, 3.0]]), solver=STOPS)
     with pytest.raises(
         mr.SolveError,
         match=r"^2 of 4 instances failed \(2 BRANCH_END\); the first is 2: BRANCH_END after \d+ iterations, .*give a guess",
@@ -274,7 +275,7 @@ def test_guess_may_be_a_solution_an_array_or_one_for_all(robot: mr.SingleRod) ->
 
 def test_a_failed_solution_as_guess_fails_alone(column: mr.SingleRod) -> None:
     inputs = compression(column, [0.5, 2.0])
-    again = mr.solve(column, inputs, solver=NEWTON, guess=mr.solve(column, inputs, solver=NEWTON))
+    again = mr.solve(column, inputs, solver=STOPS, guess=mr.solve(column, inputs, solver=STOPS))
     assert again.status[0] == mr.Status.CONVERGED
     assert mr.Status(again.status[1]).failed
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from multirod.assembly import Assembly
 from multirod.batch import thread_count
+from multirod.events import joined_events, separate_events
 from multirod.files.kinds import INTEGRATORS, ROBOTS, Part, described, made, profile
 from multirod.inputs import Inputs
 from multirod.segments import Breakpoints
@@ -79,6 +80,8 @@ def table_of_result(solution: Solution) -> dict[str, Any]:
         "records": {name: solution._records[:, scene.fields[name]] for name in names},
         "outcome": {**solution._outcome.arrays, "breakpoints": _joined(solution._outcome.breakpoints)},
     }
+    if solution._outcome.events:
+        result["outcome"]["events"] = joined_events(solution._outcome.events)
     if isinstance(solution, History):
         result |= {"time": solution.time, "step_time": solution.step_time, "description": solution.description}
     return result
@@ -102,7 +105,8 @@ def result_from(table: Mapping[str, Any], where: str) -> Solution:
         start += values.shape[1]
     records = np.concatenate(list(table["records"].values()), axis=1)
     found = dict(table["outcome"])
-    outcome = Outcome(**{**found, "breakpoints": _separate(found["breakpoints"])})
+    events = separate_events(found.pop("events")) if "events" in found else {}
+    outcome = Outcome(**{**found, "breakpoints": _separate(found["breakpoints"])}, events=events)
     scene = Scene(
         robot,
         tuple(table["batch_shape"]),

@@ -154,20 +154,29 @@ class Paths:
             target.assign(np.ascontiguousarray(given))
 
     def change_inputs(
-        self, chosen: BoolArray, before: FloatArray, unknowns: FloatArray, gamma: FloatArray, *, dip: float = 0.0
+        self,
+        chosen: BoolArray,
+        before: FloatArray,
+        unknowns: FloatArray,
+        gamma: FloatArray,
+        *,
+        dip: float = 0.0,
+        safe_step: FloatArray | float = 1.0,
     ) -> Outcome:
         """From the equilibrium ``unknowns``, where ``Gamma`` is ``gamma``, at the inputs ``before``, to the problem's inputs.
 
         All of the first axis instance_count; what is not ``chosen`` is left as it is. With a ``dip``, that part of the load is
-        off halfway: what has a kink at the full load is smooth on the way.
+        off halfway: what has a kink at the full load is smooth on the way. A ``safe_step`` (instance_count,) is one that is short
+        enough though there is no equilibrium before the first.
         """
         problem, state = self.problem, self.state
         after = problem.read("inputs")
         state.by_inputs = 1
         state.dip = dip
+        state.growth = GROWTH
         for name, values in (("from_inputs", before), ("to_inputs", after)):
             setattr(state, name, wp.array(np.ascontiguousarray(values), dtype=wp.float64, device=problem.device))
-        state.safe_step.fill_(1.0)
+        self._set("safe_step", safe_step)
         state.most_step.assign(TURN / np.maximum(problem.turning(before), 1e-300))
         state.sure_level.fill_(0.0 if problem.may_jump else 1.0)
         state.points.assign(np.repeat(unknowns[:, None], 3, axis=1))

@@ -6,7 +6,6 @@ Numbers in parentheses are those of ``docs/branches.md``.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from multirod.capabilities import FreeTip
 from multirod.problem import BoundaryProblem
@@ -27,20 +26,22 @@ class Point:
         level: Part of the way.
         residual: [1/m], shape (n,).
         gamma: Shape (n, n).
-        pose_columns: Shape (6, n).
+        unit: Moment of one unit of each residual [N m^2], shape (n,).
+        turned: ``Y``, how the tip turns with the unknowns, along the axes of the residual, shape (n, n).
+        moved: How it moves with them, in the world, shape (3, n).
         position: Of the end effector [m], shape (3,).
         rotation: Shape (3, 3).
-        angle: Of the base [rad].
     """
 
     unknowns: FloatArray
     level: float
     residual: FloatArray
     gamma: FloatArray
-    pose_columns: FloatArray
+    unit: FloatArray
+    turned: FloatArray
+    moved: FloatArray
     position: FloatArray
     rotation: FloatArray
-    angle: float
 
     @property
     def size(self) -> float:
@@ -90,32 +91,49 @@ class Slope:
         return np.asarray(np.linalg.solve(self.turned, turn))
 
 
-class Ground:
-    """The energy around points of one instance.
+def slope_at(point: Point, stiffness: float) -> Slope | None:
+    """The energy at a point; None where the turn of the tip does not say what the rod is like, or nothing is finite.
+
+    ``stiffness`` is ``K/L`` [N m].
+    """
+    Y = point.turned
+    if not (np.isfinite(Y).all() and np.isfinite(point.gamma).all()) or np.linalg.cond(Y) * KEPT > 1:
+        return None
+    A = point.unit[:, None] * point.gamma @ np.linalg.inv(Y)
+    values, modes = np.linalg.eigh(0.5 * (A + A.T))
+    return Slope(point.unit * point.residual, values / stiffness, modes, Y, stiffness)
+
+
+class TipTurn:
+    """How the tips of a problem turn with the unknowns, along the axes of the residual: ``Y`` of all its instances.
 
     Args:
         problem: With columns of the pose.
         tip: What its residual is.
-        instance: Its number.
     """
 
-    def __init__(self, problem: BoundaryProblem, tip: FreeTip, instance: int) -> None:
-        self.unit = np.array(tip.moment_unit[instance])
-        self.stiffness = float(tip.turn_stiffness[instance])
-        self.axes = None if tip.moment_axes is None else np.array(tip.moment_axes[instance])
+    def __init__(self, problem: BoundaryProblem, tip: FreeTip) -> None:
+        self._problem, self._tip = problem, tip
 
-    def slope(self, point: Point) -> Slope | None:
-        """The energy at a point; None where the turn of the tip does not say what the rod is like, or nothing is finite."""
-        frame = point.rotation
-        if self.axes is not None:
-            c, s = np.cos(point.angle), np.sin(point.angle)
-            frame = self.axes @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        Y = frame.T @ point.pose_columns[3:]
-        if not (np.isfinite(Y).all() and np.isfinite(point.gamma).all()) or np.linalg.cond(Y) * KEPT > 1:
-            return None
-        A = self.unit[:, None] * point.gamma @ np.linalg.inv(Y)
-        values, modes = np.linalg.eigh(0.5 * (A + A.T))
-        return Slope(self.unit * point.residual, values / self.stiffness, modes, Y, self.stiffness)
+    @property
+    def unit(self) -> FloatArray:
+        """Moment of one unit of the residual [N m^2], shape (instance_count, n)."""
+        return self._tip.moment_unit
 
+    @property
+    def stiffness(self) -> FloatArray:
+        """``K/L`` [N m], shape (instance_count,)."""
+        return self._tip.turn_stiffness
 
-BoolArray = NDArray[np.bool_]
+    def columns(self) -> FloatArray:
+        """``Y`` after an integration, shape (instance_count, n, n)."""
+        problem, n = self._problem, self._problem.unknown_count
+        frame = problem.read("rotation").reshape(-1, 3, 3)
+        if self._tip.moment_axes is not None:
+            angle = problem.read("inputs")[:, problem.input_slice("rotation").start]
+            turn = np.zeros((len(angle), 3, 3))
+            turn[:, 0, 0] = turn[:, 1, 1] = np.cos(angle)
+            turn[:, 1, 0], turn[:, 2, 2] = np.sin(angle), 1.0
+            turn[:, 0, 1] = -turn[:, 1, 0]
+            frame = self._tip.moment_axes @ turn
+        return np.asarray(np.swapaxes(frame, 1, 2) @ problem.pose_columns.numpy()[:, 3:, :n])

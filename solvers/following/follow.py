@@ -10,7 +10,7 @@ from multirod.batch import IntArray
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.continuation.natural import SAFE_LOAD, TURN
-from multirod.solvers.following.descent import Ground, Point
+from multirod.solvers.following.descent import Point, TipTurn
 from multirod.solvers.following.journey import At, Journey, Judge, Judgement, Run
 from multirod.stability import Modes
 from multirod.status import failures
@@ -62,11 +62,10 @@ def follow(
             safe = SAFE_LOAD / np.maximum(part.load_scale(), 1e-300)
         else:
             most = TURN / np.maximum(part.turning(start), 1e-300)
-        tip = part.free_tip
-        assert tip is not None  # as for all
+        together = _Together(part, start)
         journeys = [
             Journey(
-                Ground(part, tip, k),
+                float(together.tip.stiffness[k]),
                 np.array(unknowns[place]),
                 float(reached[place]),
                 float(tolerance[place]),
@@ -79,7 +78,7 @@ def follow(
             )
             for k, place in enumerate(places)
         ]
-        _Together(part, start).run([journey.run() for journey in journeys])
+        together.run([journey.run() for journey in journeys])
         _polish(problem, places, journeys)
         _report(places, journeys, outcome)
 
@@ -95,6 +94,8 @@ class _Together:
     def __init__(self, part: BoundaryProblem, before: FloatArray | None) -> None:
         self.part, self.before, self.after = part, before, part.read("inputs")
         self.levels = np.ones(part.instance_count)
+        assert part.free_tip is not None  # or there was nothing to follow
+        self.tip = TipTurn(part, part.free_tip)
 
     def run(self, all_: Iterable[Run]) -> None:
         """Take all to their ends."""
@@ -141,12 +142,10 @@ class _Together:
             part.integrate()
         residual, gamma = part.read("residual"), part.read("gamma").reshape(-1, n, n)
         residual[part.fault.numpy() != 0] = np.nan
-        columns, position, rotation = part.pose_columns.numpy(), part.read("position"), part.read("rotation").reshape(-1, 3, 3)
-        angle = part.read("inputs")[:, part.input_slice("rotation").start]
+        position, rotation = part.read("position"), part.read("rotation").reshape(-1, 3, 3)
+        moved, turned, unit = np.array(part.pose_columns.numpy()[:, :3, :n]), self.tip.columns(), self.tip.unit
         return {
-            k: Point(
-                at.unknowns, at.level, residual[k], gamma[k], np.array(columns[k, :, :n]), position[k], rotation[k], angle[k]
-            )
+            k: Point(at.unknowns, at.level, residual[k], gamma[k], unit[k], turned[k], moved[k], position[k], rotation[k])
             for k, at in asked.items()
         }
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from multirod.events import BranchEvent
 from multirod.solvers.continuation.acceptance import CONTRACTION, MIN_STEP, SURPRISE, same_branch
-from multirod.solvers.following.descent import RADIUS, SOFT, Ground, Point, Slope
+from multirod.solvers.following.descent import RADIUS, SOFT, Point, Slope, slope_at
 from multirod.stability import Modes
 from multirod.status import Status
 from multirod.validation import FloatArray
@@ -70,7 +70,7 @@ class Journey:
     """One instance; what integrates is a generator, so that many share every launch (``follow``).
 
     Attributes:
-        ground: Its energy.
+        stiffness: ``K/L`` [N m].
         start: Unknowns where its branch ended, shape (n,).
         level: Part of the way there.
         tolerance: Largest residual [1/m].
@@ -82,7 +82,7 @@ class Journey:
         by_inputs: Whether inputs change on the way, not loads alone.
     """
 
-    ground: Ground
+    stiffness: float
     start: FloatArray
     level: float
     tolerance: float
@@ -153,6 +153,9 @@ class Journey:
         point = yield At(unknowns, level)
         return point
 
+    def _slope(self, point: Point) -> Slope | None:
+        return slope_at(point, self.stiffness)
+
     def _judge(self, point: Point) -> Run:
         self._count(2)
         judgement = yield Judge(point)
@@ -176,43 +179,49 @@ class Journey:
         beyond = yield from self._pass(critical)
         if beyond is None:
             return None
-        slope = self.ground.slope(beyond)
+        slope = self._slope(beyond)
         first, fold = self._way_out(slope, beyond, critical)
         landed = yield from self._descend(beyond, slope, first)
         if landed is None:
             return None
-        neutral = self.ground.slope(landed).neutral
+        neutral = self._slope(landed).neutral
         there = yield from self._judge(landed)
-        if not _stable(there.modes, neutral):
+        if not _stable(there.modes, neutral) or (neutral and (yield from self._by_symmetry(landed)) != neutral):
             return None
-        if neutral and (yield from self._by_symmetry(landed)) != neutral:
-            return None
-        turn = _turn(critical.rotation, landed.rotation)
-        if _held(slope) and turn < 2 * MERGED:
+        status = yield from self._kind(critical, beyond, landed, first)
+        if status is None:
             return landed, None, neutral
-        snapped = turn > FAR
-        if not snapped:
-            ratio = yield from self._shrinks(critical, beyond.level, landed, first)
-            if ratio < SAME_BRANCH and (fold or turn < RETURNED):
-                return landed, None, neutral
-            snapped = ratio > APART
-        lost, way = 0.0, slope.change(first) if first.any() else landed.unknowns - critical.unknowns
-        displacement = beyond.pose_columns[:3] @ way
-        displacement = displacement / max(float(np.linalg.norm(displacement)), 1e-300)
-        if snapped:
+        lost, displacement = 0.0, landed.position - critical.position
+        if status is Status.SNAPPED:
             before = yield from self._judge(beyond)
-            lost, displacement = before.potential - there.potential, landed.position - critical.position
-        level = critical.level
+            lost = before.potential - there.potential
+        elif first.any():
+            displacement = beyond.moved @ slope.change(first)
+        if status is Status.BIFURCATED:
+            displacement = displacement / max(float(np.linalg.norm(displacement)), 1e-300)
         event = BranchEvent(
-            status=Status.SNAPPED if snapped else Status.BIFURCATED,
+            status=status,
             fold=fold,
-            load_factor=np.nan if self.by_inputs else level,
-            progress=level if self.by_inputs else np.nan,
-            energy_lost=float(lost),
+            load_factor=np.nan if self.by_inputs else critical.level,
+            progress=critical.level if self.by_inputs else np.nan,
+            energy_lost=lost,
             tip_displacement=displacement,
             neutral=neutral,
         )
         return landed, event, neutral
+
+    def _kind(self, critical: Point, beyond: Point, landed: Point, first: FloatArray) -> Run:
+        """(8) Whether a point that was come to is on a branch that leaves the critical point, or elsewhere; None where it is on
+        the same branch."""
+        turn = _turn(critical.rotation, landed.rotation)
+        if _held(self._slope(beyond)) and turn < 2 * MERGED:
+            return None
+        if turn > FAR:
+            return Status.SNAPPED
+        ratio = yield from self._shrinks(critical, beyond.level, landed, first)
+        if ratio < SAME_BRANCH and (turn < RETURNED or not first.any()):
+            return None
+        return Status.SNAPPED if ratio > APART else Status.BIFURCATED
 
     def _pass(self, critical: Point) -> Run:
         """The critical unknowns at a level beyond, where it is decided that they are left; None where it is not before the end."""
@@ -220,7 +229,7 @@ class Journey:
         while True:
             level = min(1.0, critical.level + step)
             beyond = yield from self._at(critical.unknowns, level)
-            slope = self.ground.slope(beyond)
+            slope = self._slope(beyond)
             if slope is None:
                 return None
             if slope.values[0] < -DECIDED or abs(slope.along[0]) > DECIDED or _held(slope):
@@ -239,7 +248,7 @@ class Journey:
         if np.abs(slope.along[:count]).max() > DRIVEN * max(1.0, (beyond.level - critical.level) / self._overshoot(critical)):
             return np.zeros(len(slope.values)), True
         modes = slope.modes[:, :count]
-        moves = beyond.pose_columns[:3] @ np.column_stack([slope.change(mode) for mode in modes.T])
+        moves = beyond.moved @ np.column_stack([slope.change(mode) for mode in modes.T])
         size = np.linalg.norm(moves, axis=1)
         axis = int(np.argmax(size >= ALONG * size.max()))
         return self.side * KICK * modes @ (moves[axis] / size[axis]), False
@@ -247,7 +256,7 @@ class Journey:
     def _shrinks(self, critical: Point, level: float, landed: Point, first: FloatArray) -> Run:
         """Distance of where a quarter of the overshoot leads, over that of where all of it did."""
         near = yield from self._at(critical.unknowns, critical.level + 0.25 * (level - critical.level))
-        slope = self.ground.slope(near)
+        slope = self._slope(near)
         other = None if slope is None else (yield from self._descend(near, slope, first))
         if other is None:
             return 1.0
@@ -261,7 +270,7 @@ class Journey:
         for _ in range(DESCENT_STEPS):
             point = yield from self._at(point.unknowns + step, point.level)
             self.iterations += 1
-            found = self.ground.slope(point)
+            found = self._slope(point)
             if found is None or np.sign(np.linalg.det(found.turned)) != facing:
                 return None  # the rod would snap though its tip were held
             if point.size <= self.tolerance and found.values[0] >= -SOFT:
@@ -273,13 +282,13 @@ class Journey:
 
     def _by_symmetry(self, point: Point) -> Run:
         """Modes that are neutral at a point and near it: those that symmetry leaves so."""
-        slope = self.ground.slope(point)
+        slope = self._slope(point)
         count = 0 if slope is None else slope.neutral
         for k in range(count):
             mode = slope.modes[:, np.argsort(np.abs(slope.values))[k]]
             begin = point.unknowns + slope.change(ASIDE * mode)
             found, _ = yield from self._correct(begin, point.level, count)
-            other = None if found is None else self.ground.slope(found)
+            other = None if found is None else self._slope(found)
             if other is None or other.neutral < count or _turn(point.rotation, found.rotation) < 0.5 * ASIDE:
                 return 0
         return count

@@ -1,0 +1,198 @@
+"""Where branches of single rods end: what buckles, what snaps, and what is said of it (``docs/branches.md``)."""
+
+import numpy as np
+import pytest
+from relaxation import CreepingRods, rotation
+from scipy.optimize import brentq
+from scipy.special import ellipk
+
+import multirod as mr
+
+EI, LENGTH = 0.02, 0.5
+CRITICAL = np.pi**2 / 4 * EI / LENGTH**2
+PRECISE = mr.Shooting(integrator=mr.RK4(50))
+# the wire of a random motion that was seen to snap, and the force beyond
+SNAPPING = {"length": 0.45, "bending_stiffness": 0.2233, "torsional_stiffness": 0.0638}
+
+
+def column(wide: float = 1.0, **more: object) -> mr.SingleRod:
+    return mr.SingleRod(mr.Rod(length=LENGTH, bending_stiffness=(wide * EI, EI), torsional_stiffness=0.015, **more))
+
+
+def elastica(load: float) -> float:
+    """Deflection of the tip of a column under ``load`` times its critical load, over its length: 2k/sqrt(P), K(k) = sqrt(P)."""
+    root = np.sqrt(np.pi**2 / 4 * load)
+    return float(2 * brentq(lambda k: ellipk(k * k) - root, 1e-6, 1 - 1e-14) / root)
+
+
+@pytest.mark.parametrize("wide", [1.0, 2.0], ids=["round", "flat"])
+def test_a_column_buckles_to_the_side_of_the_rule(wide):
+    """Also a round one, which may buckle to any side."""
+    robot = column(wide)
+    loads = np.array([1.001, 1.05, 2.5, 12.0])
+    force = np.zeros((4, 3))
+    force[:, 2] = -loads * CRITICAL
+    found = mr.solve(robot, robot.inputs(tip_force=force), solver=PRECISE).raise_if_failed()
+    twin = mr.solve(robot, robot.inputs(tip_force=force), solver=mr.Shooting(integrator=mr.RK4(50), side="negative"))
+    assert (found.status == mr.Status.BIFURCATED).all()
+    # RK4(50) errs by 1e-6 of the length at moderate loads, and by the square root of its error near the critical one
+    deflection = LENGTH * np.array([elastica(load) for load in loads])
+    np.testing.assert_allclose(found.tip_position[:, 0], deflection, rtol=0, atol=1e-4 * LENGTH)
+    np.testing.assert_allclose(found.tip_position[:, 1], 0, rtol=0, atol=1e-7 * LENGTH)
+    np.testing.assert_allclose(twin.tip_position, found.tip_position * (-1, -1, 1), rtol=0, atol=1e-7 * LENGTH)
+    stable = mr.Stability.FOLD if wide == 1 else mr.Stability.STABLE
+    assert (found.stability == stable).all()
+    assert (found.index == 0).all()
+    for k, load in enumerate(loads):
+        (event,) = found.events[k]
+        assert event.status is mr.Status.BIFURCATED
+        assert not event.fold
+        assert event.neutral == (wide == 1)
+        assert event.load_factor == pytest.approx(1 / load, rel=1e-5)  # of RK4(50): 1e-6
+        assert event.energy_lost == 0
+        np.testing.assert_allclose(event.tip_displacement, (1, 0, 0), rtol=0, atol=1e-5)
+
+
+def test_a_batch_is_its_instances_and_the_others_do_not_notice():
+    robot = column(2.0)
+    force = np.zeros((5, 3))
+    force[:, 2] = CRITICAL * np.array([-0.5, -1.3, 0.4, -0.95, -4.0])
+    both = mr.solve(robot, robot.inputs(tip_force=force), solver=PRECISE)
+    for k in range(5):
+        alone = mr.solve(robot, robot.inputs(tip_force=force[k]), solver=PRECISE)
+        assert np.array_equal(alone.unknowns, both.unknowns[k])
+        assert alone.integrations == both.integrations[k]
+        assert [event.said for event in alone.events] == [event.said for event in both.events[k]]
+    stops = mr.solve(robot, robot.inputs(tip_force=force), solver=mr.Shooting(integrator=mr.RK4(50), at_fold="stop"))
+    np.testing.assert_array_equal(stops.failed, [False, True, False, False, True])
+    assert (stops.status[stops.failed] == mr.Status.BRANCH_END).all()
+    np.testing.assert_array_equal(stops.unknowns[~stops.failed], both.unknowns[~stops.failed])
+    np.testing.assert_array_equal(stops.integrations[~stops.failed], both.integrations[~stops.failed])
+
+
+def test_what_cannot_be_decided_is_no_result():
+    robot = column(2.0)
+    press = (0, 0, -1.5 * CRITICAL)
+    limited = mr.solve(robot, robot.inputs(tip_force=press), solver=mr.Shooting(integrator=mr.RK4(50), max_integrations=80))
+    assert limited.status is mr.Status.INTEGRATION_LIMIT
+    assert limited.integrations <= 80 + 10  # those that judge come on top, as everywhere
+    assert limited.events == ()
+    without_potential = robot.inputs(tip_force=press, tip_moment=(0, 0, 1e-9))
+    assert mr.solve(robot, without_potential, solver=PRECISE).status is mr.Status.BRANCH_END
+    with pytest.raises(ValueError, match="Shooting.at_fold = 'go' is not allowed"):
+        mr.Shooting(at_fold="go")
+    with pytest.raises(ValueError, match="Shooting.side = 'left' is not allowed"):
+        mr.Shooting(side="left")
+
+
+@pytest.fixture(scope="module")
+def loop():
+    """A flat column, pressed until it has buckled, then pushed to and fro."""
+    robot = column(4.0)
+    time = np.linspace(0, 6, 121)
+    press, push = -1.5 * np.clip(time / 2, 0, 1), 0.5 * np.sin(np.pi * np.clip(time - 2, 0, 4) / 2)
+    force = CRITICAL * np.stack([push, 0 * time, press], axis=-1)
+    return mr.simulate(robot, robot.inputs(tip_force=force), time=time, solver=PRECISE)
+
+
+def test_a_motion_goes_on_after_it_buckled_and_snapped(loop):
+    loop.raise_if_failed()
+    statuses = np.flatnonzero(loop.status != mr.Status.CONVERGED)
+    assert [mr.Status(k).name for k in loop.status[statuses]] == ["BIFURCATED", "SNAPPED"]
+    assert (loop.stability[statuses] == mr.Stability.STABLE).all()
+    buckled, snapped = (event for sample in loop.events for event in sample)
+    assert buckled.time == pytest.approx(2 / 1.5, abs=1e-4)
+    assert np.isnan(buckled.load_factor)
+    # the fold, by a motion that is a hundred times finer around it
+    assert snapped.fold
+    assert loop.time[statuses[1] - 1] < snapped.time < loop.time[statuses[1]]
+    assert snapped.energy_lost > 0
+    assert loop.tip_position[statuses[1] - 1, 0] > 0.5 * LENGTH
+    assert loop.tip_position[statuses[1], 0] < -0.5 * LENGTH
+    np.testing.assert_allclose(loop.tip_position[:, 1], 0, atol=1e-6 * LENGTH)
+    # energy lost is the difference of potentials just before and after, but for what the load did in between
+    potential = loop.potential[statuses[1] - 1 : statuses[1] + 1]
+    assert snapped.energy_lost == pytest.approx(potential[0] - potential[1], rel=0.1)
+
+
+def test_a_fold_is_where_critical_loads_says(loop):
+    """From the state before the snap, the push raised: the fold is at the same force."""
+    robot, sample = loop.assembly, int(np.flatnonzero(loop.status == mr.Status.SNAPPED)[0])
+    (event,) = loop.events[sample]
+    before, after = loop.inputs.tip_force[sample - 1], loop.inputs.tip_force[sample]
+    part = (event.time - loop.time[sample - 1]) / (loop.time[sample] - loop.time[sample - 1])
+    assert part == pytest.approx(event.progress)
+    # just before, it is nearly neutral, and just beyond, Newton's method finds nothing near
+    near = before + (event.progress - 1e-3) * (after - before)
+    there = mr.solve(robot, robot.inputs(tip_force=near), solver=PRECISE, guess=loop.unknowns[sample - 1]).raise_if_failed()
+    assert 0 < there.stability_margin < 0.05
+    assert there.tip_position[0] > 0.5 * LENGTH
+
+
+def test_a_tracker_does_the_same(loop):
+    tracker = mr.Tracker(loop.assembly, solver=PRECISE, inputs=loop.inputs[0])
+    force = loop.inputs.tip_force
+    for k in range(0, len(force), 1):
+        sample = tracker.step(tip_force=force[k])
+        assert sample.status == loop.status[k]
+    assert sample.events == ()
+    np.testing.assert_array_equal(sample.unknowns, loop.unknowns[-1])
+
+
+def test_a_round_column_straightens_again():
+    robot = column()
+    time = np.linspace(0, 1, 26)
+    force = np.zeros((26, 3))
+    force[:, 2] = -1.3 * CRITICAL * np.sin(np.pi * time)
+    history = mr.simulate(robot, robot.inputs(tip_force=force), time=time, solver=PRECISE).raise_if_failed()
+    names = [mr.Status(k).name for k in history.status]
+    assert names.count("BIFURCATED") == 1
+    assert set(names) == {"CONVERGED", "BIFURCATED"}
+    bent = -force[:, 2] > 1.001 * CRITICAL
+    np.testing.assert_allclose(history.tip_position[~bent, 0], 0, atol=1e-6)
+    expected = [elastica(load) * LENGTH for load in -force[bent, 2] / CRITICAL]
+    np.testing.assert_allclose(history.tip_position[bent, 0], expected, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(history.tip_position[:, 1], 0, atol=1e-6)
+
+
+def test_events_are_saved_and_said(loop, tmp_path):
+    loop.save(tmp_path / "loop.npz")
+    again = mr.load(tmp_path / "loop.npz")
+    said = [[event.said for event in sample] for sample in loop.events]
+    assert [[event.said for event in sample] for sample in again.events] == said
+    (place,) = np.flatnonzero(loop.status == mr.Status.SNAPPED)
+    single = loop[int(place)]
+    assert [event.said for event in single.events] == said[place]
+    assert said[place][0].startswith("SNAPPED at a fold, ")
+    assert said[place][0] in repr(single)
+    assert said[place][0] in single._repr_html_()
+    assert said[place][0] in loop._repr_html_()
+    assert mr.Status.SNAPPED.event
+    assert not mr.Status.SNAPPED.failed
+    assert not mr.Status.CONVERGED.event
+    assert not mr.Status.BRANCH_END.event
+
+
+def test_the_witness_goes_down_in_energy():
+    """Its gradient is that of its energy, by central differences."""
+    random = np.random.default_rng(0)
+    rods = CreepingRods(np.array([0.5]), np.array([[0.2, 0.3, 0.07]]), np.array([[8.0, 3.0, 2.0]]), 6)
+    rods.R[:, 1:] = rotation(0.3 * random.normal(size=(1, 6, 3))) @ rods.R[:, 1:]
+    force = np.array([[0.3, -0.5, 0.4]])
+    gradient = rods._forces(force)[0]
+    for node in range(6):
+        for axis in range(3):
+            turn = np.zeros((1, 6, 3))
+            turn[0, node, axis] = 1e-6
+            values = []
+            for sign in (1, -1):
+                R = np.array(rods.R)
+                R[:, 1:] = rotation(sign * turn) @ R[:, 1:]
+                values.append(rods.energy(R, force)[0])
+            assert (values[0] - values[1]) / 2e-6 == pytest.approx(gradient[0, node, axis], abs=1e-8)
+
+
+def test_a_snap_leads_where_a_rod_creeps_to():
+    """Loads of random wires, raised slowly: those that snap, and a rod on segments that creeps through a viscous medium."""
+    length = np.array([0.69205906, 0.78316066])
+    assert len(length) == 2
