@@ -1,6 +1,6 @@
-"""A blade, pressed until it has buckled, is pushed to and fro across its tip: it snaps from side to side, each time later than back.
+"""A blade, pressed until it has buckled, is pushed to and fro across its tip: it snaps from side to side, and back later.
 
-    python examples/snap_through.py [--samples 401] [--plot loop.svg]
+python examples/snap_through.py [--samples 401] [--plot loop.svg]
 """
 
 import argparse

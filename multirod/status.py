@@ -113,8 +113,8 @@ _MESSAGES = {
     "was found from many starts (for a parallel robot whose loads have no potential, where raising these leads from "
     "there): equilibria() lists all",
     Status.BIFURCATED: "the residual is within the tolerance; on the way the robot buckled: its equilibrium lost stability where "
-    "another branch crosses, and went on along that, to the side that docs/branches.md says (its twin: side='negative' of Shooting()); "
-    "solution.events says where",
+    "another branch crosses, and went on along that, to the side that docs/branches.md says (its twin: side='negative' of "
+    "Shooting()); solution.events says where",
     Status.SNAPPED: "the residual is within the tolerance; on the way the robot snapped: its equilibrium ended, and went down in "
     "energy to another one that is stable, then on; solution.events says where, and how much energy was lost",
     Status.TRACKING: "an estimate by one integration; residual says how far it is",

@@ -15,7 +15,7 @@ from multirod.solver import Outcome, Solver, Track
 from multirod.solvers.newton.iteration import Newton
 from multirod.solvers.segments.path import Result, Run, SegmentedPath, run_together
 from multirod.stability import Stability
-from multirod.status import IntArray, Status, failures
+from multirod.status import BoolArray, IntArray, Status, failures
 from multirod.validation import FloatArray, positive_int
 
 NOISY = 1e2  # norm of Gamma from which the integrator's noise may look like the end of a branch
@@ -91,12 +91,9 @@ class MultipleShooting(Solver):
         places = np.flatnonzero(_ill_conditioned(problem, outcome))
         if not len(places):
             return
-        before = problem.snapshot()[places]
         part = problem.parts.of(places, double=True)
         mine = self._anew(part, np.minimum(left[places], self.max_integrations))
-        found = ~failures(mine.status)
-        part.restore(np.where(found[:, None], part.snapshot(), before))
-        problem.keep(part, places)
+        found = self._take_over(problem, part, places, mine)
         said = found | np.isin(mine.status, (Status.BRANCH_END, Status.INTEGRATION_LIMIT))
         outcome.status[places] = np.where(said, mine.status, outcome.status[places])
         doubtful = places[~said & (outcome.status[places] == Status.BRANCH_END)]
@@ -106,6 +103,39 @@ class MultipleShooting(Solver):
         outcome.iterations[places] += mine.iterations
         outcome.integrations[places] += mine.integrations
         outcome.breakpoints |= placed(mine.breakpoints, places)
+
+    def go_on(
+        self, problem: BoundaryProblem, outcome: Outcome, ends: Mapping[int, tuple[FloatArray, float]], left: IntArray
+    ) -> BoolArray:
+        """The same from equilibria at a level of the load, unknowns (n,) and level by instance; which were brought to the full
+        load, (instance_count,)."""
+        result = np.zeros(problem.instance_count, dtype=bool)
+        if self.unsupported(problem) or problem.parts is None or not ends:
+            return result
+        places = np.array(list(ends))
+        part = problem.parts.of(places, double=True)
+        scale = np.maximum(part.load_scale(), 1e-300)
+        starts = {
+            k: partial(SegmentedPath.follow, unknowns=unknowns, scale=float(scale[k]), level=level)
+            for k, (unknowns, level) in enumerate(ends.values())
+        }
+        mine = self._report(part, self._run(part, starts, np.minimum(left[places], self.max_integrations)), natural=True)
+        result[places] = found = self._take_over(problem, part, places, mine)
+        outcome.status[places[found]] = mine.status[found]
+        outcome.iterations[places] += mine.iterations
+        outcome.integrations[places] += mine.integrations
+        outcome.breakpoints |= placed(mine.breakpoints, places)
+        if outcome.reached is not None:
+            outcome.reached[places[found]] = 1.0
+        return result
+
+    @staticmethod
+    def _take_over(problem: BoundaryProblem, part: BoundaryProblem, places: Any, mine: Outcome) -> BoolArray:
+        """Put what was found into the problem's buffers; which was, shape (k,)."""
+        found = ~failures(mine.status)
+        part.restore(np.where(found[:, None], part.snapshot(), problem.snapshot()[places]))
+        problem.keep(part, places)
+        return found
 
     def _natural(self, problem: BoundaryProblem, chosen: Iterable[int], allowed: IntArray) -> dict[int, _Ended]:
         guess, scale = problem.guess(), np.maximum(problem.load_scale(), 1e-300)

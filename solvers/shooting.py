@@ -126,11 +126,7 @@ class Shooting(Solver):
             lowest_stable(problem, newton, outcome, chosen & failures(outcome.status), self.max_continuation_steps)
         if self.fallback and failures(outcome.status).any():
             # the poses that it finds are not those of the unknowns: nothing may integrate these again
-            MultipleShooting(
-                tolerance=self.tolerance,
-                integrator=self.integrator,
-                max_continuation_steps=self.max_continuation_steps,
-            ).rescue(problem, outcome, self._left(outcome))
+            self._segmented().rescue(problem, outcome, self._left(outcome))
         lost = chosen & (outcome.status == Status.BRANCH_END)
         if lost.any() and reached is not None:
             self._follow(problem, newton, outcome, lost, reached, ends)
@@ -149,7 +145,7 @@ class Shooting(Solver):
         """Go on from where branches ended; what is not followed stays as it is."""
         if self.at_fold == "stop":
             return
-        follow(
+        noisy = follow(
             problem,
             outcome,
             lost,
@@ -160,6 +156,15 @@ class Shooting(Solver):
             max_steps=self.max_continuation_steps,
             side=1 if self.side == SIDES[0] else -1,
             before=before,
+        )
+        if self.fallback and before is None:
+            ends = {k: (own.lost.unknowns, own.lost.level) for k, own in noisy.items() if own.lost is not None}
+            for k in np.flatnonzero(self._segmented().go_on(problem, outcome, ends, self._left(outcome))).tolist():
+                outcome.status[k], outcome.events[k] = noisy[k].said, tuple(noisy[k].events)
+
+    def _segmented(self) -> MultipleShooting:
+        return MultipleShooting(
+            tolerance=self.tolerance, integrator=self.integrator, max_continuation_steps=self.max_continuation_steps
         )
 
     def _left(self, outcome: Outcome) -> IntArray:
@@ -285,7 +290,8 @@ class NewtonTrack(Track):
             self.newton.set_reference()
             return outcome
         # of what is known by its breakpoints only, the unknowns alone cannot start the next sample
-        good = ~failures(outcome.status) & (outcome.status != Status.MULTIPLE_SHOOTING)
+        good = ~failures(outcome.status)
+        good[list(outcome.breakpoints)] = False
         # what failed starts again from its last equilibrium, what is new from its first, both without a slope
         elsewhere = np.isin(outcome.status, (Status.BIFURCATED, Status.SNAPPED))
         self.fresh |= elsewhere

@@ -84,7 +84,7 @@ def test_along_the_papers_motion_it_has_no_lag():
 
 def test_it_follows_a_snap_and_says_so():
     robot, inputs, time = snapping()
-    newton = mr.Shooting(integrator=INTEGRATOR, fallback=False)
+    newton = mr.Shooting(integrator=INTEGRATOR, fallback=False, at_fold="stop")
     first = mr.solve(robot, inputs[0], solver=newton)
     lost = mr.simulate(robot, inputs, time=time, solver=newton, guess=first)
     fold = int(np.argmax(lost.status == mr.Status.BRANCH_END))

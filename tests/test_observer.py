@@ -317,7 +317,7 @@ def test_explicit_riccati_that_leaves_its_limit_is_noticed(robot: mr.SingleRod, 
 def test_near_fold_is_announced(long_rod: experiment.Motion) -> None:
     # 1.75 times the force: there is a fold on the way, where the equilibrium ceases to exist and Newton stops
     study = scaled(long_rod, 1.75)
-    newton = run(study, NEWTON)
+    newton = run(study, replace(NEWTON, at_fold="stop"))
     history = run(study, observer())
     assert np.isin(history.status, (mr.Status.TRACKING, mr.Status.NEAR_FOLD)).all()
     failed = np.isnan(newton.tip_position[:, 0])

@@ -80,7 +80,7 @@ def test_legs_without_distributed_loads_in_a_chunk_are_solved_as_part_of_their_b
 def test_failed_instances_are_kept_as_such(tmp_path):
     column = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.2, torsional_stiffness=0.06))
     inputs = column.inputs(tip_force=[(0.3, 0, 0.5), (0, 0, -1e3), (0, 0.4, -0.2)])
-    solver = mr.Shooting(integrator=mr.RK4(40))
+    solver = mr.Shooting(integrator=mr.RK4(40), at_fold="stop")
     study = mr.sweep(column, inputs, out=tmp_path, chunk=2, solver=solver)
     assert study.counts() == {mr.Status.CONVERGED: 2, mr.Status.BRANCH_END: 1}
     assert np.isnan(study["tip_position"][1]).all()

@@ -52,7 +52,7 @@ class Point:
 
 @dataclass(frozen=True)
 class Slope:
-    """(2), (3) The potential energy as a function of how the tip is turned, to second order.
+    """(1), (2) The potential energy as a function of how the tip is turned, to second order.
 
     Attributes:
         gradient: [N m], shape (n,).
@@ -91,14 +91,19 @@ class Slope:
         return np.asarray(np.linalg.solve(self.turned, turn))
 
 
-def slope_at(point: Point, stiffness: float) -> Slope | None:
-    """The energy at a point; None where the turn of the tip does not say what the rod is like, or nothing is finite.
+class Unfit(Exception):
+    """The turn of the tip does not say what the rod is like, or nothing is finite."""
 
-    ``stiffness`` is ``K/L`` [N m].
+
+def slope_at(point: Point, stiffness: float) -> Slope:
+    """The energy at a point; ``stiffness`` is ``K/L`` [N m].
+
+    Raises:
+        Unfit: If the tip's turn does not tell it.
     """
     Y = point.turned
     if not (np.isfinite(Y).all() and np.isfinite(point.gamma).all()) or np.linalg.cond(Y) * KEPT > 1:
-        return None
+        raise Unfit
     A = point.unit[:, None] * point.gamma @ np.linalg.inv(Y)
     values, modes = np.linalg.eigh(0.5 * (A + A.T))
     return Slope(point.unit * point.residual, values / stiffness, modes, Y, stiffness)

@@ -6,14 +6,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.batch import IntArray
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.continuation.natural import SAFE_LOAD, TURN
 from multirod.solvers.following.descent import Point, TipTurn
 from multirod.solvers.following.journey import At, Journey, Judge, Judgement, Run
 from multirod.stability import Modes
-from multirod.status import failures
+from multirod.status import IntArray, failures
 from multirod.validation import FloatArray
 
 TOGETHER = 4096  # instances on their way at once
@@ -31,7 +30,7 @@ def follow(
     max_steps: int,
     side: int,
     before: FloatArray | None = None,
-) -> None:
+) -> dict[int, Journey]:
     """Let the ``chosen`` instances go on from where their branches ended; what comes to the end of its way is put into the
     problem's buffers and the outcome.
 
@@ -46,10 +45,14 @@ def follow(
         max_steps: Steps along a branch.
         side: 1, or -1 for the other one at each bifurcation.
         before: Inputs where the way begins, shape (instance_count, input_count); without them it is the loads that are raised.
+
+    Returns:
+        By instance, those that rounding keeps from going on.
     """
+    lost: dict[int, Journey] = {}
     stability, parts = problem.stability, problem.parts
     if parts is None or stability is None or stability.multistable or problem.free_tip is None:
-        return
+        return lost
     chosen = chosen & (reached < 1) & stability.has_potential
     for places in np.split(np.flatnonzero(chosen), range(TOGETHER, int(chosen.sum()), TOGETHER)):
         if not len(places):
@@ -81,6 +84,8 @@ def follow(
         together.run([journey.run() for journey in journeys])
         _polish(problem, places, journeys)
         _report(places, journeys, outcome)
+        lost |= {int(place): journey for place, journey in zip(places, journeys, strict=True) if journey.lost is not None}
+    return lost
 
 
 class _Together:
@@ -152,9 +157,7 @@ class _Together:
     def _judge(self, asked: dict[int, Judge]) -> dict[int, Judgement]:
         stability = self.part.stability
         assert stability is not None  # or there was nothing to follow
-        self._place(
-            {k: judge.point.unknowns for k, judge in asked.items()}, {k: judge.point.level for k, judge in asked.items()}
-        )
+        self._place({k: judge.point.unknowns for k, judge in asked.items()}, {k: judge.point.level for k, judge in asked.items()})
         with self.part.everyone():
             modes, potential = stability.modes(), stability.potential()
         return {k: Judgement(Modes(*(value[[k]] for value in vars(modes).values())), float(potential[k])) for k in asked}
@@ -167,8 +170,8 @@ def _polish(problem: BoundaryProblem, places: IntArray, journeys: Sequence[Journ
         return
     assert problem.parts is not None  # as before
     own = problem.parts.of(places[there])
-    _Together(own, None).run([journeys[k].polish() for k in there])
-    kept = np.flatnonzero([journeys[k].end is not None for k in there])
+    _Together(own, None).run([journeys[k].polish() for k in there.tolist()])
+    kept = np.flatnonzero([journeys[k].end is not None for k in there.tolist()])
     problem.keep(own, places[there[kept]], kept)
 
 

@@ -11,12 +11,12 @@ import numpy as np
 
 from multirod.events import BranchEvent
 from multirod.solvers.continuation.acceptance import CONTRACTION, MIN_STEP, SURPRISE, same_branch
-from multirod.solvers.following.descent import RADIUS, SOFT, Point, Slope, slope_at
+from multirod.solvers.following.descent import RADIUS, SOFT, Point, Slope, Unfit, slope_at
 from multirod.stability import Modes
 from multirod.status import Status
 from multirod.validation import FloatArray
 
-OVERSHOOT = 1e-3  # of the load, or of the way between two samples, by which a critical point is passed; four times as much until it is decided
+OVERSHOOT = 1e-3  # of the load, or of the way between two samples: first step beyond a critical point
 DECIDED = 1e-4  # of K/L: a mode as unstable, or a moment as large, decides
 DRIVEN = 1e-6  # of K/L: a smaller moment along a mode that vanishes is none
 KICK = 1e-2  # turn of the tip off what is unstable and in balance [rad]
@@ -32,6 +32,7 @@ NEWTON_STEPS = 8
 GROWTH = 0.5  # of the way, that the next step may be
 FASTER = 3.0
 MOST_EVENTS = 16
+NOISY = 100.0  # norm of Gamma, beyond which it may be rounding that ends a branch
 ASIDE = 0.05  # turn along a neutral mode, where it is still neutral if symmetry makes it so [rad]
 
 
@@ -97,6 +98,7 @@ class Journey:
     status: Status = Status.BRANCH_END
     end: Point | None = None
     neutral: int = 0
+    lost: Point | None = None  # where rounding hides how it goes on
 
     def __post_init__(self) -> None:
         self.events: list[BranchEvent] = []
@@ -107,6 +109,8 @@ class Journey:
             yield from self._run()
         except Spent:
             self.status = Status.INTEGRATION_LIMIT
+        except Unfit:
+            self.status = Status.BRANCH_END
 
     def _run(self) -> Run:
         point = yield from self._at(self.start, self.level)
@@ -115,24 +119,32 @@ class Journey:
         found, _ = yield from self._correct(self.start, self.level, neutral)
         if found is not None:
             point = yield from self._along(found, neutral)
-        while point.level < 1:
-            if len(self.events) == MOST_EVENTS:
-                return
+        for _ in range(MOST_EVENTS):
+            if point.level == 1:
+                break
             landed = yield from self._leave(point)
             if landed is None:
                 return
             landed, event, neutral = landed
             if event is not None:
                 self.events.append(event)
-            elif landed.level <= point.level:
-                return
             point = yield from self._along(landed, neutral)
+            if point.level < 1 and np.linalg.norm(point.gamma) > NOISY:
+                self.lost = point
+                return
+        if point.level < 1:
+            return
         if self.events and not (yield from self._rests(point, neutral)):
             self.status = Status.UNSTABLE
             return
-        statuses = {event.status for event in self.events}
-        self.status = next((status for status in (Status.SNAPPED, Status.BIFURCATED) if status in statuses), Status.CONVERGED)
+        self.status = self.said
         self.end, self.neutral = point, neutral
+
+    @property
+    def said(self) -> Status:
+        """What the events make of a result."""
+        statuses = {event.status for event in self.events}
+        return next((status for status in (Status.SNAPPED, Status.BIFURCATED) if status in statuses), Status.CONVERGED)
 
     def polish(self) -> Run:
         """The end again, by the equations and the tolerance of the problem that this is done for."""
@@ -153,7 +165,7 @@ class Journey:
         point = yield At(unknowns, level)
         return point
 
-    def _slope(self, point: Point) -> Slope | None:
+    def _slope(self, point: Point) -> Slope:
         return slope_at(point, self.stiffness)
 
     def _judge(self, point: Point) -> Run:
@@ -211,7 +223,7 @@ class Journey:
         return landed, event, neutral
 
     def _kind(self, critical: Point, beyond: Point, landed: Point, first: FloatArray) -> Run:
-        """(8) Whether a point that was come to is on a branch that leaves the critical point, or elsewhere; None where it is on
+        """(6) Whether a point that was come to is on a branch that leaves the critical point, or elsewhere; None where it is on
         the same branch."""
         turn = _turn(critical.rotation, landed.rotation)
         if _held(self._slope(beyond)) and turn < 2 * MERGED:
@@ -224,14 +236,12 @@ class Journey:
         return Status.SNAPPED if ratio > APART else Status.BIFURCATED
 
     def _pass(self, critical: Point) -> Run:
-        """The critical unknowns at a level beyond, where it is decided that they are left; None where it is not before the end."""
+        """The critical unknowns at a level beyond, where it is decided that they are left; None where it is not at the end."""
         step = self._overshoot(critical)
         while True:
             level = min(1.0, critical.level + step)
             beyond = yield from self._at(critical.unknowns, level)
             slope = self._slope(beyond)
-            if slope is None:
-                return None
             if slope.values[0] < -DECIDED or abs(slope.along[0]) > DECIDED or _held(slope):
                 return beyond
             if level == 1.0:
@@ -256,8 +266,7 @@ class Journey:
     def _shrinks(self, critical: Point, level: float, landed: Point, first: FloatArray) -> Run:
         """Distance of where a quarter of the overshoot leads, over that of where all of it did."""
         near = yield from self._at(critical.unknowns, critical.level + 0.25 * (level - critical.level))
-        slope = self._slope(near)
-        other = None if slope is None else (yield from self._descend(near, slope, first))
+        other = yield from self._descend(near, self._slope(near), first)
         if other is None:
             return 1.0
         size = [float(np.linalg.norm(point.unknowns - critical.unknowns)) for point in (other, landed)]
@@ -271,7 +280,7 @@ class Journey:
             point = yield from self._at(point.unknowns + step, point.level)
             self.iterations += 1
             found = self._slope(point)
-            if found is None or np.sign(np.linalg.det(found.turned)) != facing:
+            if np.sign(np.linalg.det(found.turned)) != facing:
                 return None  # the rod would snap though its tip were held
             if point.size <= self.tolerance and found.values[0] >= -SOFT:
                 return point
@@ -283,13 +292,11 @@ class Journey:
     def _by_symmetry(self, point: Point) -> Run:
         """Modes that are neutral at a point and near it: those that symmetry leaves so."""
         slope = self._slope(point)
-        count = 0 if slope is None else slope.neutral
-        for k in range(count):
-            mode = slope.modes[:, np.argsort(np.abs(slope.values))[k]]
-            begin = point.unknowns + slope.change(ASIDE * mode)
+        count = slope.neutral
+        for k in np.argsort(np.abs(slope.values))[:count].tolist():
+            begin = point.unknowns + slope.change(ASIDE * slope.modes[:, k])
             found, _ = yield from self._correct(begin, point.level, count)
-            other = None if found is None else self._slope(found)
-            if other is None or other.neutral < count or _turn(point.rotation, found.rotation) < 0.5 * ASIDE:
+            if found is None or self._slope(found).neutral < count or _turn(point.rotation, found.rotation) < 0.5 * ASIDE:
                 return 0
         return count
 
@@ -323,7 +330,7 @@ class Journey:
         return min(max(self.safe_step, GROWTH * level), self.most_step)
 
     def _correct(self, unknowns: FloatArray, level: float, neutral: int) -> Run:
-        """(6) Newton's method, without steps along ``neutral`` modes: the point, None where it fails, and its contraction."""
+        """(7) Newton's method, without steps along ``neutral`` modes: the point, None where it fails, and its contraction."""
         contraction, size = 0.0, np.inf
         for k in range(NEWTON_STEPS):
             point = yield from self._at(unknowns, level)
@@ -380,11 +387,9 @@ def _foreseen(found: FloatArray, expected: FloatArray, last: FloatArray, surpris
 
 
 def _alike(gamma: FloatArray, before: FloatArray, neutral: int) -> bool:
-    """(7) ``same_branch`` without the modes that are neutral all along."""
+    """``same_branch`` without the modes that are neutral all along."""
     if neutral:
         u, _, v = np.linalg.svd(before)
         u, v = u[:, :-neutral], v[:-neutral].T
         gamma, before = u.T @ gamma @ v, u.T @ before @ v
     return bool(same_branch(gamma[None], before[None])[0])
-
-

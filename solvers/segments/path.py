@@ -267,20 +267,21 @@ class SegmentedPath:
 
     # ---- from the unloaded rod, or from a guess ----
 
-    def follow(self, unknowns: FloatArray, scale: float) -> Run:
-        """From the equilibrium without loads to the full load, whose size against the stiffness is ``scale``: a ``Result``."""
-        result = yield from self._bounded(self._follow(unknowns, scale), unknowns)
+    def follow(self, unknowns: FloatArray, scale: float, level: float = 0.0) -> Run:
+        """From the equilibrium without loads, or at a level of them, to the full load, whose size against the stiffness is
+        ``scale``: a ``Result``."""
+        result = yield from self._bounded(self._follow(unknowns, scale, level), unknowns)
         return result
 
-    def _follow(self, unknowns: FloatArray, scale: float) -> Run:
+    def _follow(self, unknowns: FloatArray, scale: float, level: float) -> Run:
         points = self.start(unknowns)
-        found = yield from self.evaluate(points, 0.0)
-        points, found = yield from self.refine(points, found, 0.0)
-        settled = None if self.fault else (yield from self.settle(points, 0.0))
+        found = yield from self.evaluate(points, level)
+        points, found = yield from self.refine(points, found, level)
+        settled = None if self.fault else (yield from self.settle(points, level))
         if settled is None:
-            return Result(self._why(Status.STALLED), points)
+            return Result(self._why(Status.STALLED), points, level=level)
         points, found = settled
-        level, step = 0.0, 1.0
+        step = 1.0
         system, tangent = yield from self.tangent(points, found, level, SAFE_LOAD / scale)
         passed: list[float] = []
         for done in range(self.max_steps):

@@ -3,9 +3,9 @@
     OMP_NUM_THREADS=1 python tests/benchmarks/branches.py [--rods 1500] [--seed 0] [--segments 40] [--levels 100]
 
 Random wires of random length, precurvature and torsional stiffness are pulled by forces of up to 40 EI/L^2 in random directions.
-Those whose branch ends before the full load are loaded again, slowly, as rods without mass on segments whose places are held back
-in proportion to their velocity (``tests/relaxation.py``), which nothing of the package is used for. Printed is how many ended how,
-and how many of those that snapped are where the creeping rod is, within a fiftieth of the length.
+Those that snap are loaded again, slowly, as rods without mass on segments whose places are held back in proportion to their
+velocity (``tests/relaxation.py``), which nothing of the package is used for. Printed is how many ended how, and how many of those
+that snapped are where the creeping rod is, within a fiftieth of the length.
 """
 
 import argparse
@@ -19,7 +19,7 @@ import numpy as np
 import multirod as mr
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
-from relaxation import CreepingRods  # noqa: E402
+from relaxation import CreepingRods
 
 EI, GJ = 0.2233, 0.0638
 SAME = 0.02  # of the length

@@ -170,7 +170,8 @@ def main():
         "observer, fed forward, corrected": mr.Observer(**observer, correct_output=True),
         "observer, gains ten times higher": mr.Observer(**observer, R=1200, Q=300, correct_output=True),
         "observer, Newton's scaling": mr.Observer(**observer, scaling="newton"),
-        "Newton with continuation": mr.Shooting(integrator=INTEGRATOR, fallback=False),
+        "Newton with continuation": mr.Shooting(integrator=INTEGRATOR, fallback=False, at_fold="stop"),
+        "Newton, on where a branch ends": mr.Shooting(integrator=INTEGRATOR, fallback=False),
     }
     for name, solver in trackers.items():
         follow(name, report, solver)
