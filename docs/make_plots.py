@@ -1,4 +1,4 @@
-"""The plots on pages: runs the code of README.md and docs/plotting.md, and writes each picture to docs/images.
+"""The plots on pages: runs the code of the pages that have some, and writes each picture to docs/images.
 
 python docs/make_plots.py [--out FOLDER]
 """
@@ -23,6 +23,7 @@ PICTURES = {
         "plot_history": "history.plot()",
         "plot_tip": 'history.plot("tip")',
     },
+    "docs/branches.md": {"snap_in_time": 'history.plot("tip")'},
 }  # of each page, and each a line of it
 DPI = 80
 

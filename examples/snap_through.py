@@ -28,8 +28,8 @@ def motion(robot: mr.SingleRod, samples: int) -> mr.History:
     return mr.simulate(robot, inputs, time=time, progress=False)
 
 
-def main(argv: list[str] | None = None) -> None:
-    """Print where it buckles and snaps, and draw the loop."""
+def main(argv: list[str] | None = None) -> tuple[float, float]:
+    """Print where it buckles and snaps, and draw the loop; its area, and the energy that the snaps on it lost [J]."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--samples", type=int, default=401)
     parser.add_argument("--plot", metavar="FILE", help="where the loop is drawn")
@@ -38,6 +38,11 @@ def main(argv: list[str] | None = None) -> None:
     for sample in history.events:
         for event in sample:
             print(event.said)
+    once = history.time >= 6  # from one side to the other and back
+    force, tip = history.inputs.tip_force[once, 0], history.tip_position[once, 0]
+    area = float(0.5 * (force[1:] + force[:-1]) @ np.diff(tip))
+    lost = sum(event.energy_lost for sample in history.events[once] for event in sample)
+    print(f"the loop of force and displacement holds {area:.3f} J, its snaps lost {lost:.3f} J")
     if options.plot:
         import matplotlib.pyplot as plt
 
@@ -47,6 +52,7 @@ def main(argv: list[str] | None = None) -> None:
         ax.set_xlabel("force across the tip [N]")
         ax.set_ylabel("tip x [mm]")
         figure.savefig(options.plot, bbox_inches="tight")
+    return area, lost
 
 
 if __name__ == "__main__":

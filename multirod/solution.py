@@ -209,7 +209,7 @@ class Solution(Generic[Robot_co]):
 
     @cached_property
     def events(self) -> tuple[BranchEvent, ...] | NDArray[np.object_] | Any:
-        """What happened on the way: a tuple of ``BranchEvent`` of each instance, shape (...); one where there are no leading axes.
+        """What happened on the way: a tuple of ``BranchEvent`` of each instance, shape (...); one where there are no axes.
 
         It is empty where no branch ended (``docs/branches.md``).
         """

@@ -38,6 +38,16 @@ def test_three_segments_bend_by_the_same_angle(example):
     assert abs(push_rods - 0.6 * axial / (axial + bending)) < 1e-5
 
 
+def test_a_blade_that_snaps_loses_what_its_loop_holds(example, capsys):
+    """Over a loop the loads do as much work as is lost: nothing else is."""
+    area, lost = example("snap_through.py").main(["--samples", "201"])
+    assert lost > 0.1
+    assert abs(area / lost - 1) < 0.05  # the force changes by 0.03 of its largest in the sample in which it snaps
+    said = capsys.readouterr().out
+    assert said.count("SNAPPED at a fold") == 3
+    assert said.count("BIFURCATED at a bifurcation") == 1
+
+
 def test_two_segments_are_those_of_a_published_program(example):
     """And they are followed where tendons go slack and taut again, also those that hardly stretch."""
     apart, error = example("two_segments.py").main()

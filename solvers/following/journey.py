@@ -18,6 +18,8 @@ from multirod.validation import FloatArray
 
 OVERSHOOT = 1e-3  # of the load, or of the way between two samples: first step beyond a critical point
 DECIDED = 1e-4  # of K/L: a mode as unstable, or a moment as large, decides
+CLEAR = 3e-3  # of K/L: as unstable it is wanted where no moment drives it, before the end of the way
+NEAR = 5.0  # turn to a branch that leaves, over the root of how unstable the other is: 2.6 of a column [rad]
 DRIVEN = 1e-6  # of K/L: a smaller moment along a mode that vanishes is none
 KICK = 1e-2  # turn of the tip off what is unstable and in balance [rad]
 TOGETHER = 1e-2  # of the lowest: modes that close to it vanish with it
@@ -230,6 +232,9 @@ class Journey:
             return None
         if turn > FAR:
             return Status.SNAPPED
+        value = self._slope(beyond).values[0]
+        if first.any() and value > -CLEAR and RETURNED < turn < NEAR * np.sqrt(-value):
+            return Status.BIFURCATED  # too near for a quarter of that to be told
         ratio = yield from self._shrinks(critical, beyond.level, landed, first)
         if ratio < SAME_BRANCH and (turn < RETURNED or not first.any()):
             return None
@@ -242,10 +247,10 @@ class Journey:
             level = min(1.0, critical.level + step)
             beyond = yield from self._at(critical.unknowns, level)
             slope = self._slope(beyond)
-            if slope.values[0] < -DECIDED or abs(slope.along[0]) > DECIDED or _held(slope):
+            if slope.values[0] < -CLEAR or abs(slope.along[0]) > DECIDED or _held(slope):
                 return beyond
             if level == 1.0:
-                return None
+                return beyond if slope.values[0] < -DECIDED else None
             step *= 4
 
     def _way_out(self, slope: Slope, beyond: Point, critical: Point) -> tuple[FloatArray, bool]:
