@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from multirod.batch import IntArray
 from multirod.capabilities import FreeTip
 from multirod.problem import BoundaryProblem
 from multirod.validation import FloatArray
@@ -26,9 +27,10 @@ class Point:
         level: Part of the way.
         residual: [1/m], shape (n,).
         gamma: Shape (n, n).
-        unit: Moment of one unit of each residual [N m^2], shape (n,).
-        turned: ``Y``, how the tip turns with the unknowns, along the axes of the residual, shape (n, n).
-        moved: How it moves with them, in the world, shape (3, n).
+        forces: Rows of the residual that are forces, shape (m,); the others are constraints.
+        unit: Moment of one unit of each [N m], shape (m,).
+        turned: ``Y``, how what they do work on is turned by the unknowns, shape (m, n).
+        moved: How the end effector moves with these, in the world, shape (3, n).
         position: Of the end effector [m], shape (3,).
         rotation: Shape (3, 3).
     """
@@ -37,6 +39,7 @@ class Point:
     level: float
     residual: FloatArray
     gamma: FloatArray
+    forces: IntArray
     unit: FloatArray
     turned: FloatArray
     moved: FloatArray
@@ -55,22 +58,26 @@ class Slope:
     """(1), (2) The potential energy as a function of how the tip is turned, to second order.
 
     Attributes:
-        gradient: [N m], shape (n,).
-        values: Eigenvalues of its second derivative over ``K/L``, ascending, shape (n,).
-        modes: Eigenvectors, in columns, shape (n, n).
-        turned: ``Y``, how the tip turns with the unknowns, shape (n, n).
+        gradient: [N m], shape (m,).
+        values: Eigenvalues of its second derivative over ``K/L``, ascending, shape (m,).
+        modes: Eigenvectors, in columns, shape (m, m).
+        ways: Change of the unknowns that turns the tip so, constraints kept, shape (n, m).
+        back: The one that meets the constraints, shape (n,).
+        facing: Sign of the determinant of what ``ways`` is the inverse of.
         stiffness: ``K/L`` [N m].
     """
 
     gradient: FloatArray
     values: FloatArray
     modes: FloatArray
-    turned: FloatArray
+    ways: FloatArray
+    back: FloatArray
+    facing: float
     stiffness: float
 
     @property
     def along(self) -> FloatArray:
-        """Slope in each mode over ``K/L``, shape (n,)."""
+        """Slope in each mode over ``K/L``, shape (m,)."""
         return np.asarray(self.modes.T @ self.gradient / self.stiffness)
 
     @property
@@ -84,11 +91,11 @@ class Slope:
         turn = np.minimum(np.abs(slope) / np.maximum(np.abs(values), SOFT), radius)
         if values[0] < -SOFT and turn.max() < NUDGE * radius:  # in balance where nothing holds it
             turn[0] = NUDGE * radius
-        return self.change(self.modes @ np.where(slope > 0, -turn, turn))
+        return self.back + self.change(self.modes @ np.where(slope > 0, -turn, turn))
 
     def change(self, turn: FloatArray) -> FloatArray:
         """Change of the unknowns [1/m] that turns the tip so [rad], shape (n,)."""
-        return np.asarray(np.linalg.solve(self.turned, turn))
+        return np.asarray(self.ways @ turn)
 
 
 class Unfit(Exception):
@@ -101,16 +108,20 @@ def slope_at(point: Point, stiffness: float) -> Slope:
     Raises:
         Unfit: If the tip's turn does not tell it.
     """
-    Y = point.turned
-    if not (np.isfinite(Y).all() and np.isfinite(point.gamma).all()) or np.linalg.cond(Y) * KEPT > 1:
+    m = len(point.forces)
+    kept = np.setdiff1d(np.arange(len(point.unknowns)), point.forces)
+    both = np.concatenate([point.turned, point.gamma[kept]])
+    if not (np.isfinite(both).all() and np.isfinite(point.gamma).all()) or np.linalg.cond(both) * KEPT > 1:
         raise Unfit
-    A = point.unit[:, None] * point.gamma @ np.linalg.inv(Y)
+    inverse = np.linalg.inv(both)
+    A = point.unit[:, None] * point.gamma[point.forces] @ inverse[:, :m]
     values, modes = np.linalg.eigh(0.5 * (A + A.T))
-    return Slope(point.unit * point.residual, values / stiffness, modes, Y, stiffness)
+    gradient, back = point.unit * point.residual[point.forces], -inverse[:, m:] @ point.residual[kept]
+    return Slope(gradient, values / stiffness, modes, inverse[:, :m], back, float(np.sign(np.linalg.det(both))), stiffness)
 
 
 class TipTurn:
-    """How the tips of a problem turn with the unknowns, along the axes of the residual: ``Y`` of all its instances.
+    """Which residuals of a problem are forces, and how the tip that they do work on is turned by the unknowns.
 
     Args:
         problem: With columns of the pose.
@@ -119,19 +130,12 @@ class TipTurn:
 
     def __init__(self, problem: BoundaryProblem, tip: FreeTip) -> None:
         self._problem, self._tip = problem, tip
+        self.forces: IntArray = np.arange(problem.unknown_count)
+        self.stiffness = tip.turn_stiffness  # K/L [N m], shape (instance_count,)
 
-    @property
-    def unit(self) -> FloatArray:
-        """Moment of one unit of the residual [N m^2], shape (instance_count, n)."""
-        return self._tip.moment_unit
-
-    @property
-    def stiffness(self) -> FloatArray:
-        """``K/L`` [N m], shape (instance_count,)."""
-        return self._tip.turn_stiffness
-
-    def columns(self) -> FloatArray:
-        """``Y`` after an integration, shape (instance_count, n, n)."""
+    def after(self) -> tuple[FloatArray, FloatArray]:
+        """After an integration: the moment of one unit of each force [N m], shape (instance_count, m), and ``Y``, shape
+        (instance_count, m, n)."""
         problem, n = self._problem, self._problem.unknown_count
         frame = problem.read("rotation").reshape(-1, 3, 3)
         if self._tip.moment_axes is not None:
@@ -141,4 +145,4 @@ class TipTurn:
             turn[:, 1, 0], turn[:, 2, 2] = np.sin(angle), 1.0
             turn[:, 0, 1] = -turn[:, 1, 0]
             frame = self._tip.moment_axes @ turn
-        return np.asarray(np.swapaxes(frame, 1, 2) @ problem.pose_columns.numpy()[:, 3:, :n])
+        return self._tip.moment_unit, np.swapaxes(frame, 1, 2) @ problem.pose_columns.numpy()[:, 3:, :n]

@@ -51,7 +51,7 @@ def follow(
     """
     lost: dict[int, Journey] = {}
     stability, parts = problem.stability, problem.parts
-    if parts is None or stability is None or stability.multistable or problem.free_tip is None:
+    if parts is None or stability is None or (stability.multistable and before is None) or problem.free_tip is None:
         return lost
     chosen = chosen & (reached < 1) & stability.has_potential
     for places in np.split(np.flatnonzero(chosen), range(TOGETHER, int(chosen.sum()), TOGETHER)):
@@ -148,9 +148,10 @@ class _Together:
         residual, gamma = part.read("residual"), part.read("gamma").reshape(-1, n, n)
         residual[part.fault.numpy() != 0] = np.nan
         position, rotation = part.read("position"), part.read("rotation").reshape(-1, 3, 3)
-        moved, turned, unit = np.array(part.pose_columns.numpy()[:, :3, :n]), self.tip.columns(), self.tip.unit
+        moved, (unit, turned) = np.array(part.pose_columns.numpy()[:, :3, :n]), self.tip.after()
+        forces = self.tip.forces
         return {
-            k: Point(at.unknowns, at.level, residual[k], gamma[k], unit[k], turned[k], moved[k], position[k], rotation[k])
+            k: Point(at.unknowns, at.level, residual[k], gamma[k], forces, unit[k], turned[k], moved[k], position[k], rotation[k])
             for k, at in asked.items()
         }
 

@@ -279,13 +279,12 @@ class Journey:
 
     def _descend(self, point: Point, slope: Slope, first: FloatArray) -> Run:
         """(4) Where going down in energy leads from a point, after turning the tip by ``first``; None where it leads nowhere."""
-        facing = np.sign(np.linalg.det(slope.turned))
         step = slope.change(first) if first.any() else slope.step(RADIUS)
         for _ in range(DESCENT_STEPS):
             point = yield from self._at(point.unknowns + step, point.level)
             self.iterations += 1
             found = self._slope(point)
-            if np.sign(np.linalg.det(found.turned)) != facing:
+            if found.facing != slope.facing:
                 return None  # the rod would snap though its tip were held
             if point.size <= self.tolerance and found.values[0] >= -SOFT:
                 return point
