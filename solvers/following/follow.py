@@ -65,10 +65,12 @@ def follow(
             safe = SAFE_LOAD / np.maximum(part.load_scale(), 1e-300)
         else:
             most = TURN / np.maximum(part.turning(start), 1e-300)
-        together = _Together(part, start)
+        assert part.free_tip is not None  # as all have
+        tip = TipTurn(part, part.free_tip)
+        together = _Together(part, start, tip)
         journeys = [
             Journey(
-                float(together.tip.stiffness[k]),
+                float(tip.stiffness[k]),
                 np.array(unknowns[place]),
                 float(reached[place]),
                 float(tolerance[place]),
@@ -94,13 +96,13 @@ class _Together:
     Args:
         part: Their problem.
         before: Inputs where their ways begin; None where loads are raised.
+        tip: How it is turned; None where only residuals are asked for.
     """
 
-    def __init__(self, part: BoundaryProblem, before: FloatArray | None) -> None:
+    def __init__(self, part: BoundaryProblem, before: FloatArray | None = None, tip: TipTurn | None = None) -> None:
         self.part, self.before, self.after = part, before, part.read("inputs")
         self.levels = np.ones(part.instance_count)
-        assert part.free_tip is not None  # or there was nothing to follow
-        self.tip = TipTurn(part, part.free_tip)
+        self.tip = tip
 
     def run(self, all_: Iterable[Run]) -> None:
         """Take all to their ends."""
@@ -148,8 +150,10 @@ class _Together:
         residual, gamma = part.read("residual"), part.read("gamma").reshape(-1, n, n)
         residual[part.fault.numpy() != 0] = np.nan
         position, rotation = part.read("position"), part.read("rotation").reshape(-1, 3, 3)
-        moved, (unit, turned) = np.array(part.pose_columns.numpy()[:, :3, :n]), self.tip.after()
-        forces = self.tip.forces
+        forces, moved = np.arange(n), np.array(part.pose_columns.numpy()[:, :3, :n])
+        unit, turned = np.full((part.instance_count, n), np.nan), np.full((part.instance_count, n, n), np.nan)
+        if self.tip is not None:
+            forces, (unit, turned) = self.tip.forces, self.tip.after()
         return {
             k: Point(at.unknowns, at.level, residual[k], gamma[k], forces, unit[k], turned[k], moved[k], position[k], rotation[k])
             for k, at in asked.items()
@@ -171,7 +175,7 @@ def _polish(problem: BoundaryProblem, places: IntArray, journeys: Sequence[Journ
         return
     assert problem.parts is not None  # as before
     own = problem.parts.of(places[there])
-    _Together(own, None).run([journeys[k].polish() for k in there.tolist()])
+    _Together(own).run([journeys[k].polish() for k in there.tolist()])
     kept = np.flatnonzero([journeys[k].end is not None for k in there.tolist()])
     problem.keep(own, places[there[kept]], kept)
 

@@ -1,6 +1,6 @@
 """What rods do where their branch of equilibria ends, against rods that creep through a viscous medium.
 
-    OMP_NUM_THREADS=1 python tests/benchmarks/branches.py [--rods 1500] [--seed 0] [--segments 40] [--levels 100]
+    OMP_NUM_THREADS=1 python tests/benchmarks/branches.py [--rods 1500] [--seed 0] [--segments 24] [--levels 30]
 
 Random wires of random length, precurvature and torsional stiffness are pulled by forces of up to 40 EI/L^2 in random directions.
 Those that snap are loaded again, slowly, as rods without mass on segments whose places are held back in proportion to their
@@ -49,7 +49,7 @@ def creep(length, torsion, precurvature, force, segments, levels):
 def main():
     """Print one line for each outcome."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    for name, default in (("rods", 1500), ("seed", 0), ("segments", 40), ("levels", 100)):
+    for name, default in (("rods", 1500), ("seed", 0), ("segments", 24), ("levels", 30)):
         parser.add_argument(f"--{name}", type=int, default=default)
     options = parser.parse_args()
     warnings.simplefilter("ignore")
