@@ -6,13 +6,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod.batch import IntArray
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.continuation.natural import SAFE_LOAD, TURN
 from multirod.solvers.following.descent import Point, TipTurn
 from multirod.solvers.following.journey import At, Journey, Judge, Judgement, Run
 from multirod.stability import Modes
-from multirod.status import IntArray, failures
+from multirod.status import failures
 from multirod.validation import FloatArray
 
 TOGETHER = 4096  # instances on their way at once
@@ -26,7 +27,7 @@ def follow(
     unknowns: FloatArray,
     reached: FloatArray,
     tolerance: FloatArray,
-    allowed: IntArray,
+    allowed: NDArray[np.integer[Any]],
     max_steps: int,
     side: int,
     before: FloatArray | None = None,
