@@ -30,6 +30,7 @@ SAME_BRANCH = 0.35  # below it the same branch, a quarter
 RETURNED = 1e-4  # turn of the tip by which what was pushed off came back [rad]
 MERGED = 0.05  # turn of the tip [rad] within which branches merge
 DESCENT_STEPS = 300
+SHORTEST = 1e-3  # turn of the tip by a step, that is not halved again [rad]
 NEWTON_STEPS = 8
 GROWTH = 0.5  # of the way, that the next step may be
 FASTER = 3.0
@@ -279,16 +280,26 @@ class Journey:
 
     def _descend(self, point: Point, slope: Slope, first: FloatArray) -> Run:
         """(4) Where going down in energy leads from a point, after turning the tip by ``first``; None where it leads nowhere."""
-        step = slope.change(first) if first.any() else slope.step(RADIUS)
+        radius, step = RADIUS, slope.change(first) if first.any() else slope.step(RADIUS)
         for _ in range(DESCENT_STEPS):
-            point = yield from self._at(point.unknowns + step, point.level)
+            trial = yield from self._at(point.unknowns + step, point.level)
             self.iterations += 1
-            found = self._slope(point)
-            if found.facing != slope.facing:
-                return None  # the rod would snap though its tip were held
-            if point.size <= self.tolerance and found.values[0] >= -SOFT:
+            try:
+                found = self._slope(trial)
+            except Unfit:
+                found = None
+            if found is None or found.facing != slope.facing:
+                # beyond, the rod would snap though its tip were held: not in one long step
+                radius *= 0.5
+                if radius < SHORTEST:
+                    return None
+                step = slope.step(radius)
+                continue
+            point, slope = trial, found
+            if point.size <= self.tolerance and slope.values[0] >= -SOFT:
                 return point
-            step = found.step(RADIUS)
+            radius = min(RADIUS, 1.5 * radius)
+            step = slope.step(radius)
         return None
 
     # ---- along a branch ----
