@@ -29,13 +29,15 @@ APART = 0.7  # ratio of distances at a quarter of the overshoot: above it anothe
 SAME_BRANCH = 0.35  # below it the same branch, a quarter
 RETURNED = 1e-4  # turn of the tip by which what was pushed off came back [rad]
 MERGED = 0.05  # turn of the tip [rad] within which branches merge
-DESCENT_STEPS = 300
+DESCENT_STEPS = 150
 SHORTEST = 1e-3  # turn of the tip by a step, that is not halved again [rad]
 NEWTON_STEPS = 8
+POLISHED = 1e-3  # of the tolerance: what needs no step
 GROWTH = 0.5  # of the way, that the next step may be
 FASTER = 3.0
 MOST_EVENTS = 16
 NOISY = 100.0  # norm of Gamma, beyond which it may be rounding that ends a branch
+NEARLY = 1e-4  # singular value of Gamma, below which a mode may be neutral
 ASIDE = 0.05  # turn along a neutral mode, where it is still neutral if symmetry makes it so [rad]
 
 
@@ -117,9 +119,13 @@ class Journey:
 
     def _run(self) -> Run:
         point = yield from self._at(self.start, self.level)
-        neutral = yield from self._by_symmetry(point)
+        # what is not quite in balance shows a neutral mode by as much
+        soft = int((np.linalg.svd(np.nan_to_num(point.gamma), compute_uv=False)[1:] < NEARLY).sum())
+        found, _ = yield from self._correct(self.start, self.level, soft)
+        neutral = 0 if found is None else (yield from self._by_symmetry(found))
         # these equations are a little finer than those that its branch ended by
-        found, _ = yield from self._correct(self.start, self.level, neutral)
+        if neutral != soft:
+            found, _ = yield from self._correct(self.start, self.level, neutral)
         if found is not None:
             point = yield from self._along(found, neutral)
         for _ in range(MOST_EVENTS):
@@ -231,6 +237,9 @@ class Journey:
         turn = _turn(critical.rotation, landed.rotation)
         if _held(self._slope(beyond)) and turn < 2 * MERGED:
             return None
+        before, after = (self._slope(point).neutral for point in (critical, landed))
+        if before == after > 0 and turn < 2 * KICK:
+            return None  # pushed along what is neutral on all of the branch
         if turn > FAR:
             return Status.SNAPPED
         value = self._slope(beyond).values[0]
@@ -352,7 +361,8 @@ class Journey:
             self.iterations += 1
             if not np.isfinite(point.size) or not np.isfinite(point.gamma).all():
                 break
-            if point.size <= self.tolerance:
+            # one step at least, as what is within the tolerance by chance tells the next step along the branch nothing
+            if point.size <= (self.tolerance if k else POLISHED * self.tolerance):
                 return point, contraction
             u, s, v = np.linalg.svd(point.gamma)
             kept = slice(0, len(s) - neutral)
@@ -404,6 +414,8 @@ def _foreseen(found: FloatArray, expected: FloatArray, last: FloatArray, surpris
 def _alike(gamma: FloatArray, before: FloatArray, neutral: int) -> bool:
     """``same_branch`` without the modes that are neutral all along."""
     if neutral:
+        if np.linalg.svd(gamma, compute_uv=False)[-neutral] > SOFT:
+            return False  # another branch, which has not that symmetry
         u, _, v = np.linalg.svd(before)
         u, v = u[:, :-neutral], v[:-neutral].T
         gamma, before = u.T @ gamma @ v, u.T @ before @ v
