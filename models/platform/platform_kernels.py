@@ -155,7 +155,7 @@ def load_of(robots: Robots, b: int) -> f64:
     return robots.load_factor[b]
 
 
-@wp.kernel(module="unique", enable_backward=False)
+@wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
 def hand_over(robots: Robots, legs: Legs):
     """Unknowns, inputs and directions of the robots to their legs."""
     t = legs.order[wp.tid()]
@@ -325,7 +325,7 @@ def write_rows(values: wp.array3d[wp.float64], b: int, row: int, k: int, a: wp.v
         values[b, row + 3 + j, k] = c[j]
 
 
-@wp.kernel(module="unique", enable_backward=False)
+@wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
 def attach(robots: Robots, legs: Legs):
     """(4) to (7): residual of each leg's joint, its columns, and what the leg does to the platform."""
     t = legs.order[wp.tid()]
@@ -420,7 +420,7 @@ def attach(robots: Robots, legs: Legs):
     robots.leg_step_count[q] = legs.step_count[t]
 
 
-@wp.kernel(module="unique", enable_backward=False)
+@wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
 def balance(robots: Robots):
     """(8): equilibrium of each platform, with its columns; and its pose."""
     b = robots.order[wp.tid()]

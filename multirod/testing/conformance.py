@@ -10,7 +10,7 @@ import numpy as np
 
 from multirod.assembly import Assembly
 from multirod.inputs import Inputs, InputSpec
-from multirod.integrators import RK4, RK45, Integrator
+from multirod.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
 from multirod.running.simulation import solve
 from multirod.solution import Solution
@@ -53,8 +53,8 @@ class Study:
 
     @cached_property
     def integrator(self) -> Integrator:
-        """At fixed steps, so that differences are of one discretisation."""
-        return RK4(50)
+        """At fixed steps, so that differences are of one discretisation; by the kernels of step control."""
+        return RK45(steps=32)
 
     @cached_property
     def solution(self) -> Solution:

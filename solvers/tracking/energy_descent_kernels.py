@@ -139,7 +139,7 @@ def make_descent(feed_forward: bool):
     def finite(a: Vector) -> bool:
         return wp.isfinite(a[0] + a[1] + a[2])
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
     def descend(state: DescentState):
         t = wp.tid()
         if state.active[t] == 0:

@@ -351,7 +351,7 @@ def make_observer(
     COPIED = EQUILIBRATED or not alone
     INVERSES = not alone or scaling == "newton" or feed_forward or correct_output
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
     def observe(state: ObserverState):
         t = wp.tid()
         if state.active[t] == 0:

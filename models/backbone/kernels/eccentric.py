@@ -58,22 +58,22 @@ def make_eccentric_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simp
         for i in range(wp.static(n)):
             u = precurvature(memory, z, i, x)
             if wp.static(NODES):
-                put(memory, a + wp.static(OWN_TWIST) + i, u.z)
-            c, s = cosine_and_sine(part(b, wp.static(THETA) + i))
-            put(memory, a + wp.static(COSINE) + i, c)
-            put(memory, a + wp.static(SINE) + i, s)
+                put(memory, a + wp.static(OWN_TWIST + i), u.z)
+            c, s = cosine_and_sine(part(b, wp.static(THETA + i)))
+            put(memory, a + wp.static(COSINE + i), c)
+            put(memory, a + wp.static(SINE + i), s)
             bx = c * u.x - s * u.y
             by = s * u.x + c * u.y
-            EI = row(memory, z + wp.static(BENDING) + i)
-            put(memory, a + wp.static(TUBE_X) + i, EI * bx)
-            put(memory, a + wp.static(TUBE_Y) + i, EI * by)
-            tau = part(b, wp.static(TAU) + i)
-            softness = row(memory, z + wp.static(TORSION) + i)
-            present = row(memory, z + wp.static(PRESENT) + i)
+            EI = row(memory, z + wp.static(BENDING + i))
+            put(memory, a + wp.static(TUBE_X + i), EI * bx)
+            put(memory, a + wp.static(TUBE_Y + i), EI * by)
+            tau = part(b, wp.static(TAU + i))
+            softness = row(memory, z + wp.static(TORSION + i))
+            present = row(memory, z + wp.static(PRESENT + i))
             own_twist = present * u.z
             rest = rest - present * tau
-            put(memory, a + wp.static(TORQUE) + i, tau)
-            put(memory, a + wp.static(TWISTING) + i, softness * tau + own_twist)
+            put(memory, a + wp.static(TORQUE + i), tau)
+            put(memory, a + wp.static(TWISTING + i), softness * tau + own_twist)
             cx, cy = lever(memory, z, i)
             along = tau * (d(0.5) * softness * tau + own_twist) - d(0.5) * EI * (bx * bx + by * by)
             gx = gx + EI * bx + along * cx
@@ -98,8 +98,8 @@ def make_eccentric_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simp
         for i in range(wp.static(n)):
             cx, cy = lever(memory, z, i)
             lam = one + cx * ux + cy * uy
-            put(memory, a + wp.static(STRETCHING) + i, lam)
-            shortest = least(shortest, where_less(zero, row(memory, z + wp.static(PRESENT) + i), lam, one))
+            put(memory, a + wp.static(STRETCHING + i), lam)
+            shortest = least(shortest, where_less(zero, row(memory, z + wp.static(PRESENT + i)), lam, one))
         bad = d(0.0) / ((one - open_) * where_less(zero, shortest, one, zero))  # no number where it did not settle
         return Vec3(ux + bad, uy + bad, row(memory, z + wp.static(SHEATH)) * rest)
 
@@ -115,7 +115,7 @@ def make_eccentric_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simp
         one = fill(d(1.0))
         for i in range(wp.static(n)):
             cx, cy = lever(memory, z, i)
-            EI = row(memory, z + wp.static(BENDING) + i)
+            EI = row(memory, z + wp.static(BENDING + i))
             softer = d(1.0) / (one + cx * ux + cy * uy)
             wx = softer * ux
             wy = softer * uy
@@ -132,7 +132,7 @@ def make_eccentric_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simp
         step_y = scale * (xx * ry - xy * rx)
         share = one
         for i in range(wp.static(n)):
-            cx, cy = lever(memory, z, i)
+            cx, cy = lever(memory, z, wp.static(i))
             lam = one + cx * ux + cy * uy
             shorter = -(cx * step_x + cy * step_y)
             most = d(wp.static(1.0 - LEFT)) * lam
@@ -143,10 +143,10 @@ def make_eccentric_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simp
     def rates(memory: memory_type, z: int, a: int, x: Real, b: State, u: Vec3, f: wp.ref[State]):
         """(8o) theta_i' and tau_i'; zero where the rod has ended."""
         for i in range(wp.static(n)):
-            own = row(memory, a + wp.static(STRETCHING) + i) * row(memory, a + wp.static(TWISTING) + i)
-            keep(f, wp.static(THETA) + i, own - row(memory, z + wp.static(PRESENT) + i) * u.z)
-            torque = u.x * row(memory, a + wp.static(TUBE_Y) + i) - u.y * row(memory, a + wp.static(TUBE_X) + i)
-            keep(f, wp.static(TAU) + i, torque)
+            own = row(memory, a + wp.static(STRETCHING + i)) * row(memory, a + wp.static(TWISTING + i))
+            keep(f, wp.static(THETA + i), own - row(memory, z + wp.static(PRESENT + i)) * u.z)
+            torque = u.x * row(memory, a + wp.static(TUBE_Y + i)) - u.y * row(memory, a + wp.static(TUBE_X + i))
+            keep(f, wp.static(TAU + i), torque)
 
     @wp.func
     def energy_rate(memory: memory_type, z: int, a: int, x: Real, b: State, M: Vec3, N: Vec3, u: Vec3) -> Real:
@@ -155,15 +155,15 @@ def make_eccentric_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simp
         rest = M.z
         for i in range(wp.static(n)):
             u_star = precurvature(memory, z, i, x)
-            c = row(memory, a + wp.static(COSINE) + i)
-            s = row(memory, a + wp.static(SINE) + i)
-            lam = row(memory, a + wp.static(STRETCHING) + i)
+            c = row(memory, a + wp.static(COSINE + i))
+            s = row(memory, a + wp.static(SINE + i))
+            lam = row(memory, a + wp.static(STRETCHING + i))
             ex = u.x / lam - (c * u_star.x - s * u_star.y)
             ey = u.y / lam - (s * u_star.x + c * u_star.y)
-            tau = part(b, wp.static(TAU) + i)
-            bent = row(memory, z + wp.static(BENDING) + i) * (ex * ex + ey * ey)
-            energy = energy + lam * (bent + row(memory, z + wp.static(TORSION) + i) * tau * tau)
-            rest = rest - row(memory, z + wp.static(PRESENT) + i) * tau
+            tau = part(b, wp.static(TAU + i))
+            bent = row(memory, z + wp.static(BENDING + i)) * (ex * ex + ey * ey)
+            energy = energy + lam * (bent + row(memory, z + wp.static(TORSION + i)) * tau * tau)
+            rest = rest - row(memory, z + wp.static(PRESENT + i)) * tau
         return energy + row(memory, z + wp.static(SHEATH)) * rest * rest
 
     @wp.func
@@ -182,20 +182,20 @@ def make_eccentric_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simp
         gy = dM.y
         rest = dM.z
         for i in range(wp.static(n)):
-            turn = part_of(v, wp.static(THETA) + i)
-            bx = row(memory, a + wp.static(TUBE_X) + i)
-            by = row(memory, a + wp.static(TUBE_Y) + i)
+            turn = part_of(v, wp.static(THETA + i))
+            bx = row(memory, a + wp.static(TUBE_X + i))
+            by = row(memory, a + wp.static(TUBE_Y + i))
             cx, cy = lever(memory, z, i)
-            along = row(memory, a + wp.static(TWISTING) + i) * part_of(v, wp.static(TAU) + i)
-            rest = rest - row(memory, z + wp.static(PRESENT) + i) * part_of(v, wp.static(TAU) + i)
+            along = row(memory, a + wp.static(TWISTING + i)) * part_of(v, wp.static(TAU + i))
+            rest = rest - row(memory, z + wp.static(PRESENT + i)) * part_of(v, wp.static(TAU + i))
             gx = gx - by * turn
             gy = gy + bx * turn
             if wp.static(VARIED):
                 e = turned_variation(memory, z, a, i, g)
-                EI = row(memory, z + wp.static(BENDING) + i)
+                EI = row(memory, z + wp.static(BENDING + i))
                 gx = gx + EI * e.x
                 gy = gy + EI * e.y
-                along = along + row(memory, a + wp.static(TORQUE) + i) * e.z - bx * e.x - by * e.y
+                along = along + row(memory, a + wp.static(TORQUE + i)) * e.z - bx * e.x - by * e.y
             gx = gx + along * cx
             gy = gy + along * cy
         f = row3(memory, a + wp.static(FLEXIBILITY))
@@ -206,23 +206,23 @@ def make_eccentric_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simp
         """Variation of (8o)."""
         u = row3(memory, a + wp.static(CURVATURE))
         for i in range(wp.static(n)):
-            turn = part_of(v, wp.static(THETA) + i)
-            bx = row(memory, a + wp.static(TUBE_X) + i)
-            by = row(memory, a + wp.static(TUBE_Y) + i)
+            turn = part_of(v, wp.static(THETA + i))
+            bx = row(memory, a + wp.static(TUBE_X + i))
+            by = row(memory, a + wp.static(TUBE_Y + i))
             cx, cy = lever(memory, z, i)
-            twist = row(memory, z + wp.static(TORSION) + i) * part_of(v, wp.static(TAU) + i)
+            twist = row(memory, z + wp.static(TORSION + i)) * part_of(v, wp.static(TAU + i))
             dbx = -by * turn
             dby = bx * turn
             if wp.static(VARIED):
                 e = turned_variation(memory, z, a, i, g)
-                EI = row(memory, z + wp.static(BENDING) + i)
+                EI = row(memory, z + wp.static(BENDING + i))
                 twist = twist + e.z
                 dbx = dbx + EI * e.x
                 dby = dby + EI * e.y
             longer = cx * du.x + cy * du.y
-            own = row(memory, a + wp.static(STRETCHING) + i) * twist - row(memory, z + wp.static(PRESENT) + i) * du.z
-            keep_in(f, wp.static(THETA) + i, own + longer * row(memory, a + wp.static(TWISTING) + i))
-            keep_in(f, wp.static(TAU) + i, du.x * by - du.y * bx + u.x * dby - u.y * dbx)
+            own = row(memory, a + wp.static(STRETCHING + i)) * twist - row(memory, z + wp.static(PRESENT + i)) * du.z
+            keep_in(f, wp.static(THETA + i), own + longer * row(memory, a + wp.static(TWISTING + i)))
+            keep_in(f, wp.static(TAU + i), du.x * by - du.y * bx + u.x * dby - u.y * dbx)
 
     return SimpleNamespace(
         strain=strain,

@@ -505,7 +505,7 @@ def make_kernel(features: Features, tableau: Tableau, precision: str = "float64"
     )
     carry = make_carry(parts, features, jobs)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
     def integrate(rods: RodTable, call: Call, memory: wp.array2d(dtype=d)):
         """From the base to the tip, stretch by stretch; then the residual."""
         thread = wp.tid()

@@ -199,11 +199,11 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
             keep(f, wp.static(WORK), work)
         if wp.static(DIRECTIONS):
             for j in range(wp.static(STATICS)):
-                put(memory, a + wp.static(RATE_AT) + j, part(f, j))
+                put(memory, a + wp.static(RATE_AT + j), part(f, j))
             for j in range(wp.static(4 * COLUMN_FRAME)):
-                put(memory, a + wp.static(RATE_AT + DQ_AT) + j, part(f, wp.static(Q_AT) + j))
+                put(memory, a + wp.static(RATE_AT + DQ_AT + j), part(f, wp.static(Q_AT + j)))
             for j in range(wp.static(3 * POSE_COLUMNS)):
-                put(memory, a + wp.static(RATE_AT + DP_AT) + j, part(f, wp.static(P_AT) + j))
+                put(memory, a + wp.static(RATE_AT + DP_AT + j), part(f, wp.static(P_AT + j)))
         return f
 
     @wp.func
@@ -298,7 +298,7 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
         if wp.static(DIRECTIONS):  # (20)
             growth = row(memory, g + wp.static(GROWTH))
             for j in range(wp.static(COLUMN_SIZE)):
-                keep_in(f, j, part_of(f, j) + growth * row(memory, a + wp.static(RATE_AT) + j))
+                keep_in(f, j, part_of(f, j) + growth * row(memory, a + wp.static(RATE_AT + j)))
         return f
 
     return SimpleNamespace(base_rates=base_rates, column_rates=column_rates)

@@ -267,7 +267,7 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
     )
     carry = make_carry(parts, features, jobs)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
     def integrate(rods: RodTable, call: Call, memory: wp.array2d(dtype=f64), seg: SegmentCall):
         """From the start of each segment to its end, stretch by stretch; then the residual, if that is the tip."""
         thread = wp.tid()

@@ -87,7 +87,7 @@ def make_steps(layout: Layout, memory: Memory, tableau: Tableau, rate: SimpleNam
             error = largest(error, block_error(e, b, wp.static(P_AT), 3, unit, rtol, atol))
         total = fill(d(0.0))
         for j in range(wp.static(layout.state.size)):
-            total = total + part(e, j)
+            total = total + part(e, wp.static(j))
         return error + d(0.0) * total  # the largest of several does not tell what is no number
 
     @wp.func

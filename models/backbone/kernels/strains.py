@@ -45,7 +45,7 @@ def make_precurvature(layout: Layout, W: int, d) -> SimpleNamespace:
             t = (x - row(memory, z + wp.static(CENTRE) + i)) * row(memory, z + wp.static(SLOPE) + i)
             u = row3(memory, first + wp.static(3 * (TERMS - 1)))
             for k in range(wp.static(TERMS - 1)):
-                u = ahead3(row3(memory, first + 3 * (wp.static(TERMS - 2) - k)), t, u)
+                u = ahead3(row3(memory, first + wp.static(3 * (TERMS - 2 - k))), t, u)
             return u
         return row3(memory, first)
 
@@ -57,7 +57,7 @@ def make_precurvature(layout: Layout, W: int, d) -> SimpleNamespace:
         t = (x - row(memory, z + wp.static(CENTRE) + i)) * slope
         u = zero3()
         for k in range(wp.static(TERMS - 1)):
-            m = wp.static(TERMS - 1) - k
+            m = wp.static(TERMS - 1 - k)
             u = ahead3(scaled(fill(d(m)), row3(memory, first + 3 * m)), t, u)
         return scaled(slope, u)
 
@@ -160,7 +160,7 @@ def make_several_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simple
         """(7) tau_1: what the other rods leave of M_z."""
         tau = M_z
         for i in range(1, wp.static(TORQUES + 1)):
-            tau = tau - row(memory, z + wp.static(PRESENT) + i) * part(b, wp.static(TAU) + i - 1)
+            tau = tau - row(memory, z + wp.static(PRESENT + i)) * part(b, wp.static(TAU + i - 1))
         return tau
 
     @wp.func
@@ -188,26 +188,26 @@ def make_several_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simple
         for i in range(wp.static(n)):
             u = precurvature(memory, z, i, x)
             if wp.static(NODES):
-                put(memory, a + wp.static(OWN_TWIST) + i, u.z)
+                put(memory, a + wp.static(OWN_TWIST + i), u.z)
             bx = u.x
             by = u.y
             if wp.static(i > 0):
-                c, s = cosine_and_sine(part(b, wp.static(THETA) + i - 1))
+                c, s = cosine_and_sine(part(b, wp.static(THETA + i - 1)))
                 bx = c * u.x - s * u.y
                 by = s * u.x + c * u.y
-                put(memory, a + wp.static(COSINE) + i, c)
-                put(memory, a + wp.static(SINE) + i, s)
-            EI = row(memory, z + wp.static(BENDING) + i)
+                put(memory, a + wp.static(COSINE + i), c)
+                put(memory, a + wp.static(SINE + i), s)
+            EI = row(memory, z + wp.static(BENDING + i))
             if wp.static(ANISOTROPIC):
                 kxx = EI
                 kxy = fill(d(0.0))
-                kyy = row(memory, z + wp.static(BENDING_Y) + i)
+                kyy = row(memory, z + wp.static(BENDING_Y + i))
                 if wp.static(i > 0):
-                    EI_y = row(memory, z + wp.static(BENDING_Y) + i)
+                    EI_y = row(memory, z + wp.static(BENDING_Y + i))
                     kxx = EI * c * c + EI_y * s * s
                     kxy = (EI - EI_y) * s * c
                     kyy = EI * s * s + EI_y * c * c
-                put3(memory, a + wp.static(STIFFNESS) + 3 * i, Vec3(kxx, kxy, kyy))
+                put3(memory, a + wp.static(STIFFNESS + 3 * i), Vec3(kxx, kxy, kyy))
                 xx = xx + kxx
                 xy = xy + kxy
                 yy = yy + kyy
@@ -233,18 +233,18 @@ def make_several_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simple
             bx = one_of(bxs, i)
             by = one_of(bys, i)
             if wp.static(ANISOTROPIC):
-                k = row3(memory, a + wp.static(STIFFNESS) + 3 * i)
+                k = row3(memory, a + wp.static(STIFFNESS + 3 * i))
                 cx = bx - k.x * ux - k.y * uy
                 cy = by - k.y * ux - k.z * uy
-                put(memory, a + wp.static(TUBE_X) + i, cx)
-                put(memory, a + wp.static(TUBE_Y) + i, cy)
-                put(memory, a + wp.static(SLOPE_X) + i, k.y * ux - k.x * uy - cy)
-                put(memory, a + wp.static(SLOPE_Y) + i, cx - k.y * uy + k.z * ux)
+                put(memory, a + wp.static(TUBE_X + i), cx)
+                put(memory, a + wp.static(TUBE_Y + i), cy)
+                put(memory, a + wp.static(SLOPE_X + i), k.y * ux - k.x * uy - cy)
+                put(memory, a + wp.static(SLOPE_Y + i), cx - k.y * uy + k.z * ux)
             else:
-                put(memory, a + wp.static(TUBE_X) + i, bx)
-                put(memory, a + wp.static(TUBE_Y) + i, by)
-                put(memory, a + wp.static(SLOPE_X) + i, -by)
-                put(memory, a + wp.static(SLOPE_Y) + i, bx)
+                put(memory, a + wp.static(TUBE_X + i), bx)
+                put(memory, a + wp.static(TUBE_Y + i), by)
+                put(memory, a + wp.static(SLOPE_X + i), -by)
+                put(memory, a + wp.static(SLOPE_Y + i), bx)
         return Vec3(ux, uy, uz)
 
     @wp.func
@@ -252,12 +252,12 @@ def make_several_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simple
         """(8) theta_i' and tau_i'; zero where the rod has ended."""
         for i in range(1, wp.static(n)):
             u_star = precurvature(memory, z, i, x)
-            rate = row(memory, z + wp.static(PRESENT) + i) * (u_star.z - u.z)
+            rate = row(memory, z + wp.static(PRESENT + i)) * (u_star.z - u.z)
             if wp.static(TORQUES > 0):
-                rate = rate + row(memory, z + wp.static(TORSION) + i) * part(b, wp.static(TAU) + i - 1)
-                torque = u.x * row(memory, a + wp.static(TUBE_Y) + i) - u.y * row(memory, a + wp.static(TUBE_X) + i)
-                keep(f, wp.static(TAU) + i - 1, torque)
-            keep(f, wp.static(THETA) + i - 1, rate)
+                rate = rate + row(memory, z + wp.static(TORSION + i)) * part(b, wp.static(TAU + i - 1))
+                torque = u.x * row(memory, a + wp.static(TUBE_Y + i)) - u.y * row(memory, a + wp.static(TUBE_X + i))
+                keep(f, wp.static(TAU + i - 1), torque)
+            keep(f, wp.static(THETA + i - 1), rate)
 
     @wp.func
     def stiffened(memory: memory_type, z: int, a: int, i: int, v: Vec3) -> Vec3:
@@ -278,15 +278,15 @@ def make_several_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simple
             ex = u.x - u_star.x
             ey = u.y - u_star.y
             if wp.static(i > 0):
-                c = row(memory, a + wp.static(COSINE) + i)
-                s = row(memory, a + wp.static(SINE) + i)
+                c = row(memory, a + wp.static(COSINE + i))
+                s = row(memory, a + wp.static(SINE + i))
                 ex = u.x - (c * u_star.x - s * u_star.y)
                 ey = u.y - (s * u_star.x + c * u_star.y)
             m = stiffened(memory, z, a, i, Vec3(ex, ey, tau))
             energy = energy + ex * m.x + ey * m.y
         for i in range(1, wp.static(TORQUES + 1)):
-            tau_i = part(b, wp.static(TAU) + i - 1)
-            energy = energy + row(memory, z + wp.static(TORSION) + i) * tau_i * tau_i
+            tau_i = part(b, wp.static(TAU + i - 1))
+            energy = energy + row(memory, z + wp.static(TORSION + i)) * tau_i * tau_i
         return energy
 
     @wp.func
@@ -307,11 +307,11 @@ def make_several_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simple
         tau_1 = dM.z
         uz = fill(d(0.0))
         for i in range(1, wp.static(n)):
-            turn = part_of(v, wp.static(THETA) + i - 1)
-            gx = gx + row(memory, a + wp.static(SLOPE_X) + i) * turn
-            gy = gy + row(memory, a + wp.static(SLOPE_Y) + i) * turn
+            turn = part_of(v, wp.static(THETA + i - 1))
+            gx = gx + row(memory, a + wp.static(SLOPE_X + i)) * turn
+            gy = gy + row(memory, a + wp.static(SLOPE_Y + i)) * turn
         for i in range(1, wp.static(TORQUES + 1)):
-            tau_1 = tau_1 - row(memory, z + wp.static(PRESENT) + i) * part_of(v, wp.static(TAU) + i - 1)
+            tau_1 = tau_1 - row(memory, z + wp.static(PRESENT + i)) * part_of(v, wp.static(TAU + i - 1))
         if wp.static(VARIED):
             for i in range(wp.static(n)):
                 e = turned_variation(memory, z, a, i, g)
@@ -330,25 +330,25 @@ def make_several_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simple
         """Variation of (8)."""
         u = row3(memory, a + wp.static(CURVATURE))
         for i in range(1, wp.static(n)):
-            turn = part_of(v, wp.static(THETA) + i - 1)
-            rate = -row(memory, z + wp.static(PRESENT) + i) * du.z
-            gx = row(memory, a + wp.static(SLOPE_X) + i) * turn
-            gy = row(memory, a + wp.static(SLOPE_Y) + i) * turn
+            turn = part_of(v, wp.static(THETA + i - 1))
+            rate = -row(memory, z + wp.static(PRESENT + i)) * du.z
+            gx = row(memory, a + wp.static(SLOPE_X + i)) * turn
+            gy = row(memory, a + wp.static(SLOPE_Y + i)) * turn
             if wp.static(VARIED):
                 e = turned_variation(memory, z, a, i, g)
                 k = stiffened(memory, z, a, i, e)
                 gx = gx + k.x
                 gy = gy + k.y
-                rate = rate + row(memory, z + wp.static(PRESENT) + i) * e.z
+                rate = rate + row(memory, z + wp.static(PRESENT + i)) * e.z
             if wp.static(TORQUES > 0):
-                rate = rate + row(memory, z + wp.static(TORSION) + i) * part_of(v, wp.static(TAU) + i - 1)
+                rate = rate + row(memory, z + wp.static(TORSION + i)) * part_of(v, wp.static(TAU + i - 1))
                 if wp.static(ANISOTROPIC):
                     k = stiffened(memory, z, a, i, du)
                     gx = gx - k.x
                     gy = gy - k.y
-                torque = du.x * row(memory, a + wp.static(TUBE_Y) + i) - du.y * row(memory, a + wp.static(TUBE_X) + i)
-                keep_in(f, wp.static(TAU) + i - 1, torque + u.x * gy - u.y * gx)
-            keep_in(f, wp.static(THETA) + i - 1, rate)
+                torque = du.x * row(memory, a + wp.static(TUBE_Y + i)) - du.y * row(memory, a + wp.static(TUBE_X + i))
+                keep_in(f, wp.static(TAU + i - 1), torque + u.x * gy - u.y * gx)
+            keep_in(f, wp.static(THETA + i - 1), rate)
 
     return SimpleNamespace(
         strain=strain,

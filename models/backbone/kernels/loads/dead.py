@@ -44,7 +44,7 @@ def make_loads(layout: Layout, W: int, d) -> SimpleNamespace:
         t = coordinate(memory, z, x)
         a = zero3()
         for k in range(wp.static(TERMS)):
-            a = ahead3(row3(memory, z + first + 3 * (wp.static(TERMS - 1) - k)), t, a)
+            a = ahead3(row3(memory, z + first + wp.static(3 * (TERMS - 1 - k))), t, a)
         return a
 
     @wp.func
@@ -53,7 +53,7 @@ def make_loads(layout: Layout, W: int, d) -> SimpleNamespace:
         t = coordinate(memory, z, x)
         a = zero3()
         for k in range(wp.static(TERMS - 1)):
-            j = wp.static(TERMS - 1) - k
+            j = wp.static(TERMS - 1 - k)
             a = ahead3(scaled(fill(d(j)), row3(memory, z + first + 3 * j)), t, a)
         return scaled(row(memory, z + wp.static(SLOPE)), a)
 
@@ -65,7 +65,7 @@ def make_loads(layout: Layout, W: int, d) -> SimpleNamespace:
         a = zero3()
         b = zero3()
         for k in range(wp.static(TERMS)):
-            j = wp.static(TERMS - 1) - k
+            j = wp.static(TERMS - 1 - k)
             c = scaled(fill(d(1.0) / d(j + 1)), row3(memory, z + wp.static(PROFILE_FORCE) + 3 * j))
             a = ahead3(c, t1, a)
             b = ahead3(c, t0, b)

@@ -49,11 +49,11 @@ def make_magnetic(layout: Layout, W: int, d) -> SimpleNamespace:
         mu = row3(memory, z + wp.static(MAGNETISATION))
         put3(memory, a + wp.static(TURNED), mu)
         for i in range(1, wp.static(n)):
-            own = row3(memory, z + wp.static(MAGNETISATION) + 3 * i)
-            c = row(memory, a + wp.static(COSINE) + i)
-            s = row(memory, a + wp.static(SINE) + i)
+            own = row3(memory, z + wp.static(MAGNETISATION + 3 * i))
+            c = row(memory, a + wp.static(COSINE + i))
+            s = row(memory, a + wp.static(SINE + i))
             own = Vec3(c * own.x - s * own.y, s * own.x + c * own.y, own.z)
-            put3(memory, a + wp.static(TURNED) + 3 * i, own)
+            put3(memory, a + wp.static(TURNED + 3 * i), own)
             mu = plus(mu, own)
         return rotate(frame, cross(mu, B))
 
@@ -62,8 +62,8 @@ def make_magnetic(layout: Layout, W: int, d) -> SimpleNamespace:
         """(8d) What the field takes of tau_i'."""
         B = row3(memory, a + wp.static(FIELD_AT))
         for i in range(1, wp.static(TORQUES + 1)):
-            at = wp.static(TAU) + i - 1
-            keep(f, at, part(f, at) - torque_on(row3(memory, a + wp.static(TURNED) + 3 * i), B))
+            at = wp.static(TAU + i - 1)
+            keep(f, at, part(f, at) - torque_on(row3(memory, a + wp.static(TURNED + 3 * i)), B))
 
     @wp.func
     def magnetic_work(memory: memory_type, a: int) -> Real:
@@ -71,7 +71,7 @@ def make_magnetic(layout: Layout, W: int, d) -> SimpleNamespace:
         B = row3(memory, a + wp.static(FIELD_AT))
         work = fill(d(0.0))
         for i in range(wp.static(n)):
-            work = work + dot(row3(memory, a + wp.static(TURNED) + 3 * i), B)
+            work = work + dot(row3(memory, a + wp.static(TURNED + 3 * i)), B)
         return work
 
     @wp.func
@@ -89,10 +89,10 @@ def make_magnetic(layout: Layout, W: int, d) -> SimpleNamespace:
         mu = zero3()
         dmu = zero3()
         for i in range(wp.static(n)):
-            own = row3(memory, a + wp.static(TURNED) + 3 * i)
+            own = row3(memory, a + wp.static(TURNED + 3 * i))
             mu = plus(mu, own)
             if wp.static(i > 0):
-                dmu = plus(dmu, about_axis(own, part_of(v, wp.static(THETA) + i - 1)))
+                dmu = plus(dmu, about_axis(own, part_of(v, wp.static(THETA + i - 1))))
         return rotate(frame, plus(cross(dphi, cross(mu, B)), plus(cross(dmu, B), cross(mu, dB))))
 
     @wp.func
@@ -100,9 +100,9 @@ def make_magnetic(layout: Layout, W: int, d) -> SimpleNamespace:
         """(18d) What the field takes of dtau_i'."""
         B = row3(memory, a + wp.static(FIELD_AT))
         for i in range(1, wp.static(TORQUES + 1)):
-            at = wp.static(TAU) + i - 1
-            mu = row3(memory, a + wp.static(TURNED) + 3 * i)
-            turned = torque_on(about_axis(mu, part_of(v, wp.static(THETA) + i - 1)), B)
+            at = wp.static(TAU + i - 1)
+            mu = row3(memory, a + wp.static(TURNED + 3 * i))
+            turned = torque_on(about_axis(mu, part_of(v, wp.static(THETA + i - 1))), B)
             keep_in(f, at, part_of(f, at) - turned - torque_on(mu, dB))
 
     return SimpleNamespace(

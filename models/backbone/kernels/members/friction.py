@@ -119,7 +119,7 @@ def make_friction(
                 own = function(memory, at, functions_of(z, a, k), u, e, u_s, e_s, du, de, dT)
                 change = stacked(own.moment, own.force)
                 for i in range(wp.static(m)):
-                    keep_one(total, i, one_of(total, i) + one_of(change, i))
+                    keep_one(total, i, one_of(total, i) + one_of(change, wp.static(i)))
             rest(memory, z, a, g, v, u, e, u_s, e_s, du, de, total, drive + wp.static(count))
 
         return vary
@@ -238,7 +238,7 @@ def make_friction(
         if wp.static(CURVED):
             start = stacked(precurvature_slope(memory, z, 0, x), zero3())
         for i in range(wp.static(m)):
-            put(memory, a + wp.static(PULL_RATES) + i, one_of(carried, i))
+            put(memory, a + wp.static(PULL_RATES + i), one_of(carried, i))
             keep_one(start, i, one_of(start, i) + one_of(c, i) * one_of(carried, i))
         q = Few()
         length = row(memory, z + wp.static(UNIT_LENGTH))
@@ -250,14 +250,14 @@ def make_friction(
         count = int(0)
         while any_less(zero, open_) and count < wp.static(MOST_ITERATIONS):
             for i in range(wp.static(m)):
-                keep_one(q, i, one_of(q, i) - open_ * one_of(step, i))
+                keep_one(q, i, one_of(q, i) - open_ * one_of(step, wp.static(i)))
             u_s = Vec3(one_of(q, 0), one_of(q, 1), one_of(q, 2))
             e_s = zero3()
             if wp.static(SHEAR):
                 e_s = Vec3(one_of(q, 3), one_of(q, 4), one_of(q, 5))
             gap = Few()
             for i in range(wp.static(m)):
-                keep_one(gap, i, one_of(q, i) - one_of(start, i))
+                keep_one(gap, i, one_of(q, i) - one_of(start, wp.static(i)))
             A = tangent(c, D)
             wind_all(memory, z, a, u, e, u_s, e_s, c, gap, A, f, 0)
             factor(A)
@@ -266,7 +266,7 @@ def make_friction(
             count += int(1)
         bad = d(0.0) / (one - open_)
         for i in range(wp.static(m)):
-            put(memory, a + wp.static(STRAIN_RATES) + i, one_of(q, i) - one_of(step, i) + bad)
+            put(memory, a + wp.static(STRAIN_RATES + i), one_of(q, i) - one_of(step, i) + bad)
         write_matrix(memory, a + wp.static(RATE_SYSTEM), A)
         grips_count = int(wp.static(DRIVES))
         for k in range(grips_count):
@@ -298,7 +298,7 @@ def make_friction(
         carried = stacked(dM_s, dN_s)
         right = Few()
         for i in range(wp.static(m)):
-            keep_one(right, i, one_of(c, i) * (one_of(carried, i) - one_of(total, i)))
+            keep_one(right, i, one_of(c, i) * (one_of(carried, i) - one_of(total, wp.static(i))))
         q = solve(read_matrix(memory, a + wp.static(RATE_SYSTEM)), right)
         du_s = Vec3(one_of(q, 0), one_of(q, 1), one_of(q, 2))
         de_s = zero3()

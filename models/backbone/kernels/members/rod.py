@@ -71,7 +71,7 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
         t = far * (x - at) / (back + one - two)
         q = Few()
         for i in range(wp.static(m)):
-            last = row(memory, z + wp.static(STRAINS_AT) + i)
+            last = row(memory, z + wp.static(STRAINS_AT + i))
             keep_one(q, i, last + t * (last - row(memory, z + wp.static(STRAINS_BEFORE) + i)))
         return q
 
@@ -135,7 +135,7 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
         while any_less(zero, open_) and count < wp.static(MOST_WARM + MOST_ITERATIONS):
             for i in range(wp.static(m)):
                 # a lane that is done stays where it is, whatever the others do: its last step is taken below
-                keep_one(q, i, one_of(q, i) + open_ * one_of(step, i))
+                keep_one(q, i, one_of(q, i) + open_ * one_of(step, wp.static(i)))
             if count == wp.static(MOST_WARM):
                 q = choose(half, known * open_, start, q)
             r = answer(memory, z, a, q)
@@ -143,19 +143,19 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
             factor(A)
             rest = Few()
             for i in range(wp.static(m)):
-                keep_one(rest, i, one_of(start, i) - one_of(c, i) * part_of_response(r, i) - one_of(q, i))
+                keep_one(rest, i, one_of(start, i) - one_of(c, i) * part_of_response(r, i) - one_of(q, wp.static(i)))
             step = solve(A, rest)
             open_ = unsettled(step, q, start, length, one)
             count += int(1)
         for i in range(wp.static(m)):
-            keep_one(q, i, one_of(q, i) + one_of(step, i))
+            keep_one(q, i, one_of(q, i) + one_of(step, wp.static(i)))
         bad = d(0.0) / (one - open_)  # no number where it did not settle
         remember(memory, z, x, q, one - open_)
         if any_less(zero, open_):
             # where what it should settle for is a number, it is the law that fails
             asked = zero
             for i in range(wp.static(m)):
-                asked = asked + absolute(one_of(start, i))
+                asked = asked + absolute(one_of(start, wp.static(i)))
             known = where_less(asked, fill(d(wp.static(HUGE[d]))), one, zero)
             put(memory, z + wp.static(UNANSWERED), largest(row(memory, z + wp.static(UNANSWERED)), open_ * known))
         write_matrix(memory, a + wp.static(SYSTEM), A)
@@ -181,7 +181,7 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
             moving = Response()
             put_slides(memory, z, a, u, e, moving, 0)
             for j in range(wp.static(m)):
-                put(memory, a + wp.static(SLIDES_AT) + j, part_of_response(moving, j))
+                put(memory, a + wp.static(SLIDES_AT + j), part_of_response(moving, j))
         return Vec3(one_of(q, 0) + bad, one_of(q, 1) + bad, one_of(q, 2) + bad)
 
     @wp.func

@@ -74,7 +74,7 @@ def make_members(layout: Layout, W: int, d) -> SimpleNamespace:
             for k in range(wp.static(TERMS - 1)):
                 y_tt = y_t + t * y_tt
                 y_t = y + t * y_t
-                y = row(memory, first + wp.static(FUNCTIONS) * (wp.static(TERMS - 2) - k)) + t * y
+                y = row(memory, first + wp.static(FUNCTIONS * (TERMS - 2 - k))) + t * y
             put(memory, a + wp.static(FUNCTIONS_AT) + j, y)
             put(memory, a + wp.static(FUNCTIONS_AT + FUNCTIONS) + j, by_length * y_t)
             if wp.static(ALONG or FRICTION):
@@ -162,7 +162,7 @@ def make_members(layout: Layout, W: int, d) -> SimpleNamespace:
                 r = Response()
                 function(memory, numbers_of(z, k), functions_of(z, a, k), u, e, r)
                 for j in range(wp.static(m)):
-                    put(memory, a + wp.static(PULLS_AT) + (drive + k) * wp.static(m) + j, part_of_response(r, j))
+                    put(memory, a + wp.static(PULLS_AT + j) + (drive + k) * wp.static(m), part_of_response(r, j))
             rest(memory, z, a, u, e, drive + wp.static(count))
 
         return pull
