@@ -92,16 +92,17 @@ def _looking(features: Features) -> Features:
     return replace(features, nodes=True, pose=True, lengths=False, **columns)
 
 
-def _may_look(features: Features) -> bool:
-    """Whether that kernel has the unknowns of these terms, says all that they ask for, and carries the force in the same way.
+def _may_look(features: Features, integrator: Integrator) -> bool:
+    """Whether that kernel has the unknowns of these terms and says all that they ask for.
 
-    What fixed steps leave of a shape would else not be what they leave of the solution.
+    At equal steps it must carry the force in the same way too: what they leave of a shape would else not be what they leave of the
+    solution.
     """
-    if features.eccentric:
+    if features.eccentric or drives(features.members):
         return False
     looking = _looking(features)
-    alike = (looking.unknown_count, looking.force_is_state) == (features.unknown_count, features.force_is_state)
-    return alike and not drives(features.members)
+    alike = integrator.adaptive or looking.force_is_state == features.force_is_state
+    return alike and looking.unknown_count == features.unknown_count
 
 
 class NodePass:
@@ -234,7 +235,8 @@ class BackboneProblem(BoundaryProblem):
         features = replace(needed, pose=pose, lengths=self.options["lengths"] and bool(drives(needed.members)), **columns)
         asked = pose_sensitivities and direction_count > 0 and not self.held
         # who asks for a derivative of the pose soon asks for the shape or the stability: one kernel says all
-        return _looking(features) if asked and self.integrator.precision == "float64" and _may_look(features) else features
+        may = asked and self.integrator.precision == "float64" and _may_look(features, self.integrator)
+        return _looking(features) if may else features
 
     # ---- arrays ----
 
@@ -580,7 +582,7 @@ class BackboneProblem(BoundaryProblem):
         self, node_count: int, chosen: bool, columns: bool, rod: int | None, unknowns: FloatArray | None, changes: dict[str, Any]
     ) -> "NodePass":
         features = replace(self.features, nodes=False, node_columns=False, **changes)
-        if columns or _may_look(features):
+        if columns or _may_look(features, self.integrator):
             features = _looking(features)
         else:
             options: dict[str, Any] = {"pose_sensitivities": False, "directions": False, "lengths": bool(self.drives)}
