@@ -95,8 +95,8 @@ def _looking(features: Features) -> Features:
 def _may_look(features: Features, integrator: Integrator) -> bool:
     """Whether that kernel has the unknowns of these terms and says all that they ask for.
 
-    At equal steps it must carry the force in the same way too: what they leave of a shape would else not be what they leave of the
-    solution.
+    At equal steps it must carry the force in the same way too: what they leave of a shape would else not be what they leave of
+    the solution.
     """
     if features.eccentric or drives(features.members):
         return False
