@@ -57,8 +57,8 @@ def make_precurvature(layout: Layout, W: int, d) -> SimpleNamespace:
         t = (x - row(memory, z + wp.static(CENTRE) + i)) * slope
         u = zero3()
         for k in range(wp.static(TERMS - 1)):
-            m = wp.static(TERMS - 1 - k)
-            u = ahead3(scaled(fill(d(m)), row3(memory, first + 3 * m)), t, u)
+            m = wp.static(TERMS - 1) - k
+            u = ahead3(scaled(fill(d(m)), row3(memory, first + wp.static(3 * (TERMS - 1 - k)))), t, u)
         return scaled(slope, u)
 
     @wp.func

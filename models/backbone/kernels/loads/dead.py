@@ -53,8 +53,8 @@ def make_loads(layout: Layout, W: int, d) -> SimpleNamespace:
         t = coordinate(memory, z, x)
         a = zero3()
         for k in range(wp.static(TERMS - 1)):
-            j = wp.static(TERMS - 1 - k)
-            a = ahead3(scaled(fill(d(j)), row3(memory, z + first + 3 * j)), t, a)
+            j = wp.static(TERMS - 1) - k
+            a = ahead3(scaled(fill(d(j)), row3(memory, z + first + wp.static(3 * (TERMS - 1 - k)))), t, a)
         return scaled(row(memory, z + wp.static(SLOPE)), a)
 
     @wp.func
@@ -65,8 +65,8 @@ def make_loads(layout: Layout, W: int, d) -> SimpleNamespace:
         a = zero3()
         b = zero3()
         for k in range(wp.static(TERMS)):
-            j = wp.static(TERMS - 1 - k)
-            c = scaled(fill(d(1.0) / d(j + 1)), row3(memory, z + wp.static(PROFILE_FORCE) + 3 * j))
+            j = wp.static(TERMS - 1) - k
+            c = scaled(fill(d(1.0) / d(j + 1)), row3(memory, z + wp.static(PROFILE_FORCE + 3 * (TERMS - 1 - k))))
             a = ahead3(c, t1, a)
             b = ahead3(c, t0, b)
         return scaled(d(1.0) / row(memory, z + wp.static(SLOPE)), minus(scaled(t1, a), scaled(t0, b)))
