@@ -3,7 +3,7 @@
 import math
 import sys
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -15,7 +15,6 @@ from multirod.validation import FloatArray
 if TYPE_CHECKING:
     from multirod.assembly import Assembly
     from multirod.inputs import Inputs
-    from multirod.problem import Shape
     from multirod.rod import Rod
 
 
@@ -479,20 +478,11 @@ def of_bases(robot: "Assembly", unknowns: FloatArray, left_out: Any) -> bool:
     return of_strain(rod, rod.name or "the rod", rod.outer_diameter / 2 * float(np.linalg.norm(change, axis=-1).max(initial=0.0)))
 
 
-def of_shapes(robot: "Assembly", shapes: "Sequence[Shape]", left_out: Any) -> bool:
-    """Warn of strain along rods, by their moments and where they are stiffest; returns whether there is too much."""
-    for k, (rod, shape) in enumerate(zip(robot.rods, shapes, strict=True)):
-        if rod.outer_diameter is None:
-            continue
-        EI = np.max([section.bending_stiffness.reshape(-1, 2).max(axis=0) for section in rod.sections], axis=0)
-        EA = max(float(np.max(section.axial_stiffness)) for section in rod.sections)
-        bent = np.linalg.norm(shape.moment[..., :2] / EI, axis=-1)
-        strain = rod.outer_diameter / 2 * bent + np.abs(shape.force[..., 2]) / EA
-        strain = np.where(np.isfinite(strain), strain, 0.0)
-        strain[left_out] = 0.0
-        if of_strain(rod, rod.name or (f"rod {k}" if robot.rod_count > 1 else "the rod"), float(strain.max(initial=0.0))):
-            return True
-    return False
+def of_strains(robot: "Assembly", strain: FloatArray) -> bool:
+    """Warn of the strain (count, rod_count) of rods, NaN where it does not matter; returns whether there is too much."""
+    largest = np.where(np.isfinite(strain), strain, 0.0).max(axis=0, initial=0.0)
+    names = [rod.name or (f"rod {k}" if robot.rod_count > 1 else "the rod") for k, rod in enumerate(robot.rods)]
+    return any(of_strain(rod, name, float(most)) for rod, name, most in zip(robot.rods, names, largest, strict=True))
 
 
 def of_strain(rod: "Rod", name: str, strain: float) -> bool:

@@ -135,7 +135,10 @@ class Solution(Generic[Robot_co]):
             unknowns = self._records[:, self._scene.fields["unknowns"]]
             self._strain_said = plausibility.of_bases(self.assembly, unknowns, unsettled)
         else:
-            self._strain_said = plausibility.of_shapes(self.assembly, shapes, unsettled)
+            from multirod.strains import largest
+
+            strain = largest(self, [self._whole_shape(shape) for shape in shapes]).reshape(-1, len(shapes))
+            self._strain_said = plausibility.of_strains(self.assembly, np.where(unsettled[:, None], np.nan, strain))
 
     @property
     def dropped(self) -> tuple["Dropped", ...]:
@@ -367,11 +370,23 @@ class Solution(Generic[Robot_co]):
         """
         index = self._rod_index(rod)
         count = self._default_node_count if nodes is None else positive_int("nodes", nodes, 2)
-        shape = self._shape_pass(count)[0][index]
-        values = {}
-        for name, value in vars(shape).items():
-            values[name] = self._masked(value, value.shape[1:])
-        return Shape(**values)
+        return self._whole_shape(self._shape_pass(count)[0][index])
+
+    def _whole_shape(self, shape: Shape) -> Shape:
+        """With the leading axes, and NaN where there is no result."""
+        return Shape(**{name: self._masked(value, value.shape[1:]) for name, value in vars(shape).items()})
+
+    @property
+    def strain(self) -> FloatArray:
+        """Largest strain of the outermost fibre of each rod, shape (..., rod_count); 0.01 is 1 %.
+
+        By bending and stretching, ``r |u_xy - u*_xy| + |v_z - 1|`` with ``2 r`` the outer diameter, on the nodes of ``rod(k)``:
+        where it is largest between two of them, or just beyond the end of a section, it is a little more. Torsion and shear are
+        no part of it; ``plot("strain")`` draws all four. NaN of rods without an outer diameter.
+        """
+        from multirod.strains import largest
+
+        return np.asarray(frozen(largest(self, [self.rod(k) for k in range(self.assembly.rod_count)])))
 
     def _rod_index(self, rod: int | str) -> int:
         """Number of a rod, from the first."""

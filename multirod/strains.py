@@ -1,14 +1,36 @@
 """Strains of a rod's material, from its internal moment and force."""
 
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from multirod.problem import Shape
 from multirod.rod import Rod, Section
-from multirod.solution import Solution
 from multirod.validation import FloatArray
 
+if TYPE_CHECKING:
+    from multirod.solution import Solution
 
-def strains(solution: Solution, rod: int, shape: Shape) -> dict[str, FloatArray]:
+
+def largest(solution: "Solution", shapes: Sequence[Shape]) -> FloatArray:
+    """The largest strain of the outermost fibre of each rod, ``bending + |extension|`` of ``strains``, shape (..., rod_count).
+
+    NaN where there is no shape, or no outer diameter.
+
+    Args:
+        solution: Whose shapes these are.
+        shapes: ``solution.rod(k)`` of each rod.
+    """
+    result = np.full((*solution.batch_shape, len(shapes)), np.nan)
+    for k, (rod, shape) in enumerate(zip(solution.assembly.rods, shapes, strict=True)):
+        if rod.outer_diameter is not None:
+            found = strains(solution, k, shape)
+            result[..., k] = (found["bending"] + np.abs(found.get("extension", 0.0))).max(axis=-1)
+    return result
+
+
+def strains(solution: "Solution", rod: int, shape: Shape) -> dict[str, FloatArray]:
     """Strains along one rod, each of shape (..., node_count), by name; only what its parameters tell.
 
     ``bending`` is that of the outermost fibre, ``r |u_xy - u*_xy|``, and ``torsion`` the shear strain at the surface,
@@ -36,7 +58,7 @@ def strains(solution: Solution, rod: int, shape: Shape) -> dict[str, FloatArray]
     return found
 
 
-def _compliances(solution: Solution, rod: Rod, s: FloatArray) -> FloatArray:
+def _compliances(solution: "Solution", rod: Rod, s: FloatArray) -> FloatArray:
     """``1/EI_x, 1/EI_y, 1/GJ, 1/GA_x, 1/GA_y, 1/EA`` at arclengths (..., node), shape (..., node, 6)."""
     result = np.broadcast_to(_compliance(solution, rod.sections[-1]), (*s.shape, 6))
     ends = np.cumsum([np.broadcast_to(section.length, rod.length.shape) for section in rod.sections], axis=0)
@@ -47,7 +69,7 @@ def _compliances(solution: Solution, rod: Rod, s: FloatArray) -> FloatArray:
     return result
 
 
-def _compliance(solution: Solution, section: Section) -> FloatArray:
+def _compliance(solution: "Solution", section: Section) -> FloatArray:
     """The same of a section, shape (..., 1, 6)."""
     parts = [
         section.bending_stiffness[..., 0],

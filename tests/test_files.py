@@ -380,7 +380,7 @@ def reread(solution, folder):
 @pytest.fixture(scope="module")
 def history():
     """Of two robots at once; samples 3 and 4 of the second fail: the force jumps, and one iteration does not follow it."""
-    robot = wire_robot()
+    robot = wire_robot(outer_diameter=3e-3)
     time = 0.02 * np.arange(6)
     force = np.zeros((6, 2, 3))
     force[:, 0, 0] = 0.1 * time
@@ -590,6 +590,8 @@ def test_a_dataset_has_names_units_and_the_robot(history, tmp_path):
     np.testing.assert_array_equal(data["position"].isel(rod=0), history.rod(0, nodes=5).position)
     np.testing.assert_array_equal(data["input_tip_force"], history.inputs.tip_force)
     np.testing.assert_array_equal(data["time"], history.time)
+    assert data["strain"].dims == ("time", "instance", "rod")
+    np.testing.assert_array_equal(data["strain"], history.strain)
     assert data.attrs["description"] == history.description
     codes = data["status"].attrs
     meaning = dict(zip(codes["flag_values"].tolist(), codes["flag_meanings"].split(), strict=True))

@@ -106,7 +106,8 @@ def test_strain_is_that_of_the_outer_fibre(thick: mr.SingleRod) -> None:
     """By a moment M, EI u = M along the whole rod: the limit is where M d / (2 EI) is 8 %."""
     EI = thick.rods[0].sections[0].bending_stiffness[0]
     moment = 0.08 * 2 * EI / 3e-3
-    mr.solve(thick, thick.inputs(tip_moment=(0, 0.99 * moment, 0))).raise_if_failed()
+    below = mr.solve(thick, thick.inputs(tip_moment=(0, 0.99 * moment, 0))).raise_if_failed()
+    np.testing.assert_allclose(below.strain, [0.99 * 0.08], rtol=1e-6)  # what the solver leaves
     with pytest.warns(mr.PlausibilityWarning, match=r"the outer fibre of the rod is strained by 8\.08 %, more than 8 %"):
         mr.solve(thick, thick.inputs(tip_moment=[(0, 0.5 * moment, 0), (0, 1.01 * moment, 0)])).raise_if_failed()
 
@@ -121,10 +122,21 @@ def test_strain_is_said_once_and_along_the_rod_when_its_shape_is_asked_for(thick
     assert message.startswith("solution: the outer fibre of the rod is strained by 10 %")
 
 
+def test_the_softer_section_is_strained_more_than_the_stiffest() -> None:
+    """What is said is what ``strain`` is, of the section at hand."""
+    stiff = mr.Section(length=0.2, bending_stiffness=0.4, torsional_stiffness=0.3)
+    soft = mr.Section(length=0.2, bending_stiffness=0.1, torsional_stiffness=0.075)
+    robot = mr.SingleRod(mr.Rod(sections=[stiff, soft], outer_diameter=3e-3))
+    solution = mr.solve(robot, robot.inputs(tip_moment=(0, 6.0, 0))).raise_if_failed()  # 2.2 % at the base: nothing is said
+    with pytest.warns(mr.PlausibilityWarning, match=r"the rod is strained by 9 %"):
+        np.testing.assert_allclose(solution.strain, [0.09], rtol=1e-6)
+
+
 def test_failed_instances_are_not_strained(thick: mr.SingleRod) -> None:
     hopeless = mr.Shooting(max_iterations=1, max_continuation_steps=1, max_integrations=2, fallback=False)
     solution = mr.solve(thick, thick.inputs(tip_force=(5000.0, 0, 0)), solver=hopeless)
     assert solution.status.failed
+    assert np.isnan(solution.strain).all()
 
 
 def test_a_tracker_takes_a_time_step_where_it_is_used(wire: mr.Rod) -> None:

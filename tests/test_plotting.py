@@ -288,6 +288,12 @@ def test_strains_are_those_of_the_curvature_and_of_the_centreline():
     np.testing.assert_allclose(own["extension"][1:-1][smooth], (v[:, 2] - 1)[smooth], atol=1e-6)
     np.testing.assert_allclose(own["shear"][1:-1][smooth], np.hypot(v[:, 0], v[:, 1])[smooth], atol=1e-6)
     ax = found.plot("strain")
+    # the largest of both on the nodes of rod()
+    again = found.rod(0)
+    first = again.arclength <= 0.12
+    bent = again.curvature - np.where(first[:, None], (2, 0, 1), 0.0)
+    stretched = np.where(first, np.abs(again.force[:, 2]) / 390.0, 0.0)
+    np.testing.assert_allclose(found.strain, [(2e-3 * np.hypot(bent[:, 0], bent[:, 1]) + stretched).max()], atol=1e-12)
     assert labels(ax) == ["bending", "torsion", "extension", "shear"]
     assert ax.get_ylabel() == "strain [%]"
     np.testing.assert_allclose(ax.lines[0].get_ydata(), 100 * strains(found, 0, found.rod(0, nodes=301))["bending"])
@@ -303,6 +309,17 @@ def test_strains_of_some_instances_of_rods_that_vary():
     np.testing.assert_array_equal(one, every[2])
     bent = found.rod(0, nodes=11).curvature
     np.testing.assert_allclose(every, 1.5e-3 * np.hypot(bent[..., 0], bent[..., 1]), atol=1e-12)
+
+
+def test_the_largest_strain_of_each_rod_is_nan_where_there_is_none(history, batch, tubes):
+    assert history.strain.shape == (20, 1)
+    np.testing.assert_array_equal(np.isnan(history.strain[:, 0]), history.failed)
+    assert batch.strain.shape == (6, 5, 1)
+    bent = batch.rod(0).curvature - (3, 1, 0)
+    np.testing.assert_allclose(batch.strain[..., 0], 1.5e-3 * np.hypot(bent[..., 0], bent[..., 1]).max(axis=-1), atol=1e-12)
+    np.testing.assert_array_equal(batch[1:3].strain, batch.strain[1:3])
+    np.testing.assert_array_equal(tubes.strain, [np.nan] * 3)  # no diameters
+    assert not batch.strain.flags.writeable
 
 
 def test_strain_without_diameter_or_compliance_is_refused(tubes):

@@ -69,6 +69,9 @@ def dataset(solution: Solution, nodes: int | None) -> Any:
     variables |= _lines(solution, axes) | _inputs(solution, axes)
     if nodes is not None:
         variables["energy"] = (axes, solution.energy, {"units": "J", "long_name": "elastic energy of all rods"})
+        if any(rod.outer_diameter is not None for rod in solution.assembly.rods):
+            attributes = {"units": "1", "long_name": "largest strain of the outermost fibre of each rod"}
+            variables["strain"] = ((*axes, "rod"), solution.strain, attributes)
         variables |= _along(solution, axes, nodes)
     used = {axis for value in variables.values() for axis in value[0]}
     coordinates = {name: value for name, value in _coordinates(solution).items() if name in used}
