@@ -16,6 +16,7 @@ from multirod.validation import (
     Described,
     FloatArray,
     array,
+    boolean,
     frozen,
     nonnegative_float,
     number,
@@ -281,6 +282,7 @@ class Rod:
         young_modulus: float,
         shear_modulus: float | None = None,
         poisson_ratio: float | None = None,
+        extensible: bool = False,
         precurvature: Precurvature | None = None,
         density: float = 0.0,
         magnetisation: Numbers | None = None,
@@ -289,7 +291,7 @@ class Rod:
         discs: float | None = None,
         name: str = "",
     ) -> "Rod":
-        """A round tube: ``EI``, ``GJ`` and mass from its cross-section.
+        """A round tube: ``EI``, ``GJ`` and mass from its cross-section, and ``EA`` and ``GA`` where it is to stretch.
 
         Args:
             length: Arclength [m].
@@ -297,7 +299,11 @@ class Rod:
             inner_diameter: [m].
             young_modulus: ``E`` [Pa].
             shear_modulus: ``G`` [Pa].
-            poisson_ratio: Instead, ``E/(2G) - 1``.
+            poisson_ratio: Instead, ``nu = E/(2G) - 1``.
+            extensible: Whether it stretches and shears: ``axial_stiffness = E A`` and ``shear_stiffness = k G A`` of its section
+                ``A``, with Timoshenko's shear coefficient by Cowper (1966),
+                ``k = 6 (1 + nu) (1 + m^2)^2 / ((7 + 6 nu) (1 + m^2)^2 + (20 + 12 nu) m^2)``, ``m`` the inner over the outer
+                diameter (``docs/model.md``, 5a). By default it does neither.
             precurvature: As for ``Rod``.
             density: Mass per volume [kg/m^3].
             magnetisation: Magnetic moment per volume in the material frame [A/m], three numbers; ``Rod`` itself takes it per
@@ -327,8 +333,14 @@ class Rod:
         if not I > 0:
             refuse("Rod.outer_diameter", outer, "must be > inner_diameter by more than rounding, its fourth power no zero")
         for field_name, given, result in (("young_modulus", young_modulus, EI), ("shear_modulus", shear_modulus, GJ)):
-            if not ((result >= SMALLEST) & (result <= LARGEST)).all():
+            if not _within(result):
                 refuse(f"Rod.{field_name}", given, f"must make EI and GJ from {SMALLEST:g} to {LARGEST:g} N m^2")
+        stretching = {}
+        if boolean("Rod.extensible", extensible):
+            EA, GA = _stretching(E, G, A, np.float64(inner) / outer)
+            if not (_within(EA) and _within(GA)):
+                refuse("Rod.young_modulus", young_modulus, f"must make EA and GA from {SMALLEST:g} to {LARGEST:g} N")
+            stretching = {"axial_stiffness": EA, "shear_stiffness": GA[..., None]}
         if not mass <= LARGEST:
             refuse("Rod.density", density, f"must make the mass per length at most {LARGEST:g} kg/m")
         if magnetisation is not None:
@@ -340,6 +352,7 @@ class Rod:
             length=length,
             bending_stiffness=EI[..., None],
             torsional_stiffness=GJ,
+            **stretching,
             precurvature=precurvature,
             linear_density=float(mass),
             magnetisation=None if magnetisation is None else float(A) * magnetisation,
@@ -361,6 +374,7 @@ class Rod:
         young_modulus: float,
         shear_modulus: float | None = None,
         poisson_ratio: float | None = None,
+        extensible: bool = False,
         precurvature: Precurvature | None = None,
         density: float = 0.0,
         magnetisation: Numbers | None = None,
@@ -369,14 +383,15 @@ class Rod:
         discs: float | None = None,
         name: str = "",
     ) -> "Rod":
-        """A solid round wire: ``EI``, ``GJ`` and mass from its cross-section.
+        """A solid round wire: ``EI``, ``GJ`` and mass from its cross-section, and ``EA`` and ``GA`` where it is to stretch.
 
         Args:
             length: Arclength [m].
             diameter: [m].
             young_modulus: ``E`` [Pa].
             shear_modulus: ``G`` [Pa].
-            poisson_ratio: Instead, ``E/(2G) - 1``.
+            poisson_ratio: Instead, ``nu = E/(2G) - 1``.
+            extensible: As for ``Rod.tube``; here ``k = 6 (1 + nu) / (7 + 6 nu)``.
             precurvature: As for ``Rod``.
             density: Mass per volume [kg/m^3].
             magnetisation: As for ``Rod.tube``, per volume [A/m].
@@ -398,6 +413,7 @@ class Rod:
             young_modulus=young_modulus,
             shear_modulus=shear_modulus,
             poisson_ratio=poisson_ratio,
+            extensible=extensible,
             precurvature=precurvature,
             density=density,
             magnetisation=magnetisation,
@@ -490,6 +506,18 @@ def _shear_modulus(E: FloatArray, shear_modulus: Any, poisson_ratio: Any) -> Flo
             "must be > -1 and <= 0.5: no other is of a material that is alike in all directions",
         )
     return np.asarray(E / (2 * (1 + ratio)))
+
+
+def _within(values: FloatArray) -> bool:
+    return bool(((values >= SMALLEST) & (values <= LARGEST)).all())
+
+
+def _stretching(E: FloatArray, G: FloatArray, A: Any, hollow: Any) -> tuple[FloatArray, FloatArray]:
+    """(5a) ``EA`` and ``GA`` [N] of a round section of area ``A`` whose inner diameter is ``hollow`` times the outer."""
+    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+        q, m2 = E / (2 * G), hollow**2  # 1 + nu
+        k = 6 * q * (1 + m2) ** 2 / ((1 + 6 * q) * (1 + m2) ** 2 + (8 + 12 * q) * m2)
+        return np.asarray(E * A), np.asarray(k * G * A)
 
 
 def _diameters(outer: float | None, inner: float | None) -> tuple[float | None, float | None]:

@@ -157,6 +157,56 @@ def test_extension():
     assert_pose(solve(straight(axial_stiffness=EA), tip_force=(0, 0, F)), (0, 0, L * (1 + F / EA)), np.eye(3))
 
 
+def shear_coefficient(nu, hollow):
+    """Cowper's ratio of Saint-Venant's flexure of a ring, its outer radius 1, by its stress function and quadrature.
+
+    ``chi`` is harmonic, and on both circles ``d(chi)/dn = -n_x (nu x^2 + (2 - nu) y^2) / 2 - (2 + nu) n_y x y``.
+    """
+    angle = np.linspace(0, 2 * np.pi, 64, endpoint=False)
+    powers = [(1, 1), (-1, 1), (3, 3), (-3, 3)] if hollow else [(1, 1), (3, 3)]  # r^p cos(m angle)
+    rows, given = [], []
+    for r in (hollow, 1.0) if hollow else (1.0,):
+        x, y = r * np.cos(angle), r * np.sin(angle)
+        rows.append(np.stack([p * r ** (p - 1) * np.cos(m * angle) for p, m in powers], axis=1))
+        given.append(-(nu * x**2 + (2 - nu) * y**2) / 2 * np.cos(angle) - (2 + nu) * x * y * np.sin(angle))
+    matrix, right = np.concatenate(rows), np.concatenate(given)
+    factors = np.linalg.lstsq(matrix, right, rcond=None)[0]
+    np.testing.assert_allclose(matrix @ factors, right, atol=1e-13)
+    nodes, weights = np.polynomial.legendre.leggauss(12)
+    r = (hollow + 1 + (1 - hollow) * nodes[:, None]) / 2
+    x, y = r * np.cos(angle), r * np.sin(angle)
+    chi = sum(factor * r**p * np.cos(m * angle) for factor, (p, m) in zip(factors, powers, strict=True))
+    area_of = (1 - hollow) / 2 * weights[:, None] * r * 2 * np.pi / len(angle)
+    A, I = np.broadcast_to(area_of, x.shape).sum(), (area_of * x**2).sum()
+    return -2 * (1 + nu) * I**2 / (A * (area_of * x * (chi + x * y**2)).sum())
+
+
+@pytest.mark.parametrize("nu", [0.0, 0.3, 0.5])
+@pytest.mark.parametrize("hollow", [0.0, 0.6, 0.95])
+def test_a_tube_shears_as_its_stress_does_and_stretches(nu, hollow):
+    """Model (5a)."""
+    made = {"outer_diameter": 3e-3, "inner_diameter": hollow * 3e-3, "young_modulus": 60e9, "poisson_ratio": nu}
+    (section,) = mr.Rod.tube(length=L, **made, extensible=True).sections
+    area = np.pi / 4 * (1 - hollow**2) * 9e-6
+    np.testing.assert_allclose(section.axial_stiffness, 60e9 * area, rtol=1e-12)
+    k = shear_coefficient(nu, hollow)
+    np.testing.assert_allclose(section.shear_stiffness, np.full(2, k * 60e9 / (2 * (1 + nu)) * area), rtol=1e-10)
+    (rigid,) = mr.Rod.tube(length=L, **made).sections
+    assert np.isinf(rigid.axial_stiffness)
+    assert np.isinf(rigid.shear_stiffness).all()
+    np.testing.assert_array_equal(rigid.bending_stiffness, section.bending_stiffness)
+    if not hollow:
+        (wire,) = mr.Rod.wire(length=L, diameter=3e-3, young_modulus=60e9, poisson_ratio=nu, extensible=True).sections
+        np.testing.assert_array_equal(wire.shear_stiffness, section.shear_stiffness)
+
+
+def test_moduli_of_a_batch_make_a_batch_that_stretches():
+    (section,) = mr.Rod.wire(length=L, diameter=3e-3, young_modulus=(60e9, 70e9), poisson_ratio=0.3, extensible=True).sections
+    assert section.shear_stiffness.shape == (2, 2)
+    assert section.batch_shape == section.axial_stiffness.shape == (2,)
+    np.testing.assert_allclose(section.shear_stiffness[:, 0] / section.axial_stiffness, 7.8 / 8.8 / 2.6, rtol=1e-12)
+
+
 @pytest.mark.parametrize("way", ["gravity", "constant", "function"])
 def test_weight_of_a_beam(way):
     """w L^4/8EI and slope w L^3/6EI, in three ways to give the load w; odd part, so the error is of third order: 1e-8."""

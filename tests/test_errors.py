@@ -158,6 +158,14 @@ def test_tube(field: str, value: Any) -> None:
         mr.Rod.tube(**{**TUBE, field: value})
 
 
+@pytest.mark.parametrize("make", [mr.Rod.tube, mr.Rod.wire])
+def test_extensible_is_yes_or_no(make: Callable[..., Any]) -> None:
+    size = {"outer_diameter": 3e-3} if make == mr.Rod.tube else {"diameter": 3e-3}
+    for value in (1, None, "yes", 0.9):
+        with refusal("Rod.extensible", value, "True or False"):
+            make(length=0.4, young_modulus=70e9, shear_modulus=27e9, **size, extensible=value)
+
+
 @pytest.mark.parametrize("name", ["torsional_stiffness", "shear_stiffness", "axial_stiffness"])
 def test_rigid_is_allowed_where_the_model_has_it(name: str) -> None:
     rod = mr.Rod(**{**PROPERTIES, name: INF})

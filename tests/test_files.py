@@ -715,6 +715,11 @@ def test_a_tube_is_written_by_its_diameters_and_moduli_where_these_make_it(tmp_p
     file.write_text(text.replace("inner_diameter = 0.0015", "inner_diameter = 0.001"), encoding="utf-8")
     thicker = mr.load(file).rods[0].sections[0].bending_stiffness
     np.testing.assert_allclose(thicker / bent.sections[0].bending_stiffness, (2**4 - 1**4) / (2**4 - 1.5**4), rtol=1e-12)
+    stretching = mr.SingleRod(mr.Rod.tube(length=0.2, **made_of, extensible=True))
+    stretching.save(file)
+    assert "extensible = true" in file.read_text(encoding="utf-8")
+    assert "stiffness" not in file.read_text(encoding="utf-8")
+    assert_same(mr.load(file), stretching)
     # a magnetisation per length is not that of Rod.tube, to the last bit: by its stiffnesses
     mr.SingleRod(mr.Rod.tube(length=0.2, **made_of, magnetisation=(0, 0, 1e5))).save(file)
     assert "young_modulus" not in file.read_text(encoding="utf-8")

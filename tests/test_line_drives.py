@@ -506,6 +506,23 @@ def test_a_chamber_bends_a_rod_away_from_itself() -> None:
         np.testing.assert_allclose(found.tension, [-6.0])
 
 
+def test_chambers_lengthen_a_segment_of_silicone() -> None:
+    """Straight, three alike and its weight: v_z - 1 = (sum of P A + weight below) / EA. The segment of docs/recipes.md."""
+    angles, area = np.radians([0, 120, 240]), 5e-5
+    chambers = [mr.Chamber(offset=(0.0065 * np.cos(a), 0.0065 * np.sin(a)), area=area) for a in angles]
+    made = {"length": 0.1, "outer_diameter": 0.022, "young_modulus": 0.6e6, "poisson_ratio": 0.49, "density": 1080}
+    segment = mr.SingleRod(mr.Rod.tube(**made, extensible=True, lines=chambers))
+    pressure = np.array([(0, 0, 0), (4e4, 4e4, 4e4), (6e4, 0, 0)])
+    found = mr.solve(segment, segment.inputs(pressure=pressure, gravity=(0, 0, 9.81))).raise_if_failed()
+    section = np.pi / 4 * 0.022**2
+    stretch = (pressure.sum(axis=1) * area / section + 1080 * 9.81 * 0.1 / 2) / 0.6e6
+    np.testing.assert_allclose(found.tip_position[:2, 2], 0.1 * (1 + stretch[:2]), rtol=1e-8)
+    np.testing.assert_allclose(found.line_length.mean(axis=1), 0.1 * (1 + stretch), rtol=2e-4)  # bent, it hangs less
+    # one chamber bends it away: curvature P A r / EI, along a rod of its first length
+    turn = 6e4 * area * 0.0065 / (0.6e6 * np.pi / 64 * 0.022**4) * 0.1
+    np.testing.assert_allclose(np.arctan2(-found.tip_rotation[2, 0, 2], found.tip_rotation[2, 2, 2]), turn, rtol=0.06)
+
+
 def soft() -> mr.SingleRod:
     """A tendon between chambers of both kinds, one of them routed, on a rod that shears."""
     lines = [

@@ -257,6 +257,7 @@ def _as_tube(rod: Rod) -> dict[str, tuple[Any, Any]] | None:
         "inner_diameter": rod.inner_diameter,
         "young_modulus": material.young,
         "shear_modulus": material.shear,
+        "extensible": any(np.isfinite(section.axial_stiffness).any() for section in sections),
         "density": material.density,
         "precurvature": curves[0] if len(sections) == 1 else pieces,
         "discs": rod.discs,

@@ -52,6 +52,8 @@ def _value(value: Any, indent: str = "") -> str:
         value = value.tolist()
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, bool):
+        return str(value).lower()
     if not isinstance(value, list):
         return repr(value if isinstance(value, int) else float(value))
     inner = indent + "    "
