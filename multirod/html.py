@@ -244,7 +244,8 @@ def equilibria(found: "Equilibria") -> str:
     total = found.batch_shape[0]
     for k in range(min(total, MOST_EQUILIBRIA)):
         index = int(found.index[k])
-        row = [k, Stability(int(found.stability[k])).name, index if index >= 0 else None, potential[k]]
+        stability = Stability(int(found.stability[k])).name + ", a whole circle" * bool(found.continuum[k])
+        row = [k, stability, index if index >= 0 else None, potential[k]]
         rows.append([*row, *found.tip_position[k], found.condition[k]])
     missing = {None: "whether others are missing is not known", 0: "none is known to be missing"}
     count = found.missing

@@ -6,6 +6,7 @@ from warnings import catch_warnings, simplefilter
 import numpy as np
 import pytest
 from scipy.optimize import brentq
+from scipy.special import ellipk
 from test_concentric_tubes import NAMES, assembly
 
 import multirod as mr
@@ -13,6 +14,7 @@ from multirod.models.backbone.problem import BackboneProblem
 from multirod.models.backbone.stability import BackboneStability
 from multirod.models.backbone.starts import quasirandom
 from multirod.problem import BoundaryProblem
+from multirod.solvers.starting.continua import Curve
 from multirod.solvers.starting.multistart import Catalogue
 from multirod.stability import Modes
 
@@ -244,6 +246,73 @@ def test_a_buckled_rod_has_three():
     buckled = mr.solve(robot, robot.inputs(tip_force=(0, 0, -load)))
     assert buckled.status is mr.Status.BIFURCATED
     assert np.abs(buckled.unknowns - found.unknowns[:2]).max(axis=1).min() < 1e-6
+
+
+def round_column(**more):
+    return mr.SingleRod(mr.Rod(length=1.0, bending_stiffness=1.0, torsional_stiffness=0.8, **more))
+
+
+def test_a_round_column_buckles_in_any_direction_and_that_is_listed_once():
+    """In each of two modes, by the elastica: sqrt(P) = m K(k), and m = 1, 3 quarters of a wave lean by 2 k / sqrt(P)."""
+    robot, load = round_column(), 25.0
+    found = mr.equilibria(robot, robot.inputs(tip_force=(0, 0, -load))).raise_if_failed()
+    assert found.continuum.tolist() == [True, True, False]
+    assert found.index.tolist() == [0, 2, 4]
+    assert found.stability.tolist() == [mr.Stability.FOLD, mr.Stability.UNSTABLE, mr.Stability.UNSTABLE]
+    assert found.missing == 0  # circles count for nothing
+    for k, quarters in enumerate((1, 3)):
+        m = brentq(lambda m, quarters=quarters: quarters * ellipk(m) - np.sqrt(load), 1e-9, 1 - 1e-12, xtol=1e-15)
+        leans = np.linalg.norm(found.tip_position[k, :2])
+        np.testing.assert_allclose(leans, 2 * np.sqrt(m / load), rtol=1e-7)  # the integrator's
+        # turned about the axis it is an equilibrium too, and known as one
+        turned = np.array(found.unknowns[k])
+        turned[:2] = turned[1], -turned[0]
+        again = mr.solve(robot, robot.inputs(tip_force=(0, 0, -load)), guess=turned).raise_if_failed()
+        np.testing.assert_allclose(again.unknowns, turned, atol=1e-8)
+    assert repr(found) == "Equilibria(batch (3,): 3 CONVERGED; 2 stand for a whole circle of them)"
+    assert "FOLD, a whole circle" in found._repr_html_()
+
+
+@pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")
+def test_a_circle_that_the_integrator_does_not_resolve_is_said(monkeypatch):
+    """A rod that is twisted at rest is round all the same. By starts alone: branches take longer."""
+    monkeypatch.setattr(import_module("multirod.studies.equilibria"), "_connected", lambda *_: [])
+    robot = round_column(precurvature=(0, 0, 3.0))
+    inputs = robot.inputs(tip_force=(0, 0, -4.5))
+    with pytest.warns(mr.IncompleteWarning, match="1 closed curve of equilibria, .*give a tighter one"):
+        found = mr.equilibria(robot, inputs, starts=128)
+    assert found.index.tolist() == [2]
+    found = mr.equilibria(robot, inputs, starts=128, solver=mr.Shooting(integrator=mr.RK45(rtol=1e-11, atol=1e-13)))
+    assert found.continuum.tolist() == [True, False]
+    assert found.index.tolist() == [0, 2]
+
+
+def test_a_curve_holds_what_is_on_it_and_ends_where_there_is_none():
+    robot = round_column()
+    problem = robot.problem(robot.inputs(tip_force=(0, 0, -3.0)), integrator=mr.RK45(), device="cpu")
+    bent = mr.solve(robot, robot.inputs(tip_force=(0, 0, -3.0)), guess=np.array([2.0, 0.0, 0.0])).raise_if_failed()
+    curve = Curve.through(problem, bent.unknowns, bent.gamma)
+    radius = np.linalg.norm(bent.unknowns)
+    np.testing.assert_allclose(np.linalg.norm(curve.points, axis=1), radius, rtol=1e-6)
+    assert 63 <= len(curve.points) < 130
+    for angle in np.linspace(0, 2 * np.pi, 301):
+        place = radius * np.array([np.cos(angle), np.sin(angle), 0.0])
+        assert curve.holds(place)
+        assert not curve.holds(place * 1.01)
+        assert not curve.holds(place + (0, 0, 0.02))
+    catalogue = Catalogue(1.0, 1e-9, problem)
+    for unknowns in (bent.unknowns, -bent.unknowns):
+        catalogue.add(unknowns, bent.gamma)
+    assert (len(catalogue.unknowns), catalogue.signs, list(catalogue.curves)) == (1, [0.0], [0])
+    straight = np.zeros(3)
+    _, gamma = problem.evaluate(straight[None])
+    assert Curve.through(problem, straight, gamma[0]) is None
+    # a pitchfork: neutral, and nothing beside it is an equilibrium
+    oval = mr.SingleRod(mr.Rod(length=1.0, bending_stiffness=(1.0, 1.5), torsional_stiffness=0.8))
+    critical = oval.problem(oval.inputs(tip_force=(0, 0, -(np.pi**2) / 4)), integrator=mr.RK4(400), device="cpu")
+    _, gamma = critical.evaluate(straight[None])
+    assert np.linalg.svd(gamma[0], compute_uv=False)[-1] < 1e-8
+    assert Curve.through(critical, straight, gamma[0]) is None
 
 
 def test_potential_of_weight_and_profiles_is_their_work(difference):

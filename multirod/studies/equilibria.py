@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from multirod.assembly import Assembly, Robot, Robot_co
 from multirod.inputs import Inputs
+from multirod.problem import BoundaryProblem
 from multirod.running.simulation import solve
 from multirod.solution import IncompleteWarning, Solution, SolveError
 from multirod.solvers.continuation.branch import Branch
@@ -18,7 +19,7 @@ from multirod.solvers.starting.multistart import ROUND, SAME, STARTS, Catalogue,
 from multirod.stability import Stability
 from multirod.status import failures
 from multirod.studies.critical_loads import natural_start, unloaded
-from multirod.validation import Described, FloatArray, device_name, positive_int, refuse
+from multirod.validation import Described, FloatArray, device_name, frozen, positive_int, refuse
 
 FOLLOWED = 32  # branches through equilibria that were found, where the signs tell of others
 FOLLOWED_STEPS = 400  # of each
@@ -32,9 +33,12 @@ class Equilibria(Solution[Robot_co]):
         missing: How many are missing at least, by the signs of ``determinant``, which add up to a number that is known
             (``docs/stability.md``, (8)): 0 is no proof that none is. None where that rule says nothing: parallel robots, and
             where one of the equilibria has a neutral mode, which may be several in one place.
+        continuum: Whether each stands for a closed curve of equilibria, such as a buckled column for all its turns about its
+            axis, shape (k,). It is neutral along that (``Stability.FOLD``), and ``index`` counts its unstable modes across.
     """
 
     missing: int | None
+    continuum: NDArray[np.bool_]
 
     if TYPE_CHECKING:  # there is always an axis
 
@@ -51,13 +55,15 @@ class Equilibria(Solution[Robot_co]):
             """Values of ``Stability``, shape (k,)."""
 
     @classmethod
-    def of(cls, found: Solution[Robot_co], degree: float | None) -> "Equilibria[Robot_co]":
+    def of(cls, found: Solution[Robot_co], degree: float | None, continuum: NDArray[np.bool_]) -> "Equilibria[Robot_co]":
         """Those of a solution, of which the signs must add up to ``degree``."""
         result = cls.__new__(cls)
         result.__dict__.update(found.__dict__)
-        neutral = found.stability == Stability.FOLD
+        result.continuum = frozen(continuum)
+        alone = _signs(found) * ~continuum
+        neutral = ~continuum & (found.stability == Stability.FOLD)
         # each that has a neutral mode counts for 1, 0 or -1
-        gap = 0 if degree is None else int(abs(degree - _signs(found)[~neutral].sum()) - neutral.sum())
+        gap = 0 if degree is None else int(abs(degree - alone[~neutral].sum()) - neutral.sum())
         result.missing = None if degree is None or (gap <= 0 and neutral.any()) else gap
         return result
 
@@ -68,7 +74,9 @@ class Equilibria(Solution[Robot_co]):
 
     @property
     def _without(self) -> str:
-        return f"; {self.missing} missing at least" if self.missing else super()._without
+        circles = int(self.continuum.sum())
+        whole = f"; {circles} stand{'s' * (circles == 1)} for a whole circle of them" if circles else ""
+        return whole + (f"; {self.missing} missing at least" if self.missing else super()._without)
 
 
 def equilibria(
@@ -80,7 +88,8 @@ def equilibria(
     rounds, until a round brings nothing new and the signs of ``determinant`` add up as they must (``docs/stability.md``). Then
     branches that cross the natural one as loads are raised are followed, and where the signs still do not add up, branches from
     the equilibria that were found. That is no proof that none is missing; where some are known to be, ``missing`` and a warning
-    say so.
+    say so. What is one of a closed curve of equilibria, such as a column that may buckle in any direction, is listed once;
+    ``continuum`` says so. Mirror images, and turns by a part of a circle, are equilibria of their own.
 
     Args:
         robot: The assembly.
@@ -96,7 +105,7 @@ def equilibria(
         elastic energy.
 
     Warns:
-        IncompleteWarning: If some are known to be missing.
+        IncompleteWarning: If some are known to be missing, by the signs or because the integrator is too coarse to solve them.
 
     Raises:
         SolveError: If none is found.
@@ -123,30 +132,28 @@ def equilibria(
     limit = limits(guesses.guesses(ROUND)[:, :1])
     newton = method.newton(problem)
     tolerance = float(problem.tolerance(method.tolerance)[0])
-    catalogue = Catalogue(float(degrees(problem)[0]) if guesses.signs_add_up else None, tolerance)
+    alone = robot.problem(inputs, integrator=method.integrator, device=device)
+    catalogue = Catalogue(float(degrees(problem)[0]) if guesses.signs_add_up else None, tolerance, alone)
     everyone = np.ones(count, dtype=bool)
     for first in range(0, starts, count):
         reached = converge(problem, newton, guesses.guesses(count, first)[:, 0], everyone, limit)
-        unknowns, gamma = problem.read("unknowns"), problem.read("gamma").reshape(count, problem.unknown_count, -1)
-        for k in np.flatnonzero(reached):
-            catalogue.add(unknowns[k], gamma[k])
+        _take(catalogue, problem, reached)
         catalogue.end_round()
         if catalogue.settled:
             break
     for chunk in _chunks(_connected(robot, inputs, method, device), count):
         reached = converge(problem, newton, chunk, everyone, np.inf)
-        unknowns, gamma = problem.read("unknowns"), problem.read("gamma").reshape(count, problem.unknown_count, -1)
-        for k in np.flatnonzero(reached):
-            catalogue.add(unknowns[k], gamma[k])
+        _take(catalogue, problem, reached)
     if catalogue.missing:
         _search_on(catalogue, robot, inputs, method, device)
     if not catalogue.unknowns:
         raise SolveError(f"no equilibrium was found from {starts} starts: raise starts, or loosen the solver's tolerance")
     inputs = _repeated(inputs, len(catalogue.unknowns))
     found = solve(robot, inputs, solver=method, guess=np.array(catalogue.unknowns), device=device)
-    found = found[_different(found)]
+    chosen = np.array(_different(found))
     energy = found.potential if np.isfinite(found.potential).all() else found.energy
-    result = Equilibria.of(found[np.argsort(energy, kind="stable")], catalogue.degree)
+    chosen = chosen[np.argsort(energy[chosen], kind="stable")]
+    result = Equilibria.of(found[chosen], catalogue.degree, np.isin(chosen, list(catalogue.curves)))
     if result.missing:
         warn(
             f"{result.missing} equilibria are missing at least, by the signs of those found; raise starts, or give a solver with "
@@ -154,7 +161,26 @@ def equilibria(
             IncompleteWarning,
             stacklevel=2,
         )
+    if catalogue.unsolved:
+        count = len(catalogue.unsolved)
+        warn(
+            f"{count} closed curve{'s' * (count > 1)} of equilibria, such as all turns of a buckled rod about its axis, cannot "
+            "be listed: the integrator's error is more than the tolerance there; give a tighter one, such as "
+            "solver=Shooting(integrator=RK45(rtol=1e-11, atol=1e-13))",
+            IncompleteWarning,
+            stacklevel=2,
+        )
     return result
+
+
+def _take(catalogue: Catalogue, problem: BoundaryProblem, reached: NDArray[np.bool_]) -> None:
+    """Add where Newton's method got to, and curves beside which it gave up."""
+    unknowns, residual = problem.read("unknowns"), problem.read("residual")
+    gamma = problem.read("gamma").reshape(len(unknowns), problem.unknown_count, -1)
+    for k in np.flatnonzero(reached):
+        catalogue.add(unknowns[k], gamma[k])
+    for k in np.flatnonzero(~reached):
+        catalogue.add_beside(unknowns[k], residual[k], gamma[k])
 
 
 def _signs(found: Solution) -> FloatArray:

@@ -12,6 +12,7 @@ from multirod.solver import Outcome
 from multirod.solvers.continuation.natural import Paths
 from multirod.solvers.newton.iteration import Newton
 from multirod.solvers.starting.assembling import settle
+from multirod.solvers.starting.continua import Curve, beside
 from multirod.stability import Stability, StabilityAnalysis
 from multirod.status import Status, failures
 from multirod.validation import FloatArray
@@ -38,16 +39,23 @@ class Catalogue:
     appear or vanish but in pairs of opposite sign. So a sum that differs says that some are missing; one that agrees does not
     say that none are. Where that is not so, as for closed loops, ``degree`` is None.
 
+    A closed curve of equilibria is taken in once, by the first of them that was found, and counts for 0: a small load that breaks
+    its symmetry leaves two of them, of opposite sign.
+
     Args:
         degree: What the signs add up to.
         tolerance: To which residuals have been made zero [1/m].
+        problem: Of this instance alone, on which such curves are looked for; None does not look for any.
     """
 
-    def __init__(self, degree: float | None, tolerance: float = 0.0) -> None:
+    def __init__(self, degree: float | None, tolerance: float = 0.0, problem: BoundaryProblem | None = None) -> None:
         self.degree = degree
         self.tolerance = tolerance
         self.unknowns: list[FloatArray] = []
         self.signs: list[float] = []
+        self.curves: dict[int, Curve] = {}  # by the number of the equilibrium that stands for one
+        self.unsolved: list[Curve] = []  # of whose equilibria no residual is within the tolerance
+        self._problem = problem
         self._gammas: list[FloatArray] = []
         self._before = 0
         self._silent = 0
@@ -64,6 +72,8 @@ class Catalogue:
 
     def add(self, unknowns: FloatArray, gamma: FloatArray) -> None:
         """Take in an equilibrium unless it is there already."""
+        if self._on_a_curve(unknowns):
+            return
         sign = float(np.sign(np.linalg.det(gamma)))
         size = max(1.0, float(np.abs(unknowns).max()))
         for other, other_sign, other_gamma in zip(self.unknowns, self.signs, self._gammas, strict=True):
@@ -75,8 +85,31 @@ class Catalogue:
             residual = max(float(np.abs(matrix @ apart).max()) for matrix in (gamma, other_gamma))
             if distance <= SAME * size or residual <= RESIDUALS * self.tolerance:
                 return
+        curve = None if self._problem is None else Curve.through(self._problem, unknowns, gamma)
+        self._take(unknowns, gamma, sign, curve)
+
+    def add_beside(self, unknowns: FloatArray, residual: FloatArray, gamma: FloatArray) -> None:
+        """Take in the closed curve of equilibria beside which Newton's method gave up, if there is one."""
+        if self._problem is None or self._on_a_curve(unknowns):
+            return
+        there = beside(self._problem, unknowns, residual, gamma, self.tolerance)
+        if there is None or self._on_a_curve(there[0]):
+            return
+        unknowns, gamma, solved = there
+        curve = Curve.through(self._problem, unknowns, gamma)
+        if curve is not None and solved:
+            self._take(unknowns, gamma, 0.0, curve)
+        elif curve is not None:
+            self.unsolved.append(curve)
+
+    def _on_a_curve(self, unknowns: FloatArray) -> bool:
+        return any(curve.holds(unknowns) for curve in (*self.curves.values(), *self.unsolved))
+
+    def _take(self, unknowns: FloatArray, gamma: FloatArray, sign: float, curve: Curve | None) -> None:
+        if curve is not None:
+            self.curves[len(self.unknowns)] = curve
         self.unknowns.append(np.array(unknowns))
-        self.signs.append(sign)
+        self.signs.append(sign if curve is None else 0.0)
         self._gammas.append(np.array(gamma))
 
     def end_round(self) -> None:
