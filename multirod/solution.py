@@ -7,7 +7,7 @@ from functools import cached_property
 from math import prod
 from os import PathLike
 from threading import Event, Lock
-from typing import TYPE_CHECKING, Any, Generic, Literal, Self
+from typing import TYPE_CHECKING, Any, Generic, Literal, Self, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,21 @@ from multirod.segments import taken
 from multirod.solver import SETTLED, Outcome
 from multirod.stability import Modes, Stability, modes_of
 from multirod.status import Status, failures
-from multirod.types import Index, Name, Named, Numbers, Quantity, QuantityOverTime, StabilityOrArray, StatusOrArray
+from multirod.types import (
+    AxesGiven,
+    AxesOrArray,
+    HistoryOptions,
+    Index,
+    Name,
+    Named,
+    Numbers,
+    Quantity,
+    QuantityOverTime,
+    SaveOptions,
+    ShowOptions,
+    StabilityOrArray,
+    StatusOrArray,
+)
 from multirod.validation import FloatArray, choice, frozen, meant, positive_int, refuse, shown
 
 if TYPE_CHECKING:
@@ -539,7 +553,7 @@ class Solution(Generic[Robot_co]):
         (result,) = self._gather(columns, pose_sensitivities=True, enabled=(name,), **options)
         return self._masked(result, (rows, count))
 
-    def save(self, path: str | PathLike[str], **options: Any) -> None:
+    def save(self, path: str | PathLike[str], **options: Unpack[SaveOptions]) -> None:
         """Write the solution to a file, by its ending (``docs/files.md``).
 
         Args:
@@ -595,7 +609,7 @@ class Solution(Generic[Robot_co]):
         self,
         quantity: Quantity = "shape",
         *,
-        ax: Any = None,
+        ax: AxesGiven | None = None,
         rod: int | str | None = None,
         instances: int = 20,
         colour_by: str | Numbers | None = None,
@@ -603,7 +617,7 @@ class Solution(Generic[Robot_co]):
         nodes: int | None = None,
         frames: bool = True,
         loads: bool = True,
-    ) -> Any:
+    ) -> AxesOrArray:
         """Plot the shape in space, or a quantity along the arclength, by matplotlib (``docs/plotting.md``).
 
         ==============  ==========================================================================================================
@@ -800,7 +814,7 @@ class History(Solution[Robot_co]):
         def stability(self) -> NDArray[np.int32]:
             """Values of ``Stability``, shape (sample_count, ...)."""
 
-    def save(self, path: str | PathLike[str], **options: Any) -> None:
+    def save(self, path: str | PathLike[str], **options: Unpack[HistoryOptions]) -> None:
         """Write the history to a file, by its ending: what ``Solution.save`` says, or ``.rrd``.
 
         Args:
@@ -811,9 +825,11 @@ class History(Solution[Robot_co]):
         Raises:
             TypeError, ValueError, ImportError: As for ``Solution.save``.
         """
-        super().save(path, **options)
+        from multirod.files.saving import save_result
 
-    def show(self, **options: Any) -> None:
+        save_result(path, self, options)
+
+    def show(self, **options: Unpack[ShowOptions]) -> None:
         """Show a recording in a notebook, by Rerun's widget; options as for ``multirod.recording.notebook.show``.
 
         Raises:
@@ -832,7 +848,7 @@ class History(Solution[Robot_co]):
         self,
         quantity: QuantityOverTime = "shape",
         *,
-        ax: Any = None,
+        ax: AxesGiven | None = None,
         rod: int | str | None = None,
         instance: int | tuple[int, ...] = 0,
         instances: int = 12,
@@ -841,7 +857,7 @@ class History(Solution[Robot_co]):
         nodes: int | None = None,
         frames: bool = True,
         loads: bool = True,
-    ) -> Any:
+    ) -> AxesOrArray:
         """Plot shapes at some times, a quantity along the arclength at some times, or a quantity over time.
 
         The quantities of ``Solution.plot`` (``shape``, ``curvature``, ``moment``, ``force``, ``strain``) are drawn at

@@ -6,9 +6,9 @@ neither has is reported. A plain union would refuse whatever one of the two does
 function takes one, ``mr.Status(int(solution.status))`` says that it is one. A ``History`` always has a time axis: its are arrays.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from types import EllipsisType
-from typing import TYPE_CHECKING, Any, Literal, ParamSpec, Protocol, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, ParamSpec, Protocol, TypeAlias, TypedDict, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,11 @@ from multirod.stability import Stability
 from multirod.status import Status
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
     from multirod.inputs import Inputs
+    from multirod.solution import History
 
     class SupportsArray(Protocol):
         """What NumPy makes an array of: its own arrays and numbers, series, tensors."""
@@ -63,6 +67,34 @@ if TYPE_CHECKING:
         def value(self) -> int:
             """Of one instance: its number."""
 
+    AxesGiven: TypeAlias = Axes | Sequence[Axes] | NDArray[Any]
+
+    class AxesOrArray(Axes):
+        """What a plot returns: axes, of a shape those in space; of several components or rods an array of them, shape (k,)."""
+
+        figure: Figure
+
+        def set_zlim(self, bottom: float | None = None, top: float | None = None) -> tuple[float, float]:
+            """Of axes in space."""
+
+        def get_zlim(self) -> tuple[float, float]:
+            """Of axes in space."""
+
+        def set_zlabel(self, zlabel: str) -> None:
+            """Of axes in space."""
+
+        def view_init(self, elev: float | None = None, azim: float | None = None, roll: float | None = None) -> None:
+            """Of axes in space."""
+
+        def __len__(self) -> int:
+            """Of an array."""
+
+        def __getitem__(self, k: int) -> Axes:
+            """Of an array."""
+
+        def __iter__(self) -> Iterator[Axes]:
+            """Of an array."""
+
 else:  # ``help`` shows these by their names, not what they stand for
 
     class Numbers:
@@ -77,8 +109,56 @@ else:  # ``help`` shows these by their names, not what they stand for
     class Index:
         """An index of an array, as NumPy takes it."""
 
+    class AxesGiven:
+        """Axes of matplotlib, or several of them."""
+
+    class AxesOrArray:
+        """Axes of matplotlib, or an array of them."""
+
     StatusOrArray = Status | NDArray[np.int32]
     StabilityOrArray = Stability | NDArray[np.int32]
+
+
+class SaveOptions(TypedDict, total=False):
+    """Options of ``Solution.save``."""
+
+    nodes: int
+    """Of a rod."""
+    corners: int
+    """Of meshes: of the polygons in the place of circles."""
+
+
+class RecordingOptions(TypedDict, total=False):
+    """Options of ``multirod.recording.save``."""
+
+    nodes: int
+    """Of a rod."""
+    reference: "History | None"
+    """The same samples of another run, drawn in grey."""
+    reference_name: str
+    """What the reference is called."""
+    name: str | None
+    """What the viewer calls the recording."""
+    instances: int
+    """How many instances of a batch are recorded."""
+    force_scale: float | None
+    """Length of force arrows [m/N]."""
+    colour_by: "str | Numbers | None"
+    """What colours the rods: a quantity, or an array."""
+
+
+class HistoryOptions(RecordingOptions, SaveOptions, total=False):
+    """Options of ``History.save``."""
+
+
+class ShowOptions(RecordingOptions, total=False):
+    """Options of ``History.show``."""
+
+    width: int | Literal["auto"]
+    """Of the viewer [px]."""
+    height: int | Literal["auto"]
+    """Of the viewer [px]."""
+
 
 Quantity: TypeAlias = Literal["shape", "curvature", "moment", "force", "strain"]
 """What ``Solution.plot`` draws."""

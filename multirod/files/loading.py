@@ -1,15 +1,20 @@
 """What reads robots, inputs and results back."""
 
 import os
-from typing import Any
+from typing import Any, overload
 
 from multirod.assembly import Assembly
+from multirod.inputs import Inputs
 from multirod.validation import choice, instance, path_of, refuse
 
 ENDINGS = (".npz", ".toml")
 RESULTS = ("Solution", "History")
 
 
+@overload
+def load(path: str | os.PathLike[str], *, robot: Assembly) -> Inputs: ...
+@overload
+def load(path: str | os.PathLike[str], *, robot: None = None) -> Any: ...  # only the file says what
 def load(path: str | os.PathLike[str], *, robot: Assembly | None = None) -> Any:
     """Read what ``save`` wrote to ``.npz`` or ``.toml``, or a robot or inputs that someone wrote as TOML (``docs/files.md``).
 

@@ -5,9 +5,9 @@ from importlib import import_module
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from multirod.recording.figure import DrawnRod
+from multirod.types import AxesOrArray
 from multirod.validation import Described, refuse
 
 # after M. Okabe and K. Ito, without yellow, which is lost on white
@@ -73,13 +73,14 @@ def column_of_axes(ax: Any, names: Sequence[str], height: float = 2.1) -> list[A
     return given
 
 
-def returned(axes: Sequence[Any]) -> Any:
+def returned(axes: Sequence[Any]) -> AxesOrArray:
     """One axes, or an array of them, shape (k,)."""
-    if len(axes) == 1:
-        return axes[0]
-    result: NDArray[Any] = np.empty(len(axes), dtype=object)
-    result[:] = axes
-    return result
+    result: Any = axes[0]
+    if len(axes) > 1:
+        result = np.empty(len(axes), dtype=object)
+        result[:] = axes
+    found: AxesOrArray = result
+    return found
 
 
 def style_of(k: int) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from multirod.plotting import along, over_time, scene
 from multirod.plotting.canvas import axes_in_space, returned, title
 from multirod.plotting.family import Family, family_of
 from multirod.solution import History, Solution
+from multirod.types import AxesGiven, AxesOrArray, Numbers
 from multirod.validation import boolean, choice, positive_int, refuse
 
 SHAPE = "shape"
@@ -21,15 +22,15 @@ def plot_solution(
     solution: Solution,
     quantity: str = SHAPE,
     *,
-    ax: Any = None,
+    ax: AxesGiven | None = None,
     rod: int | str | None = None,
     instances: int = 20,
-    colour_by: Any = None,
+    colour_by: str | Numbers | None = None,
     colour_label: str = "",
     nodes: int | None = None,
     frames: bool = True,
     loads: bool = True,
-) -> Any:
+) -> AxesOrArray:
     """See ``Solution.plot``."""
     choice("quantity", quantity, OF_SOLUTIONS)
     family = family_of(solution, instances, colour_by, colour_label)
@@ -40,29 +41,21 @@ def plot_history(
     history: History,
     quantity: str = SHAPE,
     *,
-    ax: Any = None,
+    ax: AxesGiven | None = None,
     rod: int | str | None = None,
     instance: int | tuple[int, ...] = 0,
     instances: int = 12,
-    colour_by: Any = None,
+    colour_by: str | Numbers | None = None,
     colour_label: str = "",
     nodes: int | None = None,
     frames: bool = True,
     loads: bool = True,
-) -> Any:
+) -> AxesOrArray:
     """See ``History.plot``."""
     choice("quantity", quantity, OF_HISTORIES)
     if quantity in over_time.QUANTITIES:
-        return returned(
-            over_time.draw(
-                ax,
-                history,
-                quantity,
-                instances=positive_int("instances", instances),
-                colour_by=colour_by,
-                colour_label=colour_label,
-            )
-        )
+        count = positive_int("instances", instances)
+        return returned(over_time.draw(ax, history, quantity, instances=count, colour_by=colour_by, colour_label=colour_label))
     if colour_by is not None:
         refuse("colour_by", colour_by, "must be None: shapes and curves of a motion are coloured by time")
     motion, chosen = _motion(history, instance)
@@ -95,7 +88,7 @@ def _within(instance: Any, axes: tuple[int, ...]) -> int:
 
 def _drawn(
     family: Family, quantity: str, ax: Any, rod: Any, nodes: int | None, frames: bool, loads: bool, motion: Solution | None = None
-) -> Any:
+) -> AxesOrArray:
     rods = _rods(family.solution, rod)
     count = (IN_SPACE if quantity == SHAPE else ALONG) if nodes is None else positive_int("nodes", nodes, 2)
     options = {"frames": boolean("frames", frames), "loads": boolean("loads", loads)}
@@ -103,12 +96,12 @@ def _drawn(
         axes = along.draw(ax, family, quantity, rods, nodes=count)
         title(axes[0], family.title)
         return returned(axes)
-    axes = axes_in_space(ax)
+    in_space: AxesOrArray = axes_in_space(ax)
     path = None if motion is None else motion.tip_position
-    scene.draw(axes, family, rods, nodes=count, path=path, **options)
-    family.colorbar(axes)
-    title(axes, family.title)
-    return axes
+    scene.draw(in_space, family, rods, nodes=count, path=path, **options)
+    family.colorbar(in_space)
+    title(in_space, family.title)
+    return in_space
 
 
 def _rods(solution: Solution, rod: int | str | None) -> list[int]:

@@ -3,16 +3,23 @@
 from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Literal
+from typing import Any, Literal, Unpack
 
 from multirod.recording.recorder import save
 from multirod.solution import History
+from multirod.types import RecordingOptions
 from multirod.validation import positive_int, refuse
 
 INSTALL = 'a recording in a notebook needs Rerun\'s widget: pip install "multirod[notebook]"'
 
 
-def show(history: History, *, width: int | Literal["auto"] = "auto", height: int | Literal["auto"] = 640, **options: Any) -> None:
+def show(
+    history: History,
+    *,
+    width: int | Literal["auto"] = "auto",
+    height: int | Literal["auto"] = 640,
+    **options: Unpack[RecordingOptions],
+) -> None:
     """Show a recording of ``history`` where a notebook's cell prints, as ``save`` would write it.
 
     The viewer is a web page that Rerun's widget fetches from its makers, and needs the network for. Set
@@ -34,9 +41,10 @@ def show(history: History, *, width: int | Literal["auto"] = "auto", height: int
     except ImportError:
         raise ImportError(INSTALL) from None
     size = {"width": _pixels("show.width", width), "height": _pixels("show.height", height)}
+    titled: RecordingOptions = {"name": "history", **options}
     with TemporaryDirectory() as folder:
         path = Path(folder) / "recording.rrd"
-        save(path, history, **{"name": "history", **options})
+        save(path, history, **titled)
         recording = path.read_bytes()
     viewer = Viewer(**size, use_global_recording=False)
     # what a stream would send bit by bit; it waits in the widget until the page is there

@@ -23,6 +23,7 @@ from multirod.recording.streams import new_stream, send_to_file
 from multirod.recording.target import Goal, Target
 from multirod.recording.writer import Writer
 from multirod.solution import History, Solution
+from multirod.types import Numbers
 from multirod.validation import choice, file_path, finite_float, positive_float, positive_int, refuse
 
 ENDING = ".rrd"
@@ -40,7 +41,7 @@ def save(
     nodes: int = 51,
     instances: int = 4,
     force_scale: float | None = None,
-    colour_by: Any = None,
+    colour_by: str | Numbers | None = None,
 ) -> None:
     """Write a recording of ``history``, with a layout that opens ready to read.
 

@@ -5,6 +5,7 @@ A line that ends in ``# wrong`` is reported by both.
 
 from typing import TYPE_CHECKING, Literal, TypedDict, Unpack
 
+import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
 
@@ -92,6 +93,16 @@ shape.curvatures  # wrong
 solution.plot("curvature", colour_by="residual")
 solution.plot("curvatur")  # wrong
 solution.plot("tip")  # wrong
+axes = solution.plot(nodes=51, ax=solution.plot())
+axes.set_title("a wire")
+axes.view_init(elev=30)
+axes.figure.savefig("a.png")
+axes.set_titel("a wire")  # wrong
+solution.plot("moment", ax=plt.subplots(3)[1])[0].set_ylim(0, 1)
+solution.plot(ax="3d")  # wrong
+solution.save("shape.glb", nodes=101, corners=12)
+solution.save("shape.glb", node=101)  # wrong
+solution.save("run.rrd", colour_by="residual")  # wrong
 inputs[0:5].without(["gravity"])
 inputs["gravity"]  # wrong
 
@@ -121,11 +132,23 @@ history.status.message  # wrong
 history.step_time.max()
 history.plot("tip")
 history.plot("tipp")  # wrong
+history.plot("tip").set_xlim(0, 1)
+history.plot("tip", color_by="energy")  # wrong
+history.save("run.rrd", colour_by=np.zeros((400,)), reference=history)
+history.save("shape.glb", corners=12)
+history.save("run.rrd", color_by="energy")  # wrong
+history.show(width=800, name="wire")
+history.show(wide=800)  # wrong
+mr.recording.save("run.rrd", history, colour_by="energy")
+mr.recording.save("run.rrd", history, colour_by=3j)  # wrong
+loaded: mr.Solution = mr.load("run.npz")
+mr.load("inputs.toml", robot=robot).given.count("rotation")
+mr.load("inputs.toml", robot=wire)  # wrong
 history[3].status.message
 found = mr.equilibria(robot, inputs)
 found.jacobian("tip_force")
 found.jacobian("tip_forc")  # wrong
-print(found.stability.sum(), found.missing)
+print(found.stability.sum(), found.missing, found.continuum.any(), found.strain.max())
 critical = mr.critical_loads(robot, inputs)[0]
 print(critical.load_factor, critical.solution.status.name, critical.solution.jacobian("tip_force"))
 critical.loadfactor  # wrong
