@@ -15,7 +15,7 @@ from multirod import RK4, Observer, Shooting
 from multirod.cli import main
 from multirod.cli.terminal import duration
 from multirod.studies import experiment
-from multirod.studies.scenes import SCENES
+from multirod.studies.scenes import SCENES, load
 from multirod.studies.tradeoffs import Measurement
 
 NAMES = tuple(experiment.solvers(RK4(50)))
@@ -190,6 +190,17 @@ def test_tradeoff_of_a_scene_of_ones_own(own: Path, capsys: pytest.CaptureFixtur
     assert solver == FEW[chosen]
     assert (own / "run.rrd").stat().st_size > 10_000
     assert "rerun run.rrd" in printed
+
+
+def test_without_a_goal_what_will_do_for_most_is_named(own: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["tradeoff", "own_scene:scene", "--budget", "10min", "--csv", "rows.csv"]) == 0
+    printed = capsys.readouterr().out
+    longest = load("own_scene:scene").robot.longest
+    with (own / "rows.csv").open(encoding="utf-8") as file:
+        near = [row for row in csv.DictReader(file) if float(row["position"]) <= 1e-3 * longest]
+    fastest = min(near, key=lambda row: float(row["median"]))["name"]
+    assert f"{fastest} is the fastest within 0.1 % of the length, {1e-3 * longest:.2g} m; --error or --rate" in printed
+    assert eval(re.search(r"solver = (.*)", printed)[1], {"mr": mr}) == FEW[fastest]
 
 
 def test_a_promise_that_cannot_be_kept_exits_with_1_and_writes_what_there_is(

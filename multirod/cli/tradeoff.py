@@ -19,6 +19,7 @@ from multirod.studies.tradeoffs.promise import kept
 from multirod.studies.tradeoffs.settings import code
 
 STOPPED = 130  # as a shell has it, by Ctrl-C
+ENOUGH = 1e-3  # of the longest rod's length: an error of the tip that models and their parameters seldom are better than
 _DESCRIPTION = f"""\
 Run solvers, integrators and their options on a scene, measure each against a reference that is checked, and show those that no
 other beats in both speed and accuracy.
@@ -51,7 +52,11 @@ def add_parser(commands: Any) -> None:
     )
     goal = parser.add_mutually_exclusive_group()
     goal.add_argument(
-        "--error", type=positive, metavar="M", help="also find the fastest setting within this error of the tip [m]"
+        "--error",
+        type=positive,
+        metavar="M",
+        help="also find the fastest setting within this error of the tip [m], and run it again; without this and --rate, the "
+        f"fastest within {100 * ENOUGH:g} %% of the length is named",
     )
     goal.add_argument("--rate", type=positive, metavar="HZ", help="also find the most accurate at so many samples a second")
     parser.add_argument("--models", action="store_true", help="also try the robot without each term that can be left out")
@@ -94,7 +99,10 @@ def run(options: argparse.Namespace, console: Console) -> int:
     _print_notes(table, console)
     if stopped:
         console.print(f"[yellow]stopped after {len(table.rows)} of {len(measurement.settings)} settings[/yellow]")
-    promised = stopped or options.error is options.rate or _print_promise(measurement, options, console)
+    open_ = options.error is options.rate  # neither is given
+    if open_:
+        _print_enough(table, motion, console)
+    promised = stopped or open_ or _print_promise(measurement, options, console)
     _write(table, options, console)
     return STOPPED if stopped else int(not promised)
 
@@ -158,6 +166,19 @@ def _print_notes(table: Tradeoff, console: Console) -> None:
         console.print(
             escape(note[0].upper() + note[1:] + "."), style="dim" if table.checked or "reference" not in note else "yellow"
         )
+
+
+def _print_enough(table: Tradeoff, motion: Motion, console: Console) -> None:
+    """Name what will do for most, as no error was asked for."""
+    error = ENOUGH * motion.robot.longest
+    within = f"within {100 * ENOUGH:g} % of the length, {error:.2g} m"
+    try:
+        row = table.best(error=error)
+    except ValueError:
+        console.print(f"\n[yellow]No setting is {within}.[/yellow]")
+        return
+    console.print(f"\n[bold]{escape(row.name)}[/bold] is the fastest {within}; --error or --rate ask for another:")
+    console.print(f"  solver = {escape(code(row.solver, prefix='mr.'))}", soft_wrap=True)
 
 
 def _print_promise(measurement: Measurement, options: argparse.Namespace, console: Console) -> bool:
