@@ -424,8 +424,11 @@ def test_a_follower_force_of_zero_changes_no_equilibrium(robot):
     residual, _ = with_force.evaluate(with_force.adopt(solution.unknowns[None]))
     assert with_force.unknown_count == solution.unknown_count + 3
     assert np.abs(residual).max() < 1e-8  # the tolerance of 1e-9, and rounding
-    back = mr.solve(robot, dead, solver=mr.Shooting(integrator=integrator), guess=with_force.read("unknowns")[0])
-    assert back.integrations == 1
+    again = robot.problem(dead, integrator=integrator)
+    back = again.adopt(with_force.read("unknowns"))[0]
+    assert mr.solve(robot, dead, solver=mr.Shooting(integrator=integrator), guess=back).integrations == 1
+    with pytest.raises(ValueError, match=rf"guess = .* is not allowed: must have shape \(\.\.\., {len(back)}\)"):
+        mr.solve(robot, dead, guess=with_force.read("unknowns")[0])  # these are of other inputs
 
 
 def test_unknowns_that_fit_no_problem_are_refused(pair):

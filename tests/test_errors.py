@@ -494,7 +494,9 @@ def test_inputs_of_another_robot_are_checked_again(robot: mr.SingleRod) -> None:
 
 
 @pytest.mark.parametrize(
-    "guess", [1.0, (1, 2), (1, 2, 3, 4), (NAN, 0, 0), (INF, 0, 0), "zero", ("1", "2", "3"), [(0, 0, 0)] * 2], ids=repr
+    "guess",
+    [1.0, (1, 2), (1, 2, 3, 4), (1, 2, 3) * 2, (NAN, 0, 0), (INF, 0, 0), "zero", ("1", "2", "3"), [(0, 0, 0)] * 2],
+    ids=repr,
 )
 def test_guess(robot: mr.SingleRod, guess: Any) -> None:
     for call in calls(robot, robot.inputs(tip_force=(1, 0, 0)), guess=guess, solver=mr.Shooting(integrator=INTEGRATOR)):

@@ -309,6 +309,9 @@ def _guess(guess: Any, problem: BoundaryProblem, count: int, piece: slice) -> Fl
     if not values.size and count:
         refuse("guess", Described(f"array of shape {values.shape}"), f"must have shape (..., {problem.unknown_count})")
     flat = values.reshape(-1, values.shape[-1] if values.ndim else 1)
+    longer = flat.shape[1] > problem.unknown_count and not isinstance(guess, Solution)
+    if longer and problem.load_scale().any():  # unloaded tubes take the unknowns of loaded ones too
+        refuse("guess", Described(f"array of shape {values.shape}"), f"must have shape (..., {problem.unknown_count})")
     if len(flat) not in (1, count):
         refuse("guess", Described(f"array of shape {values.shape}"), f"must broadcast to {count} instances")
     rows = flat if len(flat) == 1 else flat[piece]
