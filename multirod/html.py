@@ -12,7 +12,7 @@ from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
     from multirod.assembly import Assembly
-    from multirod.inputs import Inputs
+    from multirod.inputs import Inputs, InputSpecs
     from multirod.rod import Rod
     from multirod.solution import History, Solution
     from multirod.studies.critical_loads import CriticalLoad
@@ -128,6 +128,12 @@ def robot(assembly: "Assembly") -> str:
         notes.insert(0, "stiffnesses are those of the first section")
     count = assembly.rod_count
     return table(f"{type(assembly).__name__} of {count} rod{'s' * (count > 1)}{batch}", header, rows, notes)
+
+
+def input_specs(specs: "InputSpecs") -> str:
+    """A row for each."""
+    notes = ["* or a function of the arclength"] * any(spec.function for spec in specs)
+    return table("Inputs", ["input", "unit", "shape", "what"], specs.rows(), notes)
 
 
 def inputs(given: "Inputs") -> str:

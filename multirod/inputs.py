@@ -61,6 +61,31 @@ class InputSpec:
         return 0 if self.load is None else (2 if self.load == "force" else 1) + (self.acts == "along")
 
 
+class InputSpecs(tuple[InputSpec, ...]):
+    """The inputs of an assembly, which show themselves as a table."""
+
+    __slots__ = ()
+
+    def rows(self) -> list[tuple[str, str, str, str]]:
+        """Name, unit, shape and meaning of each; what may be a function of arclength has a star."""
+        return [(spec.name + "*" * spec.function, spec.unit, _shape_of(spec), spec.description) for spec in self]
+
+    def __repr__(self) -> str:
+        rows = [("input", "unit", "shape", "what"), *self.rows()]
+        widths = [max(len(row[k]) for row in rows) for k in range(3)]
+        lines = ["  ".join([*(cell.ljust(width) for cell, width in zip(row, widths, strict=False)), row[3]]) for row in rows]
+        return "\n".join(lines + ["* or a function of the arclength"] * any(spec.function for spec in self))
+
+    def _repr_html_(self) -> str:
+        from multirod import html
+
+        return html.input_specs(self)
+
+
+def _shape_of(spec: InputSpec) -> str:
+    return "(..., rods)" if spec.per_rod else f"(..., {3 if spec.count is None else spec.count})"
+
+
 class Inputs:
     """Values of an assembly's inputs; made by ``Assembly.inputs(...)``, never changed afterwards.
 

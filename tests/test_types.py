@@ -155,6 +155,27 @@ def robots() -> dict[str, list[mr.Assembly]]:
     }
 
 
+@pytest.mark.parametrize("name", robots())
+def test_inputs_that_a_robot_takes_print_as_a_table(name):
+    robot = robots()[name][-1]
+    header, *rows = repr(robot.input_specs).splitlines()
+    assert header.split() == ["input", "unit", "shape", "what"]
+    for spec, row in zip(robot.input_specs, rows, strict=False):
+        size = "rods" if spec.per_rod else spec.size(robot.rod_count)
+        shown = [spec.name + "*" * spec.function, spec.unit, f"(..., {size})", spec.description]
+        assert [cell.strip() for cell in re.split(r"  +", row)] == shown
+    assert rows[len(robot.input_specs) :] == ["* or a function of the arclength"]
+    assert robot.input_specs._repr_html_().count("<tr>") == len(robot.input_specs) + 1
+
+
+def test_robots_hold_what_they_were_made_of():
+    one, two = wire(), wire()
+    assert mr.SingleRod(one).rod is one
+    assert mr.ConcentricTubes([one, two]).tubes == (one, two)
+    assert mr.EccentricTubes([one, two], [(0.002, 0), (-0.002, 0)]).tubes == (one, two)
+    assert mr.ParallelRods(legs=[one] * 6, base=BASES, platform=BASES).legs == (one,) * 6
+
+
 NOT_INVERTED = {"displacement"}  # refused there, but an input of the robot it is made from
 
 

@@ -53,6 +53,11 @@ class ConcentricTubes(BackboneAssembly):
         super().__init__(tuple(tubes), base)
         self._shortest = [float(np.min(tube.length)) for tube in tubes]
 
+    @property
+    def tubes(self) -> tuple[Rod, ...]:
+        """The tubes, innermost first."""
+        return self.rods
+
     if TYPE_CHECKING:
         _input_name: ConcentricTubesInput
 

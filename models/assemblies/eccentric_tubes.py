@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Unpack
 import numpy as np
 
 from multirod import plausibility
-from multirod.inputs import Inputs, InputSpec
+from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.models.assemblies.concentric_tubes import refuse_behind_plate
 from multirod.models.assemblies.inputs import EccentricTubesInput, EccentricTubesInputs, listed
 from multirod.models.backbone.inputs import BACKBONE_INPUTS, BY_MATERIAL
@@ -57,6 +57,11 @@ class EccentricTubes(BackboneAssembly):
         super().__init__(tuple(tubes), base)
         plausibility.of_offsets(self.offsets, self.rods)
 
+    @property
+    def tubes(self) -> tuple[Rod, ...]:
+        """The tubes, in the order of their offsets."""
+        return self.rods
+
     if TYPE_CHECKING:
         _input_name: EccentricTubesInput
 
@@ -80,7 +85,7 @@ class EccentricTubes(BackboneAssembly):
 
     @property
     def input_specs(self) -> tuple[InputSpec, ...]:  # noqa: D102
-        return INPUTS
+        return InputSpecs(INPUTS)
 
     @cached_property
     def arrays(self) -> RodArrays:  # noqa: D102

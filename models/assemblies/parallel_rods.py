@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from multirod import plausibility
 from multirod.assembly import Assembly, pose
 from multirod.batch import IntArray
-from multirod.inputs import Inputs, InputSpec
+from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.models.assemblies.concentric_tubes import ConcentricTubes
 from multirod.models.assemblies.inputs import (
     InverseParallelRodsInput,
@@ -143,7 +143,7 @@ class ParallelRods(Assembly):
 
     @property
     def input_specs(self) -> tuple[InputSpec, ...]:  # noqa: D102
-        return (*INPUTS, *drive_specs(self.rods))
+        return InputSpecs((*INPUTS, *drive_specs(self.rods)))
 
     def check(self, inputs: Inputs) -> None:  # noqa: D102
         one = not inputs.batch_shape and self.surely_takes("translation", inputs.translation.tolist())
@@ -320,7 +320,7 @@ class InverseParallelRods(Assembly):
 
     @property
     def input_specs(self) -> tuple[InputSpec, ...]:  # noqa: D102
-        return (*POSE_INPUTS, *self.robot.input_specs)
+        return InputSpecs((*POSE_INPUTS, *self.robot.input_specs))
 
     def check(self, inputs: Inputs) -> None:  # noqa: D102
         self.robot.check(inputs)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 
-from multirod.inputs import Inputs, InputSpec
+from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.models.assemblies.inputs import SingleRodInput, SingleRodInputs, listed
 from multirod.models.backbone.inputs import BACKBONE_INPUTS, BY_MATERIAL, DRIVE_INPUTS, DRIVES, drive_specs
 from multirod.models.backbone.problem import BackboneAssembly, surely_driven
@@ -49,6 +49,11 @@ class SingleRod(BackboneAssembly):
         self._shortest = float(np.min(rod.length))
         self._pulled = min((-np.inf if line.rubs else line.reach for line in rod.lines), default=np.inf)
 
+    @property
+    def rod(self) -> Rod:
+        """The rod."""
+        return self.rods[0]
+
     if TYPE_CHECKING:
         _input_name: SingleRodInput
 
@@ -72,7 +77,7 @@ class SingleRod(BackboneAssembly):
 
     @property
     def input_specs(self) -> tuple[InputSpec, ...]:  # noqa: D102
-        return (*BACKBONE_INPUTS, *drive_specs(self.rods), TIP_CURVATURE)
+        return InputSpecs((*BACKBONE_INPUTS, *drive_specs(self.rods), TIP_CURVATURE))
 
     def check(self, inputs: Inputs) -> None:  # noqa: D102
         super().check(inputs)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from multirod.assembly import Assembly, pose
 from multirod.batch import IntArray, take
 from multirod.capabilities import FreeTip, LineTest, Parts
-from multirod.inputs import Inputs, InputSpec
+from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.integrators import AdaptiveIntegrator, Integrator
 from multirod.launch import LONGEST
 from multirod.models.backbone.driven import DrivenLines
@@ -687,7 +687,7 @@ class BackboneAssembly(Assembly):
 
     @property
     def input_specs(self) -> tuple[InputSpec, ...]:  # noqa: D102
-        return BACKBONE_INPUTS
+        return InputSpecs(BACKBONE_INPUTS)
 
     def check(self, inputs: Inputs) -> None:  # noqa: D102
         if inputs.is_active("gravity") and not any(rod.has_mass for rod in self.rods):
