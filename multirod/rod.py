@@ -194,7 +194,7 @@ class Rod:
         discs: Spacing of discs [m], between which tendons and push rods run straight; None, the default, is so close that it does
             not matter.
         sections: ``Section`` objects from base to tip, instead of all the above.
-        outer_diameter: For drawing, and to check that tubes nest [m].
+        outer_diameter: For drawing, to check that tubes nest, and for strain [m].
         inner_diameter: The same [m].
         name: How the rod is called in results and recordings.
 

@@ -42,7 +42,8 @@ class Shooting(Solver):
             precurvature, or of one over the length: 1e-9 of it where that is less than 1/m, 1e-12 of it where it is more than
             1000/m, and for an integrator in ``"float32"`` 1e-5 (``docs/solvers.md``, Single precision).
         integrator: Of the spatial equations.
-        max_iterations: Newton iterations allowed, in each continuation step and in all of a warm start.
+        max_iterations: Newton iterations allowed, in each continuation step and in all of a warm start. ``iterations`` of a
+            solution counts those of all steps, and may be more.
         predictor: How a motion's next sample is guessed: from the last one (``"none"``), or by ``"linear"`` (default) or
             ``"quadratic"`` extrapolation in time.
         line_search: Whether steps that do not reduce the residual are halved.

@@ -57,11 +57,13 @@ class LineInputs(ConcentricTubesInputs, total=False):
     """Those, and what drives lines, where rods have such lines."""
 
     tension: Numbers
-    """Tension of each line that is driven by it [N], >= 0, shape (..., line_count), in the order of the rods' lines."""
+    """Tension of each line that is driven by it [N], >= 0, shape (..., line_count), in the order of the rods' lines; one number
+    pulls all of them alike."""
     pressure: Numbers
-    """Pressure in each chamber [Pa], shape (..., chamber_count), in their order."""
+    """Pressure in each chamber [Pa], shape (..., chamber_count), in their order; one number is that of all of them."""
     displacement: Numbers
-    """How far each line that is driven by it is pulled out of the base [m], shape (..., line_count), in their order."""
+    """How far each line that is driven by it is pulled out of the base [m], shape (..., line_count), in their order; one
+    number is that of all of them."""
 
 
 class SingleRodInputs(LineInputs, total=False):
