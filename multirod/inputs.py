@@ -11,7 +11,7 @@ import numpy as np
 from multirod.batch import IntArray, take
 from multirod.profile import Profile, fit
 from multirod.types import Index
-from multirod.validation import FloatArray, array, unknown_names
+from multirod.validation import FloatArray, array, refuse, unknown_names
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -244,4 +244,6 @@ def one_each(name: str, value: Any, count: int) -> FloatArray:
         return result
     if count == 1:
         return result[..., None]
+    if count == 3 and result.shape[-1] < 3 and result.size < 20:  # it is no vector
+        refuse(name, value, "must have shape (..., 3): one number for each of 3, or one for all")
     return array(name, value, (count,))

@@ -41,7 +41,7 @@ from multirod.types import (
     StabilityOrArray,
     StatusOrArray,
 )
-from multirod.validation import FloatArray, choice, frozen, meant, positive_int, refuse, shown
+from multirod.validation import FloatArray, choice, frozen, meant, names_checked, positive_int, refuse, shown
 
 if TYPE_CHECKING:
     from multirod.models.backbone.lines import Line
@@ -605,6 +605,7 @@ class Solution(Generic[Robot_co]):
 
         return scene(self, nodes, corners)
 
+    @names_checked
     def plot(
         self,
         quantity: Quantity = "shape",
@@ -844,6 +845,7 @@ class History(Solution[Robot_co]):
 
         return html.history(self)
 
+    @names_checked
     def plot(
         self,
         quantity: QuantityOverTime = "shape",

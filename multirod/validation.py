@@ -2,16 +2,20 @@
 
 import math
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from difflib import get_close_matches
+from functools import wraps
+from inspect import signature
 from numbers import Real
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+P = ParamSpec("P")
+R = TypeVar("R")
 
 LARGEST_INT = 2**31 - 1  # counts are kept in 32 bits
 LARGEST = 1e50  # in SI units: products of several such numbers are still floats, and no robot is larger
@@ -287,6 +291,18 @@ def unknown_names(owner: str, given: Iterable[str], allowed: Iterable[str]) -> N
     for name in given:
         if name not in options:
             raise TypeError(f"{owner} takes no {name!r}: it takes " + ", ".join(options) + meant(name, options))
+
+
+def names_checked(function: Callable[P, R]) -> Callable[P, R]:
+    """The same function, which says of a name that it does not take which was probably meant."""
+    names = [name for name in signature(function).parameters if name != "self"]
+
+    @wraps(function)
+    def checked(*args: P.args, **options: P.kwargs) -> R:
+        unknown_names(f"{function.__name__}()", options, names)
+        return function(*args, **options)
+
+    return checked
 
 
 def meant(name: str, options: Iterable[str]) -> str:

@@ -178,6 +178,14 @@ def test_batch_axes_that_do_not_broadcast_are_named(owner: Callable[..., Any]) -
         owner(**{**PROPERTIES, "length": (0.3, 0.4), "torsional_stiffness": (0.01, 0.02, 0.03)})
 
 
+def test_three_lines_are_no_vector() -> None:
+    lines = [mr.Tendon(offset) for offset in ((0.008, 0), (-0.004, 0.007), (-0.004, -0.007))]
+    robot = mr.SingleRod(mr.Rod(**PROPERTIES, lines=lines))
+    assert robot.inputs(tension=3).tension.tolist() == [3, 3, 3]
+    with pytest.raises(ValueError, match=r"tension = \(1, 2\) is not allowed: .* one number for each of 3, or one for all$"):
+        robot.inputs(tension=(1, 2))
+
+
 # ---- assemblies ----
 
 

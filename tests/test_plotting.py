@@ -322,6 +322,13 @@ def test_the_largest_strain_of_each_rod_is_nan_where_there_is_none(history, batc
     assert not batch.strain.flags.writeable
 
 
+def test_a_name_that_is_none_is_refused_with_what_was_meant(history, solution, tmp_path):
+    for call in (solution.plot, history.plot, lambda **given: history.save(tmp_path / "run.rrd", **given)):
+        with pytest.raises(TypeError, match=r"takes no 'color_by': it takes .*; did you mean 'colour_by'\?"):
+            call(color_by="energy")
+    assert not (tmp_path / "run.rrd").exists()
+
+
 def test_strain_without_diameter_or_compliance_is_refused(tubes):
     with pytest.raises(ValueError, match="quantity = 'strain' is not allowed: no rod has an outer_diameter"):
         tubes.plot("strain")

@@ -24,13 +24,14 @@ from multirod.recording.target import Goal, Target
 from multirod.recording.writer import Writer
 from multirod.solution import History, Solution
 from multirod.types import Numbers
-from multirod.validation import choice, file_path, finite_float, positive_float, positive_int, refuse
+from multirod.validation import choice, file_path, finite_float, names_checked, positive_float, positive_int, refuse
 
 ENDING = ".rrd"
 LONGEST = 9e9  # seconds: nanoseconds are counted in 64 bits
 LARGEST_SCALE = 1e30  # geometry is single precision
 
 
+@names_checked
 def save(
     path: str | os.PathLike[str],
     history: History,
