@@ -8,8 +8,6 @@ import multirod as mr
 from multirod.solvers.continuation.acceptance import LARGEST_RATIO, RATIO_POWERS, SMALLEST_RATIO
 from multirod.solvers.newton.newton_kernels import NewtonState, make_iteration
 
-pytestmark = pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")  # extremes are meant
-
 N = 4
 
 
@@ -77,6 +75,7 @@ def test_a_branch_that_turns_faster_than_its_last_equilibria_tell_does_not_end(s
     np.testing.assert_allclose(found.tip_position, slow.tip_position[-1], atol=1e-7)
 
 
+@pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")
 def test_steps_that_become_small_where_no_mode_vanishes_are_no_end_of_the_branch():
     rod = mr.Rod(length=0.5, bending_stiffness=0.02, torsional_stiffness=0.013)
     robot = mr.SingleRod(rod)
@@ -87,6 +86,7 @@ def test_steps_that_become_small_where_no_mode_vanishes_are_no_end_of_the_branch
     assert mr.solve(robot, pressed, solver=mr.Shooting(fallback=False, at_fold="stop")).status == mr.Status.BRANCH_END
 
 
+@pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")
 @pytest.mark.parametrize("length", [1e-6, 1e-3, 1e3])
 def test_the_size_of_a_rod_does_not_matter(length):
     def tip(scale):

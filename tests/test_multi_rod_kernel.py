@@ -15,8 +15,6 @@ from multirod.models.backbone.kernels.numbers.lanes import lanes as numbers
 from multirod.models.backbone.kernels.numbers.vectors import vectors
 from multirod.models.backbone.problem import BackboneProblem
 
-pytestmark = pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")  # extremes are meant
-
 TIGHT = mr.RK45(rtol=1e-12, atol=1e-14)
 
 
@@ -192,6 +190,7 @@ def integrate_bishop(unknowns):
 X = np.array([1.5, -2.0, 3.0, -2.5, 1.2])
 
 
+@pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")
 def test_against_the_bishop_frame():
     """The fixed grid leaves less than the bounds at 400 steps of fifth order."""
     problem = three_tubes(integrator=mr.RK45(steps=400), pose_sensitivities=True, direction_count=1)
@@ -212,6 +211,7 @@ def rates(difference, f, h):
     )
 
 
+@pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")
 def test_columns_are_derivatives(difference):
     """On the same grid (no stretch has a whole share of 41 steps), so only the differences' own error is left."""
     problem = three_tubes(integrator=mr.RK45(steps=41), pose_sensitivities=True, direction_count=1)
