@@ -22,8 +22,6 @@ from multirod.solvers.segments import path as segmented_path
 from multirod.solvers.segments.path import SegmentedPath, run_together
 from multirod.stability import Modes
 
-pytestmark = pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")  # extremes are meant
-
 EXTREME = (
     "14a_big_force_a400_psi1p571",
     "14a_big_force_a10000_psi1p571",
@@ -80,6 +78,7 @@ def test_elastica_by_elliptic_integrals(load, angle):
     np.testing.assert_allclose(solution.tip_position, 0.5 * (along * direction + across * normal), rtol=0, atol=1e-8 * 0.5)
 
 
+@pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")
 @pytest.mark.parametrize("name", EXTREME)
 def test_what_single_shooting_cannot_solve(name, reference_cases, make_pose):
     """``Shooting`` turns to it by itself. 1e-8 of the length is a hundredth of what default settings promise."""
