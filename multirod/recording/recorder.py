@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from threading import RLock
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
