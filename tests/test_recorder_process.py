@@ -67,7 +67,7 @@ def test_samples_arrive_as_they_were(kind: str) -> None:
     count = min(4, total)
     packed = []
     for k, pair in enumerate(logged):
-        packed.append(packer.pack(k, 0.1 * k, 0.01, total, [one for one in pair if one is not None]))
+        packed.append(packer.pack(Sample(k, 0.1 * k, pair[0], 0.01, pair[1], total)))
     assert len(packed[-1]) < len(packed[0])  # what is common is said once
     found: list[Sample] = [*unpacker.samples(packed[0]), *unpacker.samples(b"".join(packed[1:]))]
     assert [(one.step, one.time, one.step_time, one.total) for one in found] == [(k, 0.1 * k, 0.01, total) for k in range(5)]

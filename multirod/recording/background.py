@@ -25,8 +25,7 @@ class Sample(NamedTuple):
         solution: Its equilibrium or estimate.
         step_time: How long it took [s]; NaN if that is not known.
         reference: The same from a method that is trusted.
-        total: Instances of the batch.
-        packed: All this for another process; None where none writes.
+        total: Instances of its batch.
     """
 
     step: int
@@ -35,12 +34,11 @@ class Sample(NamedTuple):
     step_time: float
     reference: Solution | None
     total: int
-    packed: bytes | None = None
 
     @property
     def size(self) -> int:
         """Bytes that it holds, about."""
-        own = self.solution._records.nbytes + len(self.packed or b"")
+        own = self.solution._records.nbytes
         return _OVERHEAD + (own if self.reference is None else own + self.reference._records.nbytes)
 
 

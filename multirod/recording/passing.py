@@ -1,7 +1,7 @@
 """Samples as bytes, for the process that writes them: what they have in common is said once."""
 
 import pickle
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from io import BytesIO
 from typing import Any
@@ -58,14 +58,15 @@ class Packer:
         self._robots: list[Assembly] = []
         self._last: dict[int, _Common] = {}
 
-    def pack(self, step: int, time: float, step_time: float, total: int, solutions: Sequence[Solution]) -> bytes:
-        """A sample as bytes: the fields of ``Sample``, its solution and its reference, if it has one.
+    def pack(self, sample: Sample) -> bytes:
+        """A sample as bytes.
 
         Raises:
             Exception: If what it is of cannot be pickled.
         """
-        parts = [self._part(place, solution, total) for place, solution in enumerate(solutions)]
-        return pickle.dumps((step, time, step_time, total, parts), _PROTOCOL)
+        solutions = [sample.solution] if sample.reference is None else [sample.solution, sample.reference]
+        parts = [self._part(place, solution, sample.total) for place, solution in enumerate(solutions)]
+        return pickle.dumps((sample.step, sample.time, sample.step_time, sample.total, parts), _PROTOCOL)
 
     def _part(self, place: int, solution: Solution, total: int) -> tuple[Any, ...]:
         if total > self._instances and not solution.assembly.batch_shape:

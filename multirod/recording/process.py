@@ -5,7 +5,7 @@ import pickle
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from threading import Lock
@@ -13,12 +13,13 @@ from typing import IO, Any
 
 from multirod.compiling import start_warp
 from multirod.recording.background import Sample
-from multirod.recording.passing import Unpacker
+from multirod.recording.passing import Packer, Unpacker
 from multirod.recording.target import Goal, Target
 
 # Not ``multiprocessing``, which would run the program's main file once more.
 _START = "import pickle, sys; sys.path[:] = pickle.load(sys.stdin.buffer); from multirod.recording.process import main; main()"
 _ALONE = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+_BREATH = 10  # samples that are packed without a breath: some tens of microseconds
 _SIZE = 8  # bytes that say how many follow
 
 
@@ -34,6 +35,7 @@ class WritingProcess:
     Args:
         goal: What is written.
         say: Takes what is to be said of the viewer.
+        breathe: Called often, between short pieces of work.
 
     Attributes:
         begun: Whether it writes, and nobody else may.
@@ -42,10 +44,11 @@ class WritingProcess:
         OSError: If no process can be started.
     """
 
-    def __init__(self, goal: Goal, say: Callable[[str], None]) -> None:
+    def __init__(self, goal: Goal, say: Callable[[str], None], breathe: Callable[[], None]) -> None:
         if not Path(sys.executable or "").stem.lower().startswith(("python", "pypy")):
             raise OSError("this interpreter is embedded: there is no Python to start")
-        self._say = say
+        self._say, self._breathe = say, breathe
+        self._packer = Packer(goal.instances)
         self._lock = Lock()
         self.begun = self._given_up = self._ended = False
         environment = {**os.environ, **dict.fromkeys(_ALONE, "1")}
@@ -66,15 +69,26 @@ class WritingProcess:
             Unfit: If it cannot be done there.
             Exception: What went wrong there.
         """
-        packed = [sample.packed for sample in samples if sample.packed is not None]
+        try:
+            message = b"".join(self._packed(samples))
+        except Exception:
+            if self.begun:
+                raise
+            raise Unfit from None  # of a robot that cannot be pickled
         if not self.begun:
-            if len(packed) < len(samples) or _received(self._from) is None:
+            if _received(self._from) is None:
                 raise Unfit
             with self._lock:
                 if self._given_up:
                     raise Unfit
                 self.begun = True
-        self._ask(b"".join(packed))
+        self._ask(message)
+
+    def _packed(self, samples: Sequence[Sample]) -> Iterator[bytes]:
+        for k, sample in enumerate(samples, 1):
+            yield self._packer.pack(sample)
+            if k % _BREATH == 0:
+                self._breathe()
 
     def _ask(self, message: bytes) -> None:
         """Send something, and hear what came of it."""

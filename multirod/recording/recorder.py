@@ -16,7 +16,6 @@ from multirod.assembly import Assembly
 from multirod.exclusive import Uncopied
 from multirod.recording.background import Sample, WritingThread
 from multirod.recording.coloring import Coloring
-from multirod.recording.passing import Packer
 from multirod.recording.process import Unfit, WritingProcess
 from multirod.recording.samples import first_instances
 from multirod.recording.streams import new_stream, send_to_file
@@ -98,25 +97,11 @@ class _Recording:
 
     def __init__(self, goal: Goal, together: int) -> None:
         self._goal = goal
-        self._packer: Packer | None = Packer(goal.instances)
         self._target: Target | None = None
         self._process: WritingProcess | None = None
         self.thread = WritingThread(self.write, together)
         with suppress(OSError):
-            self._process = WritingProcess(goal, self.thread.say)
-
-    def sample(self, step: int, time: float, step_time: float, solutions: Sequence[Solution]) -> Sample:
-        """A sample, and with it what another process needs, if one writes."""
-        total = math.prod(solutions[0].batch_shape)
-        packed = None
-        if self._process is not None and self._packer is not None:
-            try:
-                packed = self._packer.pack(step, time, step_time, total, solutions)
-            except Exception:  # (of whatever a robot of another package is made of)
-                if step:
-                    raise
-                self._packer = None
-        return Sample(step, time, solutions[0], step_time, solutions[1] if len(solutions) > 1 else None, total, packed)
+            self._process = WritingProcess(goal, self.thread.say, self.thread.breathe)
 
     def write(self, samples: Sequence[Sample]) -> None:
         """Have samples written by the process, or write them here where there is none; on the thread."""
@@ -275,8 +260,7 @@ class Recorder(Uncopied):
             if self._closed:
                 raise RuntimeError("Recorder.log: the recorder is closed")
             now, duration = self._checked(time, solution, step_time, reference)
-            solutions = (solution,) if reference is None else (solution, reference)
-            sample = self._recording.sample(self._step, now, duration, solutions)
+            sample = Sample(self._step, now, solution, duration, reference, math.prod(solution.batch_shape))
             taken = self._thread.put(sample, wait=self._waits)
             self._last_time = now
             self._step += 1
