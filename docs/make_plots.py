@@ -1,4 +1,4 @@
-"""The plots on pages: runs the code of the pages that have some, and writes each picture to docs/images.
+"""The plots on pages: runs the code of the pages that have some, and examples; writes each picture to docs/images.
 
 python docs/make_plots.py [--out FOLDER]
 """
@@ -9,6 +9,7 @@ import re
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from runpy import run_path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -25,6 +26,7 @@ PICTURES = {
     },
     "docs/branches.md": {"snap_in_time": 'history.plot("tip")'},
 }  # of each page, and each a line of it
+EXAMPLES = ("paper_rod", "surgical_tubes", "six_legs")
 DPI = 80
 
 
@@ -64,6 +66,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         try:
             for page, pictures in PICTURES.items():
                 draw(ROOT / page, pictures, folder)
+            for name in EXAMPLES:
+                run_path(str(ROOT / "examples" / f"{name}.py"))["main"](["--out", str(folder / f"{name}.png")])
         finally:
             os.chdir(before)
             pyplot.close("all")

@@ -56,6 +56,28 @@ def test_two_segments_are_those_of_a_published_program(example):
     assert error < 1.0  # of 400 mm: an observer meets a kink in every turn
 
 
+def test_three_tubes_are_those_of_a_published_program(example, tmp_path):
+    held, behind = example("surgical_tubes.py").main(["--out", str(tmp_path / "tubes.png")])
+    assert held < 0.1  # that program cuts 155.2 mm to 155.15, in five pieces
+    assert behind > 10  # a part that it leaves out
+    assert (tmp_path / "tubes.png").stat().st_size > 10_000
+
+
+def test_six_legs_are_as_long_as_a_published_program_has_them(example, tmp_path):
+    gaps = example("six_legs.py").main(["--out", str(tmp_path / "legs.png")])
+    assert np.abs(gaps[[2, 5]]).max() < 1e-7  # what 100 steps of its integration leave
+    assert np.abs(gaps).max() < 2e-5  # its condition on the legs' directions holds to first order in their obliquity
+    assert (tmp_path / "legs.png").stat().st_size > 10_000
+
+
+def test_the_papers_wire_has_the_papers_boundary_error(example, tmp_path):
+    found = example("paper_rod.py").main(["--out", str(tmp_path / "rod.png")])
+    boundary, tip = found[0.2]
+    assert abs(boundary - 0.0241) < 0.1 * 0.0241  # as its program is run; its table is of 20 runs that it does not state
+    assert 0.13 < tip < 0.4  # which is not met
+    assert (tmp_path / "rod.png").stat().st_size > 10_000
+
+
 def test_new_assembly_agrees_with_the_clamped_rod(example):
     module = example("new_assembly.py")
     assert module.main() < 1e-9  # both solved to 1e-9 1/m on 0.4 m
