@@ -76,6 +76,11 @@ class Frame:
         frame.eye = eye
         return frame
 
+    @property
+    def above(self) -> FloatArray:
+        """A place above the middle of the view, with room for some words [m], shape (3,)."""
+        return np.asarray(self.centre + 0.3 * float(np.linalg.norm(self.eye - self.centre)) * _SIDES[:, 1])
+
     def widened(self, points: FloatArray) -> "Frame":
         """A frame that shows what this one does, and points (count, 3) with some room beyond them."""
         middle = self.centre

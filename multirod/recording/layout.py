@@ -160,7 +160,9 @@ def _plots(stage: Stage, ranges: Mapping[str, tuple[float, float]]) -> Any:
 
     few = stage.count == 1
     errors = [plot("Boundary error, log10 [1/m]", "error/boundary_log10"), plot("linear", "error/boundary")]
-    if stage.blocks:
+    if ranges and "/error/boundary_log10" not in ranges:
+        errors = [plot("Boundary error [1/m]", "error/boundary"), errors[0]]  # zero all along, which has no logarithm
+    elif stage.blocks:
         errors.insert(0, plot(f"Error {stage.split}, log10 [1/m]", "error/blocks_log10", legend=few))
     conditioning = tabs(
         plot("Condition, log10", "conditioning/condition_log10"),
@@ -173,7 +175,7 @@ def _plots(stage: Stage, ranges: Mapping[str, tuple[float, float]]) -> Any:
     actuation = [plot(f"{spec.name} [{spec.unit}]", f"inputs/{spec.name}", legend=few) for spec in stage.given]
     if stage.lines:
         actuation += [
-            plot("Tension [N]", "lines/tension", legend=few),
+            plot("Line tension [N]", "lines/tension", legend=few),
             plot("Line length [mm]", "lines/length_mm", legend=few),
         ]
     cells = [tabs(*errors), conditioning, effort]

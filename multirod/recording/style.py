@@ -123,8 +123,8 @@ def _series(stage: Stage, k: int) -> Styled:
     for path in ("/error/blocks", "/error/blocks_log10") if stage.blocks else ():
         names = [f"{who}{part.name}" for part in stage.blocks]
         yield stage.scalar(path, k), [_lines(names, [part.color for part in stage.blocks])]
-    for path, unit in (("/lines/tension", "N"), ("/lines/length_mm", "mm")) if stage.lines else ():
-        names = [f"{who}{line.name} [{unit}]" for line in stage.lines]
+    for path in ("/lines/tension", "/lines/length_mm") if stage.lines else ():
+        names = [f"{who}{line.name}" for line in stage.lines]  # the plot's title says what, and in which unit
         yield stage.scalar(path, k), [_lines(names, [PALETTE[i % len(PALETTE)] for i in range(len(names))])]
     for spec in stage.assembly.input_specs:
         labels, shades = ["x", "y", "z"], list(_AXIS_COLORS)
@@ -134,7 +134,7 @@ def _series(stage: Stage, k: int) -> Styled:
         if spec.count is not None:
             labels = [line.name for line in stage.driven_by(spec.name)]
             shades = [PALETTE[stage.lines.index(line) % len(PALETTE)] for line in stage.driven_by(spec.name)]
-        names = [f"{who}{spec.name} {label} [{spec.unit}]" for label in labels]
+        names = [f"{who}{label}" for label in labels]
         yield stage.scalar(f"/inputs/{spec.name}", k), [_lines(names, shades)]
 
 

@@ -339,12 +339,18 @@ class Writer:
                     self._send(self.stage.rod("failed/rods", k, i), index, strips)
                     last[i] = nodes
                 text = [_words(int(codes[row]))] if failed[row] else []
-                place = [nodes[-1] if len(nodes) else next(iter(self.stage.bases.values()))[:3, 3]] if failed[row] else []
+                place = [self._place_of_words(nodes)] if failed[row] else []
                 points = [*rr.Points3D.columns(positions=place).partition([len(text)])]
                 self._send(path, index, [*points, *rr.Points3D.columns(labels=text).partition([len(text)])])
         sound = np.flatnonzero(~failed)
         if sound.size:
             self._last_sound[k] = [p[sound[-1]] for p in positions]
+
+    def _place_of_words(self, nodes: FloatArray) -> FloatArray:
+        """Where what happened can be read: high in the view; of several instances, at the tip of each."""
+        if not self.stage.batched:
+            return Frame.between(self.stage.centre, self.stage.eye).above
+        return np.asarray(nodes[-1] if len(nodes) else next(iter(self.stage.bases.values()))[:3, 3])
 
     def _write_status(self, path: str, steps: NDArray[np.int64], times: FloatArray, codes: NDArray[Any]) -> None:
         import rerun as rr
