@@ -81,6 +81,9 @@ def test_samples_arrive_as_they_were(kind: str) -> None:
                 value = np.asarray(getattr(given, name))
                 flat = value.reshape(-1, *value.shape[len(given.batch_shape) :])[:count]
                 np.testing.assert_array_equal(np.reshape(getattr(got, name), flat.shape), flat)
+            assert got.inputs.given == given.inputs.given
+            if "tip_force" in given.inputs.given:
+                np.testing.assert_array_equal(got.inputs.tip_force, given.inputs.tip_force)
             rotation = np.broadcast_to(given.inputs.rotation, (*given.batch_shape, 1)).reshape(-1, 1)[:count]
             np.testing.assert_array_equal(np.reshape(got.inputs.rotation, rotation.shape), rotation)
 

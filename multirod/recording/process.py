@@ -2,7 +2,6 @@
 
 import os
 import pickle
-import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -16,8 +15,14 @@ from multirod.recording.background import Sample
 from multirod.recording.passing import Packer, Unpacker
 from multirod.recording.target import Goal, Target
 
-# Not ``multiprocessing``, which would run the program's main file once more.
-_START = "import pickle, sys; sys.path[:] = pickle.load(sys.stdin.buffer); from multirod.recording.process import main; main()"
+# Not ``multiprocessing``, which would run the program's main file once more. A program that is interrupted says when to end.
+_START = """
+import pickle, signal, sys
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+sys.path[:] = pickle.load(sys.stdin.buffer)
+from multirod.recording.process import main
+main()
+"""
 _ALONE = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 _BREATH = 10  # samples that are packed without a breath: some tens of microseconds
 _SIZE = 8  # bytes that say how many follow
@@ -131,7 +136,6 @@ class WritingProcess:
 
 def main() -> None:
     """The process: answers each message, and finishes the recording when there are no more."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the program that is interrupted says when to end
     source, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     settings, goal = pickle.load(source)
