@@ -573,6 +573,7 @@ class RodArrays:
         foundation: Whether a medium is around any rod.
         eccentric: Whether the rods run side by side.
         members: Laws of what the rods carry along themselves, whose parameters and functions are further columns of ``material``.
+        member_rods: Of several rods, the one that carries each.
         member_degree: Degree of the polynomials of these functions.
         discs: Whether lines run straight between discs.
         batch_shape: Leading axes; where there are none, the batch axis is 1.
@@ -588,6 +589,7 @@ class RodArrays:
     foundation: bool = False
     eccentric: bool = False
     members: "tuple[type[Member], ...]" = ()
+    member_rods: tuple[int, ...] = ()
     member_degree: int = 0
     discs: bool = False
     batch_shape: tuple[int, ...] = field(default=())
@@ -652,6 +654,7 @@ def stack(backbones: Sequence[RodArrays], batch_shape: tuple[int, ...]) -> RodAr
         torsion=any(arrays.torsion for arrays in backbones),
         foundation=any(arrays.foundation for arrays in backbones),
         members=backbones[0].members,
+        member_rods=backbones[0].member_rods,
         member_degree=max(arrays.member_degree for arrays in backbones),
         discs=any(arrays.discs for arrays in backbones),
         batch_shape=(*batch_shape, len(backbones)),
@@ -665,15 +668,22 @@ def _values(member: "Member", section: Section, s: float) -> list[FloatArray]:
     return [values[..., k] for k in range(count)]
 
 
-def _carried(rod: Rod, section: Section, s: float, start: FloatArray, end: FloatArray, degree: int) -> list[FloatArray]:
-    """Parameters of members on a piece from ``start`` to ``end`` (...), around s, then their functions, power by power."""
-    found = [value for member in rod.carried for value in _values(member, section, s)]
+def _carried(
+    rods: Sequence[Rod], own: int, section: Section, s: float, start: FloatArray, end: FloatArray, degree: int
+) -> list[FloatArray]:
+    """Parameters of the members of all rods on a piece of rod ``own`` from ``start`` to ``end`` (...), around s, then their
+    functions, power by power; zero of what another rod carries."""
+    found: list[FloatArray] = []
     functions = []
-    for member in rod.carried:
-        if member.functions:
-            begin, stop, coefficients = member.polynomials(s)
-            moved = profile.recentred(coefficients, begin, stop, start, end)
-            functions.append(np.pad(moved, [(0, 0)] * (moved.ndim - 2) + [(0, degree + 1 - moved.shape[-2]), (0, 0)]))
+    for k, rod in enumerate(rods):
+        for member in rod.carried:
+            found += _values(member, section, s) if k == own else [np.zeros(())] * member.value_count()
+            if member.functions and k == own:
+                begin, stop, coefficients = member.polynomials(s)
+                moved = profile.recentred(coefficients, begin, stop, start, end)
+                functions.append(np.pad(moved, [(0, 0)] * (moved.ndim - 2) + [(0, degree + 1 - moved.shape[-2]), (0, 0)]))
+            elif member.functions:
+                functions.append(np.zeros((degree + 1, len(member.functions))))
     return found + [values[..., k, j] for k in range(degree + 1) for values in functions for j in range(values.shape[-1])]
 
 
@@ -701,15 +711,16 @@ def lower(rods: Sequence[Rod], offsets: FloatArray | None = None) -> RodArrays:
 
     batch_shape = np.broadcast_shapes(*(rod.batch_shape for rod in rods))
     degree = profile.DEGREE if any(isinstance(s.precurvature, profile.Profile) for rod in rods for s in rod.sections) else 0
-    polynomials = [member.polynomials(0.0)[2] for rod in rods for member in rod.carried if member.functions]
+    carried = [member for rod in rods for member in rod.carried]
+    polynomials = [member.polynomials(0.0)[2] for member in carried if member.functions]
     member_degree = max((values.shape[-2] - 1 for values in polynomials), default=0)
 
     def batch(value: Any, tail: tuple[int, ...] = ()) -> FloatArray:
         return np.broadcast_to(value, (*batch_shape, *tail)).reshape(-1, *tail)
 
-    def made_of(rod: Rod, section: Section, own: list[FloatArray], s: float, start: FloatArray, end: FloatArray) -> FloatArray:
+    def made_of(rod: int, section: Section, own: list[FloatArray], s: float, start: FloatArray, end: FloatArray) -> FloatArray:
         place = (s, start.reshape(batch_shape), end.reshape(batch_shape))
-        return np.stack(own + [batch(value) for value in _carried(rod, section, *place, member_degree)], -1)
+        return np.stack(own + [batch(value) for value in _carried(rods, rod, section, *place, member_degree)], -1)
 
     columns: list[list[tuple[FloatArray, FloatArray, FloatArray]]] = []
     for k, rod in enumerate(rods):
@@ -742,12 +753,12 @@ def lower(rods: Sequence[Rod], offsets: FloatArray | None = None) -> RodArrays:
                 # what is pushed out of the base continues the first section, as it is there
                 constant = np.zeros((end.size, degree + 1, 3))
                 constant[:, 0] = at_base
-                column.append((end, made_of(rod, section, own, 0.0, end, end), constant.reshape(end.size, -1)))
+                column.append((end, made_of(k, section, own, 0.0, end, end), constant.reshape(end.size, -1)))
             for last, coefficients in curves:
                 for s, start, stop in _cut(end, last, cuts):
                     moved = profile.recentred(coefficients, end, last, start, stop)
                     curved = np.broadcast_to(moved, (end.size, degree + 1, 3)).reshape(end.size, -1)
-                    column.append((stop, made_of(rod, section, own, s, start, stop), curved))
+                    column.append((stop, made_of(k, section, own, s, start, stop), curved))
                 end = last
         columns.append(column)
     count = max(len(column) for column in columns)
@@ -765,7 +776,8 @@ def lower(rods: Sequence[Rod], offsets: FloatArray | None = None) -> RodArrays:
         torsion=bool(np.isfinite(material[..., 2]).any()),
         foundation=bool(material[..., 13:16].any()),
         eccentric=offsets is not None,
-        members=kinds(rods[0].carried),
+        members=kinds(carried),
+        member_rods=tuple(k for k, rod in enumerate(rods) for _ in rod.carried) if len(rods) > 1 else (),
         member_degree=member_degree,
         discs=any(rod.discs for rod in rods if rod.lines),
         batch_shape=batch_shape,

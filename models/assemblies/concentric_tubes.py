@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
-from multirod.inputs import Inputs
+from multirod.inputs import Inputs, InputSpec
 from multirod.models.assemblies.inputs import ConcentricTubesInput, ConcentricTubesInputs, listed
-from multirod.models.backbone.inputs import BACKBONE_INPUTS, BY_MATERIAL
-from multirod.models.backbone.problem import BackboneAssembly
+from multirod.models.backbone.inputs import BACKBONE_INPUTS, BY_MATERIAL, DRIVE_INPUTS, DRIVES, drive_specs
+from multirod.models.backbone.problem import BackboneAssembly, surely_driven
 from multirod.rod import Rod
 from multirod.types import Numbers
 from multirod.validation import FloatArray, refuse, sequence
@@ -48,8 +48,6 @@ class ConcentricTubes(BackboneAssembly):
                 refuse(f"ConcentricTubes.tubes[{k}]", tube, "shear_stiffness and axial_stiffness must be inf")
             if tube.members:
                 refuse(f"ConcentricTubes.tubes[{k}]", tube, "must have no members: how tubes share them is not modelled")
-            if tube.lines:
-                refuse(f"ConcentricTubes.tubes[{k}]", tube, "must have no lines: how they bend several tubes is not modelled")
         super().__init__(tuple(tubes), base)
         self._shortest = [float(np.min(tube.length)) for tube in tubes]
 
@@ -61,7 +59,7 @@ class ConcentricTubes(BackboneAssembly):
     if TYPE_CHECKING:
         _input_name: ConcentricTubesInput
 
-    @listed(*BACKBONE_INPUTS)
+    @listed(*BACKBONE_INPUTS, *DRIVE_INPUTS)
     def inputs(self, **values: Unpack[ConcentricTubesInputs]) -> Inputs:  # type: ignore[override]  # these, and no others
         """Actuation and loads by name, all optional: numbers or arrays, whose leading axes ``...`` broadcast.
 
@@ -79,6 +77,10 @@ class ConcentricTubes(BackboneAssembly):
         """
         return super().inputs(**ConcentricTubesInputs(**values))
 
+    @property
+    def input_specs(self) -> tuple[InputSpec, ...]:  # noqa: D102
+        return (*BACKBONE_INPUTS, *drive_specs(self.rods))
+
     def check(self, inputs: Inputs) -> None:  # noqa: D102
         super().check(inputs)
         beta = inputs.translation
@@ -90,6 +92,8 @@ class ConcentricTubes(BackboneAssembly):
             _refuse_where(behind, beta, k, f"must be <= translation[{k + 1}]: inner tubes start further back")
 
     def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102
+        if name in DRIVES:
+            return surely_driven(name, values, self.rods)
         if name != "translation":
             return name not in BY_MATERIAL
         low = -inf

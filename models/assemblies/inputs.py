@@ -51,14 +51,9 @@ class ConcentricTubesInputs(RobotInputs, total=False):
     """Acceleration, world frame [m/s^2], shape (..., 3); acts on ``linear_density``, which must be given."""
     magnetic_field: Numbers
     """Uniform magnetic field, world frame [T], shape (..., 3); acts on ``magnetisation``, which must be given."""
-
-
-class LineInputs(ConcentricTubesInputs, total=False):
-    """Those, and what drives lines, where rods have such lines."""
-
     tension: Numbers
-    """Tension of each line that is driven by it [N], >= 0, shape (..., line_count), in the order of the rods' lines; one number
-    pulls all of them alike."""
+    """Where rods have such lines: tension of each line that is driven by it [N], >= 0, shape (..., line_count), in the order of
+    the rods' lines; one number pulls all of them alike."""
     pressure: Numbers
     """Pressure in each chamber [Pa], shape (..., chamber_count), in their order; one number is that of all of them."""
     displacement: Numbers
@@ -66,14 +61,14 @@ class LineInputs(ConcentricTubesInputs, total=False):
     number is that of all of them."""
 
 
-class SingleRodInputs(LineInputs, total=False):
+class SingleRodInputs(ConcentricTubesInputs, total=False):
     """Inputs of ``SingleRod``."""
 
     tip_curvature: Numbers | None
     """Measured curvature at the tip, tip frame [1/m], shape (..., 3), in place of the boundary condition there."""
 
 
-class ParallelRodsInputs(LineInputs, total=False):
+class ParallelRodsInputs(ConcentricTubesInputs, total=False):
     """Inputs of ``ParallelRods``."""
 
     force_point: Numbers
@@ -107,10 +102,11 @@ EccentricTubesInput: TypeAlias = Literal[
     "distributed_force",
     "distributed_moment",
 ]
-ConcentricTubesInput: TypeAlias = Literal[EccentricTubesInput, "gravity", "magnetic_field"]
-LineInput: TypeAlias = Literal[ConcentricTubesInput, "tension", "pressure", "displacement"]
-SingleRodInput: TypeAlias = Literal[LineInput, "tip_curvature"]
-ParallelRodsInput: TypeAlias = Literal[LineInput, "force_point"]
+ConcentricTubesInput: TypeAlias = Literal[
+    EccentricTubesInput, "gravity", "magnetic_field", "tension", "pressure", "displacement"
+]
+SingleRodInput: TypeAlias = Literal[ConcentricTubesInput, "tip_curvature"]
+ParallelRodsInput: TypeAlias = Literal[ConcentricTubesInput, "force_point"]
 InverseParallelRodsInput: TypeAlias = Literal[ParallelRodsInput, "platform_position", "platform_rotation"]
 
 Method = TypeVar("Method", bound=Callable[..., Any])

@@ -24,11 +24,16 @@ class DrivenLines(Lines):
         self.problem = problem
         members = problem.features.members
         self._first = columns_in_material(members)
-        first, material = self._first, problem.arrays.material[:, 0]
+        # the rod that carries each
+        self._rods = problem.features.member_rods or (0,) * len(members)
+        first, material = self._first, problem.arrays.material
         # of each that is driven: its law, and its numbers by section (batch, section, number)
         self._driven: list[tuple[type[Member], FloatArray]] = [
-            (kind, material[..., first[k] : first[k + 1]]) for k, kind in enumerate(members) if kind.drive is not None
+            (kind, material[:, self._rods[k], :, first[k] : first[k + 1]])
+            for k, kind in enumerate(members)
+            if kind.drive is not None
         ]
+        self._driven_rods = [rod for rod, kind in zip(self._rods, members, strict=True) if kind.drive is not None]
 
     def length(self) -> FloatArray:  # noqa: D102
         problem = self.problem
@@ -46,7 +51,7 @@ class DrivenLines(Lines):
     def tension(self) -> FloatArray:  # noqa: D102
         result = self._inputs() * self._weights() + 0.0  # what is not filled pulls with 0, not with -0
         for k, (lever, unknown) in self._conditions().items():
-            unit = self.problem.each(self.problem.arrays.material[:, 0, 0, :2].max(axis=-1) / lever)
+            unit = self.problem.each(self.problem.arrays.material[:, self._driven_rods[k], 0, :2].max(axis=-1) / lever)
             slackens = self._driven[k][0].slackens
             result[:, k] = unit * (np.maximum(unknown, 0.0) if slackens else unknown)
         return result
@@ -64,15 +69,15 @@ class DrivenLines(Lines):
 
     def beyond(self) -> NDArray[np.bool_]:
         """Where lines between discs together buckle the rod, (L11)."""
-        pull = np.zeros((self.problem.instance_count, 1))
+        pull = np.zeros((self.problem.instance_count, len(self.problem.rods)))
         tension, straight = self.tension(), np.zeros((1, len(self._driven)), dtype=bool)
         for k, (kind, own) in enumerate(self._driven):
             if issubclass(kind, Line) and not issubclass(kind, Chamber):
                 spacing = own[..., list(kind.parameters).index("discs")].max(axis=1) * 24  # its square
                 straight[:, k] = spacing.any()
-                pull[:, 0] += tension[:, k] * self.problem.each(spacing)
-        softest = self.problem.each(self.problem.arrays.material[:, 0, :, :2].min(axis=(1, 2)))
-        return np.asarray(straight & (pull >= np.pi**2 * softest[:, None]))
+                pull[:, self._driven_rods[k]] += tension[:, k] * self.problem.each(spacing)
+        softest = self.problem.each(self.problem.arrays.material[..., :2].min(axis=(2, 3)))
+        return np.asarray(straight & (pull >= np.pi**2 * softest)[:, self._driven_rods])
 
     def taut(self) -> NDArray[np.bool_]:
         """Which of the lines that are driven by their length are held by it, shape (instance_count, condition_count)."""
@@ -90,13 +95,17 @@ class DrivenLines(Lines):
 
     def load(self) -> FloatArray:
         """How large a moment what drives them makes [N m], or would, shape (instance_count,)."""
+        return np.asarray(self.load_by_rod().sum(axis=1))
+
+    def load_by_rod(self) -> FloatArray:
+        """The same of each rod, shape (instance_count, n)."""
         problem, members, inputs = self.problem, self.problem.features.members, self._inputs()
-        material = problem.arrays.material[:, 0]
-        offsets = np.abs(self._terms(material)).sum(axis=2).max(axis=1)
-        stiffness = material[:, :, :3].min(axis=(1, 2)) / problem.arrays.end[:, 0, -1]
         weights = np.abs(self._weights())
-        total, first, k = np.zeros(problem.instance_count), 0, 0
-        for kind in members:
+        by_rod, first, k = np.zeros((problem.instance_count, len(problem.rods))), 0, 0
+        for rod, kind in zip(self._rods, members, strict=True):
+            material, total = problem.arrays.material[:, rod], by_rod[:, rod]
+            offsets = np.abs(self._terms(material)).sum(axis=2).max(axis=1)
+            stiffness = material[:, :, :3].min(axis=(1, 2)) / problem.arrays.end[:, rod, -1]
             if kind.drive is not None:
                 if kind.conditioned:
                     lever, _, _, excess, *_ = np.moveaxis(self._driven[k][1][:, 0, -len(CONDITION) :], -1, 0)
@@ -106,20 +115,25 @@ class DrivenLines(Lines):
                     total += np.abs(inputs[:, k]) * weights[:, k] * problem.each(lever)
                 k += 1
             first += len(kind.functions)
-        return total
+        return by_rod
 
     def stays_stiff(self) -> NDArray[np.bool_]:
-        """Whether the sections, looked at ``SECTIONS`` places, resist every change of strain with their lines, (L4), shape
-        (instance_count,); False where a member with another law need not."""
+        """Whether the sections of each rod, looked at ``SECTIONS`` places, resist every change of strain with their lines, (L4),
+        shape (instance_count,); False where a member with another law need not."""
         problem, members = self.problem, self.problem.features.members
         count = problem.instance_count
         if all(kind.convex for kind in members):
             return np.ones(count, dtype=bool)
         if not all(kind.convex or issubclass(kind, Line) for kind in members):
             return np.zeros(count, dtype=bool)
-        call = problem.node_pass(SECTIONS)
-        s = call.read("node_arclength") - problem.read("inputs")[:, problem.input_slice("translation")][:, :1]
-        end, material = problem.each(problem.arrays.end[:, 0]), problem.each(problem.arrays.material[:, 0])
+        return np.asarray(np.all([self._rod_stays_stiff(rod) for rod in sorted(set(self._rods))], axis=0))
+
+    def _rod_stays_stiff(self, rod: int) -> NDArray[np.bool_]:
+        """Of one rod and what it carries."""
+        problem, members = self.problem, self.problem.features.members
+        call = problem.node_pass(SECTIONS, rod=rod if len(problem.rods) > 1 else None)
+        s = call.read("node_arclength") - problem.read("inputs")[:, problem.input_slice("translation")][:, rod, None]
+        end, material = problem.each(problem.arrays.end[:, rod]), problem.each(problem.arrays.material[:, rod])
         section = np.minimum((s[:, :, None] > end[:, None]).sum(axis=2), end.shape[1] - 1)
         here = np.take_along_axis(material, section[:, :, None], axis=1)
         rho, slope = self._offsets(s, end, section, here)
@@ -133,7 +147,7 @@ class DrivenLines(Lines):
         for j, kind in enumerate(members):
             if kind.drive is None:
                 continue
-            if not issubclass(kind, SectionChamber):
+            if self._rods[j] == rod and not issubclass(kind, SectionChamber):
                 T = drives[:, k, None] * here[..., self._first[j]]
                 stiffness += line_stiffness(T, rho[:, :, j], slope[:, :, j], u, v)
             k += 1

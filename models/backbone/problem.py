@@ -75,6 +75,7 @@ def scene_features(
         profile_degree=DEGREE if profiles else -1,
         shear=arrays.shear,
         members=arrays.members,
+        member_rods=arrays.member_rods,
         member_degree=arrays.member_degree,
         discs=arrays.discs,
         foundation=arrays.foundation,

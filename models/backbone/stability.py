@@ -177,7 +177,7 @@ class BackboneStability(StabilityAnalysis):
 
     def mode_bounds(self) -> FloatArray | None:  # noqa: D102
         features = self.problem.features
-        if len(self.problem.rods) == 1 or self.problem.held or not features.torsion or features.eccentric:
+        if len(self.problem.rods) == 1 or self.problem.held or not features.torsion or features.eccentric or features.members:
             return super().mode_bounds()
         inputs = self.problem.read("inputs")
         EI, kappa = self.problem.by_section()

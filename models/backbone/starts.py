@@ -61,8 +61,10 @@ class BackboneStarts(Starts):
         bending = first[..., :2].max(axis=2)
         moment = self.problem.load_scale() * self.problem.each(table.material[:, 0, :, :3].min(axis=(1, 2))) / length
         torque = np.zeros((self.problem.instance_count, len(self.problem.rods)))
+        pull = self.problem.lines.load_by_rod() if self.problem.drive_count else torque
         for part in (np.arange(_PARTS) + 0.5) / _PARTS:
             stiffness, bend = self._bending_at((part * length)[:, None] - start)
+            bend = bend + pull
             others = bend.sum(axis=1, keepdims=True) - bend
             torque += bend * others / stiffness.sum(axis=1, keepdims=True) * (length / _PARTS)[:, None]
         shared = np.broadcast_to(bending.sum(axis=1)[:, None], (self.problem.instance_count, 2))

@@ -27,6 +27,7 @@ from multirod.models.backbone.kernels.layout.arguments import (
     RodTable,
 )
 from multirod.models.backbone.kernels.layout.layout import Layout, Memory
+from multirod.models.backbone.kernels.members.loading import load_members_of_tubes
 from multirod.models.backbone.kernels.numbers.lanes import lanes
 from multirod.models.backbone.members import columns_in_material, drive_places, driven
 
@@ -39,14 +40,16 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
     set_lane, get_lane, copy_lane = L.set, L.get, L.copy
     memory_type = wp.array(dtype=d)
     n, features = layout.n, layout.features
-    SEVERAL, ECCENTRIC, HELD, NODES, MEMBERS = layout.TUBES, layout.ECCENTRIC, features.held, layout.NODES, bool(features.members)
+    SEVERAL, ECCENTRIC, HELD, NODES = layout.TUBES, layout.ECCENTRIC, features.held, layout.NODES
+    CARRIERS = layout.CARRIERS  # whose members are loaded by themselves
+    MEMBERS = bool(features.members) and not CARRIERS
     PROFILE, PROFILE_TERMS, CURVATURE_TERMS = layout.PROFILE, layout.PROFILE_TERMS, layout.CURVATURE_TERMS
     FORCE_PER_LENGTH, MOMENT_PER_LENGTH, VARIED = layout.FORCE_PER_LENGTH, layout.MOMENT_PER_LENGTH, layout.VARIED
     WORLD_FORCE = layout.FORCE and not layout.FORCE_STATE and not layout.FOUNDATION
     FOUNDATION, ANISOTROPIC, SHEAR = layout.FOUNDATION, features.anisotropic, features.shear
     DIRECTIONS = layout.DIRECTIONS
     SINGLE = d is wp.float32
-    FUNCTIONS, ROUTED = layout.FUNCTIONS, layout.ROUTED
+    FUNCTIONS, ROUTED = layout.FUNCTIONS * (not CARRIERS), layout.ROUTED
     FUNCTION_TERMS = layout.FUNCTION_TERMS
     *IN_MATERIAL, FUNCTIONS_IN_MATERIAL = columns_in_material(features.members)
     FUNCTION_POWERS = [powers for kind in features.members for powers in kind.functions.values()]
@@ -369,7 +372,7 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         """After the last."""
 
     load_members = load_no_member
-    for k, kind in reversed(list(enumerate(features.members))):
+    for k, kind in reversed(list(enumerate(features.members)) if MEMBERS else []):
         load_members = load_member(k, kind, load_members)
 
     @wp.func
@@ -656,6 +659,9 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
             for j in range(3):
                 call.lane[p, FORCE + j] = call.lane[p, FORCE + j] - taken[j]
 
+    if CARRIERS:
+        parts = SimpleNamespace(section_from=section_from, set_number=set_number, counted=counted, make_drive=make_drive)
+        load_stretch = load_members_of_tubes(layout, memory, W, d, parts, load_stretch)
     return SimpleNamespace(
         conditions=conditions,
         load_drive_columns=load_drive_columns,

@@ -11,6 +11,7 @@ import warp as wp
 from multirod.models.backbone.kernels.instance import Instance
 from multirod.models.backbone.kernels.layout.arguments import Call, RodTable
 from multirod.models.backbone.kernels.layout.layout import Layout, Memory
+from multirod.models.backbone.kernels.members.loading import write_node_of_tubes
 from multirod.models.backbone.kernels.numbers.lanes import lanes
 from multirod.models.backbone.kernels.numbers.scalars import rotate, rotation_matrix, turned_about_z
 
@@ -30,7 +31,8 @@ def make_nodes(layout: Layout, memory: Memory, base: SimpleNamespace, tip: Simpl
     MOMENT_AT, FORCE_AT, CURVATURE_AT, TWIST_AT = p["moment"], p["force"], p["curvature"], p["own_twist"]
     TUBE_X, TUBE_Y, PRESENT, BENDING = p["tube_x"], p["tube_y"], layout.stretch["present"], layout.stretch["bending"]
     OFFSET, STRETCHING = layout.stretch["offset"], p["stretching"]
-    MEMBERS, MEMBER_MOMENT, MEMBER_FORCE = bool(layout.features.members), p["member_moment"], p["member_force"]
+    CARRIERS = layout.CARRIERS
+    MEMBERS, MEMBER_MOMENT, MEMBER_FORCE = bool(layout.features.members) and not CARRIERS, p["member_moment"], p["member_force"]
     GRIPS, GRIPS_AT = layout.DRIVES * layout.FRICTION, layout.state["grips"]
     frame, world_position = tip.frame, tip.world_position
     turn_column, tip_angle_column = tip.turn_column, tip.tip_angle_column
@@ -156,4 +158,6 @@ def make_nodes(layout: Layout, memory: Memory, base: SimpleNamespace, tip: Simpl
                 call.tip_columns[t, row, k] = torque
                 row += int(1)
 
+    if CARRIERS:
+        write_node = write_node_of_tubes(layout, memory, base, W, d, vector_of, write_node)
     return SimpleNamespace(write_node=write_node, write_node_column=write_node_column, write_tip_column=write_tip_column)

@@ -6,6 +6,7 @@ This is the one file that knows it; ``members`` adds what rods carry along thems
 of the state and ``g`` where stands what its direction varies. Numbers in parentheses are those of ``docs/model.md``.
 """
 
+from functools import partial
 from types import SimpleNamespace
 
 import warp as wp
@@ -13,15 +14,19 @@ import warp as wp
 from multirod.models.backbone.kernels.eccentric import make_eccentric_rods
 from multirod.models.backbone.kernels.layout.layout import Layout
 from multirod.models.backbone.kernels.members.rod import make_rod_with_members
+from multirod.models.backbone.kernels.members.tubes import make_tubes_with_members
 from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul, neg, sub  # noqa: F401  (by name)
 from multirod.models.backbone.kernels.numbers.vectors import vectors
 
 
 def make_strains(layout: Layout, W: int, d) -> SimpleNamespace:
-    """The law of one rod, (5), of one with members, (5m), of several that share a centreline, (7) and (8), or side by side."""
+    """The law of one rod, (5), of one with members, (5m), of several that share a centreline, (7) and (8), with members or
+    without, or side by side."""
     precurvature = make_precurvature(layout, W, d)
     if layout.ECCENTRIC:
         make = make_eccentric_rods
+    elif layout.CARRIERS:
+        make = partial(make_tubes_with_members, several=make_several_rods(layout, W, d, precurvature))
     else:
         make = make_rod_with_members if layout.features.members else make_one_rod if layout.n == 1 else make_several_rods
     return SimpleNamespace(**(vars(precurvature) | vars(make(layout, W, d, precurvature))))
@@ -351,6 +356,10 @@ def make_several_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simple
             keep_in(f, wp.static(THETA + i - 1), rate)
 
     return SimpleNamespace(
+        bent=bent,
+        inner_torque=inner_torque,
+        stiffened=stiffened,
+        turned_variation=turned_variation,
         strain=strain,
         rates=rates,
         energy_rate=energy_rate,

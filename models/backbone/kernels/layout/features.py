@@ -30,7 +30,9 @@ class Features:
         magnetised: Magnetised rods stand in a magnetic field, equation (3d).
         foundation: The rods stand in an elastic medium, equation (3e): the force is a state, and the base force unknown.
         measured: A measured tip curvature takes the place of the boundary condition, equation (12).
-        members: What the rod carries along itself, kinds of ``Member`` in their order, equation (5m).
+        members: What the rods carry along themselves, kinds of ``Member``, those of one rod after those of the rod before, equation
+            (5m).
+        member_rods: Of several rods, the one that carries each.
         member_degree: Degree of the polynomials in arclength that hold what of them varies along it; 0 is constant by section.
         discs: Its lines run straight between discs, equation (L11) of ``docs/lines.md``.
         lengths: How long its lines are is integrated too: what drives of members work on.
@@ -61,6 +63,7 @@ class Features:
     foundation: bool = False
     measured: bool = False
     members: tuple[type["Member"], ...] = ()
+    member_rods: tuple[int, ...] = ()
     member_degree: int = 0
     discs: bool = False
     lengths: bool = False
@@ -137,6 +140,11 @@ class Features:
     def frame(self) -> bool:
         """Whether the frame is integrated."""
         return self.pose or self.nodes or self.loads_need_frame or self.column_has_frame
+
+    @property
+    def carriers(self) -> tuple[int, ...]:
+        """Of several rods, those that carry members."""
+        return tuple(sorted(set(self.member_rods)))
 
     @property
     def condition_count(self) -> int:

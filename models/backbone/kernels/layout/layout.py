@@ -121,6 +121,10 @@ class Layout:
         self.MAGNETISED = f.magnetised
         # strains that members depend on: u, and v - e3 where the rod shears
         self.STRAINS = 6 if f.shear else 3
+        # what is solved for at a place: of several rods that carry members, their bending and the twist of each that does
+        self.CARRIERS, carriers = f.carriers, len(f.carriers)
+        self.SOLVED = 2 + carriers if carriers else self.STRAINS
+        alone = bool(f.members) and not carriers
         self.member_slots = [slot for k, kind in enumerate(f.members) for slot in _member_slots(k, kind)]
         self.DRIVES = sum(kind.drive is not None for kind in f.members)
         self.CONDITIONS = f.condition_count
@@ -196,11 +200,11 @@ class Layout:
                 Slot("functions", self.FUNCTIONS * self.FUNCTION_TERMS),  # of members, the constant terms first
                 Slot("unanswered", 1 * bool(f.members)),  # 1 where members left no strains for what the rod carried
                 # how many strains are known, 2 at most: the last ones and where they are, and those before
-                Slot("known", 1 * bool(f.members)),
-                Slot("place", 1 * bool(f.members)),
-                Slot("strains", self.STRAINS * bool(f.members)),
-                Slot("place_before", 1 * bool(f.members)),
-                Slot("strains_before", self.STRAINS * bool(f.members)),
+                Slot("known", 1 * alone),
+                Slot("place", 1 * alone),
+                Slot("strains", self.STRAINS * alone),
+                Slot("place_before", 1 * alone),
+                Slot("strains_before", self.STRAINS * alone),
                 Slot("unit_moment", 1, "moment"),  # what counts as one in the errors of a step
                 Slot("unit_force", 1, "force"),
                 Slot("unit_length", 1, "length"),
@@ -232,9 +236,11 @@ class Layout:
                 Slot("sine", tube),
                 Slot("field", 3 * f.magnetised),  # R^T B
                 Slot("turned_magnetisation", 3 * n * f.magnetised, "force"),  # along the axes of rod 1
-                Slot("system", self.STRAINS**2 * bool(f.members)),  # I + C D, factored
-                Slot("member_moment", 3 * bool(f.members and f.nodes), "moment"),
-                Slot("member_force", 3 * bool(f.members and f.nodes), "force"),
+                # I + C D, factored; of several rods without their twists, inverted
+                Slot("system", 4 if carriers else self.STRAINS**2 * bool(f.members)),
+                # of each rod that carries members, in its own frame; of one alone only where it is asked for
+                Slot("member_moment", 3 * (carriers or 1 * bool(f.members and f.nodes)), "moment"),
+                Slot("member_force", 3 * (carriers or 1) * bool(f.members and f.nodes), "force"),
                 Slot("functions", 3 * self.FUNCTIONS * self.ROUTED),  # of members: values, then first and second derivatives
                 Slot("pulls", self.STRAINS * self.DRIVES * self.PULLED),  # dw/d(u, e) of each
                 Slot("drives", self.DRIVES * f.friction),
@@ -242,7 +248,15 @@ class Layout:
                 Slot("strain_rates", self.STRAINS * f.friction),  # (u, e) by arclength, (L13)
                 Slot("rate_system", self.STRAINS**2 * f.friction),  # (L14), factored
                 Slot("pull_rates", (self.STRAINS) * f.friction, "force"),  # M, N by arclength, in the frame
-                Slot("slides", (self.STRAINS + self.LENGTHS) * (self.ROUTED and f.directions)),  # by arclength: of g, then of w
+                # by arclength: of g, then of w
+                Slot("slides", (self.STRAINS * (carriers or 1) + self.LENGTHS) * (self.ROUTED and f.directions)),
+                # (L16), (L18) of each of several rods that carries members: its strains in its own frame, and how much its twist
+                # exceeds what its torque alone would make; D of bending and twist along the axes of rod 1, and what is left of a
+                # twist; of a column, how twist and excess change
+                Slot("own_strains", 3 * carriers, "1/length"),
+                Slot("excess", carriers, "1/length"),
+                Slot("member_stiffness", 6 * carriers),
+                Slot("twist_changes", 2 * carriers),
                 Slot("own_twist", n * f.nodes, "1/length"),  # u*_i,z
                 Slot("rate", self.column.size * directed),  # of what of the state stands in a column
             ]

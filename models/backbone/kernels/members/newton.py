@@ -17,7 +17,7 @@ def make_newton(layout: Layout, W: int, d, members: SimpleNamespace) -> SimpleNa
     """For the members of ``make_members``."""
     L = lanes(W, d)
     Real, fill, absolute, largest, where_less = L.Real, L.fill, L.absolute, L.largest, L.where_less
-    m = layout.STRAINS
+    m = layout.SOLVED
     system, matrix, vector = L.system(m), L.few(m * m), L.few(m)
     Matrix, keep_entry, Few, one_of = system.type, matrix.keep, vector.type, vector.part
     Response, part_of_response, PLACES = members.Response, members.part_of_response, members.places

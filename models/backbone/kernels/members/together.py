@@ -17,8 +17,13 @@ from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul,
 from multirod.models.backbone.kernels.numbers.vectors import vectors
 
 
-def make_members(layout: Layout, W: int, d) -> SimpleNamespace:
-    """The laws of all members, called as if they were one."""
+def make_members(layout: Layout, W: int, d, rod: int | None = None) -> SimpleNamespace:
+    """The laws of all members, or of those of one of several rods, called as if they were one.
+
+    Their drives are numbered from ``first_drive`` on; ``u``, ``e`` are strains of the rod that carries them, in its own frame.
+    """
+    OWN = [k for k in range(len(layout.features.members)) if rod is None or layout.features.member_rods[k] == rod]
+    FIRST_DRIVE = sum(kind.drive is not None for kind in layout.features.members[: OWN[0]])
     FORCES = layout.features.shear or layout.NODES  # whether it is asked what force members carry
     L, V, R = lanes(W, d), vectors(W, d), make_response(W, d, 6 if FORCES else 3)
     Real, row, put, fill = L.Real, L.row, L.put, L.fill
@@ -34,10 +39,15 @@ def make_members(layout: Layout, W: int, d) -> SimpleNamespace:
     FUNCTIONS, TERMS = layout.FUNCTIONS, layout.FUNCTION_TERMS
     # functions of members: those that are constant by section stand on the stretch, the others at the place
     FUNCTIONS_AT, ROWS_AT = p["functions"], s["functions"]
-    ROUTED, CENTRE, SLOPE = layout.ROUTED, s["centre"], s["slope"]
+    ROUTED, CENTRE, SLOPE = layout.ROUTED, s["centre"] + (rod or 0), s["slope"] + (rod or 0)
+    OWN_FUNCTIONS, FIRST_FUNCTION = (
+        sum(len(layout.features.members[k].functions) for k in OWN),
+        layout.of_member(OWN[0])[1],
+    )
     ALONG = layout.ROUTED and layout.DIRECTIONS
     LENGTHS, LENGTHS_AT = layout.LENGTHS, layout.state["lengths"]
-    PULLS_AT, SLIDES_AT = p["pulls"], p["slides"]
+    # lengths follow what slides of all rods
+    PULLS_AT, SLIDES_AT = p["pulls"], p["slides"] + 3 * max(len(layout.CARRIERS) - 1, 0)
     DRIVES_VARY, FRICTION, DRIVES_GIVEN = layout.DRIVES_VARY, layout.FRICTION, layout.given["drives"]
     GRIPS_AT, DRIVES_AT, HELD_AT = layout.state["grips"], p["drives"], p["grips"]
     COMPLIANCE, SHEAR_AT, EXTENSION_AT = s["compliance"], s["shear"], p["extension"]
@@ -65,8 +75,9 @@ def make_members(layout: Layout, W: int, d) -> SimpleNamespace:
         """The functions of members, and their derivatives by arclength."""
         by_length = row(memory, z + wp.static(SLOPE))
         t = (x - row(memory, z + wp.static(CENTRE))) * by_length
-        count = int(wp.static(FUNCTIONS))
-        for j in range(count):
+        count = int(wp.static(OWN_FUNCTIONS))
+        for k_own in range(count):
+            j = k_own + wp.static(FIRST_FUNCTION)
             first = z + wp.static(ROWS_AT) + j
             y = row(memory, first + wp.static((TERMS - 1) * FUNCTIONS))
             y_t = fill(d(0.0))
@@ -83,7 +94,8 @@ def make_members(layout: Layout, W: int, d) -> SimpleNamespace:
     def runs() -> list[tuple[Any, int, int, int, int, int]]:
         """Members of one law that follow each other: the law, how many, where the first stands, how far the next is from it."""
         found: list[list[Any]] = []
-        for k, kind in enumerate(layout.features.members):
+        for k in OWN:
+            kind = layout.features.members[k]
             if found and found[-1][0] is kind:
                 found[-1][1] += 1
             else:
@@ -273,6 +285,9 @@ def make_members(layout: Layout, W: int, d) -> SimpleNamespace:
         Response=Response,
         at_place=at_place,
         chain=chain,
+        first_drive=FIRST_DRIVE,
+        drive_count=sum(layout.features.members[k].drive is not None for k in OWN),
+        respond=respond,
         answer=answer,
         energy=chain(energies, no_energy, "energy"),
         work_of_drives=chain(works, no_energy, "pull"),
