@@ -46,9 +46,12 @@ class ConcentricTubes(BackboneAssembly):
         for k, tube in enumerate(tubes):
             if any(np.isfinite(s.shear_stiffness).any() or np.isfinite(s.axial_stiffness).any() for s in tube.sections):
                 refuse(f"ConcentricTubes.tubes[{k}]", tube, "shear_stiffness and axial_stiffness must be inf")
+            if any(line.rubs for line in tube.lines):
+                refuse(f"ConcentricTubes.tubes[{k}]", tube, "must have no line with friction: how tubes turn it is not modelled")
             if tube.members:
                 refuse(f"ConcentricTubes.tubes[{k}]", tube, "must have no members: how tubes share them is not modelled")
         super().__init__(tuple(tubes), base)
+        self._pulled = [min((line.reach_straight for line in tube.lines), default=inf) for tube in tubes]
         self._shortest = [float(np.min(tube.length)) for tube in tubes]
 
     @property
@@ -96,6 +99,8 @@ class ConcentricTubes(BackboneAssembly):
             return surely_driven(name, values, self.rods)
         if name != "translation":
             return name not in BY_MATERIAL
+        if any(value < -reach for value, reach in zip(values, self._pulled, strict=True)):
+            return False
         low = -inf
         for value, length in zip(values, self._shortest, strict=True):
             if not (low <= value <= 0.0 and value > -length):

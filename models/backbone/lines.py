@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from copy import copy
+from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
@@ -41,6 +42,7 @@ class Line(Member):
     functions: ClassVar = {"x": (0, 1), "y": (0, 1)}
     discs = 0.0  # their spacing [m]; zero where there are none
     reach = np.inf  # how far its rod may be pulled into the base [m]
+    reach_straight = np.inf  # the same of a rod that is held straight behind it
     weight: Any = 1.0  # what its length is multiplied by in what its drive works on, and its drive to be a tension
 
     def __init__(
@@ -253,7 +255,7 @@ class DrivenByLength(Line):
 
     drive: ClassVar = ("displacement", (1, 0))
     conditioned = True
-    condition: FloatArray  # what ``CONDITION`` says, (..., 6)
+    condition: FloatArray  # what ``CONDITION`` says, (..., 8)
 
     def __init__(
         self, offset: Any = None, *, axial_stiffness: Any = None, rest_length: float | None = None, **where: Any
@@ -277,7 +279,10 @@ class DrivenByLength(Line):
         natural = result.length_at_rest(sections)
         rest = natural if self.rest_length is None else np.asarray(self.rest_length)
         pushed, pulled, result.reach = result._growth(sections)
-        found = (result.lever(sections), rest / self.axial_stiffness, natural, rest - natural, pushed, pulled)
+        straightened = [replace(section, precurvature=np.zeros(3)) for section in sections]
+        _, held, result.reach_straight = result._growth(straightened)
+        straight = result.length_at_rest(straightened)
+        found = (result.lever(sections), rest / self.axial_stiffness, natural, rest - natural, pushed, pulled, straight, held)
         result.condition = np.stack(np.broadcast_arrays(*found), axis=-1)
         return result
 

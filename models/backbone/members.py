@@ -16,8 +16,18 @@ if TYPE_CHECKING:
 
 # (L7) what the condition of an unknown ``T`` takes: a lever that scales it, the line's compliance, how long it is in the rod at
 # rest, and how much longer it would be alone
-# of what is driven by its length: ``pushed`` and ``pulled`` are its rest length per translation, out of the base and into it
-CONDITION = {"lever": (0, 1), "compliance": (-1, 1), "natural": (0, 1), "excess": (0, 1), "pushed": (0, 0), "pulled": (0, 0)}
+# of what is driven by its length: ``pushed`` and ``pulled`` are its rest length per translation, out of the base and into it;
+# how long it is where its rod is held straight, and that per length of rod
+CONDITION = {
+    "lever": (0, 1),
+    "compliance": (-1, 1),
+    "natural": (0, 1),
+    "excess": (0, 1),
+    "pushed": (0, 0),
+    "pulled": (0, 0),
+    "straight": (0, 1),
+    "held": (0, 0),
+}
 
 
 class Member(ABC):

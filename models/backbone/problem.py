@@ -697,7 +697,7 @@ class BackboneAssembly(Assembly):
             refuse("magnetic_field", inputs.magnetic_field.tolist(), "must be zero: no rod has a magnetisation")
         check_drives(inputs, self.rods)
         if inputs.is_active("translation"):
-            check_reach(inputs, self.rods)
+            check_reach(inputs, self.rods, straight=self.transmission)
 
     @property
     def has_conditions(self) -> bool:
@@ -773,18 +773,20 @@ def check_drives(inputs: Inputs, rods: Sequence[Rod]) -> None:
         first += count
 
 
-def check_reach(inputs: Inputs, rods: Sequence[Rod]) -> None:
-    """Refuse translations by which it is not told what lines do, by a ``ValueError``."""
+def check_reach(inputs: Inputs, rods: Sequence[Rod], *, straight: bool = False) -> None:
+    """Refuse translations by which it is not told what lines do, by a ``ValueError``; of rods that are ``straight`` behind a plate
+    or not."""
     for k, rod in enumerate(rods):
         own = inputs.translation[..., k]
         if any(line.rubs for line in rod.lines) and own.any():
             refuse("translation", inputs.translation.tolist(), "must be zero: a line has friction")
         for line in rod.lines:
-            if np.min(own, initial=0.0) < -line.reach:
+            reach = line.reach_straight if straight else line.reach
+            if np.min(own, initial=0.0) < -reach:
                 refuse(
                     "translation",
                     inputs.translation.tolist(),
-                    f"must be >= {0.0 - line.reach:g} m: beyond, the length at rest of line {line.name!r} varies",
+                    f"must be >= {0.0 - reach:g} m: beyond, the length at rest of line {line.name!r} varies",
                 )
 
 
@@ -802,13 +804,15 @@ def _blocks(features: Features) -> list[Block]:
     slots = unknowns_of(features)
     moment, force, first = slots.places["moment"], slots.places["force"], slots.places["torques"].start
     places: list[tuple[str, slice, int | None]]
-    if features.condition_count:  # one rod, with lines
-        driven = np.arange(slots.size)[slots.places["drives"]]
+    driven = np.arange(slots.size)[slots.places["drives"]]
+    carried_by = features.member_rods or (0,) * len(features.members)
+    carriers = [rod for rod, kind in zip(carried_by, features.members, strict=True) if kind.conditioned]
+    lines = [Block(f"line {k + 1}", row[None], row[None], rod) for k, (row, rod) in enumerate(zip(driven, carriers, strict=True))]
+    if lines and features.rod_count == 1:
         own_rows = np.delete(np.arange(slots.size), driven)
-        lines = [Block(f"line {k + 1}", row, row, 0) for k, row in enumerate(driven[:, None])]
         return [*lines, Block("rod 1", own_rows, own_rows, 0)]
     if not features.torque_count:  # one rod, or several that are one
-        places = [("rod 1", slice(0, slots.size), 0)]
+        places = [("rod 1", slice(0, slots.size), 0)] if not lines else [("tube 1", moment, 0), ("base force", force, None)]
     else:
         own = features.rod_count - features.torque_count  # that have no torque of their own
         places = [
@@ -816,7 +820,7 @@ def _blocks(features: Features) -> list[Block]:
         ]
         places += [("tube 1" if own else "line", moment, 0 if own else None)] if features.moment else []
         places += [("base force", force, None)] if features.base_force_unknown else []
-    return [Block(name, place, place, rod) for name, place, rod in places]
+    return lines + [Block(name, place, place, rod) for name, place, rod in places if place.stop > place.start]
 
 
 def step_multiple(steps: int) -> int:

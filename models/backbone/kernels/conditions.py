@@ -30,6 +30,10 @@ def make_conditions(layout: Layout) -> SimpleNamespace:
     columns = columns_in_material(members)
     at = [columns[k] + len(kind.parameters) for k, kind in enumerate(members) if kind.conditioned]
     slackens = [kind.slackens for kind in members if kind.conditioned]
+    carried_by = layout.features.member_rods or (0,) * len(members)
+    rod_of = [carried_by[k] for k, kind in enumerate(members) if kind.conditioned]
+    STRAIGHT = layout.TUBES  # behind the base plate
+    RAISED = layout.TUBES and not layout.features.held  # precurvature, with the loads
 
     @wp.func
     def rounding_of(call: wp.ref[Call], case: wp.ref[Instance]) -> f64:
@@ -50,12 +54,12 @@ def make_conditions(layout: Layout) -> SimpleNamespace:
         return f64(0.0)
 
     @wp.func
-    def tension_unit(rods: wp.ref[RodTable], case: wp.ref[Instance], lever: int) -> f64:
-        """(L7) T per unknown [N m], of the line whose lever stands there."""
-        return bending_stiffness(rods, case, 0, 0) / rods.material[case.rods, 0, 0, lever]
+    def tension_unit(rods: wp.ref[RodTable], case: wp.ref[Instance], i: int, lever: int) -> f64:
+        """(L7) T per unknown [N m], of the line of rod i whose lever stands there."""
+        return bending_stiffness(rods, case, i, 0) / rods.material[case.rods, i, 0, lever]
 
     def make_drive(j: int):
-        lever, row = at[j], FIRST + j
+        lever, row, rod = at[j], FIRST + j, rod_of[j]
 
         @wp.func
         def drive(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance]) -> f64:
@@ -63,7 +67,7 @@ def make_conditions(layout: Layout) -> SimpleNamespace:
             z = call.unknowns[case.index, wp.static(row)]
             if wp.static(slackens[j]):  # (L8)
                 z = positive_part(z, rounding_of(call, case))
-            return tension_unit(rods, case, wp.static(lever)) * z
+            return tension_unit(rods, case, wp.static(rod), wp.static(lever)) * z
 
         return drive
 
@@ -71,11 +75,11 @@ def make_conditions(layout: Layout) -> SimpleNamespace:
 
     def make_rate(j: int):
         """The derivative of T by its own unknown."""
-        lever = at[j]
+        lever, rod = at[j], rod_of[j]
 
         @wp.func
         def rate(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance]) -> f64:
-            unit = tension_unit(rods, case, wp.static(lever))
+            unit = tension_unit(rods, case, wp.static(rod), wp.static(lever))
             if wp.static(slackens[j]):
                 unit *= positive_rate(call.unknowns[case.index, wp.static(FIRST + j)], rounding_of(call, case))
             return unit
@@ -85,59 +89,66 @@ def make_conditions(layout: Layout) -> SimpleNamespace:
     rates = [make_rate(j) for j in range(len(number))]
 
     @wp.func
-    def loose(rods: wp.ref[RodTable], case: wp.ref[Instance], lever: int) -> f64:
+    def loose(rods: wp.ref[RodTable], case: wp.ref[Instance], i: int, lever: int) -> f64:
         """(L8) What a slack line's condition varies by with its unknown: as much as that of a taut one in a straight rod."""
-        r = rods.material[case.rods, 0, 0, lever]
-        c = rods.material[case.rods, 0, 0, lever + 1]
-        natural = rods.material[case.rods, 0, 0, lever + 2]
-        return (natural + c * tension_unit(rods, case, lever) / r) / case.scale
+        r = rods.material[case.rods, i, 0, lever]
+        c = rods.material[case.rods, i, 0, lever + 1]
+        natural = rods.material[case.rods, i, 0, lever + 2]
+        return (natural + c * tension_unit(rods, case, i, lever) / r) / case.scale
 
     @wp.func
-    def growth(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], lever: int) -> f64:
+    def growth(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], i: int, lever: int) -> f64:
         """(L7b) Rest length per translation, one number for each way."""
+        if wp.static(STRAIGHT):
+            return rods.material[case.rods, i, 0, lever + 7]
         if call.inputs[case.index, wp.static(TRANSLATION)] < f64(0.0):
-            return rods.material[case.rods, 0, 0, lever + 5]
-        return rods.material[case.rods, 0, 0, lever + 4]
+            return rods.material[case.rods, i, 0, lever + 5]
+        return rods.material[case.rods, i, 0, lever + 4]
 
     def make_writers(j: int, rest):
         """Functions that write condition j, and its column k, then those after it; they return the sum of what they write."""
         lever, drive, rate, length, row = at[j], drives[j], rates[j], LENGTHS_AT + number[j], FIRST + j
         place, slack, residual = DRIVES_AT + PLACES[number[j]], slackens[j], row + BEFORE
+        rod, translation = rod_of[j], TRANSLATION + rod_of[j]
         rest_of, rest_of_column = rest
 
         @wp.func
         def write(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], y: State) -> f64:
-            r = rods.material[case.rods, 0, 0, wp.static(lever)]
-            c = rods.material[case.rods, 0, 0, wp.static(lever + 1)]
-            natural = rods.material[case.rods, 0, 0, wp.static(lever + 2)]
-            excess = rods.material[case.rods, 0, 0, wp.static(lever + 3)]
+            r = rods.material[case.rods, wp.static(rod), 0, wp.static(lever)]
+            c = rods.material[case.rods, wp.static(rod), 0, wp.static(lever + 1)]
+            natural = rods.material[case.rods, wp.static(rod), 0, wp.static(lever + 2)]
+            excess = rods.material[case.rods, wp.static(rod), 0, wp.static(lever + 3)]
+            if wp.static(RAISED):  # (L7c) tubes are straight where continuation begins
+                straight = rods.material[case.rods, wp.static(rod), 0, wp.static(lever + 6)]
+                natural = straight + wp.sqrt(call.load_factor[case.index]) * (natural - straight)
             asked = natural + call.load_factor[case.index] * (excess - call.inputs[case.index, wp.static(place)])
-            asked += growth(rods, call, case, wp.static(lever)) * call.inputs[case.index, wp.static(TRANSLATION)]
+            asked += growth(rods, call, case, wp.static(rod), wp.static(lever)) * call.inputs[case.index, wp.static(translation)]
             gap = (asked + c * drive(rods, call, case) - y[wp.static(length)]) / (r * case.scale)
             if wp.static(slack):
                 z = call.unknowns[case.index, wp.static(row)]
-                gap += loose(rods, case, lever) * (z - positive_part(z, rounding_of(call, case)))
+                gap += loose(rods, case, wp.static(rod), wp.static(lever)) * (z - positive_part(z, rounding_of(call, case)))
             call.residual[case.index, wp.static(residual)] = gap
             return wp.abs(gap) + rest_of(rods, call, case, y)
 
         @wp.func
         def write_column(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], v: Column, k: int) -> f64:
-            unit = rods.material[case.rods, 0, 0, wp.static(lever)] * case.scale
+            unit = rods.material[case.rods, wp.static(rod), 0, wp.static(lever)] * case.scale
             change = -v[wp.static(length)]
             if k == wp.static(row):
-                change += rods.material[case.rods, 0, 0, wp.static(lever + 1)] * rate(rods, call, case)
+                change += rods.material[case.rods, wp.static(rod), 0, wp.static(lever + 1)] * rate(rods, call, case)
             if k < call.unknown_columns:
                 change = change / unit
                 if wp.static(slack):
                     if k == wp.static(row):
                         z = call.unknowns[case.index, wp.static(row)]
-                        change += loose(rods, case, lever) * (f64(1.0) - positive_rate(z, rounding_of(call, case)))
+                        held_less = f64(1.0) - positive_rate(z, rounding_of(call, case))
+                        change += loose(rods, case, wp.static(rod), wp.static(lever)) * held_less
                 call.gamma[case.index, wp.static(residual), k] = change
             else:
                 direction = k - call.unknown_columns
                 change -= call.load_factor[case.index] * call.directions[case.direction, direction, wp.static(place)]
-                shift = call.directions[case.direction, direction, wp.static(TRANSLATION)]
-                change += growth(rods, call, case, wp.static(lever)) * shift
+                shift = call.directions[case.direction, direction, wp.static(translation)]
+                change += growth(rods, call, case, wp.static(rod), wp.static(lever)) * shift
                 call.residual_directions[case.index, wp.static(residual), direction] = change / unit
             return wp.abs(change) + rest_of_column(rods, call, case, v, k)
 
