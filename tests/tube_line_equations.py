@@ -16,12 +16,18 @@ TINY = 1e-40  # a complex step
 
 @dataclass(frozen=True)
 class TubeLine:
-    """``route(s)`` is the offset (2,) and its derivative at arclength s from the tube's base."""
+    """``route(s)`` is the offset (2,) and its derivative at arclength s from the tube's base.
+
+    Its tension works on its length, that of the chords between ``discs``, or the volume of a ``hole`` in the section.
+    """
 
     route: Callable[[float], tuple[np.ndarray, np.ndarray]]
     tension: float
     start: float = 0.0
     end: float = np.inf
+    discs: float = 0.0
+    hole: bool = False
+    bending: float = 0.0  # its own stiffness
 
 
 @dataclass(frozen=True)
@@ -80,7 +86,9 @@ class TubeLineEquations:
                 if section is not None and line.start <= material < line.end:
                     (x, y), (dx, dy) = line.route(material)
                     a = (dx - uz * y, dy + uz * x, 1 + ux * y - uy * x)
-                    lengths[:, k] = np.sqrt(a[0] ** 2 + a[1] ** 2 + a[2] ** 2)
+                    lengths[:, k] = a[2] if line.hole else np.sqrt(a[0] ** 2 + a[1] ** 2 + a[2] ** 2)
+                    lengths[:, k] *= 1 - line.discs**2 / 24 * (ux**2 + uy**2)
+                    elastic = elastic + line.bending * (ux**2 + uy**2) / (2 * a[2])
                     pulled = pulled + line.tension * lengths[:, k]
                 k += 1
         return elastic, pulled, lengths
