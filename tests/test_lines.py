@@ -268,8 +268,6 @@ def test_what_cannot_be_is_refused_by_name():
             other.inputs(tension=1.0)
     with pytest.raises(ValueError, match=r"tip_curvature = .* is not allowed: must not be given: the rod has lines"):
         robot.inputs(tip_curvature=(1, 0, 0))
-    with pytest.raises(ValueError, match=r"ConcentricTubes.tubes\[0\] = .* must have no lines"):
-        mr.ConcentricTubes([STRAIGHT])
     with pytest.raises(
         ValueError, match=r"line = 'left' is not allowed: must be an index below 1 or one of the names \['right'\]"
     ):

@@ -83,7 +83,7 @@ def test_an_integration_of_the_energy_alone_finds_the_same(solution: mr.Solution
     np.testing.assert_allclose(lengths, solution.line_length, atol=1e-9)
     np.testing.assert_allclose(energy, solution.energy, rtol=1e-8)
     assert T[3] == -AREA * GIVEN["pressure"][0]
-    assert abs(T[1]) > 1 and T[2] > 1
+    assert min(abs(T[1]), T[2]) > 1
 
 
 def test_what_a_tube_carries_itself_is_its_stiffness_times_its_strain(solution: mr.Solution) -> None:
@@ -153,7 +153,7 @@ def curved_pair(curvature: float, EI: float = 0.005, GJ: float = 0.002) -> mr.Co
 def test_a_tendon_close_to_the_axis_bends_as_a_precurvature_does(angle: float) -> None:
     # a moment T r alone: what its pull adds to torsion, T r^2, is next to nothing
     lever, curvature = 1e-6, 6.0
-    pulled, curved = pulled_pair(lever), curved_pair(-curvature)
+    pulled, curved = pulled_pair(lever), curved_pair(curvature)
     given = {"rotation": (0, angle), "translation": (-0.05, -0.05), "tip_force": (0.05, 0.1, 0)}
     a = mr.solve(pulled, pulled.inputs(tension=[0.005 * curvature / lever] * 2, **given)).raise_if_failed()
     b = mr.solve(curved, curved.inputs(**given)).raise_if_failed()

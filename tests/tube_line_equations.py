@@ -1,8 +1,9 @@
 """Concentric tubes with lines from their energy alone, in plain NumPy: an independent witness of their equilibria.
 
-Nothing of the package is used, and no derivative of the energy is written down: complex steps give them. The frame does not twist;
-each tube has its own angle ``psi`` and torque ``tau`` against it. The energy per length is that of each tube, bent by the curvature
-that all share as its own frame sees it and twisted by itself, and the tension of each of its lines times the line's length.
+Nothing of the package is used, and no derivative of the energy is written down: complex steps give them. The frame does not
+twist; each tube has its own angle ``psi`` and torque ``tau`` against it. The energy per length is that of each tube, bent by the
+curvature that all share as its own frame sees it and twisted by itself, and the tension of each of its lines times the line's
+length.
 """
 
 from collections.abc import Callable
@@ -67,8 +68,8 @@ class TubeLineEquations:
         self.count = sum(len(tube.lines) for tube in tubes)
 
     def energy(self, s: float, q: np.ndarray, psi: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Elastic energy per length, tensions times lengths, and each line's length per length, at ``q = (u_x, u_y, u_z of each)``
-        (batch, 2 + n), angles (batch, n)."""
+        """Elastic energy per length, tensions times lengths, and each line's length per length, of a batch of
+        ``q = (u_x, u_y, u_z of each)`` and angles."""
         elastic = pulled = 0 * q[:, 0]
         lengths = np.zeros((len(q), self.count), dtype=q.dtype)
         k = 0

@@ -25,13 +25,15 @@ class ConcentricTubes(BackboneAssembly):
     ``length + translation[i]``, past the plate. Bending is shared; every tube has its own twist. Loads act on the tip of the
     tube that reaches furthest. That need not be the innermost: a tube may be pulled back into those around it. But an inner
     tube starts no less far back than those around it, or it could not be held, and where diameters are given it must fit.
+    Lines turn and slide with the tube that carries them (``docs/lines.md``); behind the plate they do not twist it.
 
     Args:
         tubes: Innermost first, 1 to 6.
         base: Pose of the plate in the world, shape (..., 4, 4); the identity by default.
 
     Raises:
-        ValueError: If tubes do not nest (where diameters are given), or shear, or have members, or ``base`` is not a pose.
+        ValueError: If tubes do not nest (where diameters are given), or shear, or have members that are no lines, or a line with
+            friction, or ``base`` is not a pose.
         TypeError: If ``tubes`` are not ``Rod`` objects.
     """
 

@@ -102,9 +102,7 @@ EccentricTubesInput: TypeAlias = Literal[
     "distributed_force",
     "distributed_moment",
 ]
-ConcentricTubesInput: TypeAlias = Literal[
-    EccentricTubesInput, "gravity", "magnetic_field", "tension", "pressure", "displacement"
-]
+ConcentricTubesInput: TypeAlias = Literal[EccentricTubesInput, "gravity", "magnetic_field", "tension", "pressure", "displacement"]
 SingleRodInput: TypeAlias = Literal[ConcentricTubesInput, "tip_curvature"]
 ParallelRodsInput: TypeAlias = Literal[ConcentricTubesInput, "force_point"]
 InverseParallelRodsInput: TypeAlias = Literal[ParallelRodsInput, "platform_position", "platform_rotation"]

@@ -774,8 +774,7 @@ def check_drives(inputs: Inputs, rods: Sequence[Rod]) -> None:
 
 
 def check_reach(inputs: Inputs, rods: Sequence[Rod], *, straight: bool = False) -> None:
-    """Refuse translations by which it is not told what lines do, by a ``ValueError``; of rods that are ``straight`` behind a plate
-    or not."""
+    """Refuse translations by which it is not told what lines do, by a ``ValueError``; rods may be ``straight`` behind a plate."""
     for k, rod in enumerate(rods):
         own = inputs.translation[..., k]
         if any(line.rubs for line in rod.lines) and own.any():

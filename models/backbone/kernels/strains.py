@@ -358,7 +358,6 @@ def make_several_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simple
     return SimpleNamespace(
         bent=bent,
         inner_torque=inner_torque,
-        stiffened=stiffened,
         turned_variation=turned_variation,
         strain=strain,
         rates=rates,

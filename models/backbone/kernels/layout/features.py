@@ -30,8 +30,7 @@ class Features:
         magnetised: Magnetised rods stand in a magnetic field, equation (3d).
         foundation: The rods stand in an elastic medium, equation (3e): the force is a state, and the base force unknown.
         measured: A measured tip curvature takes the place of the boundary condition, equation (12).
-        members: What the rods carry along themselves, kinds of ``Member``, those of one rod after those of the rod before, equation
-            (5m).
+        members: What the rods carry along themselves, kinds of ``Member``, in the order of the rods, equation (5m).
         member_rods: Of several rods, the one that carries each.
         member_degree: Degree of the polynomials in arclength that hold what of them varies along it; 0 is constant by section.
         discs: Its lines run straight between discs, equation (L11) of ``docs/lines.md``.

@@ -36,9 +36,7 @@ def load_members_of_tubes(layout: Layout, memory: Memory, W: int, d, grid: Simpl
         drive_value = make_drive(k) if driven else None
 
         @wp.func
-        def load(
-            rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, z: int, l: int, s: f64
-        ):
+        def load(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, z: int, l: int, s: f64):
             section = section_from(rods, call, case, wp.static(tube), s)
             m = wp.min(section, rods.end.shape[2] - 1)
             present = f64(1.0)

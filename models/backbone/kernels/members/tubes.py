@@ -57,7 +57,7 @@ def make_tubes_with_members(layout: Layout, W: int, d, law: SimpleNamespace, sev
     THETA, TAU = layout.state["angles"], layout.state["torques"]  # of tube 2; a column's stand alike
     GIVEN_START, GROWTH, SHIFT = given["start"], given["growth"], given["shift"]
     precurvature = law.precurvature
-    bent, stiffened, inner_torque = several.bent, several.stiffened, several.inner_torque
+    bent, inner_torque = several.bent, several.inner_torque
     turned_variation, free_strain, free_rates = several.turned_variation, several.strain, several.rates
     free_variation, free_rate_variations, free_energy = (
         several.strain_variation,
@@ -478,9 +478,7 @@ def make_tubes_with_members(layout: Layout, W: int, d, law: SimpleNamespace, sev
         return right
 
     @wp.func
-    def no_right(
-        memory: memory_type, z: int, a: int, g: int, v: Column, twist_1: Real, free: wp.ref[Few], less: wp.ref[Few]
-    ):
+    def no_right(memory: memory_type, z: int, a: int, g: int, v: Column, twist_1: Real, free: wp.ref[Few], less: wp.ref[Few]):
         """After the last."""
 
     right_all = over_carriers(right_of, no_right)
