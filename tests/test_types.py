@@ -148,7 +148,7 @@ def robots() -> dict[str, list[mr.Assembly]]:
     pressed = mr.ParallelRods(legs=[wire(lines=around[::2])] * 6, base=BASES, platform=BASES)
     return {
         "SingleRod": [mr.SingleRod(plain), mr.SingleRod(embedded), mr.SingleRod(lined)],
-        "ConcentricTubes": [mr.ConcentricTubes(tubes)],
+        "ConcentricTubes": [mr.ConcentricTubes(tubes), mr.ConcentricTubes([lined])],
         "EccentricTubes": [mr.EccentricTubes(tubes, [(0.002, 0), (-0.002, 0)])],
         "ParallelRods": [six, with_lines],
         "InverseParallelRods": [six.inverse(), pressed.inverse()],

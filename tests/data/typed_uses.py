@@ -34,7 +34,8 @@ robot.inputs(tip_force="1 N")  # wrong
 robot.inputs(gravity=lambda s: (0, 0, -s))  # wrong
 tubes.inputs(rotation=(0.1, 0.2), translation=(-0.2, -0.1), gravity=(0, 0, -9.81))
 tubes.inputs(tip_curvature=(0, 0, 0))  # wrong
-tubes.inputs(pressure=1e5)  # wrong
+tubes.inputs(pressure=1e5)
+beside.inputs(pressure=1e5)  # wrong
 beside.inputs(rotation=(0.1, 0.2), translation=(-0.2, -0.1))
 beside.inputs(gravity=(0, 0, -9.81))  # wrong
 legs.inputs(translation=(0.01,) * 6, tip_force=(0, 0, -8), force_point=(0.05, 0, 0), displacement=0.01)
@@ -69,7 +70,8 @@ solution.jacobian("tip_forc")  # wrong
 solution.jacobian("force_point")  # wrong
 solution.jacobian("tip_force", of="length")  # wrong
 mr.solve(legs).jacobian("force_point")
-mr.solve(tubes).jacobian("tension")  # wrong
+mr.solve(tubes).jacobian("tension")
+mr.solve(beside).jacobian("tension")  # wrong
 mr.solve(pose).jacobian("platform_position")
 tracker.step(rotation=0.2).jacobian("tip_curvature")
 of_legs.step().jacobian("tip_curvature")  # wrong
