@@ -34,6 +34,7 @@ if _typing.TYPE_CHECKING:
     from multirod.integrators import RK4, RK23, RK45, AdaptiveIntegrator, FixedStepIntegrator, Integrator, Tableau
     from multirod.models.assemblies.concentric_tubes import ConcentricTubes
     from multirod.models.assemblies.eccentric_tubes import EccentricTubes
+    from multirod.models.assemblies.held_rod import HeldRod
     from multirod.models.assemblies.parallel_rods import InverseParallelRods, ParallelRods
     from multirod.models.assemblies.single_rod import SingleRod
     from multirod.models.backbone.lines import Chamber, PushRod, Tendon
@@ -81,6 +82,7 @@ __all__ = [
     "Equilibria",
     "Explanation",
     "FixedStepIntegrator",
+    "HeldRod",
     "History",
     "IncompleteWarning",
     "InputSpec",
@@ -140,6 +142,7 @@ _PUBLIC = {
     "models.backbone.lines": "Chamber PushRod Tendon",
     "models.backbone.members": "Member",
     "integrators": "RK4 RK23 RK45 AdaptiveIntegrator FixedStepIntegrator Integrator Tableau",
+    "models.assemblies.held_rod": "HeldRod",
     "models.assemblies.parallel_rods": "InverseParallelRods ParallelRods",
     "models.assemblies.single_rod": "SingleRod",
     "plausibility": "PlausibilityWarning",

@@ -41,6 +41,7 @@ class Assembly(ABC):
     rods: tuple[Rod, ...]
     if TYPE_CHECKING:
         _input_name: Any  # of the names of inputs, those that ``Solution.jacobian`` takes: a ``Literal`` where they are known
+    end_held: ClassVar[bool] = False  # whether something holds the end of its last rod, whose reactions solutions tell
     length_columns: ClassVar[bool] = False  # whether its problems take ``lengths``, and give how the lengths of lines vary
 
     @property

@@ -35,6 +35,18 @@ def matrices(vectors: FloatArray) -> FloatArray:
     return np.asarray(np.eye(3) + first[..., None, None] * K + second[..., None, None] * (K @ K))
 
 
+def left_jacobian(vectors: FloatArray) -> FloatArray:
+    """Rotation vectors, in the outer frame, of the changes of ``matrices(vectors)`` by those of the vectors, (count, 3, 3)."""
+    square = (vectors**2).sum(axis=-1)
+    angle = np.sqrt(square)
+    small = angle < 1e-2
+    safe = np.where(small, 1.0, angle)
+    first = np.where(small, 0.5 - square / 24 + square**2 / 720, 2 * (np.sin(0.5 * safe) / safe) ** 2)
+    second = np.where(small, 1 / 6 - square / 120 + square**2 / 5040, (safe - np.sin(safe)) / safe**3)
+    K = cross_matrix(vectors)
+    return np.asarray(np.eye(3) + first[..., None, None] * K + second[..., None, None] * (K @ K))
+
+
 def vectors(matrices: FloatArray) -> FloatArray:
     """Rotation vectors (count, 3) of rotation matrices (count, 3, 3)."""
     # by sine and cosine, where the angle is not near half a turn

@@ -325,6 +325,33 @@ class Solution(Generic[Robot_co]):
         """Rotation of the end effector, body to world, shape (..., 3, 3)."""
         return self._record("rotation", (3, 3))
 
+    @cached_property
+    def end_force(self) -> FloatArray:
+        """What holds the end of the rod pulls it with, in the world [N], shape (..., 3).
+
+        Raises:
+            AttributeError: If nothing holds it: then it is zero.
+        """
+        return self._reaction("force")
+
+    @cached_property
+    def end_moment(self) -> FloatArray:
+        """What holds the end of the rod turns it with, about that end, in the world [N m], shape (..., 3).
+
+        Raises:
+            AttributeError: If nothing holds it: then it is zero.
+        """
+        return self._reaction("moment")
+
+    def _reaction(self, kind: str) -> FloatArray:
+        """The wrench on the end less what else acts there."""
+        if not self.assembly.end_held:
+            raise AttributeError(f"nothing holds the end of {type(self.assembly).__name__}: HeldRod has reactions there")
+        shape = self._shape_pass(self._default_node_count)[0][-1]
+        carried = np.einsum("bij,bj->bi", shape.rotation[:, -1], getattr(shape, f"total_{kind}")[:, -1])
+        given = np.broadcast_to(getattr(self.inputs, f"tip_{kind}"), (*self.batch_shape, 3)).reshape(-1, 3)
+        return self._masked(carried - given, (3,))
+
     @property
     def energy(self) -> FloatArray:
         """Elastic energy of all rods [J], shape (...)."""

@@ -2,15 +2,12 @@
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq, minimize_scalar
+from scipy.optimize import minimize_scalar
 from scipy.special import ellipj
 from test_parallel_rods import ring
 from test_stability import two_tubes
 
 import multirod as mr
-from multirod.inputs import Inputs
-from multirod.models.backbone.inputs import BACKBONE_INPUTS
-from multirod.models.backbone.problem import BackboneProblem
 from multirod.solvers.continuation.branch_step import Apart, Inspection, Point, heights
 from multirod.stability import Modes
 
@@ -320,52 +317,3 @@ def test_what_is_refused(wire):
     buckled = column()
     with pytest.raises(mr.SolveError, match="at the start"):
         mr.critical_loads(buckled, buckled.inputs(tip_force=(0, 0, -4)), start=buckled.inputs(tip_force=(0, 0, -3)))
-
-
-# ---- rods held at both ends ----
-
-
-def held(case, moment, force):
-    """The second variation of a rod with a given moment and force at its base, in the base's frame, at a clamped tip."""
-    rod = rod_of(case)
-    K, length = case["inputs"]["rods"][0]["K"], case["inputs"]["rods"][0]["length"]
-    problem = BackboneProblem([rod], np.eye(4), Inputs(BACKBONE_INPUTS, 1, {}), integrator=mr.RK4(1000), held=True)
-    problem.write("unknowns", np.concatenate([moment / np.array([K[0], K[1], min(K[2], max(K[:2]))]), force * length / K[0]]))
-    form, _ = problem.stability.condensed_form()
-    return form, np.array([length]), np.array([K[0]])
-
-
-def test_twist_of_a_rod_under_tension(reference_cases):
-    """Greenhill: a tip that slides along its axis and turns about it, under tension and thrust; two modes at once."""
-    case = stored(reference_cases, "06a_greenhill_twist_clamped")
-    K = case["inputs"]["rods"][0]["K"][0]
-    for tension, expected in zip(case["inputs"]["T_L2_over_EI"], case["expected"]["M_crit_L_over_EI"]["value"], strict=True):
-
-        def modes(M, tension=tension):
-            form, length, stiffness = held(case, np.array([0, 0, M * K]), np.array([0, 0, tension * K]))
-            return form.guided_modes([2], [0, 1], length, stiffness)
-
-        critical = float(expected)
-        assert [int(modes(part * critical).index[0]) for part in (0.9999, 1.0001)] == [0, 2]
-        root = brentq(lambda M: float(np.arctan(modes(M).eigenvalue(0)[0])), 0.9 * critical, 1.1 * critical, xtol=1e-12)
-        np.testing.assert_allclose(root, critical, rtol=CLOSE)
-
-
-def test_twisted_ring(reference_cases):
-    """Michell and Zajac: 2 pi sqrt(3) EI/GJ. Turning the ring about its clamp costs nothing at any twist: a neutral mode."""
-    case = stored(reference_cases, "06c_michell_zajac_ring")
-    K, radius = case["inputs"]["rods"][0]["K"], case["inputs"]["ring_radius"]
-    length = case["inputs"]["rods"][0]["length"]
-
-    def modes(twist):
-        torque = K[2] * twist / length
-        form, *scale = held(case, np.array([0, K[0] / radius, torque]), np.array([0, torque / radius, 0]))
-        return form.guided_modes([], [0, 1, 2], *scale)
-
-    critical = float(case["expected"]["Phi_crit"]["value"])
-    for part, index in ((0.5, 0), (0.9999, 0), (1.0001, 2)):
-        found = modes(part * critical)
-        assert (int(found.index[0]), bool(found.neutral[0])) == (index, True)
-    # of the neutral mode and the two that cross, the middle one in order changes its sign with them
-    root = brentq(lambda twist: float(modes(twist).eigenvalue(1)[0]), 0.9 * critical, 1.1 * critical, xtol=1e-12)
-    np.testing.assert_allclose(root, critical, rtol=CLOSE)

@@ -101,6 +101,16 @@ ROBOTS = {
         platform_centre=(0, 1e-3, 1 / 3),
     ),
     "inverse": hexapod,
+    "held": lambda: mr.HeldRod(
+        ROD,
+        base=TURNED,
+        end=np.eye(4),
+        joint="revolute",
+        joint_axis=(1, 2, 3),
+        slide=(0, 0.1, 0.7),
+        base_joint="spherical",
+        base_joint_axis=(0, 1, 1),
+    ),
 }
 
 
@@ -153,6 +163,7 @@ def test_the_robots_tried_have_all_that_a_file_may_hold():
     shown["Rod"] |= shown["Section"]
     shown["Section"] |= {"precurvature"}
     without_unit = {"name", "driven", "friction", "area_fixed", "joints", "joint_axes", "route", "members"}
+    without_unit |= {"joint", "joint_axis", "slide", "base_joint", "base_joint_axis"}
     for kind in (*kinds.ROBOTS, *kinds.LINES, "Rod", "Section"):
         arguments = set(kinds.parameters(kinds.CLASSES[kind]))
         assert arguments - shown[kind] <= {"members"}, kind

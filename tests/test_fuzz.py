@@ -232,6 +232,7 @@ def circle(count: int, radius: float) -> np.ndarray:
 ROBOT = mr.SingleRod(wire())
 TUBES = mr.ConcentricTubes([wire(length=0.5), wire(length=0.3)])
 LEGS = mr.ParallelRods(legs=[wire()] * 6, base=circle(6, 0.1), platform=circle(6, 0.05))
+HELD = mr.HeldRod(wire(), base_joint="spherical")
 INPUTS = ROBOT.inputs(tip_force=(0.1, 0, 0))
 MOTION = ROBOT.inputs(tip_force=[(0.1, 0, 0), (0.2, 0, 0)])
 PROPERTIES: dict[str, Any] = {"length": 0.4, "bending_stiffness": 0.2, "torsional_stiffness": 0.06}
@@ -266,12 +267,20 @@ def constructors() -> Iterator[Target]:
     yield Target("ParallelRods", mr.ParallelRods, {**parallel, "joints": "revolute"}, *parallel, *further)
     yield Target("ParallelRods.inverse", LEGS.inverse, {}, "limits")
     yield Target("InverseParallelRods", mr.InverseParallelRods, {"robot": LEGS}, "robot", "limits")
+    held = ("base", "end", "joint", "joint_axis", "slide", "base_joint", "base_joint_axis")
+    yield Target("HeldRod", mr.HeldRod, {"rod": wire(), "joint": "revolute"}, "rod", *held)
     for owner in (mr.Shooting, mr.Observer, mr.ScipyShooting, mr.EnergyDescent, mr.MultipleShooting, mr.RK4, mr.RK23, mr.RK45):
         names = list(options_of(owner))
         yield Target(owner.__name__, owner, {}, *names)
     table = mr.RK4.tableau
     yield Target("Tableau", mr.Tableau, {"order": 4, "a": table.a, "b": table.b, "c": table.c}, "order", "a", "b", "c", "error")
-    for label, robot in (("SingleRod", ROBOT), ("ConcentricTubes", TUBES), ("ParallelRods", LEGS), ("inverse", LEGS.inverse())):
+    for label, robot in (
+        ("SingleRod", ROBOT),
+        ("ConcentricTubes", TUBES),
+        ("ParallelRods", LEGS),
+        ("inverse", LEGS.inverse()),
+        ("HeldRod", HELD),
+    ):
         yield Target(f"{label}.inputs", robot.inputs, {}, *(spec.name for spec in robot.input_specs))
 
 

@@ -152,6 +152,7 @@ def robots() -> dict[str, list[mr.Assembly]]:
         "EccentricTubes": [mr.EccentricTubes(tubes, [(0.002, 0), (-0.002, 0)])],
         "ParallelRods": [six, with_lines],
         "InverseParallelRods": [six.inverse(), pressed.inverse()],
+        "HeldRod": [mr.HeldRod(plain), mr.HeldRod(lined)],
     }
 
 

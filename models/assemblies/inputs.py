@@ -84,8 +84,44 @@ class InverseParallelRodsInputs(ParallelRodsInputs, total=False):
     """Rotation vector of the platform, world frame [rad], shape (..., 3)."""
 
 
+class HeldRodInputs(Fields, total=False):
+    """Inputs of ``HeldRod``."""
+
+    rotation: Numbers
+    """Angle of the rod's base about its axis [rad], shape (..., rod_count)."""
+    translation: Numbers
+    """How far the rod is pushed out of its base [m], shape (..., rod_count)."""
+    end_position: Numbers
+    """How far what holds the end is moved, world frame [m], shape (..., 3)."""
+    end_rotation: Numbers
+    """Rotation vector by which what holds the end is turned, world frame [rad], shape (..., 3)."""
+    tip_force: Numbers
+    """Dead force on the end, world frame [N], shape (..., 3); its holder takes it but along the slide."""
+    tip_moment: Numbers
+    """Dead moment on the end, world frame [N m], shape (..., 3); its holder takes it but where the joint turns."""
+    distributed_force: AlongRod
+    """Dead force per length, world frame [N/m], shape (..., 3), or a function of the arclength."""
+    distributed_moment: AlongRod
+    """Dead moment per length, world frame [N], shape (..., 3), or a function of the arclength."""
+    gravity: Numbers
+    """Acceleration, world frame [m/s^2], shape (..., 3); acts on ``linear_density``, which must be given."""
+    magnetic_field: Numbers
+    """Uniform magnetic field, world frame [T], shape (..., 3); acts on ``magnetisation``, which must be given."""
+    tension: Numbers
+    """Tension of each line that is driven by it [N], >= 0, shape (..., line_count)."""
+    pressure: Numbers
+    """Pressure in each chamber [Pa], shape (..., chamber_count)."""
+    displacement: Numbers
+    """How far each line that is driven by it is pulled out of the base [m], shape (..., line_count)."""
+
+
 class KnownInputs(InverseParallelRodsInputs, total=False):
     """Those of all robots: which of them a tracker's robot takes, editors that read no types do not know."""
+
+    end_position: Numbers
+    """As for ``HeldRod``."""
+    end_rotation: Numbers
+    """As for ``HeldRod``."""
 
     tip_curvature: Numbers | None
     """As for ``SingleRod``."""
@@ -105,6 +141,21 @@ EccentricTubesInput: TypeAlias = Literal[
 ConcentricTubesInput: TypeAlias = Literal[EccentricTubesInput, "gravity", "magnetic_field", "tension", "pressure", "displacement"]
 SingleRodInput: TypeAlias = Literal[ConcentricTubesInput, "tip_curvature"]
 ParallelRodsInput: TypeAlias = Literal[ConcentricTubesInput, "force_point"]
+HeldRodInput: TypeAlias = Literal[
+    "rotation",
+    "translation",
+    "end_position",
+    "end_rotation",
+    "tip_force",
+    "tip_moment",
+    "distributed_force",
+    "distributed_moment",
+    "gravity",
+    "magnetic_field",
+    "tension",
+    "pressure",
+    "displacement",
+]
 InverseParallelRodsInput: TypeAlias = Literal[ParallelRodsInput, "platform_position", "platform_rotation"]
 
 Method = TypeVar("Method", bound=Callable[..., Any])

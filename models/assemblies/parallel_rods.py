@@ -27,6 +27,7 @@ from multirod.models.backbone.influence import Influence, influences
 from multirod.models.backbone.inputs import BY_MATERIAL, DRIVE_INPUTS, DRIVES, drive_specs
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.problem import BackboneAssembly, check_drives, scene_features, surely_driven
+from multirod.models.joint_kernels import CLAMPED, JOINTS
 from multirod.models.platform import platform_kernels as kernels
 from multirod.models.platform.problem import LEG_INPUTS, PER_ROD, PLATFORM_INPUTS, Geometry, ParallelProblem
 from multirod.reuse import reusable
@@ -36,8 +37,6 @@ from multirod.validation import Described, FloatArray, array, choice, frozen, in
 
 if TYPE_CHECKING:
     from multirod.solution import Solution
-
-JOINTS = {"clamped": kernels.CLAMPED, "revolute": kernels.REVOLUTE, "spherical": kernels.SPHERICAL}
 
 ROUNDED = 1e-15  # what the length of an axis of length 1 may be off
 SMALLEST_AXIS = 1e-100  # whose square still is a number
@@ -219,7 +218,7 @@ class ParallelRods(Assembly):
         """An estimate, not a bound (``docs/explain.md``): each leg a cantilever that carries its share of the platform's
         loads."""
         geometry, legs = self.geometry, len(self.legs)
-        if (geometry.joints != kernels.CLAMPED).any() or any(rod.carried for rod in self.rods):
+        if (geometry.joints != CLAMPED).any() or any(rod.carried for rod in self.rods):
             return {}
         found: dict[str, Influence] = {}
         for k, (leg, own) in enumerate(zip(geometry.legs, self._own_rods, strict=True)):

@@ -3,7 +3,6 @@
 Numbers in parentheses are those of ``docs/stability.md``.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -72,23 +71,6 @@ class CondensedForm:
         values, uncertainty = symmetric_eigenvalues(self.matrix / unit[:, None, None], self.known)
         return Modes(values, np.array(self.conjugate), uncertainty, np.array(self.known), np.zeros(len(values), dtype=bool))
 
-    def guided_modes(self, free: Sequence[int], held: Sequence[int], length: FloatArray, stiffness: FloatArray) -> Modes:
-        """(11) Of a single rod whose tip is guided: it can turn only about axes of the world, and its position is partly held.
-
-        Args:
-            free: World axes about which the tip turns, under a dead moment about one fixed axis or none, numbers 0 to 2.
-            held: World axes along which its position is held; along the others a dead force acts.
-            length: [m], shape (batch,).
-            stiffness: Eigenvalues are counted in ``stiffness / length``, shape (batch,) [N m^2].
-        """
-        rows = [*free, *(3 + axis for axis in held)]
-        unit = np.ones((len(length), len(rows)))
-        unit[:, len(free) :] = (stiffness / length**2)[:, None]
-        form = self.matrix[:, rows][:, :, rows] * unit[:, :, None] * unit[:, None, :] * (length / stiffness)[:, None, None]
-        values, uncertainty = symmetric_eigenvalues(form, self.known)
-        hidden = (self.conjugate - len(held)).astype(np.int32)
-        return Modes(values, hidden, uncertainty, np.array(self.known), np.zeros(len(values), dtype=bool))
-
 
 def symmetric_eigenvalues(form: FloatArray, known: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
     """Eigenvalues (batch, n) of the symmetric part, and what the rest does to their eigenvectors (batch, n); NaN where not
@@ -146,6 +128,42 @@ def condensed_form(columns: NodeColumns, unit: FloatArray) -> CondensedForm:
         matrix[np.ix_(chosen, np.array(rows), np.array(rows))] = form
         result.conjugate[chosen], result.known[chosen] = conjugate, known
     return result
+
+
+def compliance_form(columns: NodeColumns, moment: FloatArray) -> CondensedForm:
+    """The second variation of a single rod whose tip is held, by the wrench on it ((12) of ``docs/held.md``).
+
+    Args:
+        columns: With those of the tip's force and position.
+        moment: At the tip, in the world [N m], shape (batch, 3).
+
+    Returns:
+        How the negative rotation and position of the tip vary with the moment and the force on it, and the index of the rod with
+        a free tip under these.
+    """
+    assert columns.tip_force is not None
+    assert columns.tip_position is not None
+    count, s = len(moment), columns.arclength
+    every, last = np.arange(count), s.shape[1] - 1 - (~np.isnan(s))[:, ::-1].argmax(axis=1)
+    rotation = columns.configuration[every, last]
+    # a moment varies by rotations along geodesics: so its second derivatives are symmetric
+    momenta = columns.tip_momenta - 0.5 * cross(rotation.swapaxes(1, 2), moment[:, None]).swapaxes(1, 2)
+    dead = _by_force(columns.tip_force)[..., :3]
+    Y = columns.configuration @ dead[:, None]
+    Y[np.isnan(s)] = np.eye(3)
+    inverse, sound = _inverse(Y)
+    before = np.arange(s.shape[1] - 1) < last[:, None]
+    with np.errstate(all="ignore"):  # what is not sound need not be finite
+        ratio = Y[:, 1:] @ inverse[:, :-1]
+        # the tip is free: its own rotation is eliminated before that of the last node
+        ratio[every, last - 1] = (momenta @ dead) @ inverse[every, last - 1]
+        conjugate = np.where(before, _negative(ratio), 0).sum(axis=1)
+    wrench = np.concatenate([momenta, columns.tip_force], axis=1)
+    known = (sound[:, :-1] | ~before).all(axis=1) & np.isfinite(wrench).all(axis=(1, 2))
+    known[known] = np.linalg.cond(wrench[known]) < WORST_CONDITION
+    by_wrench = np.linalg.inv(np.where(known[:, None, None], wrench, np.eye(6)))
+    matrix = -np.concatenate([rotation, columns.tip_position], axis=1) @ by_wrench
+    return CondensedForm(matrix, conjugate.astype(np.int32), known)
 
 
 def with_conditions(

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.models.platform.platform_kernels import REVOLUTE, SPHERICAL
+from multirod.models.joint_kernels import REVOLUTE, SPHERICAL
 from multirod.rotations import cross, cross_matrix, matrices, vectors
 from multirod.validation import FloatArray
 

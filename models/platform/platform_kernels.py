@@ -9,19 +9,19 @@ each leg's tip to the residual of its joint) and ``balance`` (the platform).
 import warp as wp
 
 from multirod.capabilities import Loading
-from multirod.models.rotation_kernels import (
-    inverse_right_jacobian,
-    left_jacobian,
-    rotation_from_vector,
-    rotation_vector,
-    swing,
+from multirod.models.joint_kernels import (
+    Joint,
+    column,
+    joint_at,
+    joint_rows,
+    joint_rows_variation,
+    vector,
+    write_rows,
 )
+from multirod.models.rotation_kernels import left_jacobian, rotation_from_vector
 
 f64 = wp.float64
 
-CLAMPED = 0
-REVOLUTE = 1
-SPHERICAL = 2
 POSE = 6  # unknowns and residuals of the platform, and of a leg's joint
 PLATFORM_VECTORS = ("tip_force", "tip_moment", "follower_force", "follower_moment", "force_point")
 LEG_VECTORS = ("distributed_force", "distributed_moment", "gravity", "magnetic_field")
@@ -113,18 +113,6 @@ class Legs:
     pose_columns: wp.array3d[wp.float64]
     wrench: wp.array2d[wp.float64]
     wrench_columns: wp.array3d[wp.float64]
-
-
-@wp.func
-def vector(values: wp.array2d[wp.float64], t: int, first: int) -> wp.vec3d:
-    """Three numbers of a row."""
-    return wp.vec3d(values[t, first], values[t, first + 1], values[t, first + 2])
-
-
-@wp.func
-def column(values: wp.array3d[wp.float64], t: int, first: int, k: int) -> wp.vec3d:
-    """Three numbers of a column."""
-    return wp.vec3d(values[t, first, k], values[t, first + 1, k], values[t, first + 2, k])
 
 
 @wp.func
@@ -232,97 +220,16 @@ def pose_direction(robots: Robots, b: int, k: int, pose: Platform):
     return move, turn
 
 
-@wp.struct
-class Joint:
-    """A joint between a leg's tip and the platform."""
-
-    kind: int
-    arm: wp.vec3d  # from the platform's origin, world frame
-    frame: wp.mat33d  # of the attachment, world frame
-    tip: wp.mat33d  # of the leg's tip, world frame
-    moment: wp.vec3d  # on the tip, in its frame
-    axis: wp.vec3d  # of a revolute joint, attachment frame
-    across: wp.vec3d  # two directions across it
-    along: wp.vec3d
-    log: wp.vec3d  # (3) rotation vector of the mismatch
-    by_turn: wp.mat33d  # (4)
-    tilted: wp.vec3d  # (6) the axis as the tip carries it, attachment frame
-    swing: wp.vec2d
-    length: f64
-    curvature: f64  # per moment
-
-
 @wp.func
 def load_joint(robots: Robots, legs: Legs, t: int, b: int, leg: int, pose: Platform) -> Joint:
     """A joint as it stands."""
-    joint = Joint()
-    joint.kind = robots.joint[leg]
     g = b * robots.stride
+    frame = pose.rotation * robots.attachment_rotation[g, leg]
+    joint = joint_at(robots.joint[leg], robots.axis[leg], frame, legs.rotation[t], vector(legs.wrench, t, 3))
     joint.arm = pose.rotation * robots.attachment_position[g, leg]
-    joint.frame = pose.rotation * robots.attachment_rotation[g, leg]
-    joint.tip = legs.rotation[t]
     joint.length = length_of(robots, b, leg)
     joint.curvature = f64(1.0) / stiffness_of(robots, b, leg)
-    joint.moment = wp.transpose(joint.tip) * vector(legs.wrench, t, 3)
-    mismatch = wp.transpose(joint.frame) * joint.tip
-    if joint.kind == wp.static(CLAMPED):
-        joint.log = rotation_vector(mismatch)
-        joint.by_turn = inverse_right_jacobian(joint.log)
-    if joint.kind == wp.static(REVOLUTE):
-        joint.axis = robots.axis[leg]
-        least = int(0)
-        if wp.abs(joint.axis[1]) < wp.abs(joint.axis[0]):
-            least = int(1)
-        if wp.abs(joint.axis[2]) < wp.abs(joint.axis[least]):
-            least = int(2)
-        other = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
-        other[least] = f64(1.0)
-        joint.across = wp.normalize(wp.cross(joint.axis, other))
-        joint.along = wp.cross(joint.axis, joint.across)
-        joint.tilted = mismatch * joint.axis
-        joint.swing = swing(wp.dot(joint.axis, joint.tilted))
     return joint
-
-
-@wp.func
-def joint_rows(joint: Joint) -> wp.vec3d:
-    """(5) to (7): the three residuals of a joint beside its position [1/m]."""
-    if joint.kind == wp.static(SPHERICAL):
-        return joint.curvature * joint.moment
-    if joint.kind == wp.static(REVOLUTE):
-        s = joint.swing[0] * wp.cross(joint.axis, joint.tilted)
-        return wp.vec3d(
-            wp.dot(joint.across, s) / joint.length,
-            wp.dot(joint.along, s) / joint.length,
-            joint.curvature * wp.dot(joint.axis, joint.moment),
-        )
-    return joint.log / joint.length
-
-
-@wp.func
-def joint_rows_variation(joint: Joint, tip_turn: wp.vec3d, turn: wp.vec3d, dm: wp.vec3d, m: wp.vec3d) -> wp.vec3d:
-    """(5) to (7): their change where tip and platform turn (world), and the moment m on the tip changes by dm (world)."""
-    dM = wp.transpose(joint.tip) * (dm - wp.cross(tip_turn, m))
-    if joint.kind == wp.static(SPHERICAL):
-        return joint.curvature * dM
-    if joint.kind == wp.static(REVOLUTE):
-        tilt = wp.cross(wp.transpose(joint.frame) * (tip_turn - turn), joint.tilted)
-        s = joint.swing[0] * wp.cross(joint.axis, tilt)
-        s += (joint.swing[1] * wp.dot(joint.axis, tilt)) * wp.cross(joint.axis, joint.tilted)
-        return wp.vec3d(
-            wp.dot(joint.across, s) / joint.length,
-            wp.dot(joint.along, s) / joint.length,
-            joint.curvature * wp.dot(joint.axis, dM),
-        )
-    return joint.by_turn * (wp.transpose(joint.tip) * (tip_turn - turn)) / joint.length
-
-
-@wp.func
-def write_rows(values: wp.array3d[wp.float64], b: int, row: int, k: int, a: wp.vec3d, c: wp.vec3d):
-    """Six numbers of a column."""
-    for j in range(3):
-        values[b, row + j, k] = a[j]
-        values[b, row + 3 + j, k] = c[j]
 
 
 @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from multirod.capabilities import ResultTest
 from multirod.models.backbone.inputs import LOADS
 from multirod.models.backbone.second_variation import CondensedForm, certain_determinant, symmetric_eigenvalues
-from multirod.models.platform.platform_kernels import POSE, REVOLUTE, SPHERICAL
+from multirod.models.joint_kernels import REVOLUTE, SPHERICAL
+from multirod.models.platform.platform_kernels import POSE
 from multirod.rotations import cross, cross_matrix
 from multirod.stability import Modes, StabilityAnalysis
 from multirod.status import Status

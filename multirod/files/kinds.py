@@ -15,7 +15,8 @@ import numpy as np
 from multirod.integrators import RK4, RK23, RK45
 from multirod.models.assemblies.concentric_tubes import ConcentricTubes
 from multirod.models.assemblies.eccentric_tubes import EccentricTubes
-from multirod.models.assemblies.parallel_rods import JOINTS, InverseParallelRods, ParallelRods
+from multirod.models.assemblies.held_rod import HeldRod
+from multirod.models.assemblies.parallel_rods import InverseParallelRods, ParallelRods
 from multirod.models.assemblies.single_rod import SingleRod
 from multirod.models.backbone.lines import (
     Chamber,
@@ -27,6 +28,7 @@ from multirod.models.backbone.lines import (
     SectionChamber,
     Tendon,
 )
+from multirod.models.joint_kernels import JOINTS
 from multirod.profile import Profile
 from multirod.rod import Rod, Section
 from multirod.validation import Described, choice, refuse
@@ -34,11 +36,11 @@ from multirod.validation import Described, choice, refuse
 CLASSES: dict[str, type] = {
     made.__name__: made
     for made in (
-        *(SingleRod, ConcentricTubes, EccentricTubes, ParallelRods, InverseParallelRods),
+        *(SingleRod, ConcentricTubes, EccentricTubes, ParallelRods, InverseParallelRods, HeldRod),
         *(Rod, Section, Tendon, PushRod, Chamber, RK4, RK23, RK45),
     )
 }
-ROBOTS = ("SingleRod", "ConcentricTubes", "EccentricTubes", "ParallelRods", "InverseParallelRods")
+ROBOTS = ("SingleRod", "ConcentricTubes", "EccentricTubes", "ParallelRods", "InverseParallelRods", "HeldRod")
 LINES = ("Tendon", "PushRod", "Chamber")
 INTEGRATORS = ("RK4", "RK23", "RK45")
 KINDS: dict[type, str] = {made: name for name, made in CLASSES.items()} | {
@@ -100,6 +102,7 @@ PARTS: dict[str, dict[str, Part]] = {
     "EccentricTubes": {"tubes": Part(("Rod",))},
     "ParallelRods": {"legs": Part(("Rod", "ConcentricTubes"))},
     "InverseParallelRods": {"robot": Part(("ParallelRods",), many=False)},
+    "HeldRod": {"rod": Part(("Rod",), many=False)},
 }
 
 
@@ -136,6 +139,7 @@ READERS: dict[str, dict[str, Callable[[Any], Any]]] = {
         "platform_mass": lambda robot: robot.geometry.mass,
         "platform_centre": lambda robot: robot.geometry.mass_centre,
     },
+    "HeldRod": {"rod": lambda robot: robot.rods[0]},
     "InverseParallelRods": {"limits": lambda robot: robot.limits if np.isfinite(robot.limits).any() else None},
     "Tendon": {
         "route": _route,
@@ -213,7 +217,7 @@ def described(thing: Any, where: str, *, functions: bool) -> dict[str, Any]:
             refuse(field, list(value), "a file holds only the lines of multirod itself, and no members of other classes")
         else:
             plain = _plain(field, name, value, functions)
-            if not _is(plain, default):
+            if not _is(plain, default) or (name, default) == ("end", None) and value is not None:
                 result[name] = plain
     return result
 

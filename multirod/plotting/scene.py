@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from multirod.models.assemblies.parallel_rods import JOINTS, InverseParallelRods, ParallelRods
+from multirod.models.assemblies.parallel_rods import InverseParallelRods, ParallelRods
+from multirod.models.joint_kernels import JOINTS
 from multirod.plotting.canvas import COMPONENTS, STYLES, colors_of, in_space, legend, matplotlib
 from multirod.plotting.family import Family
 from multirod.problem import Shape

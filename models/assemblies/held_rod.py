@@ -1,0 +1,206 @@
+"""One rod that is held at both ends."""
+
+from collections.abc import Iterable, Sequence
+from copy import copy
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, Unpack
+
+import numpy as np
+
+from multirod.assembly import Assembly, pose
+from multirod.batch import IntArray
+from multirod.inputs import Inputs, InputSpec
+from multirod.integrators import RK45
+from multirod.models.assemblies.inputs import HeldRodInput, HeldRodInputs, listed
+from multirod.models.assemblies.single_rod import SingleRod
+from multirod.models.backbone.inputs import DRIVE_INPUTS, drive_specs
+from multirod.models.backbone.kernels.layout.features import Features
+from multirod.models.backbone.problem import scene_features
+from multirod.models.held.problem import END_INPUTS, POSE_INPUTS, ROD_INPUTS, TIP_SPECS, HeldProblem, Holders
+from multirod.models.joint_kernels import JOINTS
+from multirod.reuse import reusable
+from multirod.rod import Rod
+from multirod.types import Numbers
+from multirod.validation import Described, FloatArray, array, choice, frozen, refuse
+
+ROUNDED = 1e-15  # what the length of an axis of length 1 may be off
+SHORTEST_AXIS = 1e-100  # whose square still is a number
+INPUTS = (*ROD_INPUTS[:2], *END_INPUTS, *TIP_SPECS, *ROD_INPUTS[2:])
+
+Joint = Literal["clamped", "revolute", "spherical"]
+
+
+class HeldRod(Assembly):
+    """One rod whose ends are both held: each clamped or in a joint, and the end on a slide if it is to be pushed.
+
+    The inputs ``end_position`` and ``end_rotation`` move what holds the end from ``end``: with the identity as ``end`` they are
+    its pose. ``tip_force`` and ``tip_moment`` act on the end, as far as joint and slide leave it free: a thrust along the slide,
+    a torque about the axis of a revolute joint. ``tip_position`` and ``tip_rotation`` of a solution are those of the rod's end,
+    ``end_force`` and ``end_moment`` what its holder does to it.
+
+    Args:
+        rod: The rod. Its lines may be driven by displacement only where the base is clamped; no foundation.
+        base: Pose of what holds the base, in the world, shape (..., 4, 4); the identity by default.
+        end: Pose of what holds the end, in the world, shape (..., 4, 4), where ``end_position`` and ``end_rotation`` are zero; by
+            default that of the end of the rod at rest.
+        joint: At the end: ``"clamped"``, ``"revolute"`` (free to turn about its axis), or ``"spherical"`` (no moment).
+        joint_axis: Of a revolute joint, in the frame of the end's holder, shape (3,).
+        slide: Direction in which the end slides without friction, in the frame of its holder, shape (3,); None if it does not.
+        base_joint: At the base, as at the end.
+        base_joint_axis: Of a revolute joint there, in the frame of the base's holder, shape (3,).
+
+    Raises:
+        ValueError: If a pose is none, a joint is not one of these, an axis is zero, or the rod cannot be held so.
+        TypeError: If ``rod`` is not a ``Rod``.
+    """
+
+    length_columns: ClassVar[bool] = True
+    end_held: ClassVar[bool] = True
+
+    def __init__(
+        self,
+        rod: Rod,
+        *,
+        base: Numbers | None = None,
+        end: Numbers | None = None,
+        joint: Joint = "clamped",
+        joint_axis: Numbers = (1.0, 0.0, 0.0),
+        slide: Numbers | None = None,
+        base_joint: Joint = "clamped",
+        base_joint_axis: Numbers = (1.0, 0.0, 0.0),
+    ) -> None:
+        if not isinstance(rod, Rod):
+            raise TypeError(f"HeldRod takes a Rod, not {type(rod).__name__}")
+        if rod.is_embedded:
+            refuse("HeldRod.rod", rod, "must have no foundation: it is modelled for one backbone with a free tip")
+        self.rods = (rod,)
+        self.base = pose("HeldRod.base", base)
+        self.end = None if end is None else pose("HeldRod.end", end)
+        self.joint = choice("HeldRod.joint", joint, JOINTS)
+        self.joint_axis = _axis("HeldRod.joint_axis", joint_axis)
+        self.slide = None if slide is None else _axis("HeldRod.slide", slide)
+        self.base_joint = choice("HeldRod.base_joint", base_joint, JOINTS)
+        self.base_joint_axis = _axis("HeldRod.base_joint_axis", base_joint_axis)
+        shapes = [rod.batch_shape, self.base.shape[:-2], () if self.end is None else self.end.shape[:-2]]
+        try:
+            np.broadcast_shapes(*shapes)
+        except ValueError:
+            refuse("HeldRod.end", Described(f"leading axes {shapes}"), "those of rod, base and end must broadcast")
+        if self.base_joint != "clamped" and self._free.has_conditions:
+            refuse("HeldRod.base_joint", base_joint, "must be 'clamped': a line of the rod is driven by its displacement")
+
+    @cached_property
+    def _free(self) -> SingleRod:
+        """The same rod with nothing that holds its end."""
+        return SingleRod(self.rods[0], base=self.base)
+
+    @cached_property
+    def holders(self) -> Holders:
+        """What holds the rod, in numbers."""
+        return Holders(
+            self._free,
+            _end_at_rest(self._free) if self.end is None else self.end,
+            JOINTS[self.joint],
+            self.joint_axis,
+            self.slide,
+            JOINTS[self.base_joint],
+            self.base_joint_axis,
+            self._free.arrays,
+            self.base,
+        )
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:
+        """Leading axes of the rod's parameters and of the poses."""
+        end = () if self.end is None else self.end.shape[:-2]
+        return np.broadcast_shapes(self.rods[0].batch_shape, self.base.shape[:-2], end)
+
+    if TYPE_CHECKING:
+        _input_name: HeldRodInput
+
+    @listed(*INPUTS, *DRIVE_INPUTS)
+    def inputs(self, **values: Unpack[HeldRodInputs]) -> Inputs:  # type: ignore[override]  # these, and no others
+        """Actuation and loads by name, all optional: numbers or arrays, whose leading axes ``...`` broadcast.
+
+        What is not named is zero. A leading axis makes a batch, an instance for each entry.
+
+        Args:
+            **values: Those of ``HeldRodInputs``.
+
+        Returns:
+            The inputs, checked, as ``solve`` and ``simulate`` take them.
+
+        Raises:
+            TypeError: If a name is not one of these, or no rod has such lines.
+            ValueError: If a value is out of range, not finite or of a wrong shape, or the leading axes do not broadcast.
+        """
+        return super().inputs(**HeldRodInputs(**values))
+
+    @property
+    def input_specs(self) -> tuple[InputSpec, ...]:  # noqa: D102
+        return (*INPUTS, *drive_specs(self.rods))
+
+    def check(self, inputs: Inputs) -> None:  # noqa: D102
+        own = [spec.name for spec in self._free.input_specs if spec.name in inputs.given and spec.name not in inputs.profiles]
+        self._free.check(Inputs(self._free.input_specs, 1, {name: getattr(inputs, name) for name in own}))
+        if self.base_joint != "clamped" and inputs.profiles:
+            name = next(iter(inputs.profiles))
+            refuse(name, Described("a function of arclength"), "must be numbers where the base turns in a joint")
+
+    def input_directions(self, name: str) -> dict[str, Any]:  # noqa: D102
+        return super().input_directions(name) if name in POSE_INPUTS else self._free.input_directions(name)
+
+    def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102
+        return name in POSE_INPUTS or self._free.surely_takes(name, values)
+
+    @reusable
+    def problem(self, inputs: Inputs, *, instances: IntArray | None = None, **options: Any) -> HeldProblem:  # noqa: D102
+        holders = self.holders
+        if instances is not None:
+            whole = np.broadcast_shapes(inputs.batch_shape, self.batch_shape)
+            holders, inputs = holders.take(whole, instances), inputs.take(whole, instances)
+        return HeldProblem(holders, inputs, **options)
+
+    def features(self, inputs: Inputs, *, enabled: Iterable[str] = ()) -> tuple[Features, ...]:  # noqa: D102
+        on_rod = {spec.name for spec in ROD_INPUTS}
+        active = [name for name in (*inputs.active, *enabled) if name in on_rod]
+        options: dict[str, Any] = {"rod_count": 1, "transmission": False, "held": True}
+        return (scene_features(self._free.arrays, active, inputs.profiles, **options),)
+
+    def with_rods(self, rods: Sequence[Rod]) -> Self:  # noqa: D102
+        result = copy(self)
+        result.rods = tuple(rods)
+        for name in ("_free", "holders", "longest", "stiffest"):
+            result.__dict__.pop(name, None)
+        return result
+
+    def __repr__(self) -> str:
+        joints = [f"base_joint={self.base_joint!r}"] * (self.base_joint != "clamped")
+        joints += [f"joint={self.joint!r}"] * (self.joint != "clamped")
+        joints += [f"slide={self.slide.tolist()}"] if self.slide is not None else []
+        return f"HeldRod({', '.join([repr(self.rods[0]), *joints])})"
+
+
+def _axis(field: str, value: Any) -> FloatArray:
+    """A direction (3,), as long as 1."""
+    axis = array(field, value, (3,))
+    if axis.shape != (3,):
+        refuse(field, value, "must have shape (3,)")
+    with np.errstate(over="ignore"):
+        size = float(np.linalg.norm(axis))
+    if not SHORTEST_AXIS < size < 1 / SHORTEST_AXIS:
+        refuse(field, value, f"must have a length from {SHORTEST_AXIS:g} to {1 / SHORTEST_AXIS:g}")
+    # one of length 1 as it is: the same again from what was kept
+    return np.asarray(frozen(axis if abs(size - 1) <= ROUNDED else axis / size))
+
+
+def _end_at_rest(robot: SingleRod) -> FloatArray:
+    """Pose of the end of a rod that nothing acts on, shape (..., 4, 4)."""
+    problem = robot.problem(robot.make_inputs({}), integrator=RK45(rtol=1e-12, atol=1e-14))
+    problem.evaluate(problem.guess())
+    shape = robot.batch_shape
+    result = np.zeros((*shape, 4, 4))
+    result[..., 3, 3] = 1.0
+    result[..., :3, 3] = problem.read("position").reshape(*shape, 3)
+    result[..., :3, :3] = problem.read("rotation").reshape(*shape, 3, 3)
+    return np.asarray(frozen(result))

@@ -1,0 +1,390 @@
+# mypy: ignore-errors
+"""What holds a rod at both ends: the pose of its end, joints there and at its base.
+
+Numbers in parentheses are those of ``docs/held.md``. The rod is integrated by the backbone kernels; around that launch stand
+``hand_over`` (unknowns and inputs to the rod) and ``hold`` (pose and wrench of its tip to the residual).
+"""
+
+import warp as wp
+
+from multirod.models.joint_kernels import CLAMPED, Joint, column, joint_at, joint_rows, joint_rows_variation, vector, write_rows
+from multirod.models.rotation_kernels import left_jacobian, rotation_from_vector
+
+f64 = wp.float64
+
+POSE = 6  # residuals of the end's joint
+ON_AXIS = 1e-9  # what counts as on an axis, in lengths, and along it
+ACROSS = 1e-6  # turn of the end across the axis of the base from which on it says where the rod bends [rad]
+SOFT = 0.025  # of forces and moments in EI/L^2 and EI/L, by which a neutral turn is held: then it is as stiff as others
+ALONG = ("distributed_force", "distributed_moment", "gravity", "magnetic_field")  # as they stand in a row of a rod's inputs
+
+
+@wp.struct
+class Held:
+    """Rods that are held at both ends; the first axis is the instance."""
+
+    unknown_count: int
+    rod_unknowns: int  # the first of them
+    turns: int  # the last of them: angles of the base in its joint
+    direction_count: int
+    rod_inputs: int  # of a row, the scale of load profiles left out: they stand first in a row of this
+    along: int  # where ALONG begin
+    tip_loads: int  # tip_force, then tip_moment
+    pose: int  # end_position, then end_rotation
+    # unknowns, inputs, results
+    order: wp.array[int]
+    active: wp.array[int]
+    load_factor: wp.array[wp.float64]
+    unknowns: wp.array2d[wp.float64]
+    inputs: wp.array2d[wp.float64]
+    directions: wp.array3d[wp.float64]
+    fault: wp.array[int]
+    step_count: wp.array[int]
+    residual: wp.array2d[wp.float64]
+    gamma: wp.array3d[wp.float64]
+    residual_directions: wp.array3d[wp.float64]
+    position: wp.array[wp.vec3d]
+    rotation: wp.array[wp.mat33d]
+    pose_columns: wp.array3d[wp.float64]
+    # geometry
+    base_frame: wp.array[wp.mat33d]  # of the base's holder
+    end_position: wp.array[wp.vec3d]  # of the end's holder where its inputs are zero
+    end_frame: wp.array[wp.mat33d]
+    rest_position: wp.array[wp.vec3d]  # of the end of the rod at rest
+    rest_turn: wp.array[wp.vec3d]  # (2) rotation vector from there to end_frame
+    length: wp.array[wp.float64]  # scales
+    stiffness: wp.array[wp.float64]
+    moment_unit: wp.array[wp.vec3d]  # curvature per base moment
+    base_curvature: wp.array[wp.vec3d]  # where that is zero
+    joint: int
+    axis: wp.vec3d  # of a revolute joint, in the frame of the end's holder
+    slides: int
+    guide: wp.mat33d  # two directions across the one in which the end slides, then that one, in its holder's frame
+    base_axes: wp.array[wp.vec3d]  # (turns,): of the base's joint, in its holder's frame
+    opening: wp.array2d[wp.float64]  # residual of the rod at rest where the path begins
+    direct: wp.array[int]  # whether the end's holder is where it is to be all along the path
+    alike: wp.array[int]  # whether the rod is the same about its axis, whatever holds its end
+    neutral: wp.array[int]  # whether a turn about the base's axis costs nothing
+    # the rod as a backbone whose tip is held
+    rod_active: wp.array[int]
+    rod_load_factor: wp.array[wp.float64]
+    rod_unknowns_at: wp.array2d[wp.float64]
+    rod_inputs_at: wp.array2d[wp.float64]
+    rod_directions: wp.array3d[wp.float64]
+    rod_fault: wp.array[int]
+    rod_step_count: wp.array[int]
+    rod_residual: wp.array2d[wp.float64]
+    rod_gamma: wp.array3d[wp.float64]
+    rod_residual_directions: wp.array3d[wp.float64]
+    rod_position: wp.array[wp.vec3d]
+    rod_rotation: wp.array[wp.mat33d]
+    rod_pose_columns: wp.array3d[wp.float64]
+    wrench: wp.array2d[wp.float64]
+    wrench_columns: wp.array3d[wp.float64]
+    base_position: wp.array[wp.vec3d]
+    base_rotation: wp.array[wp.mat33d]  # the base's holder, turned in its joint
+
+
+@wp.func
+def turn_of(held: Held, b: int) -> wp.vec3d:
+    """(8) Rotation vector by which the base is turned in its joint, in the frame of its holder."""
+    a = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
+    for j in range(held.turns):
+        a += (held.length[b] * held.unknowns[b, held.rod_unknowns + j]) * held.base_axes[j]
+    return a
+
+
+@wp.func
+def turn_axis(held: Held, b: int, j: int) -> wp.vec3d:
+    """(8) Rotation vector of the rod by unknown j of its base's joint, in the world."""
+    return held.length[b] * (held.base_frame[b] * (left_jacobian(turn_of(held, b)) * held.base_axes[j]))
+
+
+@wp.func
+def is_neutral(held: Held, b: int) -> bool:
+    """(10) Whether the end is to be held on the axis of the base and along it, by a rod that is alike about it."""
+    if held.alike[b] == 0:
+        return False
+    axis = held.base_frame[b] * wp.vec3d(f64(0.0), f64(0.0), f64(1.0))
+    away = held.end_position[b] + vector(held.inputs, b, held.pose) - held.base_position[b]
+    frame = rotation_from_vector(vector(held.inputs, b, held.pose + 3)) * held.end_frame[b]
+    tangent = wp.vec3d(frame[0, 2], frame[1, 2], frame[2, 2])
+    off = wp.max(wp.length(wp.cross(axis, away)) / held.length[b], wp.length(wp.cross(axis, tangent)))
+    return off < f64(wp.static(ON_AXIS))
+
+
+@wp.func
+def base_moment(held: Held, b: int) -> wp.vec3d:
+    """(6) Moment at the base, in the frame of the base."""
+    return held.stiffness[b] * vector(held.unknowns, b, 0)
+
+
+@wp.func
+def base_turn(held: Held, b: int) -> wp.vec2d:
+    """Cosine and sine of the angle of the rod at its base."""
+    angle = held.load_factor[b] * held.inputs[b, 0]
+    return wp.vec2d(wp.cos(angle), wp.sin(angle))
+
+
+@wp.func
+def turned_back(held: Held, b: int, v: wp.vec3d) -> wp.vec3d:
+    """From the frame of the base to that of the rod there."""
+    turn = base_turn(held, b)
+    return wp.vec3d(turn[0] * v[0] + turn[1] * v[1], turn[0] * v[1] - turn[1] * v[0], v[2])
+
+
+@wp.kernel(module="unique", enable_backward=False)
+def hand_over(held: Held):
+    """Unknowns, inputs and directions to the rod, and its base as it is turned."""
+    b = held.order[wp.tid()]
+    held.rod_active[b] = held.active[b]
+    if held.active[b] == 0:
+        return
+    held.neutral[b] = int(is_neutral(held, b))
+    path = held.load_factor[b]
+    held.rod_load_factor[b] = path
+    for i in range(3, held.rod_unknowns - 3):
+        held.rod_unknowns_at[b, i] = held.unknowns[b, i]
+    # (6) the rod's own turn with it
+    M = turned_back(held, b, base_moment(held, b))
+    N = turned_back(held, b, vector(held.unknowns, b, held.rod_unknowns - 3))
+    for j in range(3):
+        held.rod_unknowns_at[b, j] = held.base_curvature[b][j] + held.moment_unit[b][j] * M[j]
+        held.rod_unknowns_at[b, held.rod_unknowns - 3 + j] = N[j]
+    held.rod_inputs_at[b, 0] = path * held.inputs[b, 0]
+    held.rod_inputs_at[b, 1] = held.inputs[b, 1]
+    for i in range(held.along, held.rod_inputs):
+        held.rod_inputs_at[b, i] = held.inputs[b, i]
+    scale = held.inputs.shape[1] - 1
+    held.rod_inputs_at[b, held.rod_inputs] = held.inputs[b, scale]
+    for k in range(held.direction_count):
+        held.rod_directions[b, k, 0] = path * held.directions[b, k, 0]
+        held.rod_directions[b, k, 1] = held.directions[b, k, 1]
+        for i in range(held.along, held.rod_inputs):
+            held.rod_directions[b, k, i] = held.directions[b, k, i]
+        held.rod_directions[b, k, held.rod_inputs] = held.directions[b, k, scale]
+    held.base_rotation[b] = held.base_frame[b] * rotation_from_vector(turn_of(held, b))
+    for j in range(held.turns):
+        axis = turn_axis(held, b, j)
+        for i in range(wp.static(len(ALONG))):
+            first = held.along + 3 * i
+            turned = wp.cross(axis, vector(held.inputs, b, first))
+            for c in range(3):
+                # (9) the base turned back: what acts along the rod turns instead
+                held.rod_directions[b, held.direction_count + j, first + c] = -path * turned[c]
+
+
+@wp.struct
+class End:
+    """Pose of what holds the end, in the world."""
+
+    position: wp.vec3d
+    rotation: wp.mat33d
+    turn: wp.mat33d  # rotation vector, in the world, by end_rotation
+
+
+@wp.func
+def end_pose(held: Held, b: int) -> End:
+    """(1), (2) The pose on the way from that of the rod at rest."""
+    end = End()
+    path = wp.where(held.direct[b] != 0, f64(1.0), held.load_factor[b])
+    rest = path - f64(1.0)
+    goal = held.end_position[b] + vector(held.inputs, b, held.pose)
+    end.position = goal + rest * (goal - held.rest_position[b])
+    a = path * vector(held.inputs, b, held.pose + 3)
+    end.rotation = rotation_from_vector(a) * (rotation_from_vector(rest * held.rest_turn[b]) * held.end_frame[b])
+    end.turn = path * left_jacobian(a)
+    return end
+
+
+@wp.func
+def write_entry(held: Held, b: int, row: int, k: int, value: f64):
+    """One number of Gamma, or, past its columns, of the residual's derivative by a direction; k as for a rod's columns."""
+    if k < held.rod_unknowns:
+        held.gamma[b, row, k] = value
+    elif k < held.rod_unknowns + held.direction_count:
+        held.residual_directions[b, row, k - held.rod_unknowns] = value
+    else:
+        held.gamma[b, row, k - held.direction_count] = value
+
+
+@wp.func
+def phase_of(held: Held, b: int) -> wp.vec3d:
+    """(11) Across the axis about which the rod is to bend, in the frame of the base: there is to be no moment."""
+    turn = wp.transpose(held.base_frame[b]) * (vector(held.inputs, b, held.pose + 3) + held.rest_turn[b])
+    across = wp.vec3d(turn[1], -turn[0], f64(0.0))
+    size = wp.length(across)
+    if size > f64(wp.static(ACROSS)):
+        return across / size
+    return wp.vec3d(f64(1.0), f64(0.0), f64(0.0))
+
+
+@wp.struct
+class Phase:
+    """(11) What stands in the residual for the turn about the axis of the base that costs nothing."""
+
+    axis: wp.vec3d
+    across: wp.vec3d
+    lag: f64
+    pull: wp.vec3d  # rows of the residual that it leaves
+    twist: wp.vec3d
+
+
+@wp.func
+def phase_rows(held: Held, b: int, joint: Joint, to_guide: wp.mat33d, dn: wp.vec3d, dm: wp.vec3d):
+    """(11) A force and a moment on the tip as rows."""
+    size = f64(wp.static(SOFT)) * joint.length * joint.curvature
+    pull = (joint.length * size) * (to_guide * dn)
+    if held.slides != 0:
+        pull[2] = f64(0.0)
+    twist = size * (wp.transpose(joint.tip) * dm)
+    if joint.kind != wp.static(CLAMPED):
+        twist = f64(0.0) * twist
+    return pull, twist
+
+
+@wp.func
+def to_unknowns(held: Held, b: int, values: wp.array3d[wp.float64], others: wp.array3d[wp.float64], first: int, row: int):
+    """(6) A row of columns by the unknowns of the rod, as by those of this; directions stand in ``others`` from ``first`` on."""
+    turn = base_turn(held, b)
+    M = turned_back(held, b, base_moment(held, b))
+    n = held.rod_unknowns - 3
+    N = turned_back(held, b, vector(held.unknowns, b, n))
+    unit = held.moment_unit[b]
+    by_moment = wp.vec3d(values[b, row, 0] * unit[0], values[b, row, 1] * unit[1], values[b, row, 2] * unit[2])
+    by_force = wp.vec3d(values[b, row, n], values[b, row, n + 1], values[b, row, n + 2])
+    for k in range(held.direction_count):
+        rate = held.load_factor[b] * held.directions[b, k, 0]
+        change = by_moment[0] * M[1] - by_moment[1] * M[0] + by_force[0] * N[1] - by_force[1] * N[0]
+        others[b, row, first + k] = others[b, row, first + k] + rate * change
+    values[b, row, 0] = held.stiffness[b] * (turn[0] * by_moment[0] - turn[1] * by_moment[1])
+    values[b, row, 1] = held.stiffness[b] * (turn[1] * by_moment[0] + turn[0] * by_moment[1])
+    values[b, row, 2] = held.stiffness[b] * by_moment[2]
+    values[b, row, n] = turn[0] * by_force[0] - turn[1] * by_force[1]
+    values[b, row, n + 1] = turn[1] * by_force[0] + turn[0] * by_force[1]
+
+
+@wp.kernel(module="unique", enable_backward=False)
+def hold(held: Held):
+    """(5), (7), (8), (11): the residual with its columns, and the pose of the tip with them."""
+    b = held.order[wp.tid()]
+    if held.active[b] == 0:
+        return
+    zero = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
+    path = held.load_factor[b]
+    open = f64(1.0) - path
+    m = held.rod_unknowns
+    for i in range(wp.static(POSE)):
+        to_unknowns(held, b, held.rod_pose_columns, held.rod_pose_columns, m, i)
+        to_unknowns(held, b, held.wrench_columns, held.wrench_columns, m, i)
+    for i in range(wp.static(POSE), m):
+        to_unknowns(held, b, held.rod_gamma, held.rod_residual_directions, 0, i)
+    L = held.length[b]
+    bent = f64(1.0) / held.stiffness[b]
+    end = end_pose(held, b)
+    tip_force = path * vector(held.inputs, b, held.tip_loads)
+    tip_moment = path * vector(held.inputs, b, held.tip_loads + 3)
+    force = vector(held.wrench, b, 0) - tip_force
+    moment = vector(held.wrench, b, 3) - tip_moment
+    joint = joint_at(held.joint, held.axis, end.rotation, held.rod_rotation[b], moment)
+    joint.length = L
+    joint.curvature = bent
+    to_guide = wp.transpose(end.rotation * held.guide)
+    apart = held.rod_position[b] - end.position
+    gap = to_guide * (apart / (L * L))
+    pull = (L * bent) * (to_guide * force)
+    if held.slides != 0:
+        gap[2] = pull[2]
+    rows = joint_rows(joint)
+    phase = Phase()
+    if held.neutral[b] != 0:
+        phase.axis = held.base_frame[b] * wp.vec3d(f64(0.0), f64(0.0), f64(1.0))
+        phase.across = phase_of(held, b)
+        phase.lag = bent * wp.dot(phase.across, base_moment(held, b))
+        pulled = wp.cross(phase.axis, force)
+        by_pull, by_twist = phase_rows(held, b, joint, to_guide, pulled, wp.cross(phase.axis, moment))
+        phase.pull = by_pull
+        phase.twist = by_twist
+        gap += phase.lag * by_pull
+        rows += phase.lag * by_twist
+    total = f64(0.0)
+    for j in range(3):
+        held.residual[b, j] = gap[j] - open * held.opening[b, j]
+        held.residual[b, 3 + j] = rows[j] - open * held.opening[b, 3 + j]
+        total += wp.abs(gap[j]) + wp.abs(rows[j])
+    for i in range(wp.static(POSE), m):
+        held.residual[b, i] = held.rod_residual[b, i] - open * held.opening[b, i]
+    for j in range(held.turns):
+        held.residual[b, m + j] = bent * wp.dot(held.base_axes[j], base_moment(held, b)) - open * held.opening[b, m + j]
+
+    for k in range(m + held.direction_count + held.turns):
+        dp = column(held.rod_pose_columns, b, 0, k)
+        tip_turn = column(held.rod_pose_columns, b, 3, k)
+        dn = column(held.wrench_columns, b, 0, k)
+        dm = column(held.wrench_columns, b, 3, k)
+        move = zero
+        turn = zero
+        if k >= m + held.direction_count:
+            # (9) the rod turns with its base as one
+            a = turn_axis(held, b, k - m - held.direction_count)
+            dp += wp.cross(a, held.rod_position[b] - held.base_position[b])
+            tip_turn += a
+            dn += wp.cross(a, vector(held.wrench, b, 0))
+            dm += wp.cross(a, vector(held.wrench, b, 3))
+        elif k >= m:
+            d = k - m
+            first = held.pose
+            move = path * wp.vec3d(
+                held.directions[b, d, first], held.directions[b, d, first + 1], held.directions[b, d, first + 2]
+            )
+            first += 3
+            turn = end.turn * wp.vec3d(
+                held.directions[b, d, first], held.directions[b, d, first + 1], held.directions[b, d, first + 2]
+            )
+            first = held.tip_loads
+            dn -= path * wp.vec3d(
+                held.directions[b, d, first], held.directions[b, d, first + 1], held.directions[b, d, first + 2]
+            )
+            first += 3
+            dm -= path * wp.vec3d(
+                held.directions[b, d, first], held.directions[b, d, first + 1], held.directions[b, d, first + 2]
+            )
+        if held.pose_columns.shape[2] > 1:
+            place = k
+            if k >= m + held.direction_count:
+                place = k - held.direction_count
+            elif k >= m:
+                place = k + held.turns
+            write_rows(held.pose_columns, b, 0, place, dp, tip_turn)
+        shift = to_guide * ((dp - move - wp.cross(turn, apart)) / (L * L))
+        if held.slides != 0:
+            push = (L * bent) * (to_guide * (dn - wp.cross(turn, force)))
+            shift[2] = push[2]
+        change = joint_rows_variation(joint, tip_turn, turn, dm, moment)
+        db = zero
+        if k < 3:
+            db[k] = held.stiffness[b]
+        if held.neutral[b] != 0:
+            lags = bent * wp.dot(phase.across, db)
+            by_force = wp.cross(phase.axis, dn) - wp.cross(turn, wp.cross(phase.axis, force))
+            by_moment = wp.cross(phase.axis, dm) - wp.cross(tip_turn, wp.cross(phase.axis, moment))
+            more, twist = phase_rows(held, b, joint, to_guide, by_force, by_moment)
+            shift += lags * phase.pull + phase.lag * more
+            change += lags * phase.twist + phase.lag * twist
+        for j in range(3):
+            write_entry(held, b, j, k, shift[j])
+            write_entry(held, b, 3 + j, k, change[j])
+        for i in range(wp.static(POSE), m):
+            if k < m:
+                held.gamma[b, i, k] = held.rod_gamma[b, i, k]
+            else:
+                write_entry(held, b, i, k, held.rod_residual_directions[b, i, k - m])
+        for j in range(held.turns):
+            write_entry(held, b, m + j, k, bent * wp.dot(held.base_axes[j], db))
+    held.position[b] = held.rod_position[b]
+    held.rotation[b] = held.rod_rotation[b]
+    fault = held.rod_fault[b]
+    if fault == 0 and not wp.isfinite(total):
+        fault = 1
+    held.fault[b] = fault
+    held.step_count[b] = held.rod_step_count[b]

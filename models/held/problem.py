@@ -1,0 +1,531 @@
+"""A rod that is held at both ends: the boundary problem, its buffers and launches."""
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from multirod.batch import IntArray, take
+from multirod.capabilities import Lines, LineTest, Parts, Shapes
+from multirod.inputs import Inputs, InputSpec
+from multirod.integrators import Integrator
+from multirod.launch import record
+from multirod.models.backbone.inputs import BACKBONE_INPUTS, DRIVES
+from multirod.models.backbone.problem import BackboneAssembly, BackboneProblem
+from multirod.models.backbone.units import unit_stiffness
+from multirod.models.held import held_kernels as kernels
+from multirod.models.held.stability import HeldStability
+from multirod.models.held.start import bent_rods
+from multirod.models.held.starts import HeldStarts
+from multirod.models.joint_kernels import REVOLUTE, SPHERICAL
+from multirod.problem import Block, BoundaryProblem, Shape
+from multirod.rod import RodArrays
+from multirod.rotations import left_jacobian, matrices, vectors
+from multirod.validation import FloatArray
+
+ROD_INPUTS = tuple(spec for spec in BACKBONE_INPUTS if spec.acts in ("base", "along"))  # what acts on the rod itself
+TIP_LOADS = ("tip_force", "tip_moment")
+POSE_INPUTS = ("end_position", "end_rotation")
+POSE_SIZE = 3 * len(POSE_INPUTS)
+TURNS = {REVOLUTE: 1, SPHERICAL: 3}  # that a joint leaves free
+REGULAR = 1e-7  # smallest singular value of Gamma at rest, from which the path begins there
+
+
+@dataclass(frozen=True)
+class Holders:
+    """What holds a rod at both ends, in numbers.
+
+    Attributes:
+        rod: The rod as a robot of its own, which has the base.
+        end: Pose of the end's holder in the world where its inputs are zero, shape (..., 4, 4).
+        joint: Kind of joint at the end.
+        axis: Of a revolute one, in its holder's frame, unit length.
+        slide: Direction in which the end slides, in its holder's frame, unit length; None if it does not.
+        base_joint: Kind of joint at the base.
+        base_axis: Of a revolute one, in the frame of the base, unit length.
+        arrays: The rod as kernels read it.
+        base: Pose of the base's holder in the world, shape (..., 4, 4).
+    """
+
+    rod: BackboneAssembly
+    end: FloatArray
+    joint: int
+    axis: FloatArray
+    slide: FloatArray | None
+    base_joint: int
+    base_axis: FloatArray
+    arrays: RodArrays
+    base: FloatArray
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:
+        """Leading axes of all of it."""
+        return np.broadcast_shapes(self.arrays.batch_shape, self.base.shape[:-2], self.end.shape[:-2])
+
+    def take(self, batch_shape: tuple[int, ...], instances: IntArray) -> "Holders":
+        """Those of some instances of a batch to whose leading axes this broadcasts, along one axis."""
+        result = copy(self)
+        taken = {
+            "arrays": self.arrays.take(batch_shape, instances),
+            **{
+                name: take(value, batch_shape, instances, tail=2) if value.ndim > 2 else value
+                for name, value in (("base", self.base), ("end", self.end))
+            },
+        }
+        for name, value in taken.items():
+            object.__setattr__(result, name, value)
+        return result
+
+    @property
+    def guide(self) -> FloatArray:
+        """Two directions across the one in which the end slides, then that one, in its holder's frame, as columns."""
+        if self.slide is None:
+            return np.eye(3)
+        return np.concatenate([_across(self.slide), self.slide[:, None]], axis=1)
+
+    @property
+    def held_directions(self) -> FloatArray:
+        """Directions in which the end does not slide, in its holder's frame, as columns."""
+        return self.guide if self.slide is None else self.guide[:, :2]
+
+    @property
+    def base_axes(self) -> FloatArray:
+        """About which the base turns, in its frame, one a row."""
+        if self.base_joint == SPHERICAL:
+            return np.eye(3)
+        return self.base_axis[None] if self.base_joint == REVOLUTE else np.zeros((0, 3))
+
+    @property
+    def held_rotations(self) -> FloatArray:
+        """About which the end does not turn, in its holder's frame, as columns."""
+        if self.joint == SPHERICAL:
+            return np.zeros((3, 0))
+        return _across(self.axis) if self.joint == REVOLUTE else np.eye(3)
+
+
+def _across(axis: FloatArray) -> FloatArray:
+    """Two directions across one, as columns, that make a right-handed frame with it."""
+    first = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(axis, first)], axis=1)
+
+
+class HeldProblem(BoundaryProblem):
+    """One rod whose ends are held (``docs/held.md``).
+
+    Unknowns are moment and force at the base, in its frame, in ``EI`` and ``EI/L`` (6), between them the tensions of lines whose
+    lengths are given, and last the angles of the base in a joint there; residuals those of the end (5), (7), of the rod's lines,
+    and of the joint at the base (8).
+    """
+
+    guess_integrations = 3
+
+    def __init__(
+        self,
+        holders: Holders,
+        inputs: Inputs,
+        *,
+        integrator: Integrator,
+        device: str = "cpu",
+        pose_sensitivities: bool = False,
+        direction_count: int = 0,
+        lengths: bool = False,
+        enabled: Sequence[str] = (),
+    ) -> None:
+        self.holders = holders
+        shape = np.broadcast_shapes(inputs.batch_shape, holders.batch_shape)
+        self.turns = len(holders.base_axes)
+        self.rod = self._make_rod(inputs, shape, integrator, device, direction_count, lengths, enabled)
+        n = self.rod.unknown_count + self.turns
+        super().__init__(
+            unknown_count=n,
+            batch_shape=shape,
+            input_count=self.rod.input_count + POSE_SIZE,
+            blocks=[Block("rod 1", slice(0, n), slice(0, n), 0)],
+            direction_count=direction_count,
+            pose_sensitivities=pose_sensitivities,
+            device=device,
+        )
+        self.integrator = integrator
+        self.inputs_given = inputs
+        self.options: dict[str, Any] = {
+            "device": device,
+            "pose_sensitivities": pose_sensitivities,
+            "direction_count": direction_count,
+            "lengths": lengths,
+            "enabled": tuple(enabled),
+        }
+        self.rounding = self.rod.rounding
+        self._natural: FloatArray | None = None
+        self.table = self._make_table()
+        self._launches = self._record()
+        self.write("inputs", self.pack(inputs))
+
+    def _make_rod(
+        self,
+        inputs: Inputs,
+        shape: tuple[int, ...],
+        integrator: Integrator,
+        device: str,
+        direction_count: int,
+        lengths: bool,
+        enabled: Sequence[str],
+    ) -> BackboneProblem:
+        """The rod as a backbone whose tip is held, as many as there are instances."""
+        holders, rod = self.holders, self.holders.rod
+        names = [spec.name for spec in ROD_INPUTS] + [name for name in DRIVES if name in inputs.specs]
+        given: dict[str, Any] = {name: inputs.profiles[name] for name in names if name in inputs.profiles}
+        given |= {name: inputs.array(name) for name in names if name in inputs.given and name not in given}
+        reach = max((p.ends[-1] for p in inputs.profiles.values()), default=0.0)
+        specs = tuple(spec for spec in rod.input_specs if spec.name in names)
+        return BackboneProblem(
+            rod.rods,
+            np.broadcast_to(holders.base, (*shape, 4, 4)),
+            Inputs(specs, rod.rod_count, given, reach),
+            integrator=integrator,
+            device=device,
+            pose_sensitivities=True,
+            direction_count=direction_count + self.turns,
+            lengths=lengths,
+            enabled=[name for name in names if name in enabled or inputs.is_active(name)],
+            held=True,
+            arrays=holders.arrays,
+        )
+
+    def _make_table(self) -> Any:
+        holders, rod, count, device = self.holders, self.rod, self.instance_count, self.device
+        held: Any = kernels.Held()
+        self.share(held)
+        held.unknown_count, held.rod_unknowns, held.turns = self.unknown_count, rod.unknown_count, self.turns
+        held.direction_count = self.direction_count
+        held.rod_inputs = rod.input_count - 1
+        held.along = rod.input_slice(kernels.ALONG[0]).start
+        held.tip_loads = rod.input_slice(TIP_LOADS[0]).start
+        held.pose = self.input_slice(POSE_INPUTS[0]).start
+
+        def array(values: Any, dtype: Any) -> Any:
+            kind = np.int32 if dtype is wp.int32 else np.float64
+            return wp.array(np.ascontiguousarray(values, dtype=kind), dtype=dtype, device=device)
+
+        def each(values: FloatArray, *tail: int) -> FloatArray:
+            return np.array(np.broadcast_to(values, (*self.batch_shape, *tail)).reshape(count, *tail))
+
+        base, end = each(holders.base, 4, 4), each(holders.end, 4, 4)
+        self.base_frame, self.end_position, self.end_frame = base[:, :3, :3], end[:, :3, 3], end[:, :3, :3]
+        held.base_frame = array(self.base_frame, wp.mat33d)
+        held.end_position, held.end_frame = array(self.end_position, wp.vec3d), array(self.end_frame, wp.mat33d)
+        held.rest_position, held.rest_turn = array(self.end_position, wp.vec3d), wp.zeros(count, dtype=wp.vec3d, device=device)
+        first = rod.each(rod.arrays.material[:, 0, 0])
+        self.length = np.array(rod.each(rod.arrays.end[:, 0, -1]))
+        self.stiffness = np.array(first[:, :2].max(axis=1))
+        held.length, held.stiffness = array(self.length, wp.float64), array(self.stiffness, wp.float64)
+        held.moment_unit = array(1 / unit_stiffness(first), wp.vec3d)
+        held.base_curvature = array(rod.each(rod.arrays.precurvature[:, 0, 0, :3]), wp.vec3d)
+        held.joint, held.axis = holders.joint, wp.vec3d(*holders.axis)
+        held.slides, held.guide = int(holders.slide is not None), wp.mat33d(*holders.guide.ravel())
+        held.base_axes = array(holders.base_axes.reshape(-1, 3), wp.vec3d)
+        held.opening = wp.zeros((count, self.unknown_count), dtype=wp.float64, device=device)
+        held.direct = wp.zeros(count, dtype=wp.int32, device=device)
+        self.alike = self._alike()
+        held.alike = array(self.alike, wp.int32)
+        held.neutral = wp.zeros(count, dtype=wp.int32, device=device)
+        for name in ("active", "load_factor", "directions", "fault", "step_count", "residual", "gamma", "residual_directions"):
+            setattr(held, f"rod_{name}", getattr(rod, name))
+        held.rod_unknowns_at, held.rod_inputs_at = rod.unknowns, rod.inputs
+        held.rod_position, held.rod_rotation, held.rod_pose_columns = rod.position, rod.rotation, rod.pose_columns
+        held.wrench, held.wrench_columns = rod.tip_wrench, rod.wrench_columns
+        held.base_position, held.base_rotation = rod.table.base_position, rod.table.base_rotation
+        return held
+
+    def _alike(self) -> NDArray[np.bool_]:
+        """(10) Whether nothing of the rod tells directions across its axis apart, shape (instance_count,)."""
+        arrays, features = self.rod.arrays, self.rod.features
+        material = arrays.material[:, 0]
+        free = self.turns or self.holders.joint == REVOLUTE or features.members or features.magnetised
+        if free or features.distributed_force or features.distributed_moment or features.profile_degree >= 0:
+            return np.zeros(self.instance_count, dtype=bool)
+        if self.holders.slide is not None and abs(self.holders.slide[2]) < 1 - kernels.ON_AXIS:
+            return np.zeros(self.instance_count, dtype=bool)
+        bent = arrays.precurvature.reshape(*arrays.precurvature.shape[:3], -1, 3)[..., :2].any(axis=(1, 2, 3, 4))
+        alike = (material[..., 0] == material[..., 1]).all(axis=1) & (material[..., 6] == material[..., 7]).all(axis=1)
+        return np.asarray(self.rod.each(alike & ~bent))
+
+    def _record(self) -> list[Any]:
+        """Launches of one evaluation, in order."""
+        count = self.instance_count
+
+        def recorded(kernel: Any) -> Any:
+            return record(lambda: kernel, count, (self.table,), self.device)
+
+        return [recorded(kernels.hand_over), self.rod.launch, recorded(kernels.hold)]
+
+    # ---- what is offered ----
+
+    @property
+    def stability(self) -> HeldStability:  # noqa: D102
+        return HeldStability(self)
+
+    @property
+    def shapes(self) -> "HeldShapes":  # noqa: D102
+        return HeldShapes(self)
+
+    @property
+    def lines(self) -> "HeldLines":  # noqa: D102
+        return HeldLines(self)
+
+    @property
+    def parts(self) -> "HeldParts":  # noqa: D102
+        return HeldParts(self)
+
+    @property
+    def starts(self) -> HeldStarts:  # noqa: D102
+        return HeldStarts(self)
+
+    @property
+    def result_test(self) -> LineTest | None:  # noqa: D102
+        return None if self.rod.result_test is None else LineTest(self.lines)
+
+    @property
+    def kinks(self) -> NDArray[np.intp]:  # noqa: D102
+        return self.rod.kinks
+
+    # ---- the interface ----
+
+    def focus(self, instances: IntArray | None = None) -> None:  # noqa: D102
+        super().focus(instances)
+        self.rod.focus(instances)
+        for launch in self._launches[::2]:
+            launch.set_dim(self.listed)
+
+    def _integrate(self) -> None:
+        self.rod.stop = self.stop
+        for launch in self._launches:
+            launch.launch()
+
+    def to_rod(self) -> None:
+        """Unknowns and inputs to the rod, without an integration."""
+        if self.listed < self.instance_count:
+            self.focus()
+        self._launches[0].launch()
+
+    def renew(self, inputs: Inputs) -> bool:  # noqa: D102
+        if inputs.profiles or self.inputs_given.profiles:
+            return False
+        self._clear()
+        self.rod._clear()
+        self.inputs_given, self._natural = inputs, None
+        self.write("inputs", self.pack(inputs))
+        return True
+
+    def _zeros(self) -> list[Any]:
+        return [*super()._zeros(), self.table.opening, self.table.direct, self.table.neutral]
+
+    def takes(self, name: str) -> bool:  # noqa: D102
+        return name in (*POSE_INPUTS, *TIP_LOADS) or self.rod.takes(name)
+
+    def pack(self, inputs: Inputs) -> FloatArray:  # noqa: D102
+        packed = super().pack(inputs)
+        packed[:, -1] = 1.0  # scale of the load profiles
+        return packed
+
+    def input_slice(self, name: str) -> slice:  # noqa: D102
+        if name in POSE_INPUTS:
+            start = self.rod.input_count - 1 + 3 * POSE_INPUTS.index(name)
+            return slice(start, start + 3)
+        return self.rod.input_slice(name)
+
+    def guess(self) -> FloatArray:
+        """The rod at rest, its end where that is; where it is straight there and its end does not slide, a little bent.
+
+        What is left of the residual is remembered and closes as ``load_factor`` goes from 0 to 1, (3).
+        """
+        x = np.zeros((self.instance_count, self.unknown_count))
+        records = self.snapshot()
+        self.table.opening.zero_(), self.table.direct.zero_()
+        with self.everyone(), self.at_load(0.0):
+            self.evaluate(x)
+            position, rotation = self.rod.read("position"), self.rod.read("rotation").reshape(-1, 3, 3)
+            self.table.rest_position.assign(position)
+            self.table.rest_turn.assign(vectors(self.end_frame @ np.swapaxes(rotation, 1, 2)))
+            residual, gamma = self.evaluate(x)
+            least = _least_singular_value(gamma)
+            stuck = ~(least > REGULAR)
+            if stuck.any():
+                bent, direct = bent_rods(self, x)
+                x = np.where(stuck[:, None], bent, x)
+                self.table.direct.assign((stuck & direct).astype(np.int32))
+                residual, gamma = self.evaluate(x)
+                least = _least_singular_value(gamma)
+        self.table.opening.assign(residual)
+        self.restore(records)
+        self._natural = np.minimum(1.0, least)
+        return x
+
+    @property
+    def natural_singular_value(self) -> FloatArray:
+        """That at ``guess``."""
+        if self._natural is None:
+            self.guess()
+        assert self._natural is not None
+        return self._natural
+
+    def turn_axes(self) -> FloatArray:
+        """(8) Rotation vectors of the rod by each unknown of its base's joint, in the world, shape (instance_count, 3, turns)."""
+        x = self.read("unknowns")[:, self.rod.unknown_count :]
+        a = self.length[:, None] * x @ self.holders.base_axes
+        J = left_jacobian(a)
+        return np.asarray(self.length[:, None, None] * np.einsum("bij,bjk,lk->bil", self.base_frame, J, self.holders.base_axes))
+
+    def base_moment(self) -> FloatArray:
+        """Moment at the base, in the world [N m], shape (instance_count, 3)."""
+        moment = self.read("unknowns")[:, :3] * self.stiffness[:, None]
+        turned = np.broadcast_to(self.rod.table.base_rotation.numpy(), (len(moment), 3, 3))
+        return np.asarray(np.einsum("bij,bj->bi", turned, moment))
+
+    def base_moment_columns(self) -> FloatArray:
+        """Its change by the unknowns of the rod as a backbone, shape (instance_count, 3, rod.unknown_count)."""
+        result = np.zeros((self.instance_count, 3, self.rod.unknown_count))
+        result[:, :, :3] = self._rod_at_base() / self.table.moment_unit.numpy()[:, None, :]
+        return result
+
+    def _rod_at_base(self) -> FloatArray:
+        """Frame of the rod at its base, in the world."""
+        turned = matrices(self.read("inputs")[:, :1] * [0.0, 0.0, 1.0])
+        return np.asarray(np.broadcast_to(self.rod.table.base_rotation.numpy(), turned.shape) @ turned)
+
+    def goal(self) -> tuple[FloatArray, FloatArray]:
+        """(1), (2) Position (instance_count, 3) and rotation (instance_count, 3, 3) of the end's holder."""
+        inputs = self.read("inputs")
+        position, turn = (inputs[:, self.input_slice(name)] for name in POSE_INPUTS)
+        return self.end_position + position, matrices(turn) @ self.end_frame
+
+    def goal_is_neutral(self) -> NDArray[np.bool_]:
+        """(10) As the last evaluation found it, shape (instance_count,)."""
+        return np.asarray(self.table.neutral.numpy() != 0)
+
+    def turning_angle(self) -> FloatArray:
+        """How far the ends are turned against each other on the way from rest, at most [rad], shape (instance_count,)."""
+        inputs = self.read("inputs")
+        turn = np.linalg.norm(inputs[:, self.input_slice("end_rotation")], axis=1)
+        turn += np.linalg.norm(self.table.rest_turn.numpy(), axis=1)
+        return np.asarray(turn + np.abs(inputs[:, 0]))
+
+    def curvature_scale(self) -> FloatArray:  # noqa: D102
+        return np.maximum(self.rod.curvature_scale(), self.turning_angle() / self.length)
+
+    def load_scale(self) -> FloatArray:
+        """What acts on the rod, and how far its end is moved: a turn is a moment in ``EI/L``."""
+        inputs = self.read("inputs")
+        own = np.delete(inputs, range(self.table.pose, self.table.pose + POSE_SIZE), axis=1)
+        own[:, self.table.tip_loads : self.table.along] = 0.0
+        self.rod.write("inputs", own)
+        stiffness = self.rod.each(self.rod.arrays.material[:, 0, :, :3].min(axis=(1, 2)))
+        total = self.rod.load_scale() + self.turning_angle()
+        moved = np.linalg.norm(self.goal()[0] - self.table.rest_position.numpy(), axis=1)
+        total += 12 * moved / self.length
+        for name, power in zip(TIP_LOADS, (2, 1), strict=True):
+            total += np.linalg.norm(inputs[:, self.input_slice(name)], axis=1) * self.length**power / stiffness
+        return np.asarray(total)
+
+
+def _least_singular_value(gamma: FloatArray) -> FloatArray:
+    """Of matrices (batch, n, n); NaN where they are not finite."""
+    least = np.full(len(gamma), np.nan)
+    sound = np.isfinite(gamma).all(axis=(1, 2))
+    least[sound] = np.linalg.svd(gamma[sound], compute_uv=False)[:, -1]
+    return least
+
+
+class HeldParts(Parts):
+    """Of a ``HeldProblem``."""
+
+    def __init__(self, problem: HeldProblem) -> None:
+        self.problem = problem
+
+    def of(self, instances: IntArray, *, double: bool = False) -> HeldProblem:  # noqa: D102
+        whole = self.problem
+        integrator = whole.integrator.in_double() if double else whole.integrator
+        holders = whole.holders.take(whole.batch_shape, instances)
+        result = HeldProblem(
+            holders, whole.inputs_given.take(whole.batch_shape, instances), integrator=integrator, **whole.options
+        )
+        result.stop = whole.stop
+        for name in ("inputs", "unknowns"):
+            result.write(name, whole.read(name)[instances])
+        for name in ("rest_position", "rest_turn"):
+            getattr(result.table, name).assign(getattr(whole.table, name).numpy()[instances])
+        return result
+
+
+class HeldShapes(Shapes):
+    """Of a ``HeldProblem``."""
+
+    def __init__(self, problem: HeldProblem) -> None:
+        self.problem = problem
+
+    def at_nodes(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:  # noqa: D102
+        self.problem.to_rod()
+        return self.problem.rod.shapes.at_nodes(node_count)
+
+
+class HeldLines(Lines):
+    """Of a ``HeldProblem``."""
+
+    def __init__(self, problem: HeldProblem) -> None:
+        self.problem = problem
+
+    def _of_rod(self) -> Lines:
+        self.problem.to_rod()
+        return self.problem.rod.lines
+
+    def length(self) -> FloatArray:  # noqa: D102
+        return self._of_rod().length()
+
+    def tension(self) -> FloatArray:  # noqa: D102
+        return self._of_rod().tension()
+
+    def slack(self) -> NDArray[np.bool_]:  # noqa: D102
+        return self._of_rod().slack()
+
+    def beyond(self) -> NDArray[np.bool_]:  # noqa: D102
+        return self._of_rod().beyond()
+
+    def left(self, node_count: int) -> FloatArray:  # noqa: D102
+        return self._of_rod().left(node_count)
+
+    def length_columns(self, name: str) -> FloatArray:
+        """As said; the rod's columns by its base's angles come last."""
+        problem = self.problem
+        found = self._of_rod().length_columns(name)
+        m, d, unit = problem.rod.unknown_count, problem.direction_count, problem.table.moment_unit.numpy()
+        x, angle = problem.read("unknowns"), problem.read("inputs")[:, :1] * [0.0, 0.0, 1.0]
+        turned = matrices(angle)
+        by_moment, by_force = found[..., :3] * unit[:, None], found[..., m - 3 : m]
+        along = found[..., m : m + d]
+        for by, value in ((by_moment, x[:, :3] * problem.stiffness[:, None]), (by_force, x[:, m - 3 : m])):
+            local = np.einsum("bji,bj->bi", turned, value)
+            change = by[..., 0] * local[:, None, 1] - by[..., 1] * local[:, None, 0]
+            along = along + change[..., None] * problem.directions.numpy()[:, None, :d, 0]
+        by_moment = np.einsum("bij,blj->bli", turned, by_moment) * problem.stiffness[:, None, None]
+        by_force = np.einsum("bij,blj->bli", turned, by_force)
+        return np.concatenate([by_moment, found[..., 3 : m - 3], by_force, found[..., m + d :], along], axis=-1)
+
+
+_DESCRIPTIONS = {
+    "tip_force": "dead force on the end, world frame; what holds the end takes it but along its slide",
+    "tip_moment": "dead moment on the end, world frame; what holds the end takes it but where its joint turns",
+}
+TIP_SPECS = tuple(replace(spec, description=_DESCRIPTIONS[spec.name]) for spec in BACKBONE_INPUTS if spec.name in _DESCRIPTIONS)
+END_INPUTS = (
+    InputSpec(name="end_position", unit="m", acts="tip", description="how far what holds the end is moved, world frame"),
+    InputSpec(
+        name="end_rotation",
+        unit="rad",
+        acts="tip",
+        description="rotation vector by which what holds the end is turned, world frame",
+    ),
+)

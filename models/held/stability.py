@@ -1,0 +1,182 @@
+"""The second variation of the energy of a rod that is held at both ends.
+
+Numbers in parentheses are those of ``docs/held.md``.
+"""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod.models.backbone.second_variation import (
+    WORST_CONDITION,
+    CondensedForm,
+    certain_determinant,
+    compliance_form,
+    symmetric_eigenvalues,
+)
+from multirod.models.backbone.stability import BackboneStability
+from multirod.models.joint_kernels import CLAMPED, SPHERICAL
+from multirod.rotations import cross
+from multirod.stability import Modes, StabilityAnalysis
+from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.models.backbone.problem import NodePass
+    from multirod.models.held.problem import HeldProblem
+
+STRAIGHT = 1e-9  # of EI/L and EI/L^2: what moment and force at the tip turn by about the axis of a rod that is straight
+
+
+class TipByWrench(BackboneStability):
+    """Of a backbone whose tip is held, by the wrench on it: the form is regular where that by its rotation has a pole."""
+
+    def _form(self, call: "NodePass", chosen: NDArray[np.bool_], unit: FloatArray) -> CondensedForm:
+        """(12)"""
+        problem = self.problem
+        columns = self._node_columns(call, chosen, np.arange(problem.unknown_count))
+        if problem.features.condition_count:
+            count = len(columns.ends)
+            return CondensedForm(np.full((count, 6, 6), np.nan), np.zeros(count, dtype=np.int32), np.zeros(count, dtype=bool))
+        return compliance_form(columns, problem.tip_wrench.numpy()[chosen, 3:])
+
+
+class HeldStability(StabilityAnalysis):
+    """Of a ``HeldProblem``: with both ends held there are several equilibria."""
+
+    def __init__(self, problem: "HeldProblem") -> None:
+        self.problem = problem
+
+    def modes(self) -> Modes:
+        """(12) to (15) What is left free: angles of the base in its joint, and the moments and forces that hold the tip."""
+        problem = self.problem
+        problem.to_rod()
+        rod, length, turns = problem.rod, problem.length, problem.turns
+        if turns:
+            rod.launch.launch()  # which finds its columns by what acts along it
+        condensed, _ = TipByWrench(rod).condensed_form()
+        condensed.known[~rod.lines.stays_stiff()] = False
+        matrix = self._with_base(condensed) if turns else condensed.matrix
+        stiffness = np.asarray(rod.least_stiffness())
+        by = self._held_by()
+        unit = np.ones((problem.instance_count, by.shape[1]))
+        unit[:, turns : turns + 3] = (stiffness / length)[:, None]
+        unit[:, turns + 3 :] = (stiffness / length**2)[:, None]
+        by *= unit[:, :, None] / np.sqrt(stiffness / length)[:, None, None]
+        form = by.swapaxes(1, 2) @ matrix @ by
+        known = condensed.known & np.isfinite(form).all(axis=(1, 2))
+        potential = self.has_potential
+        values, uncertainty = symmetric_eigenvalues(form, known & potential)
+        hidden = condensed.conjugate - np.int32(form.shape[1] - turns)
+        diverging = known & ~potential
+        if diverging.any():
+            sign = np.sign(certain_determinant(form[diverging]))
+            diverging[diverging] = sign * (-1.0) ** hidden[diverging] < 0
+        for k, neutral in self._neutral(by, known & potential):
+            across = np.linalg.svd(neutral[None])[2][1:]
+            own, loose = symmetric_eigenvalues((across @ form[k] @ across.T)[None], np.ones(1, dtype=bool))
+            values[k], uncertainty[k] = np.append(own[0], np.inf), np.append(loose[0], 0.0)
+        return Modes(values, hidden, uncertainty, known & potential, diverging)
+
+    def _held_by(self) -> FloatArray:
+        """Angles of the base, moments across the joint's axes and forces across the slide, as columns in the world."""
+        problem = self.problem
+        frame, turns, holders = problem.goal()[1], problem.turns, problem.holders
+        moments, forces = holders.held_rotations, holders.held_directions
+        m = turns + moments.shape[1]
+        by = np.zeros((problem.instance_count, turns + 6, m + forces.shape[1]))
+        by[:, range(turns), range(turns)] = 1.0
+        by[:, turns : turns + 3, turns:m] = frame @ moments
+        by[:, turns + 3 :, m:] = frame @ forces
+        return by
+
+    def _neutral(self, by: FloatArray, known: NDArray[np.bool_]) -> list[tuple[int, FloatArray]]:
+        """(15) Instances that a turn about the axis of their base costs nothing, and how their variables change by it."""
+        problem = self.problem
+        found = []
+        base, wrench = problem.rod.table.base_rotation.numpy(), problem.rod.tip_wrench.numpy()
+        for k in np.flatnonzero(known & (problem.table.neutral.numpy() != 0)):
+            axis = base[k % len(base), :, 2]
+            change = np.concatenate([cross(axis, wrench[k, 3:]), cross(axis, wrench[k, :3])])
+            change = np.linalg.lstsq(by[k], change, rcond=None)[0]
+            size = np.linalg.norm(change)
+            if size > STRAIGHT:
+                found.append((int(k), change / size))
+        return found
+
+    def _with_base(self, condensed: CondensedForm) -> FloatArray:
+        """(14) The form with the angles of the base's joint, which stand first."""
+        problem = self.problem
+        rod, m, turns = problem.rod, problem.rod.unknown_count, problem.turns
+        pose, wrench = rod.pose_columns.numpy(), rod.wrench_columns.numpy()[:, [3, 4, 5, 0, 1, 2]]
+        force, moment = rod.tip_wrench.numpy()[:, :3], rod.tip_wrench.numpy()[:, 3:]
+        arm = rod.read("position") - np.broadcast_to(rod.table.base_position.numpy(), (problem.instance_count, 3))
+        axes = problem.turn_axes()
+        own = slice(m + problem.direction_count, m + problem.direction_count + turns)
+        turned = pose[..., own] + np.concatenate([_each_cross(axes, arm), axes], axis=1)
+        by_turn = wrench[..., own] + np.concatenate([_each_cross(axes, moment), _each_cross(axes, force)], axis=1)
+        by_unknown, by_turn = (_symmetric(v, w, moment) for v, w in ((wrench[..., :m], pose[..., :m]), (by_turn, turned)))
+        sound = condensed.known & np.isfinite(by_unknown).all(axis=(1, 2))
+        sound[sound] = np.linalg.cond(by_unknown[sound]) < WORST_CONDITION
+        condensed.known[~sound] = False
+        inverse = np.linalg.inv(np.where(sound[:, None, None], by_unknown, np.eye(6)))
+        twist = turned[:, [3, 4, 5, 0, 1, 2]]
+        lacking = -axes.swapaxes(1, 2) @ problem.base_moment_columns() @ inverse
+        matrix = np.zeros((problem.instance_count, 6 + turns, 6 + turns))
+        matrix[:, turns:, turns:] = condensed.matrix
+        matrix[:, turns:, :turns] = -twist - condensed.matrix @ by_turn
+        matrix[:, :turns, turns:] = lacking
+        matrix[:, :turns, :turns] = -lacking @ by_turn - axes.swapaxes(1, 2) @ _each_cross(axes, problem.base_moment())
+        # per angle of a joint
+        unit = np.ones(6 + turns)[None] * np.where(np.arange(6 + turns) < turns, 1 / problem.length[:, None], 1.0)
+        return matrix * unit[:, :, None] * unit[:, None, :]
+
+    @property
+    def has_potential(self) -> NDArray[np.bool_]:
+        """Whether the loads derive from one, shape (instance_count,): a dead moment does about a fixed axis alone."""
+        inputs = self.problem.read("inputs")
+        result = self.problem.rod.stability.has_potential
+        if self.problem.holders.joint == SPHERICAL:
+            result = result & ~inputs[:, self.problem.input_slice("tip_moment")].any(axis=1)
+        return np.asarray(result)
+
+    def potential(self) -> FloatArray:
+        """Elastic energy less the work of dead forces [J]: along the rod from its base, on its end from where its holder is.
+
+        NaN with a moment on the end, whose work counts turns.
+        """
+        problem = self.problem
+        problem.to_rod()
+        total = np.zeros(problem.instance_count)
+        for part in problem.rod.shapes.stored_and_lost():
+            total += part
+        inputs = problem.read("inputs")
+        force, moment = (inputs[:, problem.input_slice(name)] for name in ("tip_force", "tip_moment"))
+        total -= (force * (problem.rod.node_pass(2).read("position") - problem.goal()[0])).sum(axis=1)
+        turned = moment.any(axis=1) & (problem.holders.joint != CLAMPED)
+        return np.where(self.has_potential & ~turned, total, np.nan)
+
+    @property
+    def multistable(self) -> bool:  # noqa: D102
+        return True
+
+    @property
+    def guess_is_stable(self) -> bool:  # noqa: D102
+        return False
+
+
+def _symmetric(moment_and_force: FloatArray, pose: FloatArray, moment: FloatArray) -> FloatArray:
+    """(12) Moments as they vary by rotations along geodesics."""
+    result = np.array(moment_and_force)
+    result[:, :3] += 0.5 * _each_cross_left(moment, pose[:, 3:])
+    return result
+
+
+def _each_cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Each column of ``a`` (count, 3, k) times ``b`` (count, 3)."""
+    return np.asarray(cross(a.swapaxes(1, 2), b[:, None]).swapaxes(1, 2))
+
+
+def _each_cross_left(b: FloatArray, a: FloatArray) -> FloatArray:
+    """``b`` (count, 3) times each column of ``a`` (count, 3, k)."""
+    return -_each_cross(a, b)

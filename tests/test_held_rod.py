@@ -1,0 +1,247 @@
+"""Rods held at both ends: critical loads against closed forms, derivatives, reactions, and where the natural branch leads."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from test_check_assembly import check_assembly
+
+import multirod as mr
+
+CLOSE = 1e-6  # relative, what is promised; RK4(400) leaves 1e-8 of most
+ROD = mr.Rod(length=1.0, bending_stiffness=1.0, torsional_stiffness=0.8)
+ALONG, ACROSS = (0, 0, 1), (1, 0, 0)
+CLAMPED_PINNED = 4.493409457909064**2  # tan x = x
+# what holds a column, and the first loads at which it buckles, with the modes that become unstable there
+COLUMNS = {
+    "clamped": ({}, [(4 * np.pi**2, 2), (80.76291, 2)]),
+    "clamped and pinned": ({"joint": "spherical"}, [(CLAMPED_PINNED, 2)]),
+    "hinged": ({"joint": "revolute", "base_joint": "revolute"}, [(np.pi**2, 1)]),
+    "hinged, and a ball": ({"joint": "spherical", "base_joint": "revolute"}, [(np.pi**2, 1), (CLAMPED_PINNED, 1)]),
+}
+
+
+def found_by(found):
+    return [(critical.load_factor, critical.multiplicity) for critical in found]
+
+
+@pytest.mark.parametrize("name", COLUMNS)
+def test_columns(name):
+    held, expected = COLUMNS[name]
+    robot = mr.HeldRod(ROD, slide=ALONG, **held)
+    found = mr.critical_loads(robot, robot.inputs(tip_force=(0, 0, -1)), count=len(expected))
+    np.testing.assert_allclose(found_by(found), expected, rtol=CLOSE)
+    assert not any(critical.fold for critical in found)
+
+
+def test_twist_of_a_rod_under_tension_and_thrust(reference_cases):
+    """Greenhill: both ends clamped, the end turned or, as well, the base; and by a torque on an end that may turn."""
+    case = next(case for case in reference_cases("critical_load") if case["id"] == "06a_greenhill_twist_clamped")
+    given = case["inputs"]["rods"][0]
+    K, L = given["K"], given["length"]
+    rod = mr.Rod(length=L, bending_stiffness=K[0], torsional_stiffness=K[2])
+    clamped = mr.HeldRod(rod, slide=ALONG)
+    turning = mr.HeldRod(rod, slide=ALONG, joint="revolute", joint_axis=ALONG)
+    for pull, expected in zip(case["inputs"]["T_L2_over_EI"], case["expected"]["M_crit_L_over_EI"]["value"], strict=True):
+        force, moment = (0, 0, pull * K[0] / L**2), float(expected) * K[0] / L
+        for robot, unit, scale in (
+            (clamped, {"end_rotation": ALONG}, K[2] / L),
+            (clamped, {"rotation": -1.0}, K[2] / L),
+            (turning, {"tip_moment": ALONG}, 1.0),
+        ):
+            start = robot.inputs(tip_force=force)
+            (found,) = mr.critical_loads(robot, robot.inputs(tip_force=force, **unit), start=start)
+            np.testing.assert_allclose(scale * found.load_factor, moment, rtol=CLOSE)
+            assert found.multiplicity == 2
+
+
+def closed_ring(length, bending, torsion):
+    robot = mr.HeldRod(mr.Rod(length=length, bending_stiffness=bending, torsional_stiffness=torsion))
+    return robot, {"end_position": (0, 0, -length), "end_rotation": (0, 2 * np.pi, 0)}
+
+
+def test_twisted_ring():
+    """Michell and Zajac: 2 pi sqrt(3) EI/GJ. The integration tells the two modes apart by a billionth, so some is undecided."""
+    robot, ring = closed_ring(2 * np.pi, 0.02, 0.012)
+    start = robot.inputs(**ring)
+    solver = mr.Shooting(tolerance=1e-8, integrator=mr.RK4(400))
+    with pytest.warns(mr.IncompleteWarning, match="so near to neutral"):
+        (found,) = mr.critical_loads(robot, robot.inputs(**ring, rotation=1.0), start=start, solver=solver)
+    critical = 2 * np.pi * np.sqrt(3) * 0.02 / 0.012
+    np.testing.assert_allclose(found.load_factor, critical, rtol=CLOSE)
+    # the margin vanishes there, in proportion
+    sides = mr.solve(robot, robot.inputs(**ring, rotation=critical * np.array([0.9998, 0.9999])), solver=solver)
+    assert sides.stability.tolist() == [mr.Stability.STABLE] * 2
+    (a, b), (first, second) = sides.stability_margin, (0.9998, 0.9999)
+    np.testing.assert_allclose(second + (second - first) * b / (a - b), 1, atol=CLOSE)
+
+
+def test_the_ring_is_a_circle():
+    robot, ring = closed_ring(1.0, 1.0, 0.6)
+    solution = mr.solve(robot, robot.inputs(**ring))
+    assert solution.status is mr.Status.CONVERGED
+    assert (solution.stability, solution.index) == (mr.Stability.STABLE, 0)
+    np.testing.assert_allclose(solution.rod(0).curvature, np.broadcast_to([0, 2 * np.pi, 0], (51, 3)), atol=1e-7)
+    np.testing.assert_allclose(solution.energy, 2 * np.pi**2, rtol=1e-8)
+
+
+# ---- a rod held in every way, loaded in every way ----
+
+BENT = mr.Rod(
+    length=0.4, bending_stiffness=(0.2233, 0.3), torsional_stiffness=0.0638, precurvature=(1.0, 0.3, 0.5), linear_density=0.02
+)
+PLACE = np.array([[1.0, 0, 0, 0.05], [0, 1, 0, 0.02], [0, 0, 1, 0.33], [0, 0, 0, 1]])
+HELD = {
+    "clamped": {},
+    "revolute, sliding": {"joint": "revolute", "joint_axis": (0.6, 0, 0.8), "slide": (0, 0.6, 0.8)},
+    "spherical, revolute base": {"joint": "spherical", "base_joint": "revolute", "base_joint_axis": (0, 0.6, 0.8)},
+    "sliding, spherical base": {"slide": (0, 0, 1), "base_joint": "spherical"},
+}
+GIVEN = {
+    "rotation": 0.3,
+    "end_position": (0.02, 0.01, -0.01),
+    "end_rotation": (0.3, -0.2, 0.5),
+    "tip_force": (0.3, 0.2, -0.5),
+    "distributed_force": (0.2, 0.5, -0.1),
+    "gravity": (0, 1, 2.0),
+}
+
+
+@pytest.mark.parametrize("name", HELD)
+def test_derivatives_and_forms(name):
+    """``check_assembly`` holds Gamma, columns and poses against differences; the second variation is symmetric by itself."""
+    robot = mr.HeldRod(BENT, end=PLACE, **HELD[name])
+    inputs = robot.inputs(**GIVEN)
+    check_assembly(robot, inputs, tip_rod=0, vary=("rotation", "end_position", "end_rotation", "tip_force", "gravity"))
+    solution = mr.solve(robot, inputs)
+    assert solution.stability is mr.Stability.STABLE
+    # each column by itself is not; what is left is the error of the integration
+    assert solution._modes.uncertainty.max() < 1e-6
+
+
+@pytest.mark.parametrize("name", HELD)
+def test_what_joints_and_slides_leave_free_carries_nothing(name):
+    held = HELD[name]
+    robot = mr.HeldRod(BENT, end=PLACE, **held)
+    solution = mr.solve(robot, robot.inputs(**GIVEN))
+    E = Rotation.from_rotvec(GIVEN["end_rotation"]).as_matrix() @ PLACE[:3, :3]
+    gap = E.T @ (solution.tip_position - PLACE[:3, 3] - GIVEN["end_position"])
+    force, moment = E.T @ solution.end_force, E.T @ solution.end_moment
+    slide = np.array(held.get("slide", (0, 0, 0)), float)
+    np.testing.assert_allclose(gap - slide * (slide @ gap), 0, atol=1e-8)
+    np.testing.assert_allclose(slide @ force, 0, atol=1e-8)
+    turned = E.T @ solution.tip_rotation
+    joint, axis = held.get("joint", "clamped"), np.array(held.get("joint_axis", (0, 0, 0)), float)
+    if joint == "clamped":
+        np.testing.assert_allclose(turned, np.eye(3), atol=1e-8)
+    elif joint == "revolute":
+        np.testing.assert_allclose(turned @ axis, axis, atol=1e-8)
+        np.testing.assert_allclose(axis @ moment, 0, atol=1e-8)
+    else:
+        np.testing.assert_allclose(moment, 0, atol=1e-8)
+    base = solution.rod(0)
+    at_base = base.rotation[0] @ base.moment[0]
+    free = {"revolute": np.array([held.get("base_joint_axis", ACROSS)]), "spherical": np.eye(3)}
+    if "base_joint" in held:
+        np.testing.assert_allclose(free[held["base_joint"]] @ at_base, 0, atol=1e-8)
+    # the whole rod is in equilibrium
+    weight = BENT.length * (np.array(GIVEN["distributed_force"]) + 0.02 * np.array(GIVEN["gravity"]))
+    pulled = solution.end_force + np.array(GIVEN["tip_force"]) + weight - base.rotation[0] @ base.force[0]
+    np.testing.assert_allclose(pulled, 0, atol=1e-8)
+
+
+def test_reactions_are_the_slope_of_the_energy():
+    """By moving and turning what holds the end: of all that is computed, nothing enters both sides."""
+    robot = mr.HeldRod(BENT, end=PLACE)
+    place, turn, step = np.array([0.02, 0.01, -0.05]), np.array([0.3, -0.2, 0.5]), 1e-5
+    sides = step * np.concatenate([np.eye(3), -np.eye(3)])
+    turned = (Rotation.from_rotvec(sides) * Rotation.from_rotvec(turn)).as_rotvec()
+    solver = mr.Shooting(tolerance=1e-11, integrator=mr.RK4(100))
+    middle = mr.solve(robot, robot.inputs(end_position=place, end_rotation=turn, gravity=(0, 0, -9.81)), solver=solver)
+    positions = np.concatenate([place + sides, np.tile(place, (6, 1))])
+    rotations = np.concatenate([np.tile(turn, (6, 1)), turned])
+    around = robot.inputs(end_position=positions, end_rotation=rotations, gravity=(0, 0, -9.81))
+    potential = mr.solve(robot, around, guess=middle, solver=solver).potential.reshape(2, 2, 3)
+    slope = (potential[:, 0] - potential[:, 1]) / (2 * step)
+    # what RK4(100) leaves of the energy, and differences of it
+    np.testing.assert_allclose(slope[0], middle.end_force, rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(slope[1], middle.end_moment, rtol=1e-5, atol=1e-5)
+
+
+def test_a_pushed_column_buckles_to_the_side_that_the_rule_says():
+    """A tenth shorter: the elastica, by its first integral; the moment at the base is about the positive y axis."""
+    from scipy.optimize import brentq
+    from scipy.special import ellipe, ellipk
+
+    robot = mr.HeldRod(ROD)
+    solution = mr.solve(robot, robot.inputs(end_position=(0, 0, -0.1)))
+    assert solution.status is mr.Status.CONVERGED
+    assert solution.stability is mr.Stability.STABLE
+    m = brentq(lambda m: 2 * ellipe(m) / ellipk(m) - 1 - 0.9, 0.01, 0.5, xtol=1e-14)
+    np.testing.assert_allclose(solution.end_force, [0, 0, -16 * ellipk(m) ** 2], atol=1e-5)
+    moment = solution.rod(0).moment[0]
+    np.testing.assert_allclose(moment, [0, 8 * ellipk(m) * np.sqrt(m), 0], atol=1e-5)
+
+
+def test_random_places_are_reached():
+    """Straight rods, isotropic and not, clamped and pinned: nearly all by the natural branch, and stable."""
+    rng = np.random.default_rng(5)
+    position = rng.normal(size=(12, 3)) * 0.35 + [0, 0, 1]
+    position *= (rng.uniform(0.3, 0.95, 12) / np.linalg.norm(position, axis=1))[:, None]
+    inputs = {"end_position": position - [0, 0, 1], "end_rotation": rng.normal(size=(12, 3)) * 0.5}
+    robot = mr.HeldRod(ROD)
+    solution = mr.solve(robot, robot.inputs(**inputs))
+    assert (solution.status == mr.Status.CONVERGED).sum() >= 11
+    assert (solution.stability[~solution.failed] == mr.Stability.STABLE).all()
+    np.testing.assert_allclose(solution.tip_position[~solution.failed], position[~solution.failed], atol=1e-8)
+
+
+def test_a_motion_and_a_loop(tmp_path):
+    robot = mr.HeldRod(BENT, end=PLACE)
+    time = np.linspace(0, 1, 21)
+    turn, move = np.outer(time, (0, 1.0, 0.5)), np.outer(time, (0.05, 0.02, -0.08))
+    history = mr.simulate(robot, robot.inputs(end_position=move, end_rotation=turn), time=time)
+    assert not history.failed.any()
+    history.save(tmp_path / "run.rrd")
+    tracker = mr.Tracker(robot, dt=0.05, inputs=robot.inputs(end_position=move[1], end_rotation=turn[1]))
+    for k in range(21):
+        solution = tracker.step(end_position=move[k], end_rotation=turn[k])
+    np.testing.assert_allclose(solution.unknowns, history.unknowns[-1], atol=1e-7)
+    np.testing.assert_allclose(solution.end_force, history.end_force[-1], atol=1e-7)
+
+
+def test_other_equilibria():
+    """A column that is softer about x and pushed: its two sides, by mirror images of one energy."""
+    robot = mr.HeldRod(mr.Rod(length=1.0, bending_stiffness=(1.0, 1.5), torsional_stiffness=0.8))
+    found = mr.equilibria(robot, robot.inputs(end_position=(0, 0, -0.1)))
+    stable = found.potential[found.stability == mr.Stability.STABLE]
+    assert len(stable) >= 2
+    np.testing.assert_allclose(np.sort(stable)[0], np.sort(stable)[1], rtol=1e-6)
+
+
+def test_files_keep_what_holds_the_rod(tmp_path):
+    for held in ({}, {"end": np.eye(4)}, {"end": PLACE, **HELD["revolute, sliding"]}, HELD["sliding, spherical base"]):
+        robot = mr.HeldRod(BENT, **held)
+        for ending in ("toml", "npz"):
+            robot.save(tmp_path / f"robot.{ending}")
+            again = mr.load(tmp_path / f"robot.{ending}")
+            assert repr(again) == repr(robot)
+            np.testing.assert_array_equal(again.holders.end, robot.holders.end)
+            np.testing.assert_array_equal(again.joint_axis, robot.joint_axis)
+
+
+def test_what_is_refused(wire):
+    with pytest.raises(TypeError, match="HeldRod takes a Rod, not list"):
+        mr.HeldRod([wire])
+    with pytest.raises(ValueError, match="HeldRod.joint = 'pinned' is not allowed"):
+        mr.HeldRod(wire, joint="pinned")
+    with pytest.raises(ValueError, match="HeldRod.slide"):
+        mr.HeldRod(wire, slide=(0, 0, 0))
+    with pytest.raises(ValueError, match="the upper left 3 x 3 block must be a rotation"):
+        mr.HeldRod(wire, end=2 * np.eye(4))
+    with pytest.raises(TypeError, match="follower_force"):
+        mr.HeldRod(wire).inputs(follower_force=(1, 0, 0))
+    with pytest.raises(ValueError, match="distributed_force.* must be numbers where the base turns in a joint"):
+        mr.HeldRod(wire, base_joint="spherical").inputs(distributed_force=lambda s: (s, 0, 0))
+    robot = mr.SingleRod(wire)
+    with pytest.raises(AttributeError, match="nothing holds the end of SingleRod"):
+        _ = mr.solve(robot, robot.inputs()).end_force
