@@ -446,13 +446,12 @@ class HeldParts(Parts):
     def __init__(self, problem: HeldProblem) -> None:
         self.problem = problem
 
-    def of(self, instances: IntArray, *, double: bool = False) -> HeldProblem:  # noqa: D102
+    def of(self, instances: IntArray, *, double: bool = False, poses: bool = False) -> HeldProblem:  # noqa: D102
         whole = self.problem
         integrator = whole.integrator.in_double() if double else whole.integrator
         holders = whole.holders.take(whole.batch_shape, instances)
-        result = HeldProblem(
-            holders, whole.inputs_given.take(whole.batch_shape, instances), integrator=integrator, **whole.options
-        )
+        options = {**whole.options, **({"pose_sensitivities": True} if poses else {})}
+        result = HeldProblem(holders, whole.inputs_given.take(whole.batch_shape, instances), integrator=integrator, **options)
         result.stop = whole.stop
         for name in ("inputs", "unknowns"):
             result.write(name, whole.read(name)[instances])
