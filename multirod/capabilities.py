@@ -5,9 +5,8 @@ multiple shooting, are in ``multirod.segments``; stability is in ``multirod.stab
 """
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 from enum import IntEnum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -155,18 +154,38 @@ class LineTest(ResultTest):
         return np.where(self.lines.beyond().any(axis=1), Status.LINE_LIMIT, Status.NOT_RUN).astype(np.int32)
 
 
-@dataclass(frozen=True)
-class FreeTip:
-    """A single tip that is free to turn, the moment on which is the whole residual: what energy descent needs.
+class Conjugates(ABC):
+    """Residuals that are generalised forces, and the displacements they do work on: what energy descent needs.
+
+    Of all configurations with these displacements held, that at ``unknowns`` is the equilibrium; ``unit * residual`` is then the
+    gradient of its potential energy by them (``docs/energy_descent.md``). The other residuals are constraints, which hold whatever
+    the energy: a tip is where its platform is, a line as long as it is to be.
 
     Attributes:
-        moment_unit: Moment of one unit of each component of the residual [N m^2], shape (instance_count, n).
-        turn_stiffness: How stiffly the tip of the unloaded rod resists being turned, ``K/L`` at the first inputs [N m], shape
-            (instance_count,).
-        moment_axes: Along which axes of the world the residual stands where ``rotation`` is zero, with which they turn, shape
-            (instance_count, 3, 3); None where it stands along those of the tip.
+        forces: Rows of the residual that are forces, shape (m,).
+        unit: Force of one unit of each [N m^2, or N m for a force], shape (instance_count, m).
+        columns: How its displacement changes by the unknowns, then along the directions [rad, or m], shape (instance_count, m,
+            n + direction_count).
+        scale: What counts as one in each: 1 of an angle [rad], the length of a position [m], shape (instance_count, m).
+        stiffness: What counts as one in the stiffness of the displacements so scaled, ``K/L`` [N m], shape (instance_count,).
+        give: Where what is rigid is made to give a little, ``(row, unknown, by)`` as in ``columns``; the row is that of a residual.
+        without: Numbers of a row of ``inputs`` whose loads have no potential where they are not zero.
+        has_potential: Whether everything else has one.
     """
 
-    moment_unit: FloatArray
-    turn_stiffness: FloatArray
-    moment_axes: FloatArray | None = None
+    forces: IntArray
+    unit: Any
+    columns: Any
+    scale: Any
+    stiffness: FloatArray
+    give: "tuple[tuple[int, int, float], ...]" = ()
+    without: "tuple[int, ...]" = ()
+    has_potential: bool = True
+
+    @abstractmethod
+    def update(self) -> None:
+        """After an integration: ``unit`` and ``columns`` as they are there."""
+
+    def seen_from(self, problem: "BoundaryProblem") -> "Conjugates | None":
+        """The same pairs of a problem around this one, by the pose of its end effector; None where that does not tell them."""
+        return None

@@ -14,7 +14,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from multirod.batch import IntArray, Interrupted
-from multirod.capabilities import FreeTip, Joints, Lines, Parts, ResultTest, Shapes, Starts
+from multirod.capabilities import Conjugates, Joints, Lines, Parts, ResultTest, Shapes, Starts
 from multirod.compiling import start_warp
 from multirod.exclusive import Exclusive, Uncopied
 from multirod.inputs import Inputs
@@ -128,7 +128,7 @@ class BoundaryProblem(Uncopied, ABC):
 
     A problem implements ``guess``, ``_integrate`` and ``input_slice``. What only some can do are objects that it offers, or None
     (``multirod.capabilities``): ``stability``, ``shapes``, ``lines``, ``starts``, ``parts``, ``segments``, ``joints``,
-    ``result_test``, ``free_tip``.
+    ``result_test``, ``conjugates``.
 
     Attributes:
         unknown_count: Unknowns ``n`` of an instance, and residuals.
@@ -480,8 +480,8 @@ class BoundaryProblem(Uncopied, ABC):
         return None
 
     @property
-    def free_tip(self) -> FreeTip | None:
-        """Where the residual is the moment on a single tip, and nothing else."""
+    def conjugates(self) -> Conjugates | None:
+        """Which residuals are forces, and the displacements they do work on; it needs ``pose_sensitivities``."""
         return None
 
     # ---- what is assumed where nothing is offered ----

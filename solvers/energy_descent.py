@@ -67,11 +67,11 @@ class EnergyDescent(Solver):
         return int(self.feed_forward)
 
     def unsupported(self, problem: BoundaryProblem) -> tuple[str, ...]:
-        """Problems whose residual is not the moment on one tip that is free to turn."""
+        """Problems that do not say which of their residuals are forces, and what these do work on."""
         if not problem.pose_sensitivities or problem.direction_count < self.direction_count:
             return ("it carries no columns of the pose, or of the inputs' change",)
-        if problem.free_tip is None:
-            return ("its residual is not the moment on a single rod's tip alone, which energy descent needs",)
+        if problem.conjugates is None:
+            return ("it does not say which residuals are forces and what they do work on, which energy descent needs",)
         return ()
 
     def track(self, problem: BoundaryProblem, dt: float) -> "EnergyDescentTrack":
@@ -87,29 +87,36 @@ class EnergyDescentTrack(SampledTrack):
     """Energy descent on the buffers of one problem; ``state`` holds its arrays."""
 
     def __init__(self, options: EnergyDescent, problem: BoundaryProblem, *, corrected: bool) -> None:
-        count, device = problem.instance_count, problem.device
-        tip = problem.free_tip
-        assert tip is not None  # or the problem was refused
+        count, device, n = problem.instance_count, problem.device, problem.unknown_count
+        pairs = problem.conjugates
+        assert pairs is not None  # or the problem was refused
+        self._pairs, m = pairs, len(pairs.forces)
         first = problem.guess()
         state: Any = DescentState()
         problem.share(state, ("active", "fault", "inputs", "unknowns", "residual", "gamma", "residual_directions"))
         problem.share(state, ("position", "rotation", "pose_columns"))
-        state.fixed_axes = int(tip.moment_axes is not None)
-        axes = np.zeros((0, 3, 3)) if tip.moment_axes is None else tip.moment_axes
-        state.base_axes = wp.array(np.ascontiguousarray(axes), dtype=wp.mat33d, device=device)
-        state.rotation_at = problem.input_slice("rotation").start
-        state.moment_unit = wp.array(np.ascontiguousarray(tip.moment_unit), dtype=wp.float64, device=device)
-        state.stiffness = wp.array(tip.turn_stiffness, dtype=wp.float64, device=device)
-        state.following = wp.zeros((count, problem.unknown_count), dtype=wp.float64, device=device)
-        for name in ("size", "margin"):
-            setattr(state, name, wp.zeros(count, dtype=wp.float64, device=device))
-        state.status = wp.zeros(count, dtype=wp.int32, device=device)
+        state.unit, state.columns, state.scale = pairs.unit, pairs.columns, pairs.scale
+        state.stiffness = wp.array(pairs.stiffness, dtype=wp.float64, device=device)
+        rows, columns, values = (list(each) for each in zip(*pairs.give, strict=True)) if pairs.give else ([], [], [])
+        constraints = np.setdiff1d(np.arange(n), pairs.forces)
+        lists = {"forces": pairs.forces, "constraints": constraints, "without": pairs.without}
+        for name, numbers in (lists | {"give_row": rows, "give_column": columns}).items():
+            setattr(state, name, wp.array(np.array(numbers, dtype=np.int32), dtype=wp.int32, device=device))
+        state.give = wp.array(np.array(values, dtype=np.float64), dtype=wp.float64, device=device)
+        state.has_potential = int(pairs.has_potential)
+        room = {"following": (n,), "size": (), "margin": (), "form": (m, m), "system": (n, n), "sides": (n, m + 2)}
+        room |= {"matrix": (m, m), "modes": (m, m), "values": (m,), "gradient": (m, 2), "steps": (m, 2)}
+        for name, shape in room.items():
+            setattr(state, name, wp.zeros((count, *shape), dtype=wp.float64, device=device))
+        for name in ("status", "damped"):
+            setattr(state, name, wp.zeros(count, dtype=wp.int32, device=device))
         state.corrected = int(corrected)
         state.radius, state.fold_threshold = options.radius, options.fold_threshold
         self._launch = record(lambda: make_descent(options.feed_forward), count, [state], device)
         self._bind(problem, state, options.feed_forward, first)
 
     def _update(self) -> None:
+        self._pairs.update()
         self._launch.launch()
 
     def _settled(self, tolerance: FloatArray) -> Any:

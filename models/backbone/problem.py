@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from multirod.assembly import Assembly, pose
 from multirod.batch import IntArray, take
-from multirod.capabilities import FreeTip, LineTest, Parts
+from multirod.capabilities import LineTest, Parts
 from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.integrators import AdaptiveIntegrator, Integrator
 from multirod.launch import LONGEST
+from multirod.models.backbone.conjugates import BackboneConjugates
 from multirod.models.backbone.driven import DrivenLines
 from multirod.models.backbone.influence import Influence, influences
 from multirod.models.backbone.inputs import BACKBONE_INPUTS, DRIVES, LOADS
@@ -214,6 +215,12 @@ class BackboneProblem(BoundaryProblem):
         self.line_length: Any = wp.zeros((self.instance_count, self.drive_count), dtype=wp.float64, device=device)
         shape = (self.instance_count, self.drive_count, columns if lengths or self.features.condition_count else 0)
         self.line_length_columns: Any = wp.zeros(shape, dtype=wp.float64, device=device)
+        # of several rods, below the pose's, how each turns against the frame, and beside them by how much it is turned
+        self.angle_columns: Any = self.pose_columns
+        if pose_sensitivities and self.features.turning_count:
+            shape = (self.instance_count, 6 + self.features.turning_count, columns + 1)
+            self.angle_columns = wp.zeros(shape, dtype=wp.float64, device=device)
+            self.pose_columns = self.angle_columns[:, :6, :columns]
         if held:
             self.tip_wrench: Any = wp.zeros((self.instance_count, 6), dtype=wp.float64, device=device)
             self.wrench_columns: Any = wp.zeros((self.instance_count, 6, columns), dtype=wp.float64, device=device)
@@ -221,7 +228,6 @@ class BackboneProblem(BoundaryProblem):
         self.measured = inputs.measured
         self.table = self._make_table(inputs)
         self.write("inputs", self.pack(inputs))
-        self._free_tip = self._make_free_tip()
         self._passes: dict[Any, NodePass] = {}
         self._call = self._make_call(0)
         self.launch = self._record(self.features, self._call)
@@ -269,6 +275,7 @@ class BackboneProblem(BoundaryProblem):
         call: Any = kernels.Call()
         self.share(call)
         call.line_length, call.line_length_columns = self.line_length, self.line_length_columns
+        call.pose_columns = self.angle_columns
         if self.held:
             call.tip_wrench, call.wrench_columns = self.tip_wrench, self.wrench_columns
         call.direction_stride = 1
@@ -344,9 +351,9 @@ class BackboneProblem(BoundaryProblem):
         """The segments of a single rod, for those who know that it is one."""
         return BackboneSegments(self)
 
-    @property
-    def free_tip(self) -> FreeTip | None:  # noqa: D102
-        return self._free_tip
+    @cached_property
+    def conjugates(self) -> BackboneConjugates | None:  # type: ignore[override]  # noqa: D102
+        return None if self.held or not self.pose_sensitivities else BackboneConjugates(self)
 
     @property
     def kinks(self) -> NDArray[np.intp]:  # noqa: D102
@@ -361,12 +368,12 @@ class BackboneProblem(BoundaryProblem):
         self._clear()
         self.inputs_given = inputs
         self.write("inputs", self.pack(inputs))
-        self._free_tip = self._make_free_tip()
         return True
 
     def _clear(self) -> None:
         super()._clear()
-        self.__dict__.pop("cut", None)
+        for name in ("cut", "conjugates"):
+            self.__dict__.pop(name, None)
 
     def _zeros(self) -> list[Any]:
         lines = (self.line_length, self.line_length_columns) if self.drive_count else ()
@@ -502,6 +509,12 @@ class BackboneProblem(BoundaryProblem):
         field = np.linalg.norm(self.read("inputs")[:, self.input_slice("magnetic_field")], axis=1)
         return np.asarray(self.each(strongest) * field)
 
+    @property
+    def has_potential(self) -> bool:
+        """Whether all but vectors of the inputs derives from one: load profiles, and the laws of the tip and of lines."""
+        moments = self.features.profile_degree >= 0 and bool(self.table.profile.numpy().reshape(-1, 6, DEGREE + 1)[:, 3:].any())
+        return not (moments or self.features.measured or self.features.friction)
+
     def turning(self, before: FloatArray | None = None) -> FloatArray:  # noqa: D102
         angles = self.read("inputs")[:, self.input_slice("rotation")]
         if before is not None:
@@ -514,19 +527,6 @@ class BackboneProblem(BoundaryProblem):
     def ends(self) -> FloatArray:
         """Arclength at which each rod ends [m], shape (instance_count, n)."""
         return np.asarray(self.arrays.end[:, :, -1] + self.read("inputs")[:, self.input_slice("translation")])
-
-    def _make_free_tip(self) -> FreeTip | None:
-        """(11), (11b), (12)."""
-        if self.features.turning_count or self.held or self.features.base_force_unknown or self.features.condition_count:
-            return None
-        last = self.arrays.material[:, 0, -1, :3]
-        unit = last if self.features.measured else unit_stiffness(last)
-        axes = None
-        if self.features.fixed_moment and not self.features.measured:  # along those of the base
-            axes = np.broadcast_to(self.table.base_rotation.numpy(), (self.instance_count, 3, 3))
-        if not np.isfinite(unit).all():
-            return None
-        return FreeTip(np.broadcast_to(unit, (self.instance_count, 3)), self.stiffness_over_length(), axes)
 
     def stiffness_over_length(self) -> FloatArray:
         """What stiffnesses of the tip are counted in [N m], shape (instance_count,): the least of the rods', over the length."""

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -21,6 +22,7 @@ from multirod.models.backbone.members import drive_slices
 from multirod.models.backbone.members import drives as drive_names
 from multirod.models.backbone.problem import BackboneAssembly, BackboneProblem
 from multirod.models.platform import platform_kernels as kernels
+from multirod.models.platform.conjugates import PlatformConjugates
 from multirod.models.platform.guess import (
     COMPLIANCES,
     Attachments,
@@ -347,6 +349,11 @@ class ParallelProblem(BoundaryProblem):
     def parts(self) -> "PlatformParts":  # noqa: D102
         return PlatformParts(self)
 
+    @cached_property
+    def conjugates(self) -> PlatformConjugates | None:  # type: ignore[override]
+        """None of the inverse problem: its platform does not give way to what acts on it."""
+        return None if self.inverse or not self.pose_sensitivities else PlatformConjugates(self)
+
     @property
     def joints(self) -> PlatformJoints:  # noqa: D102
         return PlatformJoints(self)
@@ -391,6 +398,7 @@ class ParallelProblem(BoundaryProblem):
         if inputs.profiles or self.inputs_given.profiles:
             return False
         self._clear()
+        self.__dict__.pop("conjugates", None)
         self.inputs_given = inputs
         rows = self.pack(inputs)
         self.write("inputs", rows)

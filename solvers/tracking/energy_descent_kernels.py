@@ -6,13 +6,15 @@ from functools import cache
 import warp as wp
 
 from multirod.models.rotation_kernels import rotation_from_vector
-from multirod.solvers.newton.linear_algebra_kernels import make_linear_algebra
+from multirod.solvers.newton.linear_algebra_kernels import eliminate
 from multirod.solvers.newton.newton_kernels import failure_of
+from multirod.solvers.tracking.symmetric_kernels import diagonalise, is_definite
 from multirod.status import Status
 
 f64 = wp.float64
-LARGE = 0.125  # of the radius: a turn whose square says that the tip may be far off
+LARGE = 0.125  # of the radius: a step whose square says that the tip may be far off
 NUDGE = 1e-3  # of the radius, at least, along a mode that is unstable: its equilibrium is left though nothing pushes
+FEW = 8  # displacements whose modes are found in each sample; of more only where one is near zero
 
 
 @wp.struct
@@ -30,16 +32,33 @@ class DescentState:
     position: wp.array[wp.vec3d]
     rotation: wp.array[wp.mat33d]
     pose_columns: wp.array3d[wp.float64]
-    moment_unit: wp.array2d[wp.float64]  # moment of one unit of each residual [N m^2]
-    fixed_axes: int  # whether the residual stands along these, turned by the input, or along the tip's
-    base_axes: wp.array[wp.mat33d]
-    rotation_at: int
+    # its forces, their displacements, and its constraints
+    forces: wp.array[int]
+    constraints: wp.array[int]
+    unit: wp.array2d[wp.float64]
+    columns: wp.array3d[wp.float64]
+    scale: wp.array2d[wp.float64]
+    stiffness: wp.array[wp.float64]  # what counts as one in the form [N m]
+    give_row: wp.array[int]
+    give_column: wp.array[int]
+    give: wp.array[wp.float64]
+    without: wp.array[int]  # inputs that have no potential
+    has_potential: int
     # of the descent
     following: wp.array2d[wp.float64]  # unknowns of the next sample
     status: wp.array[int]
     size: wp.array[wp.float64]  # |eps|, max norm [1/m]
-    margin: wp.array[wp.float64]  # smallest eigenvalue of H over that of the unloaded rod
-    stiffness: wp.array[wp.float64]  # K_min / L [N m]
+    margin: wp.array[wp.float64]  # smallest eigenvalue of H over ``stiffness``; of many displacements the threshold, if above it
+    damped: wp.array[int]  # whether the step was one of damped dynamics, (13)
+    form: wp.array3d[wp.float64]  # A, by displacements in units of ``scale``
+    # room
+    system: wp.array3d[wp.float64]  # (instance, n, n)
+    sides: wp.array3d[wp.float64]  # (instance, n, m + 2): unknowns by displacements, on to the constraints, with the inputs
+    matrix: wp.array3d[wp.float64]  # (instance, m, m)
+    modes: wp.array3d[wp.float64]
+    values: wp.array2d[wp.float64]
+    gradient: wp.array3d[wp.float64]  # (instance, m, 2): of the energy, and its change with the inputs
+    steps: wp.array3d[wp.float64]  # (instance, m, 2)
     # options
     corrected: int  # whether the pose and the unknowns are to be those after the step
     radius: wp.float64
@@ -49,135 +68,224 @@ class DescentState:
 @cache
 def make_descent(feed_forward: bool):
     """Kernel for one sample: from the integration at the present unknowns to those of the next sample, and its status."""
-    algebra = make_linear_algebra(3)
-    solve, eigen, Vector, Matrix, Eigen = algebra.solve, algebra.eigen, algebra.Vector, algebra.Matrix, algebra.Eigen
 
     @wp.func
-    def to_axes(state: DescentState, t: int) -> wp.mat33d:
-        """From the world to the axes along which the residual stands."""
-        if state.fixed_axes == 0:
-            return wp.transpose(state.rotation[t])
-        turn = rotation_from_vector(wp.vec3d(f64(0.0), f64(0.0), state.inputs[t, state.rotation_at]))
-        return wp.transpose(state.base_axes[t] * turn)
+    def potential(state: DescentState, t: int) -> bool:
+        """Whether the loads have one."""
+        found = state.has_potential != 0
+        for k in range(state.without.shape[0]):
+            if state.inputs[t, state.without[k]] != f64(0.0):
+                found = False
+        return found
 
-    @wp.func
-    def turned_columns(state: DescentState, t: int) -> Matrix:
-        """Y: how the tip turns with the unknowns, along these axes."""
-        Y = Matrix()
-        R = to_axes(state, t)
-        for k in range(3):
-            phi = wp.vec3d(state.pose_columns[t, 3, k], state.pose_columns[t, 4, k], state.pose_columns[t, 5, k])
-            phi = R * phi
-            for i in range(3):
-                Y[i, k] = phi[i]
-        return Y
+    @wp.func(inline=False)
+    def reduce(state: DescentState, t: int):
+        """(10) The unknowns by the displacements, the constraints kept."""
+        n = state.gamma.shape[1]
+        m = state.forces.shape[0]
+        for i in range(m):
+            r = state.forces[i]
+            for j in range(n):
+                state.system[t, r, j] = state.columns[t, i, j]
+            for k in range(m + 2):
+                state.sides[t, r, k] = f64(0.0)
+            state.sides[t, r, i] = state.scale[t, i]
+            if wp.static(feed_forward):
+                state.sides[t, r, m + 1] = -state.columns[t, i, n]
+        for i in range(state.constraints.shape[0]):
+            r = state.constraints[i]
+            for j in range(n):
+                state.system[t, r, j] = state.gamma[t, r, j]
+            for k in range(m):
+                state.sides[t, r, k] = f64(0.0)
+            state.sides[t, r, m] = -state.residual[t, r]
+            state.sides[t, r, m + 1] = f64(0.0)
+            if wp.static(feed_forward):
+                state.sides[t, r, m + 1] = -state.residual_directions[t, r, 0]
+        for i in range(state.give.shape[0]):
+            r = state.give_row[i]
+            state.system[t, r, state.give_column[i]] = state.system[t, r, state.give_column[i]] + state.give[i]
+        eliminate(state.system, state.sides, t)
 
-    @wp.func
-    def form(state: DescentState, t: int, Y: Matrix) -> Matrix:
-        """(3) A = K Gamma Y^-1, row by row."""
-        A = Matrix()
-        transposed = wp.transpose(Y)
-        for i in range(3):
-            row = Vector()
-            for j in range(3):
-                row[j] = state.moment_unit[t, i] * state.gamma[t, i, j]
-            row = solve(transposed, row)
-            for j in range(3):
-                A[i, j] = row[j]
-        return A
+    @wp.func(inline=False)
+    def find_form(state: DescentState, t: int):
+        """(2), (3), (11): the gradient where the constraints hold, its change with the inputs, and the form."""
+        n = state.gamma.shape[1]
+        m = state.forces.shape[0]
+        for i in range(m):
+            r = state.forces[i]
+            force = state.unit[t, i] * state.scale[t, i]
+            for k in range(m + 2):
+                total = f64(0.0)
+                for j in range(n):
+                    total += state.gamma[t, r, j] * state.sides[t, j, k]
+                if k < m:
+                    state.form[t, i, k] = force * total
+                elif k == m:
+                    state.gradient[t, i, 0] = force * (state.residual[t, r] + total)
+                else:
+                    if wp.static(feed_forward):
+                        total += state.residual_directions[t, r, 0]
+                    state.gradient[t, i, 1] = force * total
 
-    @wp.func
-    def step(A: Matrix, modes: Eigen, g: Vector, radius: f64) -> Vector:
-        """(4) Newton's where the form is positive and the step short; else (5), down in each mode."""
-        if modes[3, 0] > f64(0.0) and modes[3, 1] > f64(0.0) and modes[3, 2] > f64(0.0):
-            newton = -solve(A, g)
-            if wp.dot(newton, newton) <= radius * radius:
-                return newton
-        down = Vector()
-        for k in range(3):
+    @wp.func(inline=False)
+    def find_modes(state: DescentState, t: int) -> f64:
+        """The modes of H, and the least of its eigenvalues."""
+        m = state.forces.shape[0]
+        for i in range(m):
+            for k in range(m):
+                state.matrix[t, i, k] = f64(0.5) * (state.form[t, i, k] + state.form[t, k, i])
+        diagonalise(state.matrix, state.modes, state.values, t)
+        least = state.values[t, 0]
+        for i in range(1, m):
+            least = wp.min(least, state.values[t, i])
+        return least
+
+    @wp.func(inline=False)
+    def newton(state: DescentState, t: int):
+        """(4) Of the gradient, and of its change."""
+        m = state.forces.shape[0]
+        for i in range(m):
+            for k in range(m):
+                state.matrix[t, i, k] = state.form[t, i, k]
+            for side in range(2):
+                state.steps[t, i, side] = -state.gradient[t, i, side]
+        eliminate(state.matrix, state.steps, t)
+
+    @wp.func(inline=False)
+    def down(state: DescentState, t: int, side: int, radius: f64):
+        """(5) Down in each mode."""
+        m = state.forces.shape[0]
+        for i in range(m):
+            state.steps[t, i, side] = f64(0.0)
+        for k in range(m):
             slope = f64(0.0)
-            for i in range(3):
-                slope += modes[i, k] * g[i]
+            for i in range(m):
+                slope += state.modes[t, i, k] * state.gradient[t, i, side]
             turn = radius
-            if wp.abs(slope) < radius * wp.abs(modes[3, k]):
-                turn = wp.abs(slope / modes[3, k])
-            if modes[3, k] < f64(0.0):
+            if wp.abs(slope) < radius * wp.abs(state.values[t, k]):
+                turn = wp.abs(slope / state.values[t, k])
+            if state.values[t, k] < f64(0.0):
                 turn = wp.max(turn, f64(wp.static(NUDGE)) * radius)
             if slope > f64(0.0):
                 turn = -turn
-            for i in range(3):
-                down[i] = down[i] + turn * modes[i, k]
-        return down
+            for i in range(m):
+                state.steps[t, i, side] = state.steps[t, i, side] + turn * state.modes[t, i, k]
+
+    @wp.func(inline=False)
+    def damp(state: DescentState, t: int, side: int, radius: f64, least: f64):
+        """(13) One implicit step of damped dynamics, as long as keeps within the radius."""
+        m = state.forces.shape[0]
+        size = f64(0.0)
+        for i in range(m):
+            size += state.gradient[t, i, side] * state.gradient[t, i, side]
+        damping = wp.max(wp.sqrt(size) / radius, state.fold_threshold * state.stiffness[t]) - least
+        damping = wp.max(damping, f64(0.0))
+        other = 1 - side
+        for i in range(m):
+            for k in range(m):
+                state.matrix[t, i, k] = state.form[t, i, k]
+            state.matrix[t, i, i] = state.matrix[t, i, i] + damping
+            state.modes[t, i, 0] = state.steps[t, i, other]
+            state.steps[t, i, side] = -state.gradient[t, i, side]
+        eliminate(state.matrix, state.steps, t)
+        for i in range(m):
+            state.steps[t, i, other] = state.modes[t, i, 0]
 
     @wp.func
-    def correct_pose(state: DescentState, t: int, dx: Vector):
-        """(7) The pose of the tip after the step, to first order."""
+    def length_of(state: DescentState, t: int, side: int) -> f64:
+        size = f64(0.0)
+        for i in range(state.forces.shape[0]):
+            size += state.steps[t, i, side] * state.steps[t, i, side]
+        return wp.sqrt(size)
+
+    @wp.func
+    def unknown_step(state: DescentState, t: int, j: int, side: int) -> f64:
+        """What a step changes unknown j by, the constraints, or the inputs, followed."""
+        m = state.forces.shape[0]
+        total = state.sides[t, j, m + side]
+        for k in range(m):
+            total += state.sides[t, j, k] * state.steps[t, k, side]
+        return total
+
+    @wp.func
+    def correct_pose(state: DescentState, t: int):
+        """The pose after the step, to first order; ``following`` holds the step."""
         move = wp.vec3d()
         turn = wp.vec3d()
-        for k in range(3):
+        for k in range(state.gamma.shape[1]):
             for j in range(3):
-                move[j] = move[j] + state.pose_columns[t, j, k] * dx[k]
-                turn[j] = turn[j] + state.pose_columns[t, 3 + j, k] * dx[k]
+                move[j] = move[j] + state.pose_columns[t, j, k] * state.following[t, k]
+                turn[j] = turn[j] + state.pose_columns[t, 3 + j, k] * state.following[t, k]
         state.position[t] = state.position[t] + move
         state.rotation[t] = rotation_from_vector(turn) * state.rotation[t]
 
-    @wp.func
-    def by_inputs(state: DescentState, t: int, Y: Matrix, A: Matrix, modes: Eigen) -> Vector:
-        """(6) What the expected change of inputs asks for: the tip held in the world, then turned by the moment this takes."""
-        turn = wp.vec3d(state.pose_columns[t, 3, 3], state.pose_columns[t, 4, 3], state.pose_columns[t, 5, 3])
-        turn = to_axes(state, t) * turn
-        held = -solve(Y, Vector(turn[0], turn[1], turn[2]))
-        g = Vector()
-        for i in range(3):
-            g[i] = state.residual_directions[t, i, 0]
-            for j in range(3):
-                g[i] = g[i] + state.gamma[t, i, j] * held[j]
-            g[i] = state.moment_unit[t, i] * g[i]
-        return held + solve(Y, step(A, modes, g, f64(0.5) * state.radius))
-
-    @wp.func
-    def finite(a: Vector) -> bool:
-        return wp.isfinite(a[0] + a[1] + a[2])
-
-    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+    @wp.kernel(module="unique", enable_backward=False)
     def descend(state: DescentState):
         t = wp.tid()
         if state.active[t] == 0:
             return
-        g = Vector()  # (2)
+        n = state.gamma.shape[1]
+        m = state.forces.shape[0]
         size = f64(0.0)
-        for i in range(3):
+        total = f64(0.0)
+        for i in range(n):
             state.following[t, i] = state.unknowns[t, i]
-            g[i] = state.moment_unit[t, i] * state.residual[t, i]
             size = wp.max(size, wp.abs(state.residual[t, i]))
+            total += state.residual[t, i]
         state.size[t] = size
         state.margin[t] = f64(0.0)
-        if state.fault[t] != 0 or not finite(g):
+        state.damped[t] = 0
+        if state.fault[t] != 0 or not wp.isfinite(total):
             state.status[t] = failure_of(state.fault[t])
             return
 
-        Y = turned_columns(state, t)
-        A = form(state, t, Y)
-        modes = eigen(f64(0.5) * (A + wp.transpose(A)))
-        least = wp.min(modes[3, 0], wp.min(modes[3, 1], modes[3, 2]))
+        reduce(state, t)
+        find_form(state, t)
+        enough = state.fold_threshold * state.stiffness[t]
+        least = enough
+        known = m <= wp.static(FEW)
+        if not known:
+            known = not is_definite(state.form, state.matrix, t, enough)
+        if known:
+            least = find_modes(state, t)
         state.margin[t] = least / state.stiffness[t]
-        turn = step(A, modes, g, state.radius)
-        dx = solve(Y, turn)
-
-        ahead = Vector()
-        if wp.static(feed_forward):
-            ahead = by_inputs(state, t, Y, A, modes)
-        if not finite(dx) or not finite(ahead):
+        newton(state, t)
+        for side in range(wp.static(1 + int(feed_forward))):
+            radius = state.radius
+            if side == 1:
+                radius = f64(0.5) * radius
+            if not (least > f64(0.0) and length_of(state, t, side) <= radius):
+                if not known:
+                    least = find_modes(state, t)
+                    known = True
+                if potential(state, t):
+                    down(state, t, side, radius)
+                else:
+                    damp(state, t, side, radius, least)
+                    if side == 0:
+                        state.damped[t] = 1
+        total = f64(0.0)
+        for i in range(n):
+            total += unknown_step(state, t, i, 0)
+            if wp.static(feed_forward):
+                total += unknown_step(state, t, i, 1)
+        if not wp.isfinite(total):
             state.status[t] = wp.static(int(Status.NONFINITE))
             return
-        for i in range(3):
-            state.following[t, i] = state.unknowns[t, i] + dx[i] + ahead[i]
+        for i in range(n):
+            state.following[t, i] = unknown_step(state, t, i, 0)
         if state.corrected != 0:
-            correct_pose(state, t, dx)
-            for i in range(3):
-                state.unknowns[t, i] = state.unknowns[t, i] + dx[i]
+            correct_pose(state, t)
+        for i in range(n):
+            x = state.unknowns[t, i] + state.following[t, i]
+            state.following[t, i] = x
+            if wp.static(feed_forward):
+                state.following[t, i] = x + unknown_step(state, t, i, 1)
+            if state.corrected != 0:
+                state.unknowns[t, i] = x
         status = int(wp.static(int(Status.TRACKING)))
-        if state.margin[t] < state.fold_threshold or wp.length(turn) >= f64(wp.static(LARGE)) * state.radius:
+        if state.margin[t] < state.fold_threshold or length_of(state, t, 0) >= f64(wp.static(LARGE)) * state.radius:
             status = int(wp.static(int(Status.NEAR_FOLD)))
         state.status[t] = status
 

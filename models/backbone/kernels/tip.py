@@ -497,6 +497,19 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
                 call.pose_columns[t, j, k] = dp[j]
                 call.pose_columns[t, 3 + j, k] = turn[j]
 
+    @wp.func(inline=False)
+    def write_pose_and_angles(call: wp.ref[Call], case: wp.ref[Instance], y: State, v: Column, k: int):
+        """The same, and where there is room below it how each rod turns against the frame; last, beside the columns, by how
+        much it is turned.
+        """
+        write_pose_column(call, case, y, v, k)
+        if call.pose_columns.shape[1] > POSE_ROWS:
+            last = call.pose_columns.shape[2] - 1
+            count = int(wp.static(features.turning_count))
+            for i in range(count):
+                call.pose_columns[case.index, POSE_ROWS + i, k] = v[wp.static(THETA_AT) + i]
+                call.pose_columns[case.index, POSE_ROWS + i, last] = y[wp.static(THETA_AT) + i]
+
     return SimpleNamespace(
         frame=frame,
         frame_column=frame_column,
@@ -508,5 +521,5 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
         write_tip=write_held if HELD else write_free,
         write_tip_column=write_held_column if HELD else write_free_column,
         write_pose=write_pose,
-        write_pose_column=write_pose_column,
+        write_pose_column=write_pose_and_angles if TUBES and POSE_COLUMNS else write_pose_column,
     )
