@@ -13,7 +13,7 @@ import numpy as np
 
 import multirod as mr
 from multirod.batch import take
-from multirod.capabilities import FreeTip
+from multirod.capabilities import Conjugates, FreeTip
 from multirod.segments import Propagation, Request, Segments
 from multirod.stability import Modes, StabilityAnalysis
 from multirod.wrapped import WrappedProblem, WrappedSegments
@@ -109,6 +109,12 @@ class SprungProblem(WrappedProblem):
         """None where moments are fixed in the world: their residual turns with the base, whose angle is no input here."""
         tip = self.inner.free_tip
         return None if tip is None or tip.moment_axes is not None else tip
+
+    @property
+    def conjugates(self) -> Conjugates | None:
+        """What the tip's moment works on is how the tip turns, the base's own turn included."""
+        inner = self.inner.conjugates
+        return None if inner is None else inner.seen_from(self)
 
 
 class SprungStability(StabilityAnalysis):

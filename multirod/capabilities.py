@@ -5,6 +5,7 @@ multiple shooting, are in ``multirod.segments``; stability is in ``multirod.stab
 """
 
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any
 
@@ -154,12 +155,48 @@ class LineTest(ResultTest):
         return np.where(self.lines.beyond().any(axis=1), Status.LINE_LIMIT, Status.NOT_RUN).astype(np.int32)
 
 
+@dataclass(frozen=True)
+class FreeTip:
+    """A single tip that is free to turn, the moment on which is the whole residual: what energy descent needs.
+
+    Attributes:
+        moment_unit: Moment of one unit of each component of the residual [N m^2], shape (instance_count, n).
+        turn_stiffness: How stiffly the tip of the unloaded rod resists being turned, ``K/L`` at the first inputs [N m], shape
+            (instance_count,).
+        moment_axes: Along which axes of the world the residual stands where ``rotation`` is zero, with which they turn, shape
+            (instance_count, 3, 3); None where it stands along those of the tip.
+    """
+
+    moment_unit: FloatArray
+    turn_stiffness: FloatArray
+    moment_axes: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """The potential energy by the displacements of a problem's forces, to second order, where its constraints hold.
+
+    ``m`` displacements in units of ``Conjugates.scale``; the change of the unknowns is ``towards + by @ step``.
+
+    Attributes:
+        gradient: [N m], shape (instance_count, m).
+        form: Its derivative, symmetric at an equilibrium if loads have a potential [N m], shape (instance_count, m, m).
+        by: Unknowns by displacements, the constraints kept, shape (instance_count, n, m).
+        towards: Step of the unknowns on to the constraints [1/m], shape (instance_count, n).
+    """
+
+    gradient: FloatArray
+    form: FloatArray
+    by: FloatArray
+    towards: FloatArray
+
+
 class Conjugates(ABC):
     """Residuals that are generalised forces, and the displacements they do work on: what energy descent needs.
 
-    Of all configurations with these displacements held, that at ``unknowns`` is the equilibrium; ``unit * residual`` is then the
-    gradient of its potential energy by them (``docs/energy_descent.md``). The other residuals are constraints, which hold whatever
-    the energy: a tip is where its platform is, a line as long as it is to be.
+    With these displacements held, what is at ``unknowns`` is the equilibrium, and ``unit * residual`` the gradient of its
+    potential energy by them (``docs/energy_descent.md``). The other residuals are constraints, which hold whatever the energy: a
+    tip is where its platform is, a line as long as it is to be.
 
     Attributes:
         forces: Rows of the residual that are forces, shape (m,).
@@ -168,7 +205,8 @@ class Conjugates(ABC):
             n + direction_count).
         scale: What counts as one in each: 1 of an angle [rad], the length of a position [m], shape (instance_count, m).
         stiffness: What counts as one in the stiffness of the displacements so scaled, ``K/L`` [N m], shape (instance_count,).
-        give: Where what is rigid is made to give a little, ``(row, unknown, by)`` as in ``columns``; the row is that of a residual.
+        give: Where what is rigid is made to give a little: row of the residual, unknown, and what is added to that of
+            ``columns``, or of ``Gamma``.
         without: Numbers of a row of ``inputs`` whose loads have no potential where they are not zero.
         has_potential: Whether everything else has one.
     """
@@ -185,6 +223,24 @@ class Conjugates(ABC):
     @abstractmethod
     def update(self) -> None:
         """After an integration: ``unit`` and ``columns`` as they are there."""
+
+    def reduced(self, problem: "BoundaryProblem") -> Reduced:
+        """(2), (3), (10), (11) of ``docs/energy_descent.md`` after an integration of ``problem``, whose these are."""
+        self.update()
+        n, m, rows = problem.unknown_count, len(self.forces), np.asarray(self.forces)
+        residual, gamma = problem.read("residual"), problem.read("gamma").reshape(-1, n, n)
+        system, sides = np.array(gamma), np.zeros((*residual.shape, m + 1))
+        system[:, rows] = self.columns.numpy()[:, :, :n]
+        for row, unknown, by in self.give:
+            system[:, row, unknown] += by
+        sides[..., m] = -residual
+        sides[:, rows, m] = 0.0
+        sides[:, rows, range(m)] = self.scale.numpy()
+        sides = np.asarray(np.linalg.solve(system, sides), dtype=np.float64)
+        force = self.unit.numpy() * self.scale.numpy()
+        followed = gamma[:, rows] @ sides
+        gradient = force * (residual[:, rows] + followed[..., m])
+        return Reduced(gradient, force[:, :, None] * followed[..., :m], sides[..., :m], sides[..., m])
 
     def seen_from(self, problem: "BoundaryProblem") -> "Conjugates | None":
         """The same pairs of a problem around this one, by the pose of its end effector; None where that does not tell them."""

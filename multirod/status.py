@@ -38,6 +38,7 @@ class Status(IntEnum):
     LINE_LIMIT = 19
     BIFURCATED = 20
     SNAPPED = 21
+    DAMPED = 22
 
     def __str__(self) -> str:
         return self.name
@@ -71,10 +72,11 @@ _WITH_RESULT = frozenset(
         Status.MULTIPLE_SHOOTING,
         Status.BIFURCATED,
         Status.SNAPPED,
+        Status.DAMPED,
     }
 )
 
-_EVENTS = frozenset({Status.LOWEST_ENERGY, Status.BIFURCATED, Status.SNAPPED})
+_EVENTS = frozenset({Status.LOWEST_ENERGY, Status.BIFURCATED, Status.SNAPPED, Status.DAMPED})
 
 
 _FAILED = np.isin(np.arange(max(Status) + 1), [int(status) for status in Status if status.failed])
@@ -128,6 +130,9 @@ _MESSAGES = {
     "use coupling='full', or another order of the blocks",
     Status.UNSTABLE_COUPLING: "an estimate of the observer whose closed loop is unstable, as the gains of each rod leave out "
     "what couples them: use coupling='per-rod' or 'full'",
+    Status.DAMPED: "the residual is within the tolerance; loads without a potential (moments, what follows the tip, friction) "
+    "drove it there through states that are no equilibria, and it came to rest as damped dynamics of the tip and of what it "
+    "carries would: a robot whose inertia or damping differs may come to rest elsewhere (docs/energy_descent.md)",
     Status.MULTIPLE_SHOOTING: "the residual is within the tolerance, by multiple shooting: the rod is so long, soft or "
     "strongly loaded that its unknowns at the base alone do not determine the tip, and gamma is NaN",
 }

@@ -12,25 +12,30 @@ from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome, Solver
 from multirod.solvers.tracking.energy_descent_kernels import DescentState, make_descent
 from multirod.solvers.tracking.sampled import SampledTrack
+from multirod.status import Status
 from multirod.validation import FloatArray, boolean, positive_float, positive_int
 
 
 @dataclass(frozen=True, kw_only=True)
 class EnergyDescent(Solver):
-    """Newton's step on the potential energy as a function of how the tip is turned, kept short and downhill.
+    """Newton's step on the potential energy as a function of what its forces move, kept short and downhill.
 
     Along a motion it takes exactly one integration a sample, as ``Observer``. Where the equilibrium is stable and near, its
     step is one of Newton's method; where a mode is unstable it goes down along it, so that it passes folds, follows a
-    snap to where the rod comes to rest, and does not stay on what is unstable. Along a motion the pose, and the unknowns, are
-    those after the step, to first order; the residual is that before it.
+    snap to where the robot comes to rest, and does not stay on what is unstable. Of one rod that is how the tip is turned; of
+    tubes their angles too; of legs the pose of the platform and what joints leave free. Loads without a potential are followed by
+    damped dynamics in its place. Along a motion the pose, and the unknowns, are those after the step, to first order; the
+    residual is that before it.
     ``docs/energy_descent.md`` derives it, and says what was measured.
 
     Attributes:
         integrator: Of the spatial equations.
-        radius: Largest turn of the tip by one sample [rad], half of it again for what the inputs' change asks for.
+        radius: Largest turn by one sample in each mode [rad], half of it again for what the inputs' change asks for; a platform's
+            move by its legs' length counts as a radian.
         feed_forward: Whether the unknowns also follow the inputs' rates, extrapolated from the last samples.
-        fold_threshold: ``solution.stability_margin``, with the length at the start, below which the status is ``NEAR_FOLD``: 1 is
-            a straight unloaded rod. It is also that where a step was longer than an eighth of the radius.
+        fold_threshold: Least stiffness of all modes over ``K/L``, of one rod ``solution.stability_margin``, with the length at the
+            start, below which the status is ``NEAR_FOLD``: 1 is a straight unloaded rod. It is also that where a step was longer
+            than an eighth of the radius.
         tolerance: Largest residual for ``solve``, max norm [1/m]; None is that of ``Shooting``.
         max_iterations: Samples allowed for ``solve``.
         ramp: Samples over which ``solve`` raises the loads.
@@ -80,7 +85,13 @@ class EnergyDescent(Solver):
 
     def _solve(self, problem: BoundaryProblem, guess: FloatArray | None) -> Outcome:
         track = EnergyDescentTrack(self, problem, corrected=False)
-        return track.settle(tolerance=self.tolerance, max_iterations=self.max_iterations, ramp=self.ramp, guess=guess)
+        outcome = track.settle(tolerance=self.tolerance, max_iterations=self.max_iterations, ramp=self.ramp, guess=guess)
+        found = np.isin(outcome.status, (Status.CONVERGED, Status.DAMPED))
+        if guess is not None and problem.stability is not None and found.any():
+            # what is unstable though its displacements be held does not show in them
+            outcome.status[found & problem.stability.unstable()] = Status.UNSTABLE
+            outcome.integrations[found] += 1
+        return outcome
 
 
 class EnergyDescentTrack(SampledTrack):
@@ -97,6 +108,7 @@ class EnergyDescentTrack(SampledTrack):
         problem.share(state, ("position", "rotation", "pose_columns"))
         state.unit, state.columns, state.scale = pairs.unit, pairs.columns, pairs.scale
         state.stiffness = wp.array(pairs.stiffness, dtype=wp.float64, device=device)
+        state.curvature = wp.array(problem.curvature_scale(), dtype=wp.float64, device=device)
         rows, columns, values = (list(each) for each in zip(*pairs.give, strict=True)) if pairs.give else ([], [], [])
         constraints = np.setdiff1d(np.arange(n), pairs.forces)
         lists = {"forces": pairs.forces, "constraints": constraints, "without": pairs.without}
@@ -112,6 +124,7 @@ class EnergyDescentTrack(SampledTrack):
             setattr(state, name, wp.zeros(count, dtype=wp.int32, device=device))
         state.corrected = int(corrected)
         state.radius, state.fold_threshold = options.radius, options.fold_threshold
+        self._damped = np.zeros(count, dtype=bool)
         self._launch = record(lambda: make_descent(options.feed_forward), count, [state], device)
         self._bind(problem, state, options.feed_forward, first)
 
@@ -120,4 +133,17 @@ class EnergyDescentTrack(SampledTrack):
         self._launch.launch()
 
     def _settled(self, tolerance: FloatArray) -> Any:
-        return super()._settled(tolerance) & (self.state.margin.numpy() > 0)
+        state, held = self.state, self.state.margin.numpy() > 0
+        within = super()._settled(tolerance)
+        self._damped |= state.damped.numpy() != 0
+        # without a potential a form may be stable whose symmetric part is not definite
+        for k in np.flatnonzero(within & ~held & self._without_potential()):
+            held[k] = np.linalg.eigvals(state.form.numpy()[k]).real.min() > 0
+        return within & held
+
+    def _without_potential(self) -> Any:
+        pairs, inputs = self._pairs, self.problem.read("inputs")
+        return inputs[:, list(pairs.without)].any(axis=1) | (not pairs.has_potential)
+
+    def _rest(self, instances: Any) -> Any:
+        return np.where(self._damped[instances], Status.DAMPED, Status.CONVERGED)

@@ -163,11 +163,3 @@ def test_an_instance_does_not_depend_on_its_batch(robot):
 def test_options_out_of_range_are_refused(field):
     with pytest.raises(ValueError, match=f"EnergyDescent.{field} = -1 is not allowed"):
         mr.EnergyDescent(**{field: -1})
-
-
-def test_what_it_does_not_solve_is_refused(wire, robot):
-    tubes = mr.ConcentricTubes([wire, wire])
-    with pytest.raises(ValueError, match="EnergyDescent cannot take this problem: its residual is not the moment"):
-        mr.solve(tubes, tubes.inputs(tip_force=(1, 0, 0)), solver=DESCENT)
-    with pytest.raises(ValueError, match="EnergyDescent cannot take this problem"):
-        mr.solve(robot, robot.inputs(follower_force=(1, 0, 0)), solver=DESCENT)

@@ -57,7 +57,8 @@ class PlatformConjugates(Conjugates):
         self.has_potential = all(group.backbones.has_potential for group in problem.groups)
         self._launches = []
         for group in problem.groups:
-            own_rods, pairs = group.backbones, LegPairs()
+            own_rods = group.backbones
+            pairs: Any = LegPairs()
             last = unit_stiffness(own_rods.arrays.material[:, :, -1, :3])[:, :, 2]
             pairs.first = wp.array(first[list(group.members)], dtype=wp.int32, device=device)
             pairs.angle_columns = own_rods.angle_columns
@@ -65,7 +66,7 @@ class PlatformConjugates(Conjugates):
             pairs.torques = own_rods.features.torque_count
             pairs.torsion = wp.array(np.ascontiguousarray(last), dtype=wp.float64, device=device)
             pairs.unit, pairs.columns = self.unit, self.columns
-            arguments = [problem.robots, group.table, pairs]
+            arguments: list[Any] = [problem.robots, group.table, pairs]
             self._launches.append(record(lambda: find_leg_displacements, own_rods.instance_count, arguments, device))
         arguments = [problem.robots, self.columns]
         self._launches.append(record(lambda: find_platform_displacements, count, arguments, device))

@@ -350,7 +350,7 @@ class ParallelProblem(BoundaryProblem):
         return PlatformParts(self)
 
     @cached_property
-    def conjugates(self) -> PlatformConjugates | None:  # type: ignore[override]
+    def conjugates(self) -> PlatformConjugates | None:
         """None of the inverse problem: its platform does not give way to what acts on it."""
         return None if self.inverse or not self.pose_sensitivities else PlatformConjugates(self)
 

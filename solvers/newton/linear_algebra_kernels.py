@@ -38,10 +38,11 @@ def eliminate(matrix: wp.array3d[wp.float64], values: wp.array3d[wp.float64], t:
             matrix[t, k, k] = f64(0.0) / f64(0.0)
         for i in range(k + 1, n):
             m = matrix[t, i, k] / matrix[t, k, k]
-            for j in range(k + 1, n):
-                matrix[t, i, j] = matrix[t, i, j] - m * matrix[t, k, j]
-            for j in range(sides):
-                values[t, i, j] = values[t, i, j] - m * values[t, k, j]
+            if m != f64(0.0):
+                for j in range(k + 1, n):
+                    matrix[t, i, j] = matrix[t, i, j] - m * matrix[t, k, j]
+                for j in range(sides):
+                    values[t, i, j] = values[t, i, j] - m * values[t, k, j]
     for r in range(n):
         i = n - 1 - r
         for j in range(sides):

@@ -14,6 +14,7 @@ from multirod.status import Status
 f64 = wp.float64
 LARGE = 0.125  # of the radius: a step whose square says that the tip may be far off
 NUDGE = 1e-3  # of the radius, at least, along a mode that is unstable: its equilibrium is left though nothing pushes
+REACH = 5.0  # of the radius: what a step may change any unknown by, in curvatures of the problem, where constraints bend the way
 FEW = 8  # displacements whose modes are found in each sample; of more only where one is near zero
 
 
@@ -39,6 +40,7 @@ class DescentState:
     columns: wp.array3d[wp.float64]
     scale: wp.array2d[wp.float64]
     stiffness: wp.array[wp.float64]  # what counts as one in the form [N m]
+    curvature: wp.array[wp.float64]  # what counts as one in the unknowns [1/m]
     give_row: wp.array[int]
     give_column: wp.array[int]
     give: wp.array[wp.float64]
@@ -141,6 +143,14 @@ def make_descent(feed_forward: bool):
             least = wp.min(least, state.values[t, i])
         return least
 
+    @wp.func
+    def length_of(state: DescentState, t: int, side: int) -> f64:
+        """Of a step."""
+        size = f64(0.0)
+        for i in range(state.forces.shape[0]):
+            size += state.steps[t, i, side] * state.steps[t, i, side]
+        return wp.sqrt(size)
+
     @wp.func(inline=False)
     def newton(state: DescentState, t: int):
         """(4) Of the gradient, and of its change."""
@@ -193,13 +203,6 @@ def make_descent(feed_forward: bool):
             state.steps[t, i, other] = state.modes[t, i, 0]
 
     @wp.func
-    def length_of(state: DescentState, t: int, side: int) -> f64:
-        size = f64(0.0)
-        for i in range(state.forces.shape[0]):
-            size += state.steps[t, i, side] * state.steps[t, i, side]
-        return wp.sqrt(size)
-
-    @wp.func
     def unknown_step(state: DescentState, t: int, j: int, side: int) -> f64:
         """What a step changes unknown j by, the constraints, or the inputs, followed."""
         m = state.forces.shape[0]
@@ -207,6 +210,17 @@ def make_descent(feed_forward: bool):
         for k in range(m):
             total += state.sides[t, j, k] * state.steps[t, k, side]
         return total
+
+    @wp.func
+    def within_reach(state: DescentState, t: int, side: int) -> f64:
+        """(14) The part of a step that changes no unknown by more than it may."""
+        if state.constraints.shape[0] == 0 and potential(state, t):
+            return f64(1.0)
+        largest = f64(0.0)
+        for j in range(state.gamma.shape[1]):
+            largest = wp.max(largest, wp.abs(unknown_step(state, t, j, side)))
+        reach = f64(wp.static(REACH)) * state.radius * state.curvature[t]
+        return wp.where(largest > reach, reach / largest, f64(1.0))
 
     @wp.func
     def correct_pose(state: DescentState, t: int):
@@ -273,19 +287,24 @@ def make_descent(feed_forward: bool):
         if not wp.isfinite(total):
             state.status[t] = wp.static(int(Status.NONFINITE))
             return
+        part = within_reach(state, t, 0)
         for i in range(n):
-            state.following[t, i] = unknown_step(state, t, i, 0)
+            state.following[t, i] = part * unknown_step(state, t, i, 0)
         if state.corrected != 0:
             correct_pose(state, t)
+        ahead = f64(1.0)
+        if wp.static(feed_forward):
+            ahead = within_reach(state, t, 1)
         for i in range(n):
             x = state.unknowns[t, i] + state.following[t, i]
             state.following[t, i] = x
             if wp.static(feed_forward):
-                state.following[t, i] = x + unknown_step(state, t, i, 1)
+                state.following[t, i] = x + ahead * unknown_step(state, t, i, 1)
             if state.corrected != 0:
                 state.unknowns[t, i] = x
         status = int(wp.static(int(Status.TRACKING)))
-        if state.margin[t] < state.fold_threshold or length_of(state, t, 0) >= f64(wp.static(LARGE)) * state.radius:
+        far = length_of(state, t, 0) >= f64(wp.static(LARGE)) * state.radius or wp.min(part, ahead) < f64(1.0)
+        if state.margin[t] < state.fold_threshold or far:
             status = int(wp.static(int(Status.NEAR_FOLD)))
         state.status[t] = status
 

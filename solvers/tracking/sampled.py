@@ -51,6 +51,10 @@ class SampledTrack(Track):
         """Which instances are where they are to come to rest; bool, shape (instance_count,)."""
         return self.state.size.numpy() <= tolerance
 
+    def _rest(self, instances: Any) -> Any:
+        """By which status some instances (bool, (instance_count,)) have come to rest."""
+        return Status.CONVERGED
+
     def start(self, unknowns: FloatArray) -> None:
         """Take ``unknowns`` as those of the first sample."""
         self.state.following.assign(np.ascontiguousarray(unknowns, dtype=np.float64))
@@ -96,7 +100,7 @@ class SampledTrack(Track):
             outcome.integrations[active] += 1
             status = self.state.status.numpy()
             done = active & self._settled(limit) & (load == 1.0)
-            outcome.status[done] = Status.CONVERGED
+            outcome.status[done] = self._rest(done)
             ended = active & np.isin(status, [fault.status for fault in Fault])
             outcome.status[ended] = status[ended]
             outcome.status[active & (status == Status.EULER_LIMIT)] = Status.EULER_DIVERGED
