@@ -23,8 +23,8 @@ class EnergyDescent(Solver):
     Along a motion it takes exactly one integration a sample, as ``Observer``. Where the equilibrium is stable and near, its
     step is one of Newton's method; where a mode is unstable it goes down along it, so that it passes folds, follows a
     snap to where the robot comes to rest, and does not stay on what is unstable. Of one rod that is how the tip is turned; of
-    tubes their angles too; of legs the pose of the platform and what joints leave free. Loads without a potential are followed by
-    damped dynamics in its place. Along a motion the pose, and the unknowns, are those after the step, to first order; the
+    tubes their angles too; of legs the pose of the platform and what joints leave free. Loads without a potential are followed
+    by damped dynamics in its place. Along a motion the pose, and the unknowns, are those after the step, to first order; the
     residual is that before it.
     ``docs/energy_descent.md`` derives it, and says what was measured.
 
@@ -33,9 +33,9 @@ class EnergyDescent(Solver):
         radius: Largest turn by one sample in each mode [rad], half of it again for what the inputs' change asks for; a platform's
             move by its legs' length counts as a radian.
         feed_forward: Whether the unknowns also follow the inputs' rates, extrapolated from the last samples.
-        fold_threshold: Least stiffness of all modes over ``K/L``, of one rod ``solution.stability_margin``, with the length at the
-            start, below which the status is ``NEAR_FOLD``: 1 is a straight unloaded rod. It is also that where a step was longer
-            than an eighth of the radius.
+        fold_threshold: Least stiffness of all modes over ``K/L``, of one rod ``solution.stability_margin``, with the length at
+            the start, below which the status is ``NEAR_FOLD``: 1 is a straight unloaded rod. It is also that where a step was
+            longer than an eighth of the radius.
         tolerance: Largest residual for ``solve``, max norm [1/m]; None is that of ``Shooting``.
         max_iterations: Samples allowed for ``solve``.
         ramp: Samples over which ``solve`` raises the loads.
