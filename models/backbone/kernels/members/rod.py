@@ -130,7 +130,12 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
         r = Response()
         A = Matrix()
         step = Few()
-        open_ = one
+        # a lane without a job, or whose rod has run away, has no strains and holds up none of the others
+        asked = zero
+        for i in range(wp.static(m)):
+            asked = asked + absolute(one_of(start, i))
+        number = where_less(asked, fill(d(wp.static(HUGE[d]))), one, zero)
+        open_ = number
         count = int(0)
         while any_less(zero, open_) and count < wp.static(MOST_WARM + MOST_ITERATIONS):
             for i in range(wp.static(m)):
@@ -145,19 +150,15 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
             for i in range(wp.static(m)):
                 keep_one(rest, i, one_of(start, i) - one_of(c, i) * part_of_response(r, i) - one_of(q, wp.static(i)))
             step = solve(A, rest)
-            open_ = unsettled(step, q, start, length, one)
+            open_ = number * unsettled(step, q, start, length, one)
             count += int(1)
         for i in range(wp.static(m)):
-            keep_one(q, i, one_of(q, i) + one_of(step, wp.static(i)))
-        bad = d(0.0) / (one - open_)  # no number where it did not settle
-        remember(memory, z, x, q, one - open_)
+            keep_one(q, i, one_of(q, i) + one_of(step, i))
+        bad = d(0.0) / (number - open_)  # no number where it did not settle
+        remember(memory, z, x, q, number - open_)
         if any_less(zero, open_):
             # where what it should settle for is a number, it is the law that fails
-            asked = zero
-            for i in range(wp.static(m)):
-                asked = asked + absolute(one_of(start, wp.static(i)))
-            known = where_less(asked, fill(d(wp.static(HUGE[d]))), one, zero)
-            put(memory, z + wp.static(UNANSWERED), largest(row(memory, z + wp.static(UNANSWERED)), open_ * known))
+            put(memory, z + wp.static(UNANSWERED), largest(row(memory, z + wp.static(UNANSWERED)), open_))
         write_matrix(memory, a + wp.static(SYSTEM), A)
         if wp.static(NODES):
             put3(
