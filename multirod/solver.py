@@ -85,7 +85,14 @@ class Outcome:
         )
 
 
-SETTLED = (Status.CONVERGED, Status.LOWEST_ENERGY, Status.MULTIPLE_SHOOTING, Status.BIFURCATED, Status.SNAPPED)
+SETTLED = (
+    Status.CONVERGED,
+    Status.LOWEST_ENERGY,
+    Status.MULTIPLE_SHOOTING,
+    Status.BIFURCATED,
+    Status.SNAPPED,
+    Status.DAMPED,
+)
 
 
 def refuse_unfit(problem: BoundaryProblem, outcome: Outcome) -> None:

@@ -76,7 +76,7 @@ _WITH_RESULT = frozenset(
     }
 )
 
-_EVENTS = frozenset({Status.LOWEST_ENERGY, Status.BIFURCATED, Status.SNAPPED, Status.DAMPED})
+_EVENTS = frozenset({Status.LOWEST_ENERGY, Status.BIFURCATED, Status.SNAPPED})
 
 
 _FAILED = np.isin(np.arange(max(Status) + 1), [int(status) for status in Status if status.failed])
