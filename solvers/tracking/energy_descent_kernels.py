@@ -234,7 +234,7 @@ def make_descent(feed_forward: bool):
         state.position[t] = state.position[t] + move
         state.rotation[t] = rotation_from_vector(turn) * state.rotation[t]
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
     def descend(state: DescentState):
         t = wp.tid()
         if state.active[t] == 0:
