@@ -4,7 +4,8 @@
 import warp as wp
 
 from multirod.models.backbone.conjugate_kernels import angle_of, longest_of, reaches
-from multirod.models.platform.platform_kernels import POSE, REVOLUTE, SPHERICAL, Legs, Robots, column
+from multirod.models.joint_kernels import REVOLUTE, SPHERICAL, column
+from multirod.models.platform.platform_kernels import POSE, Legs, Robots
 
 f64 = wp.float64
 
