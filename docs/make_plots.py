@@ -24,7 +24,7 @@ PICTURES = {
         "plot_history": "history.plot()",
         "plot_tip": 'history.plot("tip")',
     },
-    "docs/branches.md": {"snap_in_time": 'history.plot("tip")'},
+    "docs/branches.md": {"plot_snap": 'history.plot("tip")'},
 }  # of each page, and each a line of it
 EXAMPLES = ("paper_rod", "surgical_tubes", "six_legs")
 DPI = 80

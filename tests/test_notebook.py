@@ -221,6 +221,7 @@ def test_the_first_notebook_runs_and_shows_what_it_says(tmp_path):
 def test_the_second_notebook_runs(capsys):
     """In this process, where a kernel would have to begin anew."""
     plt = pytest.importorskip("matplotlib.pyplot")
+    plt.close("all")  # what other tests left
     scope = {}
     for cell in json.loads((NOTEBOOKS / "three_tubes.ipynb").read_text(encoding="utf-8"))["cells"]:
         if cell["cell_type"] == "code":

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
-from multirod.inputs import Inputs, InputSpec
+from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.models.assemblies.inputs import ConcentricTubesInput, ConcentricTubesInputs, listed
 from multirod.models.backbone.inputs import BACKBONE_INPUTS, BY_MATERIAL, DRIVE_INPUTS, DRIVES, drive_specs
 from multirod.models.backbone.problem import BackboneAssembly, surely_driven
@@ -84,7 +84,7 @@ class ConcentricTubes(BackboneAssembly):
 
     @property
     def input_specs(self) -> tuple[InputSpec, ...]:  # noqa: D102
-        return (*BACKBONE_INPUTS, *drive_specs(self.rods))
+        return InputSpecs((*BACKBONE_INPUTS, *drive_specs(self.rods)))
 
     def check(self, inputs: Inputs) -> None:  # noqa: D102
         super().check(inputs)

@@ -9,7 +9,7 @@ import numpy as np
 
 from multirod.assembly import Assembly, pose
 from multirod.batch import IntArray
-from multirod.inputs import Inputs, InputSpec
+from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.integrators import RK45
 from multirod.models.assemblies.inputs import HeldRodInput, HeldRodInputs, listed
 from multirod.models.assemblies.single_rod import SingleRod
@@ -138,7 +138,7 @@ class HeldRod(Assembly):
 
     @property
     def input_specs(self) -> tuple[InputSpec, ...]:  # noqa: D102
-        return (*INPUTS, *drive_specs(self.rods))
+        return InputSpecs((*INPUTS, *drive_specs(self.rods)))
 
     def check(self, inputs: Inputs) -> None:  # noqa: D102
         own = [spec.name for spec in self._free.input_specs if spec.name in inputs.given and spec.name not in inputs.profiles]

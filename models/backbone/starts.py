@@ -61,7 +61,7 @@ class BackboneStarts(Starts):
         bending = first[..., :2].max(axis=2)
         moment = self.problem.load_scale() * self.problem.each(table.material[:, 0, :, :3].min(axis=(1, 2))) / length
         torque = np.zeros((self.problem.instance_count, len(self.problem.rods)))
-        pull = self.problem.lines.load_by_rod() if self.problem.drive_count else torque
+        pull = self.problem.lines.load_by_rod() if self.problem.drive_count else np.zeros_like(torque)
         for part in (np.arange(_PARTS) + 0.5) / _PARTS:
             stiffness, bend = self._bending_at((part * length)[:, None] - start)
             bend = bend + pull
