@@ -13,7 +13,7 @@ import numpy as np
 
 import multirod as mr
 from multirod.batch import take
-from multirod.capabilities import Conjugates, FreeTip
+from multirod.capabilities import Conjugates
 from multirod.segments import Propagation, Request, Segments
 from multirod.stability import Modes, StabilityAnalysis
 from multirod.wrapped import WrappedProblem, WrappedSegments
@@ -103,12 +103,6 @@ class SprungProblem(WrappedProblem):
     @property
     def segments(self) -> "SprungSegments | None":
         return None if self.inner.segments is None else SprungSegments(self, self.inner.segments)
-
-    @property
-    def free_tip(self) -> FreeTip | None:
-        """None where moments are fixed in the world: their residual turns with the base, whose angle is no input here."""
-        tip = self.inner.free_tip
-        return None if tip is None or tip.moment_axes is not None else tip
 
     @property
     def conjugates(self) -> Conjugates | None:

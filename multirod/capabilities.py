@@ -156,23 +156,6 @@ class LineTest(ResultTest):
 
 
 @dataclass(frozen=True)
-class FreeTip:
-    """A single tip that is free to turn, the moment on which is the whole residual: what energy descent needs.
-
-    Attributes:
-        moment_unit: Moment of one unit of each component of the residual [N m^2], shape (instance_count, n).
-        turn_stiffness: How stiffly the tip of the unloaded rod resists being turned, ``K/L`` at the first inputs [N m], shape
-            (instance_count,).
-        moment_axes: Along which axes of the world the residual stands where ``rotation`` is zero, with which they turn, shape
-            (instance_count, 3, 3); None where it stands along those of the tip.
-    """
-
-    moment_unit: FloatArray
-    turn_stiffness: FloatArray
-    moment_axes: FloatArray | None = None
-
-
-@dataclass(frozen=True)
 class Reduced:
     """The potential energy by the displacements of a problem's forces, to second order, where its constraints hold.
 

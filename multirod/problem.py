@@ -14,7 +14,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from multirod.batch import IntArray, Interrupted
-from multirod.capabilities import Conjugates, FreeTip, Joints, Lines, Parts, ResultTest, Shapes, Starts
+from multirod.capabilities import Conjugates, Joints, Lines, Parts, ResultTest, Shapes, Starts
 from multirod.compiling import start_warp
 from multirod.exclusive import Exclusive, Uncopied
 from multirod.inputs import Inputs
@@ -128,8 +128,7 @@ class BoundaryProblem(Uncopied, ABC):
 
     A problem implements ``guess``, ``_integrate`` and ``input_slice``. What only some can do are objects that it offers, or None
     (``multirod.capabilities``): ``stability``, ``shapes``, ``lines``, ``starts``, ``parts``, ``segments``, ``joints``,
-    ``result_test``, ``conjugates``,
-    ``free_tip``.
+    ``result_test``, ``conjugates``.
 
     Attributes:
         unknown_count: Unknowns ``n`` of an instance, and residuals.
@@ -478,11 +477,6 @@ class BoundaryProblem(Uncopied, ABC):
     @property
     def result_test(self) -> ResultTest | None:
         """What any solver's results have to pass."""
-        return None
-
-    @property
-    def free_tip(self) -> FreeTip | None:
-        """Where the residual is the moment on a single tip, and nothing else."""
         return None
 
     @property

@@ -22,7 +22,7 @@ class WrappedProblem(BoundaryProblem):
 
     A subclass says in ``inner_inputs`` what the inner problem's inputs are, adds in ``_corrected`` what that changes in the
     derivatives, and makes itself again around another inner problem in ``around``. Scales, tolerances, guess, shapes, starts and
-    parts are those of the inner problem. Not offered, because they are not the same: ``stability``, ``segments``, ``free_tip``,
+    parts are those of the inner problem. Not offered, because they are not the same: ``stability``, ``segments``,
     ``conjugates``.
 
     Args:

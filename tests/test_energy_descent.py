@@ -41,7 +41,7 @@ def test_the_gradient_is_that_of_the_energy(robot):
     x = np.array([[11.0, 8.0, 1.5]])
     eps, _ = problem.evaluate(x)
     turns = np.swapaxes(problem.read("rotation").reshape(3, 3), 0, 1) @ problem.pose_columns.numpy()[0, 3:, :3]
-    expected = turns.T @ (problem.free_tip.moment_unit[0] * eps[0])
+    expected = turns.T @ (problem.conjugates.unit.numpy()[0] * eps[0])
     step = 1e-4
     slope = []
     for k in range(3):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from multirod.assembly import Assembly, pose
 from multirod.batch import IntArray, take
-from multirod.capabilities import FreeTip, LineTest, Parts
+from multirod.capabilities import LineTest, Parts
 from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.integrators import AdaptiveIntegrator, Integrator
 from multirod.launch import LONGEST
@@ -228,7 +228,6 @@ class BackboneProblem(BoundaryProblem):
         self.measured = inputs.measured
         self.table = self._make_table(inputs)
         self.write("inputs", self.pack(inputs))
-        self._free_tip = self._make_free_tip()
         self._passes: dict[Any, NodePass] = {}
         self._call = self._make_call(0)
         self.launch = self._record(self.features, self._call)
@@ -352,10 +351,6 @@ class BackboneProblem(BoundaryProblem):
         """The segments of a single rod, for those who know that it is one."""
         return BackboneSegments(self)
 
-    @property
-    def free_tip(self) -> FreeTip | None:  # noqa: D102
-        return self._free_tip
-
     @cached_property
     def conjugates(self) -> BackboneConjugates | None:  # noqa: D102
         return None if self.held or not self.pose_sensitivities else BackboneConjugates(self)
@@ -373,7 +368,6 @@ class BackboneProblem(BoundaryProblem):
         self._clear()
         self.inputs_given = inputs
         self.write("inputs", self.pack(inputs))
-        self._free_tip = self._make_free_tip()
         return True
 
     def _clear(self) -> None:
@@ -533,19 +527,6 @@ class BackboneProblem(BoundaryProblem):
     def ends(self) -> FloatArray:
         """Arclength at which each rod ends [m], shape (instance_count, n)."""
         return np.asarray(self.arrays.end[:, :, -1] + self.read("inputs")[:, self.input_slice("translation")])
-
-    def _make_free_tip(self) -> FreeTip | None:
-        """(11), (11b), (12)."""
-        if self.features.turning_count or self.held or self.features.base_force_unknown or self.features.condition_count:
-            return None
-        last = self.arrays.material[:, 0, -1, :3]
-        unit = last if self.features.measured else unit_stiffness(last)
-        axes = None
-        if self.features.fixed_moment and not self.features.measured:  # along those of the base
-            axes = np.broadcast_to(self.table.base_rotation.numpy(), (self.instance_count, 3, 3))
-        if not np.isfinite(unit).all():
-            return None
-        return FreeTip(np.broadcast_to(unit, (self.instance_count, 3)), self.stiffness_over_length(), axes)
 
     def stiffness_over_length(self) -> FloatArray:
         """What stiffnesses of the tip are counted in [N m], shape (instance_count,): the least of the rods', over the length."""

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from multirod.batch import IntArray
-from multirod.capabilities import FreeTip
-from multirod.problem import BoundaryProblem
+from multirod.capabilities import Conjugates
 from multirod.validation import FloatArray
 
 SOFT = 1e-6  # of K/L: a mode no stiffer than this is neutral
@@ -29,7 +28,8 @@ class Point:
         gamma: Shape (n, n).
         forces: Rows of the residual that are forces, shape (m,); the others are constraints.
         unit: Moment of one unit of each [N m], shape (m,).
-        turned: ``Y``, how what they do work on is turned by the unknowns, shape (m, n).
+        turned: ``Y``, how what they do work on is turned by the unknowns; then the rows of ``gamma`` that are constraints, shape
+            (n, n).
         moved: How the end effector moves with these, in the world, shape (3, n).
         position: Of the end effector [m], shape (3,).
         rotation: Shape (3, 3).
@@ -110,39 +110,45 @@ def slope_at(point: Point, stiffness: float) -> Slope:
     """
     m = len(point.forces)
     kept = np.setdiff1d(np.arange(len(point.unknowns)), point.forces)
-    both = np.concatenate([point.turned, point.gamma[kept]])
+    both = point.turned
     if not (np.isfinite(both).all() and np.isfinite(point.gamma).all()) or np.linalg.cond(both) * KEPT > 1:
         raise Unfit
     inverse = np.linalg.inv(both)
     A = point.unit[:, None] * point.gamma[point.forces] @ inverse[:, :m]
     values, modes = np.linalg.eigh(0.5 * (A + A.T))
     gradient, back = point.unit * point.residual[point.forces], -inverse[:, m:] @ point.residual[kept]
-    return Slope(gradient, values / stiffness, modes, inverse[:, :m], back, float(np.sign(np.linalg.det(both))), stiffness)
+    return Slope(
+        np.asarray(gradient),
+        np.asarray(values / stiffness),
+        modes,
+        inverse[:, :m],
+        np.asarray(back),
+        float(np.sign(np.linalg.det(both))),
+        stiffness,
+    )
 
 
-class TipTurn:
-    """Which residuals of a problem are forces, and how the tip that they do work on is turned by the unknowns.
+class Turns:
+    """Which residuals of a problem are forces, and how what they do work on is turned by the unknowns.
 
     Args:
-        problem: With columns of the pose.
-        tip: What its residual is.
+        pairs: Of the problem.
     """
 
-    def __init__(self, problem: BoundaryProblem, tip: FreeTip) -> None:
-        self._problem, self._tip = problem, tip
-        self.forces: IntArray = np.arange(problem.unknown_count)
-        self.stiffness = tip.turn_stiffness  # K/L [N m], shape (instance_count,)
+    def __init__(self, pairs: Conjugates) -> None:
+        self._pairs = pairs
+        self.forces = pairs.forces
+        self.stiffness = pairs.stiffness  # K/L [N m], shape (instance_count,)
 
-    def after(self) -> tuple[FloatArray, FloatArray]:
-        """After an integration: the moment of one unit of each force [N m], shape (instance_count, m), and ``Y``, shape
-        (instance_count, m, n)."""
-        problem, n = self._problem, self._problem.unknown_count
-        frame = problem.read("rotation").reshape(-1, 3, 3)
-        if self._tip.moment_axes is not None:
-            angle = problem.read("inputs")[:, problem.input_slice("rotation").start]
-            turn = np.zeros((len(angle), 3, 3))
-            turn[:, 0, 0] = turn[:, 1, 1] = np.cos(angle)
-            turn[:, 1, 0], turn[:, 2, 2] = np.sin(angle), 1.0
-            turn[:, 0, 1] = -turn[:, 1, 0]
-            frame = self._tip.moment_axes @ turn
-        return self._tip.moment_unit, np.swapaxes(frame, 1, 2) @ problem.pose_columns.numpy()[:, 3:, :n]
+    def after(self, gamma: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """After an integration that led to ``gamma``, (instance_count, n, n): the moment of one unit of each force [N m], shape
+        (instance_count, m), and ``Point.turned``, shape (instance_count, n, n)."""
+        pairs, n = self._pairs, gamma.shape[-1]
+        pairs.update()
+        scale = pairs.scale.numpy()
+        result = np.array(gamma)
+        result[:, pairs.forces] = pairs.columns.numpy()[:, :, :n] / scale[..., None]
+        for row, unknown, by in pairs.give:
+            result[:, row, unknown] += by
+        order = np.append(pairs.forces, np.setdiff1d(np.arange(n), pairs.forces))
+        return pairs.unit.numpy() * scale, result[:, order]

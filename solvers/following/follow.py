@@ -10,7 +10,7 @@ from multirod.batch import IntArray
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.continuation.natural import SAFE_LOAD, TURN
-from multirod.solvers.following.descent import Point, TipTurn
+from multirod.solvers.following.descent import Point, Turns
 from multirod.solvers.following.journey import At, Journey, Judge, Judgement, Run
 from multirod.stability import Modes
 from multirod.status import failures
@@ -52,7 +52,7 @@ def follow(
     """
     lost: dict[int, Journey] = {}
     stability, parts = problem.stability, problem.parts
-    if parts is None or stability is None or (stability.multistable and before is None) or problem.free_tip is None:
+    if parts is None or stability is None or (stability.multistable and before is None):
         return lost
     chosen = chosen & (reached < 1) & stability.has_potential
     for places in np.split(np.flatnonzero(chosen), range(TOGETHER, int(chosen.sum()), TOGETHER)):
@@ -66,8 +66,9 @@ def follow(
             safe = SAFE_LOAD / np.maximum(part.load_scale(), 1e-300)
         else:
             most = TURN / np.maximum(part.turning(start), 1e-300)
-        assert part.free_tip is not None  # as all have
-        tip = TipTurn(part, part.free_tip)
+        if part.conjugates is None:
+            continue
+        tip = Turns(part.conjugates)
         together = _Together(part, start, tip)
         journeys = [
             Journey(
@@ -100,7 +101,7 @@ class _Together:
         tip: How it is turned; None where only residuals are asked for.
     """
 
-    def __init__(self, part: BoundaryProblem, before: FloatArray | None = None, tip: TipTurn | None = None) -> None:
+    def __init__(self, part: BoundaryProblem, before: FloatArray | None = None, tip: Turns | None = None) -> None:
         self.part, self.before, self.after = part, before, part.read("inputs")
         self.levels = np.ones(part.instance_count)
         self.tip = tip
@@ -154,7 +155,7 @@ class _Together:
         forces, moved = np.arange(n), np.array(part.pose_columns.numpy()[:, :3, :n])
         unit, turned = np.full((part.instance_count, n), np.nan), np.full((part.instance_count, n, n), np.nan)
         if self.tip is not None:
-            forces, (unit, turned) = self.tip.forces, self.tip.after()
+            forces, (unit, turned) = self.tip.forces, self.tip.after(gamma)
         return {
             k: Point(at.unknowns, at.level, residual[k], gamma[k], forces, unit[k], turned[k], moved[k], position[k], rotation[k])
             for k, at in asked.items()
