@@ -113,19 +113,11 @@ def slope_at(point: Point, stiffness: float) -> Slope:
     both = point.turned
     if not (np.isfinite(both).all() and np.isfinite(point.gamma).all()) or np.linalg.cond(both) * KEPT > 1:
         raise Unfit
-    inverse = np.linalg.inv(both)
+    inverse: FloatArray = np.asarray(np.linalg.inv(both), dtype=np.float64)
     A = point.unit[:, None] * point.gamma[point.forces] @ inverse[:, :m]
     values, modes = np.linalg.eigh(0.5 * (A + A.T))
     gradient, back = point.unit * point.residual[point.forces], -inverse[:, m:] @ point.residual[kept]
-    return Slope(
-        np.asarray(gradient),
-        np.asarray(values / stiffness),
-        modes,
-        inverse[:, :m],
-        np.asarray(back),
-        float(np.sign(np.linalg.det(both))),
-        stiffness,
-    )
+    return Slope(gradient, values / stiffness, modes, inverse[:, :m], back, float(np.sign(np.linalg.det(both))), stiffness)
 
 
 class Turns:
