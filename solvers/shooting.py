@@ -53,9 +53,9 @@ class Shooting(Solver):
             has taken them without a result ends as ``INTEGRATION_LIMIT``. The few that judge a result, or tell what is left of
             the residual, come on top.
         fallback: Whether ``MultipleShooting`` goes on where rounding or these steps end the natural branch.
-        at_fold: What is done where the natural branch of a single rod ends, or that of a motion: ``"follow"`` goes where a robot
-            would whose loads are raised slowly, to the status ``BIFURCATED`` or ``SNAPPED`` (``docs/branches.md``); ``"stop"``
-            ends there, with the status ``BRANCH_END``.
+        at_fold: What is done where the natural branch of a single rod ends, or a motion's of rods or tubes: ``"follow"`` goes
+            where a robot would whose loads are raised slowly, to the status ``BIFURCATED`` or ``SNAPPED``
+            (``docs/branches.md``); ``"stop"`` ends there, with the status ``BRANCH_END``.
         side: To which side it goes at a bifurcation: ``"positive"``, where the tip moves along a positive axis of the world, or
             ``"negative"``, to its twin.
 

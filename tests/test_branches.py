@@ -1,9 +1,10 @@
-"""Where branches of single rods end: what buckles, what snaps, and what is said of it (``docs/branches.md``)."""
+"""Where branches of rods and tubes end: what buckles, what snaps, and what is said of it (``docs/branches.md``)."""
 
 import numpy as np
 import pytest
 from relaxation import CreepingRods, rotation
-from scipy.optimize import brentq
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq, minimize_scalar
 from scipy.special import ellipk
 
 import multirod as mr
@@ -208,3 +209,32 @@ def test_a_snap_leads_where_a_rod_creeps_to():
     off = np.linalg.norm(rods.tip - found.tip_position, axis=1) / length
     # 24 segments are off by less than 0.01 of the length, other equilibria by more than 0.1
     assert off.max() < 0.01
+
+
+@pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")  # of unit stiffness and length
+def test_two_tubes_snap_across_where_their_torsion_says_and_back():
+    """a'' = c sin a of the angle between equal tubes, a' = 0 at the tip: the base's is largest where they snap."""
+    curvature = 4.0
+    tube = mr.Rod(length=1, bending_stiffness=1, torsional_stiffness=1, precurvature=(curvature, 0, 0))
+    robot = mr.ConcentricTubes([tube, tube])
+    time = np.linspace(0, 2, 101)
+    angle = np.interp(time, (0, 1, 2), (0, 2 * np.pi, 0))
+    history = mr.simulate(robot, robot.inputs(rotation=np.stack([angle, 0 * angle], axis=-1)), time=time)
+
+    def base(tip: float) -> float:
+        torsion = solve_ivp(lambda _, y: (y[1], curvature**2 * np.sin(y[0])), (1, 0), (tip, 0), rtol=1e-11, atol=1e-12)
+        return float(torsion.y[0, -1])
+
+    snaps = base(minimize_scalar(lambda tip: -base(tip), bounds=(0.01, 3), method="bounded", options={"xatol": 1e-9}).x)
+    there, back = (event for sample in history.events for event in sample)
+    assert there.status is back.status is mr.Status.SNAPPED
+    # the first sample after a snap is located within a thousandth of a sample; the equations, to RK45's tolerance
+    np.testing.assert_allclose(np.interp([there.time, back.time], time, angle), (snaps, 2 * np.pi - snaps), rtol=0, atol=2e-4)
+    assert there.energy_lost == pytest.approx(back.energy_lost, rel=1e-3)
+    assert (np.sort(history.status)[-2:] == mr.Status.SNAPPED).all()
+    assert (np.sort(history.status)[:-2] == mr.Status.CONVERGED).all()
+    assert (history.stability == mr.Stability.STABLE).all()
+    after = int(np.flatnonzero(history.status == mr.Status.SNAPPED)[0])
+    others = mr.equilibria(robot, history.inputs[after])
+    stable = others.tip_position[others.index == 0]
+    assert np.linalg.norm(stable - history.tip_position[after], axis=1).min() < 1e-6

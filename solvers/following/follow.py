@@ -54,6 +54,8 @@ def follow(
     stability, parts = problem.stability, problem.parts
     if parts is None or stability is None or (stability.multistable and before is None):
         return lost
+    if problem.joints is not None:  # a leg that buckles does so though the platform is held, which descent does not pass
+        return lost
     chosen = chosen & (reached < 1) & stability.has_potential
     for places in np.split(np.flatnonzero(chosen), range(TOGETHER, int(chosen.sum()), TOGETHER)):
         if not len(places):
