@@ -14,7 +14,6 @@ from tube_equations import TubeEquations, base_of
 
 import multirod as mr
 
-pytestmark = pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")  # extremes are meant
 
 SEEDS = {
     "force": [seed for seed in range(24) if seed not in (1, 6)],  # which take a second each and more
