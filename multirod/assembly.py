@@ -87,10 +87,10 @@ class Assembly(ABC):
         """What dropping each term does to the end effector, in the worst of all instances; what is not named is not known."""
         return {}
 
-    def input_directions(self, name: str) -> dict[str, Any]:
-        """Options of ``problem`` that give it the directions which ``BoundaryProblem.input_columns`` needs for an input."""
-        (spec,) = (spec for spec in self.input_specs if spec.name == name)
-        return {"direction_count": spec.size(self.rod_count)}
+    def input_directions(self, *names: str) -> dict[str, Any]:
+        """Options of ``problem`` that give it the directions which ``BoundaryProblem.input_columns`` needs for some inputs."""
+        specs = {spec.name: spec for spec in self.input_specs}
+        return {"direction_count": sum(specs[name].size(self.rod_count) for name in names)}
 
     def with_rods(self, rods: Sequence[Rod]) -> Self:
         """The same assembly of other rods, as many, and as long."""

@@ -52,8 +52,8 @@ class Lines(ABC):
         """Whether it is so tight, with those beside it, that its law does not hold, shape (instance_count, line_count)."""
         return np.zeros(self.tension().shape, dtype=bool)
 
-    def length_columns(self, name: str) -> FloatArray:
-        """Derivatives of the lengths after ``BoundaryProblem.input_columns(name)``, by unknowns then each number of that input,
+    def length_columns(self, *names: str) -> FloatArray:
+        """Derivatives of the lengths after ``BoundaryProblem.input_columns(*names)``, by unknowns then each number of the inputs,
         shape (instance_count, line_count, n + size)."""
         raise NotImplementedError(f"{type(self).__name__} does not give the derivatives of lengths")
 

@@ -388,21 +388,31 @@ class BoundaryProblem(Uncopied, ABC):
     def input_slice(self, name: str) -> slice:
         """Where an input stands in a row of ``inputs`` and ``directions``."""
 
-    def input_columns(self, name: str) -> tuple[FloatArray, FloatArray]:
-        """Derivatives by each component of an input, the unknowns fixed; takes one integration.
+    def input_columns(self, *names: str) -> tuple[FloatArray, FloatArray]:
+        """Derivatives by each component of one input or several, the unknowns fixed; takes one integration.
 
-        The problem was made with ``Assembly.input_directions(name)``, and with ``pose_sensitivities``.
+        The problem was made with ``Assembly.input_directions(*names)``, and with ``pose_sensitivities``.
 
         Returns:
             Of the residual, shape (instance_count, n, k), and of the end effector's pose, as in ``pose_columns``,
-            shape (instance_count, 6, k).
+            shape (instance_count, 6, k): the components of each input beside each other, the inputs in the order named.
         """
-        place = self.input_slice(name)
-        directions = np.zeros(self.directions.shape)
-        for k in range(place.stop - place.start):
-            directions[:, k, place.start + k] = 1.0
-        self.directions.assign(directions)
+        self.aim(*names)
         self.integrate()
+        return self.aimed(*names)
+
+    def aim(self, *names: str) -> None:
+        """Point the directions along each component of some inputs: every integration from now on gives its columns."""
+        directions = np.zeros(self.directions.shape)
+        column = 0
+        for place in map(self.input_slice, names):
+            for k in range(place.start, place.stop):
+                directions[:, column, k] = 1.0
+                column += 1
+        self.directions.assign(directions)
+
+    def aimed(self, *names: str) -> tuple[FloatArray, FloatArray]:
+        """What ``input_columns`` returns, of the last integration after ``aim(*names)``."""
         return np.array(self.residual_directions.numpy()), np.array(self.pose_columns.numpy()[:, :, self.unknown_count :])
 
     def curvature_scale(self) -> FloatArray:

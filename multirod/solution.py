@@ -1,6 +1,6 @@
 """Results: an equilibrium of each instance, or a time series of them."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -523,49 +523,65 @@ class Solution(Generic[Robot_co]):
 
     def jacobian(
         self: "Solution[Named[Name]]",  # type: ignore[type-var]  # a robot, by what its inputs are called
-        name: Name,
-        *,
+        *names: Name,
         of: Literal["pose", "line_length"] = "pose",
     ) -> FloatArray:
-        """Derivative of the end effector's pose by an input, at equilibrium, or of the lengths of lines.
+        """Derivative of the end effector's pose by an input or several, at equilibrium, or of the lengths of lines.
+
+        Several take one integration together: ``jacobian("rotation", "translation")`` has the columns of each beside each other,
+        in the order named.
 
         Args:
-            name: An input, such as ``"tip_force"`` (then it is the compliance) or ``"rotation"``.
+            *names: Inputs, such as ``"tip_force"`` (then it is the compliance) or ``"rotation"``.
             of: ``"pose"`` or ``"line_length"``.
 
         Returns:
             Shape (..., 6, k): position rows [m per unit], then rotation-vector rows [rad per unit], both in the world
-            frame; one column for each component of the input, or each rod or line. Of lengths, shape (..., line_count, k) [m per
+            frame; one column for each component of an input, or each rod or line. Of lengths, shape (..., line_count, k) [m per
             unit].
 
         Raises:
-            TypeError: If the assembly takes no such input.
+            TypeError: If the assembly takes no such input, or none is named.
             ValueError: If ``of`` is neither.
             NotImplementedError: If the assembly does not give the derivatives of lengths.
         """
-        return self._jacobian(name, of)
+        return self._jacobian(names, of)
 
-    def _jacobian(self, name: object, of: str) -> FloatArray:
+    def _jacobian(self, names: tuple[object, ...], of: str) -> FloatArray:
         choice("of", of, ("pose", "line_length"))
         specs = {spec.name: spec for spec in self.assembly.input_specs}
-        if not isinstance(name, str) or name not in specs:
-            hint = meant(name, specs) if isinstance(name, str) else ""
-            raise TypeError(f"jacobian(name) takes no {shown(name)}: it takes " + ", ".join(specs) + hint)
-        twin = specs[name].dead_twin
-        if twin and not self.inputs.is_active(name):
-            # a follower force is an unknown's worth of equations more, but to first order only its direction counts
-            return np.asarray(frozen(self._jacobian(twin, of) @ self.tip_rotation))
-        count = specs[name].size(len(self.assembly.rods))
+        if not names:
+            raise TypeError("jacobian(name) needs an input or several: it takes " + ", ".join(specs))
+        known: list[str] = []
+        for name in names:
+            if not isinstance(name, str) or name not in specs:
+                hint = meant(name, specs) if isinstance(name, str) else ""
+                raise TypeError(f"jacobian(name) takes no {shown(name)}: it takes " + ", ".join(specs) + hint)
+            known.append(name)
+        # a follower force is an unknown's worth of equations more, but to first order only its direction counts
+        twins = [specs[name].dead_twin if not self.inputs.is_active(name) else "" for name in known]
+        result = self._columns_by([twin or name for name, twin in zip(known, twins, strict=True)], of)
+        if not any(twins):
+            return result
+        sizes = [specs[name].size(len(self.assembly.rods)) for name in known]
+        parts = np.split(result, np.cumsum(sizes)[:-1], axis=-1)
+        turned = [part @ self.tip_rotation if twin else part for part, twin in zip(parts, twins, strict=True)]
+        return np.asarray(frozen(np.concatenate(turned, axis=-1)))
+
+    def _columns_by(self, names: Sequence[str], of: str) -> FloatArray:
+        """Derivatives by inputs whose terms are compiled in, in one integration."""
+        specs = {spec.name: spec for spec in self.assembly.input_specs}
+        count = sum(specs[name].size(len(self.assembly.rods)) for name in names)
         by_length = of == "line_length"
         rows = len(self._lines()) if by_length else 6
         if by_length and not self.assembly.length_columns:
             raise NotImplementedError(f"{type(self.assembly).__name__} does not give the derivatives of its lines' lengths")
 
         def columns(problem: Any) -> tuple[FloatArray]:
-            slopes, moved = problem.input_columns(name)
+            slopes, moved = problem.input_columns(*names)
             n = problem.unknown_count
             gamma = problem.read("gamma").reshape(-1, n, n)
-            carried = problem.lines.length_columns(name) if by_length else problem.pose_columns.numpy()
+            carried = problem.lines.length_columns(*names) if by_length else problem.pose_columns.numpy()
             moved = carried[:, :, n:] if by_length else moved
             result = np.full((len(gamma), rows, count), np.nan)
             with np.errstate(over="ignore"):
@@ -576,8 +592,8 @@ class Solution(Generic[Robot_co]):
                 result[k] = np.nan if by_length else pose_jacobian(problem.segments, k, points)
             return (result,)
 
-        options = self.assembly.input_directions(name)
-        (result,) = self._gather(columns, pose_sensitivities=True, enabled=(name,), **options)
+        options = self.assembly.input_directions(*names)
+        (result,) = self._gather(columns, pose_sensitivities=True, enabled=tuple(names), **options)
         return self._masked(result, (rows, count))
 
     def save(self, path: str | PathLike[str], **options: Unpack[SaveOptions]) -> None:

@@ -287,6 +287,19 @@ def test_without_loads_the_torques_are_all_that_is_unknown():
     np.testing.assert_allclose(world, 0, atol=1e-6)
 
 
+@pytest.mark.parametrize("loads", [{}, {"tip_force": (0.1, 0.2, 0)}])
+def test_several_inputs_at_once_are_those_alone_beside_each_other(loads):
+    robot = three(bent=EVEN)
+    solution = mr.solve(robot, robot.inputs(**PLACE, **loads), solver=TIGHT).raise_if_failed()
+    names = ("translation", "rotation", "follower_force", "tip_force")
+    found = solution.jacobian(*names)
+    assert found.shape == (6, 12)
+    for k, name in enumerate(names):
+        alone = solution.jacobian(name)
+        # without a force, its terms are not compiled in: other sums, and adaptive steps of 1e-12 that Gamma's inverse carries
+        np.testing.assert_allclose(found[:, 3 * k : 3 * k + 3], alone, rtol=0, atol=1e-8 * np.abs(alone).max())
+
+
 MIDDLE_LONGEST = PLACE | {"translation": (-0.131, -0.023, -0.01)}  # no two transitions at one place: see ``docs/model.md``
 SENSITIVITIES = [(PLACE, name) for name in ("tip_force", "translation", "follower_force")]
 

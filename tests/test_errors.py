@@ -558,3 +558,7 @@ def test_questions_to_a_solution(robot: mr.SingleRod) -> None:
     for name in ("tip_fource", 3):
         with pytest.raises(TypeError, match=f"takes no {name!r}: it takes .*tip_force"):
             solution.jacobian(name)
+        with pytest.raises(TypeError, match=f"takes no {name!r}: it takes .*tip_force"):
+            solution.jacobian("tip_force", name)
+    with pytest.raises(TypeError, match="needs an input or several: it takes rotation"):
+        solution.jacobian()

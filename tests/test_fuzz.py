@@ -387,7 +387,7 @@ def functions(path: Path) -> Iterator[Target]:
     yield Target("equilibria", quietly(mr.equilibria), scene, "robot", "inputs", "starts", "solver", "device")
     yield Target("explain", quietly(mr.explain), scene, "robot", "inputs", "measure")
     yield Target("Solution.rod", BATCH.rod, {}, "rod", "nodes")
-    yield Target("Solution.jacobian", BATCH.jacobian, {}, "name")
+    yield Target("Solution.jacobian", lambda name: BATCH.jacobian("tip_force", name), {}, "name")
     yield Target(
         "History.save", HISTORY.save, {"path": path / "run.rrd"}, "path", "reference", "name", "nodes", "instances", "force_scale"
     )

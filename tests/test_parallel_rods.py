@@ -259,11 +259,25 @@ def test_a_leg_integrates_the_directions_that_touch_it_alone(monkeypatch, name, 
     # all columns on every leg, as a solver's direction is integrated
     problem = robot.problem(inputs, integrator=EXACT.integrator, pose_sensitivities=True, direction_count=found.shape[1])
     problem.write("unknowns", solution.unknowns[None])
-    slopes, pose = BoundaryProblem.input_columns(problem, name)
+    BoundaryProblem.aim(problem, name)
+    problem.integrate()
+    slopes, pose = BoundaryProblem.aimed(problem, name)
     gamma, n = problem.read("gamma").reshape(problem.unknown_count, -1), problem.unknown_count
     whole = pose[0] - problem.pose_columns.numpy()[0, :, :n] @ np.linalg.solve(gamma, slopes[0])
     # the same sums less zeros, and Gamma's condition of 3e3 on their rounding
     np.testing.assert_allclose(found, whole, rtol=0, atol=1e-11 * np.abs(whole).max())
+
+
+def test_several_inputs_at_once_are_those_alone_beside_each_other(monkeypatch):
+    robot = hexapod(platform_mass=0.1)
+    inputs = robot.inputs(tip_force=(0.5, -0.3, -1.0), gravity=(0, 0, -9.81), translation=[0.01, 0, 0, 0, 0, 0])
+    solution = mr.solve(robot, inputs, solver=EXACT).raise_if_failed()
+    names = ("tip_force", "translation", "gravity", "rotation")  # on platform and legs in turn
+    found, counts = columns_integrated(monkeypatch, robot, lambda: solution.jacobian(*names))
+    assert counts == [[5]]
+    alone = np.concatenate([solution.jacobian(name) for name in names], axis=1)
+    # the same right-hand sides, solved for together: the last bit may be another
+    np.testing.assert_allclose(found, alone, rtol=0, atol=1e-14 * np.abs(alone).max())
 
 
 def inverse_inputs(inverse, pose, **loads):

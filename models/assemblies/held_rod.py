@@ -147,8 +147,10 @@ class HeldRod(Assembly):
             name = next(iter(inputs.profiles))
             refuse(name, Described("a function of arclength"), "must be numbers where the base turns in a joint")
 
-    def input_directions(self, name: str) -> dict[str, Any]:  # noqa: D102
-        return super().input_directions(name) if name in POSE_INPUTS else self._free.input_directions(name)
+    def input_directions(self, *names: str) -> dict[str, Any]:  # noqa: D102
+        on_rod = [name for name in names if name not in POSE_INPUTS]
+        own = self._free.input_directions(*on_rod) if on_rod else {}
+        return own | super().input_directions(*names)
 
     def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102
         return name in POSE_INPUTS or self._free.surely_takes(name, values)

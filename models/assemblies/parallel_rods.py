@@ -29,7 +29,7 @@ from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.problem import BackboneAssembly, check_drives, scene_features, surely_driven
 from multirod.models.joint_kernels import CLAMPED, JOINTS
 from multirod.models.platform import platform_kernels as kernels
-from multirod.models.platform.problem import LEG_INPUTS, PER_ROD, PLATFORM_INPUTS, Geometry, ParallelProblem
+from multirod.models.platform.problem import LEG_INPUTS, PLATFORM_INPUTS, Geometry, ParallelProblem, input_columns
 from multirod.reuse import reusable
 from multirod.rod import Rod
 from multirod.types import Numbers
@@ -158,14 +158,14 @@ class ParallelRods(Assembly):
         if inputs.is_active("magnetic_field") and not any(rod.is_magnetised for rod in self.rods):
             refuse("magnetic_field", inputs.magnetic_field.tolist(), "must be zero: no rod has a magnetisation")
 
-    def input_directions(self, name: str) -> dict[str, int]:
-        """Directions for the derivatives by an input: rods of different legs share one, and what acts on the platform touches no
-        leg."""
-        count = 3
-        if name in (*PER_ROD, *DRIVES):
-            count = int(np.diff(self.geometry.first_rod if name in PER_ROD else self.geometry.first_drive(name)).max())
-        on_legs = (*PER_ROD, *DRIVES, *kernels.LEG_VECTORS)
-        options = {"direction_count": count, "leg_direction_count": count if name in on_legs else 0}
+    def input_directions(self, *names: str) -> dict[str, int]:
+        """Directions for the derivatives by some inputs: rods of different legs share one, and what acts on the platform touches
+        no leg."""
+        found = input_columns(self.geometry, names)
+        options = {
+            "direction_count": sum(columns.size for columns in found),
+            "leg_direction_count": sum(columns.size for columns in found if columns.on_legs),
+        }
         return options | ({"lengths": True} if any(self.geometry.drives) else {})
 
     def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102
@@ -324,8 +324,8 @@ class InverseParallelRods(Assembly):
     def check(self, inputs: Inputs) -> None:  # noqa: D102
         self.robot.check(inputs)
 
-    def input_directions(self, name: str) -> dict[str, int]:  # noqa: D102
-        return self.robot.input_directions(name)
+    def input_directions(self, *names: str) -> dict[str, int]:  # noqa: D102
+        return self.robot.input_directions(*names)
 
     def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102
         return self.robot.surely_takes(name, values)

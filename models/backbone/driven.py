@@ -44,7 +44,7 @@ class DrivenLines(Lines):
                 result[k] = found[k]
         return result / self._weights()
 
-    def length_columns(self, name: str = "") -> FloatArray:
+    def length_columns(self, *names: str) -> FloatArray:
         """As said; by the directions that there are, whatever input they are of."""
         return np.asarray(self.problem.line_length_columns.numpy() / self._weights()[..., None])
 

@@ -704,11 +704,11 @@ class BackboneAssembly(Assembly):
         """Whether a line is driven by its length."""
         return any(kind.conditioned for rod in self.rods for kind in kinds(rod.carried))
 
-    def input_directions(self, name: str) -> dict[str, Any]:
-        """Directions for the derivatives by an input; of rods with lines, of their lengths too."""
-        if name == "translation" and any(kind.rubs for kind in self.arrays.members):
+    def input_directions(self, *names: str) -> dict[str, Any]:
+        """Directions for the derivatives by some inputs; of rods with lines, of their lengths too."""
+        if "translation" in names and any(kind.rubs for kind in self.arrays.members):
             raise NotImplementedError("the derivatives by translation of a rod whose line has friction are not known")
-        return {**super().input_directions(name), **({"lengths": True} if drives(self.arrays.members) else {})}
+        return {**super().input_directions(*names), **({"lengths": True} if drives(self.arrays.members) else {})}
 
     @cached_property
     def arrays(self) -> RodArrays:

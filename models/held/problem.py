@@ -496,10 +496,10 @@ class HeldLines(Lines):
     def left(self, node_count: int) -> FloatArray:  # noqa: D102
         return self._of_rod().left(node_count)
 
-    def length_columns(self, name: str) -> FloatArray:
+    def length_columns(self, *names: str) -> FloatArray:
         """As said; the rod's columns by its base's angles come last."""
         problem = self.problem
-        found = self._of_rod().length_columns(name)
+        found = self._of_rod().length_columns(*names)
         m, d, unit = problem.rod.unknown_count, problem.direction_count, problem.table.moment_unit.numpy()
         x, angle = problem.read("unknowns"), problem.read("inputs")[:, :1] * [0.0, 0.0, 1.0]
         turned = matrices(angle)

@@ -138,6 +138,56 @@ class Closed:
     singular_value: FloatArray
 
 
+@dataclass(frozen=True)
+class InputColumns:
+    """Where the columns by an input stand among the directions of a problem.
+
+    Attributes:
+        name: Of the input.
+        start: Its first direction.
+        size: How many it takes.
+        shares: First of its numbers, and how many, of each leg; of all together where these share it.
+        shared: Whether legs share it: if not, legs share its directions.
+        on_legs: Whether it acts on legs.
+    """
+
+    name: str
+    start: int
+    size: int
+    shares: tuple[tuple[int, int], ...]
+    shared: bool
+    on_legs: bool
+
+    @property
+    def numbers(self) -> int:
+        """Of an instance."""
+        return sum(self.shares[-1])
+
+    @property
+    def own(self) -> slice:
+        """Its directions."""
+        return slice(self.start, self.start + self.size)
+
+
+def input_columns(geometry: Geometry, names: Sequence[str]) -> list[InputColumns]:
+    """Where the columns of each input stand, in the order named: those that touch legs before the others."""
+    found: dict[int, InputColumns] = {}
+    start = 0
+    for touching in (True, False):
+        for k, name in enumerate(names):
+            on_legs = name in (*PER_ROD, *DRIVES, *kernels.LEG_VECTORS)
+            if on_legs is not touching:
+                continue
+            shares: tuple[tuple[int, int], ...] = ((0, 3),)
+            if name in (*PER_ROD, *DRIVES):
+                ends = (geometry.first_rod if name in PER_ROD else geometry.first_drive(name)).tolist()
+                shares = tuple((a, b - a) for a, b in pairwise(ends))
+            size = max(count for _, count in shares)
+            found[k] = InputColumns(name, start, size, shares, name not in (*PER_ROD, *DRIVES), on_legs)
+            start += size
+    return [found[k] for k in range(len(names))]
+
+
 class LegGroup:
     """Legs of one build, integrated in one launch."""
 
@@ -580,36 +630,40 @@ class ParallelProblem(BoundaryProblem):
             rows.append(row)
         return np.array(rows, dtype=np.int32).reshape(len(rows), -1)
 
-    def own_inputs(self, name: str) -> NDArray[np.intp] | None:
-        """The first number of each leg of an input of its own, and how many there are, (leg + 1,); None of one that all share."""
-        if name in PER_ROD:
-            return self.geometry.first_rod
-        return self.geometry.first_drive(name) if name in DRIVES else None
-
-    def input_columns(self, name: str) -> tuple[FloatArray, FloatArray]:
-        """What ``BoundaryProblem.input_columns`` says; what acts on one leg alone shares its column with the same of all other
-        legs."""
-        geometry, place, first = self.geometry, self._places[name], self.own_inputs(name)
-        if first is None:
-            return super().input_columns(name)
-        legs, numbers = len(geometry.legs), int(first[-1])
+    def aim(self, *names: str) -> None:
+        """As said; what acts on one leg alone shares its column with the same of all other legs, and columns that touch legs
+        come first."""
         directions = np.zeros(self.directions.shape)
-        for leg in range(legs):
-            for k in range(first[leg + 1] - first[leg]):
-                directions[:, k, place.start + first[leg] + k] = 1.0
+        for columns in input_columns(self.geometry, names):
+            start = self._places[columns.name].start
+            for first, count in columns.shares:
+                for k in range(count):
+                    directions[:, columns.start + k, start + first + k] = 1.0
         self.directions.assign(directions)
-        self.integrate()
-        count = self.instance_count
-        columns = self.residual_directions.numpy()
+
+    def aimed(self, *names: str) -> tuple[FloatArray, FloatArray]:  # noqa: D102
+        found, given = super().aimed(*names)
+        every = input_columns(self.geometry, names)
+        slopes = [self._slopes(columns, found) for columns in every]
+        moved = [
+            given[:, :, columns.own] if columns.shared else np.zeros((len(given), POSE, columns.numbers)) for columns in every
+        ]
+        return np.concatenate(slopes, axis=2), np.concatenate(moved, axis=2)
+
+    def _slopes(self, columns: "InputColumns", found: FloatArray) -> FloatArray:
+        """Derivatives of the residual by each number of an input, shape (instance_count, n, numbers)."""
+        if columns.shared:
+            return found[:, :, columns.own]
+        count, legs = self.instance_count, len(self.geometry.legs)
         law = self.robots.law.numpy().reshape(count, legs, -1)[:, :, kernels.DIRECTIONS_AT :].reshape(count, legs, -1, 2, 3)
         # (8) of one leg's pull and twist on the platform
         scale = np.stack([self.length[:, -1], np.ones(len(self.length))], axis=1) / self.stiffness[:, -1:]
-        slopes = np.zeros((count, self.unknown_count, numbers))
-        for leg, own in enumerate(self.own):
-            for k in range(first[leg + 1] - first[leg]):
-                slopes[:, own, first[leg] + k] = columns[:, own, k]
-                slopes[:, self.platform, first[leg] + k] = (scale[:, :, None] * law[:, leg, k]).reshape(count, POSE)
-        return slopes, np.zeros((count, POSE, numbers))
+        slopes = np.zeros((count, self.unknown_count, columns.numbers))
+        for leg, ((first, size), own) in enumerate(zip(columns.shares, self.own, strict=True)):
+            for k in range(size):
+                slopes[:, own, first + k] = found[:, own, columns.start + k]
+                slopes[:, self.platform, first + k] = (scale[:, :, None] * law[:, leg, columns.start + k]).reshape(count, POSE)
+        return slopes
 
     def to_legs(self) -> None:
         """Unknowns and inputs to the legs, without an integration."""
@@ -727,15 +781,14 @@ class PlatformLines(Lines):
     def slack(self) -> NDArray[np.bool_]:  # noqa: D102
         return np.asarray(self._of_legs(lambda lines: lines.slack()) != 0)
 
-    def length_columns(self, name: str) -> FloatArray:
+    def length_columns(self, *names: str) -> FloatArray:
         """As said; of lines of legs, which touch neither the platform nor other legs."""
         problem = self.problem
         geometry, n = problem.geometry, problem.unknown_count
         first = np.cumsum([0, *map(len, geometry.drives)])
-        own = problem.own_inputs(name)
-        directions = problem.leg_direction_count
-        size = problem.direction_count if own is None else int(own[-1])
-        result = np.zeros((problem.instance_count, int(first[-1]), n + size))
+        every = input_columns(geometry, names)
+        starts = np.cumsum([n, *(columns.numbers for columns in every)])
+        result = np.zeros((problem.instance_count, int(first[-1]), int(starts[-1])))
         for group in problem.groups:
             if not group.backbones.drive_count:
                 continue
@@ -745,9 +798,12 @@ class PlatformLines(Lines):
                 lines = slice(first[leg], first[leg + 1])
                 result[:, lines, problem.own[leg]] = found[:, place, :, :m]
                 if problem.inverse:  # by the translation that is unknown
-                    result[:, lines, problem.platform.start + leg] = found[:, place, :, m + directions]
-                begin, count = (0, directions) if own is None else (own[leg], own[leg + 1] - own[leg])
-                result[:, lines, n + begin : n + begin + count] = found[:, place, :, m : m + count]
+                    result[:, lines, problem.platform.start + leg] = found[:, place, :, m + problem.leg_direction_count]
+                for columns, start in zip(every, starts.tolist(), strict=False):
+                    if columns.on_legs:
+                        begin, count = columns.shares[0 if columns.shared else leg]
+                        own = found[:, place, :, m + columns.start :][..., :count]
+                        result[:, lines, start + begin : start + begin + count] = own
         return result
 
     def beyond(self) -> NDArray[np.bool_]:  # noqa: D102

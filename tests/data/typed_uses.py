@@ -66,7 +66,9 @@ mr.Tracker(wire, dt=0.01)  # wrong
 solution = mr.solve(robot, inputs, solver=mr.Shooting(tolerance=1e-9, integrator=mr.RK4(steps=100)), guess=(14, 5, 0))
 solution.jacobian("tip_curvature")
 solution.jacobian("tip_force", of="line_length")
+solution.jacobian("tip_force", "rotation")
 solution.jacobian("tip_forc")  # wrong
+solution.jacobian("rotation", "tip_forc")  # wrong
 solution.jacobian("force_point")  # wrong
 solution.jacobian("tip_force", of="length")  # wrong
 mr.solve(legs).jacobian("force_point")
