@@ -5,7 +5,6 @@ import pytest
 
 import multirod as mr
 
-
 CHECKS = 10  # integrations on top, that judge a result or tell what is left of the residual
 LIMIT = mr.Status.INTEGRATION_LIMIT
 

@@ -14,7 +14,6 @@ from tube_equations import TubeEquations, base_of
 
 import multirod as mr
 
-
 SEEDS = {
     "force": [seed for seed in range(24) if seed not in (1, 6)],  # which take a second each and more
     "all dead": [3, 4, 6, 7, 9, 10, 11, 13],

@@ -10,7 +10,6 @@ import multirod as mr
 from multirod.solvers.continuation.natural import Paths, natural_branch
 from multirod.status import Status
 
-
 SCENES = {"two tubes": 120, "two tubes, tip force": 60, "two tubes, weight": 30, "three tubes": 60, "three tubes, tip force": 40}
 
 

@@ -6,7 +6,6 @@ from observer_scenes import GAINS, MOTIONS, MOVING, TIMES, follow, measure
 
 import multirod as mr
 
-
 FLOOR = 1e-9  # of where the residual would be without any correction: rounding
 ESTIMATES = [mr.Status.TRACKING, mr.Status.NEAR_FOLD]
 
