@@ -59,6 +59,7 @@ if _typing.TYPE_CHECKING:
     from multirod.studies.sweeps import Study, sweep
     from multirod.studies.terms import Dropped, Explanation, Term, explain
     from multirod.studies.tradeoffs import Measured, Tradeoff, tradeoff, tune
+    from multirod.tasks.rows import Pose
 
 __version__ = "0.1.0"
 
@@ -96,6 +97,7 @@ __all__ = [
     "Outcome",
     "ParallelRods",
     "PlausibilityWarning",
+    "Pose",
     "PushRod",
     "Recorder",
     "Rod",
@@ -161,6 +163,7 @@ _PUBLIC = {
     "status": "Status",
     "studies.sweeps": "Study sweep",
     "studies.terms": "Dropped Explanation Term explain",
+    "tasks.rows": "Pose",
     "running.tracker": "Tracker",
     "studies.tradeoffs": "Measured Tradeoff tradeoff tune",
 }

@@ -260,7 +260,13 @@ class Assembly(ABC):
         return sum(max(float(np.max(section.bending_stiffness)) for section in rod.sections) for rod in self.rods)
 
 
-def _not_turned(R: FloatArray) -> str:
+def is_rotation(R: FloatArray) -> bool:
+    """Whether all matrices (..., 3, 3) are rotations, to what rounding leaves."""
+    off = np.abs(R).max() > 2 or np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max() > ORTHOGONAL
+    return not (off or (np.linalg.det(R) < 0).any())
+
+
+def not_turned(R: FloatArray) -> str:
     """What is wrong with matrices that are no rotations."""
     off = float(np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max())
     if off <= ORTHOGONAL:
@@ -284,8 +290,8 @@ def pose(field: str, value: Any) -> FloatArray:
     if not result.size:
         refuse(field, Described(f"array of shape {result.shape}"), "there must be a pose")
     R = result[..., :3, :3]
-    if np.abs(R).max() > 2 or np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max() > ORTHOGONAL or (np.linalg.det(R) < 0).any():
-        refuse(field, value, f"the upper left 3 x 3 block must be a rotation: {_not_turned(R)}")
+    if not is_rotation(R):
+        refuse(field, value, f"the upper left 3 x 3 block must be a rotation: {not_turned(R)}")
     if np.abs(result[..., 3, :] - [0, 0, 0, 1]).max() > 0:
         hint = ": it is transposed" if np.abs(result[..., :3, 3]).max() == 0 else ""
         refuse(field, value, f"the last row must be 0, 0, 0, 1{hint}")

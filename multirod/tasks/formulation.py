@@ -1,0 +1,203 @@
+"""The problem that all tasks share: freed inputs beside the unknowns. Numbers in parentheses: ``docs/tasks.md``."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod.assembly import Assembly
+from multirod.batch import IntArray
+from multirod.inputs import Inputs
+from multirod.integrators import Integrator
+from multirod.problem import BoundaryProblem
+from multirod.validation import FloatArray, refuse, unknown_names
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What one integration says at unknowns ``x`` and freed inputs ``p``; axes (instance, ...), NaN of all where it failed.
+
+    Attributes:
+        residual: ``eps`` [1/m], shape (b, n).
+        gamma: d(eps)/dx, shape (b, n, n).
+        slopes: d(eps)/dp, shape (b, n, k).
+        position: Of the end effector in the world [m], shape (b, 3).
+        rotation: Its frame, body to world, shape (b, 3, 3).
+        pose_by_unknowns: Position rows, then rotation-vector rows, in the world, shape (b, 6, n).
+        pose_by_free: The same by ``p`` at fixed ``x``, shape (b, 6, k).
+        failed: Whether the integration failed, shape (b,).
+    """
+
+    residual: FloatArray
+    gamma: FloatArray
+    slopes: FloatArray
+    position: FloatArray
+    rotation: FloatArray
+    pose_by_unknowns: FloatArray
+    pose_by_free: FloatArray
+    failed: NDArray[np.bool_]
+
+    def take(self, instances: Any) -> Self:
+        """That of some instances, by an index of the first axis."""
+        return type(self)(**{name: getattr(self, name)[instances] for name in self.__dataclass_fields__})
+
+    @cached_property
+    def eliminated(self) -> tuple[FloatArray, FloatArray]:
+        """(2) ``a`` (b, n) and ``B`` (b, n, k): to first order the equilibrium at ``p + dp`` is at ``x + a + B dp``.
+
+        NaN where ``Gamma`` is singular.
+        """
+        both = np.concatenate([self.residual[..., None], self.slopes], axis=2)
+        solved = -solved_each(self.gamma, both)
+        return solved[..., 0], solved[..., 1:]
+
+    def condensed(self, errors: FloatArray, by_unknowns: FloatArray, by_free: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(3) ``r`` (b, m) and ``J`` (b, m, k) of rows by their errors and derivatives: what is left of them at the equilibrium
+        for ``p``, and how that varies."""
+        towards, by = self.eliminated
+        return errors + (by_unknowns @ towards[..., None])[..., 0], by_free + by_unknowns @ by
+
+
+def solved_each(matrices: FloatArray, sides: FloatArray) -> FloatArray:
+    """``matrices^-1 sides`` (b, n, k); NaN of an instance whose matrix is singular or not finite."""
+    try:
+        return np.asarray(np.linalg.solve(matrices, sides))
+    except np.linalg.LinAlgError:
+        result = np.full(sides.shape, np.nan)
+        with np.errstate(over="ignore", invalid="ignore"):
+            sound = np.linalg.det(np.nan_to_num(matrices)) != 0
+        result[sound] = np.linalg.solve(matrices[sound], sides[sound])
+        return result
+
+
+class Task:
+    """A boundary problem whose inputs ``free`` are unknown too, beside its own unknowns.
+
+    Args:
+        problem: Made with ``options(robot, free)``.
+        free: Names of inputs.
+
+    Attributes:
+        places: Where the freed numbers stand in a row of the problem's inputs, shape (k,).
+    """
+
+    def __init__(self, problem: BoundaryProblem, free: Sequence[str]) -> None:
+        self.problem = problem
+        self.free = tuple(free)
+        every = np.arange(problem.input_count)
+        self.places: NDArray[np.intp] = np.concatenate([every[problem.input_slice(name)] for name in self.free])
+        problem.aim(*self.free)
+
+    @classmethod
+    def of(
+        cls,
+        robot: Assembly,
+        inputs: Inputs,
+        free: Sequence[str],
+        *,
+        integrator: Integrator,
+        device: str = "cpu",
+        instances: IntArray | None = None,
+    ) -> Self:
+        """The task of a robot at ``inputs``: what is not freed stays as it is there."""
+        problem = robot.problem(inputs, integrator=integrator, device=device, instances=instances, **options(robot, free))
+        return cls(problem, free)
+
+    @property
+    def count(self) -> int:
+        """Freed numbers ``k`` of an instance."""
+        return len(self.places)
+
+    def values(self) -> FloatArray:
+        """The freed inputs as the problem has them, shape (b, k)."""
+        return np.array(self.problem.read("inputs")[:, self.places])
+
+    def write(self, unknowns: FloatArray, values: FloatArray) -> None:
+        """Set ``x`` (b, n) and ``p`` (b, k)."""
+        problem = self.problem
+        problem.write("unknowns", unknowns)
+        view = problem.input_view()
+        if view is not None:
+            view[:, self.places] = values
+            return
+        rows = problem.read("inputs")
+        rows[:, self.places] = values
+        problem.write("inputs", rows)
+
+    def evaluate(self, unknowns: FloatArray, values: FloatArray, chosen: NDArray[np.bool_] | None = None) -> Evaluation:
+        """One integration at ``x`` (b, n) and ``p`` (b, k), of all instances, or of those chosen (b,), which alone are returned.
+
+        Raises:
+            Interrupted: If the problem's ``stop`` is set.
+            RuntimeError: If another thread works on the problem.
+        """
+        with self.problem.alone:
+            self.write(unknowns, values)
+            if chosen is None or chosen.all():
+                self.problem.integrate()
+                return self.last()
+            with self.problem.only(chosen):
+                self.problem.integrate()
+            return self.last(np.flatnonzero(chosen))
+
+    def last(self, instances: NDArray[np.intp] | slice = slice(None)) -> Evaluation:
+        """What the last integration said of some instances, without another one."""
+        problem, n = self.problem, self.problem.unknown_count
+        slopes, moved = problem.aimed(*self.free)
+        residual, failed = problem.read("residual")[instances], problem.fault.numpy()[instances] != 0
+        result = Evaluation(
+            residual,
+            problem.read("gamma").reshape(-1, n, n)[instances],
+            slopes[instances],
+            problem.read("position")[instances],
+            problem.read("rotation").reshape(-1, 3, 3)[instances],
+            np.array(problem.pose_columns.numpy()[:, :, :n])[instances],
+            moved[instances],
+            failed,
+        )
+        if failed.any():
+            for name in ("residual", "gamma", "slopes", "position", "rotation", "pose_by_unknowns", "pose_by_free"):
+                getattr(result, name)[failed] = np.nan
+        return result
+
+
+def options(robot: Assembly, free: Sequence[str]) -> dict[str, Any]:
+    """Options of ``robot.problem`` for a task with these freed inputs."""
+    return {"pose_sensitivities": True, "enabled": tuple(free), **robot.input_directions(*free)}
+
+
+def freed(field: str, robot: Assembly, free: object) -> tuple[str, ...]:
+    """Checked names of inputs to be freed.
+
+    Raises:
+        TypeError: If one is not an input of the robot, or they are no names.
+        ValueError: If there is none, or one twice, or it is a measurement.
+    """
+    names = (free,) if isinstance(free, str) else free
+    if not isinstance(names, (list, tuple)) or not all(isinstance(name, str) for name in names):
+        raise TypeError(f"{field} must be names of inputs, such as ('rotation', 'translation')")
+    specs = {spec.name: spec for spec in robot.input_specs}
+    unknown_names(field, names, specs)
+    if not names or len(set(names)) < len(names):
+        refuse(field, tuple(names), "must name one input or several, each once")
+    for name in names:
+        if specs[name].measured:
+            refuse(field, tuple(names), f"{name} is a measurement: it cannot be chosen")
+    return tuple(names)
+
+
+def input_units(robot: Assembly, free: Sequence[str]) -> FloatArray:
+    """(9) What counts as one of each freed number, shape (k,): 1 rad, a tenth of the longest rod's length, loads ``EI/L^2``."""
+    length, stiffness = robot.longest, robot.stiffest
+    sizes = []
+    for spec in (spec for name in free for spec in robot.input_specs if spec.name == name):
+        unit = {"rad": 1.0, "m": 0.1 * length}.get(spec.unit, 1.0)
+        if spec.load is not None and spec.acts in ("tip", "along") and spec.unit in ("N", "N m", "N/m"):
+            unit = stiffness / length**spec.power
+        elif spec.name == "tension":
+            unit = stiffness / length**2
+        sizes += [unit] * spec.size(robot.rod_count)
+    return np.array(sizes)

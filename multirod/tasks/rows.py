@@ -1,0 +1,220 @@
+"""Rows of a task: what is asked of an equilibrium, or measured of it. Numbers in parentheses: ``docs/tasks.md``."""
+
+from dataclasses import dataclass
+from typing import Any, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod.assembly import is_rotation, not_turned
+from multirod.batch import IntArray, take
+from multirod.rotations import cross, cross_matrix, vectors
+from multirod.tasks.formulation import Evaluation
+from multirod.types import Numbers
+from multirod.validation import Described, FloatArray, array, refuse
+
+SMALLEST_AXIS = 1e-100  # whose square still is a number
+NEAR = 1e-3  # of 1 less a cosine, below which the angle over its sine is a series
+
+
+class Rows(Protocol):
+    """Rows of a task for each of its instances."""
+
+    @property
+    def count(self) -> int:
+        """Rows ``m``."""
+
+    def at(self, found: Evaluation) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """``W (h - y)`` (b, m), and its derivatives by the unknowns (b, m, n) and by what is freed (b, m, k)."""
+
+
+class Pose:
+    """A pose of the end effector, or a part of it: a target, or a measurement.
+
+    Given are a position, and beside it or alone either a rotation (three rows more) or a direction (two). All may have leading
+    axes ``...``, one entry an instance.
+
+    Args:
+        position: In the world [m], shape (..., 3).
+        rotation: Body to world, shape (..., 3, 3).
+        axis: Direction in the world that the z axis of the end effector has, of any length, shape (..., 3).
+        sigma: Standard deviations of a measurement: of the position [m] and of the angles [rad], a pair, or one number where only
+            one of the two is given. None of a target.
+
+    Raises:
+        ValueError: If a rotation is none, an axis is zero, ``sigma`` is not > 0, both or none of rotation and axis are given
+            without a position, or leading axes do not broadcast.
+    """
+
+    def __init__(
+        self,
+        *,
+        position: Numbers | None = None,
+        rotation: Numbers | None = None,
+        axis: Numbers | None = None,
+        sigma: Numbers | None = None,
+    ) -> None:
+        if rotation is not None and axis is not None:
+            refuse("Pose.axis", axis, "must not be given beside rotation, of which it is a part")
+        if position is None and rotation is None and axis is None:
+            raise ValueError("Pose needs a position, a rotation or an axis")
+        self.position = None if position is None else _vector("Pose.position", position)
+        self.rotation = None if rotation is None else _rotation(rotation)
+        self.axis = None if axis is None else _direction(axis)
+        self.sigma = None if sigma is None else _sigma(sigma, self.position is not None, self.position is None or self.count > 3)
+        try:
+            self.batch_shape: tuple[int, ...] = np.broadcast_shapes(*(value.shape[:-tail] for value, tail in self._parts()))
+        except ValueError:
+            refuse("Pose", Described(f"leading axes {[v.shape[:-t] for v, t in self._parts()]}"), "must broadcast")
+
+    def _parts(self) -> list[tuple[FloatArray, int]]:
+        parts = ((self.position, 1), (self.rotation, 2), (self.axis, 1))
+        return [(value, tail) for value, tail in parts if value is not None]
+
+    @property
+    def count(self) -> int:
+        """Rows: 3 of a position, 3 of a rotation, 2 of an axis."""
+        return 3 * (self.position is not None) + 3 * (self.rotation is not None) + 2 * (self.axis is not None)
+
+    @property
+    def complete(self) -> NDArray[np.bool_]:
+        """Whether all numbers are there, none NaN, shape (...)."""
+        sound = [np.isfinite(value).all(axis=tuple(range(-tail, 0))) for value, tail in self._parts()]
+        return np.broadcast_to(np.logical_and.reduce(np.broadcast_arrays(*sound)), self.batch_shape)
+
+    def rows(self, length: float, batch_shape: tuple[int, ...] = (), instances: IntArray | None = None) -> "PoseRows":
+        """The rows of some instances of a batch to whose leading axes this broadcasts.
+
+        Without ``sigma`` positions count over ``length**2`` and angles over ``length``, as residuals do [1/m].
+        """
+
+        def taken(value: FloatArray | None, tail: int) -> FloatArray | None:
+            return None if value is None else np.asarray(take(value, batch_shape, instances, tail=tail))
+
+        weight = np.array([1 / length**2, 1 / length]) if self.sigma is None else 1 / self.sigma
+        return PoseRows(taken(self.position, 1), taken(self.rotation, 2), taken(self.axis, 1), weight)
+
+    def __repr__(self) -> str:
+        names = [name for name in ("position", "rotation", "axis", "sigma") if getattr(self, name) is not None]
+        return f"Pose({', '.join(names)}; {self.count} rows, batch {self.batch_shape})"
+
+
+@dataclass(frozen=True)
+class PoseRows:
+    """The rows of a ``Pose``, one entry an instance, or one for all.
+
+    Attributes:
+        position: Shape (b, 3), or None.
+        rotation: Shape (b, 3, 3), or None.
+        axis: Unit vectors (b, 3), or None.
+        weight: What rows of the position and of the angles are multiplied by, shape (2,).
+    """
+
+    position: FloatArray | None
+    rotation: FloatArray | None
+    axis: FloatArray | None
+    weight: FloatArray
+
+    @property
+    def count(self) -> int:
+        """Rows."""
+        return 3 * (self.position is not None) + 3 * (self.rotation is not None) + 2 * (self.axis is not None)
+
+    def take(self, instances: Any) -> Self:
+        """Those of some instances, by an index of the first axis."""
+        values = (self.position, self.rotation, self.axis)
+        position, rotation, axis = (None if value is None else value[instances] for value in values)
+        return type(self)(position, rotation, axis, self.weight)
+
+    def at(self, found: Evaluation) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """As ``Rows`` say; (4) of a position, (5) of a rotation, (6) of an axis."""
+        errors, maps = self.errors(found.position, found.rotation)
+        return errors, maps @ found.pose_by_unknowns, maps @ found.pose_by_free
+
+    def errors(self, position: FloatArray, rotation: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """``W (h - y)`` (b, m) at poses, and its derivative by the pose's six rows, shape (b, m, 6)."""
+        count = len(position)
+        errors, maps = np.zeros((count, self.count)), np.zeros((count, self.count, 6))
+        row = 0
+        if self.position is not None:
+            errors[:, :3] = self.weight[0] * (position - self.position)
+            maps[:, :3, :3] = self.weight[0] * np.eye(3)
+            row = 3
+        if self.rotation is not None:
+            turn = vectors(rotation @ np.swapaxes(self.rotation, -1, -2))
+            errors[:, row:] = self.weight[1] * turn
+            maps[:, row:, 3:] = self.weight[1] * inverse_left_jacobian(turn)
+        if self.axis is not None:
+            tilt, change = _tilt(rotation[..., :, 2], np.broadcast_to(self.axis, (count, 3)))
+            errors[:, row:] = self.weight[1] * tilt
+            maps[:, row:, 3:] = self.weight[1] * change
+        return errors, maps
+
+
+def inverse_left_jacobian(a: FloatArray) -> FloatArray:
+    """(5) Change of the rotation vector ``a`` (..., 3) by a rotation vector, in the outer frame, of what it turns."""
+    square = (a**2).sum(axis=-1)
+    angle = np.sqrt(square)
+    small = angle < 1e-2
+    half = 0.5 * np.where(small, 1.0, angle)
+    second = np.where(small, 1 / 12 + square / 720, (1 - half * np.cos(half) / np.sin(half)) / (4 * half**2))
+    K = cross_matrix(a)
+    return np.asarray(np.eye(3) - 0.5 * K + second[..., None, None] * (K @ K))
+
+
+def _tilt(tangent: FloatArray, axis: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(6) How ``tangent`` (b, 3) is tilted from ``axis`` about two directions across it (b, 2), and its derivative (b, 2, 3)."""
+    first = cross(axis, np.eye(3)[np.argmin(np.abs(axis), axis=-1)])
+    first = first / np.linalg.norm(first, axis=-1, keepdims=True)
+    across = np.stack([first, cross(axis, first)], axis=-2)
+    cosine = (axis * tangent).sum(axis=-1)
+    turned = cross(axis, tangent)
+    u = 1 - cosine
+    near = u < NEAR
+    angle = np.arctan2(np.linalg.norm(turned, axis=-1), cosine)
+    sine2 = np.where(near, 1.0, np.maximum(1 - cosine**2, 1e-300))
+    far = angle / np.sqrt(sine2)
+    quotient = np.where(near, 1 + u * (1 / 3 + u * (2 / 15 + u * 2 / 35)), far)
+    slope = np.where(near, -(1 / 3 + u * (4 / 15 + u * 6 / 35)), (cosine * far - 1) / sine2)
+    moved = cosine[..., None, None] * np.eye(3) - tangent[..., :, None] * axis[..., None, :]
+    by_cosine = -turned  # cosine changes by w . (tangent x axis)
+    change = quotient[..., None, None] * moved + slope[..., None, None] * turned[..., :, None] * by_cosine[..., None, :]
+    return quotient[..., None] * (across @ turned[..., None])[..., 0], across @ change
+
+
+def _vector(field: str, value: Any) -> FloatArray:
+    """Numbers (..., 3), which may be NaN: of a sensor that dropped out."""
+    result = array(field, value, (3,), finite=False)
+    if np.isinf(result).any():
+        refuse(field, value, "must be finite, or NaN where there is no measurement")
+    return result
+
+
+def _rotation(value: Any) -> FloatArray:
+    """Rotations (..., 3, 3), which may be NaN."""
+    result = array("Pose.rotation", value, (3, 3), finite=False)
+    missing = np.isnan(result).any(axis=(-2, -1), keepdims=True)
+    whole = np.where(missing, np.eye(3), result)
+    if whole.size and not is_rotation(whole):
+        refuse("Pose.rotation", value, f"must be a rotation: {not_turned(whole)}")
+    return result
+
+
+def _direction(value: Any) -> FloatArray:
+    """Unit vectors (..., 3), which may be NaN."""
+    result = _vector("Pose.axis", value)
+    size = np.linalg.norm(result, axis=-1, keepdims=True)
+    if (size <= SMALLEST_AXIS).any():
+        refuse("Pose.axis", value, "must not be zero")
+    return np.asarray(result / size)
+
+
+def _sigma(value: Any, position: bool, angles: bool) -> FloatArray:
+    """Standard deviations of position and angles, (2,)."""
+    result = array("Pose.sigma", value, finite=False)
+    both = position and angles
+    if result.shape not in (((2,),) if both else ((), (1,), (2,))):
+        refuse("Pose.sigma", value, "must be a pair: of the position [m] and of the angles [rad]" if both else "must be a number")
+    if not ((result > 0) & np.isfinite(result)).all():
+        refuse("Pose.sigma", value, "must be finite and > 0")
+    return np.broadcast_to(result, (2,))
