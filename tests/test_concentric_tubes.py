@@ -444,6 +444,20 @@ def test_a_follower_force_of_zero_changes_no_equilibrium(robot):
         mr.solve(robot, dead, guess=with_force.read("unknowns")[0])  # these are of other inputs
 
 
+@pytest.mark.parametrize("robot", [three(), mr.SingleRod(INNER)], ids=["tubes", "rod"])
+def test_an_unloaded_robot_takes_the_unknowns_of_a_loaded_one(robot):
+    """Also those of a force that follows the tip, which it has not: it leaves them out."""
+    place = PLACE if robot.rod_count > 1 else {"rotation": 0.3}
+    integrator = mr.RK45(steps=60)
+    alone = robot.problem(robot.inputs(**place), integrator=integrator)
+    more = robot.problem(robot.inputs(**place), integrator=integrator, enabled=("follower_force",)).guess()[0]
+    solver = mr.Shooting(integrator=integrator)
+    guessed = mr.solve(robot, robot.inputs(**place), solver=solver, guess=more).raise_if_failed()
+    kept = mr.solve(robot, robot.inputs(**place), solver=solver, guess=alone.adopt(more[None])[0])
+    assert len(more) > guessed.unknown_count
+    np.testing.assert_array_equal(guessed.unknowns, kept.unknowns)
+
+
 def test_unknowns_that_fit_no_problem_are_refused(pair):
     for inputs in (pair.inputs(), pair.inputs(tip_force=(0, 0, 1))):
         with pytest.raises(ValueError, match=r"guess = array of shape \(1, 3\) is not allowed: must have shape \(\.\.\., "):

@@ -72,8 +72,10 @@ def solve(
         robot: The assembly.
         inputs: Made by ``robot.inputs(...)``; none are all zero.
         solver: ``Shooting()`` by default.
-        guess: Where to start: a ``Solution``, also one under other loads, or unknowns (..., n). Without it, the equilibrium on
-            the natural branch is meant: the one reached from the unloaded assembly by raising all loads in proportion.
+        guess: Where to start: a ``Solution``, also one under other loads, or unknowns (..., n). A robot without loads takes the
+            more unknowns of the same robot under loads too, and leaves out those that it has not. Without a guess, the
+            equilibrium on the natural branch is meant: the one reached from the unloaded assembly by raising all loads in
+            proportion.
         device: Warp device.
         threads: That share the parts of a batch on the CPU; one for each core by default.
         instances: Numbers, in the flattened batch, of the only ones to be solved, shape (k,): the result has that shape.
@@ -310,7 +312,7 @@ def _guess(guess: Any, problem: BoundaryProblem, count: int, piece: slice) -> Fl
         refuse("guess", Described(f"array of shape {values.shape}"), f"must have shape (..., {problem.unknown_count})")
     flat = values.reshape(-1, values.shape[-1] if values.ndim else 1)
     longer = flat.shape[1] > problem.unknown_count and not isinstance(guess, Solution)
-    if longer and problem.load_scale().any():  # unloaded tubes take the unknowns of loaded ones too
+    if longer and problem.load_scale().any():  # what is unloaded takes the unknowns of what is loaded too
         refuse("guess", Described(f"array of shape {values.shape}"), f"must have shape (..., {problem.unknown_count})")
     if len(flat) not in (1, count):
         refuse("guess", Described(f"array of shape {values.shape}"), f"must broadcast to {count} instances")

@@ -1,6 +1,7 @@
 """Solving one chunk, wherever an executor takes it."""
 
 import traceback
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.assembly import Assembly
+from multirod.events import BranchEvent
 from multirod.inputs import Inputs
 from multirod.running.simulation import solve
+from multirod.solution import Solution
 from multirod.solver import Solver
 from multirod.studies.sweeps.table import Arrays
 
@@ -27,12 +30,18 @@ FURTHER = (
     "condition",
     "determinant",
     "energy",
+    "event_count",
+    "event_load_factor",
     "gamma",
     "index",
     "potential",
     "smallest_singular_value",
     "stability",
 )
+OF_EVENTS: dict[str, Callable[[tuple[BranchEvent, ...]], float]] = {
+    "event_count": len,
+    "event_load_factor": lambda events: events[0].load_factor if events else np.nan,
+}
 
 
 @dataclass(frozen=True)
@@ -68,7 +77,13 @@ class Chunk:
         """Solve, and return the quantities by name, each of shape (instance, ...)."""
         options = self.options if self.instances is None else {**self.options, "instances": self.instances}
         solution = solve(self.robot, self.inputs, solver=self.solver, progress=False, **options)
-        return {name: np.asarray(getattr(solution, name)) for name in self.quantities}
+        return {name: _taken(solution, name) for name in self.quantities}
+
+
+def _taken(solution: Solution[Any], name: str) -> NDArray[Any]:
+    if name in OF_EVENTS:
+        return np.array([OF_EVENTS[name](events) for events in solution.events])
+    return np.asarray(getattr(solution, name))
 
 
 @dataclass(frozen=True)
