@@ -26,7 +26,7 @@ PICTURES = {
     },
     "docs/branches.md": {"plot_snap": 'history.plot("tip")'},
 }  # of each page, and each a line of it
-EXAMPLES = ("paper_rod", "surgical_tubes", "six_legs")
+EXAMPLES = ("paper_rod", "surgical_tubes", "six_legs", "silicone_segment", "parallel_tubes")
 DPI = 80
 
 

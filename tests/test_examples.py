@@ -70,6 +70,20 @@ def test_six_legs_are_as_long_as_a_published_program_has_them(example, tmp_path)
     assert (tmp_path / "legs.png").stat().st_size > 10_000
 
 
+def test_a_segment_of_silicone_is_where_its_energy_is_least(example, tmp_path):
+    free, loaded = example("silicone_segment.py").main(["--out", str(tmp_path / "segment.png")])
+    assert free < 1e-9  # of 0.1 m: RK45 at 1e-8, an arc
+    assert loaded < 1e-9
+    assert (tmp_path / "segment.png").stat().st_size > 10_000
+
+
+def test_tubes_that_share_a_platform_are_where_its_energy_has_them(example, tmp_path):
+    compliance, gap = example("parallel_tubes.py").main(["--out", str(tmp_path / "tubes.png")])
+    assert compliance < 1e-9
+    assert gap < 1e-7  # of 0.15 m: steps of 1e-3 N, whose square is some 1e-9 of the way
+    assert (tmp_path / "tubes.png").stat().st_size > 10_000
+
+
 def test_the_papers_wire_has_the_papers_boundary_error(example, tmp_path):
     found = example("paper_rod.py").main(["--out", str(tmp_path / "rod.png")])
     boundary, tip = found[0.2]

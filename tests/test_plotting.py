@@ -4,6 +4,7 @@ import importlib.util
 import re
 import sys
 from pathlib import Path
+from runpy import run_path
 
 import matplotlib
 import numpy as np
@@ -216,6 +217,15 @@ def test_lines_say_their_tension():
     ax = found.plot()
     drawn(ax, found.line("left", nodes=51).position)
     assert labels(ax) == [f"left, {found.tension[0]:.3g} N"]
+
+
+def test_chambers_say_their_pressure_and_are_within_the_rod():
+    robot = run_path(str(ROOT / "examples" / "silicone_segment.py"))["segment"]()
+    found = mr.solve(robot, robot.inputs(pressure=(0, 6e4, 6e4)))
+    ax = found.plot()
+    assert labels(ax) == ["chamber 1, 0 kPa", "chamber 2, 60 kPa", "chamber 3, 60 kPa"]
+    body = next(line for line in ax.lines if line.get_alpha() == 0.25)
+    assert body.get_linewidth() > max(line.get_linewidth() for line in ax.lines if line is not body)
 
 
 def test_discs_are_around_the_rod():

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from multirod.models.assemblies.parallel_rods import InverseParallelRods, ParallelRods
+from multirod.models.backbone.lines import Chamber
 from multirod.models.joint_kernels import JOINTS
 from multirod.plotting.canvas import COMPONENTS, STYLES, colors_of, in_space, legend, matplotlib
 from multirod.plotting.family import Family
@@ -18,6 +19,7 @@ from multirod.validation import FloatArray
 _FLATTEST = 0.45  # least extent of the box over its largest, or ticks lie on each other
 _ZOOM = 0.88  # leaves room for labels
 _THINNEST, _THICKEST = 1.0, 14.0  # [pt]
+_BODY = 0.25  # opacity of a rod with chambers, which are within it
 _ARROW = 0.25  # of the robot's size: the longest arrow of a kind
 _TRIAD = 0.09  # of the same: axes of a frame
 _ALONG = 9  # arrows of what acts along a rod
@@ -130,8 +132,8 @@ def _points_per_metre(ax: Any) -> float:
     return float(np.linalg.norm(places[1] - places[0]) / step * 72.0 / ax.figure.dpi)
 
 
-def _width(radius: float, scale: float) -> float:
-    return float(np.clip(2 * radius * scale, _THINNEST, _THICKEST))
+def _width(radius: float, scale: float, thickest: float = _THICKEST) -> float:
+    return float(np.clip(2 * radius * scale, _THINNEST, thickest))
 
 
 def _rods(ax: Any, family: Family, drawn: list[DrawnRod], shapes: dict[int, Shape], scale: float) -> None:
@@ -144,8 +146,11 @@ def _rods(ax: Any, family: Family, drawn: list[DrawnRod], shapes: dict[int, Shap
         named = len(drawn) > 1 or bool(family.solution.assembly.rods[k].name)
         style = {"solid_capstyle": "butt", "zorder": 3 + 0.001 * order}
         if colors is None:
+            look = {"lw": widths[k]}
+            if any(isinstance(line, Chamber) for line in family.solution.assembly.rods[k].lines):
+                look = {"lw": _width(rod.radius, scale, np.inf), "alpha": _BODY}
             for nodes in shape.position[None] if len(family) else []:
-                ax.plot(*nodes.T, color=own[k], lw=widths[k], label=rod.name if named else None, **style)
+                ax.plot(*nodes.T, color=own[k], label=rod.name if named else None, **look, **style)
             continue
         for nodes, color in zip(shape.position, colors, strict=True):
             ax.plot(*nodes.T, color=color, lw=min(widths[k], 2.5), **style)
@@ -219,8 +224,10 @@ def _lines(ax: Any, solution: Solution, drawn: list[DrawnRod], rods: list[int], 
     for k, (line, (rod, _)) in enumerate(zip(drawn_lines(solution.assembly, drawn), own, strict=True)):
         if rod not in rods:
             continue
-        width = _width(line.radius, scale) if line.radius else 1.2
+        width = _width(line.radius, scale, np.inf) if line.radius else 1.2
         said = f"{line.name}, {tension[k]:.3g} N"
+        if line.radius:
+            said = f"{line.name}, {-1e-3 * tension[k] / (np.pi * line.radius**2) + 0.0:.3g} kPa"
         style: dict[str, Any] = {"color": _LINES[k % len(_LINES)], "linestyle": STYLES[k // len(_LINES) % len(STYLES)]}
         ax.plot(
             *solution.line(k, nodes=nodes).position.T, lw=width, alpha=0.8, label=said, zorder=3.5, solid_capstyle="butt", **style

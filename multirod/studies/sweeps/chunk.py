@@ -82,7 +82,7 @@ class Chunk:
 
 def _taken(solution: Solution[Any], name: str) -> NDArray[Any]:
     if name in OF_EVENTS:
-        return np.array([OF_EVENTS[name](events) for events in solution.events])
+        return np.array([OF_EVENTS[name](events) for events in np.asarray(solution.events)])
     return np.asarray(getattr(solution, name))
 
 
