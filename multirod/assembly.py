@@ -88,9 +88,18 @@ class Assembly(ABC):
         return {}
 
     def input_directions(self, *names: str) -> dict[str, Any]:
-        """Options of ``problem`` that give it the directions which ``BoundaryProblem.input_columns`` needs for some inputs."""
-        specs = {spec.name: spec for spec in self.input_specs}
-        return {"direction_count": sum(specs[name].size(self.rod_count) for name in names)}
+        """Options of ``problem`` that give it the directions which ``BoundaryProblem.input_columns`` needs for some inputs, or
+        parameters of the robot."""
+        return {"direction_count": sum(self.column_count(name) for name in names)}
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Parameters of the robot by which its problems give derivatives, beside those by inputs."""
+        return ()
+
+    def column_count(self, name: str) -> int:
+        """How many columns derivatives by an input have, or by one of ``parameters``."""
+        return next(spec.size(self.rod_count) for spec in self.input_specs if spec.name == name)
 
     def with_rods(self, rods: Sequence[Rod]) -> Self:
         """The same assembly of other rods, as many, and as long."""

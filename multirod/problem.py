@@ -405,11 +405,18 @@ class BoundaryProblem(Uncopied, ABC):
         """Point the directions along each component of some inputs: every integration from now on gives its columns."""
         directions = np.zeros(self.directions.shape)
         column = 0
-        for place in map(self.input_slice, names):
-            for k in range(place.start, place.stop):
-                directions[:, column, k] = 1.0
-                column += 1
+        for name in names:
+            own = self.directions_by(name)
+            directions[:, column : column + own.shape[1]] = own
+            column += own.shape[1]
         self.directions.assign(directions)
+
+    def directions_by(self, name: str) -> FloatArray:
+        """Directions along each component of an input, shape (instance_count or 1, k, directions.shape[2])."""
+        place = self.input_slice(name)
+        rows = np.zeros((1, place.stop - place.start, self.directions.shape[2]))
+        rows[0, :, place] = np.eye(rows.shape[1])
+        return rows
 
     def aimed(self, *names: str) -> tuple[FloatArray, FloatArray]:
         """What ``input_columns`` returns, of the last integration after ``aim(*names)``."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from multirod import plausibility, profile
 from multirod.batch import take
@@ -566,6 +567,7 @@ class RodArrays:
             power below, shape (batch, rod_count, section_count, 16 or more). Of eccentric rods, their
             offsets [m] stand there, and the torsional compliance of the line, which is zero.
         precurvature: Polynomial coefficients, shape (batch, rod_count, section_count, 3 (degree + 1)).
+        section: Which of its rod's sections each piece belongs to, shape (batch, rod_count, section_count).
         degree: Degree of the polynomials.
         shear: Whether any rod shears or extends.
         anisotropic: Whether any bending stiffness differs between the axes.
@@ -582,6 +584,7 @@ class RodArrays:
     end: FloatArray
     material: FloatArray
     precurvature: FloatArray
+    section: NDArray[np.intp]
     degree: int
     shear: bool
     anisotropic: bool
@@ -595,7 +598,7 @@ class RodArrays:
     batch_shape: tuple[int, ...] = field(default=())
 
     def __post_init__(self) -> None:
-        for name in ("end", "material", "precurvature"):
+        for name in ("end", "material", "precurvature", "section"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
     def take(self, batch_shape: tuple[int, ...], instances: Any = None) -> "RodArrays":
@@ -615,7 +618,7 @@ class RodArrays:
         return replace(self, batch_shape=batch_shape, **self._rows(batch_shape, None))
 
     def _rows(self, batch_shape: tuple[int, ...], instances: Any) -> dict[str, Any]:
-        values = {"end": self.end, "material": self.material, "precurvature": self.precurvature}
+        values = {name: getattr(self, name) for name in ("end", "material", "precurvature", "section")}
         shaped = {name: value.reshape(*self.batch_shape, *value.shape[1:]) for name, value in values.items()}
         return {name: take(value, batch_shape, instances, tail=values[name].ndim - 1) for name, value in shaped.items()}
 
@@ -626,7 +629,7 @@ def stack(backbones: Sequence[RodArrays], batch_shape: tuple[int, ...]) -> RodAr
     terms = max(arrays.precurvature.shape[3] for arrays in backbones)
     width = max(arrays.material.shape[3] for arrays in backbones)
 
-    def padded(value: FloatArray) -> FloatArray:
+    def padded(value: NDArray[Any]) -> NDArray[Any]:
         """Rods end with sections of no length, as ``lower`` pads them."""
         last = np.repeat(value[:, :, -1:], sections - value.shape[2], axis=2)
         return np.concatenate([value, last], axis=2)
@@ -635,7 +638,7 @@ def stack(backbones: Sequence[RodArrays], batch_shape: tuple[int, ...]) -> RodAr
         """Functions of members have no terms of higher powers."""
         return np.pad(value, ((0, 0), (0, 0), (0, 0), (0, width - value.shape[3])))
 
-    def joined(values: list[FloatArray]) -> FloatArray:
+    def joined(values: list[Any]) -> Any:
         together = np.stack([padded(value) for value in values], axis=1)
         return together.reshape(-1, *together.shape[2:])
 
@@ -648,6 +651,7 @@ def stack(backbones: Sequence[RodArrays], batch_shape: tuple[int, ...]) -> RodAr
                 for arrays in backbones
             ]
         ),
+        section=joined([arrays.section for arrays in backbones]),
         degree=max(arrays.degree for arrays in backbones),
         shear=any(arrays.shear for arrays in backbones),
         anisotropic=any(arrays.anisotropic for arrays in backbones),
@@ -722,13 +726,14 @@ def lower(rods: Sequence[Rod], offsets: FloatArray | None = None) -> RodArrays:
         place = (s, start.reshape(batch_shape), end.reshape(batch_shape))
         return np.stack(own + [batch(value) for value in _carried(rods, rod, section, *place, member_degree)], -1)
 
-    columns: list[list[tuple[FloatArray, FloatArray, FloatArray]]] = []
+    columns: list[list[tuple[Any, ...]]] = []
     for k, rod in enumerate(rods):
         aside = [] if offsets is None else [batch(value) for value in (*offsets[k], 0.0)]
-        column: list[tuple[FloatArray, FloatArray, FloatArray]] = []
+        column: list[tuple[Any, ...]] = []
         end = np.zeros(math.prod(batch_shape))
         cuts = sorted({cut for member in rod.carried for cut in member.cuts})
-        for section in rod.sections:
+        for place, section in enumerate(rod.sections):
+            which = np.full(end.size, place)
             bending, shear = section.bending_stiffness, section.shear_stiffness
             parts = [bending[..., 0], bending[..., 1], section.torsional_stiffness]
             inverses = [*parts, shear[..., 0], shear[..., 1], section.axial_stiffness]
@@ -753,23 +758,24 @@ def lower(rods: Sequence[Rod], offsets: FloatArray | None = None) -> RodArrays:
                 # what is pushed out of the base continues the first section, as it is there
                 constant = np.zeros((end.size, degree + 1, 3))
                 constant[:, 0] = at_base
-                column.append((end, made_of(k, section, own, 0.0, end, end), constant.reshape(end.size, -1)))
+                column.append((end, made_of(k, section, own, 0.0, end, end), constant.reshape(end.size, -1), which))
             for last, coefficients in curves:
                 for s, start, stop in _cut(end, last, cuts):
                     moved = profile.recentred(coefficients, end, last, start, stop)
                     curved = np.broadcast_to(moved, (end.size, degree + 1, 3)).reshape(end.size, -1)
-                    column.append((stop, made_of(k, section, own, s, start, stop), curved))
+                    column.append((stop, made_of(k, section, own, s, start, stop), curved, which))
                 end = last
         columns.append(column)
     count = max(len(column) for column in columns)
     for column in columns:
         column += [column[-1]] * (count - len(column))
-    stacked = [np.stack([np.stack([entry[k] for entry in column], 1) for column in columns], 1) for k in range(3)]
+    stacked = [np.stack([np.stack([entry[k] for entry in column], 1) for column in columns], 1) for k in range(4)]
     material = stacked[1]
     return RodArrays(
         end=stacked[0],
         material=material,
         precurvature=stacked[2],
+        section=stacked[3],
         degree=degree,
         shear=bool((material[..., 6:9] > 0).any()),
         anisotropic=bool((material[..., 0] != material[..., 1]).any()),

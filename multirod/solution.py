@@ -34,6 +34,7 @@ from multirod.types import (
     Name,
     Named,
     Numbers,
+    Parameter,
     Quantity,
     QuantityOverTime,
     SaveOptions,
@@ -523,22 +524,27 @@ class Solution(Generic[Robot_co]):
 
     def jacobian(
         self: "Solution[Named[Name]]",  # type: ignore[type-var]  # a robot, by what its inputs are called
-        *names: Name,
+        *names: "Name | Parameter",
         of: Literal["pose", "line_length"] = "pose",
     ) -> FloatArray:
-        """Derivative of the end effector's pose by an input or several, at equilibrium, or of the lengths of lines.
+        """Derivative of the end effector's pose by inputs or parameters of the robot, at equilibrium, or of the lengths of lines.
 
         Several take one integration together: ``jacobian("rotation", "translation")`` has the columns of each beside each other,
         in the order named.
 
         Args:
-            *names: Inputs, such as ``"tip_force"`` (then it is the compliance) or ``"rotation"``.
+            *names: Inputs, such as ``"tip_force"`` (then it is the compliance) or ``"rotation"``, or ``"precurvature"`` [1/m],
+                ``"bending_stiffness"``, ``"torsional_stiffness"`` [N m^2], ``"length"`` [m] of each section of each rod,
+                ``"base"``, and of legs ``"platform"`` (``docs/derivatives.md`` says what stays as it is meanwhile).
             of: ``"pose"`` or ``"line_length"``.
 
         Returns:
             Shape (..., 6, k): position rows [m per unit], then rotation-vector rows [rad per unit], both in the world
             frame; one column for each component of an input, or each rod or line. Of lengths, shape (..., line_count, k) [m per
-            unit].
+            unit]. Columns by parameters run over rods, then over as many sections of each as any has, then over components: three
+            of ``precurvature``, ``EI_x`` and ``EI_y`` of ``bending_stiffness``; columns of sections that a rod has not are zero.
+            Of ``base`` position, then rotation vector about it, in the world; of legs, of each. Of ``platform`` the same for each
+            leg's attachment, in the frame of the platform.
 
         Raises:
             TypeError: If the assembly takes no such input, or none is named.
@@ -550,28 +556,29 @@ class Solution(Generic[Robot_co]):
     def _jacobian(self, names: tuple[object, ...], of: str) -> FloatArray:
         choice("of", of, ("pose", "line_length"))
         specs = {spec.name: spec for spec in self.assembly.input_specs}
+        allowed = (*specs, *self.assembly.parameters)
         if not names:
-            raise TypeError("jacobian(name) needs an input or several: it takes " + ", ".join(specs))
+            raise TypeError("jacobian(name) needs an input or several: it takes " + ", ".join(allowed))
         known: list[str] = []
         for name in names:
-            if not isinstance(name, str) or name not in specs:
-                hint = meant(name, specs) if isinstance(name, str) else ""
-                raise TypeError(f"jacobian(name) takes no {shown(name)}: it takes " + ", ".join(specs) + hint)
+            if not isinstance(name, str) or name not in allowed:
+                hint = meant(name, allowed) if isinstance(name, str) else ""
+                raise TypeError(f"jacobian(name) takes no {shown(name)}: it takes " + ", ".join(allowed) + hint)
             known.append(name)
         # a follower force is an unknown's worth of equations more, but to first order only its direction counts
-        twins = [specs[name].dead_twin if not self.inputs.is_active(name) else "" for name in known]
+        twins = [specs[name].dead_twin if name in specs and not self.inputs.is_active(name) else "" for name in known]
         result = self._columns_by([twin or name for name, twin in zip(known, twins, strict=True)], of)
         if not any(twins):
             return result
-        sizes = [specs[name].size(len(self.assembly.rods)) for name in known]
+        sizes = [self.assembly.column_count(name) for name in known]
         parts = np.split(result, np.cumsum(sizes)[:-1], axis=-1)
         turned = [part @ self.tip_rotation if twin else part for part, twin in zip(parts, twins, strict=True)]
         return np.asarray(frozen(np.concatenate(turned, axis=-1)))
 
     def _columns_by(self, names: Sequence[str], of: str) -> FloatArray:
-        """Derivatives by inputs whose terms are compiled in, in one integration."""
-        specs = {spec.name: spec for spec in self.assembly.input_specs}
-        count = sum(specs[name].size(len(self.assembly.rods)) for name in names)
+        """Derivatives by parameters, and by inputs whose terms are compiled in, in one integration."""
+        count = sum(self.assembly.column_count(name) for name in names)
+        enabled = tuple(name for name in names if name not in self.assembly.parameters)
         by_length = of == "line_length"
         rows = len(self._lines()) if by_length else 6
         if by_length and not self.assembly.length_columns:
@@ -589,11 +596,12 @@ class Solution(Generic[Robot_co]):
             shift = np.linalg.solve(gamma[sound], slopes[sound])
             result[sound] = moved[sound] - carried[sound, :, :n] @ shift
             for k, points in problem.breakpoints.items():
-                result[k] = np.nan if by_length else pose_jacobian(problem.segments, k, points)
+                by_inputs = not by_length and len(enabled) == len(names)
+                result[k] = pose_jacobian(problem.segments, k, points) if by_inputs else np.nan
             return (result,)
 
         options = self.assembly.input_directions(*names)
-        (result,) = self._gather(columns, pose_sensitivities=True, enabled=tuple(names), **options)
+        (result,) = self._gather(columns, pose_sensitivities=True, enabled=enabled, **options)
         return self._masked(result, (rows, count))
 
     def save(self, path: str | PathLike[str], **options: Unpack[SaveOptions]) -> None:

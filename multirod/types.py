@@ -160,6 +160,9 @@ class ShowOptions(RecordingOptions, total=False):
     """Of the viewer [px]."""
 
 
+Parameter: TypeAlias = Literal["precurvature", "bending_stiffness", "torsional_stiffness", "length", "base", "platform"]
+"""Of robots, by which ``Solution.jacobian`` differentiates, beside inputs."""
+
 Quantity: TypeAlias = Literal["shape", "curvature", "moment", "force", "strain"]
 """What ``Solution.plot`` draws."""
 

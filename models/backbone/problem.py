@@ -18,10 +18,21 @@ from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.integrators import AdaptiveIntegrator, Integrator
 from multirod.launch import LONGEST
 from multirod.models.backbone.conjugates import BackboneConjugates
+from multirod.models.backbone.designs import (
+    COMPONENTS,
+    FOLLOWS,
+    PARAMETERS,
+    Designs,
+    carried,
+    parameter_size,
+    refuse_unknown,
+    turned_loads,
+)
 from multirod.models.backbone.driven import DrivenLines
 from multirod.models.backbone.influence import Influence, influences
 from multirod.models.backbone.inputs import BACKBONE_INPUTS, DRIVES, LOADS
 from multirod.models.backbone.kernels.layout import arguments as kernels
+from multirod.models.backbone.kernels.layout.arguments import DesignOffsets
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.kernels.layout.layout import unknowns_of
 from multirod.models.backbone.members import drive_slices, drives, kinds
@@ -171,6 +182,7 @@ class BackboneProblem(BoundaryProblem):
         pose_sensitivities: bool = False,
         direction_count: int = 0,
         lengths: bool = False,
+        design: bool = False,
         enabled: Sequence[str] = (),
         held: bool = False,
         arrays: RodArrays | None = None,
@@ -190,6 +202,7 @@ class BackboneProblem(BoundaryProblem):
             "pose_sensitivities": pose_sensitivities,
             "direction_count": direction_count,
             "lengths": lengths,
+            "design": design,
             "held": held,
         }
         self.transmission = transmission
@@ -210,6 +223,9 @@ class BackboneProblem(BoundaryProblem):
             pose_sensitivities=pose_sensitivities,
             device=device,
         )
+        if design:
+            width = self.input_count + self.arrays.end[0].size * DesignOffsets(self.arrays.degree + 1).SIZE
+            self.directions = wp.zeros((self.instance_count, max(direction_count, 1), width), dtype=wp.float64, device=device)
         columns = n + direction_count
         # of lines: what ``lengths`` asks for
         self.line_length: Any = wp.zeros((self.instance_count, self.drive_count), dtype=wp.float64, device=device)
@@ -229,6 +245,7 @@ class BackboneProblem(BoundaryProblem):
         self.table = self._make_table(inputs)
         self.write("inputs", self.pack(inputs))
         self._passes: dict[Any, NodePass] = {}
+        self._followed: tuple[str, ...] = ()  # what directions by inputs and unknowns are by
         self._call = self._make_call(0)
         self.launch = self._record(self.features, self._call)
 
@@ -237,12 +254,12 @@ class BackboneProblem(BoundaryProblem):
     def _features(self, inputs: Inputs, pose: bool, pose_sensitivities: bool, direction_count: int) -> Features:
         active = (*inputs.active, *self.enabled)
         options: dict[str, Any] = {"rod_count": len(self.rods), "transmission": self.transmission, "held": self.held}
-        needed = scene_features(self.arrays, active, inputs.profiles, **options)
+        needed = replace(scene_features(self.arrays, active, inputs.profiles, **options), design=self.options["design"])
         columns: dict[str, Any] = {"pose_sensitivities": pose_sensitivities, "directions": direction_count > 0}
         features = replace(needed, pose=pose, lengths=self.options["lengths"] and bool(drives(needed.members)), **columns)
         asked = pose_sensitivities and direction_count > 0 and not self.held
         # who asks for a derivative of the pose soon asks for the shape or the stability: one kernel says all
-        may = asked and self.integrator.precision == "float64" and _may_look(features, self.integrator)
+        may = asked and not needed.design and self.integrator.precision == "float64" and _may_look(features, self.integrator)
         return _looking(features) if may else features
 
     # ---- arrays ----
@@ -301,7 +318,7 @@ class BackboneProblem(BoundaryProblem):
     def _record(self, features: Features, call: Any, table: Any = None, *, columns: tuple[int, int] | None = None) -> LanePass:
         """A launch; ``columns`` by unknowns and by directions, all by default."""
         # what looks at a solution, or judges it, is double precision whatever the solve's own integrations are
-        precision = "float64" if features.nodes else self.integrator.precision
+        precision = "float64" if features.nodes or features.design else self.integrator.precision
         return LanePass(
             features,
             self.integrator,
@@ -372,6 +389,7 @@ class BackboneProblem(BoundaryProblem):
 
     def _clear(self) -> None:
         super()._clear()
+        self._followed = ()
         for name in ("cut", "conjugates"):
             self.__dict__.pop(name, None)
 
@@ -398,7 +416,13 @@ class BackboneProblem(BoundaryProblem):
         start = 2 * n + 3 * kernels.INPUT_VECTORS.index(name)
         return slice(start, start + 3)
 
+    def aim(self, *names: str) -> None:  # noqa: D102
+        super().aim(*names)
+        self._followed = names if any(name in FOLLOWS for name in names) else ()
+
     def _integrate(self) -> None:
+        if self._followed:
+            super().aim(*self._followed)
         self.launch.launch()
 
     def focus(self, instances: IntArray | None = None) -> None:  # noqa: D102
@@ -458,6 +482,49 @@ class BackboneProblem(BoundaryProblem):
         scale = self.table.length_scale.numpy() / self.arrays.material[:, 0, 0, :2].max(axis=-1)
         force = call.read("node_total_force" if self.features.members else "node_force")
         return np.asarray(force[:, 0] * scale[:, None])
+
+    def base_torques(self) -> FloatArray:
+        """(10) What twists each rod behind the plate [N m], shape (instance_count, n)."""
+        x, features = self.read("unknowns"), self.features
+        unit = self.each(unit_stiffness(self.arrays.material[:, :, 0])[..., 2])
+        if not features.turning_count:
+            return np.asarray((x[:, 2:3] - self.each(self.arrays.precurvature[:, 0, 0, 2:3])) * unit)
+        result = np.zeros((self.instance_count, features.rod_count))
+        own = slice(features.rod_count - features.torque_count, None)
+        if features.torque_count:
+            result[:, own] = x[:, self.slots.places["torques"]] * unit[:, own]
+            if features.moment and not features.eccentric:
+                result[:, 0] = x[:, 2] * unit[:, 0]
+            elif not features.eccentric:
+                result[:, 0] = -result.sum(axis=1)
+        return result
+
+    def directions_by(self, name: str) -> FloatArray:
+        """As said, or along each number of a parameter."""
+        if name in COMPONENTS:
+            return Designs(self, name).rows()
+        return turned_loads(self) if name == "base" else super().directions_by(name)
+
+    def aimed(self, *names: str) -> tuple[FloatArray, FloatArray]:
+        """As said; by parameters too, the unknowns fixed."""
+        slopes, moved = super().aimed(*names)
+        first = 0
+        n = self.unknown_count
+        for name in names:
+            own = slice(first, first + self.directions_by(name).shape[1])
+            if name in COMPONENTS:
+                rates = Designs(self, name).unknown_rates()
+                slopes[:, :, own] -= self.read("gamma").reshape(-1, n, n) @ rates
+                moved[:, :, own] -= self.pose_columns.numpy()[:, :, :n] @ rates
+            elif name == "base":
+                moved[:, :, own] += carried(self.read("position") - self.base_position())
+            first = own.stop
+        return slopes, moved
+
+    def base_position(self) -> FloatArray:
+        """Of the base in the world [m], shape (instance_count, 3)."""
+        position = self.base[..., :3, 3]
+        return np.broadcast_to(position, (*self.batch_shape, 3)).reshape(-1, 3) if position.ndim > 1 else position[None]
 
     def curvature_scale(self) -> FloatArray:  # noqa: D102
         bent = np.abs(self.arrays.precurvature).reshape(*self.arrays.precurvature.shape[:3], -1, 3).sum(axis=(3, 4))
@@ -582,7 +649,7 @@ class BackboneProblem(BoundaryProblem):
     def _make_node_pass(
         self, node_count: int, chosen: bool, columns: bool, rod: int | None, unknowns: FloatArray | None, changes: dict[str, Any]
     ) -> "NodePass":
-        features = replace(self.features, nodes=False, node_columns=False, **changes)
+        features = replace(self.features, nodes=False, node_columns=False, design=False, **changes)
         if columns or _may_look(features, self.integrator):
             features = _looking(features)
         else:
@@ -708,7 +775,16 @@ class BackboneAssembly(Assembly):
         """Directions for the derivatives by some inputs; of rods with lines, of their lengths too."""
         if "translation" in names and any(kind.rubs for kind in self.arrays.members):
             raise NotImplementedError("the derivatives by translation of a rod whose line has friction are not known")
-        return {**super().input_directions(*names), **({"lengths": True} if drives(self.arrays.members) else {})}
+        refuse_unknown(names, self.rods)
+        design = {"design": True} if any(name in COMPONENTS for name in names) else {}
+        return {**super().input_directions(*names), **({"lengths": True} if drives(self.arrays.members) else {}), **design}
+
+    @property
+    def parameters(self) -> tuple[str, ...]:  # noqa: D102
+        return PARAMETERS
+
+    def column_count(self, name: str) -> int:  # noqa: D102
+        return parameter_size(name, self.rods) if name in PARAMETERS else super().column_count(name)
 
     @cached_property
     def arrays(self) -> RodArrays:

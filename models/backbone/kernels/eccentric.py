@@ -32,7 +32,7 @@ def make_eccentric_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simp
     State, Column = state.type, column.type
     part, keep, part_of, keep_in = state.part, state.keep, column.part, column.keep
     n = layout.n
-    VARIED = layout.VARIED and layout.DIRECTIONS
+    VARIED = (layout.VARIED or layout.DESIGN) and layout.DIRECTIONS
     s, p = layout.stretch, layout.place
     PRESENT, BENDING, TORSION, OFFSET, SHEATH = s["present"], s["bending"], s["torsion"], s["offset"], s["sheath"]
     UNIT_LENGTH = s["unit_length"]

@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from multirod.models.backbone.kernels.conditions import make_conditions
+from multirod.models.backbone.kernels.design import make_design_grid
 from multirod.models.backbone.kernels.instance import Instance
 from multirod.models.backbone.kernels.layout.arguments import (
     END,
@@ -659,6 +660,18 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
             for j in range(3):
                 call.lane[p, FORCE + j] = call.lane[p, FORCE + j] - taken[j]
 
+    moved_by_inputs = moved
+    if layout.DESIGN:
+        known = SimpleNamespace(
+            section_from=section_from,
+            section_end=section_end,
+            set_number=set_number,
+            find_end=find_end,
+            load_directions=load_directions,
+        )
+        changed = make_design_grid(layout, memory, W, d, known)
+        moved, mass_rate_until = changed.moved, changed.mass_rate_until
+        find_end, load_directions = changed.find_end, changed.load_directions
     if CARRIERS:
         parts = SimpleNamespace(section_from=section_from, set_number=set_number, counted=counted, make_drive=make_drive)
         load_stretch = load_members_of_tubes(layout, memory, W, d, parts, load_stretch)
@@ -667,7 +680,7 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         load_drive_columns=load_drive_columns,
         load_vector=load_vector,
         direction_vector=direction_vector,
-        moved=moved,
+        moved=moved_by_inputs,
         section_end=section_end,
         rod_end=rod_end,
         section_from=section_from,

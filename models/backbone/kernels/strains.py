@@ -11,6 +11,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from multirod.models.backbone.kernels.design import make_design_precurvature, make_design_strains
 from multirod.models.backbone.kernels.eccentric import make_eccentric_rods
 from multirod.models.backbone.kernels.layout.layout import Layout
 from multirod.models.backbone.kernels.members.rod import make_rod_with_members
@@ -23,13 +24,16 @@ def make_strains(layout: Layout, W: int, d) -> SimpleNamespace:
     """The law of one rod, (5), of one with members, (5m), of several that share a centreline, (7) and (8), with members or
     without, or side by side."""
     precurvature = make_precurvature(layout, W, d)
+    if layout.DESIGN:
+        precurvature = make_design_precurvature(layout, W, d, precurvature)
     if layout.ECCENTRIC:
         make = make_eccentric_rods
     elif layout.CARRIERS:
         make = partial(make_tubes_with_members, several=make_several_rods(layout, W, d, precurvature))
     else:
         make = make_rod_with_members if layout.features.members else make_one_rod if layout.n == 1 else make_several_rods
-    return SimpleNamespace(**(vars(precurvature) | vars(make(layout, W, d, precurvature))))
+    law = SimpleNamespace(**(vars(precurvature) | vars(make(layout, W, d, precurvature))))
+    return make_design_strains(layout, W, d, law) if layout.DESIGN and not layout.CARRIERS else law
 
 
 def make_precurvature(layout: Layout, W: int, d) -> SimpleNamespace:
@@ -92,7 +96,7 @@ def make_one_rod(layout: Layout, W: int, d, law: SimpleNamespace) -> SimpleNames
     COMPLIANCE, X, OWN_TWIST = layout.stretch["compliance"], layout.place["x"], layout.place["own_twist"]
     SHEAR_AT, EXTENSION_AT, SHEAR = layout.stretch["shear"], layout.place["extension"], layout.features.shear
     NODES = layout.NODES
-    VARIED = layout.VARIED and layout.DIRECTIONS
+    VARIED = (layout.VARIED or layout.DESIGN) and layout.DIRECTIONS
     precurvature, precurvature_variation = law.precurvature, law.precurvature_variation
 
     @wp.func
@@ -148,7 +152,7 @@ def make_several_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simple
     part, keep, part_of, keep_in = state.part, state.keep, column.part, column.keep
     n, TORQUES = layout.n, layout.TORQUES
     ANISOTROPIC = layout.features.anisotropic
-    VARIED = layout.VARIED and layout.DIRECTIONS
+    VARIED = (layout.VARIED or layout.DESIGN) and layout.DIRECTIONS
     s, p = layout.stretch, layout.place
     PRESENT, BENDING, BENDING_Y = s["present"], s["bending"], s["bending_y"]
     SOFTNESS, TORSION = s["softness"], s["torsion"]

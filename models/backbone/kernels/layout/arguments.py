@@ -37,6 +37,18 @@ class InputOffsets:
         self.PROFILE_FACTOR = self.DRIVES + drive_count
 
 
+class DesignOffsets:
+    """How a direction says, after its inputs, what changes of each section of each rod: the same numbers for each."""
+
+    def __init__(self, curvature_terms: int) -> None:
+        self.END = 0  # arclength of its end
+        self.BENDING = 1  # EI_x, EI_y
+        self.SOFTNESS = 3  # of the inverse of EI_x, EI_y and GJ, relative to it
+        self.SHIFT = 6  # of the law of its precurvature along the rod
+        self.PRECURVATURE = 7
+        self.SIZE = 7 + 3 * curvature_terms
+
+
 @wp.struct
 class RodTable:
     """Rods of a backbone; the first axis is the batch or has length 1."""

@@ -44,6 +44,7 @@ class Features:
         directions: Some of the columns are derivatives along directions in input space, equation (20).
         nodes: States are written at nodes along the arclength, and the elastic energy is integrated.
         node_columns: So are columns, of a model with all its unknowns.
+        design: Directions may change the numbers of the rods too, equations (D4) to (D7) of ``docs/derivatives.md``.
         segment: A segment of the rods, from any state on, is integrated: the frame it begins with is an unknown too.
     """
 
@@ -75,6 +76,7 @@ class Features:
     directions: bool = False
     nodes: bool = False
     node_columns: bool = False
+    design: bool = False
     segment: bool = False
 
     @property

@@ -118,6 +118,7 @@ class Layout:
         self.NODES = f.nodes
         self.FIXED = f.fixed_moment
         self.DIRECTIONS = f.directions
+        self.DESIGN = f.design
         self.MAGNETISED = f.magnetised
         # strains that members depend on: u, and v - e3 where the rod shears
         self.STRAINS = 6 if f.shear else 3
@@ -168,6 +169,8 @@ class Layout:
                 Slot("growth", directed),  # (20) of the stretch, relative
                 Slot("field", 3 * directed * f.magnetised),  # magnetic, base axes
                 Slot("shift", n * directed, "length"),  # of the rods, along themselves
+                Slot("curving", 3 * self.CURVATURE_TERMS * n * f.design, "1/length"),  # (D4) of the precurvature
+                Slot("softening", 3 * n * f.design),  # (D4) of stiffnesses
             ]
         )
         several = self.TUBES

@@ -45,7 +45,7 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
     vector = L.few(m)
     Few, keep_one, one_of = vector.type, vector.keep, vector.part
     choose, read_vector, write_vector = vector.where_less, vector.read, vector.write
-    VARIED = layout.VARIED and layout.DIRECTIONS
+    VARIED = (layout.VARIED or layout.DESIGN) and layout.DIRECTIONS
     precurvature, precurvature_variation = law.precurvature, law.precurvature_variation
     Response, part_of_response, answer = members.Response, members.part_of_response, members.answer
     at_place, extension_at, compliances = members.at_place, members.extension_at, members.compliances
@@ -267,6 +267,19 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
         return Vec3(one_of(q, 0), one_of(q, 1), one_of(q, 2)), e
 
     @wp.func
+    def give_way(memory: memory_type, a: int, own: Vec3):
+        """(D5) du and d(v - e3) where the rod alone would be strained by so much more, carrying the same."""
+        right = Few()
+        keep_one(right, 0, own.x)
+        keep_one(right, 1, own.y)
+        keep_one(right, 2, own.z)
+        q = solve(read_matrix(memory, a + wp.static(SYSTEM)), right)
+        e = zero3()
+        if wp.static(SHEAR):
+            e = Vec3(one_of(q, 3), one_of(q, 4), one_of(q, 5))
+        return Vec3(one_of(q, 0), one_of(q, 1), one_of(q, 2)), e
+
+    @wp.func
     def rate_variations(memory: memory_type, z: int, a: int, g: int, v: Column, du: Vec3, f: wp.ref[Column]):
         """No angles, no torques."""
 
@@ -293,5 +306,6 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
         length_rates=length_rates,
         length_variations=length_variations,
         strain_variation=strain_variation,
+        give_way=give_way,
         rate_variations=rate_variations,
     )

@@ -39,7 +39,8 @@ def make_tubes_with_members(layout: Layout, W: int, d, law: SimpleNamespace, sev
     drive_variation = members[CARRIERS[0]].drive_variation
     vector = L.few(m)
     Few, keep_one, one_of = vector.type, vector.keep, vector.part
-    ANISOTROPIC, NODES, VARIED = layout.features.anisotropic, layout.NODES, layout.VARIED and layout.DIRECTIONS
+    ANISOTROPIC, NODES = layout.features.anisotropic, layout.NODES
+    VARIED = (layout.VARIED or layout.DESIGN) and layout.DIRECTIONS
     s, p, given = layout.stretch, layout.place, layout.given
     PRESENT, TORSION, UNIT_LENGTH, UNANSWERED = s["present"], s["torsion"], s["unit_length"], s["unanswered"]
     X, CURVATURE, COSINE, SINE, STIFFNESS = p["x"], p["curvature"], p["cosine"], p["sine"], p["stiffness"]

@@ -1,0 +1,201 @@
+"""Directions in which the numbers of the rods themselves change: precurvature, stiffnesses, lengths of sections.
+
+Numbers in parentheses are those of ``docs/derivatives.md``.
+"""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multirod.models.backbone.kernels.layout.arguments import DesignOffsets
+from multirod.models.backbone.units import unit_stiffness
+from multirod.rotations import cross_matrix
+from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.models.backbone.problem import BackboneProblem
+    from multirod.rod import Rod
+
+COMPONENTS = {"precurvature": 3, "bending_stiffness": 2, "torsional_stiffness": 1, "length": 1}  # numbers of a section
+PARAMETERS = (*COMPONENTS, "base")
+FOLLOWS = ("base", "torsional_stiffness", "length")  # whose directions depend on loads, or on torques behind a plate
+POSE = 6
+DEAD = ("tip_force", "tip_moment", "distributed_force", "distributed_moment", "gravity", "magnetic_field")  # fixed in the world
+
+
+def parameter_size(name: str, rods: Sequence["Rod"]) -> int:
+    """How many columns derivatives by a parameter of a backbone have."""
+    return POSE if name == "base" else len(rods) * max(len(rod.sections) for rod in rods) * COMPONENTS[name]
+
+
+def refuse_unknown(names: Sequence[str], rods: Sequence["Rod"]) -> None:
+    """Refuse parameters by which the derivatives of such rods are not known, by a ``NotImplementedError``."""
+    asked = [name for name in names if name in COMPONENTS]
+    if not asked:
+        return
+    by = f"the derivatives by {', '.join(asked)} of a rod"
+    if any(rod.members for rod in rods):
+        raise NotImplementedError(f"{by} with members are not known: their numbers may depend on those of the rod")
+    lines = [line for rod in rods for line in rod.lines]
+    if any(line.rubs for line in lines):
+        raise NotImplementedError(f"{by} whose line has friction are not known")
+    if lines and "length" in asked:
+        raise NotImplementedError(f"{by} with lines are not known: where these end moves too")
+    if "precurvature" in asked and any(line.conditioned for line in lines):
+        raise NotImplementedError(f"{by} whose line is driven by displacement are not known: its length at rest varies")
+    if lines and len(rods) > 1 and ("bending_stiffness" in asked or "torsional_stiffness" in asked):
+        raise NotImplementedError(f"{by} among several, one of which has lines, are not known")
+
+
+def carried(lever: FloatArray) -> FloatArray:
+    """(D10) How a pose moves with the base, that is ``lever`` (batch, 3) away from it in the world, shape (batch, 6, 6)."""
+    result = np.zeros((len(lever), POSE, POSE))
+    result[:] = np.eye(POSE)
+    result[:, :3, 3:] = -cross_matrix(lever)
+    return result
+
+
+def turned_loads(problem: "BackboneProblem") -> FloatArray:
+    """(D10) Directions by the pose of the base: loads that are fixed in the world turn the other way, seen from it."""
+    if problem.inputs_given.profiles:
+        raise NotImplementedError("the derivatives by base are not known where loads are functions of arclength")
+    inputs = problem.read("inputs")
+    rows = np.zeros((problem.instance_count, POSE, problem.directions.shape[2]))
+    for place in map(problem.input_slice, DEAD):
+        rows[:, 3:, place] = np.swapaxes(cross_matrix(inputs[:, place]), 1, 2)
+    return rows
+
+
+class Designs:
+    """Changes of the rods of a ``BackboneProblem``, along every number of a parameter.
+
+    A change is a change of the tables that its kernel reads, (D4): ``end``, ``shift`` (of the law of precurvature), ``bending``,
+    ``softness`` (of the inverse of both bending stiffnesses and of the torsional one, relative to it) and ``precurvature``, each
+    of shape (batch, direction, rod, piece, ...).
+    """
+
+    def __init__(self, problem: "BackboneProblem", name: str) -> None:
+        self.problem = problem
+        arrays = problem.arrays
+        batch, rods, pieces = arrays.end.shape
+        self._sections = int(arrays.section.max()) + 1
+        self.count = rods * self._sections * COMPONENTS[name]
+        shape = (batch, self.count, rods, pieces)
+        self.end, self.shift = np.zeros(shape), np.zeros(shape)
+        self.bending = np.zeros((*shape, 2))
+        self.softness = np.zeros((*shape, 3))
+        self.precurvature = np.zeros((*shape, arrays.precurvature.shape[-1]))
+        self._set(name)
+
+    def _set(self, name: str) -> None:
+        arrays, count = self.problem.arrays, COMPONENTS[name]
+        material = arrays.material
+        for i in range(arrays.end.shape[1]):
+            for section in range(self._sections):
+                own = (arrays.section[:, i] == section).astype(np.float64)
+                there = own.any(axis=1, keepdims=True)
+                for k in range(count):
+                    at = (i * self._sections + section) * count + k
+                    if name == "precurvature":
+                        self.precurvature[:, at, i, :, k] = own
+                    elif name == "length":
+                        after = there & (arrays.section[:, i] > section)
+                        last = np.where(own > 0, arrays.end[:, i], -np.inf).max(axis=1, keepdims=True)
+                        self.shift[:, at, i] = after
+                        self.end[:, at, i] = after | ((own > 0) & (arrays.end[:, i] == last))
+                    elif name == "bending_stiffness":
+                        self.bending[:, at, i, :, k] = own
+                        self.softness[:, at, i, :, k] = -own / material[:, i, :, k]
+                    else:  # one that is rigid stays so
+                        self.softness[:, at, i, :, 2] = -own * material[:, i, :, 5]
+
+    def rows(self) -> FloatArray:
+        """Directions as kernels read them, shape (instance_count, direction, input and rods)."""
+        problem = self.problem
+        terms = problem.arrays.precurvature.shape[-1]
+        at = DesignOffsets(terms // 3)
+        values = np.zeros((*self.end.shape, at.SIZE))
+        values[..., at.END], values[..., at.SHIFT] = self.end, self.shift
+        values[..., at.BENDING : at.BENDING + 2] = self.bending
+        values[..., at.SOFTNESS : at.SOFTNESS + 3] = self.softness
+        values[..., at.PRECURVATURE :] = self.precurvature
+        result = np.zeros((problem.instance_count, self.count, problem.input_count + values[0, 0].size))
+        result[..., problem.input_count :] = values.reshape(len(values), self.count, -1)
+        if problem.transmission:
+            result[..., problem.input_slice("rotation")] = self._behind_plate()
+        return result
+
+    def _behind_plate(self) -> FloatArray:
+        """(D8) How the rods turn more behind the plate, at the torques that they have: as if they were turned at their bases."""
+        problem = self.problem
+        arrays, inputs = problem.arrays, problem.read("inputs")
+        depth = -inputs[:, problem.input_slice("translation")]
+        torque = problem.base_torques()
+        end = problem.each(arrays.end)
+        begin = np.concatenate([np.zeros_like(end[..., :1]), end[..., :-1]], axis=-1)
+        half = 0.5 * (end - begin)
+        behind = np.clip(np.minimum(end, depth[..., None]) - begin, 0.0, None)  # of each piece
+        part = np.divide(behind, half, out=np.zeros_like(half), where=half > 0) - 1.0
+        compliance = problem.each(arrays.material[..., 5])
+        curves = problem.each(arrays.precurvature).reshape(*end.shape, -1, 3)[..., 2]
+        powers = np.arange(curves.shape[-1])
+        integrals = half[..., None] * (part[..., None] ** (powers + 1) - (-1.0) ** (powers + 1)) / (powers + 1)
+        twisted = (problem.each(self.precurvature).reshape(*self._shape(), -1, 3)[..., 2] * integrals[:, None]).sum(axis=-1)
+        softer = problem.each(self.softness)[..., 2] * (behind * compliance * torque[..., None])[:, None]
+        # an end that moves behind the plate leaves more to the piece before it, and less to the one after
+        at_end = curves.sum(axis=-1) + compliance * torque[..., None]
+        at_begin = (curves * (-1.0) ** powers).sum(axis=-1) + compliance * torque[..., None]
+        moved = problem.each(self.end) * ((end < depth[..., None]) * at_end)[:, None]
+        after = np.zeros_like(moved)
+        after[..., 1:] = -problem.each(self.end)[..., :-1] * ((begin < depth[..., None]) * at_begin)[:, None, :, 1:]
+        slid = np.where(behind > 0, (curves * (part[..., None] ** powers - (-1.0) ** powers)).sum(axis=-1), 0.0)
+        slid = -problem.each(self.shift) * slid[:, None]
+        return np.asarray((twisted + softer + moved + after + slid).sum(axis=-1))
+
+    def _shape(self) -> tuple[int, ...]:
+        return (self.problem.instance_count, *self.end.shape[1:])
+
+    def unknown_rates(self) -> FloatArray:
+        """(D9) By how much the unknowns must change for moments, torques and forces at the base to stay what they are.
+
+        Shape (instance_count, n, direction).
+        """
+        problem = self.problem
+        x, slots, features = problem.read("unknowns"), problem.slots, problem.features
+        material = problem.each(problem.arrays.material)[:, :, 0]
+        unit = unit_stiffness(material)
+        larger = material[..., :2] == material[..., :2].max(axis=-1, keepdims=True)
+        larger = larger / larger.sum(axis=-1, keepdims=True)  # of both where they are the same, as where they change together
+        bending = problem.each(self.bending)[..., 0, :]  # of the first pieces: (instance, direction, rod, 2)
+        largest = (bending * larger[:, None]).sum(axis=-1)
+        twisting = np.where(
+            (material[..., 2] < material[..., :2].max(axis=-1))[:, None],
+            -problem.each(self.softness)[..., 0, 2] * np.where(np.isfinite(material[..., 2]), material[..., 2], 0.0)[:, None],
+            largest,
+        )
+        result = np.zeros((problem.instance_count, problem.unknown_count, self.count))
+        relative = twisting / unit[:, None, :, 2]
+        alone = not features.turning_count
+        if features.moment:
+            place = slots.places["moment"]
+            if alone:
+                curved = problem.each(problem.arrays.precurvature)[:, 0, 0, :3]
+                rates = np.stack([bending[..., 0, 0], bending[..., 0, 1], twisting[..., 0]], axis=-1) / unit[:, None, 0]
+                result[:, place] = np.swapaxes(
+                    problem.each(self.precurvature)[:, :, 0, 0, :3] - rates * (x[:, None, place] - curved[:, None]), 1, 2
+                )
+            else:
+                total = material[..., :2].max(axis=-1).sum(axis=-1)
+                rates = np.repeat((largest.sum(axis=-1) / total[:, None])[..., None], 3, axis=-1)
+                rates[..., 2] = relative[..., 0]
+                result[:, place] = -np.swapaxes(rates * x[:, None, place], 1, 2)
+        torques = slots.places["torques"]
+        if torques.stop > torques.start:
+            own = relative[..., features.rod_count - features.torque_count :]
+            result[:, torques] = -np.swapaxes(own * x[:, None, torques], 1, 2)
+        for name in ("drives", "force"):
+            place = slots.places[name]
+            rates = largest[..., 0] / material[:, 0, :2].max(axis=-1)[:, None]
+            result[:, place] = -x[:, place, None] * rates[:, None]
+        return result

@@ -1,0 +1,105 @@
+"""Derivatives by the numbers of the robot itself, ``docs/derivatives.md``, against differences of sixth order."""
+
+import numpy as np
+import pytest
+
+import multirod as mr
+
+SOLVER = mr.Shooting(integrator=mr.RK45(rtol=1e-11, atol=1e-13), tolerance=1e-12)
+NODES, WEIGHTS = np.array([-3, -2, -1, 1, 2, 3]), np.array([-1, 9, -45, 45, -9, 1]) / 60  # a derivative, error O(h^6)
+STEPS = {"precurvature": 3e-2, "bending_stiffness": 1e-2, "torsional_stiffness": 1e-2, "length": 3e-4}
+COMPONENTS = {"precurvature": (3,), "bending_stiffness": (2,), "torsional_stiffness": (), "length": ()}
+# length, bending stiffness, torsional stiffness, precurvature of each section
+WIRE = [[(0.25, (0.22, 0.25), 0.064, (14, 5, 1)), (0.15, (0.2, 0.18), 0.07, (3, -5, 2))]]
+TUBES = [
+    [(0.30, (0.004, 0.004), 0.003, (0, 0, 0)), (0.10, (0.0042, 0.0042), 0.0031, (0, 14, 0.5))],
+    [(0.20, (0.02, 0.02), 0.016, (0, 0, 0.3)), (0.09, (0.021, 0.021), 0.015, (2, 6, 0))],
+    [(0.12, (0.1, 0.1), 0.08, (0, 0, 0)), (0.08, (0.11, 0.11), 0.08, (0, 4, 0))],
+]
+
+
+def sections_of(rods, name=None, steps=0.0):
+    """Sections of rods whose numbers of one name are changed: one instance for each number and each node."""
+    shape = (len(rods), len(rods[0]), *COMPONENTS.get(name, ()))
+    count = int(np.prod(shape))
+    change = np.zeros((count, len(NODES), count))
+    if name is not None:
+        change[np.arange(count), :, np.arange(count)] = steps * NODES
+    change = change.reshape(count, len(NODES), *shape)
+    made = []
+    for i, rod in enumerate(rods):
+        own = []
+        for m, numbers in enumerate(rod):
+            values = dict(
+                zip(("length", "bending_stiffness", "torsional_stiffness", "precurvature"), map(np.array, numbers), strict=True)
+            )
+            if name is not None:
+                scale = values[name] if "stiffness" in name else 1.0
+                values[name] = values[name] + scale * change[:, :, i, m]
+            own.append(mr.Section(linear_density=0.01 * (i + m + 1), **values))
+        made.append(mr.Rod(sections=own))
+    return made
+
+
+def differences(varied, rotation, step):
+    """Derivatives of the pose, (6, k), by what varies along the first axis, from its values along the second."""
+    assert not varied.failed.any()
+    moved = np.einsum("n,knc->ck", WEIGHTS, varied.tip_position) / step
+    turned = np.einsum("n,knij,lj->kil", WEIGHTS, varied.tip_rotation, rotation) / step
+    turned = 0.5 * (turned - np.swapaxes(turned, 1, 2))
+    return np.concatenate([moved, np.stack([turned[:, 2, 1], turned[:, 0, 2], turned[:, 1, 0]])])
+
+
+def by_differences(make, inputs, rods, name, rotation):
+    """Derivatives of the pose by the numbers of one name, (6, k); those of stiffnesses relative to themselves."""
+    robot = make(sections_of(rods, name, STEPS[name]))
+    return differences(mr.solve(robot, robot.inputs(**inputs), solver=SOLVER), rotation, STEPS[name])
+
+
+def stiffnesses(rods, name):
+    values = {
+        "bending_stiffness": [n[1] for rod in rods for n in rod],
+        "torsional_stiffness": [n[2] for rod in rods for n in rod],
+    }
+    return np.ravel(values[name]) if name in values else 1.0
+
+
+LOADS = {"tip_force": (0.05, 0.1, 0.1)}
+SLID = {"rotation": (-1.2, -0.4, 0.1), "translation": (-0.16, -0.13, -0.1)}
+
+
+@pytest.mark.parametrize("name", STEPS)
+@pytest.mark.parametrize(
+    ("make", "rods", "inputs"),
+    [
+        pytest.param(lambda rods: mr.SingleRod(*rods), WIRE, {"rotation": 0.3, "translation": 0.02, **LOADS}, id="rod"),
+        pytest.param(mr.ConcentricTubes, TUBES, {**SLID, **LOADS, "gravity": (0, 1, -9)}, id="loaded tubes"),
+        pytest.param(mr.ConcentricTubes, TUBES, SLID, id="tubes"),
+    ],
+)
+def test_columns_are_derivatives(make, rods, inputs, name):
+    """To 1e-9 of the largest: the differences' rounding is 1e-12, their own error less."""
+    robot = make(sections_of(rods))
+    solution = mr.solve(robot, robot.inputs(**inputs), solver=SOLVER)
+    found = solution.jacobian(name) * stiffnesses(rods, name)
+    expected = by_differences(make, inputs, rods, name, solution.tip_rotation)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+    # lengths scale the unknowns too; of tubes alike about both axes a change of one is a kink in what scales them
+    if name != "length" and not (name == "bending_stiffness" and len(rods) > 1):
+        at_unknowns(make, rods, inputs, name, solution)
+
+
+def at_unknowns(make, rods, inputs, name, solution):
+    """(D9), of the residual and the pose at fixed unknowns."""
+    robot = make(sections_of(rods))
+    options = {"integrator": SOLVER.integrator, "pose_sensitivities": True}
+    problem = robot.problem(robot.inputs(**inputs), **options, **robot.input_directions(name))
+    problem.evaluate(solution.unknowns[None])
+    slopes, moved = problem.input_columns(name)
+    robot = make(sections_of(rods, name, STEPS[name]))
+    varied = robot.problem(robot.inputs(**inputs), **options)
+    residual, _ = varied.evaluate(np.broadcast_to(solution.unknowns, (varied.instance_count, solution.unknown_count)))
+    scale = stiffnesses(rods, name)
+    for found, values in ((slopes, residual), (moved[:, :3], varied.read("position"))):
+        expected = np.einsum("n,knc->ck", WEIGHTS, values.reshape(-1, len(NODES), values.shape[-1])) / STEPS[name]
+        np.testing.assert_allclose(found[0] * scale, expected, rtol=0, atol=1e-8 * np.abs(expected).max())
