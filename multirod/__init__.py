@@ -59,6 +59,8 @@ if _typing.TYPE_CHECKING:
     from multirod.studies.sweeps import Study, sweep
     from multirod.studies.terms import Dropped, Explanation, Term, explain
     from multirod.studies.tradeoffs import Measured, Tradeoff, tradeoff, tune
+    from multirod.tasks.estimate import Estimate, estimate
+    from multirod.tasks.priors import Prior
     from multirod.tasks.rows import Pose
 
 __version__ = "0.1.0"
@@ -81,6 +83,7 @@ __all__ = [
     "EccentricTubes",
     "EnergyDescent",
     "Equilibria",
+    "Estimate",
     "Explanation",
     "FixedStepIntegrator",
     "HeldRod",
@@ -98,6 +101,7 @@ __all__ = [
     "ParallelRods",
     "PlausibilityWarning",
     "Pose",
+    "Prior",
     "PushRod",
     "Recorder",
     "Rod",
@@ -120,6 +124,7 @@ __all__ = [
     "Tradeoff",
     "critical_loads",
     "equilibria",
+    "estimate",
     "explain",
     "load",
     "registered_solvers",
@@ -163,6 +168,8 @@ _PUBLIC = {
     "status": "Status",
     "studies.sweeps": "Study sweep",
     "studies.terms": "Dropped Explanation Term explain",
+    "tasks.estimate": "Estimate estimate",
+    "tasks.priors": "Prior",
     "tasks.rows": "Pose",
     "running.tracker": "Tracker",
     "studies.tradeoffs": "Measured Tradeoff tradeoff tune",

@@ -1,6 +1,6 @@
 """Solving one set of inputs, a motion, or a batch of either."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from math import prod
 from threading import Event, Lock
@@ -109,7 +109,7 @@ def solve(
             with lock:
                 problem = held.enter_context(borrowed(robot, inputs, device=device, instances=some, **_needs(method)))
                 problem.stop = stop
-                start = _guess(guess, problem, count, piece)
+                start = unknowns_of_guess(guess, problem, count, piece)
             outcome = method.solve(problem, start)
             results.put(0, piece, problem.snapshot(), outcome, problem)
         watch.advance(piece.stop - piece.start)
@@ -222,8 +222,11 @@ class Runner:
         enabled: Any,
         *,
         instances: IntArray | None = None,
+        options: Mapping[str, Any] | None = None,
     ) -> None:
-        self.problem: Any = robot.problem(inputs, device=device, enabled=tuple(enabled), instances=instances, **_needs(solver))
+        needs = _needs(solver) | dict(options or {})
+        needs["enabled"] = (*enabled, *needs.get("enabled", ()))
+        self.problem: Any = robot.problem(inputs, device=device, instances=instances, **needs)
         reasons = solver.unsupported(self.problem)
         if reasons:
             raise ValueError(f"{type(solver).__name__} cannot take this problem: " + "; ".join(reasons))
@@ -232,7 +235,7 @@ class Runner:
 
     def start(self, guess: Any, count: int, piece: slice) -> None:
         """Start from a guess of ``count`` instances, of which the problem's are a piece; None is no guess."""
-        unknowns = _guess(guess, self.problem, count, piece)
+        unknowns = unknowns_of_guess(guess, self.problem, count, piece)
         if unknowns is not None:
             self.track.start(unknowns)
 
@@ -301,7 +304,7 @@ def _numbers(instances: Any, count: int) -> IntArray:
     return values
 
 
-def _guess(guess: Any, problem: BoundaryProblem, count: int, piece: slice) -> FloatArray | None:
+def unknowns_of_guess(guess: Any, problem: BoundaryProblem, count: int, piece: slice) -> FloatArray | None:
     """A guess of the problem's unknowns, (instance_count, n), from a solution or an array of all ``count`` instances."""
     if guess is None:
         return None

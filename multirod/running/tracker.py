@@ -1,6 +1,7 @@
 """One sample at a time: a solver in a control loop."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from inspect import Parameter, Signature
 from threading import Lock
@@ -73,6 +74,7 @@ class Tracker(Uncopied, Generic[Robot_co]):
     """
 
     instead = "make a new Tracker(robot, solver=..., dt=..., inputs=tracker.inputs, guess=solution)"
+    _options: Mapping[str, Any] | None = None  # of the problem, beside what the solver needs
 
     def __init__(
         self,
@@ -99,7 +101,7 @@ class Tracker(Uncopied, Generic[Robot_co]):
         if 0 in inputs.batch_shape:
             refuse("Tracker.inputs", Described(f"leading axes {inputs.batch_shape}"), "there must be an instance")
         self._enabled |= set(inputs.active)
-        runner = Runner(self._robot, self._solver, inputs, self._dt, self._device, self._enabled)
+        runner = Runner(self._robot, self._solver, inputs, self._dt, self._device, self._enabled, options=self._options)
         count = runner.problem.instance_count
         runner.start(guess, count, slice(0, count))
         self._problem, self._track = runner.problem, runner.track

@@ -1,0 +1,438 @@
+"""The most probable inputs behind measurements, and how sure they are. Numbers in parentheses: ``docs/estimation.md``."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import prod
+from threading import Event, Lock
+from typing import Any, Generic, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod.assembly import Assembly, Robot, Robot_co
+from multirod.batch import IntArray, parts, run, thread_count
+from multirod.inputs import Inputs
+from multirod.running.simulation import as_solver, unknowns_of_guess
+from multirod.solution import Scene, Solution
+from multirod.solver import Outcome, Solver
+from multirod.status import Status, failures
+from multirod.tasks.formulation import Evaluation, Task, freed
+from multirod.tasks.inference import kept, posterior, principal, roots, units
+from multirod.tasks.priors import Prior
+from multirod.tasks.sensors import Measured, Sensor, batch_of, checked, refuse_nothing
+from multirod.types import Numbers
+from multirod.validation import Described, FloatArray, choice, device_name, frozen, instance, positive_int, refuse
+
+SETTLED = 1e-2  # standard deviations: a step that is less adds 1e-4 to the error's variance
+TOLERANCE = 1e-8  # of the curvatures that arise: moves a tip by 1e-8 of its length
+SEEN = 0.5  # of the prior's variance: where more is kept, the prior says more than the measurements
+HALVINGS = 8
+SHARPEST = 20.0  # residuals of a step that is taken, over the curvatures that arise
+ROUNDED = 1e-9  # of the largest of some numbers, what is not shown
+SLACK = 1e-9  # of the squares' sum, that rounding may add
+
+
+class Estimate(Generic[Robot_co]):
+    """Inputs behind measurements: normal distributions to first order, one an instance; arrays have leading axes ``...``.
+
+    What failed is NaN; ``status`` says why.
+
+    Attributes:
+        unknown: Names of what was estimated.
+        solution: The equilibria at the most probable inputs.
+        missing: Whether numbers of each sensor were missing, and it went on without them, shape (..., sensor_count).
+        misfit: (1) Sum of squares of what measurements and priors are off, in standard deviations, shape (...): where these are
+            right it is ``degrees`` on average.
+        degrees: Numbers measured, less those that are unknown without a prior, shape (...).
+    """
+
+    def __init__(
+        self,
+        solution: Solution[Robot_co],
+        places: Mapping[str, slice],
+        mean: FloatArray,
+        covariance: FloatArray,
+        prior: FloatArray,
+        missing: NDArray[np.bool_],
+        misfit: FloatArray,
+        degrees: NDArray[np.intp],
+    ) -> None:
+        self.solution = solution
+        self.unknown = tuple(places)
+        self._places, self._mean, self._covariance, self._prior = dict(places), mean, covariance, prior
+        self.missing: NDArray[np.bool_] = frozen(missing)
+        self.misfit: FloatArray = frozen(misfit)
+        self.degrees: NDArray[np.intp] = frozen(degrees)
+
+    @property
+    def assembly(self) -> Robot_co:
+        """The robot."""
+        return self.solution.assembly
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:
+        """The leading axes."""
+        return self.solution.batch_shape
+
+    @property
+    def status(self) -> Any:
+        """``Status`` of each instance, as of a solution."""
+        return self.solution.status
+
+    @property
+    def failed(self) -> NDArray[np.bool_]:
+        """Whether there is no result, shape (...)."""
+        return self.solution.failed
+
+    @property
+    def integrations(self) -> NDArray[np.int32]:
+        """Initial value problems integrated, per rod, shape (...)."""
+        return self.solution.integrations
+
+    def raise_if_failed(self) -> Self:
+        """Return ``self`` if every instance has a result.
+
+        Raises:
+            SolveError: Otherwise.
+        """
+        self.solution.raise_if_failed()
+        return self
+
+    def value(self, name: str) -> FloatArray:
+        """The most probable value of an unknown, shape (..., k).
+
+        Raises:
+            ValueError: If it was not estimated.
+        """
+        return np.asarray(frozen(self._mean[..., self._place(name)]))
+
+    def covariance(self, name: str | None = None) -> FloatArray:
+        """(6) Its covariance, shape (..., k, k); without a name, of all unknowns one after another.
+
+        Infinite on the diagonal, and NaN beside it, where there is no prior and the measurements do not determine it.
+        """
+        place = slice(None) if name is None else self._place(name)
+        return np.asarray(frozen(self._covariance[..., place, place]))
+
+    def sigma(self, name: str) -> FloatArray:
+        """Standard deviation of each component, shape (..., k)."""
+        return np.asarray(frozen(np.sqrt(np.diagonal(self.covariance(name), axis1=-2, axis2=-1))))
+
+    def kept(self, name: str) -> FloatArray:
+        """(8) What part of its prior's variance each component has kept, shape (..., k): 1 where nothing was told of it."""
+        place = self._place(name)
+        return np.asarray(frozen(kept(self._covariance[..., place, place], self._prior[..., place, place])))
+
+    def directions(self, name: str) -> tuple[FloatArray, FloatArray]:
+        """(9) Directions of an unknown, and what part of the prior's variance is kept along each, the least seen first.
+
+        Returns:
+            Unit columns, shape (..., k, k), and parts, shape (..., k). NaN without a prior.
+        """
+        place = self._place(name)
+        axes, part = principal(self._covariance[..., place, place], self._prior[..., place, place])
+        return np.asarray(frozen(axes)), np.asarray(frozen(part))
+
+    @cached_property
+    def observable(self) -> dict[str, NDArray[np.bool_]]:
+        """Whether measurements say more of each component than its prior does, (..., k) by name: half of its variance went."""
+        return {name: np.asarray(frozen(self.kept(name) <= SEEN)) for name in self.unknown}
+
+    def _place(self, name: str) -> slice:
+        return self._places[choice("name", name, self._places)]
+
+    def __repr__(self) -> str:
+        if self.batch_shape:
+            return f"Estimate({', '.join(self.unknown)}; batch {self.batch_shape}: {self.solution._counts(slice(None))})"
+        if self.failed:
+            return f"Estimate({self.status.name}: {self.status.message})"
+        parts = [f"{name} {_numbers(self.value(name))} +- {_numbers(self.sigma(name))}" for name in self.unknown]
+        parts += [f"unobservable: {said}" for name in self.unknown for said in [self._unseen(name)] if said]
+        dropped = np.flatnonzero(self.missing)
+        parts += [f"without sensor {', '.join(map(str, dropped))}"] if len(dropped) else []
+        return f"Estimate({self.status.name}; {'; '.join(parts)})"
+
+    def _unseen(self, name: str) -> str:
+        """Directions of an unknown that were not seen, in words; empty if there are none."""
+        axes, part = self.directions(name)
+        if np.isfinite(part).all():
+            found = [f"along {_numbers(axes[:, k])}, {part[k]:.0%} of the prior's variance is kept" for k in range(len(part))]
+            return "; ".join(f"{name} {text}" for text, own in zip(found, part, strict=True) if own > SEEN)
+        lost = np.flatnonzero(~self.observable[name])
+        return f"{name}[{', '.join(map(str, lost))}]" if len(lost) else ""
+
+
+def estimate(
+    robot: Robot,
+    inputs: Inputs | None = None,
+    *,
+    unknown: Mapping[str, Prior],
+    measured: Sensor | Sequence[Sensor],
+    solver: Solver | None = None,
+    guess: Solution | Numbers | None = None,
+    max_iterations: int = 30,
+    device: str = "cpu",
+    threads: int | None = None,
+) -> Estimate[Robot]:
+    """The most probable inputs behind measurements, and their covariance (``docs/estimation.md``).
+
+    An iteration is one integration. Inputs, priors, measurements and the robot may have leading axes, which broadcast: each entry
+    is an instance of its own.
+
+    Args:
+        robot: The assembly.
+        inputs: What is known of the others, made by ``robot.inputs(...)``; none are all zero.
+        unknown: What is to be estimated: inputs by name, each with its ``Prior``.
+        measured: ``Pose`` or several, each with ``sigma``. Where numbers are NaN, it goes on without them, and says so in
+            ``missing``.
+        solver: That finds the equilibrium at the priors' means, where it begins; its integrator and tolerance are used.
+        guess: Where to begin instead: a solution, or unknowns (..., n), at the priors' means.
+        max_iterations: Steps allowed.
+        device: Warp device.
+        threads: That share the parts of a batch on the CPU; one for each core by default.
+
+    Returns:
+        One estimate an instance, each with its status.
+
+    Raises:
+        TypeError: If an unknown is no input of the robot, or a measurement none.
+        ValueError: If an argument is not what it must be, nothing is measured, or more is unknown without a prior than measured.
+    """
+    method = as_solver(robot, solver)
+    device = device_name("device", device)
+    given = robot.accept(inputs)
+    priors = _priors(robot, given, unknown)
+    sensors = checked("measured", measured)
+    most = positive_int("max_iterations", max_iterations)
+    whole = _axes(robot, given, priors, sensors)
+    refuse_nothing("measured", Measured(sensors, whole, None).known)
+    _refuse_more(priors, given, sum(sensor.count for sensor in sensors))
+    scene = _Scene(robot, _at_means(robot, given, priors, whole), priors, sensors, whole, method, device, most, guess)
+    count = prod(whole)
+    workers = thread_count(threads)
+    pieces = parts(count, workers, robot.rod_count) if count else []
+    found: dict[int, _Part] = {}
+    lock = Lock()
+
+    def work(piece: slice, stop: Event) -> None:
+        with lock:
+            part = _Part(scene, piece, np.arange(piece.start, piece.stop) if len(pieces) > 1 else None)
+        part.task.problem.stop = stop
+        part.run()
+        found[piece.start] = part
+
+    run(work, pieces, workers)
+    return _joined(scene, [found[piece.start] for piece in pieces])
+
+
+@dataclass(frozen=True)
+class _Scene:
+    """What is estimated from what."""
+
+    robot: Any
+    inputs: Inputs
+    priors: dict[str, Prior]
+    sensors: tuple[Sensor, ...]
+    batch_shape: tuple[int, ...]
+    solver: Solver
+    device: str
+    max_iterations: int
+    guess: Any
+
+
+class _Part:
+    """Some instances: Gauss-Newton steps in the freed inputs, the unknowns eliminated, one integration each.
+
+    ``towards`` and ``by`` say where the equilibrium goes with a step, (2); ``step`` is the one that is tried next.
+    """
+
+    def __init__(self, scene: _Scene, piece: slice, instances: IntArray | None) -> None:
+        self.scene, self.piece = scene, piece
+        robot, inputs, names = scene.robot, scene.inputs, tuple(scene.priors)
+        options: dict[str, Any] = {"integrator": scene.solver.integrator, "device": scene.device, "instances": instances}
+        self.task = Task.of(robot, inputs, names, **options)
+        self.measured = Measured(scene.sensors, scene.batch_shape, instances)
+        whole = (scene.batch_shape, instances)
+        self.prior = _block_diagonal(
+            [scene.priors[name].variances(name, getattr(inputs, name).shape[-1], *whole) for name in names]
+        )
+        self.root = roots(self.prior)
+        self.mean = self.task.values()
+        problem = self.task.problem
+        self.count, n, k = problem.instance_count, problem.unknown_count, self.task.count
+        self.x, self.p = np.zeros((self.count, n)), np.array(self.mean)
+        self.towards, self.by = np.zeros((self.count, n)), np.zeros((self.count, n, k))
+        self.step, self.covariance = np.zeros((self.count, k)), np.full((self.count, k, k), np.nan)
+        self.square, self.gap = np.full((2, self.count), np.inf)
+        self.part = np.ones(self.count)
+        given = getattr(scene.solver, "tolerance", None)
+        scale = problem.curvature_scale()
+        self.tolerance = np.maximum(problem.tolerance(given), TOLERANCE * scale if given is None else 0.0)
+        self.sharpest = SHARPEST * scale
+        self.outcome = Outcome.zeros(self.count)
+
+    def run(self) -> None:
+        """Go on until each instance has come to an end."""
+        active = self._start()
+        for _ in range(self.scene.max_iterations):
+            if not active.any():
+                break
+            active = self._advance(active)
+        self.outcome.status[active] = Status.MAX_ITERATIONS
+
+    def _start(self) -> NDArray[np.bool_]:
+        """The equilibria at the priors' means; which of them were found, and are not what is sought already."""
+        problem, every = self.task.problem, np.arange(self.count)
+        at_rest = not (problem.guess_integrations or problem.load_scale().any() or problem.turning().any())
+        if self.scene.guess is None and not at_rest:
+            self.outcome = self.scene.solver.solve(problem)
+            self.x = problem.read("unknowns")
+            good = ~failures(self.outcome.status)
+            self.outcome.status[good] = Status.NOT_RUN
+            found = self.task.last(every[good])
+        else:
+            self.x = self._guessed()
+            good = np.ones(self.count, dtype=bool)
+            found = self.task.evaluate(self.x, self.p)
+            self.outcome.integrations += 1
+        return self._take(every[good], self.x[good], self.p[good], found)
+
+    def _guessed(self) -> FloatArray:
+        """What was given as a guess, of these instances; else the robot at rest."""
+        problem, guess = self.task.problem, self.scene.guess
+        if guess is None:
+            return problem.guess()
+        return np.array(unknowns_of_guess(guess, problem, prod(self.scene.batch_shape), self.piece))
+
+    def _advance(self, active: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """One integration where the next step leads; which instances go on."""
+        part = np.where(active, self.part, 0.0)[:, None]
+        x = self.x + part * (self.towards + (self.by @ self.step[..., None])[..., 0])
+        p = self.p + part * self.step
+        chosen = np.flatnonzero(active)
+        found = self.task.evaluate(x, p, active)
+        self.outcome.iterations[chosen] += 1
+        self.outcome.integrations[chosen] += 1
+        go_on = self._take(chosen, x[chosen], p[chosen], found)
+        self.outcome.status[active & ~go_on & (self.outcome.status == Status.NOT_RUN)] = Status.STALLED
+        return go_on
+
+    def _take(self, chosen: NDArray[np.intp], x: FloatArray, p: FloatArray, found: Evaluation) -> NDArray[np.bool_]:
+        """Take a step that came off, and plan the next; which of all instances go on."""
+        r, J = self.measured.at(found, chosen)
+        root, away = self.root[chosen], p - self.mean[chosen]
+        square = (r**2).sum(axis=1) + ((root @ away[..., None])[..., 0] ** 2).sum(axis=1)
+        gap = np.abs(found.residual).max(axis=1)
+        with np.errstate(invalid="ignore"):
+            closer = square <= self.square[chosen] * (1 + SLACK) + SETTLED**2
+            came_off = closer & (gap <= np.maximum(self.sharpest[chosen], self.gap[chosen]))
+        came_off &= np.isfinite(J).all(axis=(1, 2))
+        own = chosen[came_off]
+        planned = posterior(J[came_off], r[came_off], root[came_off], away[came_off], units(J[came_off], self.prior[own]))
+        towards, by = found.take(came_off).eliminated
+        self.x[own], self.p[own], self.square[own], self.gap[own] = x[came_off], p[came_off], square[came_off], gap[came_off]
+        self.towards[own], self.by[own], self.step[own], self.covariance[own] = towards, by, planned.step, planned.covariance
+        settled = (planned.length <= SETTLED) & (gap[came_off] <= self.tolerance[own])
+        self.outcome.status[own[settled]] = Status.CONVERGED
+        self.part[own] = np.minimum(1.0, 2 * self.part[own])
+        self.part[chosen[~came_off]] /= 2
+        go_on = np.zeros(self.count, dtype=bool)
+        go_on[own[~settled]] = True
+        go_on[chosen[~came_off]] = self.part[chosen[~came_off]] >= 0.5**HALVINGS
+        return go_on
+
+
+def _joined(scene: _Scene, pieces: Sequence[_Part]) -> Estimate[Any]:
+    """The estimate of all instances from its parts."""
+    first, shape = pieces[0], scene.batch_shape
+
+    def join(name: str) -> FloatArray:
+        values = np.concatenate([getattr(part, name) for part in pieces])
+        return np.asarray(values.reshape((*shape, *values.shape[1:])))
+
+    outcome = Outcome.joined([Outcome(p.outcome.status, p.outcome.iterations, p.outcome.integrations) for p in pieces])
+    records = np.concatenate([part.task.problem.snapshot() for part in pieces])
+    names, sizes = list(scene.priors), [getattr(scene.inputs, name).shape[-1] for name in scene.priors]
+    ends = np.cumsum(sizes)
+    places = {name: slice(int(end) - size, int(end)) for name, end, size in zip(names, ends, sizes, strict=True)}
+    failed = failures(outcome.status).reshape(shape)
+    mean, covariance, misfit = (np.array(join(name)) for name in ("p", "covariance", "square"))
+    for values in (mean, covariance, misfit):
+        values[failed] = np.nan
+    inputs = scene.inputs
+    held = {name: inputs.array(name) for name in inputs.given if name not in inputs.profiles}
+    known = np.where(failed[..., None], join("mean"), mean)  # an input cannot be NaN
+    inputs = inputs.with_arrays(held | {name: np.array(known[..., place]) for name, place in places.items()})
+    results = Scene(scene.robot, shape, scene.solver.integrator, scene.device, first.task.problem.record_fields)
+    solution: Solution[Any] = Solution(results, records, outcome, inputs)
+    prior = join("prior")
+    rows = np.concatenate([part.measured.known.sum(axis=1) for part in pieces]).reshape(shape)
+    flat = np.isinf(np.diagonal(prior, axis1=-2, axis2=-1)).sum(axis=-1)
+    missing = np.concatenate([part.measured.missing for part in pieces])
+    missing = missing.reshape((*shape, missing.shape[-1]))
+    return Estimate(solution, places, mean, covariance, prior, missing, misfit, rows - flat)
+
+
+def _priors(robot: Assembly, inputs: Inputs, unknown: Any) -> dict[str, Prior]:
+    """Checked priors by the names of inputs."""
+    if not isinstance(unknown, Mapping):
+        raise TypeError(
+            f"unknown = {unknown!r} is not allowed: must be priors by name, such as {{'tip_force': Prior(sigma=0.25)}}"
+        )
+    names = freed("unknown", robot, tuple(unknown))
+    for name in names:
+        instance(f"unknown[{name!r}]", unknown[name], Prior, "a Prior")
+        if name in inputs.profiles:
+            refuse(name, Described("a function of arclength"), "must be numbers, where it is to be estimated")
+    return {name: unknown[name] for name in names}
+
+
+def _axes(robot: Assembly, inputs: Inputs, priors: Mapping[str, Prior], sensors: Sequence[Sensor]) -> tuple[int, ...]:
+    """Leading axes of all together."""
+    shapes = {"inputs": inputs.batch_shape, "the robot": robot.batch_shape, "measured": batch_of(sensors)}
+    shapes |= {f"the prior of {name}": prior.batch_shape for name, prior in priors.items()}
+    try:
+        return np.broadcast_shapes(*shapes.values())
+    except ValueError:
+        said = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
+        raise ValueError(f"the leading axes do not broadcast: {said}") from None
+
+
+def _at_means(robot: Assembly, inputs: Inputs, priors: Mapping[str, Prior], whole: tuple[int, ...]) -> Inputs:
+    """The inputs at the priors' means, of all leading axes."""
+    held = {name: inputs.array(name) for name in inputs.given if name not in inputs.profiles}
+    for name, prior in priors.items():
+        values = prior.means(name, getattr(inputs, name), whole, None)
+        held[name] = values.reshape((*whole, values.shape[-1]))
+    return robot.accept(inputs.with_arrays(held), "the priors' means")
+
+
+def _refuse_more(priors: Mapping[str, Prior], inputs: Inputs, rows: int) -> None:
+    """Refuse more numbers without a prior than are measured."""
+    flat = {name: prior.flat_count(name, getattr(inputs, name).shape[-1]) for name, prior in priors.items()}
+    if sum(flat.values()) > rows:
+        names = ", ".join(f"{count} of {name}" for name, count in flat.items() if count)
+        refuse(
+            "unknown",
+            Described(f"{sum(flat.values())} numbers without a prior ({names})"),
+            f"must be at most as many as are measured, {rows}: the others are unobservable; give them priors, or measure more",
+        )
+
+
+def _block_diagonal(blocks: Sequence[FloatArray]) -> FloatArray:
+    """(b, k, k) of blocks of each."""
+    size = sum(block.shape[-1] for block in blocks)
+    result = np.zeros((len(blocks[0]), size, size))
+    first = 0
+    for block in blocks:
+        last = first + block.shape[-1]
+        result[:, first:last, first:last] = block
+        first = last
+    return result
+
+
+def _numbers(values: FloatArray) -> str:
+    """Numbers, four digits each, and zero for what is rounding."""
+    least = ROUNDED * np.abs(values[np.isfinite(values)]).max(initial=0.0)
+    return "(" + ", ".join(f"{0.0 if abs(value) <= least else value:.4g}" for value in values) + ")"

@@ -1,0 +1,95 @@
+"""Linear algebra of estimates: the step to the most probable numbers, their covariance, and what of them is seen.
+
+Numbers in parentheses are those of ``docs/estimation.md``.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from multirod.validation import FloatArray
+
+UNSEEN = 1e-10  # of the largest singular value, each number in its unit: what is less is not determined at all
+SHARE = 1e-6  # of a direction that is not determined, from which on a number that takes part in it is not
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Normal distributions to first order, one an instance.
+
+    Attributes:
+        step: (5) From the numbers at hand to the mean, shape (b, k).
+        covariance: (6), shape (b, k, k); of a number that is not determined infinite, and NaN beside that.
+        length: (7) Of the step, in standard deviations, shape (b,).
+    """
+
+    step: FloatArray
+    covariance: FloatArray
+    length: FloatArray
+
+
+def roots(covariance: FloatArray) -> FloatArray:
+    """(4) ``Lambda`` (b, k, k) with ``Lambda^T Lambda`` the inverse of covariances; no rows of what is infinite."""
+    flat = np.isinf(np.diagonal(covariance, axis1=1, axis2=2))
+    finite = np.where(flat[:, :, None] | flat[:, None, :], np.eye(flat.shape[1]), covariance)
+    inverse = np.linalg.inv(np.linalg.cholesky(finite))
+    return np.asarray(np.where(flat[:, :, None], 0.0, inverse))
+
+
+def units(J: FloatArray, covariance: FloatArray) -> FloatArray:
+    """What each number is counted in, (b, k): its prior's deviation, without one what the rows tell it to."""
+    sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    size = np.sqrt((J**2).sum(axis=1))
+    told = 1 / np.where(size > 0, size, 1.0)
+    return np.asarray(np.where(np.isinf(sigma), told, sigma))
+
+
+def posterior(J: FloatArray, r: FloatArray, root: FloatArray, away: FloatArray, unit: FloatArray) -> Posterior:
+    """(5) to (7) of whitened rows: the least of ``|r + J d|^2 + |root (away + d)|^2``, by a singular value decomposition.
+
+    Args:
+        J: Shape (b, m, k).
+        r: Shape (b, m).
+        root: ``Lambda`` of the prior, shape (b, k, k).
+        away: ``p - p0``, shape (b, k); anything where nothing is known.
+        unit: What each number is counted in, shape (b, k).
+    """
+    stacked = np.concatenate([J, root], axis=1) * unit[:, None, :]
+    sides = np.concatenate([r, (root @ away[..., None])[..., 0]], axis=1)
+    left, size, right = np.linalg.svd(stacked, full_matrices=False)
+    seen = size > UNSEEN * size[:, :1]
+    inverse = np.where(seen, 1 / np.where(seen, size, 1.0), 0.0)
+    along = -(np.swapaxes(left, 1, 2) @ sides[..., None])[..., 0] * seen
+    scaled = np.swapaxes(right, 1, 2) * inverse[:, None, :]
+    covariance = scaled @ np.swapaxes(scaled, 1, 2) * unit[:, :, None] * unit[:, None, :]
+    if not seen.all():
+        lost = ((right**2) * ~seen[..., None]).sum(axis=1) > SHARE
+        covariance = np.where(lost[:, :, None] | lost[:, None, :], np.nan, covariance)
+        across = np.arange(lost.shape[1])
+        covariance[:, across, across] = np.where(lost, np.inf, covariance[:, across, across])
+    return Posterior((scaled @ along[..., None])[..., 0] * unit, covariance, np.sqrt((along**2).sum(axis=1)))
+
+
+def kept(covariance: FloatArray, prior: FloatArray) -> FloatArray:
+    """(8) What part of its prior's variance each number has kept, shape (..., k): 1 where nothing was told of it."""
+    after, before = np.diagonal(covariance, axis1=-2, axis2=-1), np.diagonal(prior, axis1=-2, axis2=-1)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.where(np.isinf(before), np.where(np.isinf(after), 1.0, 0.0), np.minimum(after / before, 1.0)))
+
+
+def principal(covariance: FloatArray, prior: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(9) Directions (..., k, k), unit columns, and what part of the prior's variance is kept along each, (..., k), most first.
+
+    NaN where a covariance is not finite.
+    """
+    k = covariance.shape[-1]
+    flat_after, flat_before = covariance.reshape(-1, k, k), np.broadcast_to(prior, covariance.shape).reshape(-1, k, k)
+    axes, parts = np.full((len(flat_after), k, k), np.nan), np.full((len(flat_after), k), np.nan)
+    sound = np.isfinite(flat_after).all(axis=(1, 2)) & np.isfinite(flat_before).all(axis=(1, 2))
+    root = np.linalg.cholesky(flat_before[sound])
+    inverse = np.linalg.inv(root)
+    values, vectors = np.linalg.eigh(inverse @ flat_after[sound] @ np.swapaxes(inverse, 1, 2))
+    turned = (root @ vectors)[..., ::-1]
+    axes[sound] = turned / np.linalg.norm(turned, axis=1, keepdims=True)
+    parts[sound] = np.clip(values[:, ::-1], 0.0, 1.0)
+    return axes.reshape(covariance.shape), parts.reshape(covariance.shape[:-1])

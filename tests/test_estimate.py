@@ -1,0 +1,220 @@
+"""Forces from poses: against measurements and bounds of a rod that is integrated by ``measured_rods``, nothing of the package."""
+
+import re
+
+import numpy as np
+import pytest
+from measured_rods import MeasuredRod, turned_by
+
+import multirod as mr
+
+POSITION, ANGLE = 1e-4, np.radians(0.1)  # of the sensor: 0.1 mm, 0.1 degree
+SIGMA = 0.25  # of the prior [N]
+PRIOR = {"tip_force": mr.Prior(0, sigma=SIGMA)}
+
+
+@pytest.fixture
+def robot(wire):
+    return mr.SingleRod(wire)
+
+
+@pytest.fixture(scope="module")
+def trials():
+    """Forces drawn from the prior, and what a noisy sensor says of the pose that each leads to."""
+    random = np.random.default_rng(16)
+    force = SIGMA * random.normal(size=(500, 3))
+    position, rotation, _, _ = MeasuredRod(0.4, 0.223349, 0.063814, (14, 5, 0)).seen(force)
+    position = position + POSITION * random.normal(size=(500, 3))
+    rotation = turned_by(ANGLE * random.normal(size=(500, 3))) @ rotation
+    return force, position, rotation
+
+
+def pose(trials, chosen=slice(None)):
+    _, position, rotation = trials
+    return mr.Pose(position=position[chosen], rotation=rotation[chosen], sigma=(POSITION, ANGLE))
+
+
+def test_force_from_a_pose_is_as_good_as_can_be(robot, trials):
+    """Five integrations; errors that are as large as the covariance says, which is the Cramer-Rao bound."""
+    force = trials[0]
+    found = mr.estimate(robot, unknown=PRIOR, measured=pose(trials)).raise_if_failed()
+    assert found.integrations.max() <= 5
+    error, covariance = found.value("tip_force") - force, found.covariance("tip_force")
+    # of 1500 squares of normal numbers, 0.85 to 1.15 is four standard deviations
+    assert 0.85 < np.einsum("bi,bij,bj->", error, np.linalg.inv(covariance), error) / 1500 < 1.15
+    assert 5.4 < found.misfit.mean() < 6.6
+    assert (found.degrees == 6).all()
+    few = slice(0, 10)
+    rod = MeasuredRod(0.4, 0.223349, 0.063814, (14, 5, 0))
+    bound = np.linalg.inv(rod.information(force[few], position=POSITION, angle=ANGLE) + np.eye(3) / SIGMA**2)
+    # at the estimate, not at the force: they differ as the force does, by some per cent of itself
+    np.testing.assert_allclose(np.trace(covariance[few], axis1=1, axis2=2), np.trace(bound, axis1=1, axis2=2), rtol=0.1)
+    spread = np.sqrt(np.trace(covariance, axis1=1, axis2=2).mean())
+    assert np.sqrt((error**2).sum(axis=1).mean()) < 1.1 * spread
+    # what is known exactly: at the force itself, without noise
+    p, R, _, _ = rod.seen(force[few])
+    exact = mr.estimate(robot, unknown=PRIOR, measured=mr.Pose(position=p, rotation=R, sigma=(1e-7, 1e-6)))
+    np.testing.assert_allclose(exact.value("tip_force"), force[few], atol=1e-4)
+    alike = exact.covariance("tip_force") * (POSITION / 1e-7) ** 2
+    sharp = np.linalg.inv(rod.information(force[few], position=POSITION, angle=POSITION * 10))
+    np.testing.assert_allclose(alike, sharp, rtol=2e-3, atol=2e-3 * np.abs(sharp).max())
+
+
+def test_one_instance_is_bitwise_as_in_the_batch(robot, trials):
+    batch = mr.estimate(robot, unknown=PRIOR, measured=pose(trials), threads=2)
+    alone = mr.estimate(robot, unknown=PRIOR, measured=pose(trials, 3))
+    np.testing.assert_array_equal(alone.value("tip_force"), batch.value("tip_force")[3])
+    np.testing.assert_array_equal(alone.covariance(), batch.covariance()[3])
+    assert alone.status is mr.Status.CONVERGED
+    # the solution is the equilibrium at the estimate
+    solved = mr.solve(robot, robot.inputs(tip_force=alone.value("tip_force")))
+    np.testing.assert_allclose(alone.solution.tip_position, solved.tip_position, atol=1e-8)
+    assert "tip_force (" in repr(alone)
+
+
+def test_an_earlier_estimate_is_a_prior(robot, trials):
+    """Two sensors at once, or one after the other: the same to first order."""
+    _, position, rotation = (values[7] for values in trials)
+    both = mr.estimate(
+        robot,
+        unknown=PRIOR,
+        measured=[mr.Pose(position=position, sigma=POSITION), mr.Pose(rotation=rotation, sigma=ANGLE)],
+    )
+    first = mr.estimate(robot, unknown=PRIOR, measured=[mr.Pose(position=position, sigma=POSITION)])
+    known = mr.Prior(first.value("tip_force"), covariance=first.covariance("tip_force"))
+    then = mr.estimate(
+        robot, unknown={"tip_force": known}, measured=[mr.Pose(rotation=rotation, sigma=ANGLE)], guess=first.solution
+    )
+    np.testing.assert_allclose(then.value("tip_force"), both.value("tip_force"), atol=0.1 * both.sigma("tip_force").min())
+    np.testing.assert_allclose(then.sigma("tip_force"), both.sigma("tip_force"), rtol=0.05)
+    # at what was found already, one integration says so
+    again = mr.estimate(
+        robot, unknown={"tip_force": known}, measured=[mr.Pose(position=position, sigma=1e3)], guess=first.solution
+    )
+    assert again.integrations == 1
+
+
+def test_what_is_missing_is_gone_without(robot, trials):
+    """NaN of a sensor, of some of the instances: they are as if it were not there, and say so."""
+    _, position, rotation = (values[:4].copy() for values in trials)
+    turned, placed = mr.Pose(rotation=rotation, sigma=ANGLE), mr.Pose(position=position, sigma=POSITION)
+    whole = mr.estimate(robot, unknown=PRIOR, measured=[placed, turned])
+    without = mr.estimate(robot, unknown=PRIOR, measured=[placed])
+    rotation[1], rotation[2, 0, 1] = np.nan, np.nan
+    position[3] = np.nan
+    rotation[3] = np.nan
+    lost = [mr.Pose(position=position, sigma=POSITION), mr.Pose(rotation=rotation, sigma=ANGLE)]
+    found = mr.estimate(robot, unknown=PRIOR, measured=lost)
+    np.testing.assert_array_equal(found.missing, [[False, False], [False, True], [False, True], [True, True]])
+    np.testing.assert_array_equal(found.value("tip_force")[0], whole.value("tip_force")[0])
+    np.testing.assert_allclose(found.value("tip_force")[1:3], without.value("tip_force")[1:3], atol=1e-12)
+    # nothing is measured of the last: its prior is all there is
+    np.testing.assert_array_equal(found.value("tip_force")[3], 0)
+    np.testing.assert_allclose(found.covariance("tip_force")[3], SIGMA**2 * np.eye(3), rtol=1e-12)
+    assert not found.observable["tip_force"][3].any()
+    assert found.observable["tip_force"][:3].all()
+
+
+def test_base_and_measurement_may_be_moved_together(robot, wire, trials, make_pose):
+    moved = make_pose((0.4, -1.1, 0.3), (0.2, -0.1, 0.5))
+    R = moved[:3, :3]
+    _, position, rotation = (values[5] for values in trials)
+    here = mr.estimate(robot, unknown=PRIOR, measured=mr.Pose(position=position, rotation=rotation, sigma=(POSITION, ANGLE)))
+    away = mr.Pose(position=R @ position + moved[:3, 3], rotation=R @ rotation, sigma=(POSITION, ANGLE))
+    there = mr.estimate(mr.SingleRod(wire, base=moved), unknown=PRIOR, measured=away)
+    np.testing.assert_allclose(there.value("tip_force"), R @ here.value("tip_force"), atol=1e-9)
+    np.testing.assert_allclose(there.covariance(), R @ here.covariance() @ R.T, atol=1e-9 * SIGMA**2)
+
+
+def test_what_is_not_seen_keeps_its_prior_and_says_so(trials):
+    """A straight stiff rod does not move along itself: the force there is as unknown as before, however it is turned."""
+    rod = mr.Rod(length=0.4, bending_stiffness=0.223349, torsional_stiffness=0.063814)
+    robot = mr.SingleRod(rod)
+    pose = mr.Pose(position=(0, 0, 0.4), rotation=np.eye(3), sigma=(POSITION, ANGLE))
+    found = mr.estimate(robot, unknown=PRIOR, measured=pose)
+    np.testing.assert_array_equal(found.observable["tip_force"], [True, True, False])
+    np.testing.assert_allclose(found.sigma("tip_force")[2], SIGMA, rtol=1e-6)
+    axes, part = found.directions("tip_force")
+    np.testing.assert_allclose(np.abs(axes[:, 0]), [0, 0, 1], atol=1e-6)
+    np.testing.assert_allclose(part[0], 1.0, rtol=1e-9)
+    assert "unobservable: tip_force along (" in repr(found)
+    assert "100% of the prior's variance is kept" in repr(found)
+    # without a prior its variance has no end, and that of the others is what the rows say
+    flat = mr.estimate(robot, unknown={"tip_force": mr.Prior()}, measured=pose)
+    assert np.isinf(flat.sigma("tip_force")[2])
+    np.testing.assert_allclose(flat.sigma("tip_force")[:2], found.sigma("tip_force")[:2], rtol=1e-3)
+    np.testing.assert_array_equal(flat.observable["tip_force"], [True, True, False])
+    assert "unobservable: tip_force[2]" in repr(flat)
+
+
+def test_several_unknowns_at_once(robot):
+    """A force and a moment from one pose, without priors: six numbers from six."""
+    truth = robot.inputs(tip_force=(0.2, -0.3, 0.1), tip_moment=(0.01, 0.02, -0.01))
+    solved = mr.solve(robot, truth)
+    pose = mr.Pose(position=solved.tip_position, rotation=solved.tip_rotation, sigma=(1e-5, 1e-4))
+    found = mr.estimate(robot, unknown={"tip_force": mr.Prior(), "tip_moment": mr.Prior()}, measured=pose)
+    np.testing.assert_allclose(found.value("tip_force"), (0.2, -0.3, 0.1), atol=1e-5)
+    np.testing.assert_allclose(found.value("tip_moment"), (0.01, 0.02, -0.01), atol=1e-6)
+    assert found.degrees == 0
+    assert found.covariance().shape == (6, 6)
+
+
+def test_what_cannot_be_reached_fails_by_name(robot):
+    far = mr.Pose(position=(5.0, 0, 0), sigma=1e-4)
+    found = mr.estimate(robot, unknown={"tip_force": mr.Prior()}, measured=far, max_iterations=3)
+    assert found.failed
+    assert found.status in (mr.Status.MAX_ITERATIONS, mr.Status.STALLED)
+    assert np.isnan(found.value("tip_force")).all()
+    with pytest.raises(mr.SolveError):
+        found.raise_if_failed()
+
+
+GOOD = mr.Pose(position=(0, 0, 0.1), sigma=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"unknown": {"tip_forse": mr.Prior()}}, TypeError, "unknown takes no 'tip_forse'.*did you mean 'tip_force'"),
+        ({"unknown": {"tip_curvature": mr.Prior()}}, ValueError, "tip_curvature is a measurement"),
+        ({"unknown": {}}, ValueError, "must name one input or several"),
+        ({"unknown": ("tip_force",)}, TypeError, "must be priors by name"),
+        ({"unknown": {"tip_force": 0.25}}, TypeError, "must be a Prior"),
+        ({"unknown": {"tip_force": mr.Prior(sigma=(1, 2))}}, ValueError, "Prior.sigma of tip_force"),
+        (
+            {"unknown": {"tip_force": mr.Prior(), "tip_moment": mr.Prior()}},
+            ValueError,
+            "3 of tip_force, 3 of tip_moment.*unobservable",
+        ),
+        ({"measured": mr.Pose(position=(0, 0, 0.1))}, ValueError, r"measured\[0\].sigma = None"),
+        ({"measured": mr.Pose(position=(np.nan,) * 3, sigma=1e-3)}, ValueError, "NaN in all rows"),
+        ({"measured": []}, TypeError, "must be measurements"),
+        ({"measured": (0, 0, 0.1)}, TypeError, "must be measurements"),
+        (
+            {"measured": mr.Pose(position=np.zeros((2, 3)), sigma=1.0), "unknown": {"tip_force": mr.Prior(np.zeros((3, 3)))}},
+            ValueError,
+            "leading axes",
+        ),
+        ({"max_iterations": 0}, ValueError, "max_iterations"),
+    ],
+)
+def test_bad_input(robot, options, error, message):
+    with pytest.raises(error, match=message):
+        mr.estimate(robot, **({"unknown": PRIOR, "measured": GOOD} | options))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"sigma": 0}, "Prior.sigma = 0 .*> 0"),
+        ({"sigma": (0.1, -1, 1)}, "Prior.sigma"),
+        ({"sigma": np.nan}, "Prior.sigma"),
+        ({"covariance": np.diag([1.0, -1, 1])}, "positive definite"),
+        ({"covariance": [[1, 0.5], [0, 1]]}, "symmetric"),
+        ({"covariance": np.eye(3), "sigma": 1.0}, "must not be given beside"),
+    ],
+)
+def test_bad_priors(options, message):
+    with pytest.raises(ValueError, match=message):
+        mr.Prior(0, **options)
+    assert re.match(r"Prior\(0.0, sigma=0.25\)", repr(PRIOR["tip_force"]))
