@@ -60,7 +60,8 @@ if _typing.TYPE_CHECKING:
     from multirod.studies.terms import Dropped, Explanation, Term, explain
     from multirod.studies.tradeoffs import Measured, Tradeoff, tradeoff, tune
     from multirod.tasks.estimate import Estimate, estimate
-    from multirod.tasks.priors import Prior
+    from multirod.tasks.estimator import Estimator
+    from multirod.tasks.priors import Prior, Walk
     from multirod.tasks.rows import Pose
 
 __version__ = "0.1.0"
@@ -84,6 +85,7 @@ __all__ = [
     "EnergyDescent",
     "Equilibria",
     "Estimate",
+    "Estimator",
     "Explanation",
     "FixedStepIntegrator",
     "HeldRod",
@@ -122,6 +124,7 @@ __all__ = [
     "Track",
     "Tracker",
     "Tradeoff",
+    "Walk",
     "critical_loads",
     "equilibria",
     "estimate",
@@ -169,7 +172,8 @@ _PUBLIC = {
     "studies.sweeps": "Study sweep",
     "studies.terms": "Dropped Explanation Term explain",
     "tasks.estimate": "Estimate estimate",
-    "tasks.priors": "Prior",
+    "tasks.estimator": "Estimator",
+    "tasks.priors": "Prior Walk",
     "tasks.rows": "Pose",
     "running.tracker": "Tracker",
     "studies.tradeoffs": "Measured Tradeoff tradeoff tune",

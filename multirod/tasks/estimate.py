@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import accumulate
 from math import prod
 from threading import Event, Lock
 from typing import Any, Generic, Self
@@ -202,22 +203,22 @@ def estimate(
     method = as_solver(robot, solver)
     device = device_name("device", device)
     given = robot.accept(inputs)
-    priors = _priors(robot, given, unknown)
+    priors = checked_priors(robot, given, unknown)
     sensors = checked("measured", measured)
     most = positive_int("max_iterations", max_iterations)
     whole = _axes(robot, given, priors, sensors)
     refuse_nothing("measured", Measured(sensors, whole, None).known)
     _refuse_more(priors, given, sum(sensor.count for sensor in sensors))
-    scene = _Scene(robot, _at_means(robot, given, priors, whole), priors, sensors, whole, method, device, most, guess)
+    scene = Known(robot, at_means(robot, given, priors, whole), priors, sensors, whole, method, device, most, guess)
     count = prod(whole)
     workers = thread_count(threads)
     pieces = parts(count, workers, robot.rod_count) if count else []
-    found: dict[int, _Part] = {}
+    found: dict[int, Part] = {}
     lock = Lock()
 
     def work(piece: slice, stop: Event) -> None:
         with lock:
-            part = _Part(scene, piece, np.arange(piece.start, piece.stop) if len(pieces) > 1 else None)
+            part = Part(scene, piece, np.arange(piece.start, piece.stop) if len(pieces) > 1 else None)
         part.task.problem.stop = stop
         part.run()
         found[piece.start] = part
@@ -227,7 +228,7 @@ def estimate(
 
 
 @dataclass(frozen=True)
-class _Scene:
+class Known:
     """What is estimated from what."""
 
     robot: Any
@@ -241,20 +242,20 @@ class _Scene:
     guess: Any
 
 
-class _Part:
+class Part:
     """Some instances: Gauss-Newton steps in the freed inputs, the unknowns eliminated, one integration each.
 
     ``towards`` and ``by`` say where the equilibrium goes with a step, (2); ``step`` is the one that is tried next.
     """
 
-    def __init__(self, scene: _Scene, piece: slice, instances: IntArray | None) -> None:
+    def __init__(self, scene: Known, piece: slice, instances: IntArray | None, measured: Measured | None = None) -> None:
         self.scene, self.piece = scene, piece
         robot, inputs, names = scene.robot, scene.inputs, tuple(scene.priors)
         options: dict[str, Any] = {"integrator": scene.solver.integrator, "device": scene.device, "instances": instances}
         self.task = Task.of(robot, inputs, names, **options)
-        self.measured = Measured(scene.sensors, scene.batch_shape, instances)
+        self.measured = measured or Measured(scene.sensors, scene.batch_shape, instances)
         whole = (scene.batch_shape, instances)
-        self.prior = _block_diagonal(
+        self.prior = block_diagonal(
             [scene.priors[name].variances(name, getattr(inputs, name).shape[-1], *whole) for name in names]
         )
         self.root = roots(self.prior)
@@ -343,7 +344,7 @@ class _Part:
         return go_on
 
 
-def _joined(scene: _Scene, pieces: Sequence[_Part]) -> Estimate[Any]:
+def _joined(scene: Known, pieces: Sequence[Part]) -> Estimate[Any]:
     """The estimate of all instances from its parts."""
     first, shape = pieces[0], scene.batch_shape
 
@@ -353,9 +354,7 @@ def _joined(scene: _Scene, pieces: Sequence[_Part]) -> Estimate[Any]:
 
     outcome = Outcome.joined([Outcome(p.outcome.status, p.outcome.iterations, p.outcome.integrations) for p in pieces])
     records = np.concatenate([part.task.problem.snapshot() for part in pieces])
-    names, sizes = list(scene.priors), [getattr(scene.inputs, name).shape[-1] for name in scene.priors]
-    ends = np.cumsum(sizes)
-    places = {name: slice(int(end) - size, int(end)) for name, end, size in zip(names, ends, sizes, strict=True)}
+    places = places_of(scene.inputs, tuple(scene.priors))
     failed = failures(outcome.status).reshape(shape)
     mean, covariance, misfit = (np.array(join(name)) for name in ("p", "covariance", "square"))
     for values in (mean, covariance, misfit):
@@ -374,7 +373,13 @@ def _joined(scene: _Scene, pieces: Sequence[_Part]) -> Estimate[Any]:
     return Estimate(solution, places, mean, covariance, prior, missing, misfit, rows - flat)
 
 
-def _priors(robot: Assembly, inputs: Inputs, unknown: Any) -> dict[str, Prior]:
+def places_of(inputs: Inputs, names: Sequence[str]) -> dict[str, slice]:
+    """Where the components of each input stand among all, one input after another."""
+    sizes = [getattr(inputs, name).shape[-1] for name in names]
+    return {name: slice(end - size, end) for name, end, size in zip(names, accumulate(sizes), sizes, strict=True)}
+
+
+def checked_priors(robot: Assembly, inputs: Inputs, unknown: Any) -> dict[str, Prior]:
     """Checked priors by the names of inputs."""
     if not isinstance(unknown, Mapping):
         raise TypeError(
@@ -399,7 +404,7 @@ def _axes(robot: Assembly, inputs: Inputs, priors: Mapping[str, Prior], sensors:
         raise ValueError(f"the leading axes do not broadcast: {said}") from None
 
 
-def _at_means(robot: Assembly, inputs: Inputs, priors: Mapping[str, Prior], whole: tuple[int, ...]) -> Inputs:
+def at_means(robot: Assembly, inputs: Inputs, priors: Mapping[str, Prior], whole: tuple[int, ...]) -> Inputs:
     """The inputs at the priors' means, of all leading axes."""
     held = {name: inputs.array(name) for name in inputs.given if name not in inputs.profiles}
     for name, prior in priors.items():
@@ -420,7 +425,7 @@ def _refuse_more(priors: Mapping[str, Prior], inputs: Inputs, rows: int) -> None
         )
 
 
-def _block_diagonal(blocks: Sequence[FloatArray]) -> FloatArray:
+def block_diagonal(blocks: Sequence[FloatArray]) -> FloatArray:
     """(b, k, k) of blocks of each."""
     size = sum(block.shape[-1] for block in blocks)
     result = np.zeros((len(blocks[0]), size, size))

@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 from multirod.batch import IntArray
 from multirod.tasks.formulation import Evaluation
 from multirod.tasks.rows import Pose, PoseRows
-from multirod.validation import Described, FloatArray, refuse
+from multirod.validation import Described, FloatArray, array, refuse
 
 Sensor = Pose
+TURNED = 1e-4  # what a measured R R^T may be off the identity: sensors round
 
 
 class Measured:
@@ -23,7 +24,7 @@ class Measured:
     """
 
     def __init__(self, sensors: Sequence[Sensor], batch_shape: tuple[int, ...], instances: IntArray | None) -> None:
-        pairs = [_rows(sensor, batch_shape, instances) for sensor in sensors]
+        pairs = [_filled(sensor.rows(1.0, batch_shape, instances)) for sensor in sensors]
         self.rows: list[PoseRows] = [rows for rows, _ in pairs]
         self.known: NDArray[np.bool_] = np.concatenate([known for _, known in pairs], axis=1)
         self.ends = np.cumsum([known.shape[1] for _, known in pairs])
@@ -65,17 +66,16 @@ def refuse_nothing(field: str, known: NDArray[np.bool_]) -> None:
         refuse(field, Described("NaN in all rows"), "something must be measured")
 
 
-def _rows(sensor: Pose, batch_shape: tuple[int, ...], instances: IntArray | None) -> tuple[PoseRows, NDArray[np.bool_]]:
-    """The rows of a pose, NaN replaced, and which of them were no NaN."""
-    own = sensor.rows(1.0, batch_shape, instances)
+def _filled(own: PoseRows) -> tuple[PoseRows, NDArray[np.bool_]]:
+    """The rows of a pose, NaN replaced, and which of them were no NaN; of angles all or none."""
     known: list[NDArray[np.bool_]] = []
     position, rotation, axis = own.position, own.rotation, own.axis
     if position is not None:
         known.append(np.isfinite(position))
         position = np.where(known[-1], position, 0.0)
     for value, tail, width in ((rotation, (1, 2), 3), (axis, (1,), 2)):
-        if value is not None:  # of angles all or none
-            whole: NDArray[np.bool_] = np.isfinite(value).all(axis=tail, keepdims=True)
+        if value is not None:
+            whole = np.asarray(np.isfinite(value).all(axis=tail))
             known.append(np.repeat(whole.reshape(-1, 1), width, axis=1))
     if rotation is not None:
         rotation = np.where(known[-1][:, :1, None], rotation, np.eye(3))
@@ -91,3 +91,56 @@ def batch_of(sensors: Sequence[Sensor]) -> tuple[int, ...]:
         return np.broadcast_shapes(*shapes)
     except ValueError:
         refuse("measured", Described(f"leading axes {shapes}"), "must broadcast")
+
+
+class Live(Measured):
+    """The rows of sensors whose measurements come one sample after another, in the place of those they were made with."""
+
+    def __init__(self, sensors: Sequence[Sensor], batch_shape: tuple[int, ...]) -> None:
+        super().__init__(sensors, batch_shape, None)
+        self.sensors = tuple(sensors)
+        self._batch_shape, self._count = batch_shape, len(self.known)
+
+    def put(self, values: object) -> None:
+        """Take what each sensor says now; None, or NaN, where it dropped out.
+
+        Raises:
+            TypeError: If there are no numbers.
+            ValueError: If there are not as many as sensors, or one measures something else.
+        """
+        if not isinstance(values, (list, tuple)) or len(values) != len(self.sensors):
+            refuse("measured", values, f"must be a list of {len(self.sensors)}, what each sensor says, None where it dropped out")
+        found = [self._one(k, sensor, value) for k, (sensor, value) in enumerate(zip(self.sensors, values, strict=True))]
+        for k, (rows, known) in enumerate(found):
+            if rows is not None:
+                self.rows[k] = rows
+            self.known[:, self.ends[k] - self.sensors[k].count : self.ends[k]] = known
+
+    def _one(self, k: int, sensor: Sensor, value: Any) -> tuple[PoseRows | None, Any]:
+        """Rows of what a sensor says, and which there are."""
+        if value is None:
+            return None, False
+        names = [name for name in ("position", "rotation", "axis") if getattr(sensor, name) is not None]
+        parts = (value,) if len(names) == 1 else value
+        if not isinstance(parts, (list, tuple)) or len(parts) != len(names):
+            refuse(f"measured[{k}]", value, f"must be ({', '.join(names)})")
+        told: dict[str, FloatArray | None] = dict.fromkeys(("position", "rotation", "axis"))
+        for name, part in zip(names, parts, strict=True):
+            told[name] = self._numbers(f"measured[{k}], {name}", part, (3, 3) if name == "rotation" else (3,))
+        axis, rotation = told["axis"], told["rotation"]
+        if axis is not None:
+            told["axis"] = axis / np.linalg.norm(axis, axis=1, keepdims=True)
+        if rotation is not None:
+            off = np.abs(rotation @ np.swapaxes(rotation, 1, 2) - np.eye(3)).max()
+            if off > TURNED:
+                refuse(f"measured[{k}], rotation", part, f"must be a rotation: R R^T is off the identity by {off:.2g}")
+        assert sensor.sigma is not None
+        return _filled(PoseRows(told["position"], told["rotation"], told["axis"], 1 / sensor.sigma))
+
+    def _numbers(self, field: str, value: Any, tail: tuple[int, ...]) -> FloatArray:
+        """(b, *tail), which may be NaN."""
+        numbers = value if type(value) is np.ndarray and value.dtype == np.float64 else array(field, value, finite=False)
+        try:
+            return np.broadcast_to(numbers, (*self._batch_shape, *tail)).reshape(self._count, *tail)
+        except ValueError:
+            refuse(field, Described(f"array of shape {numbers.shape}"), f"must broadcast to {(*self._batch_shape, *tail)}")

@@ -1,0 +1,167 @@
+"""Forces that wander, sample by sample: against measurements of a rod that is integrated by ``measured_rods``."""
+
+import numpy as np
+import pytest
+from measured_rods import MeasuredRod, turned_by
+
+import multirod as mr
+
+POSITION, ANGLE = 1e-4, np.radians(0.1)
+WALK, DT, SAMPLES = 0.3, 0.002, 250  # N/sqrt(s), s
+STEPS = mr.RK4(50)
+
+
+@pytest.fixture(scope="module")
+def wandering():
+    """Forces of a random walk, and noisy poses of the tip."""
+    random = np.random.default_rng(7)
+    force = (0.2, -0.1, 0.3) + np.cumsum(WALK * np.sqrt(DT) * random.normal(size=(SAMPLES, 3)), axis=0)
+    position, rotation, _, _ = MeasuredRod(0.4, 0.223349, 0.063814, (14, 5, 0)).seen(force)
+    position = position + POSITION * random.normal(size=position.shape)
+    return force, position, turned_by(ANGLE * random.normal(size=(SAMPLES, 3))) @ rotation
+
+
+@pytest.fixture
+def make(wire):
+    def estimator(sigma=(POSITION, ANGLE), start=None, **options):
+        sensor = mr.Pose(position=(0, 0, 0.4), rotation=np.eye(3), sigma=sigma)
+        walks = {"tip_force": mr.Walk(WALK, start=mr.Prior(0, sigma=0.5) if start is None else start)}
+        options = {"integrator": STEPS, "dt": DT, "unknown": walks, "sensors": sensor} | options
+        return mr.Estimator(mr.SingleRod(wire), **options)
+
+    return estimator
+
+
+def test_one_integration_a_sample_and_errors_as_large_as_it_says(make, wandering):
+    meter = make()
+    errors, squares = [], []
+    for k, (force, position, rotation) in enumerate(zip(*wandering, strict=True)):
+        sample = meter.step([(position, rotation)])
+        assert k == 0 or (sample.integrations == 1 and sample.status is mr.Status.TRACKING)
+        error = sample.value("tip_force") - force
+        errors.append(error @ np.linalg.solve(sample.covariance("tip_force"), error))
+        squares.append(float(sample.misfit))
+    # correlated over some samples: 250 of three dimensions are some 100 independent ones
+    assert 0.75 < np.mean(errors) / 3 < 1.3
+    # what is not expected is independent: 1500 squares
+    assert 0.85 < np.mean(squares) / 6 < 1.15
+    # it is as a whole better than each sample alone
+    alone = mr.estimate(
+        meter.robot,
+        unknown={"tip_force": mr.Prior(0, sigma=0.5)},
+        measured=mr.Pose(position=wandering[1][-1], rotation=wandering[2][-1], sigma=(POSITION, ANGLE)),
+    )
+    assert (sample.sigma("tip_force") < 0.8 * alone.sigma("tip_force")).all()
+    assert sample.observable["tip_force"].all()
+
+
+def test_the_filter_of_a_linear_sensor_is_kalmans(make):
+    """A stiff rod under small forces is linear: gain and covariance are those of the textbook's recursion."""
+    rod = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.223349, torsional_stiffness=0.063814))
+    compliance = mr.solve(rod, rod.inputs()).jacobian("tip_force")[:2, :2]
+    sigma, walk, start = 1e-5, 1e-3, 1e-3
+    meter = mr.Estimator(
+        rod,
+        dt=DT,
+        unknown={"tip_force": mr.Walk(walk, start=mr.Prior(0, sigma=start))},
+        sensors=mr.Pose(position=(0, 0, 0.4), sigma=sigma),
+        integrator=STEPS,
+    )
+    mean, P = np.zeros(2), start**2 * np.eye(2)
+    for k in range(6):
+        y = np.array([1e-5 * np.sin(k), 2e-5 * np.cos(k), 0.4])
+        sample = meter.step([y])
+        P = P + (k > 0) * walk**2 * DT * np.eye(2)
+        gain = P @ compliance.T @ np.linalg.inv(compliance @ P @ compliance.T + sigma**2 * np.eye(2))
+        mean, P = mean + gain @ (y[:2] - compliance @ mean), (np.eye(2) - gain @ compliance) @ P
+        # what a force of a millinewton bends is linear to 1e-6
+        np.testing.assert_allclose(sample.value("tip_force")[:2], mean, atol=1e-5 * np.abs(mean).max())
+        np.testing.assert_allclose(sample.covariance()[:2, :2], P, rtol=1e-5, atol=1e-6 * P.max())
+    # along itself the rod does not move
+    np.testing.assert_allclose(sample.covariance()[2, 2], start**2 + 5 * walk**2 * DT, rtol=1e-6)
+    np.testing.assert_array_equal(sample.observable["tip_force"], [True, True, False])
+
+
+def test_a_sensor_that_drops_out_is_gone_without(make, wandering):
+    force, position, rotation = wandering
+    meter = make()
+    for k in range(20):
+        sample = meter.step([(position[k], rotation[k])])
+    before = sample.covariance()
+    for lost in (None, (np.full(3, np.nan), np.full((3, 3), np.nan))):
+        sample = meter.step([lost])
+        assert sample.missing.all()
+        assert sample.degrees == 0
+        before = before + WALK**2 * DT * np.eye(3)
+        np.testing.assert_allclose(sample.covariance(), before, rtol=1e-12)
+    half = meter.step([(position[22], np.full((3, 3), np.nan))])
+    assert half.missing.all()
+    assert half.degrees == 3
+    for k in range(23, 40):
+        sample = meter.step([(position[k], rotation[k])])
+    assert not sample.missing.any()
+    assert (np.abs(sample.value("tip_force") - force[39]) < 5 * sample.sigma("tip_force")).all()
+    # from the first sample on
+    late = make()
+    first = late.step([None])
+    np.testing.assert_array_equal(first.value("tip_force"), 0)
+    for k in range(15):
+        sample = late.step([(position[k], rotation[k])])
+    assert (np.abs(sample.value("tip_force") - force[14]) < 5 * sample.sigma("tip_force")).all()
+
+
+def test_what_is_known_moves_with_it(wire, make):
+    """The base turns: the estimate does not take that for a force; a batch is as its instances alone."""
+    robot = mr.SingleRod(wire)
+    force = np.array([[0.2, -0.1, 0.3], [0.0, 0.4, -0.1]])
+    angle = 0.02 * np.arange(30)
+    solved = mr.solve(robot, robot.inputs(tip_force=force[:, None], rotation=angle), solver=mr.Shooting(integrator=STEPS))
+    seen = np.moveaxis(solved.tip_position, 1, 0), np.moveaxis(solved.tip_rotation, 1, 0)
+    both, alone = make(inputs=robot.inputs(rotation=np.zeros(2))), make()
+    for k, (p, R) in enumerate(zip(*seen, strict=True)):
+        batch, one = both.step([(p, R)], rotation=angle[k]), alone.step([(p[1], R[1])], rotation=angle[k])
+    np.testing.assert_allclose(batch.value("tip_force"), force, atol=1e-3)
+    np.testing.assert_allclose(batch.value("tip_force")[1], one.value("tip_force"), atol=1e-12)
+    # the solution is the equilibrium there, nearly
+    again = mr.solve(robot, robot.inputs(rotation=angle[-1], tip_force=one.value("tip_force")))
+    np.testing.assert_allclose(one.solution.rod(0).position[-1], again.tip_position, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"dt": 0}, ValueError, "Estimator.dt"),
+        ({"unknown": {"tip_force": mr.Prior(0, sigma=1)}}, TypeError, "must be a Walk"),
+        ({"unknown": {"tip_forse": mr.Walk(1)}}, TypeError, "did you mean 'tip_force'"),
+        ({"unknown": {"tip_force": mr.Walk(1, start=mr.Prior())}}, ValueError, "a prior without sigma"),
+        ({"sensors": mr.Pose(position=(0, 0, 1))}, ValueError, r"sensors\[0\].sigma"),
+        ({"sensors": ()}, TypeError, "sensors must be measurements"),
+    ],
+)
+def test_bad_estimators(make, options, error, message):
+    with pytest.raises(error, match=message):
+        make(**options)
+
+
+@pytest.mark.parametrize(
+    ("measured", "changes", "error", "message"),
+    [
+        ([], {}, ValueError, "measured = .* must be a list of 1"),
+        ([(np.zeros(3),)], {}, ValueError, r"measured\[0\] = .* must be \(position, rotation\)"),
+        ([(np.zeros(2), np.eye(3))], {}, ValueError, r"measured\[0\], position"),
+        ([(np.zeros(3), 2 * np.eye(3))], {}, ValueError, "must be a rotation"),
+        ([None], {"tip_force": (0, 0, 1)}, TypeError, "takes no 'tip_force': it is estimated"),
+        ([None], {"rotatoin": 1.0}, TypeError, "did you mean 'rotation'"),
+    ],
+)
+def test_bad_samples(make, measured, changes, error, message):
+    with pytest.raises(error, match=message):
+        make().step(measured, **changes)
+
+
+def test_bad_walks():
+    for sigma in (0, -1, np.inf, np.nan):
+        with pytest.raises(ValueError, match="Walk.sigma"):
+            mr.Walk(sigma)
+    with pytest.raises(TypeError, match="Walk.start must be a Prior"):
+        mr.Walk(1.0, start=0.5)
