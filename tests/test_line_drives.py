@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.optimize import brentq, fsolve
+from scipy.special import ellipk
 
 import multirod as mr
 
@@ -447,6 +448,28 @@ def test_lines_that_are_held_keep_a_column_from_buckling() -> None:
     indices = [at(part * load, straight).index for load in loads for part in (0.999, 1.001)]
     assert indices == [0, 1, 1, 2]
     assert abs(at(0.999 * loads[0]).stability_margin) < 0.01
+
+
+def test_a_column_buckles_between_lines_that_hold_it_in_one_plane_and_beside_slack_ones() -> None:
+    # bent across the plane of two lines it keeps their lengths, and so it does beside slack ones: an elastica alone
+    lines = [mr.Tendon(offset=(sign * R, 0), driven="displacement", axial_stiffness=30.0) for sign in (1, -1)]
+    robot = mr.SingleRod(mr.Rod(**OWN, lines=lines))
+    load = 1.3
+    root = np.pi / 2 * np.sqrt(load)
+    modulus = brentq(lambda k: ellipk(k * k) - root, 1e-6, 1 - 1e-9)
+    force = (0, 0, -load * np.pi**2 / 4 * EI / LENGTH**2)
+    found = mr.solve(robot, robot.inputs(displacement=[(0.001, 0.001), (-0.05, -0.05)], tip_force=force)).raise_if_failed()
+    assert (found.status == mr.Status.BIFURCATED).all()
+    deflection = np.linalg.norm(found.tip_position[:, :2], axis=1)
+    np.testing.assert_allclose(deflection, 2 * modulus / root * LENGTH, atol=1e-6 * LENGTH)
+    np.testing.assert_allclose(found.tip_position[0, 0], 0, atol=1e-8 * LENGTH)
+    np.testing.assert_array_equal(found.slack, [[False, False], [True, True]])
+    # beside slack lines a round column may go to any side
+    assert found.stability.tolist() == [mr.Stability.STABLE, mr.Stability.FOLD]
+    ((taut,), (slack,)) = found.events
+    assert (taut.neutral, slack.neutral) == (0, 1)
+    # a little early by step control
+    np.testing.assert_allclose([taut.load_factor, slack.load_factor], 1 / load, rtol=1e-3)
 
 
 def test_inextensible_push_rods_keep_a_column_straight_up_to_four_times_the_load() -> None:

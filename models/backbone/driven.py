@@ -53,7 +53,7 @@ class DrivenLines(Lines):
         for k, (lever, unknown) in self._conditions().items():
             unit = self.problem.each(self.problem.arrays.material[:, self._driven_rods[k], 0, :2].max(axis=-1) / lever)
             slackens = self._driven[k][0].slackens
-            result[:, k] = unit * (np.maximum(unknown, 0.0) if slackens else unknown)
+            result[:, k] = unit * (positive_part(unknown, self._rounding()) if slackens else unknown)
         return result
 
     def slack(self) -> NDArray[np.bool_]:  # noqa: D102
@@ -80,18 +80,30 @@ class DrivenLines(Lines):
         return np.asarray(straight & (pull >= np.pi**2 * softest)[:, self._driven_rods])
 
     def taut(self) -> NDArray[np.bool_]:
-        """Which of the lines that are driven by their length are held by it, shape (instance_count, condition_count)."""
-        held = [(unknown > 0) | (not self._driven[k][0].slackens) for k, (_, unknown) in self._conditions().items()]
+        """Which of the lines that are driven by their length are held by it, shape (instance_count, condition_count).
+
+        All are, a little, on the way to the load, (L8b).
+        """
+        rounded = self._rounding() > 0
+        held = [(unknown > 0) | rounded | (not self._driven[k][0].slackens) for k, (_, unknown) in self._conditions().items()]
         return np.stack(held, axis=1)
 
     def stretch_energy(self, length: FloatArray) -> FloatArray:
         """What lines that are driven by their length store, less what their tensions would do if they were given [J], shape
         (instance_count,); ``length`` is that of each (instance_count, count)."""
-        tension, total = self.tension(), np.zeros(self.problem.instance_count)
-        for k in self._conditions():
-            compliance = self.problem.each(self._driven[k][1][:, 0, 1 - len(CONDITION)])
+        tension, total, mu = self.tension(), np.zeros(self.problem.instance_count), self._rounding()
+        for k, (lever, unknown) in self._conditions().items():
+            compliance, natural = np.moveaxis(self.problem.each(self._driven[k][1][:, 0, 1 - len(CONDITION) :][:, :2]), -1, 0)
             total += tension[:, k] * (compliance * tension[:, k] / 2 - length[:, k])
+            if self._driven[k][0].slackens and mu.any():
+                unit = self.problem.each(self.problem.arrays.material[:, self._driven_rods[k], 0, :2].max(axis=-1) / lever)
+                total += unit * (natural * self.problem.each(lever) + compliance * unit) * rounded_energy(unknown, mu)
         return total
+
+    def _rounding(self) -> FloatArray:
+        """(L8b) How far kinks are rounded on the way to the load [1/m], shape (instance_count,)."""
+        left = np.maximum(1 - self.problem.load_factor.numpy(), 0.0)
+        return np.asarray(left / self.problem.each(self.problem.arrays.end[:, 0, -1]))
 
     def load(self) -> FloatArray:
         """How large a moment what drives them makes [N m], or would, shape (instance_count,)."""
@@ -199,6 +211,19 @@ class DrivenLines(Lines):
         numbers = [k for k, (kind, _) in enumerate(self._driven) if kind.conditioned]
         unknowns = self.problem.read("unknowns")[:, self.problem.slots.places["drives"]]
         return {k: (self._driven[k][1][:, 0, -len(CONDITION)], unknowns[:, row]) for row, k in enumerate(numbers)}
+
+
+def positive_part(z: FloatArray, mu: FloatArray) -> FloatArray:
+    """(L8b) max(z, 0)"""
+    return np.asarray(np.where(mu > 0, (z + np.sqrt(z * z + mu * mu) - mu) / 2, np.maximum(z, 0.0)))
+
+
+def rounded_energy(z: FloatArray, mu: FloatArray) -> FloatArray:
+    """(L8b) The integral of the positive part over what is left of z, which is how far a line hangs loose: zero without
+    rounding."""
+    size, part = np.sqrt(z * z + mu * mu), positive_part(z, mu)
+    turned = mu * mu * np.arcsinh(z / np.where(mu > 0, mu, 1.0))
+    return np.where(mu > 0, (z * z + z * size + turned) / 4 - mu * z / 2 - part * part / 2, 0.0)
 
 
 def line_stiffness(T: FloatArray, rho: FloatArray, slope: FloatArray, u: FloatArray, v: FloatArray) -> FloatArray:

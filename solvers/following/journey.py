@@ -4,7 +4,7 @@ Numbers in parentheses are those of ``docs/branches.md``.
 """
 
 from collections.abc import Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -38,6 +38,7 @@ FASTER = 3.0
 MOST_EVENTS = 16
 NOISY = 100.0  # norm of Gamma, beyond which it may be rounding that ends a branch
 NEARLY = 1e-4  # singular value of Gamma, below which a mode may be neutral
+LAST = 1e-3  # of the way, on which a neutral mode may be one that rounded kinks held until there
 ASIDE = 0.05  # turn along a neutral mode, where it is still neutral if symmetry makes it so [rad]
 
 
@@ -138,6 +139,8 @@ class Journey:
             if event is not None:
                 self.events.append(event)
             point = yield from self._along(landed, neutral)
+            if 1 - LAST < point.level < 1:
+                point, neutral = yield from self._released(point, neutral)
             if point.level < 1 and np.linalg.norm(point.gamma) > NOISY:
                 self.lost = point
                 return
@@ -346,6 +349,19 @@ class Journey:
             if step < MIN_STEP:
                 break
         return points[0]
+
+    def _released(self, point: Point, neutral: int) -> Run:
+        """The end of the way from a point next to it, where symmetry leaves modes neutral there that rounded kinks held until
+        then, and how many; the point itself where that is not so."""
+        soft = self._slope(point).neutral
+        if self.by_inputs or soft <= neutral:
+            return point, neutral
+        found, _ = yield from self._correct(point.unknowns, 1.0, soft)
+        if found is None or not _alike(found.gamma, point.gamma, soft) or (yield from self._by_symmetry(found)) != soft:
+            return point, neutral
+        if self.events:
+            self.events[-1] = replace(self.events[-1], neutral=soft)
+        return found, soft
 
     def _overshoot(self, point: Point) -> float:
         return OVERSHOOT if self.by_inputs else OVERSHOOT * max(point.level, OVERSHOOT)
