@@ -61,7 +61,9 @@ if _typing.TYPE_CHECKING:
     from multirod.studies.tradeoffs import Measured, Tradeoff, tradeoff, tune
     from multirod.tasks.estimate import Estimate, estimate
     from multirod.tasks.estimator import Estimator
+    from multirod.tasks.limits import Limits
     from multirod.tasks.priors import Prior, Walk
+    from multirod.tasks.reach import Reached, reach
     from multirod.tasks.rows import Pose
 
 __version__ = "0.1.0"
@@ -95,6 +97,7 @@ __all__ = [
     "Inputs",
     "Integrator",
     "InverseParallelRods",
+    "Limits",
     "Measured",
     "Member",
     "MultipleShooting",
@@ -105,6 +108,7 @@ __all__ = [
     "Pose",
     "Prior",
     "PushRod",
+    "Reached",
     "Recorder",
     "Rod",
     "ScipyShooting",
@@ -130,6 +134,7 @@ __all__ = [
     "estimate",
     "explain",
     "load",
+    "reach",
     "registered_solvers",
     "simulate",
     "solve",
@@ -174,6 +179,8 @@ _PUBLIC = {
     "tasks.estimate": "Estimate estimate",
     "tasks.estimator": "Estimator",
     "tasks.priors": "Prior Walk",
+    "tasks.limits": "Limits",
+    "tasks.reach": "Reached reach",
     "tasks.rows": "Pose",
     "running.tracker": "Tracker",
     "studies.tradeoffs": "Measured Tradeoff tradeoff tune",

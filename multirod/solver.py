@@ -92,6 +92,8 @@ SETTLED = (
     Status.BIFURCATED,
     Status.SNAPPED,
     Status.DAMPED,
+    Status.REACHED,
+    Status.AT_LIMIT,
 )
 
 

@@ -39,6 +39,10 @@ class Status(IntEnum):
     BIFURCATED = 20
     SNAPPED = 21
     DAMPED = 22
+    REACHED = 23
+    AT_LIMIT = 24
+    UNREACHABLE = 25
+    SINGULAR_TASK = 26
 
     def __str__(self) -> str:
         return self.name
@@ -73,6 +77,8 @@ _WITH_RESULT = frozenset(
         Status.BIFURCATED,
         Status.SNAPPED,
         Status.DAMPED,
+        Status.REACHED,
+        Status.AT_LIMIT,
     }
 )
 
@@ -133,6 +139,13 @@ _MESSAGES = {
     Status.DAMPED: "the residual is within the tolerance; loads without a potential (moments, what follows the tip, friction) "
     "drove it there through states that are no equilibria, and it came to rest as damped dynamics of the tip and of what it "
     "carries would: a robot whose inertia or damping differs may come to rest elsewhere (docs/energy_descent.md)",
+    Status.REACHED: "the end effector is at its target, in an equilibrium that is stable as far as its loads let that be said",
+    Status.AT_LIMIT: "the limits of the freed inputs, or of the shape, hold the end effector back from its target: it is as near "
+    "as it comes on this way, target_error says how near; give wider limits, free more inputs, or let starts be tried",
+    Status.UNREACHABLE: "no way to the target was found: it may be out of reach, target_error says how near the search came; ask "
+    "for fewer rows (a position alone), free more inputs, begin nearer, or let starts be tried",
+    Status.SINGULAR_TASK: "the freed inputs cannot move the end effector in a direction that the target asks for, where the "
+    "search ended: ask for fewer rows, free other inputs, or begin elsewhere (a straight robot's tip cannot be pushed sideways)",
     Status.MULTIPLE_SHOOTING: "the residual is within the tolerance, by multiple shooting: the rod is so long, soft or "
     "strongly loaded that its unknowns at the base alone do not determine the tip, and gamma is NaN",
 }

@@ -1,0 +1,206 @@
+"""Limits of freed inputs, and of the shapes that they lead to. Numbers in parentheses: ``docs/tasks.md``."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from math import inf
+from typing import Any
+
+import numpy as np
+
+from multirod.assembly import Assembly
+from multirod.models.assemblies.concentric_tubes import ConcentricTubes
+from multirod.models.assemblies.parallel_rods import ParallelRods
+from multirod.tasks.formulation import input_units
+from multirod.validation import FloatArray, array, nonnegative_float, number, positive_float, refuse, unknown_names
+
+SHORTEST = 1e-3  # of its length, what of a rod stays in use
+SAME = 1e-9  # of what counts as one, what a start may be beyond a limit by rounding
+
+
+class Limits:
+    """What freed inputs may be, and what shapes they may lead to.
+
+    What a robot cannot do is a limit without being named: tubes begin behind the plate, inner ones no less far back than those
+    around them, a rod stays in use, tendons do not push.
+
+    Args:
+        gap: Of concentric tubes: the least distance between the bases of neighbours, and between their tips, which then are in
+            order too, the innermost furthest out [m]. None, the default, is the order of the bases alone.
+        curvature: Largest bending ``|u_xy|`` of any rod [1/m].
+        stability_margin: Least ``Solution.stability_margin``.
+        **inputs: Pairs ``(low, high)`` by the name of an input, each a number or one for each rod or line; ``inf`` is no
+            limit.
+
+    Raises:
+        ValueError: If a pair is none, or empty, or a number is out of range.
+    """
+
+    def __init__(
+        self,
+        *,
+        gap: float | None = None,
+        curvature: float | None = None,
+        stability_margin: float | None = None,
+        **inputs: Any,
+    ) -> None:
+        self.gap = None if gap is None else nonnegative_float("Limits.gap", gap)
+        self.curvature = None if curvature is None else positive_float("Limits.curvature", curvature)
+        self.stability_margin = None
+        if stability_margin is not None:
+            self.stability_margin = number("Limits.stability_margin", stability_margin)
+            if not 0 <= self.stability_margin < inf:
+                refuse("Limits.stability_margin", stability_margin, "must be finite and >= 0: what is below is unstable")
+        self.inputs = {name: _pair(name, value) for name, value in inputs.items()}
+
+    @property
+    def of_shape(self) -> bool:
+        """Whether shapes are limited too."""
+        return self.curvature is not None or self.stability_margin is not None
+
+    def __repr__(self) -> str:
+        values = {"gap": self.gap, "curvature": self.curvature, "stability_margin": self.stability_margin}
+        parts = [f"{name}={value:g}" for name, value in values.items() if value is not None]
+        parts += [f"{name}=({low.tolist()}, {high.tolist()})" for name, (low, high) in self.inputs.items()]
+        return f"Limits({', '.join(parts)})"
+
+
+def _pair(name: str, value: Any) -> tuple[FloatArray, FloatArray]:
+    field = f"Limits.{name}"
+    pair = list(value) if isinstance(value, (list, tuple)) or (isinstance(value, np.ndarray) and value.ndim) else []
+    if len(pair) != 2:
+        refuse(field, value, "must be a pair (low, high)")
+    low, high = (array(field, end, finite=False) for end in pair)
+    if low.ndim > 1 or high.ndim > 1 or np.isnan(low).any() or np.isnan(high).any():
+        refuse(field, value, "must be (low, high), each a number or one for each")
+    if len({end.shape for end in (low, high) if end.ndim}) > 1 or (low > high).any():
+        refuse(field, value, "must be (low, high) with low <= high, of the same length")
+    return low, high
+
+
+@dataclass(frozen=True)
+class LimitRows:
+    """(10) ``low <= matrix p <= high`` for the freed numbers ``p``.
+
+    Attributes:
+        matrix: Shape (c, k).
+        low: Shape (c,).
+        high: Shape (c,).
+        names: What each row is, for messages.
+    """
+
+    matrix: FloatArray
+    low: FloatArray
+    high: FloatArray
+    names: tuple[str, ...]
+
+    def outside(self, values: FloatArray, unit: FloatArray) -> FloatArray:
+        """By how much ``p`` (b, k) is beyond each row, at least 0 where it is not, in units of each, shape (b, c)."""
+        at = values @ self.matrix.T
+        beyond = np.maximum(self.low - at, at - self.high)
+        return np.asarray(np.maximum(beyond / np.maximum(np.abs(self.matrix) @ unit, 1e-300), 0.0))
+
+
+def limit_rows(robot: Assembly, limits: Limits | None, free: Sequence[str]) -> LimitRows:
+    """What limits the freed inputs of a robot: what was given, and what it cannot do.
+
+    Raises:
+        TypeError: If a limit is of an input that the robot has not.
+        ValueError: If a limit is of an input that is not free, has a wrong length, or leaves nothing.
+    """
+    given = Limits() if limits is None else limits
+    specs = {spec.name: spec for spec in robot.input_specs}
+    unknown_names("Limits", given.inputs, specs)
+    for name in given.inputs:
+        if name not in free:
+            refuse(f"Limits.{name}", given.inputs[name], f"must be of an input that is free: {', '.join(free)}")
+    sizes = [specs[name].size(robot.rod_count) for name in free]
+    starts = dict(zip(free, np.cumsum([0, *sizes]).tolist(), strict=False))
+    count = sum(sizes)
+    low, high = np.full(count, -inf), np.full(count, inf)
+    for name, size in zip(free, sizes, strict=True):
+        own = slice(starts[name], starts[name] + size)
+        low[own], high[own] = _natural(robot, name, size)
+        if name in given.inputs:
+            for end in given.inputs[name]:
+                if end.ndim and len(end) != size:
+                    refuse(f"Limits.{name}", end.tolist(), f"must be a number or {size} of them")
+            low[own], high[own] = np.maximum(low[own], given.inputs[name][0]), np.minimum(high[own], given.inputs[name][1])
+    labels = [f"{name}[{j}]" if size > 1 else name for name, size in zip(free, sizes, strict=True) for j in range(size)]
+    kept = np.isfinite(low) | np.isfinite(high)
+    rows = [np.eye(count)[kept]]
+    lows, highs = [low[kept]], [high[kept]]
+    names = [label for label, own in zip(labels, kept, strict=True) if own]
+    if "translation" in starts:
+        for row, least, most, name in _order(robot, given.gap, starts["translation"], count):
+            rows.append(row[None])
+            lows.append(np.array([least]))
+            highs.append(np.array([most]))
+            names.append(name)
+    elif given.gap is not None:
+        refuse("Limits.gap", given.gap, "must not be given: translation is not free")
+    result = LimitRows(np.concatenate(rows), np.concatenate(lows), np.concatenate(highs), tuple(names))
+    for k in np.flatnonzero(result.low > result.high):
+        refuse(f"Limits ({result.names[k]})", (float(result.low[k]), float(result.high[k])), "must leave something: low <= high")
+    return result
+
+
+def _backbones(robot: Assembly) -> Iterator[tuple[int, Assembly]]:
+    """Each backbone of a robot, and its first rod."""
+    if isinstance(robot, ParallelRods):
+        yield from zip(robot.geometry.first_rod.tolist(), robot.geometry.legs, strict=False)
+    else:
+        yield 0, robot
+
+
+def _natural(robot: Assembly, name: str, size: int) -> tuple[FloatArray, FloatArray]:
+    """What a robot takes of an input."""
+    low, high = np.full(size, -inf), np.full(size, inf)
+    if name == "tension":
+        low[:] = 0.0
+    if name == "translation":
+        for first, own in _backbones(robot):
+            straight = bool(getattr(own, "transmission", False))
+            for k, rod in enumerate(own.rods):
+                held = [line.reach_straight if straight else line.reach for line in rod.lines]
+                low[first + k] = -min([(1 - SHORTEST) * float(np.min(rod.length)), *held])
+                high[first + k] = 0.0 if straight else inf
+    return low, high
+
+
+def _order(robot: Assembly, gap: float | None, start: int, count: int) -> Iterator[tuple[FloatArray, float, float, str]]:
+    """(11) Rows that keep tubes in order: how far each base is behind that of the tube around it."""
+    ordered = False
+    for first, own in _backbones(robot):
+        if not isinstance(own, ConcentricTubes):
+            continue
+        ordered = True
+        for k, (inner, outer) in enumerate(zip(own.rods[:-1], own.rods[1:], strict=True)):
+            row = np.zeros(count)
+            row[start + first + k], row[start + first + k + 1] = -1.0, 1.0
+            most = inf if gap is None else float(np.min(inner.length - outer.length)) - gap
+            yield row, gap or 0.0, most, f"translation[{first + k + 1}] - translation[{first + k}]"
+    if gap is not None and not ordered:
+        refuse("Limits.gap", gap, "must not be given: the robot has no concentric tubes")
+
+
+def refuse_start(field: str, rows: LimitRows, values: FloatArray, robot: Assembly, free: Sequence[str]) -> None:
+    """Refuse a start ``p`` (b, k) that is beyond a limit."""
+    beyond = rows.outside(values, input_units(robot, free))
+    wrong = np.argwhere(beyond > SAME)
+    if len(wrong):
+        instance, row = wrong[0]
+        at = float(values[instance] @ rows.matrix[row])
+        allowed = f"{rows.names[row]} must be from {rows.low[row]:g} to {rows.high[row]:g} at the start too"
+        refuse(f"{field} (instance {instance})" if len(values) > 1 else field, at, allowed)
+
+
+def middle(rows: LimitRows) -> FloatArray:
+    """(12) The point in the middle of all ranges, in the sense of least squares, shape (k,); NaN where a number has no range."""
+    centred = np.isfinite(rows.low) & np.isfinite(rows.high)
+    matrix = rows.matrix[centred]
+    if not len(matrix) or np.linalg.matrix_rank(matrix) < matrix.shape[1]:
+        return np.full(rows.matrix.shape[1], np.nan)
+    half = 0.5 * (rows.high - rows.low)[centred, None]
+    size = np.maximum(half, 1e-12)
+    centre = 0.5 * (rows.low + rows.high)[centred]
+    return np.asarray(np.linalg.lstsq(matrix / size, centre / size[:, 0])[0])

@@ -1,0 +1,225 @@
+"""Inputs for a target: reached, held at limits, out of reach; never unstable."""
+
+import numpy as np
+import pytest
+from observer_scenes import three_tubes
+
+import multirod as mr
+from multirod.rotations import matrices
+from multirod.tasks.formulation import input_units
+from multirod.tasks.limits import limit_rows, middle
+from multirod.tasks.search import Search
+
+SOLVER = mr.Shooting(integrator=mr.RK4(30))
+TUBES, MOTION = three_tubes()
+FREE = ("rotation", "translation")
+LIMITS = mr.Limits(translation=(-0.19, 0), gap=2e-3)
+RANDOM = np.random.default_rng(5)
+
+
+@pytest.fixture(scope="module")
+def start():
+    """Three tubes under 0.1 N."""
+    return mr.solve(TUBES, MOTION[10], solver=SOLVER).raise_if_failed()
+
+
+def goals(start, count, turn=0.5, push=0.02):
+    """Where tips are whose tubes are turned and pushed by so much."""
+    rotation = start.inputs.rotation + RANDOM.uniform(-turn, turn, (count, 3))
+    translation = start.inputs.translation + RANDOM.uniform(-push, push, (count, 1)) + RANDOM.uniform(-2e-3, 2e-3, (count, 3))
+    inputs = TUBES.inputs(rotation=rotation, translation=np.minimum(translation, 0), tip_force=start.inputs.tip_force)
+    return mr.solve(TUBES, inputs, solver=SOLVER, guess=start).raise_if_failed()
+
+
+def test_positions_are_reached_in_six_integrations_within_limits_at_every_step(start, monkeypatch):
+    tried = []
+    accept = Search._accept
+
+    def looked_at(self, rows, found):
+        tried.append(self.here.p[rows].copy())
+        return accept(self, rows, found)
+
+    monkeypatch.setattr(Search, "_accept", looked_at)
+    there = goals(start, 12)
+    found = mr.reach(TUBES, mr.Pose(position=there.tip_position), free=FREE, limits=LIMITS, guess=start, solver=SOLVER)
+    assert (found.status == mr.Status.REACHED).all()
+    assert found.integrations.max() <= 6
+    assert (found.stability == mr.Stability.STABLE).all()
+    for p in tried:
+        bases = p[:, 3:]
+        assert bases.max() <= 0
+        assert bases.min() >= -0.19
+        assert np.diff(bases, axis=1).min() >= 2e-3
+        assert (np.diff(bases, axis=1) <= 0.1 - 2e-3).all()  # each tube is 0.1 m shorter than the one inside
+    # by a solve of its own, whose kernel rounds its steps otherwise: 1e-8 m of RK4(30)'s error
+    again = mr.solve(TUBES, found.inputs, solver=SOLVER, guess=found)
+    np.testing.assert_allclose(again.tip_position, there.tip_position, atol=1e-7)
+    np.testing.assert_allclose(found.target_error, 0, atol=1e-7)
+    assert np.isnan(found.target_angle).all()
+
+
+def test_a_batch_is_what_its_instances_are_alone(start):
+    there = goals(start, 3)
+    batch = mr.reach(TUBES, mr.Pose(position=there.tip_position), free=FREE, limits=LIMITS, guess=start, solver=SOLVER)
+    for k in range(3):
+        alone = mr.reach(TUBES, mr.Pose(position=there.tip_position[k]), free=FREE, limits=LIMITS, guess=start, solver=SOLVER)
+        np.testing.assert_allclose(batch[k].inputs.rotation, alone.inputs.rotation, atol=1e-9)
+        assert batch[k].target_error == batch.target_error[k]
+        assert int(batch.integrations[k]) == int(alone.integrations)
+
+
+def test_where_a_limit_holds_every_way_that_it_leaves_leads_away(start):
+    """The signs of the multipliers: what the limits allow to first order does not come nearer."""
+    target = start.tip_position + (0, 0, 0.2)  # farther out than the tubes may come
+    limits = mr.Limits(translation=(-0.11, -0.012), rotation=(-0.7, 0.7), gap=2e-3)
+    found = mr.reach(TUBES, mr.Pose(position=target), free=FREE, limits=limits, guess=start, solver=SOLVER)
+    assert found.status is mr.Status.AT_LIMIT
+    assert not found.failed
+    assert found.at_limit[3:].any()
+    away = (found.tip_position - target) / np.linalg.norm(found.tip_position - target)
+    assert float(found.target_error) == pytest.approx(np.linalg.norm(found.tip_position - target), rel=1e-9)
+    slope = away @ found.jacobian(*FREE)[:3]
+    bases = found.inputs.translation
+    for _ in range(200):
+        d = RANDOM.normal(size=6)
+        low = bases + 1e-3 * d[3:]
+        inside = low.min() >= -0.11 and low.max() <= -0.012 and np.diff(low).min() >= 2e-3 and np.diff(low).max() <= 0.098
+        turned = np.abs(found.inputs.rotation + 1e-3 * d[:3]).max() <= 0.7
+        if inside and turned:
+            assert slope @ d >= -1e-6 * np.abs(slope).max() * np.abs(d).max()
+
+
+def test_a_target_out_of_reach_and_a_singular_one_say_so(start, wire):
+    far = mr.reach(TUBES, mr.Pose(position=(0, 0, 2.0)), free=("rotation",), guess=start, solver=SOLVER)
+    assert far.status is mr.Status.UNREACHABLE
+    assert np.isnan(far.tip_position).all()
+    assert 1.5 < float(far.target_error) < 2.0
+    assert not far.at_limit.any()
+    straight = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.2, torsional_stiffness=0.06, precurvature=(3, 1, 0)))
+    inputs = straight.inputs(tip_force=(0, 0, 1e-3))
+    turned = mr.reach(straight, mr.Pose(position=(0.0, 0.0, 0.1)), inputs, free=("rotation",), solver=mr.Shooting())
+    assert turned.status is mr.Status.SINGULAR_TASK or turned.status is mr.Status.UNREACHABLE
+    along = mr.reach(
+        mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.2, torsional_stiffness=0.06)),
+        mr.Pose(position=(0.1, 0.0, 0.3)),
+        free=("rotation",),
+        solver=mr.Shooting(),
+    )
+    assert along.status is mr.Status.SINGULAR_TASK
+    assert (np.abs(along.inputs.rotation) < 2 * np.pi).all()
+
+
+def test_moved_together_base_and_target_need_the_same_inputs(start, make_pose):
+    moved = make_pose((0.3, -0.8, 0.5), (0.2, -0.1, 0.4))
+    there = goals(start, 4)
+    pose = mr.Pose(position=there.tip_position, axis=there.tip_rotation[..., 2])
+    R, p = moved[:3, :3], moved[:3, 3]
+    other = mr.ConcentricTubes(TUBES.tubes, base=moved)
+    moved_pose = mr.Pose(position=there.tip_position @ R.T + p, axis=there.tip_rotation[..., 2] @ R.T)
+    inputs = other.inputs(**{name: getattr(start.inputs, name) for name in FREE}, tip_force=R @ start.inputs.tip_force)
+    here = mr.reach(TUBES, pose, start.inputs, free=FREE, limits=LIMITS, solver=SOLVER)
+    there = mr.reach(other, moved_pose, inputs, free=FREE, limits=LIMITS, solver=SOLVER)
+    assert (here.status == mr.Status.REACHED).all()
+    np.testing.assert_allclose(here.target_angle, 0, atol=1e-6)
+    for name in FREE:
+        # tolerances of 1e-6 1/m end the search at the same step; rounding is carried by a task nearly singular in 5 rows
+        np.testing.assert_allclose(getattr(here.inputs, name), getattr(there.inputs, name), atol=1e-8)
+
+
+def test_what_is_left_over_serves_what_is_preferred(start):
+    target = mr.Pose(position=goals(start, 1).tip_position[0])
+    limits = mr.Limits(translation=(-0.19, 0), rotation=(-np.pi, np.pi), gap=2e-3)
+    found = {
+        prefer: mr.reach(TUBES, target, free=FREE, limits=limits, prefer=prefer, guess=start, solver=SOLVER)
+        for prefer in ("smallest motion", "middle", "stability")
+    }
+    for solution in found.values():
+        assert solution.status is mr.Status.REACHED
+        np.testing.assert_allclose(solution.tip_position, target.position, atol=1e-6)
+    margins = {prefer: float(solution.stability_margin) for prefer, solution in found.items()}
+    assert margins["stability"] > margins["smallest motion"]
+    moved = {}
+    for prefer, solution in found.items():
+        turn, push = (getattr(solution.inputs, name) - getattr(start.inputs, name) for name in FREE)
+        moved[prefer] = np.linalg.norm([*turn, *(push / 0.04)])  # a tenth of the longest tube counts as a radian
+    assert moved["smallest motion"] == min(moved.values())
+    centre, unit = middle(limit_rows(TUBES, limits, FREE)), input_units(TUBES, FREE)
+    np.testing.assert_allclose(centre[:3], 0, atol=1e-12)
+    values = {prefer: np.concatenate([getattr(s.inputs, name) for name in FREE]) for prefer, s in found.items()}
+    off = {prefer: np.linalg.norm((value - centre) / unit) for prefer, value in values.items()}
+    assert off["middle"] == min(off.values())
+
+
+def test_limits_of_the_shape_are_kept(start):
+    there = goals(start, 4)
+    target = mr.Pose(position=there.tip_position)
+    plain = mr.reach(TUBES, target, free=FREE, guess=start, solver=SOLVER)
+    bent = max(np.abs(plain.rod(k).curvature[..., :2]).max() for k in range(3))
+    margin = float(plain.stability_margin.min())
+    limits = mr.Limits(stability_margin=margin + 0.02, curvature=2 * bent)
+    found = mr.reach(TUBES, target, free=FREE, limits=limits, guess=start, solver=SOLVER)
+    assert (found.stability_margin[~found.failed] >= margin + 0.02).all()
+    assert np.isin(found.status, (mr.Status.REACHED, mr.Status.AT_LIMIT)).all()
+    assert (found.status == mr.Status.AT_LIMIT).any()
+
+
+def test_six_legs_reach_poses_by_their_translations_alone(hexapod_start):
+    robot, here = hexapod_start
+    position = here.tip_position + RANDOM.uniform(-0.03, 0.03, (4, 3))
+    rotation = matrices(RANDOM.uniform(-0.15, 0.15, (4, 3))) @ here.tip_rotation
+    pose = mr.Pose(position=position, rotation=rotation)
+    found = mr.reach(robot, pose, free=("translation",), guess=here, solver=SOLVER)
+    assert (found.status == mr.Status.REACHED).all()
+    assert (found.stability == mr.Stability.STABLE).all()
+    assert found.integrations.max() <= 20
+    again = mr.solve(robot, found.inputs, solver=SOLVER, guess=found)
+    np.testing.assert_allclose(again.tip_position, position, atol=1e-7)
+    np.testing.assert_allclose(again.tip_rotation, rotation, atol=1e-6)
+
+
+@pytest.fixture(scope="module")
+def hexapod_start():
+    from observer_scenes import six_legs
+
+    robot, inputs = six_legs()
+    return robot, mr.solve(robot, inputs[0], solver=SOLVER).raise_if_failed()
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "message"),
+    [
+        ({"target": (0, 0, 1)}, TypeError, "target = .* must be a Pose"),
+        ({"target": mr.Pose(position=(0, 0, np.nan))}, ValueError, "target = .* must be finite"),
+        ({"target": mr.Pose(position=np.zeros((2, 3))), "inputs": MOTION[:3]}, ValueError, "target = leading axes"),
+        ({"free": ("rotation", "force_point")}, TypeError, "free takes no 'force_point'"),
+        ({"free": ()}, ValueError, "free = .* must name one input or several"),
+        ({"limits": mr.Limits(translation=(-0.01, 0))}, ValueError, "limits = -0.09.* must be from -0.01 to 0 at the start too"),
+        ({"limits": mr.Limits(tip_force=(0, 1))}, ValueError, "Limits.tip_force .* must be of an input that is free"),
+        ({"limits": mr.Limits(tip_fource=(0, 1))}, TypeError, "Limits takes no 'tip_fource'"),
+        ({"limits": mr.Limits(rotation=((0, 1), 2))}, ValueError, "Limits.rotation .* a number or 3 of them"),
+        ({"prefer": "fastest"}, ValueError, "prefer .* must be one of 'smallest motion'"),
+        ({"prefer": "middle"}, ValueError, "prefer .* needs limits on both sides"),
+        ({"starts": -1}, ValueError, "starts = -1"),
+        ({"tolerance": 0.0}, ValueError, "tolerance = 0.0 .* > 0"),
+    ],
+)
+def test_what_is_refused(start, changes, error, message):
+    options = {"target": mr.Pose(position=(0, 0, 0.2)), "inputs": MOTION[10], "free": FREE, "solver": SOLVER}
+    with pytest.raises(error, match="(?s)" + message):
+        mr.reach(TUBES, **{**options, **changes})
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"gap": -1.0}, "Limits.gap = -1.0 .* >= 0"),
+        ({"curvature": 0.0}, "Limits.curvature = 0.0 .* > 0"),
+        ({"stability_margin": -0.1}, "Limits.stability_margin = -0.1 .* >= 0"),
+        ({"rotation": 1.0}, "Limits.rotation = 1.0 .* a pair"),
+        ({"rotation": (1, 0)}, "low <= high"),
+        ({"rotation": (np.nan, 0)}, "each a number"),
+    ],
+)
+def test_limits_that_are_refused(given, message):
+    with pytest.raises(ValueError, match="(?s)" + message):
+        mr.Limits(**given)
