@@ -232,7 +232,15 @@ class Inputs:
         return html.inputs(self)
 
     def __repr__(self) -> str:
-        return f"Inputs({', '.join(self.given) or 'none'}; batch {self.batch_shape})"
+        if self.batch_shape:
+            return f"Inputs({', '.join(self.given) or 'none'}; batch {self.batch_shape})"
+        return f"Inputs({', '.join(map(self._said, self.given)) or 'none'})"
+
+    def _said(self, name: str) -> str:
+        if name in self.profiles:
+            return f"{name} a function"
+        values = ", ".join(f"{value:.5g}" for value in self.array(name).ravel())
+        return f"{name} ({values}) {self.spec(name).unit}".rstrip()
 
 
 def one_each(name: str, value: Any, count: int) -> FloatArray:

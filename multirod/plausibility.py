@@ -118,11 +118,13 @@ class Material(NamedTuple):
         young: Young's modulus [Pa].
         shear: Shear modulus [Pa].
         density: [kg/m^3].
+        shear_given: Whether the shear modulus was, and is not made of Poisson's ratio.
     """
 
     young: FloatArray
     shear: FloatArray
     density: float
+    shear_given: bool = True
 
 
 def say(message: str) -> None:
@@ -162,12 +164,12 @@ def of_rod(rod: "Rod", material: Material | None) -> None:
 
 
 def _of_material(material: Material) -> bool:
-    E, G, density = material
+    E, G, density, shear_given = material
     ratio = float(np.min(G))
     if 0.0 < ratio <= 0.5 and np.all(ratio == G):
         say(f"Rod.shear_modulus = {ratio:g} Pa is nothing; if it is Poisson's ratio, give poisson_ratio={ratio:g} instead")
         return True
-    odd = YOUNG.check("Rod.young_modulus", E) | SHEAR.check("Rod.shear_modulus", G)
+    odd = YOUNG.check("Rod.young_modulus", E) | (shear_given and SHEAR.check("Rod.shear_modulus", G))
     if odd:
         return True
     poisson = E / (2 * G) - 1

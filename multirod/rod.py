@@ -348,7 +348,7 @@ class Rod:
             magnetisation = array("Rod.magnetisation", magnetisation, (3,))
             plausibility.of_tube_magnetisation(magnetisation)
         rod = cls.__new__(cls)
-        rod._material = plausibility.Material(E, G, rho)
+        rod._material = plausibility.Material(E, G, rho, shear_given=poisson_ratio is None)
         rod.__init__(  # type: ignore[misc]  # which says what is not plausible of moduli by their own names
             length=length,
             bending_stiffness=EI[..., None],

@@ -100,6 +100,12 @@ def _modes(problem: BoundaryProblem) -> tuple[Any, ...]:
     return tuple(vars(modes_of(problem)).values())
 
 
+def _known(names: Sequence[str | None]) -> str:
+    """How a rod or line may be called."""
+    own = [name for name in names if name]
+    return f"must be an index below {len(names)}{f' or one of the names {own}' if own else '; none has a name'}"
+
+
 class Solution(Generic[Robot_co]):
     """Equilibria of all instances; every array has the batch's leading axes ``...`` and is read-only: change a copy of it.
 
@@ -435,7 +441,7 @@ class Solution(Generic[Robot_co]):
         names = [r.name for r in self.assembly.rods]
         index = names.index(rod) if isinstance(rod, str) and rod in names else rod
         if isinstance(index, bool) or not isinstance(index, (int, np.integer)) or not -len(names) <= index < len(names):
-            refuse("rod", rod, f"must be an index below {len(names)} or one of the names {[n for n in names if n]}")
+            refuse("rod", rod, _known(names))
         return int(index) % len(names)
 
     @cached_property
@@ -494,7 +500,7 @@ class Solution(Generic[Robot_co]):
         names = [own.name for _, own in lines]
         index = names.index(line) if isinstance(line, str) and line in names else line
         if isinstance(index, bool) or not isinstance(index, (int, np.integer)) or not -len(names) <= index < len(names):
-            refuse("line", line, f"must be an index below {len(names)} or one of the names {[n for n in names if n]}")
+            refuse("line", line, _known(names))
         rod, own = lines[index]
         shape = self.rod(rod, nodes=nodes)
         s = shape.arclength - np.broadcast_to(self.inputs.translation[..., rod, None], (*self.batch_shape, 1))

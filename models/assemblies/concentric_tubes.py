@@ -9,7 +9,7 @@ import numpy as np
 
 from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.models.assemblies.inputs import ConcentricTubesInput, ConcentricTubesInputs, listed
-from multirod.models.backbone.inputs import BACKBONE_INPUTS, BY_MATERIAL, DRIVE_INPUTS, DRIVES, drive_specs
+from multirod.models.backbone.inputs import BY_MATERIAL, DRIVE_INPUTS, DRIVES, TUBE_INPUTS, drive_specs
 from multirod.models.backbone.problem import BackboneAssembly, surely_driven
 from multirod.rod import Rod
 from multirod.types import Numbers
@@ -64,7 +64,7 @@ class ConcentricTubes(BackboneAssembly):
     if TYPE_CHECKING:
         _input_name: ConcentricTubesInput
 
-    @listed(*BACKBONE_INPUTS, *DRIVE_INPUTS)
+    @listed(*TUBE_INPUTS, *DRIVE_INPUTS)
     def inputs(self, **values: Unpack[ConcentricTubesInputs]) -> Inputs:  # type: ignore[override]  # these, and no others
         """Actuation and loads by name, all optional: numbers or arrays, whose leading axes ``...`` broadcast.
 
@@ -84,7 +84,7 @@ class ConcentricTubes(BackboneAssembly):
 
     @property
     def input_specs(self) -> tuple[InputSpec, ...]:  # noqa: D102
-        return InputSpecs((*BACKBONE_INPUTS, *drive_specs(self.rods)))
+        return InputSpecs((*TUBE_INPUTS, *drive_specs(self.rods)))
 
     def check(self, inputs: Inputs) -> None:  # noqa: D102
         super().check(inputs)

@@ -67,6 +67,8 @@ BACKBONE_INPUTS = (
         description="uniform magnetic field, world frame; acts on magnetisation",
     ),
 )
+_BEHIND = "where each tube starts: at the plate, 0, or behind it, negative"
+TUBE_INPUTS = tuple(replace(spec, description=_BEHIND) if spec.name == "translation" else spec for spec in BACKBONE_INPUTS)
 DRIVES: dict[str, dict[str, Any]] = {
     "tension": {
         "unit": "N",

@@ -58,7 +58,8 @@ def _time_step(dt: float | None, solver: Solver) -> float:
 class Tracker(Uncopied, Generic[Robot_co]):
     """A solver in a control loop: one sample a call, buffers and launches made once.
 
-    One thread steps it at a time: each sample starts from the last. Several loops need a tracker each.
+    One thread steps it at a time: each sample starts from the last. Several loops need a tracker each. The first step solves from
+    nothing, and compiles what that takes, seconds: take one before the loop.
 
     Args:
         robot: The assembly.
@@ -125,6 +126,10 @@ class Tracker(Uncopied, Generic[Robot_co]):
             writable = spec.name in inputs.given and spec.name not in inputs.profiles and problem.takes(spec.name)
             if writable and not (spec.per_rod and inputs.profiles):
                 self._rows[spec.name] = view[0, problem.input_slice(spec.name)]
+
+    def __repr__(self) -> str:
+        said = [repr(self._robot), repr(self._solver), *([] if math.isnan(self._dt) else [f"dt {self._dt:g} s"])]
+        return f"Tracker({', '.join(said + [f'batch {self._batch_shape}'] * bool(self._batch_shape))})"
 
     @property
     def inputs(self) -> Inputs:
