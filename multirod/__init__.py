@@ -59,6 +59,7 @@ if _typing.TYPE_CHECKING:
     from multirod.studies.sweeps import Study, sweep
     from multirod.studies.terms import Dropped, Explanation, Term, explain
     from multirod.studies.tradeoffs import Measured, Tradeoff, tradeoff, tune
+    from multirod.tasks.calibrate import Calibration, calibrate
     from multirod.tasks.estimate import Estimate, estimate
     from multirod.tasks.estimator import Estimator
     from multirod.tasks.limits import Limits
@@ -77,6 +78,7 @@ __all__ = [
     "Block",
     "BoundaryProblem",
     "BranchEvent",
+    "Calibration",
     "Chamber",
     "CompileError",
     "ConcentricTubes",
@@ -129,6 +131,7 @@ __all__ = [
     "Tracker",
     "Tradeoff",
     "Walk",
+    "calibrate",
     "critical_loads",
     "equilibria",
     "estimate",
@@ -176,6 +179,7 @@ _PUBLIC = {
     "status": "Status",
     "studies.sweeps": "Study sweep",
     "studies.terms": "Dropped Explanation Term explain",
+    "tasks.calibrate": "Calibration calibrate",
     "tasks.estimate": "Estimate estimate",
     "tasks.estimator": "Estimator",
     "tasks.priors": "Prior Walk",

@@ -33,7 +33,9 @@ class MeasuredRod(RodEquations):
     def equilibrium(self, force, moment=None):
         """Moments at the base (row, 3) that leave none at the tip: Newton's method, ``Gamma`` by differences."""
         force = np.asarray(force, float)
-        moment = np.zeros(force.shape) if moment is None else np.array(moment)
+        if moment is None:  # raised in steps of a newton
+            parts = int(np.ceil(np.abs(force).max()))
+            moment = np.zeros(force.shape) if parts < 2 else self.equilibrium(force * (parts - 1) / parts)
         unit = 1e-6 * self.K.max() / self.length
         for _ in range(12):
             shifts = np.concatenate([np.zeros((1, 3)), unit * np.eye(3)])

@@ -1,0 +1,96 @@
+"""Robots fitted to shapes, against rods that are integrated by ``measured_rods``."""
+
+import numpy as np
+import pytest
+from measured_rods import MeasuredRod, turned_by
+
+import multirod as mr
+
+POSITION, ANGLE = 1e-4, 1e-3
+FITTED = ("bending_stiffness", "torsional_stiffness", "precurvature")
+REAL = {"bending_stiffness": 0.24, "torsional_stiffness": 0.06, "precurvature": (14.4, 4.7, 0.15)}
+
+
+@pytest.fixture(scope="module")
+def shapes():
+    """Forces, and what a noisy sensor says of the pose that each leads to of another wire than the one that is fitted."""
+    random = np.random.default_rng(3)
+    force = random.normal(size=(12, 3))
+    position, rotation, _, _ = MeasuredRod(0.4, **REAL).seen(force)
+    position = position + POSITION * random.normal(size=(12, 3))
+    return force, position, turned_by(ANGLE * random.normal(size=(12, 3))) @ rotation
+
+
+def poses(shapes):
+    return mr.Pose(position=shapes[1], rotation=shapes[2], sigma=(POSITION, ANGLE))
+
+
+def test_a_wire_is_found_by_its_shapes(wire, shapes):
+    robot = mr.SingleRod(wire)
+    fit = mr.calibrate(robot, robot.inputs(tip_force=shapes[0]), parameters=FITTED, measured=poses(shapes)).raise_if_failed()
+    truth = [0.24 / 0.223349, 0.06 / 0.063814, 14.4, 4.7, 0.15]
+    found = np.concatenate([fit.value(name) for name in FITTED])
+    error = found - truth
+    # five normal numbers: 99.9 % of their squares' sums are below 20
+    assert error @ np.linalg.solve(fit.covariance(), error) < 20
+    # 67 squares: four standard deviations
+    assert abs(fit.misfit - 67) < 4 * np.sqrt(2 * 67)
+    assert fit.degrees == 67
+    assert all(own.all() for own in fit.observable.values())
+    section = fit.robot.rod.sections[0]
+    np.testing.assert_allclose(section.bending_stiffness, 0.223349 * found[0])
+    np.testing.assert_allclose(section.precurvature, found[2:])
+    np.testing.assert_allclose(fit.solution.tip_position, mr.solve(fit.robot, fit.solution.inputs).tip_position, atol=1e-8)
+    np.testing.assert_array_equal(robot.rod.sections[0].precurvature, (14, 5, 0))
+    assert "precurvature y, section 1 [1/m]" in repr(fit)
+    # a step of all shapes takes one integration of each
+    assert fit.iterations <= 5
+
+
+def test_the_base_is_found_with_the_load_staying_where_it_is(wire, shapes, make_pose):
+    base = make_pose((0.1, -0.2, 0.3), (0.01, -0.02, 0.005))
+    robot = mr.SingleRod(wire)
+    inputs = robot.inputs(tip_force=shapes[0][:6])
+    moved = mr.solve(mr.SingleRod(wire, base=base), inputs)
+    seen = mr.Pose(position=moved.tip_position, rotation=moved.tip_rotation, sigma=(POSITION, ANGLE))
+    known = {"base": mr.Prior(), "bending_stiffness": mr.Prior(sigma=0.2)}
+    fit = mr.calibrate(robot, inputs, parameters=known, measured=seen)
+    np.testing.assert_allclose(fit.robot.base, base, atol=1e-6)
+    np.testing.assert_allclose(fit.value("base"), (0.01, -0.02, 0.005, 0.1, -0.2, 0.3), atol=1e-6)
+    np.testing.assert_allclose(fit.value("bending_stiffness"), 1, atol=1e-3)
+
+
+def test_what_shapes_do_not_tell_keeps_its_prior(wire, shapes):
+    """Without a load the stiffnesses do nothing; a shape whose sensor dropped out counts for nothing."""
+    robot = mr.SingleRod(wire)
+    hardly = robot.inputs(rotation=(0.0, 0.5), tip_force=(1e-9, 0, 0))  # so that kernels are those of a force
+    rest = mr.solve(robot, hardly)
+    position = np.array(rest.tip_position)
+    position[1] = np.nan
+    seen = mr.Pose(position=position, rotation=rest.tip_rotation, sigma=(POSITION, ANGLE))
+    known = {"bending_stiffness": mr.Prior(sigma=0.1), "precurvature": mr.Prior()}
+    fit = mr.calibrate(robot, hardly, parameters=known, measured=seen)
+    np.testing.assert_array_equal(fit.missing, [[False], [True]])
+    assert fit.degrees == 6
+    np.testing.assert_allclose(fit.sigma("bending_stiffness"), 0.1, rtol=1e-9)
+    assert not fit.observable["bending_stiffness"].any()
+    assert fit.observable["precurvature"].all()
+    assert "(unobservable)" in repr(fit)
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"parameters": "stiffness"}, TypeError, "takes no 'stiffness': it takes bending_stiffness"),
+        ({"parameters": ()}, TypeError, "parameters = "),
+        ({"parameters": {"base": 0.1}}, TypeError, "must be a Prior"),
+        ({"parameters": {"base": mr.Prior(0, sigma=1)}}, ValueError, "it is what the robot has"),
+        ({"parameters": ("base", "precurvature")}, ValueError, "9 numbers without a prior.*at most as many as are measured, 6"),
+        ({"measured": mr.Pose(position=np.full(3, np.nan), sigma=1)}, ValueError, "NaN in all rows"),
+    ],
+)
+def test_bad_input(wire, options, error, message):
+    robot = mr.SingleRod(wire)
+    seen = mr.Pose(position=(0, 0, 0.4), rotation=np.eye(3), sigma=(1e-3, 1e-2))
+    with pytest.raises(error, match=message):
+        mr.calibrate(robot, **({"parameters": "precurvature", "measured": seen} | options))
