@@ -89,6 +89,16 @@ class Parts(ABC):
         """The same, its integration as exact as rounding lets it be; None where that is not offered, or it is so already."""
         return None
 
+    @property
+    def may_be_clamped(self) -> bool:
+        """Whether ``clamped`` is offered."""
+        return False
+
+    def clamped(self, instances: IntArray, pieces: int) -> "BoundaryProblem":
+        """A problem of these instances, (k,), with ``clamps`` that cut each rod into so many pieces, as exact as it can be and
+        with the columns of the pose."""
+        raise NotImplementedError(f"{type(self).__name__} does not clamp rods")
+
 
 class Loading(IntEnum):
     """How loads act while an assembly is put together, ``load_factor`` from 0 to 1: in proportion, not at all, or all of them."""
@@ -228,3 +238,47 @@ class Conjugates(ABC):
     def seen_from(self, problem: "BoundaryProblem") -> "Conjugates | None":
         """The same pairs of a problem around this one, by the pose of its end effector; None where that does not tell them."""
         return None
+
+
+class Clamps(ABC):
+    """Clamps at places along rods, that hold how these are turned by moments, which are unknowns beside those of the problem.
+
+    With the clamps held, and what ``pairs`` says of the ends, a rod has no mode of its own that could vanish, as its pieces are
+    short: so how they are turned tells all that energy descent needs to know (``docs/branches.md``). The moments stand among the
+    directions of the problem, ``size`` of them.
+
+    Attributes:
+        size: Moments of all clamps, three each.
+        unit: Moment of one unit of each [N m^2], shape (instance_count, size).
+    """
+
+    size: int
+    unit: FloatArray
+
+    @property
+    @abstractmethod
+    def pairs(self) -> Conjugates:
+        """Which residuals are forces, and what they do work on."""
+
+    @abstractmethod
+    def put(self, moments: FloatArray) -> None:
+        """Let the next integration add these to the internal moment, in the axes of the rod at each clamp [1/m], shape
+        (instance_count, size)."""
+
+    @abstractmethod
+    def turned(self) -> FloatArray:
+        """After an integration: how the clamps are turned, in their own axes, by the unknowns, then by the moments [rad m], shape
+        (instance_count, size, n + size)."""
+
+    @abstractmethod
+    def moved(self) -> FloatArray:
+        """How they move, in the world [m^2], shape (instance_count, clamp, 3, n + size)."""
+
+    def give(self) -> FloatArray | None:
+        """After an integration: how the residuals would change by the unknowns if what holds the end of each rod gave way to the
+        force on it by ``L^3/EI`` times that, shape (instance_count, n, n); None where nothing holds it."""
+        return None
+
+    @abstractmethod
+    def frames(self) -> FloatArray:
+        """Frames of the rods there, in the world, shape (instance_count, clamp, 3, 3)."""

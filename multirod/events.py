@@ -25,7 +25,7 @@ class BranchEvent:
         energy_lost: Potential energy of the equilibrium that was left, less that of the one it came to, at the same inputs [J]:
             0 at a bifurcation.
         tip_displacement: Of the end effector, from the one to the other, in the world [m], shape (3,); at a bifurcation, the
-            unit vector along which it begins to move, (1) of ``docs/branches.md``.
+            unit vector along which it begins to move, (5) of ``docs/branches.md``; zero if that is held.
         neutral: Modes that symmetry leaves neutral where it came to: it might stand anywhere along these.
     """
 
@@ -51,6 +51,8 @@ class BranchEvent:
         if not np.isnan(self.progress):
             where = f"{self.progress:.3g} of the way" if np.isnan(self.time) else f"{self.time:.6g} s"
         what = f"{self.status.name} at a {'fold' if self.fold else 'bifurcation'}, {where}"
+        if self.status is Status.BIFURCATED and not self.tip_displacement.any():
+            return what
         if self.status is Status.BIFURCATED:
             return f"{what}, tip along ({', '.join(f'{x:.3f}' for x in self.tip_displacement + 0.0)})"
         return f"{what}, {self.energy_lost:.3g} J lost, tip moved {np.linalg.norm(self.tip_displacement):.3g} m"

@@ -14,7 +14,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from multirod.batch import IntArray, Interrupted
-from multirod.capabilities import Conjugates, Joints, Lines, Parts, ResultTest, Shapes, Starts
+from multirod.capabilities import Clamps, Conjugates, Joints, Lines, Parts, ResultTest, Shapes, Starts
 from multirod.compiling import start_warp
 from multirod.exclusive import Exclusive, Uncopied
 from multirod.inputs import Inputs
@@ -499,6 +499,11 @@ class BoundaryProblem(Uncopied, ABC):
     @property
     def conjugates(self) -> Conjugates | None:
         """Which residuals are forces, and the displacements they do work on; it needs ``pose_sensitivities``."""
+        return None
+
+    @property
+    def clamps(self) -> Clamps | None:
+        """Clamps along the rods, of a problem that ``Parts.clamped`` made."""
         return None
 
     # ---- what is assumed where nothing is offered ----

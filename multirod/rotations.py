@@ -35,6 +35,13 @@ def matrices(vectors: FloatArray) -> FloatArray:
     return np.asarray(np.eye(3) + first[..., None, None] * K + second[..., None, None] * (K @ K))
 
 
+def from_quaternions(quaternions: FloatArray) -> FloatArray:
+    """Rotation matrices (count, 3, 3) of unit quaternions (count, 4), the scalar last."""
+    v, w = quaternions[:, :3], quaternions[:, 3:, None]
+    K = cross_matrix(v)
+    return np.asarray(np.eye(3) + 2 * (w * K + K @ K))
+
+
 def left_jacobian(vectors: FloatArray) -> FloatArray:
     """Rotation vectors, in the outer frame, of the changes of ``matrices(vectors)`` by those of the vectors, (count, 3, 3)."""
     square = (vectors**2).sum(axis=-1)

@@ -53,9 +53,9 @@ class Shooting(Solver):
             has taken them without a result ends as ``INTEGRATION_LIMIT``. The few that judge a result, or tell what is left of
             the residual, come on top.
         fallback: Whether ``MultipleShooting`` goes on where rounding or these steps end the natural branch.
-        at_fold: What is done where the natural branch of a single rod ends, or a motion's of rods or tubes: ``"follow"`` goes
-            where a robot would whose loads are raised slowly, to the status ``BIFURCATED`` or ``SNAPPED``
-            (``docs/branches.md``); ``"stop"`` ends there, with the status ``BRANCH_END``.
+        at_fold: What is done where the natural branch of a rod, held or not, or of legs of one rod each ends, or that of any
+            motion: ``"follow"`` goes where a robot would whose loads are raised slowly, to the status ``BIFURCATED`` or
+            ``SNAPPED`` (``docs/branches.md``); ``"stop"`` ends there, with the status ``BRANCH_END``.
         side: To which side it goes at a bifurcation: ``"positive"``, where the tip moves along a positive axis of the world, or
             ``"negative"``, to its twin.
 
@@ -123,13 +123,16 @@ class Shooting(Solver):
             refuse_unstable(problem, outcome, chosen)
             newton.allow(self._left(outcome))
             assemble(problem, newton, outcome, chosen & failures(outcome.status), self.max_continuation_steps)
+            if reached is not None and problem.stability is not None and problem.stability.multistable:
+                self._follow(problem, newton, outcome, chosen & (outcome.status == Status.BRANCH_END), reached, ends)
             newton.allow(self._left(outcome))
             lowest_stable(problem, newton, outcome, chosen & failures(outcome.status), self.max_continuation_steps)
         if self.fallback and failures(outcome.status).any():
             # the poses that it finds are not those of the unknowns: nothing may integrate these again
             self._segmented().rescue(problem, outcome, self._left(outcome))
         lost = chosen & (outcome.status == Status.BRANCH_END)
-        if lost.any() and reached is not None:
+        alone = problem.stability is None or not problem.stability.multistable
+        if lost.any() and reached is not None and alone:
             self._follow(problem, newton, outcome, lost, reached, ends)
         return outcome
 
@@ -144,7 +147,7 @@ class Shooting(Solver):
         before: FloatArray | None = None,
     ) -> None:
         """Go on from where branches ended; what is not followed stays as it is."""
-        if self.at_fold == "stop":
+        if self.at_fold == "stop" or not lost.any():
             return
         noisy = follow(
             problem,

@@ -42,10 +42,11 @@ class Drawn:
 
 
 @meant()
-def draw(number: int, seed: int = 0) -> Drawn:
-    """Two to eight legs, some of them two tubes, in joints of all kinds, attachments spread and tilted, half of them loaded."""
+def draw(number: int, seed: int = 0, most_legs: int = 8, most_load: float = 10.0) -> Drawn:
+    """Two legs to ``most_legs``, some of them two tubes, in joints of all kinds, attachments spread and tilted, half of them
+    loaded, by ``most_load`` at most."""
     rng = np.random.default_rng([seed, number])
-    count = int(rng.integers(2, 9))
+    count = int(rng.integers(2, most_legs + 1))
     length, EI = log_uniform(rng, 0.05, 1), log_uniform(rng, 1e-3, 1)
     with_tubes, with_joints = rng.random() < 0.25, rng.random() < 0.7
     joints = [str(rng.choice(JOINTS)) if with_joints else "clamped" for _ in range(count)]
@@ -67,7 +68,7 @@ def draw(number: int, seed: int = 0) -> Drawn:
     loads: dict[str, Any] = {"rotation": np.array(rotation), "translation": np.array(translation)}
     load = 0.0
     if rng.random() < 0.6:
-        load = log_uniform(rng, 0.1, 10)
+        load = log_uniform(rng, 0.1, most_load)
         loads["tip_force"] = load * count * EI / length**2 * direction(rng)
         if rng.random() < 0.3:
             loads["tip_moment"] = min(load, 1.0) * rng.random() * count * EI / length * direction(rng)

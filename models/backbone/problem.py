@@ -17,6 +17,7 @@ from multirod.capabilities import LineTest, Parts
 from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.integrators import AdaptiveIntegrator, Integrator
 from multirod.launch import LONGEST
+from multirod.models.backbone.clamps import BackboneClamps, ClampedBackbones
 from multirod.models.backbone.conjugates import BackboneConjugates
 from multirod.models.backbone.designs import (
     COMPONENTS,
@@ -166,7 +167,8 @@ class BackboneProblem(BoundaryProblem):
     the bending moment there, if any load acts, and their torques; then, where a follower force acts, the base force.
     With ``held`` the tip is not free: the base force is unknown too, the pose and wrench of the tip are written out with their
     columns, and of the residual only the torques of the rods that end before it. ``arrays`` are those of ``rods``, or of several
-    backbones of the same build along the last batch axis.
+    backbones of the same build along the last batch axis. Of several ``pieces``, the rod is clamped between them by moments that
+    stand among the directions, of each instance from the number ``first_moment`` on, one for all or (instance_count,).
     """
 
     def __init__(
@@ -186,6 +188,8 @@ class BackboneProblem(BoundaryProblem):
         enabled: Sequence[str] = (),
         held: bool = False,
         arrays: RodArrays | None = None,
+        pieces: int = 1,
+        first_moment: IntArray | int = 0,
     ) -> None:
         arrays = lower(rods) if arrays is None else arrays
         batch_shape = np.broadcast_shapes(inputs.batch_shape, arrays.batch_shape, base.shape[:-2])
@@ -247,7 +251,11 @@ class BackboneProblem(BoundaryProblem):
         self._passes: dict[Any, NodePass] = {}
         self._followed: tuple[str, ...] = ()  # what directions by inputs and unknowns are by
         self._call = self._make_call(0)
-        self.launch = self._record(self.features, self._call)
+        self.launch: LanePass | ClampedBackbones
+        if pieces > 1:
+            self.launch = ClampedBackbones(self, pieces, np.broadcast_to(first_moment, self.instance_count))
+        else:
+            self.launch = self._record(self.features, self._call)
 
     # ---- what is compiled in ----
 
@@ -367,6 +375,16 @@ class BackboneProblem(BoundaryProblem):
     def cut(self) -> BackboneSegments:
         """The segments of a single rod, for those who know that it is one."""
         return BackboneSegments(self)
+
+    @property
+    def may_be_clamped(self) -> bool:
+        """Whether places along it can be clamped: not along several rods, in a medium, or by lines of given length."""
+        terms = self.features
+        return len(self.rods) == 1 and not (terms.foundation or terms.condition_count or terms.friction)
+
+    @cached_property
+    def clamps(self) -> BackboneClamps | None:  # noqa: D102
+        return BackboneClamps(self, self.launch) if isinstance(self.launch, ClampedBackbones) else None
 
     @cached_property
     def conjugates(self) -> BackboneConjugates | None:  # noqa: D102
@@ -702,20 +720,31 @@ class BackboneParts(Parts):
         integrator = self.problem.integrator.in_double() if double else self.problem.integrator
         return self._part(instances, integrator, poses)
 
+    @property
+    def may_be_clamped(self) -> bool:  # noqa: D102
+        return self.problem.may_be_clamped
+
+    def clamped(self, instances: IntArray, pieces: int) -> BackboneProblem:  # noqa: D102
+        return self._part(instances, self._finest() or self.problem.integrator.in_double(), True, pieces)
+
     def finer(self, instances: IntArray, *, poses: bool = False) -> BackboneProblem | None:  # noqa: D102
+        integrator = self._finest()
+        return None if integrator is None else self._part(instances, integrator, poses)
+
+    def _finest(self) -> Integrator | None:
         coarse = self.problem.integrator.in_double()
         if not isinstance(coarse, AdaptiveIntegrator) or not coarse.adaptive or coarse.rtol <= FINEST:
             return None
-        return self._part(instances, replace(coarse, rtol=FINEST, atol=min(coarse.atol, 0.01 * FINEST)), poses)
+        return replace(coarse, rtol=FINEST, atol=min(coarse.atol, 0.01 * FINEST))
 
-    def _part(self, instances: IntArray, integrator: Integrator, poses: bool) -> BackboneProblem:
+    def _part(self, instances: IntArray, integrator: Integrator, poses: bool, pieces: int = 1) -> BackboneProblem:
         whole = self.problem
         shape = whole.batch_shape
         base = take(whole.base, shape, instances, tail=2) if whole.base.ndim > 2 else whole.base
         arrays, inputs = whole.arrays.take(shape, instances), whole.inputs_given.take(shape, instances)
         options = {**whole.options, "integrator": integrator}
         if poses:  # with a direction too, it is the kernel that tells stability
-            options |= {"pose_sensitivities": True, "direction_count": 1}
+            options |= {"pose_sensitivities": True, "direction_count": 1 if pieces == 1 else 3 * (pieces - 1), "pieces": pieces}
         result = BackboneProblem(whole.rods, base, inputs, enabled=tuple(whole.enabled), arrays=arrays, **options)
         result.stop = whole.stop
         for name in ("inputs", "unknowns"):

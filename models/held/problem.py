@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,10 +15,12 @@ from multirod.capabilities import Lines, LineTest, Parts, Shapes
 from multirod.inputs import Inputs, InputSpec
 from multirod.integrators import Integrator
 from multirod.launch import record
+from multirod.models.backbone.clamps import ClampedBackbones
 from multirod.models.backbone.inputs import BACKBONE_INPUTS, DRIVES
 from multirod.models.backbone.problem import BackboneAssembly, BackboneProblem
 from multirod.models.backbone.units import unit_stiffness
 from multirod.models.held import held_kernels as kernels
+from multirod.models.held.clamps import HeldClamps
 from multirod.models.held.stability import HeldStability
 from multirod.models.held.start import bent_rods
 from multirod.models.held.starts import HeldStarts
@@ -135,11 +138,14 @@ class HeldProblem(BoundaryProblem):
         direction_count: int = 0,
         lengths: bool = False,
         enabled: Sequence[str] = (),
+        pieces: int = 1,
     ) -> None:
         self.holders = holders
+        if pieces > 1:
+            direction_count = 3 * (pieces - 1)
         shape = np.broadcast_shapes(inputs.batch_shape, holders.batch_shape)
         self.turns = len(holders.base_axes)
-        self.rod = self._make_rod(inputs, shape, integrator, device, direction_count, lengths, enabled)
+        self.rod = self._make_rod(inputs, shape, integrator, device, direction_count, lengths, enabled, pieces)
         n = self.rod.unknown_count + self.turns
         super().__init__(
             unknown_count=n,
@@ -174,6 +180,7 @@ class HeldProblem(BoundaryProblem):
         direction_count: int,
         lengths: bool,
         enabled: Sequence[str],
+        pieces: int,
     ) -> BackboneProblem:
         """The rod as a backbone whose tip is held, as many as there are instances."""
         holders, rod = self.holders, self.holders.rod
@@ -194,6 +201,7 @@ class HeldProblem(BoundaryProblem):
             enabled=[name for name in names if name in enabled or inputs.is_active(name)],
             held=True,
             arrays=holders.arrays,
+            pieces=pieces,
         )
 
     def _make_table(self) -> Any:
@@ -280,6 +288,17 @@ class HeldProblem(BoundaryProblem):
     @property
     def parts(self) -> "HeldParts":  # noqa: D102
         return HeldParts(self)
+
+    @cached_property
+    def clamps(self) -> HeldClamps | None:  # noqa: D102
+        return HeldClamps(self, self.rod.launch) if isinstance(self.rod.launch, ClampedBackbones) else None
+
+    @property
+    def may_be_clamped(self) -> bool:
+        """Whether places along the rod can be: not where its base turns and what acts along the rod does not turn with it."""
+        terms = self.rod.features
+        along = terms.distributed_force or terms.distributed_moment or terms.magnetised or terms.profile_degree >= 0
+        return self.rod.may_be_clamped and not (self.turns and along)
 
     @property
     def starts(self) -> HeldStarts:  # noqa: D102
@@ -447,15 +466,26 @@ class HeldParts(Parts):
         self.problem = problem
 
     def of(self, instances: IntArray, *, double: bool = False, poses: bool = False) -> HeldProblem:  # noqa: D102
+        return self._part(instances, double=double, poses=poses)
+
+    @property
+    def may_be_clamped(self) -> bool:  # noqa: D102
+        return self.problem.may_be_clamped
+
+    def clamped(self, instances: IntArray, pieces: int) -> HeldProblem:  # noqa: D102
+        return self._part(instances, double=True, poses=True, pieces=pieces)
+
+    def _part(self, instances: IntArray, *, double: bool, poses: bool, pieces: int = 1) -> HeldProblem:
         whole = self.problem
         integrator = whole.integrator.in_double() if double else whole.integrator
         holders = whole.holders.take(whole.batch_shape, instances)
         options = {**whole.options, **({"pose_sensitivities": True} if poses else {})}
-        result = HeldProblem(holders, whole.inputs_given.take(whole.batch_shape, instances), integrator=integrator, **options)
+        inputs = whole.inputs_given.take(whole.batch_shape, instances)
+        result = HeldProblem(holders, inputs, integrator=integrator, pieces=pieces, **options)
         result.stop = whole.stop
         for name in ("inputs", "unknowns"):
             result.write(name, whole.read(name)[instances])
-        for name in ("rest_position", "rest_turn"):
+        for name in ("rest_position", "rest_turn", "opening", "direct"):
             getattr(result.table, name).assign(getattr(whole.table, name).numpy()[instances])
         return result
 

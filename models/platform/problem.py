@@ -22,6 +22,7 @@ from multirod.models.backbone.members import drive_slices
 from multirod.models.backbone.members import drives as drive_names
 from multirod.models.backbone.problem import BackboneAssembly, BackboneProblem
 from multirod.models.platform import platform_kernels as kernels
+from multirod.models.platform.clamps import PlatformClamps
 from multirod.models.platform.conjugates import PlatformConjugates
 from multirod.models.platform.guess import (
     COMPLIANCES,
@@ -212,6 +213,8 @@ class LegGroup:
             pose_sensitivities=True,
             held=True,
             arrays=arrays,
+            pieces=problem.pieces,
+            first_moment=np.tile(3 * (problem.pieces - 1) * np.array(members), problem.instance_count),
             **options,
         )
         self._write_constants(problem, base)
@@ -271,7 +274,11 @@ class ParallelProblem(BoundaryProblem):
         leg_direction_count: int | None = None,
         lengths: bool = False,
         enabled: Sequence[str] = (),
+        pieces: int = 1,
     ) -> None:
+        if pieces > 1:
+            direction_count = 3 * (pieces - 1) * len(geometry.legs)
+        self.pieces = pieces
         self.leg_direction_count = direction_count if leg_direction_count is None else leg_direction_count
         self.geometry = geometry
         self.inverse = inverse
@@ -403,6 +410,10 @@ class ParallelProblem(BoundaryProblem):
     def conjugates(self) -> PlatformConjugates | None:
         """None of the inverse problem: its platform does not give way to what acts on it."""
         return None if self.inverse or not self.pose_sensitivities else PlatformConjugates(self)
+
+    @cached_property
+    def clamps(self) -> PlatformClamps | None:  # noqa: D102
+        return PlatformClamps(self) if self.pieces > 1 else None
 
     @property
     def joints(self) -> PlatformJoints:  # noqa: D102
@@ -718,14 +729,24 @@ class PlatformParts(Parts):
     def __init__(self, problem: ParallelProblem) -> None:
         self.problem = problem
 
+    @property
+    def may_be_clamped(self) -> bool:  # noqa: D102
+        return not self.problem.inverse and all(group.backbones.may_be_clamped for group in self.problem.groups)
+
+    def clamped(self, instances: IntArray, pieces: int) -> ParallelProblem:  # noqa: D102
+        return self._part(instances, double=True, poses=True, pieces=pieces)
+
     def of(self, instances: IntArray, *, double: bool = False, poses: bool = False) -> ParallelProblem:  # noqa: D102
+        return self._part(instances, double=double, poses=poses)
+
+    def _part(self, instances: IntArray, *, double: bool, poses: bool, pieces: int = 1) -> ParallelProblem:
         integrator = self.problem.integrator.in_double() if double else self.problem.integrator
         geometry, inputs = (
             self.problem.geometry.take(self.problem.batch_shape, instances),
             self.problem.inputs_given.take(self.problem.batch_shape, instances),
         )
         options = {**self.problem.options, **({"pose_sensitivities": True} if poses else {})}
-        result = ParallelProblem(geometry, inputs, integrator=integrator, **options)
+        result = ParallelProblem(geometry, inputs, integrator=integrator, pieces=pieces, **options)
         result.stop = self.problem.stop
         for name in ("inputs", "unknowns"):
             result.write(name, self.problem.read(name)[instances])

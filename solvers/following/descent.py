@@ -9,11 +9,13 @@ import numpy as np
 
 from multirod.batch import IntArray
 from multirod.capabilities import Conjugates
+from multirod.problem import BoundaryProblem
 from multirod.validation import FloatArray
 
 SOFT = 1e-6  # of K/L: a mode no stiffer than this is neutral
 RADIUS = 0.1  # largest turn in a mode by one step [rad]
 NUDGE = 1e-3  # of the radius, along a mode that is unstable where no step is longer
+GIVE = 1e-6  # of L^3/EI: what holds the end of a rod with clamps gives way by, in steps alone
 KEPT = 1e-9  # largest condition, inverted, of a Y that is not singular
 
 
@@ -30,9 +32,10 @@ class Point:
         unit: Moment of one unit of each [N m], shape (m,).
         turned: ``Y``, how what they do work on is turned by the unknowns; then the rows of ``gamma`` that are constraints, shape
             (n, n).
-        moved: How the end effector moves with these, in the world, shape (3, n).
+        moved: How clamps, if any, and last the end effector move with these, in the world, shape (place, 3, n).
         position: Of the end effector [m], shape (3,).
-        rotation: Shape (3, 3).
+        frames: Of the same places, shape (place, 3, 3).
+        stiffness: ``K/L`` [N m].
     """
 
     unknowns: FloatArray
@@ -44,7 +47,8 @@ class Point:
     turned: FloatArray
     moved: FloatArray
     position: FloatArray
-    rotation: FloatArray
+    frames: FloatArray
+    stiffness: float
 
     @property
     def size(self) -> float:
@@ -55,7 +59,8 @@ class Point:
 
 @dataclass(frozen=True)
 class Slope:
-    """(1), (2) The potential energy as a function of how the tip is turned, to second order.
+    """(1), (2) The potential energy as a function of how the tip is turned, or the clamps and what is free at the ends, to second
+    order.
 
     Attributes:
         gradient: [N m], shape (m,).
@@ -65,6 +70,7 @@ class Slope:
         back: The one that meets the constraints, shape (n,).
         facing: Sign of the determinant of what ``ways`` is the inverse of.
         stiffness: ``K/L`` [N m].
+        clamps: Whose turns stand last among the displacements.
     """
 
     gradient: FloatArray
@@ -74,6 +80,7 @@ class Slope:
     back: FloatArray
     facing: float
     stiffness: float
+    clamps: int = 0
 
     @property
     def along(self) -> FloatArray:
@@ -81,17 +88,34 @@ class Slope:
         return np.asarray(self.modes.T @ self.gradient / self.stiffness)
 
     @property
+    def lowest(self) -> float:
+        """The first eigenvalue, as if the place that its mode turns the most were turned by 1."""
+        clamps = self.modes[len(self.modes) - 3 * self.clamps :, 0].reshape(-1, 3)
+        return float(self.values[0] / ((clamps**2).sum(axis=1).max() if self.clamps else 1.0))
+
+    @property
     def neutral(self) -> int:
         """Modes that cannot be told from neutral ones."""
         return int((np.abs(self.values) <= SOFT).sum())
 
-    def step(self, radius: float) -> FloatArray:
-        """(4) Change of the unknowns [1/m]: down in every mode, Newton's step where that is shorter, shape (n,)."""
+    def turn(self, radius: float) -> FloatArray:
+        """(4) Turn in each mode: down, by that of Newton's step where it is shorter than the radius [rad], shape (m,)."""
         slope, values = self.along, self.values
         turn = np.minimum(np.abs(slope) / np.maximum(np.abs(values), SOFT), radius)
         if values[0] < -SOFT and turn.max() < NUDGE * radius:  # in balance where nothing holds it
             turn[0] = NUDGE * radius
-        return self.back + self.change(self.modes @ np.where(slope > 0, -turn, turn))
+        return np.where(slope > 0, -turn, turn)
+
+    def step(self, radius: float) -> FloatArray:
+        """(4) Change of the unknowns [1/m] that turns it so, shape (n,)."""
+        return self.back + self.change(self.modes @ self.turn(radius))
+
+    def missed(self, turn: FloatArray, found: "Slope") -> float:
+        """(9) By how much the slope found after a turn in each mode is not that foretold, in turns that make up for it [rad]."""
+        foretold = self.along + self.values * turn
+        return float(
+            (np.abs(self.modes.T @ found.gradient / self.stiffness - foretold) / np.maximum(np.abs(self.values), 1)).max()
+        )
 
     def change(self, turn: FloatArray) -> FloatArray:
         """Change of the unknowns [1/m] that turns the tip so [rad], shape (n,)."""
@@ -102,8 +126,8 @@ class Unfit(Exception):
     """The turn of the tip does not say what the rod is like, or nothing is finite."""
 
 
-def slope_at(point: Point, stiffness: float) -> Slope:
-    """The energy at a point; ``stiffness`` is ``K/L`` [N m].
+def slope_at(point: Point) -> Slope:
+    """The energy at a point.
 
     Raises:
         Unfit: If the tip's turn does not tell it.
@@ -116,8 +140,50 @@ def slope_at(point: Point, stiffness: float) -> Slope:
     inverse: FloatArray = np.asarray(np.linalg.inv(both), dtype=np.float64)
     A = point.unit[:, None] * point.gamma[point.forces] @ inverse[:, :m]
     values, modes = np.linalg.eigh(0.5 * (A + A.T))
-    gradient, back = point.unit * point.residual[point.forces], -inverse[:, m:] @ point.residual[kept]
-    return Slope(gradient, values / stiffness, modes, inverse[:, :m], back, float(np.sign(np.linalg.det(both))), stiffness)
+    back = -inverse[:, m:] @ point.residual[kept]
+    gradient = point.unit * (point.residual[point.forces] + point.gamma[point.forces] @ back)
+    facing, unit = float(np.linalg.slogdet(both)[0]), point.stiffness
+    return Slope(gradient, values / unit, modes, inverse[:, :m], back, facing, unit, len(point.frames) - 1)
+
+
+class ClampedTurns:
+    """The same of a problem with clamps: beside its unknowns stand their moments, beside its residuals what no clamp would need.
+
+    Args:
+        problem: With ``clamps``.
+    """
+
+    def __init__(self, problem: BoundaryProblem) -> None:
+        clamps, n = problem.clamps, problem.unknown_count
+        assert clamps is not None  # or there would be nothing to turn
+        self.problem, self.clamps, self.size = problem, clamps, n + clamps.size
+        self.forces = np.append(clamps.pairs.forces, range(n, self.size))
+        self.stiffness = clamps.pairs.stiffness
+
+    def put(self, unknowns: FloatArray) -> None:
+        """Unknowns and moments (instance_count, size) to where the next integration finds them."""
+        self.problem.write("unknowns", unknowns[:, : self.problem.unknown_count])
+        self.clamps.put(unknowns[:, self.problem.unknown_count :])
+
+    def after(self, unknowns: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """After an integration: residual (instance_count, size), its derivative, and what ``Turns.after`` says."""
+        problem, clamps, n, size = self.problem, self.clamps, self.problem.unknown_count, self.size
+        pairs, count = clamps.pairs, problem.instance_count
+        pairs.update()
+        residual = np.concatenate([problem.read("residual"), -unknowns[:, n:]], axis=1)
+        gamma = np.zeros((count, size, size))
+        gamma[:, :n, :n] = problem.read("gamma").reshape(count, n, n)
+        gamma[:, :n, n:] = problem.residual_directions.numpy()[..., : clamps.size]
+        gamma[:, n:, n:] = -np.eye(clamps.size)
+        scale = pairs.scale.numpy()
+        result = np.array(gamma)
+        result[:, pairs.forces] = pairs.columns.numpy()[:, :, :size] / scale[..., None]
+        result[:, n:] = clamps.turned()
+        give = clamps.give()
+        if give is not None:
+            result[:, :n, :n] += GIVE * give
+        order = np.append(self.forces, np.setdiff1d(np.arange(n), pairs.forces))
+        return residual, gamma, np.concatenate([pairs.unit.numpy() * scale, clamps.unit], axis=1), result[:, order]
 
 
 class Turns:

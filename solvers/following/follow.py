@@ -1,6 +1,7 @@
 """Instances whose branch ended, all on their way at once: every launch integrates for all of them."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -10,13 +11,16 @@ from multirod.batch import IntArray
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.continuation.natural import SAFE_LOAD, TURN
-from multirod.solvers.following.descent import Point, Turns
-from multirod.solvers.following.journey import At, Journey, Judge, Judgement, Run
+from multirod.solvers.following.descent import ClampedTurns, Point, Turns
+from multirod.solvers.following.journey import At, Clamp, Journey, Judge, Judgement, Run
 from multirod.stability import Modes
 from multirod.status import failures
 from multirod.validation import FloatArray
 
 TOGETHER = 4096  # instances on their way at once
+PIECES = 6  # into which clamps cut a rod
+
+Request = At | Clamp | Judge
 
 
 def follow(
@@ -52,9 +56,7 @@ def follow(
     """
     lost: dict[int, Journey] = {}
     stability, parts = problem.stability, problem.parts
-    if parts is None or stability is None or (stability.multistable and before is None):
-        return lost
-    if problem.joints is not None:  # a leg that buckles does so though the platform is held, which descent does not pass
+    if parts is None or stability is None or (stability.multistable and before is None and not parts.may_be_clamped):
         return lost
     chosen = chosen & (reached < 1) & stability.has_potential
     for places in np.split(np.flatnonzero(chosen), range(TOGETHER, int(chosen.sum()), TOGETHER)):
@@ -68,13 +70,10 @@ def follow(
             safe = SAFE_LOAD / np.maximum(part.load_scale(), 1e-300)
         else:
             most = TURN / np.maximum(part.turning(start), 1e-300)
-        if part.conjugates is None:
-            continue
-        tip = Turns(part.conjugates)
-        together = _Together(part, start, tip)
+        clamped = partial(parts.clamped, places, PIECES) if parts.may_be_clamped else None
+        together = _Together(part, start, clamped)
         journeys = [
             Journey(
-                float(tip.stiffness[k]),
                 np.array(unknowns[place]),
                 float(reached[place]),
                 float(tolerance[place]),
@@ -84,6 +83,8 @@ def follow(
                 max_steps,
                 side,
                 before is not None,
+                together.tip is not None and (problem.joints is None or clamped is None),
+                stability.multistable and before is None,
             )
             for k, place in enumerate(places)
         ]
@@ -100,76 +101,115 @@ class _Together:
     Args:
         part: Their problem.
         before: Inputs where their ways begin; None where loads are raised.
-        tip: How it is turned; None where only residuals are asked for.
+        clamped: Makes the same problem with clamps, if any can.
+        judged: Whether more than residuals is asked for.
     """
 
-    def __init__(self, part: BoundaryProblem, before: FloatArray | None = None, tip: Turns | None = None) -> None:
+    def __init__(
+        self,
+        part: BoundaryProblem,
+        before: FloatArray | None = None,
+        clamped: Callable[[], BoundaryProblem] | None = None,
+        judged: bool = True,
+    ) -> None:
         self.part, self.before, self.after = part, before, part.read("inputs")
         self.levels = np.ones(part.instance_count)
-        self.tip = tip
+        self.tip = None if not judged or part.conjugates is None else Turns(part.conjugates)
+        self._clamped = None if clamped is None else cache(clamped)
 
     def run(self, all_: Iterable[Run]) -> None:
         """Take all to their ends."""
         runs = dict(enumerate(all_))
-        asked: dict[int, At | Judge] = {}
+        asked: dict[int, Request] = {}
         for k in list(runs):
             self._next(runs, asked, k, None)
         while asked:
-            there = {k: request for k, request in asked.items() if isinstance(request, At)}
+            plain = {k: at for k, at in asked.items() if isinstance(at, At) and len(at.unknowns) == self.part.unknown_count}
+            clamped = {k: at for k, at in asked.items() if isinstance(at, At | Clamp) and k not in plain}
             answers: dict[int, Any]
-            if there:
-                answers = self._integrate(there)
+            if plain:
+                answers = self._integrate(plain)
+            elif clamped:
+                answers = self._integrate_clamped(clamped)
             else:
                 answers = self._judge({k: request for k, request in asked.items() if isinstance(request, Judge)})
             for k, answer in answers.items():
                 self._next(runs, asked, k, answer)
 
     @staticmethod
-    def _next(runs: dict[int, Run], asked: dict[int, At | Judge], k: int, answer: Any) -> None:
+    def _next(runs: dict[int, Run], asked: dict[int, Request], k: int, answer: Any) -> None:
         asked.pop(k, None)
         try:
             asked[k] = runs[k].send(answer)
         except StopIteration:
             del runs[k]
 
-    def _place(self, unknowns: dict[int, FloatArray], levels: dict[int, float]) -> None:
-        """Put instances where they are to be integrated."""
-        part = self.part
-        values = part.read("unknowns")
-        for k, own in unknowns.items():
-            values[k], self.levels[k] = own, levels[k]
-        part.write("unknowns", values)
+    def _place(self, part: BoundaryProblem, levels: dict[int, float]) -> None:
+        """Levels at which instances are to be integrated."""
+        for k, level in levels.items():
+            self.levels[k] = level
         if self.before is None:
             part.load_factor.assign(self.levels)
         else:
             part.write("inputs", self.before + self.levels[:, None] * (self.after - self.before))
 
-    def _integrate(self, asked: dict[int, At]) -> dict[int, Point]:
+    def _put(self, unknowns: dict[int, FloatArray]) -> None:
+        values = self.part.read("unknowns")
+        for k, own in unknowns.items():
+            values[k] = own
+        self.part.write("unknowns", values)
+
+    def _integrate(self, asked: Mapping[int, At]) -> dict[int, Point]:
         part, n = self.part, self.part.unknown_count
-        self._place({k: at.unknowns for k, at in asked.items()}, {k: at.level for k, at in asked.items()})
+        self._put({k: at.unknowns for k, at in asked.items()})
+        self._place(part, {k: at.level for k, at in asked.items()})
         on = np.zeros(part.instance_count, dtype=bool)
         on[list(asked)] = True
         with part.only(on):
             part.integrate()
         residual, gamma = part.read("residual"), part.read("gamma").reshape(-1, n, n)
         residual[part.fault.numpy() != 0] = np.nan
-        position, rotation = part.read("position"), part.read("rotation").reshape(-1, 3, 3)
-        forces, moved = np.arange(n), np.array(part.pose_columns.numpy()[:, :3, :n])
+        position, rotation = part.read("position"), part.read("rotation").reshape(-1, 1, 3, 3)
+        forces, moved = np.arange(n), np.array(part.pose_columns.numpy()[:, None, :3, :n])
         unit, turned = np.full((part.instance_count, n), np.nan), np.full((part.instance_count, n, n), np.nan)
+        stiffness = np.full(part.instance_count, np.nan)
         if self.tip is not None:
-            forces, (unit, turned) = self.tip.forces, self.tip.after(gamma)
-        return {
-            k: Point(at.unknowns, at.level, residual[k], gamma[k], forces, unit[k], turned[k], moved[k], position[k], rotation[k])
-            for k, at in asked.items()
-        }
+            forces, stiffness, (unit, turned) = self.tip.forces, self.tip.stiffness, self.tip.after(gamma)
+        fields = residual, gamma, unit, turned, moved, position, rotation, stiffness
+        return {k: _point(at.unknowns, at.level, forces, *(field[k] for field in fields)) for k, at in asked.items()}
+
+    def _integrate_clamped(self, asked: Mapping[int, At | Clamp]) -> dict[int, Point | None]:
+        if self._clamped is None:
+            return dict.fromkeys(asked)
+        part = self._clamped()
+        turns = ClampedTurns(part)
+        size = turns.size
+        unknowns = np.zeros((part.instance_count, size))
+        for k, at in asked.items():
+            unknowns[k, : len(at.unknowns)] = at.unknowns
+        turns.put(unknowns)
+        self._place(part, {k: at.level for k, at in asked.items()})
+        part.integrate()
+        residual, gamma, unit, turned = turns.after(unknowns)
+        residual[part.fault.numpy() != 0] = np.nan
+        moved = np.concatenate([turns.clamps.moved(), part.pose_columns.numpy()[:, None, :3, :size]], axis=1)
+        frames = np.concatenate([turns.clamps.frames(), part.read("rotation").reshape(-1, 1, 3, 3)], axis=1)
+        fields = residual, gamma, unit, turned, moved, part.read("position"), frames, turns.stiffness
+        return {k: _point(unknowns[k], at.level, turns.forces, *(field[k] for field in fields)) for k, at in asked.items()}
 
     def _judge(self, asked: dict[int, Judge]) -> dict[int, Judgement]:
         stability = self.part.stability
         assert stability is not None  # or there was nothing to follow
-        self._place({k: judge.point.unknowns for k, judge in asked.items()}, {k: judge.point.level for k, judge in asked.items()})
+        self._put({k: judge.point.unknowns for k, judge in asked.items()})
+        self._place(self.part, {k: judge.point.level for k, judge in asked.items()})
         with self.part.everyone():
             modes, potential = stability.modes(), stability.potential()
         return {k: Judgement(Modes(*(value[[k]] for value in vars(modes).values())), float(potential[k])) for k in asked}
+
+
+def _point(unknowns: FloatArray, level: float, forces: IntArray, *fields: Any) -> Point:
+    residual, gamma, *others = fields
+    return Point(unknowns, level, residual, gamma, forces, *others)
 
 
 def _polish(problem: BoundaryProblem, places: IntArray, journeys: Sequence[Journey]) -> None:
@@ -179,7 +219,7 @@ def _polish(problem: BoundaryProblem, places: IntArray, journeys: Sequence[Journ
         return
     assert problem.parts is not None  # as before
     own = problem.parts.of(places[there])
-    _Together(own).run([journeys[k].polish() for k in there.tolist()])
+    _Together(own, judged=False).run([journeys[k].polish() for k in there.tolist()])
     kept = np.flatnonzero([journeys[k].end is not None for k in there.tolist()])
     problem.keep(own, places[there[kept]], kept)
 

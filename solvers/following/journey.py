@@ -4,6 +4,7 @@ Numbers in parentheses are those of ``docs/branches.md``.
 """
 
 from collections.abc import Generator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -24,6 +25,7 @@ DRIVEN = 1e-6  # of K/L: a smaller moment along a mode that vanishes is none
 KICK = 1e-2  # turn of the tip off what is unstable and in balance [rad]
 TOGETHER = 1e-2  # of the lowest: modes that close to it vanish with it
 ALONG = 0.1  # of its largest component, that the tip's way must be along an axis to count
+STILL = 1e-3  # of how a rod moves: a tip that moves as little is held
 FAR = 0.5  # turn of the tip to another branch [rad], however near the critical point
 APART = 0.7  # ratio of distances at a quarter of the overshoot: above it another branch, half on one that bifurcates here
 SAME_BRANCH = 0.35  # below it the same branch, a quarter
@@ -31,6 +33,13 @@ RETURNED = 1e-4  # turn of the tip by which what was pushed off came back [rad]
 MERGED = 0.05  # turn of the tip [rad] within which branches merge
 DESCENT_STEPS = 150
 SHORTEST = 1e-3  # turn of the tip by a step, that is not halved again [rad]
+ALONGSIDE = 2  # steps of Newton's method across modes that vanish
+VANISHING = 1e-2  # of K/L: a mode as stiff, or less, vanishes at a critical point
+CLAMPED_STEPS = 400  # of a descent by the turns of clamps
+RADIUS_CLAMPED = 0.5  # largest turn of them in a mode by one step [rad]
+SHORTEST_CLAMPED = 1e-4  # part of it
+MISSED = 0.2  # part of a step, by which it may have been wrong
+TINY = 1e-6  # turn of a step that need not be right [rad]
 NEWTON_STEPS = 8
 POLISHED = 1e-3  # of the tolerance: what needs no step
 GROWTH = 0.5  # of the way, that the next step may be
@@ -59,13 +68,21 @@ class Judgement:
 
 @dataclass(frozen=True)
 class At:
-    """A request to integrate at unknowns, shape (n,), and a level."""
+    """A request to integrate at unknowns, shape (n,), or with the moments of clamps behind them, and a level."""
 
     unknowns: FloatArray
     level: float
 
 
-Run = Generator[At | Judge, Any, Any]
+@dataclass(frozen=True)
+class Clamp:
+    """A request to integrate with clamps that carry no moment yet; None is the answer where there can be none."""
+
+    unknowns: FloatArray
+    level: float
+
+
+Run = Generator[At | Judge | Clamp, Any, Any]
 
 
 class Spent(Exception):
@@ -77,7 +94,6 @@ class Journey:
     """One instance; what integrates is a generator, so that many share every launch (``follow``).
 
     Attributes:
-        stiffness: ``K/L`` [N m].
         start: Unknowns where its branch ended, shape (n,).
         level: Part of the way there.
         tolerance: Largest residual [1/m].
@@ -87,9 +103,10 @@ class Journey:
         max_steps: Steps allowed.
         side: 1, or -1 for the other one at each bifurcation.
         by_inputs: Whether inputs change on the way, not loads alone.
+        by_tip: Whether the end effector's displacement tells what the rods are like: clamps are then tried where that fails.
+        doubtful: Whether the branch may have begun unstable.
     """
 
-    stiffness: float
     start: FloatArray
     level: float
     tolerance: float
@@ -99,6 +116,8 @@ class Journey:
     max_steps: int
     side: int
     by_inputs: bool
+    by_tip: bool = True
+    doubtful: bool = False
     integrations: int = 0
     iterations: int = 0
     status: Status = Status.BRANCH_END
@@ -129,6 +148,8 @@ class Journey:
             found, _ = yield from self._correct(self.start, self.level, neutral)
         if found is not None:
             point = yield from self._along(found, neutral)
+        if self.doubtful and not (yield from self._was_stable(point)):
+            return
         for _ in range(MOST_EVENTS):
             if point.level == 1:
                 break
@@ -178,7 +199,7 @@ class Journey:
         return point
 
     def _slope(self, point: Point) -> Slope:
-        return slope_at(point, self.stiffness)
+        return slope_at(point)
 
     def _judge(self, point: Point) -> Run:
         self._count(2)
@@ -190,6 +211,11 @@ class Journey:
             raise Spent
         self.integrations += integrations
 
+    def _was_stable(self, critical: Point) -> Run:
+        """Whether no mode is unstable where one vanishes."""
+        modes = (yield from self._judge(critical)).modes
+        return bool(modes.known[0] and modes.index[0] <= 0 and not modes.diverging[0])
+
     def _rests(self, point: Point, neutral: int) -> Run:
         """Whether a point is stable but for modes that symmetry leaves neutral."""
         judgement = yield from self._judge(point)
@@ -200,6 +226,19 @@ class Journey:
     def _leave(self, critical: Point) -> Run:
         """Where the robot goes from a critical point: the point it comes to, what happened, and the modes that are neutral there;
         None where that cannot be told."""
+        landed = None
+        if self.by_tip:
+            with suppress(Unfit):
+                landed = yield from self._leave_by(critical)
+        if landed is None:
+            self._count()
+            clamped = yield Clamp(critical.unknowns, critical.level)
+            if clamped is not None:
+                landed = yield from self._leave_by(clamped)
+        return landed
+
+    def _leave_by(self, critical: Point) -> Run:
+        """The same by the displacements that a point tells of."""
         beyond = yield from self._pass(critical)
         if beyond is None:
             return None
@@ -208,19 +247,26 @@ class Journey:
         landed = yield from self._descend(beyond, slope, first)
         if landed is None:
             return None
-        neutral = self._slope(landed).neutral
-        there = yield from self._judge(landed)
+        rest, neutral = landed, self._slope(landed).neutral
+        if len(landed.unknowns) > len(self.start):
+            neutral = 0  # what symmetry leaves neutral of rods that are held, Gamma is made to hold
+            rest, _ = yield from self._correct(landed.unknowns[: len(self.start)], landed.level, neutral)
+            if rest is None:
+                return None
+        there = yield from self._judge(rest)
         if not _stable(there.modes, neutral) or (neutral and (yield from self._by_symmetry(landed)) != neutral):
             return None
         status = yield from self._kind(critical, beyond, landed, first)
         if status is None:
-            return landed, None, neutral
+            return rest, None, neutral
         lost, displacement = 0.0, landed.position - critical.position
         if status is Status.SNAPPED:
-            before = yield from self._judge(beyond)
+            before = yield from self._judge(replace(beyond, unknowns=beyond.unknowns[: len(self.start)]))
             lost = before.potential - there.potential
         elif first.any():
-            displacement = beyond.moved @ slope.change(first)
+            moves = beyond.moved @ slope.change(first)
+            still = np.linalg.norm(moves[-1]) < STILL * np.linalg.norm(moves, axis=1).max()
+            displacement = 0.0 * moves[-1] if still else moves[-1]
         if status is Status.BIFURCATED:
             displacement = displacement / max(float(np.linalg.norm(displacement)), 1e-300)
         event = BranchEvent(
@@ -232,12 +278,12 @@ class Journey:
             tip_displacement=displacement,
             neutral=neutral,
         )
-        return landed, event, neutral
+        return rest, event, neutral
 
     def _kind(self, critical: Point, beyond: Point, landed: Point, first: FloatArray) -> Run:
         """(6) Whether a point that was come to is on a branch that leaves the critical point, or elsewhere; None where it is on
         the same branch."""
-        turn = _turn(critical.rotation, landed.rotation)
+        turn = _turn(critical.frames, landed.frames)
         if _held(self._slope(beyond)) and turn < 2 * MERGED:
             return None
         before, after = (self._slope(point).neutral for point in (critical, landed))
@@ -245,7 +291,7 @@ class Journey:
             return None  # pushed along what is neutral on all of the branch
         if turn > FAR:
             return Status.SNAPPED
-        value = self._slope(beyond).values[0]
+        value = self._slope(beyond).lowest
         if first.any() and value > -CLEAR and RETURNED < turn < NEAR * np.sqrt(-value):
             return Status.BIFURCATED  # too near for a quarter of that to be told
         ratio = yield from self._shrinks(critical, beyond.level, landed, first)
@@ -258,13 +304,22 @@ class Journey:
         step = self._overshoot(critical)
         while True:
             level = min(1.0, critical.level + step)
-            beyond = yield from self._at(critical.unknowns, level)
+            beyond = yield from self._beyond(critical, level)
             slope = self._slope(beyond)
             if slope.values[0] < -CLEAR or abs(slope.along[0]) > DECIDED or _held(slope):
                 return beyond
             if level == 1.0:
                 return beyond if slope.values[0] < -DECIDED else None
             step *= 4
+
+    def _beyond(self, critical: Point, level: float) -> Run:
+        """The critical unknowns at a level beyond; with clamps, what else changes on the branch changed with it."""
+        point = yield from self._at(critical.unknowns, level)
+        for _ in range(ALONGSIDE if len(point.frames) > 1 else 0):
+            slope = self._slope(point)
+            turn = np.where(slope.values > VANISHING, slope.turn(RADIUS), 0.0)
+            point = yield from self._at(point.unknowns + slope.back + slope.change(slope.modes @ turn), level)
+        return point
 
     def _way_out(self, slope: Slope, beyond: Point, critical: Point) -> tuple[FloatArray, bool]:
         """How the tip is turned off a point that is in balance, 0 where a moment drives it, shape (n,), and whether that is so.
@@ -276,14 +331,16 @@ class Journey:
         if np.abs(slope.along[:count]).max() > DRIVEN * max(1.0, (beyond.level - critical.level) / self._overshoot(critical)):
             return np.zeros(len(slope.values)), True
         modes = slope.modes[:, :count]
-        moves = beyond.moved @ np.column_stack([slope.change(mode) for mode in modes.T])
+        places = beyond.moved @ np.column_stack([slope.change(mode) for mode in modes.T])
+        reach = np.linalg.norm(places, axis=(1, 2))
+        moves = places[-1 if reach[-1] >= ALONG * reach.max() else int(np.argmax(reach > (1 - ALONG) * reach.max()))]
         size = np.linalg.norm(moves, axis=1)
         axis = int(np.argmax(size >= ALONG * size.max()))
         return self.side * KICK * modes @ (moves[axis] / size[axis]), False
 
     def _shrinks(self, critical: Point, level: float, landed: Point, first: FloatArray) -> Run:
         """Distance of where a quarter of the overshoot leads, over that of where all of it did."""
-        near = yield from self._at(critical.unknowns, critical.level + 0.25 * (level - critical.level))
+        near = yield from self._beyond(critical, critical.level + 0.25 * (level - critical.level))
         other = yield from self._descend(near, self._slope(near), first)
         if other is None:
             return 1.0
@@ -292,14 +349,14 @@ class Journey:
 
     def _descend(self, point: Point, slope: Slope, first: FloatArray) -> Run:
         """(4) Where going down in energy leads from a point, after turning the tip by ``first``; None where it leads nowhere."""
+        if slope.clamps:
+            landed = yield from self._descend_clamped(point, slope, first)
+            return landed
         radius, step = RADIUS, slope.change(first) if first.any() else slope.step(RADIUS)
         for _ in range(DESCENT_STEPS):
             trial = yield from self._at(point.unknowns + step, point.level)
             self.iterations += 1
-            try:
-                found = self._slope(trial)
-            except Unfit:
-                found = None
+            found = self._slope_or_none(trial)
             if found is None or found.facing != slope.facing:
                 # beyond, the rod would snap though its tip were held: not in one long step
                 radius *= 0.5
@@ -314,16 +371,48 @@ class Journey:
             step = slope.step(radius)
         return None
 
+    def _descend_clamped(self, point: Point, slope: Slope, first: FloatArray) -> Run:
+        """The same by the turns of clamps: in steps that (9) says are short enough, as ends that are held bend the way."""
+        radius, share, turn = RADIUS, 1.0, slope.modes.T @ first if first.any() else slope.turn(RADIUS)
+        for _ in range(CLAMPED_STEPS):
+            step = share * (slope.back + slope.change(slope.modes @ turn))
+            trial = yield from self._at(point.unknowns + step, point.level)
+            self.iterations += 1
+            found, longest = self._slope_or_none(trial), share * float(np.abs(turn).max())
+            off = np.inf if found is None or found.facing != slope.facing else slope.missed(share * turn, found)
+            if off > MISSED * longest and not off < TINY:
+                radius, share = 0.5 * radius, 0.5 * share
+                if share < SHORTEST_CLAMPED:
+                    return None
+                turn = slope.turn(radius)
+                continue
+            assert found is not None  # or it would be infinitely far off
+            point, slope = trial, found
+            if point.size <= self.tolerance and slope.values[0] >= -SOFT:
+                return point
+            if off < 0.5 * MISSED * longest:
+                radius, share = min(RADIUS_CLAMPED, 2 * radius), min(1.0, 2 * share)
+            turn = slope.turn(radius)
+        return None
+
+    def _slope_or_none(self, point: Point) -> Slope | None:
+        try:
+            return self._slope(point)
+        except Unfit:
+            return None
+
     # ---- along a branch ----
 
     def _by_symmetry(self, point: Point) -> Run:
         """Modes that are neutral at a point and near it: those that symmetry leaves so."""
+        if not self.by_tip:
+            return 0
         slope = self._slope(point)
         count = slope.neutral
         for k in np.argsort(np.abs(slope.values))[:count].tolist():
             begin = point.unknowns + slope.change(ASIDE * slope.modes[:, k])
             found, _ = yield from self._correct(begin, point.level, count)
-            if found is None or self._slope(found).neutral < count or _turn(point.rotation, found.rotation) < 0.5 * ASIDE:
+            if found is None or self._slope(found).neutral < count or _turn(point.frames, found.frames) < 0.5 * ASIDE:
                 return 0
         return count
 
@@ -353,8 +442,8 @@ class Journey:
     def _released(self, point: Point, neutral: int) -> Run:
         """The end of the way from a point next to it, where symmetry leaves modes neutral there that rounded kinks held until
         then, and how many; the point itself where that is not so."""
-        soft = self._slope(point).neutral
-        if self.by_inputs or soft <= neutral:
+        soft = self._slope(point).neutral if self.by_tip and not self.by_inputs else 0
+        if soft <= neutral:
             return point, neutral
         found, _ = yield from self._correct(point.unknowns, 1.0, soft)
         if found is None or not _alike(found.gamma, point.gamma, soft) or (yield from self._by_symmetry(found)) != soft:
@@ -406,8 +495,9 @@ def _stable(modes: Modes, neutral: int) -> bool:
 
 
 def _turn(before: FloatArray, after: FloatArray) -> float:
-    """Angle between two rotations [rad]."""
-    return float(np.arccos(np.clip(0.5 * (np.trace(before.T @ after) - 1), -1, 1)))
+    """The largest angle between frames of the same places, (place, 3, 3), before and after [rad]."""
+    traces = np.einsum("kij,kij->k", before, after)
+    return float(np.arccos(np.clip(0.5 * (traces - 1), -1, 1)).max())
 
 
 def _extrapolated(points: list[Point], level: float) -> FloatArray:

@@ -56,12 +56,14 @@ def main() -> None:
     parser.add_argument("--robots", type=int, default=200)
     parser.add_argument("--first", type=int, default=0, help="number of the first")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--legs", type=int, default=12, help="most legs")
+    parser.add_argument("--load", type=float, default=5.0, help="largest load, of EI/L^2 of all legs")
     parser.add_argument("--search", action="store_true", help="search for equilibria of robots that are not solved")
     options = parser.parse_args()
     ends: dict[str, list[int]] = {}
     wrong, unstable, found, moments = [], [], [], Counter()
     for number in range(options.first, options.first + options.robots):
-        drawn = draw(number, options.seed)
+        drawn = draw(number, options.seed, options.legs, options.load)
         solution = mr.solve(drawn.robot, drawn.inputs)
         name = Status(int(solution.status)).name
         ends.setdefault(name, []).append(int(solution.integrations))
