@@ -14,7 +14,7 @@ import numpy as np
 import multirod as mr
 from multirod.batch import take
 from multirod.capabilities import Conjugates
-from multirod.segments import Propagation, Request, Segments
+from multirod.segments import Cuts, Propagation, Segments
 from multirod.stability import Modes, StabilityAnalysis
 from multirod.wrapped import WrappedProblem, WrappedSegments
 
@@ -160,30 +160,39 @@ class SprungSegments(WrappedSegments):
         super().__init__(inner)
         self.problem = problem
 
-    def base_state(self, instance: int, unknowns: np.ndarray) -> np.ndarray:
-        everyone = self.problem.read("unknowns")
-        everyone[instance] = unknowns
-        self.problem.inner.write("inputs", self.problem.inner_inputs(everyone))
-        return self.inner.base_state(instance, unknowns)
+    @property
+    def direction_count(self) -> int:
+        return self.problem.direction_count
 
-    def propagate(self, requests: Sequence[Request]) -> list[Propagation]:
+    def _turn(self, instances: np.ndarray, unknowns: np.ndarray) -> None:
+        everyone = self.problem.read("unknowns")
+        everyone[instances] = unknowns
+        self.problem.inner.write("inputs", self.problem.inner_inputs(everyone))
+
+    def base_state(self, instances: np.ndarray, unknowns: np.ndarray) -> np.ndarray:
+        self._turn(instances, unknowns)
+        return self.inner.base_state(instances, unknowns)
+
+    def propagate(self, cuts: Cuts, level: np.ndarray) -> Propagation:
         count = self.problem.direction_count
         directions = self.problem.inner.directions.numpy().copy()
         directions[:, :count] = self.problem.directions.numpy()[:, :count]
         self.problem.inner.directions.assign(directions)
-        return [self._by_own_unknowns(r, found) for r, found in zip(requests, self.inner.propagate(requests), strict=True)]
+        self._turn(cuts.instances, cuts.unknowns)
+        return self._by_own_unknowns(cuts, self.inner.propagate(cuts, level))
 
-    def _by_own_unknowns(self, request: Request, found: Propagation) -> Propagation:
+    def _by_own_unknowns(self, cuts: Cuts, found: Propagation) -> Propagation:
         """What varies with the twist at the base varies with the base angle too; its direction, the last, is left out."""
-        give = self.problem.give[request.instance]
+        give = self.problem.give[cuts.instances]
         transition, residual, displacement = (
             np.array(columns) for columns in (found.transition, found.residual_columns, found.displacement_columns)
         )
-        if request.start[0] == 0.0:
-            transition[0, :, TWIST] += give * transition[0, :, -1]
-            displacement[0, :, TWIST] += give * displacement[0, :, -1]
-            if len(request.start) == 1:
-                residual[:, TWIST] += give * residual[:, -1]
+        based = np.flatnonzero(cuts.start == 0.0)  # one of each instance, if any
+        owner = cuts.owner[based]
+        transition[based, :, TWIST] += give[owner, None] * transition[based, :, -1]
+        displacement[based, :, TWIST] += give[owner, None] * displacement[based, :, -1]
+        whole = owner[cuts.counts[owner] == 1]
+        residual[whole, :, TWIST] += give[whole, None] * residual[whole, :, -1]
         return replace(
             found,
             transition=transition[..., :-1],

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.segments import Breakpoints, Propagation, Request, Segments
+from multirod.segments import Breakpoints, Cuts, Propagation, Segments
 from multirod.validation import FloatArray
 
 
 class System:
-    """The Jacobian (2) of all segments: unknowns at the base, then the variation at every further breakpoint.
+    """The Jacobian (2) of all segments of one instance: unknowns at the base, then the variation at every further breakpoint.
 
     Factored by Gaussian elimination with partial pivoting in the band, which is stable where the boundary conditions are
     separated and the problem itself is well conditioned (Ascher, Mattheij, Russell, section 7.2).
@@ -26,7 +26,8 @@ class System:
         # at the base only the unknowns vary
         self.first = found.transition[0][:, places] if self.segments > 1 else np.zeros((0, n))
         self.blocks = found.transition[1:-1, :, :d]
-        self.last = found.residual_columns[:, :d] if self.segments > 1 else found.residual_columns[:, places]
+        tip = found.residual_columns[0]
+        self.last = tip[:, :d] if self.segments > 1 else tip[:, places]
         self._factored: tuple[Any, ...] | None = None
 
     @property
@@ -89,30 +90,19 @@ class System:
         shaped = right.reshape(self.size, -1)
         return np.asarray(lapack.dgbtrs(lu, self.below, self.above, shaped, pivots)[0]).reshape(right.shape)
 
-    def times(self, x: FloatArray) -> FloatArray:
-        """``J x``."""
-        n, d, count = self.n, self.d, self.segments
-        if count == 1:
-            return np.asarray(self.last @ x)
-        inner = x[n:].reshape(count - 1, d)
-        result = np.concatenate([(-inner).ravel(), np.zeros(n)])
-        result[:d] += self.first @ x[:n]
-        result[d : d * (count - 1)] += (self.blocks @ inner[:-1, :, None]).ravel()
-        result[d * (count - 1) :] += self.last @ inner[-1]
-        return result
-
 
 def pose_jacobian(segments: Segments, instance: int, points: Breakpoints) -> FloatArray:
     """Derivative of the end effector's pose by the problem's directions, at equilibrium, shape (6, direction_count); NaN at a
     fold."""
-    found = segments.propagate([Request.all_of(instance, points, 1.0)])[0]
+    cuts = Cuts.of_points({instance: points})
+    found = segments.propagate(cuts, np.ones(1))
     d, places = segments.variation_size, segments.unknown_places
     system = System(found, places)
-    slopes = np.concatenate([*found.transition[:-1, :, d:], found.residual_columns[:, d:]])
+    slopes = np.concatenate([*found.transition[:-1, :, d:], found.residual_columns[0, :, d:]])
     if system.singular:
         return np.full((6, slopes.shape[1]), np.nan)
     rates = system.solve(-slopes)
     variations = np.zeros((len(found.transition), d, slopes.shape[1]))
     variations[0, places] = rates[: system.n]
     variations[1:] = rates[system.n :].reshape(-1, d, slopes.shape[1])
-    return segments.tip_pose_columns(instance, found, variations)
+    return segments.tip_pose_columns(cuts, found, variations)

@@ -1,15 +1,16 @@
 """A boundary problem cut into segments: what multiple shooting sees of an assembly."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from multirod.batch import IntArray
 from multirod.stability import Modes
+from multirod.status import BoolArray
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -34,24 +35,6 @@ class Breakpoints:
     steps: NDArray[np.int32]
     gap: float = np.nan
 
-    def halves(self, instance: int, long: NDArray[np.bool_], level: float) -> "Request":
-        """The first halves of the segments that are ``long``."""
-        start, size = self.arclength[:-1][long], np.diff(self.arclength)[long]
-        steps = (self.steps[long] + 1) // 2
-        return Request(instance, start, start + 0.5 * size, self.states[long], self.unknowns, level, steps)
-
-    def halved(self, long: NDArray[np.bool_], half: "Request", middle: FloatArray) -> "Breakpoints":
-        """Breakpoints with one more at the end of each of these halves, in the states ``middle`` to which they lead."""
-        at = np.flatnonzero(long) + 1
-        steps = np.array(self.steps)
-        steps[long] = half.steps
-        return Breakpoints(
-            np.insert(self.arclength, at, half.end),
-            np.insert(self.states, at, middle, axis=0),
-            self.unknowns,
-            np.insert(steps, at, half.steps),
-        )
-
 
 def taken(points: Mapping[int, Breakpoints], instances: IntArray) -> dict[int, Breakpoints]:
     """Of the instances with these numbers, (k,), those that have breakpoints, by their places 0 to k - 1 among them."""
@@ -64,19 +47,147 @@ def placed(points: Mapping[int, Breakpoints], instances: IntArray) -> dict[int, 
 
 
 @dataclass(frozen=True)
+class Cuts:
+    """Segments of several instances, one instance after another: between its breakpoints, or parts of these.
+
+    Attributes:
+        instances: Of the problem, each once, shape (count,).
+        first: Where the segments of each begin among all, then how many there are, shape (count + 1,).
+        start: Arclengths [m], shape (segment_count,).
+        end: Likewise.
+        states: At ``start``, shape (segment_count, state_size).
+        unknowns: Of the boundary problem [1/m], shape (count, n): what a segment from the base starts with, and what all share.
+        steps: Equal steps of each segment, shape (segment_count,).
+    """
+
+    instances: IntArray
+    first: IntArray
+    start: FloatArray
+    end: FloatArray
+    states: FloatArray
+    unknowns: FloatArray
+    steps: NDArray[np.int32]
+
+    @classmethod
+    def of_points(cls, points: Mapping[int, Breakpoints]) -> "Cuts":
+        """All segments between the breakpoints of some instances; at least one of them."""
+        own = list(points.values())
+        return cls(
+            np.array(list(points)),
+            np.cumsum([0, *(len(p.steps) for p in own)]),
+            np.concatenate([p.arclength[:-1] for p in own]),
+            np.concatenate([p.arclength[1:] for p in own]),
+            np.concatenate([p.states for p in own]),
+            np.array([p.unknowns for p in own]),
+            np.concatenate([p.steps for p in own]).astype(np.int32),
+        )
+
+    def points(self, place: int, gap: float = np.nan) -> Breakpoints:
+        """Breakpoints of one of the instances."""
+        mine = slice(self.first[place], self.first[place + 1])
+        arclength = np.append(self.start[mine], self.end[mine][-1:])
+        return Breakpoints(arclength, self.states[mine], self.unknowns[place], self.steps[mine], gap)
+
+    @property
+    def counts(self) -> IntArray:
+        """Segments of each instance, shape (count,)."""
+        return np.diff(self.first)
+
+    @property
+    def owner(self) -> IntArray:
+        """To which of the instances, 0 to count - 1, each segment belongs, shape (segment_count,)."""
+        return np.repeat(np.arange(len(self.instances)), self.counts)
+
+    @property
+    def inner(self) -> BoolArray:
+        """Which segments end where another one begins, shape (segment_count,)."""
+        result = np.ones(len(self.start), dtype=bool)
+        result[self.first[1:] - 1] = False
+        return result
+
+    def chosen(self, some: BoolArray) -> "Cuts":
+        """Those of some of the instances, (count,)."""
+        if some.all():
+            return self
+        rows = some[self.owner]
+        return Cuts(
+            self.instances[some],
+            np.append(0, np.cumsum(self.counts[some])),
+            self.start[rows],
+            self.end[rows],
+            self.states[rows],
+            self.unknowns[some],
+            self.steps[rows],
+        )
+
+    def put(self, some: BoolArray, other: "Cuts") -> "Cuts":
+        """These, with those of some of the instances, (count,), all that ``other`` has, replaced."""
+        if some.all():
+            return other
+        counts = self.counts.copy()
+        counts[some] = other.counts
+        rows = replaced_rows(self, some, other)
+        unknowns = self.unknowns.copy()
+        unknowns[some] = other.unknowns
+        start, end, states, steps = (
+            np.concatenate([getattr(self, name), getattr(other, name)])[rows] for name in ("start", "end", "states", "steps")
+        )
+        return Cuts(self.instances, np.append(0, np.cumsum(counts)), start, end, states, unknowns, steps)
+
+    def halves(self, long: BoolArray) -> "Cuts":
+        """The first halves of the segments that are ``long``, (segment_count,), of the instances that have such."""
+        counts = np.bincount(self.owner[long], minlength=len(self.instances))
+        some = counts > 0
+        start = self.start[long]
+        return Cuts(
+            self.instances[some],
+            np.append(0, np.cumsum(counts[some])),
+            start,
+            start + 0.5 * (self.end[long] - start),
+            self.states[long],
+            self.unknowns[some],
+            (self.steps[long] + 1) // 2,
+        )
+
+    def halved(self, long: BoolArray, half: "Cuts", middle: FloatArray) -> "Cuts":
+        """These, with one breakpoint more at the end of each of the halves, in the states ``middle`` to which they lead."""
+        at = np.flatnonzero(long)
+        counts = self.counts + np.bincount(self.owner[long], minlength=len(self.instances))
+        end, steps = self.end.copy(), self.steps.copy()
+        end[at], steps[at] = half.end, half.steps
+        return Cuts(
+            self.instances,
+            np.append(0, np.cumsum(counts)),
+            np.insert(self.start, at + 1, half.end),
+            np.insert(end, at + 1, self.end[at]),
+            np.insert(self.states, at + 1, middle, axis=0),
+            self.unknowns,
+            np.insert(steps, at + 1, half.steps),
+        )
+
+
+def replaced_rows(mine: Cuts, some: BoolArray, other: Cuts) -> IntArray:
+    """Where the segments stand in those of ``mine`` and then those of ``other``, if these are the ``some`` of the instances."""
+    owners = np.concatenate([mine.owner, np.flatnonzero(some)[other.owner]])
+    kept = np.append(~some[mine.owner], np.ones(len(other.start), dtype=bool))
+    rows = np.flatnonzero(kept)
+    return rows[np.argsort(owners[rows], kind="stable")]
+
+
+@dataclass(frozen=True)
 class Propagation:
-    """Where the segments of one instance lead; axes (segment, ...), variations in 1/m.
+    """Where segments of several instances lead; variations in 1/m.
 
     Attributes:
         end: States at the ends of the segments, shape (segment_count, state_size).
         transition: Variation there by that at the start, shape (segment_count, d, d); then by the directions in input space,
             shape (segment_count, d, d + direction_count).
-        residual: Of the boundary condition, by the segment that ends at the tip [1/m], shape (n,).
-        residual_columns: Its derivative by the variation where that segment begins and by the directions, shape (n, d +
+        residual: Of the boundary condition, by the segment that ends at the tip [1/m], shape (count, n).
+        residual_columns: Its derivative by the variation where that segment begins and by the directions, shape (count, n, d +
             direction_count).
         displacement: Of the centreline over each segment [m], in the frame of the base, shape (segment_count, 3).
         displacement_columns: Its derivative likewise, shape (segment_count, 3, d + direction_count).
-        fault: 0, or why a segment failed, as for ``BoundaryProblem.fault``.
+        fault: 0, or why a segment of the instance failed, as for ``BoundaryProblem.fault``, shape (count,).
     """
 
     end: FloatArray
@@ -85,35 +196,46 @@ class Propagation:
     residual_columns: FloatArray
     displacement: FloatArray
     displacement_columns: FloatArray
-    fault: int
+    fault: IntArray
 
+    def chosen(self, cuts: Cuts, some: BoolArray) -> "Propagation":
+        """Of some of the instances of ``cuts``, (count,)."""
+        if some.all():
+            return self
+        rows = some[cuts.owner]
+        return Propagation(
+            self.end[rows],
+            self.transition[rows],
+            self.residual[some],
+            self.residual_columns[some],
+            self.displacement[rows],
+            self.displacement_columns[rows],
+            self.fault[some],
+        )
 
-@dataclass(frozen=True)
-class Request:
-    """Segments of one instance to be integrated: from ``start`` to ``end``, at a level of the load.
+    def put(self, cuts: Cuts, some: BoolArray, others: Cuts, other: "Propagation") -> "Propagation":
+        """This, of the segments ``cuts``, with what ``others`` lead to in place of some of the instances, (count,)."""
+        if some.all():
+            return other
+        rows = replaced_rows(cuts, some, others)
 
-    Attributes:
-        instance: Of the problem.
-        start: Arclengths [m], shape (segment_count,).
-        end: Likewise.
-        states: At ``start``, shape (segment_count, state_size).
-        unknowns: Of the boundary problem [1/m], shape (n,): what a segment from the base starts with, and what all share.
-        level: What multiplies all loads.
-        steps: Equal steps of each segment, shape (segment_count,).
-    """
+        def by_segment(name: str) -> FloatArray:
+            return np.asarray(np.concatenate([getattr(self, name), getattr(other, name)])[rows])
 
-    instance: int
-    start: FloatArray
-    end: FloatArray
-    states: FloatArray
-    unknowns: FloatArray
-    level: float
-    steps: NDArray[np.int32]
+        def by_instance(name: str) -> Any:
+            result = getattr(self, name).copy()
+            result[some] = getattr(other, name)
+            return result
 
-    @classmethod
-    def all_of(cls, instance: int, points: Breakpoints, level: float) -> "Request":
-        """All segments between breakpoints."""
-        return cls(instance, points.arclength[:-1], points.arclength[1:], points.states, points.unknowns, level, points.steps)
+        return Propagation(
+            by_segment("end"),
+            by_segment("transition"),
+            by_instance("residual"),
+            by_instance("residual_columns"),
+            by_segment("displacement"),
+            by_segment("displacement_columns"),
+            by_instance("fault"),
+        )
 
 
 class Segments(ABC):
@@ -122,46 +244,54 @@ class Segments(ABC):
     Attributes:
         variation_size: Components ``d`` of a variation.
         unknown_places: Which of them the unknowns vary at the base, shape (n,).
+        device: Warp device.
     """
 
     variation_size: int
     unknown_places: NDArray[np.intp]
+    device: str
+
+    @property
+    @abstractmethod
+    def direction_count(self) -> int:
+        """Directions in input space by which is differentiated."""
 
     @abstractmethod
-    def length(self, instance: int) -> float:
-        """Arclength of the tip [m]."""
+    def length(self, instances: IntArray) -> FloatArray:
+        """Arclength of the tips of instances (count,) [m], shape (count,)."""
 
     @abstractmethod
-    def base_state(self, instance: int, unknowns: FloatArray) -> FloatArray:
-        """State at the base, shape (state_size,)."""
+    def base_state(self, instances: IntArray, unknowns: FloatArray) -> FloatArray:
+        """States at the base, by unknowns (count, n), shape (count, state_size)."""
 
     @abstractmethod
-    def propagate(self, requests: Sequence[Request]) -> list[Propagation]:
-        """Integrate segments of several instances in one launch; at most one request an instance."""
+    def propagate(self, cuts: Cuts, level: FloatArray) -> Propagation:
+        """Integrate segments in one launch, those of each instance at a level of the load, (count,)."""
 
     @abstractmethod
-    def difference(self, instance: int, states: FloatArray, others: FloatArray) -> FloatArray:
-        """Variations that lead from ``others`` to ``states``, shape (count, d)."""
+    def difference(self, instances: IntArray, states: FloatArray, others: FloatArray) -> FloatArray:
+        """Variations that lead from ``others`` to ``states``, each of an instance of ``instances`` (count,), shape (count, d)."""
 
     @abstractmethod
-    def moved(self, instance: int, states: FloatArray, variations: FloatArray) -> FloatArray:
-        """States led on by variations, shape (count, state_size)."""
+    def moved(self, instances: IntArray, states: FloatArray, variations: FloatArray) -> FloatArray:
+        """States, each of an instance, led on by variations, shape (count, state_size)."""
 
     @abstractmethod
     def growth(self, found: Propagation) -> FloatArray:
         """How much each segment amplifies a variation, in units in which that is least, shape (segment_count,)."""
 
     @abstractmethod
-    def tip_pose(self, instance: int, found: Propagation) -> tuple[FloatArray, FloatArray]:
-        """Position [m] and rotation of the tip in the world: the segments' displacements added up."""
+    def tip_pose(self, cuts: Cuts, found: Propagation) -> tuple[FloatArray, FloatArray]:
+        """Positions [m], (count, 3), and rotations, (count, 3, 3), of the tips in the world: segments' displacements added up."""
 
     @abstractmethod
-    def tip_pose_columns(self, instance: int, found: Propagation, variations: FloatArray) -> FloatArray:
-        """Derivative of that pose by directions in input space, position rows then rotation-vector rows, both in the world.
+    def tip_pose_columns(self, cuts: Cuts, found: Propagation, variations: FloatArray) -> FloatArray:
+        """Derivative of that pose of one instance by directions in input space, position rows then rotation-vector rows, both in
+        the world.
 
         Args:
-            instance: Of the problem.
-            found: Where the segments lead.
+            cuts: Of that instance.
+            found: Where its segments lead.
             variations: Where they begin, by the directions [1/m], shape (segment_count, d, direction_count).
 
         Returns:

@@ -1,7 +1,6 @@
 """A boundary problem around another: what is the same is handed on, so that only what differs is written."""
 
 from abc import abstractmethod
-from collections.abc import Sequence
 from typing import Self
 
 import numpy as np
@@ -11,7 +10,7 @@ from multirod.batch import IntArray
 from multirod.capabilities import Parts, Shapes, Starts
 from multirod.inputs import Inputs
 from multirod.problem import BoundaryProblem, Shape
-from multirod.segments import Breakpoints, Propagation, Request, Segments
+from multirod.segments import Breakpoints, Cuts, Propagation, Segments
 from multirod.validation import FloatArray
 
 COPIED = ("residual", "gamma", "position", "rotation")
@@ -188,32 +187,36 @@ class WrappedSegments(Segments):
 
     def __init__(self, inner: Segments) -> None:
         self.inner = inner
-        self.variation_size = inner.variation_size
+        self.variation_size, self.device = inner.variation_size, inner.device
         self.unknown_places: NDArray[np.intp] = inner.unknown_places
 
-    def length(self, instance: int) -> float:  # noqa: D102
-        return self.inner.length(instance)
+    @property
+    def direction_count(self) -> int:  # noqa: D102
+        return self.inner.direction_count
 
-    def base_state(self, instance: int, unknowns: FloatArray) -> FloatArray:  # noqa: D102
-        return self.inner.base_state(instance, unknowns)
+    def length(self, instances: IntArray) -> FloatArray:  # noqa: D102
+        return self.inner.length(instances)
 
-    def propagate(self, requests: Sequence[Request]) -> list[Propagation]:  # noqa: D102
-        return self.inner.propagate(requests)
+    def base_state(self, instances: IntArray, unknowns: FloatArray) -> FloatArray:  # noqa: D102
+        return self.inner.base_state(instances, unknowns)
 
-    def difference(self, instance: int, states: FloatArray, others: FloatArray) -> FloatArray:  # noqa: D102
-        return self.inner.difference(instance, states, others)
+    def propagate(self, cuts: Cuts, level: FloatArray) -> Propagation:  # noqa: D102
+        return self.inner.propagate(cuts, level)
 
-    def moved(self, instance: int, states: FloatArray, variations: FloatArray) -> FloatArray:  # noqa: D102
-        return self.inner.moved(instance, states, variations)
+    def difference(self, instances: IntArray, states: FloatArray, others: FloatArray) -> FloatArray:  # noqa: D102
+        return self.inner.difference(instances, states, others)
+
+    def moved(self, instances: IntArray, states: FloatArray, variations: FloatArray) -> FloatArray:  # noqa: D102
+        return self.inner.moved(instances, states, variations)
 
     def growth(self, found: Propagation) -> FloatArray:  # noqa: D102
         return self.inner.growth(found)
 
-    def tip_pose(self, instance: int, found: Propagation) -> tuple[FloatArray, FloatArray]:  # noqa: D102
-        return self.inner.tip_pose(instance, found)
+    def tip_pose(self, cuts: Cuts, found: Propagation) -> tuple[FloatArray, FloatArray]:  # noqa: D102
+        return self.inner.tip_pose(cuts, found)
 
-    def tip_pose_columns(self, instance: int, found: Propagation, variations: FloatArray) -> FloatArray:  # noqa: D102
-        return self.inner.tip_pose_columns(instance, found, variations)
+    def tip_pose_columns(self, cuts: Cuts, found: Propagation, variations: FloatArray) -> FloatArray:  # noqa: D102
+        return self.inner.tip_pose_columns(cuts, found, variations)
 
     def shapes(self, points: dict[int, Breakpoints], node_count: int) -> tuple[tuple[Shape, ...], FloatArray, FloatArray]:  # noqa: D102
         return self.inner.shapes(points, node_count)

@@ -1,19 +1,18 @@
 """Multiple shooting: the rod in segments short enough that none amplifies an error by much, along the natural branch."""
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
-from functools import partial
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from multirod.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
-from multirod.segment_system import System
-from multirod.segments import Breakpoints, Segments, placed
+from multirod.segments import Segments, placed
 from multirod.solver import Outcome, Solver, Track
 from multirod.solvers.newton.iteration import Newton
-from multirod.solvers.segments.path import Result, Run, SegmentedPath, run_together
+from multirod.solvers.segments.band import Systems
+from multirod.solvers.segments.path import Place, Results, SegmentedPaths
 from multirod.stability import Stability
 from multirod.status import BoolArray, IntArray, Status, failures
 from multirod.validation import FloatArray, positive_int
@@ -22,8 +21,6 @@ NOISY = 1e2  # norm of Gamma from which the integrator's noise may look like the
 POLISH = 5  # iterations on the unknowns alone
 MAX_INTEGRATIONS = 4000  # some seconds; the hardest loads of docs/solvers.md take 700
 SAME_POSE = 1e-7  # of the length, and of a rotation: how near these lead to the tip that the segments lead to
-
-_Ended = tuple[Result, SegmentedPath]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,11 +66,13 @@ class MultipleShooting(Solver):
         allowed = np.full(problem.instance_count, self.max_integrations)
         if guess is None:
             return self._anew(problem, allowed)
-        return self._report(problem, self._run(problem, _from(guess), allowed), natural=False)
+        paths = self._paths(problem, np.arange(problem.instance_count), allowed)
+        return self._report(problem, paths, paths.solve_from(guess), natural=False)
 
     def _anew(self, problem: BoundaryProblem, allowed: IntArray) -> Outcome:
         """All instances along their natural branches, each by as many integrations as it is allowed."""
-        return self._report(problem, self._natural(problem, range(problem.instance_count), allowed), natural=True)
+        paths = self._paths(problem, np.arange(problem.instance_count), allowed)
+        return self._report(problem, paths, self._natural(problem, paths), natural=True)
 
     def track(self, problem: BoundaryProblem, dt: float) -> Track:
         """Follow a motion, each sample from the states of the last, or anew along its natural branch where that might leave
@@ -114,12 +113,9 @@ class MultipleShooting(Solver):
             return result
         places = np.array(list(ends))
         part = problem.parts.of(places, double=True)
-        scale = np.maximum(part.load_scale(), 1e-300)
-        starts = {
-            k: partial(SegmentedPath.follow, unknowns=unknowns, scale=float(scale[k]), level=level)
-            for k, (unknowns, level) in enumerate(ends.values())
-        }
-        mine = self._report(part, self._run(part, starts, np.minimum(left[places], self.max_integrations)), natural=True)
+        unknowns, level = (np.array(values) for values in zip(*ends.values(), strict=True))
+        paths = self._paths(part, np.arange(len(places)), np.minimum(left[places], self.max_integrations))
+        mine = self._report(part, paths, paths.follow(unknowns, _load_scale(part), level), natural=True)
         result[places] = found = self._take_over(problem, part, places, mine)
         outcome.status[places[found]] = mine.status[found]
         outcome.iterations[places] += mine.iterations
@@ -137,23 +133,12 @@ class MultipleShooting(Solver):
         problem.keep(part, places)
         return found
 
-    def _natural(self, problem: BoundaryProblem, chosen: Iterable[int], allowed: IntArray) -> dict[int, _Ended]:
-        guess, scale = problem.guess(), np.maximum(problem.load_scale(), 1e-300)
-        starts = {k: partial(SegmentedPath.follow, unknowns=guess[k], scale=float(scale[k])) for k in chosen}
-        ended = self._run(problem, starts, allowed)
-        for _, branch in ended.values():
-            branch.integrations += problem.guess_integrations
-        return ended
-
-    def _run(
-        self, problem: BoundaryProblem, starts: Mapping[int, Callable[[SegmentedPath], Run]], allowed: IntArray
-    ) -> dict[int, _Ended]:
-        """Run instances together, each by what it is started with, and by as many integrations as it is allowed."""
-        segments = self._segments(problem)
-        limit = problem.tolerance(self.tolerance)
-        branches = {k: self._branch(segments, k, float(limit[k]), int(allowed[k])) for k in starts}
-        results = run_together(segments, {instance: start(branches[instance]) for instance, start in starts.items()})
-        return {instance: (result, branches[instance]) for instance, result in results.items()}
+    def _natural(self, problem: BoundaryProblem, paths: SegmentedPaths) -> Results:
+        """Instances along their natural branches."""
+        chosen = paths.instances
+        results = paths.follow(problem.guess()[chosen], _load_scale(problem)[chosen])
+        paths.integrations += problem.guess_integrations
+        return results
 
     @staticmethod
     def _segments(problem: BoundaryProblem) -> Segments:
@@ -161,71 +146,70 @@ class MultipleShooting(Solver):
         assert segments is not None  # or the problem was refused
         return segments
 
-    def _branch(self, segments: Segments, instance: int, tolerance: float, allowed: int) -> SegmentedPath:
-        return SegmentedPath(
-            segments,
-            instance,
-            tolerance=tolerance,
+    def _paths(self, problem: BoundaryProblem, instances: IntArray, allowed: IntArray) -> SegmentedPaths:
+        """Ways of some instances, each by as many integrations as it is allowed."""
+        return SegmentedPaths(
+            self._segments(problem),
+            instances,
+            tolerance=problem.tolerance(self.tolerance)[instances],
             max_iterations=self.max_iterations,
             max_steps=self.max_continuation_steps,
-            max_integrations=allowed,
+            allowed=allowed,
             integrator=self.integrator,
         )
 
-    def _report(self, problem: BoundaryProblem, ended: dict[int, _Ended], natural: bool) -> Outcome:
-        """Put results into the problem's buffers; ``CONVERGED`` where an integration from the base alone leads to them."""
-        segments = self._segments(problem)
+    def _report(self, problem: BoundaryProblem, paths: SegmentedPaths, results: Results, natural: bool) -> Outcome:
+        """Put results of all instances into the problem's buffers; ``CONVERGED`` where an integration from the base alone leads
+        to them."""
+        segments, place = self._segments(problem), results.place
         outcome = Outcome.zeros(problem.instance_count)
-        reached = np.ones(problem.instance_count)
-        unknowns = problem.read("unknowns")
-        poses = {}
-        for instance, (result, branch) in ended.items():
-            outcome.status[instance] = result.status
-            outcome.iterations[instance] = branch.iterations
-            outcome.integrations[instance] = branch.integrations
-            reached[instance] = result.level
-            unknowns[instance] = result.points.unknowns
-            if result.found is not None:
-                poses[instance] = segments.tip_pose(instance, result.found)
-        self._polish(problem, unknowns, poses, segments, outcome)
-        if natural:
+        outcome.status[:] = results.status
+        outcome.iterations[:], outcome.integrations[:] = paths.iterations, paths.integrations
+        unknowns = place.cuts.unknowns
+        tried = results.status == Status.MULTIPLE_SHOOTING
+        position, rotation = np.full((len(tried), 3), np.nan), np.full((len(tried), 3, 3), np.nan)
+        if tried.any():
+            found = place.chosen(tried)
+            position[tried], rotation[tried] = segments.tip_pose(found.cuts, found.found)
+        self._polish(problem, unknowns, (position, rotation), segments, outcome)
+        alone = outcome.status == Status.MULTIPLE_SHOOTING
+        points = {k: place.cuts.points(k, float(results.residual[k])) for k in np.flatnonzero(alone).tolist()}
+        if natural and points:
             # stable at its start, a natural branch stays stable
-            alone = outcome.status == Status.MULTIPLE_SHOOTING
-            found = {instance: ended[instance][0].points for instance in map(int, np.flatnonzero(alone))}
-            unstable = segments.modes(found).stability == Stability.UNSTABLE
-            outcome.status[np.flatnonzero(alone)[unstable]] = Status.BRANCH_END
+            unstable = segments.modes(points).stability == Stability.UNSTABLE
+            for k in np.array(list(points))[unstable].tolist():
+                outcome.status[k] = Status.BRANCH_END
+                del points[k]
         records = problem.snapshot()
         fields = {name: records[:, place] for name, place in problem.record_fields.items()}
-        for instance, (result, _) in ended.items():
-            if outcome.status[instance] == Status.MULTIPLE_SHOOTING:
-                assert result.found is not None
-                position, rotation = poses[instance]
-                fields["unknowns"][instance] = unknowns[instance]
-                fields["residual"][instance] = result.found.residual
-                fields["gamma"][instance] = np.nan
-                fields["position"][instance], fields["rotation"][instance] = position, rotation.ravel()
-                outcome.breakpoints[instance] = replace(result.points, gap=result.residual)
+        some = outcome.status == Status.MULTIPLE_SHOOTING
+        fields["unknowns"][some], fields["residual"][some] = unknowns[some], place.found.residual[some]
+        fields["gamma"][some] = np.nan
+        fields["position"][some], fields["rotation"][some] = position[some], rotation[some].reshape(-1, 9)
         problem.restore(records)
-        outcome.reached = reached
+        outcome.breakpoints = points
+        outcome.reached = np.array(results.level)
         return outcome
 
     def _polish(
-        self, problem: BoundaryProblem, unknowns: FloatArray, poses: dict[int, Any], segments: Segments, outcome: Outcome
+        self,
+        problem: BoundaryProblem,
+        unknowns: FloatArray,
+        poses: tuple[FloatArray, FloatArray],
+        segments: Segments,
+        outcome: Outcome,
     ) -> None:
         """Newton on the unknowns alone, which converges to the same pose where the problem is well conditioned."""
         problem.write("unknowns", unknowns)
         newton = Newton(problem, tolerance=self.tolerance, max_iterations=POLISH, line_search=False)
-        tried = np.zeros(problem.instance_count, dtype=bool)
-        tried[list(poses)] = True
+        tried = outcome.status == Status.MULTIPLE_SHOOTING
         newton.run(tried)
         single = newton.outcome()
         outcome.integrations += np.where(tried, single.integrations, 0)
         position, rotation = problem.read("position"), problem.read("rotation")
-        for instance, (p, R) in poses.items():
-            off = np.linalg.norm(position[instance] - p) / segments.length(instance)
-            off += np.linalg.norm(rotation[instance] - R.ravel())
-            if single.status[instance] == Status.CONVERGED and off < SAME_POSE:
-                outcome.status[instance] = Status.CONVERGED
+        off = np.linalg.norm(position - poses[0], axis=1) / segments.length(np.arange(len(tried)))
+        off += np.linalg.norm(rotation - poses[1].reshape(-1, 9), axis=1)
+        outcome.status[tried & (single.status == Status.CONVERGED) & (off < SAME_POSE)] = Status.CONVERGED
         lost = failures(outcome.status) & (outcome.status != Status.NOT_RUN)
         if lost.any():
             # what is left of the residual at the full load
@@ -240,10 +224,10 @@ class _Resumed(Track):
     def __init__(self, solver: MultipleShooting, problem: BoundaryProblem) -> None:
         self.solver = solver
         self.problem = problem
-        self.places = solver._segments(problem).unknown_places
         self.first: FloatArray | None = None
         self.natural = True  # or from a guess, which may be unstable
-        self.last: dict[int, tuple[Breakpoints, System]] = {}
+        self.known = np.zeros(problem.instance_count, dtype=bool)
+        self.last: Place | None = None  # of all instances; what is not known is of no meaning
 
     def start(self, unknowns: FloatArray) -> None:
         self.first = np.array(unknowns)
@@ -251,31 +235,47 @@ class _Resumed(Track):
 
     def step(self) -> Outcome:
         solver, problem = self.solver, self.problem
+        everyone = np.arange(problem.instance_count)
         first, self.first = self.first, None
-        allowed = np.full(problem.instance_count, solver.max_integrations)
+        paths = solver._paths(problem, everyone, np.full(len(everyone), solver.max_integrations))
         if first is not None:
-            ended = solver._run(problem, _from(first), allowed)
+            results = paths.solve_from(first)
+        elif not self.known.any():
+            results = solver._natural(problem, paths)
         else:
-            resumed = {
-                k: partial(SegmentedPath.resume, points=points, before=system) for k, (points, system) in self.last.items()
-            }
-            ended = solver._run(problem, resumed, allowed)
-            spent = {k: branch.integrations for k, (result, branch) in ended.items() if result is None}
-            for k, integrations in spent.items():
-                allowed[k] -= integrations
-            again = [k for k in range(problem.instance_count) if k not in ended or k in spent]
-            ended |= solver._natural(problem, again, allowed)
-            for k, integrations in spent.items():
-                ended[k][1].integrations += integrations
-        for k, (result, _) in ended.items():
-            if result.found is not None:
-                self.last[k] = (result.points, System(result.found, self.places))
-        return solver._report(problem, ended, natural=self.natural)
+            results = self._resume(paths)
+        found = results.status == Status.MULTIPLE_SHOOTING
+        if found.any():
+            part = results.place.chosen(found)
+            self.last = results.place if self.last is None else self.last.put(found, part)
+            self.known |= found
+        return solver._report(problem, paths, results, natural=self.natural)
+
+    def _resume(self, paths: SegmentedPaths) -> Results:
+        """From the last states; anew what has none, or is led off its branch."""
+        solver, problem, known = self.solver, self.problem, self.known
+        assert self.last is not None
+        count = len(known)
+        last = self.last.chosen(known)
+        resumed = solver._paths(problem, np.flatnonzero(known), paths.allowed[known])
+        systems = Systems(last.cuts, last.found, resumed.segments.unknown_places, problem.device)
+        some = resumed.resume(last.cuts, systems)
+        results = Results(np.full(count, int(Status.NOT_RUN)), self.last, np.full(count, np.nan), np.ones(count))
+        results.put(known, some)
+        paths.integrations[known], paths.iterations[known] = resumed.integrations, resumed.iterations
+        again = results.status == Status.NOT_RUN
+        if again.any():
+            left = paths.allowed[again] - paths.integrations[again]
+            anew = solver._paths(problem, np.flatnonzero(again), left)
+            results.put(again, solver._natural(problem, anew))
+            paths.integrations[again] += anew.integrations
+            paths.iterations[again] = anew.iterations
+        return results
 
 
-def _from(guess: FloatArray) -> dict[int, Callable[[SegmentedPath], Run]]:
-    """How instances start from a guess (instance_count, n)."""
-    return {k: partial(SegmentedPath.solve_from, unknowns=unknowns) for k, unknowns in enumerate(guess)}
+def _load_scale(problem: BoundaryProblem) -> FloatArray:
+    """Size of the full load against the stiffness, (instance_count,)."""
+    return np.asarray(np.maximum(problem.load_scale(), 1e-300))
 
 
 def _ill_conditioned(problem: BoundaryProblem, outcome: Outcome) -> Any:

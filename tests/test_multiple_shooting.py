@@ -1,6 +1,7 @@
 """Multiple shooting: rods whose sensitivities grow by more from base to tip than numbers have digits."""
 
 from dataclasses import replace
+from itertools import pairwise
 from threading import Event
 
 import numpy as np
@@ -16,10 +17,10 @@ from multirod.models.backbone.problem import POSES_APART
 from multirod.models.backbone.segments import BackboneSegments
 from multirod.recording.samples import first_instances
 from multirod.segment_system import System
-from multirod.segments import Breakpoints, Propagation, Request
-from multirod.solvers.continuation.acceptance import DENSE, same_branch_in_segments
+from multirod.segments import Breakpoints, Cuts, Propagation
 from multirod.solvers.segments import path as segmented_path
-from multirod.solvers.segments.path import SegmentedPath, run_together
+from multirod.solvers.segments.band import VECTORS, Step, Systems
+from multirod.solvers.segments.path import SegmentedPaths
 from multirod.stability import Modes
 
 EXTREME = (
@@ -38,6 +39,25 @@ def soft() -> mr.SingleRod:
     return mr.SingleRod(
         mr.Rod(length=0.4, bending_stiffness=(0.02, 0.03), torsional_stiffness=0.012, precurvature=(4, -2, 6)),
     )
+
+
+def paths_of(segments: BackboneSegments, max_steps: int = 100) -> SegmentedPaths:
+    """The way of the first instance."""
+    return SegmentedPaths(
+        segments,
+        np.zeros(1, dtype=int),
+        tolerance=np.array([1e-9]),
+        max_iterations=30,
+        max_steps=max_steps,
+        allowed=np.array([1000]),
+        integrator=mr.RK45(),
+    )
+
+
+def one_segment(segments: BackboneSegments, instance: int, unknowns: np.ndarray, steps: int) -> Breakpoints:
+    """The whole rod of 0.4 m."""
+    state = segments.base_state(np.array([instance]), unknowns[None])
+    return Breakpoints(np.array([0, 0.4]), state, unknowns, np.array([steps]))
 
 
 def elastica(load: float, angle: float) -> tuple[float, float]:
@@ -180,17 +200,15 @@ def test_segments_lead_where_one_integration_leads(given, monkeypatch):
     truth = mr.solve(robot, inputs).raise_if_failed()
     problem = robot.problem(inputs, integrator=mr.RK45())
     segments = problem.segments
-    branch = SegmentedPath(
-        segments, 0, tolerance=1e-9, max_iterations=30, max_steps=100, max_integrations=1000, integrator=mr.RK45()
-    )
-    result = run_together(segments, {0: branch.follow(problem.guess()[0], float(problem.load_scale()[0]))})[0]
-    assert not result.status.failed
-    assert len(result.points.steps) > 10
-    position, rotation = segments.tip_pose(0, result.found)
+    result = paths_of(segments).follow(problem.guess(), problem.load_scale())
+    assert result.status.tolist() == [mr.Status.MULTIPLE_SHOOTING]
+    cuts = result.place.cuts
+    assert len(cuts.steps) > 10
+    position, rotation = segments.tip_pose(cuts, result.place.found)
     # both are integrated to 1e-8 a step
-    np.testing.assert_allclose(result.points.unknowns, truth.unknowns, rtol=0, atol=1e-7)
-    np.testing.assert_allclose(position, truth.tip_position, rtol=0, atol=1e-8)
-    np.testing.assert_allclose(rotation, truth.tip_rotation, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(cuts.unknowns[0], truth.unknowns, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(position[0], truth.tip_position, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(rotation[0], truth.tip_rotation, rtol=0, atol=1e-7)
 
 
 @pytest.mark.parametrize("name", ["tip_force", "translation", "rotation"])
@@ -252,10 +270,7 @@ def test_modes_by_segments_are_those_by_columns(soft):
     assert {0, 1, 2} <= set(found.index.tolist())
     problem = robot.problem(inputs, integrator=mr.RK45())
     segments = BackboneSegments(problem)
-    points = {
-        k: Breakpoints(np.array([0, 0.4]), segments.base_state(k, x)[None], x, np.array([64]))
-        for k, x in enumerate(found.unknowns)
-    }
+    points = {k: one_segment(segments, k, x, 64) for k, x in enumerate(found.unknowns)}
     modes = segments.modes(points)
     assert modes.index.tolist() == found.index.tolist()
     # both are integrated to 1e-8, columns of segments to 1e-6
@@ -301,17 +316,9 @@ def test_an_unstable_end_is_refused(soft, monkeypatch):
 def test_slow_contraction_is_refused(soft):
     """The unloaded shape is no start for 64 EI/L^2: it is left after the second step, where Newton would wander on."""
     problem = soft.problem(soft.inputs(tip_force=(8.0, 0.0, 0.0)), integrator=mr.RK45())
-    branch = SegmentedPath(
-        problem.segments, 0, tolerance=1e-9, max_iterations=30, max_steps=1, max_integrations=1000, integrator=mr.RK45()
-    )
-
-    def attempt():
-        points = branch.start(problem.guess()[0])
-        reached = yield from branch.correct(points, 1.0)
-        return reached
-
-    assert run_together(problem.segments, {0: attempt()})[0] is None
-    assert branch.iterations <= 2
+    paths = paths_of(problem.segments, max_steps=1)
+    assert not paths.correct(paths.start(problem.guess()), np.ones(1))[1].any()
+    assert paths.iterations[0] <= 2
 
 
 def test_from_a_guess_it_reaches_what_shooting_reaches(soft):
@@ -458,9 +465,8 @@ def test_a_stopped_problem_integrates_no_segment(soft):
     segments = problem.segments
     problem.stop = Event()
     problem.stop.set()
-    points = Breakpoints(np.array([0, 0.4]), segments.base_state(0, np.zeros(3))[None], np.zeros(3), np.array([4]))
     with pytest.raises(batch.Interrupted):
-        segments.propagate([Request.all_of(0, points, 1.0)])
+        segments.propagate(Cuts.of_points({0: one_segment(segments, 0, np.zeros(3), 4)}), np.ones(1))
 
 
 def test_modes_of_a_rod_rigid_in_torsion():
@@ -469,8 +475,7 @@ def test_modes_of_a_rod_rigid_in_torsion():
     inputs = robot.inputs(tip_force=(0, 0, -0.2))
     solution = mr.solve(robot, inputs).raise_if_failed()
     segments = robot.problem(inputs, integrator=mr.RK45()).segments
-    zero = np.zeros(3)
-    modes = segments.modes({0: Breakpoints(np.array([0, 0.4]), segments.base_state(0, zero)[None], zero, np.array([64]))})
+    modes = segments.modes({0: one_segment(segments, 0, np.zeros(3), 64)})
     assert modes.stability.tolist() == [solution.stability] == [mr.Stability.STABLE]
     # 1e-6 of the columns
     np.testing.assert_allclose(modes.eigenvalue(0), solution.stability_margin, rtol=1e-5)
@@ -492,10 +497,7 @@ def test_steps_are_short_enough_for_columns_along_a_straight_rod():
     load = 400.0
     problem = robot.problem(robot.inputs(tip_force=(0, 0, load * 0.02 / 0.25)), integrator=mr.RK45())
     segments = problem.segments
-    branch = SegmentedPath(
-        segments, 0, tolerance=1e-9, max_iterations=30, max_steps=100, max_integrations=1000, integrator=mr.RK45()
-    )
-    found = run_together(segments, {0: branch.follow(np.zeros(3), load)})[0].found
+    found = paths_of(segments).follow(np.zeros((1, 3)), np.array([load])).place.found
     product = np.eye(6)
     for transition in found.transition:
         product = transition @ product
@@ -505,45 +507,88 @@ def test_steps_are_short_enough_for_columns_along_a_straight_rod():
     np.testing.assert_allclose(np.abs(product[3, 0]), np.sinh(k) / k, rtol=1e-5)
 
 
-def random_system(rng: np.random.Generator, count: int, d: int, n: int) -> System:
-    """Segments that amplify three variations and damp three."""
-    transition = rng.normal(size=(count, d, d)) / 3 + np.diag([4.0, 0.25] * (d // 2))
-    tip = rng.normal(size=(n, d))
-    nothing = np.zeros((count, 3))
+def random_systems(rng: np.random.Generator, counts: list[int], d: int, n: int) -> Systems:
+    """Segments that amplify three variations and damp three, of one instance after another."""
+    total = sum(counts)
+    transition = rng.normal(size=(total, d, d)) / 3 + np.diag(([4.0, 0.25] * d)[:d])
+    tip = rng.normal(size=(len(counts), n, d))
+    nothing, first = np.zeros((total, 3)), np.cumsum([0, *counts])
     found = Propagation(
         end=nothing,
         transition=transition,
-        residual=tip[:, 0],
+        residual=tip[:, :, 0],
         residual_columns=tip,
         displacement=nothing,
         displacement_columns=nothing,
-        fault=0,
+        fault=np.zeros(len(counts), dtype=int),
     )
-    return System(found, np.arange(n))
+    steps = np.full(total, 4, dtype=np.int32)
+    cuts = Cuts(np.arange(len(counts)), first, nothing[:, 0], nothing[:, 0], nothing, tip[:, :, 0], steps)
+    return Systems(cuts, found, np.arange(n), "cpu")
 
 
-@pytest.mark.parametrize("count", [1, 2, 3, 40])
-def test_system(count):
-    """The band against the whole matrix."""
-    system = random_system(np.random.default_rng(count), count, 6, 3)
-    A = system.dense()
-    right = np.arange(system.size) + 1.0
-    x = np.linalg.solve(A, right)
-    size = np.linalg.cond(A) * 1e-14
-    np.testing.assert_allclose(system.solve(right), x, rtol=0, atol=size * np.abs(x).max())
-    np.testing.assert_allclose(system.times(x), A @ x, rtol=0, atol=1e-12 * np.abs(A).sum(axis=1).max() * np.abs(x).max())
+def alone(systems: Systems, k: int) -> System:
+    """One of the systems, for LAPACK."""
+    one = systems.chosen(np.arange(systems.count) == k)
+    return System(one.found, one.places)
+
+
+@pytest.mark.parametrize(("d", "n"), [(6, 3), (9, 6)])
+def test_systems(d, n):
+    """Of several instances at once against the whole matrix of each, and LAPACK's band."""
+    counts = [1, 2, 3, 40, 1]
+    systems = random_systems(np.random.default_rng(1), counts, d, n)
+    right = Step(np.arange(n * len(counts)).reshape(-1, n) + 1.0, np.arange(d * sum(counts)).reshape(-1, d) - 7.0)
+    found = systems.solve(right)
+    assert not systems.singular.any()
+    for k, (first, last) in enumerate(pairwise(systems.cuts.first)):
+        one = alone(systems, k)
+        A, b = one.dense(), np.append(right.rows[first : last - 1], right.own[k])
+        x = np.append(found.own[k], found.rows[first + 1 : last])
+        expected = np.linalg.solve(A, b)
+        size = np.linalg.cond(A) * 1e-14 * np.abs(expected).max()
+        np.testing.assert_allclose(x, expected, rtol=0, atol=size)
+        np.testing.assert_allclose(one.solve(b), expected, rtol=0, atol=size)
+        itself = systems.chosen(np.arange(len(counts)) == k).solve(Step(right.own[[k]], right.rows[first:last]))
+        np.testing.assert_array_equal(itself.own[0], found.own[k])
+        np.testing.assert_array_equal(itself.rows[1:], found.rows[first + 1 : last])
+
+
+def test_a_singular_system_is_none_of_the_others_concern():
+    systems = random_systems(np.random.default_rng(2), [3, 4, 1], 6, 3)
+    systems.found.transition[4] = 0.0
+    assert systems.singular.tolist() == [False, True, False]
+    found = systems.solve(Step(np.ones((3, 3)), np.ones((8, 6))))
+    assert np.isnan(found.own[1]).all()
+    assert np.isfinite(found.own[[0, 2]]).all()
+    assert systems.same_branch(systems).tolist() == [True, False, True]
 
 
 @pytest.mark.parametrize("modes", [0, 1, 2])
-@pytest.mark.parametrize("count", [10, 60])
-def test_a_mode_that_changes_sign_is_seen(modes, count):
-    """Also two that cross together, which leave the determinant its sign; by all eigenvalues, or by the outermost."""
-    before = random_system(np.random.default_rng(3), count, 6, 3)
-    after = random_system(np.random.default_rng(3), count, 6, 3)
-    after.last = after.last.copy()
-    after.last[:modes] *= -1
-    assert (before.size > DENSE) == (count == 60)
-    assert same_branch_in_segments(before, after) == (modes == 0)
+def test_a_mode_that_changes_sign_is_seen(modes):
+    """Also two that cross together, which leave the determinant its sign; in the space of all vectors, and in part of it."""
+    counts = [1, 5, 10, 60]
+    before, after = (random_systems(np.random.default_rng(3), counts, 6, 3) for _ in range(2))
+    assert alone(before, 1).size < VECTORS < alone(before, 2).size
+    after.found.residual_columns[:, :modes] *= -1
+    assert before.same_branch(after).tolist() == [modes == 0] * len(counts)
+
+
+@pytest.mark.parametrize("size", [0.02, 0.1, 0.3, 1.0])
+def test_what_is_on_the_same_branch_is_told_as_by_all_eigenvalues(size):
+    """Changes of all segments; nothing is taken for the same branch that is not."""
+    counts = [1, 2, 5, 10, 20, 40] * 5
+    before, after = (random_systems(np.random.default_rng(5), counts, 6, 3) for _ in range(2))
+    rng = np.random.default_rng(6)
+    after.found.transition[:] *= 1 + size * rng.normal(size=after.found.transition.shape)
+    after.found.residual_columns[:] *= 1 + size * rng.normal(size=after.found.residual_columns.shape)
+    same = before.same_branch(after)
+    for k in range(len(counts)):
+        values = np.linalg.eigvals(np.linalg.solve(alone(before, k).dense().T, alone(after, k).dense().T))
+        expected = bool((values.real > 0.25).all() and (np.abs(values) < 4).all())
+        assert same[k] <= expected
+        if counts[k] <= 5:
+            assert same[k] == expected
 
 
 def test_errors(soft, monkeypatch):
@@ -561,15 +606,30 @@ def test_errors(soft, monkeypatch):
     assert mr.solve(soft, inputs, solver=mr.MultipleShooting()).status == mr.Status.STEP_LIMIT
 
 
-def test_a_request_of_all_segments_begins_where_each_begins():
-    points = Breakpoints(np.array([0.0, 0.1, 0.4]), np.zeros((2, 10)), np.zeros(3), np.array([4, 8]))
-    request = Request.all_of(0, points, 0.5)
-    assert request.start.tolist() == [0.0, 0.1]
-    assert request.end.tolist() == [0.1, 0.4]
-    halves = points.halves(0, np.array([False, True]), 0.5)
-    assert (halves.start, halves.end, halves.steps) == (0.1, 0.25, 4)
-    cut = points.halved(np.array([False, True]), halves, np.ones((1, 10)))
-    assert cut.arclength.tolist() == [0.0, 0.1, 0.25, 0.4]
-    assert cut.steps.tolist() == [4, 4, 4]
-    assert cut.states[:, 0].tolist() == [0.0, 0.0, 1.0]
-    assert replace(cut, steps=cut.steps).unknowns is points.unknowns
+def test_cuts():
+    """Two instances, of which one is cut in three."""
+    points = {
+        3: Breakpoints(np.array([0.0, 0.1, 0.4]), np.zeros((2, 10)), np.zeros(3), np.array([4, 8])),
+        5: Breakpoints(np.array([0.0, 0.2]), np.full((1, 10), 5.0), np.ones(3), np.array([6])),
+    }
+    cuts = Cuts.of_points(points)
+    assert cuts.first.tolist() == [0, 2, 3]
+    assert cuts.start.tolist() == [0.0, 0.1, 0.0]
+    assert cuts.end.tolist() == [0.1, 0.4, 0.2]
+    assert cuts.inner.tolist() == [True, False, False]
+    long = np.array([False, True, False])
+    half = cuts.halves(long)
+    assert (half.instances, half.start, half.end, half.steps) == (3, 0.1, 0.25, 4)
+    cut = cuts.halved(long, half, np.ones((1, 10)))
+    own = cut.points(0)
+    assert own.arclength.tolist() == [0.0, 0.1, 0.25, 0.4]
+    assert own.steps.tolist() == [4, 4, 4]
+    assert own.states[:, 0].tolist() == [0.0, 0.0, 1.0]
+    assert cut.points(1).states.tolist() == points[5].states.tolist()
+    first = np.array([True, False])
+    again = cut.put(first, cuts.chosen(first))
+    assert again.first.tolist() == cuts.first.tolist()
+    np.testing.assert_array_equal(again.states, cuts.states)
+    second = cuts.chosen(~first)
+    assert second.instances.tolist() == [5]
+    assert cuts.put(~first, second).start.tolist() == cuts.start.tolist()

@@ -231,32 +231,42 @@ def _held(matrix: FloatArray, couple: FloatArray, turns: FloatArray, own: FloatA
     return free @ result @ free + stiff * held.T @ held, int((values[~rigid] < 0).sum() + rigid.sum()), known
 
 
-def form_by_segments(transition: FloatArray, frames: FloatArray, unit: FloatArray) -> tuple[FloatArray, int, bool]:
+def form_by_segments(
+    transition: FloatArray, frames: FloatArray, ends: FloatArray, first: NDArray[np.integer[Any]], unit: FloatArray
+) -> CondensedForm:
     """(4), (5) from what each segment makes of a variation, so that columns cannot grow apart, (12).
 
     Args:
-        transition: Of moment, then rotation, in the frames where segments begin and end, shape (segment, 6, 6).
-        frames: There, body to world, shape (segment + 1, 3, 3).
-        unit: Moment per rotation of the units in ``transition`` [N m], shape (3,).
-
-    Returns:
-        Of one instance, as in ``CondensedForm``: matrix (3, 3), conjugate points, and whether they are known.
+        transition: Of moment, then rotation, in the frames where segments begin and end, shape (segment, 6, 6); the segments of
+            one instance after those of another.
+        frames: Where they begin, body to world, shape (segment, 3, 3).
+        ends: Where they end, likewise.
+        first: Where the segments of each instance begin, then how many there are, shape (batch + 1,).
+        unit: Moment per rotation of the units in ``transition`` [N m], shape (batch, 3).
     """
-    conjugate = 0
-    W = None
-    for k, T in enumerate(transition):
-        if W is None:
-            Y, P = T[3:, :3], T[:3, :3]
+    count, lengths = len(first) - 1, np.diff(first)
+    conjugate, known = np.zeros(count, dtype=np.int32), np.ones(count, dtype=bool)
+    W = np.zeros((count, 3, 3))
+    for k in range(int(lengths.max())):
+        # the k-th segment of all that have one and are known so far
+        on = np.flatnonzero(known & (lengths > k))
+        if not len(on):
+            break
+        rows = first[on] + k
+        T = transition[rows]
+        if k == 0:
+            Y, P = T[:, 3:, :3], T[:, :3, :3]
         else:
-            Y, P = T[3:, 3:] + T[3:, :3] @ W, T[:3, 3:] + T[:3, :3] @ W
-            conjugate += int(_negative(frames[k + 1] @ Y @ frames[k].T))
+            Y, P = T[:, 3:, 3:] + T[:, 3:, :3] @ W[on], T[:, :3, 3:] + T[:, :3, :3] @ W[on]
+            conjugate[on] += _negative(ends[rows] @ Y @ frames[rows].swapaxes(1, 2))
         inverse, sound = _inverse(Y)
-        if not sound:
-            return np.full((3, 3), np.nan), 0, False
-        W = P @ inverse
-    assert W is not None
+        known[on] = sound
+        W[on] = P @ inverse
     # the rotation of the tip in the world
-    return frames[-1] @ (unit[:, None] * W) @ frames[-1].T, conjugate, True
+    tip = ends[first[1:] - 1]
+    matrix = tip @ (unit[:, :, None] * W) @ tip.swapaxes(1, 2)
+    matrix[~known], conjugate[~known] = np.nan, 0
+    return CondensedForm(matrix, conjugate, known)
 
 
 def _of_pattern(

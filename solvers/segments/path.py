@@ -1,19 +1,21 @@
-"""One instance of multiple shooting: its breakpoints, Newton's method on its states, and its way along the natural branch.
+"""Multiple shooting of several instances: their breakpoints, Newton's method on their states, and their ways along branches.
 
-Numbers in parentheses are those of ``docs/solvers.md``.
+Each launch integrates for all that are on their way, and nothing of one instance depends on the others. Numbers in parentheses
+are those of ``docs/solvers.md``.
 """
 
-from collections.abc import Generator
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from multirod.batch import IntArray
 from multirod.integrators import Integrator
-from multirod.segment_system import System
-from multirod.segments import Breakpoints, Propagation, Request, Segments
-from multirod.solvers.continuation.acceptance import CONTRACTION, MIN_STEP, SURPRISE, same_branch_in_segments
-from multirod.status import Fault, Status
+from multirod.segments import Cuts, Propagation, Segments
+from multirod.solvers.continuation.acceptance import CONTRACTION, MIN_STEP, SURPRISE
+from multirod.solvers.segments.band import Step, Systems
+from multirod.status import BoolArray, Fault, Status
 from multirod.validation import FloatArray
 
 PACE = 100  # steps over which it is told
@@ -30,360 +32,487 @@ COLUMN_ERROR = 1e-6  # of a segment's transition, relative
 COUNTED_AS_ONE = 128  # segments integrated
 LEAST_PART = 1e-6  # of a Newton step
 PROBE = 1e-4  # step in the load, relative to the present, by which the tangent is found
-
-Run = Generator[Request, Propagation, Any]
+SPENT = -1  # in place of a fault: an instance has taken the integrations that it may
 
 
 @dataclass
-class Result:
-    """How one instance ended.
+class Place:
+    """States of several instances and where their segments lead.
 
     Attributes:
-        status: A value of ``Status``.
-        points: The last equilibrium.
-        found: Where its segments lead; None where there is no result.
-        residual: Largest gap [1/m].
+        cuts: The segments.
+        found: Where they lead.
+    """
+
+    cuts: Cuts
+    found: Propagation
+
+    def chosen(self, some: BoolArray) -> "Place":
+        """Of some of the instances, (count,)."""
+        return Place(self.cuts.chosen(some), self.found.chosen(self.cuts, some))
+
+    def put(self, some: BoolArray, other: "Place") -> "Place":
+        """This, with ``other`` in place of some of the instances, (count,)."""
+        return Place(self.cuts.put(some, other.cuts), self.found.put(self.cuts, some, other.cuts, other.found))
+
+
+@dataclass
+class Results:
+    """How instances ended, all of the first axis count.
+
+    Attributes:
+        status: Values of ``Status``; ``NOT_RUN`` of what is to be tried otherwise.
+        place: The last equilibria.
+        residual: Largest gap [1/m]; NaN where there is no result.
         level: Part of the load that was reached.
     """
 
-    status: Status
-    points: Breakpoints
-    found: Propagation | None = None
-    residual: float = np.nan
-    level: float = 0.0
+    status: IntArray
+    place: Place
+    residual: FloatArray
+    level: FloatArray
+
+    def put(self, some: BoolArray, other: "Results") -> None:
+        """Take over some of the instances, (count,), all that ``other`` has."""
+        self.place = self.place.put(some, other.place)
+        for name in ("status", "residual", "level"):
+            getattr(self, name)[some] = getattr(other, name)
 
 
-class Spent(Exception):
-    """An instance has taken the integrations that it may."""
-
-
-class SegmentedPath:
-    """One instance on its way. What integrates is a generator: it yields segments, and is sent where they lead.
-
-    So many instances, each with breakpoints and steps of its own, share every launch (``run_together``).
+class SegmentedPaths:
+    """Instances on their way, which share every launch.
 
     Args:
         segments: Of the problem.
-        instance: Of the problem.
-        tolerance: Largest gap [1/m].
+        instances: Of the problem, those meant, shape (count,).
+        tolerance: Largest gap [1/m], shape (count,).
         max_iterations: Newton iterations allowed at one load.
         max_steps: Load steps allowed.
-        max_integrations: Integrations of the whole rod allowed, in all.
+        allowed: Integrations of the whole rod allowed, in all, shape (count,).
         integrator: Of the spatial equations.
+
+    Attributes:
+        iterations: Newton's, shape (count,).
+        integrations: Shape (count,).
     """
 
     def __init__(
         self,
         segments: Segments,
-        instance: int,
+        instances: NDArray[np.integer[Any]],
         *,
-        tolerance: float,
+        tolerance: FloatArray,
         max_iterations: int,
         max_steps: int,
-        max_integrations: int,
+        allowed: NDArray[np.integer[Any]],
         integrator: Integrator,
     ) -> None:
-        self.segments = segments
-        self.instance = instance
-        self.tolerance = tolerance
-        self.max_iterations = max_iterations
-        self.max_steps = max_steps
-        self.max_integrations = max_integrations
-        self.integrator = integrator
-        self.iterations = 0
-        self.integrations = 0
-        self.level = 0.0  # part of the load that was reached
-        self.contraction = 0.0
-        self.fault = 0
-        self.stalled = False
+        self.segments, self.integrator = segments, integrator
+        self.instances = np.asarray(instances, dtype=np.intp)
+        self.tolerance, self.allowed = tolerance, allowed
+        self.max_iterations, self.max_steps = max_iterations, max_steps
+        count = len(self.instances)
+        self.iterations, self.integrations = np.zeros((2, count), dtype=int)
+        self._contraction = np.zeros(count)
+        self._fault = np.zeros(count, dtype=int)
+        self._stalled, self._spent = np.zeros((2, count), dtype=bool)
+        self._numbers = np.full(int(self.instances.max(initial=-1)) + 1, -1)
+        self._numbers[self.instances] = np.arange(count)
 
     # ---- evaluation ----
 
-    def evaluate(self, points: Breakpoints, level: float) -> Run:
-        """All segments, once."""
-        found = yield from self._ask(Request.all_of(self.instance, points, level))
-        self.fault = found.fault
-        return found
+    def _of(self, cuts: Cuts) -> IntArray:
+        """Which of all instances those of ``cuts`` are."""
+        return np.asarray(self._numbers[cuts.instances])
 
-    def _ask(self, request: Request) -> Run:
-        """Where segments lead; ``Spent`` where that would be one integration too many."""
-        if self.integrations >= self.max_integrations:
-            raise Spent
+    def evaluate(self, cuts: Cuts, level: FloatArray) -> Place:
+        """All segments, once; each instance's at a level of the load, (count,)."""
+        found = self._ask(cuts, level)
+        self._fault[self._of(cuts)] = found.fault
+        return Place(cuts, found)
+
+    def _ask(self, cuts: Cuts, level: FloatArray) -> Propagation:
+        """Where segments lead; the fault is ``SPENT`` where that would be one integration too many."""
+        mine = self._of(cuts)
+        able = self.integrations[mine] < self.allowed[mine]
+        self._spent[mine[~able]] = True
         # more segments than that are more steps than an integration from base to tip takes
-        self.integrations += max(1, len(request.start) // COUNTED_AS_ONE)
-        found = yield request
-        return found
+        self.integrations[mine[able]] += np.maximum(1, cuts.counts[able] // COUNTED_AS_ONE)
+        if able.all():
+            return self.segments.propagate(cuts, level)
+        nothing = self._nothing(cuts)
+        if not able.any():
+            return nothing
+        part = cuts.chosen(able)
+        return nothing.put(cuts, able, part, self.segments.propagate(part, level[able]))
 
-    def _bounded(self, run: Run, unknowns: FloatArray) -> Run:
-        """What a run returns, or that it had to be given up."""
-        try:
-            result = yield from run
-        except Spent:
-            return Result(Status.INTEGRATION_LIMIT, self.start(unknowns), level=self.level)
-        return result
+    def _nothing(self, cuts: Cuts) -> Propagation:
+        """What is said of instances that may not be integrated any more."""
+        columns, n = self.segments.variation_size + self.segments.direction_count, cuts.unknowns.shape[1]
+        shapes = {
+            "end": cuts.states.shape,
+            "transition": (len(cuts.start), self.segments.variation_size, columns),
+            "residual": cuts.unknowns.shape,
+            "residual_columns": (len(cuts.instances), n, columns),
+            "displacement": (len(cuts.start), 3),
+            "displacement_columns": (len(cuts.start), 3, columns),
+        }
+        values = {name: np.full(shape, np.nan) for name, shape in shapes.items()}
+        values["end"] = cuts.states
+        return Propagation(**values, fault=np.full(len(cuts.instances), SPENT))
 
-    def gaps(self, points: Breakpoints, found: Propagation) -> FloatArray:
+    def gaps(self, place: Place) -> Step:
         """(1) What segments and boundary conditions lack; NaN where an integration failed."""
-        if found.fault:
-            return np.full(self.segments.variation_size * (len(points.states) - 1) + len(found.residual), np.nan)
-        inner = self.segments.difference(self.instance, found.end[:-1], points.states[1:])
-        return np.concatenate([inner.ravel(), found.residual])
+        cuts, found = place.cuts, place.found
+        inner = np.flatnonzero(cuts.inner)
+        rows = np.zeros((len(cuts.start), self.segments.variation_size))
+        rows[inner] = self.segments.difference(cuts.instances[cuts.owner[inner]], found.end[inner], cuts.states[inner + 1])
+        own, failed = found.residual.copy(), found.fault != 0
+        own[failed] = np.nan
+        return Step(own, rows)
 
-    def moved(self, points: Breakpoints, step: FloatArray) -> Breakpoints:
+    @staticmethod
+    def largest(cuts: Cuts, gaps: Step) -> FloatArray:
+        """Max norm of each instance's, shape (count,)."""
+        inner = np.maximum.reduceat(np.abs(gaps.rows).max(axis=1), cuts.first[:-1])
+        return np.asarray(np.maximum(inner, np.abs(gaps.own).max(axis=1)))
+
+    def moved(self, cuts: Cuts, step: Step) -> Cuts:
         """Breakpoints led on by a step of all unknowns."""
-        n, d = len(points.unknowns), self.segments.variation_size
-        unknowns = points.unknowns + step[:n]
-        states = points.states.copy()
-        states[0] = self.segments.base_state(self.instance, unknowns)
-        if len(states) > 1:
-            states[1:] = self.segments.moved(self.instance, states[1:], step[n:].reshape(-1, d))
-        return replace(points, states=states, unknowns=unknowns)
+        unknowns, first = cuts.unknowns + step.own, cuts.first[:-1]
+        states = self.segments.moved(cuts.instances[cuts.owner], cuts.states, step.rows)
+        states[first] = self.segments.base_state(cuts.instances, unknowns)
+        return replace(cuts, states=states, unknowns=unknowns)
 
-    def distance(self, points: Breakpoints, other: Breakpoints) -> float:
-        """Root mean square distance of the states [1/m]."""
-        return float(np.sqrt(np.mean(self.segments.difference(self.instance, points.states, other.states) ** 2)))
+    def distance(self, cuts: Cuts, other: Cuts) -> FloatArray:
+        """Root mean square distance of the states of each instance [1/m], shape (count,)."""
+        apart = self.segments.difference(cuts.instances[cuts.owner], cuts.states, other.states) ** 2
+        return np.asarray(np.sqrt(np.add.reduceat(apart.mean(axis=1), cuts.first[:-1]) / cuts.counts))
+
+    def systems(self, place: Place) -> Systems:
+        """The Jacobians there."""
+        return Systems(place.cuts, place.found, self.segments.unknown_places, self.segments.device)
 
     # ---- Newton's method ----
 
-    def linearised(self, points: Breakpoints, found: Propagation) -> tuple[System, FloatArray | None] | None:
-        """The system at these points and Newton's step from them, None within the tolerance; None where there is no step."""
-        gaps = self.gaps(points, found)
-        if self.fault or not np.isfinite(gaps).all():
-            return None
-        system = System(found, self.segments.unknown_places)
-        if np.abs(gaps).max() <= self.tolerance:
-            return system, None
-        return None if system.singular else (system, system.solve(-gaps))
+    def _linearised(self, place: Place) -> tuple[Systems, Step, BoolArray, BoolArray]:
+        """The systems, Newton's steps, which instances are within the tolerance and which have a step to take."""
+        gaps = self.gaps(place)
+        largest = self.largest(place.cuts, gaps)
+        there = largest <= self.tolerance[self._of(place.cuts)]
+        systems = self.systems(place)
+        sound = np.isfinite(largest) & ~there
+        if not sound.any():
+            return systems, gaps, there, sound
+        step = systems.solve(Step(-gaps.own, -gaps.rows))
+        return systems, step, there, sound & ~systems.singular
 
-    def correct(self, points: Breakpoints, level: float) -> Run:
-        """Undamped Newton steps that contract as they must: ``(points, found, system)``, None where they do not."""
-        last = np.inf
-        self.contraction = 0.0
-        self.stalled = False
+    def correct(self, cuts: Cuts, level: FloatArray) -> tuple[Place, BoolArray]:
+        """Undamped Newton steps that contract as they must: the equilibria, and which are."""
+        mine = self._of(cuts)
+        self._contraction[mine], self._stalled[mine] = 0.0, False
+        result: Place | None = None
+        reached = np.zeros(len(mine), dtype=bool)
+        on, last = np.ones(len(mine), dtype=bool), np.full(len(mine), np.inf)
         for _ in range(self.max_iterations):
-            found = yield from self.evaluate(points, level)
-            linear = self.linearised(points, found)
-            if linear is None:
-                return None
-            system, step = linear
-            if step is None:
-                return points, found, system
-            size = float(np.linalg.norm(step))
-            if size > CONTRACTION * last:
-                self.stalled = size <= ROUNDING * (1 + float(np.abs(points.unknowns).max())) * np.sqrt(len(step))
-                return None
-            self.contraction = max(self.contraction, size / last)
-            last = size
-            points = self.moved(points, step)
-            self.iterations += 1
-        return None
+            place = self.evaluate(cuts, level[on])
+            result = place if result is None else result.put(on, place)
+            _, step, there, able = self._linearised(place)
+            reached[np.flatnonzero(on)[there]] = True
+            size = step.norm(cuts)
+            slow = able & (size > CONTRACTION * last[on])
+            rounding = ROUNDING * (1 + np.abs(cuts.unknowns).max(axis=1)) * np.sqrt(self._sizes(cuts))
+            self._stalled[mine[on][slow]] = (size <= rounding)[slow]
+            able &= ~slow
+            on[np.flatnonzero(on)[~able]] = False
+            if not on.any():
+                break
+            numbers, size = mine[on], size[able]
+            self._contraction[numbers] = np.maximum(self._contraction[numbers], size / last[on])
+            last[on] = size
+            cuts = self.moved(cuts.chosen(able), step.chosen(cuts, able))
+            self.iterations[numbers] += 1
+        assert result is not None
+        return result, reached
 
-    def descend(self, points: Breakpoints, found: Propagation) -> Run:
-        """Newton steps, halved until the next one would be shorter: ``(points, found, system)``, or None."""
+    def _sizes(self, cuts: Cuts) -> IntArray:
+        """Unknowns of each instance, states included, shape (count,)."""
+        return np.asarray(cuts.unknowns.shape[1] + self.segments.variation_size * (cuts.counts - 1))
+
+    def descend(self, place: Place) -> tuple[Place, BoolArray]:
+        """Newton steps at the full load, halved until the next one would be shorter: the equilibria, and which are."""
+        mine = self._of(place.cuts)
+        reached = np.zeros(len(mine), dtype=bool)
+        on = np.ones(len(mine), dtype=bool)
         for _ in range(self.max_iterations):
-            linear = self.linearised(points, found)
-            if linear is None:
-                return None
-            system, step = linear
-            if step is None:
-                return points, found, system
-            part = 1.0
-            self.iterations += 1
-            while True:
-                trial = self.moved(points, part * step)
-                ahead = yield from self.evaluate(trial, 1.0)
-                shorter = np.linalg.norm(system.solve(-self.gaps(trial, ahead))) <= (1 - part / 4) * np.linalg.norm(step)
-                if shorter and not self.fault:
-                    break
-                part /= 2
-                if part < LEAST_PART:
-                    return None
-            points, found = trial, ahead
-        return None
+            here = place.chosen(on)
+            systems, step, there, able = self._linearised(here)
+            reached[np.flatnonzero(on)[there]] = True
+            on[np.flatnonzero(on)[~able]] = False
+            if not on.any():
+                break
+            here, systems, step = here.chosen(able), systems.chosen(able), step.chosen(here.cuts, able)
+            self.iterations[mine[on]] += 1
+            ahead, taken = self._shorter(here, systems, step)
+            place = place.put(on, ahead)
+            on[np.flatnonzero(on)[~taken]] = False
+            if not on.any():
+                break
+        return place, reached
 
-    def tangent(self, points: Breakpoints, found: Propagation, level: float, safe: float) -> Run:
-        """The system here, and the rate of all unknowns with the load; ``safe`` is a level that changes little."""
-        h = PROBE * max(level, min(1.0, safe))
-        ahead = yield from self.evaluate(points, level + h)
-        system = System(found, self.segments.unknown_places)
-        if self.fault or system.singular:
-            return system, np.zeros(system.size)
-        return system, system.solve(-(self.gaps(points, ahead) - self.gaps(points, found)) / h)
+    def _shorter(self, here: Place, systems: Systems, step: Step) -> tuple[Place, BoolArray]:
+        """As much of each step as makes the next one shorter: where that leads, and for which instances there is any."""
+        count = len(here.cuts.instances)
+        size, part = step.norm(here.cuts), np.ones(count)
+        result, taken, on = here, np.zeros(count, dtype=bool), np.ones(count, dtype=bool)
+        while on.any():
+            own = here.cuts.chosen(on)
+            trial = self.evaluate(self.moved(own, step.chosen(here.cuts, on).times(own, part[on])), np.ones(int(on.sum())))
+            gaps = self.gaps(trial)
+            after = systems.chosen(on).solve(Step(-gaps.own, -gaps.rows)).norm(own)
+            good = (after <= (1 - part[on] / 4) * size[on]) & (trial.found.fault == 0)
+            some = np.zeros(count, dtype=bool)
+            some[np.flatnonzero(on)[good]] = True
+            if some.any():
+                result = result.put(some, trial.chosen(good))
+                taken |= some
+            on &= ~some
+            part[on] /= 2
+            on &= part >= LEAST_PART
+        return result, taken
+
+    def tangent(self, place: Place, level: FloatArray, safe: FloatArray) -> tuple[Systems, Step]:
+        """The systems here, and the rate of all unknowns with the load; ``safe`` are levels that change little."""
+        h = PROBE * np.maximum(level, np.minimum(1.0, safe))
+        ahead, here = self.gaps(self.evaluate(place.cuts, level + h)), self.gaps(place)
+        systems = self.systems(place)
+        rate = systems.solve(Step(-(ahead.own - here.own), -(ahead.rows - here.rows))).times(place.cuts, 1 / h)
+        lost = (self._fault[self._of(place.cuts)] != 0) | systems.singular
+        rate.own[lost], rate.rows[lost[place.cuts.owner]] = 0.0, 0.0
+        return systems, rate
 
     # ---- breakpoints ----
 
-    def refine(self, points: Breakpoints, found: Propagation, level: float) -> Run:
+    def refine(self, place: Place, level: FloatArray) -> tuple[Place, BoolArray]:
         """Shorten the steps until they are short enough, then halve segments that amplify too much, until none does.
 
-        Returns ``(points, found)``.
+        Returns the new place, and which instances have changed.
         """
+        count = len(place.cuts.instances)
+        on, changed = np.ones(count, dtype=bool), np.zeros(count, dtype=bool)
         while True:
-            coarse = yield from self._coarse(points, found, level)
-            if coarse.any():
-                points = replace(points, steps=np.where(coarse, 2 * points.steps, points.steps))
-            else:
-                long = (self.segments.growth(found) > GROWTH) | (points.steps > MOST_STEPS)
-                if self.fault or not long.any():
-                    return points, found
-                if len(long) > MOST_SEGMENTS:
-                    self.fault = Fault.STEP_LIMIT
-                    return points, found
-                half = points.halves(self.instance, long, level)
-                led = yield from self._ask(half)
-                points = points.halved(long, half, led.end)
-            found = yield from self.evaluate(points, level)
+            here = place.chosen(on)
+            cuts = here.cuts
+            mine, owner = self._of(cuts), cuts.owner
+            coarse = self._coarse(here, level[on])
+            finer = np.logical_or.reduceat(coarse, cuts.first[:-1])
+            long = (self.segments.growth(here.found) > GROWTH) | (cuts.steps > MOST_STEPS)
+            long &= ~finer[owner] & (self._fault[mine] == 0)[owner]
+            crowded = np.logical_or.reduceat(long, cuts.first[:-1]) & (cuts.counts > MOST_SEGMENTS)
+            self._fault[mine[crowded]] = int(Fault.STEP_LIMIT)
+            long &= ~crowded[owner]
+            goes_on = finer | np.logical_or.reduceat(long, cuts.first[:-1])
+            if not goes_on.any():
+                return place, changed
+            cuts = replace(cuts, steps=np.where(coarse, 2 * cuts.steps, cuts.steps))
+            if long.any():
+                half = cuts.halves(long)
+                halving = np.isin(cuts.instances, half.instances)
+                led = self._ask(half, level[on][halving])
+                cuts = cuts.halved(long, half, led.end)
+            on[np.flatnonzero(on)[~goes_on]] = False
+            changed |= on
+            place = place.put(on, self.evaluate(cuts.chosen(goes_on), level[on]))
 
-    def settle(self, points: Breakpoints, level: float) -> Run:
-        """Refine and correct by turns until nothing changes: ``(points, found)``, None where that fails."""
+    def settle(self, cuts: Cuts, level: FloatArray) -> tuple[Place, BoolArray]:
+        """Refine and correct by turns until nothing changes: the equilibria, and which are."""
+        count = len(cuts.instances)
+        result: Place | None = None
+        settled, on = np.zeros(count, dtype=bool), np.ones(count, dtype=bool)
         for _ in range(MOST_ROUNDS):
-            reached = yield from self.correct(points, level)
-            if reached is None:
-                return None
-            points, found = yield from self.refine(reached[0], reached[1], level)
-            if self.fault:
-                return None
-            if points is reached[0]:
-                return points, found
-        return None
+            place, reached = self.correct(cuts, level[on])
+            if reached.any():
+                refined, changed = self.refine(place.chosen(reached), level[on][reached])
+                place = place.put(reached, refined)
+                goes_on = reached.copy()
+                goes_on[reached] = changed
+            else:
+                goes_on = reached
+            sound = self._fault[self._of(place.cuts)] == 0
+            result = place if result is None else result.put(on, place)
+            settled[np.flatnonzero(on)[reached & ~goes_on & sound]] = True
+            goes_on = goes_on & sound
+            on[np.flatnonzero(on)[~goes_on]] = False
+            if not on.any():
+                break
+            cuts = place.cuts.chosen(goes_on)
+        assert result is not None
+        return result, settled
 
-    def _coarse(self, points: Breakpoints, found: Propagation, level: float) -> Run:
+    def _coarse(self, place: Place, level: FloatArray) -> BoolArray:
         """Which segments are integrated in steps too long: twice as many lead elsewhere, or vary otherwise."""
-        integrator = self.integrator
+        integrator, cuts, found = self.integrator, place.cuts, place.found
         if not integrator.adaptive:
-            return np.zeros(len(points.steps), dtype=bool)
-        fine = yield from self.evaluate(replace(points, steps=2 * points.steps), level)
-        scale = points.arclength[-1]
-        gap = np.abs(self.segments.difference(self.instance, fine.end, found.end)).max(axis=1)
-        size = 1 / scale + np.abs(self.segments.difference(self.instance, found.end, points.states)).max()
+            return np.zeros(len(cuts.steps), dtype=bool)
+        fine = self.evaluate(replace(cuts, steps=2 * cuts.steps), level).found
+        first, instances = cuts.first[:-1], cuts.instances[cuts.owner]
+        scale = self.segments.length(cuts.instances)
+        gap = np.abs(self.segments.difference(instances, fine.end, found.end)).max(axis=1)
+        apart = np.abs(self.segments.difference(instances, found.end, cuts.states)).max(axis=1)
+        size = 1 / scale + np.maximum.reduceat(apart, first)
         norm = np.linalg.norm(fine.transition, axis=(1, 2))
         missed = np.linalg.norm(fine.transition - found.transition, axis=(1, 2))
-        return (gap > integrator.atol / scale + integrator.rtol * size) | (missed > COLUMN_ERROR * norm)
+        most = integrator.atol / scale + integrator.rtol * size
+        return np.asarray((gap > most[cuts.owner]) | (missed > COLUMN_ERROR * norm))
 
-    def start(self, unknowns: FloatArray) -> Breakpoints:
-        """One segment from the base to the tip."""
-        arclength = np.array([0.0, self.segments.length(self.instance)])
-        steps = np.array([self.integrator.steps or FEWEST_STEPS])
-        return Breakpoints(arclength, self.segments.base_state(self.instance, unknowns)[None], unknowns, steps)
+    def start(self, unknowns: FloatArray) -> Cuts:
+        """One segment from the base to the tip, of all instances."""
+        count = len(self.instances)
+        return Cuts(
+            self.instances,
+            np.arange(count + 1),
+            np.zeros(count),
+            self.segments.length(self.instances),
+            self.segments.base_state(self.instances, unknowns),
+            np.array(unknowns),
+            np.full(count, self.integrator.steps or FEWEST_STEPS, dtype=np.int32),
+        )
 
-    # ---- from the unloaded rod, or from a guess ----
+    # ---- from the unloaded rod, from a guess, or from an equilibrium ----
 
-    def follow(self, unknowns: FloatArray, scale: float, level: float = 0.0) -> Run:
-        """From the equilibrium without loads, or at a level of them, to the full load, whose size against the stiffness is
-        ``scale``: a ``Result``."""
-        result = yield from self._bounded(self._follow(unknowns, scale, level), unknowns)
-        return result
+    def follow(self, unknowns: FloatArray, scale: FloatArray, level: FloatArray | None = None) -> Results:
+        """From equilibria without loads, or at levels of them, to the full loads, whose sizes against the stiffness ``scale`` is.
 
-    def _follow(self, unknowns: FloatArray, scale: float, level: float) -> Run:
-        points = self.start(unknowns)
-        found = yield from self.evaluate(points, level)
-        points, found = yield from self.refine(points, found, level)
-        settled = None if self.fault else (yield from self.settle(points, level))
-        if settled is None:
-            return Result(self._why(Status.STALLED), points, level=level)
-        points, found = settled
-        step = 1.0
-        system, tangent = yield from self.tangent(points, found, level, SAFE_LOAD / scale)
-        passed: list[float] = []
+        All of the first axis count.
+        """
+        count = len(self.instances)
+        level = np.zeros(count) if level is None else np.array(level)
+        safe = SAFE_LOAD / scale
+        place, _ = self.refine(self.evaluate(self.start(unknowns), level), level)
+        results = Results(np.full(count, int(Status.NOT_RUN)), place, np.full(count, np.nan), level)
+        on = self._end(results, self._fault == 0, Status.STALLED)
+        if on.any():
+            settled, good = self.settle(results.place.cuts.chosen(on), level[on])
+            results.place = results.place.put(on, settled)
+            on = self._end(results, _among(on, good), Status.STALLED)
+        self._advance(results, on, safe)
+        left = results.status == Status.NOT_RUN
+        results.status[left & (level < 1.0)] = Status.MAX_ITERATIONS
+        self._finish(results, left & (level >= 1.0))
+        return results
+
+    def _end(self, results: Results, good: BoolArray, otherwise: Status) -> BoolArray:
+        """End those that are not ``good``, (count,); which are on their way."""
+        ended = (results.status == Status.NOT_RUN) & ~good
+        results.status[ended] = self._why(ended, otherwise)
+        return np.asarray(results.status == Status.NOT_RUN)
+
+    def _advance(self, results: Results, on: BoolArray, safe: FloatArray) -> None:
+        """Step by step to the full load."""
+        if not on.any():
+            return
+        level = results.level  # of all, as they are reached
+        step, passed = np.ones(len(level)), np.zeros((0, len(level)))
+        place = results.place
+        before = self.systems(place)
+        count, d = len(place.cuts.start), self.segments.variation_size
+        rate = Step(np.zeros_like(place.cuts.unknowns), np.zeros((count, d)))
+        new = on.copy()  # whose tangents are not known yet
         for done in range(self.max_steps):
-            if level >= 1.0 or (done >= PACE and self._hopeless(passed[-PACE], level, self.max_steps - done)):
+            on = on & (level < 1.0)
+            if done >= PACE:
+                on &= ~_hopeless(passed[-PACE], level, self.max_steps - done)
+            if not on.any():
                 break
-            passed.append(level)
-            goal = min(1.0, level + min(step, max(SAFE_LOAD / scale, LOAD_RATIO * level)))
+            if (new := new & on).any():
+                here = place.chosen(new)
+                systems, own = self.tangent(here, level[new], safe[new])
+                rate = rate.put(before.cuts, new, here.cuts, own)
+                before = before.put(new, systems) if not new.all() else systems
+            passed = np.vstack([passed[-PACE:], level])
+            goal = np.minimum(1.0, level + np.minimum(step, np.maximum(safe, LOAD_RATIO * level)))
             taken = goal - level
-            expected = self.moved(points, taken * tangent)
-            reached = yield from self.correct(expected, goal)
-            if reached is not None and self._on_branch(system, reached, points, expected):
-                level = self.level = goal
-                points, found = yield from self.refine(reached[0], reached[1], level)
-                if self.fault:
-                    return Result(self._why(Status.STALLED), points, level=level)
-                if level < 1.0:
-                    system, tangent = yield from self.tangent(points, found, level, SAFE_LOAD / scale)
-                step = taken * min(3.0, max(0.5, (0.5 * CONTRACTION / max(self.contraction, 1e-6)) ** 0.5))
-            else:
-                step = 0.5 * taken
-                if step < MIN_STEP * min(1.0, max(level, SAFE_LOAD / scale)):
-                    return Result(self._why(Status.BRANCH_END), points, level=level)
-        if level < 1.0:
-            return Result(Status.MAX_ITERATIONS, points, level=level)
-        result = yield from self._settled(points, level)
-        return result
+            here, cuts = place.chosen(on), before.cuts.chosen(on)
+            expected = self.moved(cuts, rate.chosen(before.cuts, on).times(cuts, taken[on]))
+            reached, good = self.correct(expected, goal[on])
+            if good.any():
+                cut = {name: value.chosen(good) for name, value in (("now", reached), ("last", here))}
+                alike = before.chosen(_among(on, good)).same_branch(self.systems(cut["now"]))
+                good[good] = alike & self._expected(cut["now"].cuts, cut["last"].cuts, expected.chosen(good))
+            new = _among(on, good)
+            if new.any():
+                level[new] = goal[new]
+                refined, _ = self.refine(reached.chosen(good), level[new])
+                place = results.place = place.put(new, refined)
+                contraction = np.maximum(self._contraction[new], 1e-6)
+                step[new] = taken[new] * np.minimum(3.0, np.maximum(0.5, (0.5 * CONTRACTION / contraction) ** 0.5))
+                on = on & self._end(results, ~new | (self._fault == 0), Status.STALLED)
+            failed = on & ~new
+            step[failed] = 0.5 * taken[failed]
+            small = step < MIN_STEP * np.minimum(1.0, np.maximum(level, safe))
+            on = on & self._end(results, ~(failed & (small | self._spent)), Status.BRANCH_END)
 
-    @staticmethod
-    def _hopeless(before: float, level: float, left: int) -> bool:
-        """Whether the steps that are left lead nowhere near the full load, at the pace since the level ``PACE`` steps before."""
-        if level <= before:
-            return True
+    def _expected(self, found: Cuts, last: Cuts, expected: Cuts) -> BoolArray:
+        """Whether equilibria lie where the tangents led."""
+        missed, moved = self.distance(found, expected), self.distance(found, last)
+        return np.asarray(missed <= SURPRISE * moved + 1e-6 * (1 + np.abs(found.unknowns).max(axis=1)))
+
+    def solve_from(self, unknowns: FloatArray) -> Results:
+        """Damped Newton at the full load, from the states that integration from the base leads to; ``unknowns`` (count, n)."""
+        count = len(self.instances)
+        start, full = self.start(unknowns), np.ones(count)
+        first, _ = self.refine(self.evaluate(start, full), full)
+        place, reached = self.descend(first)
+        results = Results(np.full(count, int(Status.NOT_RUN)), place, np.full(count, np.nan), full)
+        on = self._end(results, reached, Status.STALLED)
+        self._finish(results, on)
+        return results
+
+    def resume(self, cuts: Cuts, before: Systems) -> Results:
+        """Damped Newton at the full load from the last equilibria under other loads; ``NOT_RUN`` where that leads off their
+        branches."""
+        full = np.ones(len(self.instances))
+        place, reached = self.descend(self.evaluate(cuts, full))
+        if reached.any():
+            reached[reached] = before.chosen(reached).same_branch(self.systems(place.chosen(reached)))
+        results = Results(np.full(len(full), int(Status.NOT_RUN)), place, np.full(len(full), np.nan), full)
+        results.status[~reached & self._spent] = Status.INTEGRATION_LIMIT
+        self._finish(results, reached)
+        lost = ~np.isin(results.status, (Status.MULTIPLE_SHOOTING, Status.INTEGRATION_LIMIT))
+        results.status[lost] = Status.NOT_RUN
+        return results
+
+    def _finish(self, results: Results, some: BoolArray) -> None:
+        """Settle some of the instances, (count,), which are at the full load."""
+        if not some.any():
+            return
+        place, good = self.settle(results.place.cuts.chosen(some), results.level[some])
+        results.place = results.place.put(some, place)
+        results.residual[some] = np.where(good, self.largest(place.cuts, self.gaps(place)), np.nan)
+        results.status[_among(some, good)] = Status.MULTIPLE_SHOOTING
+        lost = _among(some, ~good)
+        results.status[lost] = self._why(lost, Status.STALLED)
+
+    def _why(self, some: BoolArray, otherwise: Status) -> IntArray:
+        """Status of those that ended, (count,)."""
+        said = np.where(self._stalled, int(Status.STALLED), int(otherwise))
+        for fault in Fault:
+            if fault is not Fault.NONE:
+                said[self._fault == fault] = int(fault.status)
+        said[self._spent] = int(Status.INTEGRATION_LIMIT)
+        return np.asarray(said[some])
+
+
+def _among(some: BoolArray, good: BoolArray) -> BoolArray:
+    """Which of all are ``good``, (k,), among the k that ``some``, (count,), are."""
+    result = some.copy()
+    result[some] = good
+    return result
+
+
+def _hopeless(before: FloatArray, level: FloatArray, left: int) -> BoolArray:
+    """Whether the steps that are left lead nowhere near the full load, at the pace since the level ``PACE`` steps before."""
+    with np.errstate(divide="ignore", invalid="ignore"):
         steps = (1.0 - level) / (level - before)
-        if before > 0.0:
-            steps = min(steps, np.log(1.0 / level) / np.log(level / before))
-        return PACE * steps > HOPELESS * left
-
-    def _on_branch(self, system: System, reached: Any, points: Breakpoints, expected: Breakpoints) -> bool:
-        """Whether an equilibrium is on the branch of the last: ``J`` stays itself, and no surprise."""
-        found_at, _, after = reached
-        if not same_branch_in_segments(system, after):
-            return False
-        missed, moved = self.distance(found_at, expected), self.distance(found_at, points)
-        return missed <= SURPRISE * moved + 1e-6 * (1 + float(np.abs(found_at.unknowns).max()))
-
-    def solve_from(self, unknowns: FloatArray) -> Run:
-        """Damped Newton at the full load, from the states that integration from the base leads to: a ``Result``."""
-        result = yield from self._bounded(self._solve_from(unknowns), unknowns)
-        return result
-
-    def _solve_from(self, unknowns: FloatArray) -> Run:
-        points = self.start(unknowns)
-        found = yield from self.evaluate(points, 1.0)
-        points, found = yield from self.refine(points, found, 1.0)
-        reached = yield from self.descend(points, found)
-        if reached is None:
-            return Result(self._why(Status.STALLED), self.start(unknowns), level=1.0)
-        result = yield from self._settled(reached[0], 1.0)
-        return result
-
-    def resume(self, points: Breakpoints, before: System) -> Run:
-        """Damped Newton at the full load from the last equilibrium under other loads: a ``Result``, or None off its branch."""
-        result = yield from self._bounded(self._resume(points, before), points.unknowns)
-        return result
-
-    def _resume(self, points: Breakpoints, before: System) -> Run:
-        found = yield from self.evaluate(points, 1.0)
-        reached = yield from self.descend(points, found)
-        if reached is None or not same_branch_in_segments(before, reached[2]):
-            return None
-        result = yield from self._settled(reached[0], 1.0)
-        return result if not result.status.failed else None
-
-    def _settled(self, points: Breakpoints, level: float) -> Run:
-        settled = yield from self.settle(points, level)
-        if settled is None:
-            return Result(self._why(Status.STALLED), points, level=level)
-        points, found = settled
-        return Result(Status.MULTIPLE_SHOOTING, points, found, float(np.abs(self.gaps(points, found)).max()), level)
-
-    def _why(self, otherwise: Status) -> Status:
-        if self.stalled and not self.fault:
-            return Status.STALLED
-        return Fault(self.fault).status if self.fault else otherwise
-
-
-def run_together(segments: Segments, runs: dict[int, Run]) -> dict[int, Any]:
-    """What the generators of several instances return; each launch integrates what all of them ask for."""
-    results: dict[int, Any] = {}
-    asked: dict[int, Request] = {}
-
-    def advance(instance: int, found: Propagation | None) -> None:
-        try:
-            asked[instance] = next(runs[instance]) if found is None else runs[instance].send(found)
-        except StopIteration as ended:
-            asked.pop(instance, None)
-            results[instance] = ended.value
-
-    for instance in runs:
-        advance(instance, None)
-    while asked:
-        instances = list(asked)
-        for instance, found in zip(instances, segments.propagate(list(asked.values())), strict=True):
-            advance(instance, found)
-    return results
+        steps = np.fmin(steps, np.where(before > 0, np.log(1.0 / level) / np.log(level / before), np.inf))
+    return np.asarray((level <= before) | (PACE * steps > HOPELESS * left))
