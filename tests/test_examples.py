@@ -56,6 +56,16 @@ def test_two_segments_are_those_of_a_published_program(example):
     assert error < 1.0  # of 400 mm: an observer meets a kink in every turn
 
 
+def test_a_force_is_read_off_a_pose(example, capsys):
+    example("surgical_tubes.py")  # whose robot it is
+    found = example("force_from_pose.py").main([])
+    error = found.value("tip_force") - (0.05, -0.08, 0.03)
+    assert error @ np.linalg.solve(found.covariance("tip_force"), error) < 14  # of three normal numbers, 99.7 %
+    said = capsys.readouterr().out
+    assert said.count("unobservable") == 1
+    assert said.count("seen") == 2
+
+
 def test_three_tubes_are_those_of_a_published_program(example, tmp_path):
     held, behind = example("surgical_tubes.py").main(["--out", str(tmp_path / "tubes.png")])
     assert held < 0.1  # that program cuts 155.2 mm to 155.15, in five pieces
