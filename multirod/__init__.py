@@ -60,6 +60,7 @@ if _typing.TYPE_CHECKING:
     from multirod.studies.terms import Dropped, Explanation, Term, explain
     from multirod.studies.tradeoffs import Measured, Tradeoff, tradeoff, tune
     from multirod.tasks.calibrate import Calibration, calibrate
+    from multirod.tasks.controller import Command, Controller
     from multirod.tasks.estimate import Estimate, estimate
     from multirod.tasks.estimator import Estimator
     from multirod.tasks.limits import Limits
@@ -80,8 +81,10 @@ __all__ = [
     "BranchEvent",
     "Calibration",
     "Chamber",
+    "Command",
     "CompileError",
     "ConcentricTubes",
+    "Controller",
     "CriticalLoad",
     "CriticalLoads",
     "Dropped",
@@ -183,6 +186,7 @@ _PUBLIC = {
     "tasks.estimate": "Estimate estimate",
     "tasks.estimator": "Estimator",
     "tasks.priors": "Prior Walk",
+    "tasks.controller": "Command Controller",
     "tasks.limits": "Limits",
     "tasks.reach": "Reached reach",
     "tasks.rows": "Pose",

@@ -32,7 +32,7 @@ def _broadcasts(shape: tuple[int, ...], target: tuple[int, ...]) -> bool:
 
 
 @dataclass(frozen=True)
-class _Unpack:
+class Unpack:
     """Makes inputs of rows that hold their numbers; it can be pickled."""
 
     like: Inputs
@@ -40,6 +40,7 @@ class _Unpack:
     batch_shape: tuple[int, ...]
 
     def __call__(self, rows: FloatArray) -> Inputs:
+        """The inputs of these rows."""
         return self.like.with_arrays({name: rows[:, place].reshape(*self.batch_shape, -1) for name, place in self.places.items()})
 
 
@@ -114,7 +115,7 @@ class Tracker(Uncopied, Generic[Robot_co]):
         problem, inputs = self._problem, self._inputs
         names = [name for name in inputs.given if name not in inputs.profiles]
 
-        unpack = _Unpack(inputs, {name: problem.input_slice(name) for name in names}, self._batch_shape)
+        unpack = Unpack(inputs, {name: problem.input_slice(name) for name in names}, self._batch_shape)
         results = self._batch_shape, self._solver.integrator, self._device, problem.record_fields, unpack
         self._scene: Scene[Any] = Scene(self._robot, *results)
         self._unpack = unpack

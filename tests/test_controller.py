@@ -1,0 +1,148 @@
+"""Targets that move: followed by one integration a sample, also by a loop whose model is wrong."""
+
+import numpy as np
+import pytest
+from observer_scenes import three_tubes
+
+import multirod as mr
+from multirod.rotations import matrices
+
+STEPS = mr.RK4(30)
+SOLVER = mr.Shooting(integrator=STEPS)
+TUBES, MOTION = three_tubes()
+FREE = ("rotation", "translation")
+LIMITS = mr.Limits(translation=(-0.19, 0), gap=2e-3)
+
+
+@pytest.fixture(scope="module")
+def start():
+    return mr.solve(TUBES, MOTION[10], solver=SOLVER).raise_if_failed()
+
+
+def figure_of_eight(start, count):
+    """1 cm across, in a second."""
+    w = 2 * np.pi * np.arange(count) / count
+    return start.tip_position + 0.005 * np.stack([np.sin(w), 0.5 * np.sin(2 * w), 0.3 * np.sin(w)], axis=1)
+
+
+def loop_of(start, rate, **options):
+    return mr.Controller(TUBES, dt=1 / rate, free=FREE, limits=LIMITS, guess=start, integrator=STEPS, **options)
+
+
+def solved(inputs, guess):
+    """Where the tip truly is, by a solve of its own."""
+    values = {name: getattr(inputs, name) for name in ("rotation", "translation", "tip_force")}
+    return mr.solve(TUBES, TUBES.inputs(**values), solver=SOLVER, guess=guess).raise_if_failed()
+
+
+def test_a_moving_target_is_followed_without_lag_by_one_integration_a_sample(start):
+    path = figure_of_eight(start, 200)
+    loop, off = loop_of(start, 200), []
+    for k, y in enumerate(path[:60]):
+        command = loop.step(position=y)
+        assert command.status is mr.Status.TRACKING
+        assert int(command.integrations) == 1
+        off.append(np.linalg.norm(solved(command.inputs, command).tip_position - y))
+        if k > 2:  # of the first samples, nothing is known of the motion
+            assert off[-1] < 3e-6  # second order in what a sample was not expected to be
+            assert command.target_error < 1e-9
+    # without what is foreseen, each sample would be as far off as the target moves in it, squared over the rods' radius
+    assert np.sqrt(np.mean(np.square(off[3:]))) < 1e-6
+
+
+def test_pose_and_axis_are_followed_too(start):
+    loop = loop_of(start, 200)
+    axis = start.tip_rotation[:, 2]
+    for k in range(12):
+        turned = matrices(np.array([[2e-3 * k, -1e-3 * k, 0]]))[0] @ axis
+        command = loop.step(position=start.tip_position + (0, 0, 2e-5 * k), axis=turned)
+    there = solved(command.inputs, command)
+    assert np.linalg.norm(np.cross(there.tip_rotation[:, 2], turned)) < 1e-5
+    np.testing.assert_allclose(there.tip_position[2], start.tip_position[2] + 2.2e-4, atol=1e-6)
+
+
+def test_the_jacobian_of_a_sample_is_that_of_its_equilibrium(start):
+    loop = loop_of(start, 200)
+    command = loop.step(position=start.tip_position)
+    expected = start.jacobian(*FREE)
+    # the start's own residual of 1e-9 1/m, and steps that are rounded otherwise
+    np.testing.assert_allclose(command.jacobian(*FREE), expected, atol=1e-5 * np.abs(expected).max())
+    assert command.jacobian("tip_force").shape == (6, 3)
+
+
+def test_a_wrong_model_is_corrected_by_what_is_measured_and_noise_is_not_fed_forward(start):
+    """The robot carries 0.05 N that the loop knows nothing of."""
+    path, noise = figure_of_eight(start, 200), np.random.default_rng(2)
+    unknown = np.array(start.inputs.tip_force) + (0.05, 0, 0)
+    off = {}
+    for measured in (False, True):
+        loop, seen, off[measured], there = loop_of(start, 200, correction_time=0.02), None, [], start
+        for y in path[:60]:
+            command = loop.step(position=y, measured_position=seen)
+            values = {name: getattr(command.inputs, name) for name in FREE}
+            there = mr.solve(TUBES, TUBES.inputs(**values, tip_force=unknown), solver=SOLVER, guess=there).raise_if_failed()
+            if measured:
+                seen = there.tip_position + 1e-5 * noise.normal(size=3)
+            off[measured].append(np.linalg.norm(there.tip_position - y))
+        if not measured:
+            np.testing.assert_array_equal(command.offset, 0)
+    assert min(off[False][30:]) > 1e-3
+    # the filter's time of 20 ms squared, times how fast the offset of millimetres turns in a motion of 1 Hz
+    assert max(off[True][30:]) < 2e-4
+    dropped = loop.step(position=path[60], measured_position=(np.nan, 0, 0))
+    assert dropped.missing
+    assert dropped.status is mr.Status.TRACKING
+
+
+def test_limits_and_singular_tasks_have_bounded_steps_and_say_so(start):
+    loop, before = loop_of(start, 200), start.inputs
+    said = set()
+    for k in range(30):
+        command = loop.step(position=start.tip_position + (0, 0, 0.02 * k))
+        assert command.inputs.translation.max() <= 0
+        assert np.diff(command.inputs.translation).min() >= 2e-3
+        assert np.abs(command.inputs.rotation - before.rotation).max() < 1.0
+        before = command.inputs
+        said.add(command.status)
+        if command.failed:
+            break
+    assert mr.Status.AT_LIMIT in said
+    straight = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638))
+    loop = mr.Controller(straight, dt=0.01, free=("rotation",), integrator=STEPS)
+    command = loop.step(position=(0.01, 0, 0.4))
+    assert command.singular
+    assert np.abs(command.inputs.rotation).max() < 0.3
+    assert command.target_error == pytest.approx(0.01, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "message"),
+    [
+        ({"dt": 0.0}, ValueError, "Controller.dt = 0.0"),
+        ({"free": ("force_point",)}, TypeError, "Controller.free takes no 'force_point'"),
+        ({"inputs": MOTION[:2], "guess": None}, ValueError, "Controller.inputs = leading axes"),
+        ({"limits": mr.Limits(stability_margin=0.1)}, ValueError, "Controller.limits .* of inputs alone"),
+        ({"limits": mr.Limits(translation=(-0.01, 0))}, ValueError, "Controller.limits .* at the start too"),
+        ({"correction_time": -1.0}, ValueError, "Controller.correction_time = -1.0"),
+    ],
+)
+def test_what_a_controller_refuses(start, changes, error, message):
+    options = {"dt": 0.01, "free": FREE, "guess": start, "integrator": STEPS}
+    with pytest.raises(error, match="(?s)" + message):
+        mr.Controller(TUBES, **{**options, **changes})
+
+
+@pytest.mark.parametrize(
+    ("sample", "error", "message"),
+    [
+        ({}, ValueError, "needs a position"),
+        ({"position": (0, 0, np.nan)}, ValueError, "must be finite"),
+        ({"position": (0, 0, 0.3), "rotation": np.ones((3, 3))}, ValueError, "must be a rotation"),
+        ({"position": (0, 0, 0.3), "translation": (0, 0, 0)}, TypeError, "takes no 'translation': it is free"),
+        ({"position": (0, 0, 0.3), "tip_moment": (0, 0, 0.1)}, ValueError, "must be given, not zero, at the start"),
+        ({"position": (0, 0, 0.3), "measured_position": (0, 0)}, ValueError, "shape"),
+    ],
+)
+def test_samples_that_are_refused(start, sample, error, message):
+    with pytest.raises(error, match="(?s)" + message):
+        loop_of(start, 100).step(**sample)
