@@ -57,6 +57,10 @@ class Lines(ABC):
         shape (instance_count, line_count, n + size)."""
         raise NotImplementedError(f"{type(self).__name__} does not give the derivatives of lengths")
 
+    def tension_columns(self, *names: str) -> FloatArray:
+        """The same of ``tension()``, [N] per unit."""
+        raise NotImplementedError(f"{type(self).__name__} does not give the derivatives of tensions")
+
 
 class Starts(ABC):
     """Guesses that cover where equilibria may lie, for the search from many starts (``mr.equilibria``)."""

@@ -422,6 +422,20 @@ class BoundaryProblem(Uncopied, ABC):
         """What ``input_columns`` returns, of the last integration after ``aim(*names)``."""
         return np.array(self.residual_directions.numpy()), np.array(self.pose_columns.numpy()[:, :, self.unknown_count :])
 
+    def along(self, names: Sequence[str], rod: int, places: FloatArray) -> dict[str, FloatArray]:
+        """Derivatives of a rod's ``position``, ``rotation`` and ``curvature`` at some places, after ``aim(*names)``.
+
+        Args:
+            names: What the problem is aimed at.
+            rod: Which rod.
+            places: Rising arclengths from the base [m], shape (instance_count, count).
+
+        Returns:
+            Each of shape (instance_count, count, 3, n + k): by the unknowns, then by each number named, the unknowns fixed.
+            Positions and rotation vectors in the world, curvatures in the frame of the rod.
+        """
+        raise NotImplementedError(f"{type(self).__name__} does not give derivatives along its rods")
+
     def curvature_scale(self) -> FloatArray:
         """Size of the curvatures that arise [1/m], shape (instance_count,): the rods' own, or one over the length."""
         return np.ones(self.instance_count)

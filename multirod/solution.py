@@ -1,6 +1,6 @@
 """Results: an equilibrium of each instance, or a time series of them."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, Self, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod import plausibility
+from multirod import derivatives, plausibility
 from multirod.assembly import Assembly, Robot_co
 from multirod.batch import IntArray, parts, run, take
 from multirod.capabilities import Lines
@@ -21,7 +21,6 @@ from multirod.inputs import Inputs
 from multirod.integrators import Integrator
 from multirod.problem import BoundaryProblem, LineShape, Shape
 from multirod.reuse import borrowed
-from multirod.segment_system import pose_jacobian
 from multirod.segments import taken
 from multirod.solver import SETTLED, Outcome
 from multirod.stability import Modes, Stability, modes_of
@@ -42,7 +41,7 @@ from multirod.types import (
     StabilityOrArray,
     StatusOrArray,
 )
-from multirod.validation import FloatArray, choice, frozen, meant, names_checked, positive_int, refuse, shown
+from multirod.validation import FloatArray, frozen, names_checked, positive_int, refuse
 
 if TYPE_CHECKING:
     from multirod.models.backbone.lines import Line
@@ -531,9 +530,11 @@ class Solution(Generic[Robot_co]):
     def jacobian(
         self: "Solution[Named[Name]]",  # type: ignore[type-var]  # a robot, by what its inputs are called
         *names: "Name | Parameter",
-        of: Literal["pose", "line_length"] = "pose",
+        of: Literal["pose", "line_length", "tension", "position", "rotation", "curvature"] = "pose",
+        at: Numbers | None = None,
+        rod: int | str = 0,
     ) -> FloatArray:
-        """Derivative of the end effector's pose by inputs or parameters of the robot, at equilibrium, or of the lengths of lines.
+        """Derivative of the end effector's pose by inputs or parameters of the robot, at equilibrium, or of what is along it.
 
         Several take one integration together: ``jacobian("rotation", "translation")`` has the columns of each beside each other,
         in the order named.
@@ -542,73 +543,63 @@ class Solution(Generic[Robot_co]):
             *names: Inputs, such as ``"tip_force"`` (then it is the compliance) or ``"rotation"``, or ``"precurvature"`` [1/m],
                 ``"bending_stiffness"``, ``"torsional_stiffness"`` [N m^2], ``"length"`` [m] of each section of each rod,
                 ``"base"``, and of legs ``"platform"`` (``docs/derivatives.md`` says what stays as it is meanwhile).
-            of: ``"pose"`` or ``"line_length"``.
+            of: ``"pose"`` of the end effector, ``"line_length"`` or ``"tension"`` of lines; or, at places along a rod,
+                ``"position"``, ``"rotation"`` or ``"curvature"``.
+            at: Of the last three, arclengths from the base [m], one or several, rising, as ``rod(k).arclength``.
+            rod: Of them too, index or name of the rod.
 
         Returns:
             Shape (..., 6, k): position rows [m per unit], then rotation-vector rows [rad per unit], both in the world
-            frame; one column for each component of an input, or each rod or line. Of lengths, shape (..., line_count, k) [m per
-            unit]. Columns by parameters run over rods, then over as many sections of each as any has, then over components: three
-            of ``precurvature``, ``EI_x`` and ``EI_y`` of ``bending_stiffness``; columns of sections that a rod has not are zero.
-            Of ``base`` position, then rotation vector about it, in the world; of legs, of each. Of ``platform`` the same for each
-            leg's attachment, in the frame of the platform.
+            frame; one column for each component of an input, or each rod or line. Of lines, shape (..., line_count, k). Along a
+            rod, shape (..., 3, k) or (..., count, 3, k): positions and rotation vectors in the world, curvatures in the frame of
+            the rod [1/m]. Columns by parameters run over rods, then over as many sections of each as any has, then over
+            components: three of ``precurvature``, ``EI_x`` and ``EI_y`` of ``bending_stiffness``; columns of sections that a rod
+            has not are zero. Of ``base`` position, then rotation vector about it, in the world; of legs, of each. Of
+            ``platform`` the same for each leg's attachment, in the frame of the platform.
 
         Raises:
             TypeError: If the assembly takes no such input, or none is named.
-            ValueError: If ``of`` is neither.
-            NotImplementedError: If the assembly does not give the derivatives of lengths.
+            ValueError: If ``of`` is none of these, or ``at`` is not on the rod.
+            NotImplementedError: If the assembly does not give these derivatives.
         """
-        return self._jacobian(names, of)
+        return derivatives.jacobian(self, names, of, at, rod)
 
-    def _jacobian(self, names: tuple[object, ...], of: str) -> FloatArray:
-        choice("of", of, ("pose", "line_length"))
-        specs = {spec.name: spec for spec in self.assembly.input_specs}
-        allowed = (*specs, *self.assembly.parameters)
-        if not names:
-            raise TypeError("jacobian(name) needs an input or several: it takes " + ", ".join(allowed))
-        known: list[str] = []
-        for name in names:
-            if not isinstance(name, str) or name not in allowed:
-                hint = meant(name, allowed) if isinstance(name, str) else ""
-                raise TypeError(f"jacobian(name) takes no {shown(name)}: it takes " + ", ".join(allowed) + hint)
-            known.append(name)
-        # a follower force is an unknown's worth of equations more, but to first order only its direction counts
-        twins = [specs[name].dead_twin if name in specs and not self.inputs.is_active(name) else "" for name in known]
-        result = self._columns_by([twin or name for name, twin in zip(known, twins, strict=True)], of)
-        if not any(twins):
-            return result
-        sizes = [self.assembly.column_count(name) for name in known]
-        parts = np.split(result, np.cumsum(sizes)[:-1], axis=-1)
-        turned = [part @ self.tip_rotation if twin else part for part, twin in zip(parts, twins, strict=True)]
-        return np.asarray(frozen(np.concatenate(turned, axis=-1)))
+    def vjp(
+        self: "Solution[Named[Name]]",  # type: ignore[type-var]
+        cotangent: Numbers,
+        *,
+        of: Literal["tip_pose", "tip_position"] = "tip_pose",
+        wrt: "Sequence[Name | Parameter] | Name | Parameter",
+    ) -> Mapping[str, FloatArray]:
+        """Derivatives of a scalar that depends on the end effector's pose, by inputs and parameters: one transposed solve.
 
-    def _columns_by(self, names: Sequence[str], of: str) -> FloatArray:
-        """Derivatives by parameters, and by inputs whose terms are compiled in, in one integration."""
-        count = sum(self.assembly.column_count(name) for name in names)
-        enabled = tuple(name for name in names if name not in self.assembly.parameters)
-        by_length = of == "line_length"
-        rows = len(self._lines()) if by_length else 6
-        if by_length and not self.assembly.length_columns:
-            raise NotImplementedError(f"{type(self.assembly).__name__} does not give the derivatives of its lines' lengths")
+        Args:
+            cotangent: Its derivative by position [per m] and rotation vector [per rad] of the end effector, both in the world,
+                shape (..., 6), or by position alone, (..., 3); the leading axes broadcast to the batch's.
+            of: ``"tip_pose"`` or ``"tip_position"``.
+            wrt: One name or several, as for ``jacobian``.
 
-        def columns(problem: Any) -> tuple[FloatArray]:
-            slopes, moved = problem.input_columns(*names)
-            n = problem.unknown_count
-            gamma = problem.read("gamma").reshape(-1, n, n)
-            carried = problem.lines.length_columns(*names) if by_length else problem.pose_columns.numpy()
-            moved = carried[:, :, n:] if by_length else moved
-            result = np.full((len(gamma), rows, count), np.nan)
-            with np.errstate(over="ignore"):
-                sound = np.linalg.det(np.nan_to_num(gamma)) != 0
-            shift = np.linalg.solve(gamma[sound], slopes[sound])
-            result[sound] = moved[sound] - carried[sound, :, :n] @ shift
-            for k, points in problem.breakpoints.items():
-                by_inputs = not by_length and len(enabled) == len(names)
-                result[k] = pose_jacobian(problem.segments, k, points) if by_inputs else np.nan
-            return (result,)
+        Returns:
+            By each name, shape (..., k), in the order of the columns of ``jacobian``; NaN where there is no result.
 
-        options = self.assembly.input_directions(*names)
-        (result,) = self._gather(columns, pose_sensitivities=True, enabled=enabled, **options)
-        return self._masked(result, (rows, count))
+        Raises:
+            TypeError, ValueError, NotImplementedError: As for ``jacobian``, or if the cotangent does not fit.
+        """
+        return derivatives.vjp(self, cotangent, of, wrt)
+
+    @cached_property
+    def stiffness(self) -> FloatArray:
+        """Stiffness of the end effector, shape (..., 6, 6): force [N], then moment [N m], by its position, then rotation vector.
+
+        What a small displacement of the end effector takes, all inputs as they are: the inverse of the compliance by
+        ``tip_force`` and ``tip_moment``. In the axes of the world, about the origin of the end effector. Symmetric where its
+        loads have a potential (``docs/derivatives.md``). NaN where nothing moves it some way, as along a straight rod that
+        does not stretch, and where there is no result.
+
+        Raises:
+            AttributeError: If something holds the end.
+        """
+        return derivatives.stiffness(self)
 
     def save(self, path: str | PathLike[str], **options: Unpack[SaveOptions]) -> None:
         """Write the solution to a file, by its ending (``docs/files.md``).

@@ -103,3 +103,102 @@ def at_unknowns(make, rods, inputs, name, solution):
     for found, values in ((slopes, residual), (moved[:, :3], varied.read("position"))):
         expected = np.einsum("n,knc->ck", WEIGHTS, values.reshape(-1, len(NODES), values.shape[-1])) / STEPS[name]
         np.testing.assert_allclose(found[0] * scale, expected, rtol=0, atol=1e-8 * np.abs(expected).max())
+
+
+def rod_of(name=None, steps=0.0):
+    """The robot of one rod, whose number of that name is changed."""
+    return mr.SingleRod(*sections_of(WIRE, name, steps))
+
+
+@pytest.fixture(scope="module")
+def bent():
+    """One rod under a force."""
+    robot = rod_of()
+    return mr.solve(robot, robot.inputs(rotation=0.3, **LOADS), solver=SOLVER)
+
+
+@pytest.mark.parametrize("name", ["tip_force", "rotation", "precurvature", "bending_stiffness"])
+def test_along_the_rod(bent, name):
+    """Position and curvature in the middle, which stays where it is along the rod."""
+    given = {"rotation": 0.3, **LOADS}
+    if name in STEPS:
+        step, robot = STEPS[name], rod_of(name, STEPS[name])
+    else:
+        step, robot = 1e-3, bent.assembly
+        at = np.atleast_1d(given[name])
+        given[name] = at + step * NODES[:, None] * np.eye(len(at))[:, None]
+    varied = mr.solve(robot, robot.inputs(**given), solver=SOLVER).rod(nodes=3)
+    for of, values in (("position", varied.position), ("curvature", varied.curvature)):
+        expected = np.einsum("n,knc->ck", WEIGHTS, values[:, :, 1]) / step
+        found = bent.jacobian(name, of=of, at=0.2) * stiffnesses(WIRE, name)
+        # the nodes of a shape are steps of the integration too: what that leaves of a curvature
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8 * np.abs(expected).max())
+
+
+def test_at_the_tip_it_is_that_of_the_pose_and_several_places_are_those_alone(bent):
+    names = ("tip_force", "length", "base")
+    pose = bent.jacobian(*names)
+    places = bent.jacobian(*names, of="position", at=(0.1, 0.4))
+    moving = bent.rod().rotation[-1, :, 2]  # a longer rod has its tip further on, and the same place where it was
+    beyond = np.zeros(pose.shape[1])
+    beyond[3:5] = 1.0
+    np.testing.assert_allclose(places[1] + moving[:, None] * beyond, pose[:3], rtol=0, atol=1e-8)
+    np.testing.assert_allclose(places[0], bent.jacobian(*names, of="position", at=0.1), rtol=0, atol=1e-8)
+    turned = bent.jacobian("tip_force", "base", of="rotation", at=0.4)
+    np.testing.assert_allclose(turned, bent.jacobian("tip_force", "base")[3:], rtol=0, atol=1e-8)
+
+
+def test_a_transposed_product_is_that_of_the_columns(bent):
+    robot = bent.assembly
+    several = mr.solve(robot, robot.inputs(rotation=0.3, tip_force=[(0.05, 0.1, 0.1), (0, 0, 0.2)]), solver=SOLVER)
+    c = np.array([(1.0, 2, -1, 0.3, 0.1, 0.2), (0, 1, 0, 0, 0, 1)])
+    names = ("precurvature", "rotation", "follower_force")
+    found = several.vjp(c, wrt=names)
+    expected = np.einsum("bc,bck->bk", c, several.jacobian(*names))
+    np.testing.assert_allclose(np.concatenate([found[name] for name in names], axis=1), expected, rtol=0, atol=1e-12)
+    alone = bent.vjp((1.0, 2, -1), of="tip_position", wrt="rotation")["rotation"]
+    np.testing.assert_allclose(alone, np.array([1.0, 2, -1]) @ bent.jacobian("rotation")[:3], rtol=0, atol=1e-12)
+
+
+def test_the_stiffness_undoes_the_compliance_and_is_symmetric(bent):
+    """Where no moment acts on the tip: rotation vectors and a force that is fixed in the world."""
+    compliance = bent.jacobian("tip_force", "tip_moment")
+    np.testing.assert_allclose(bent.stiffness @ compliance, np.eye(6), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(bent.stiffness, bent.stiffness.T, rtol=0, atol=1e-8 * np.abs(bent.stiffness).max())
+
+
+def test_a_moved_base_carries_the_robot_and_leaves_the_loads(bent, make_pose):
+    expected = []
+    for k in range(6):
+        poses = [make_pose(*np.split(np.eye(6)[k] * 1e-2 * node, 2)[::-1]) for node in NODES]
+        robot = mr.SingleRod(bent.assembly.rods[0], base=np.array(poses))
+        varied = mr.solve(robot, robot.inputs(rotation=0.3, **LOADS), solver=SOLVER)
+        moved = np.einsum("n,nc->c", WEIGHTS, varied.tip_position) / 1e-2
+        turned = np.einsum("n,nij,lj->il", WEIGHTS, varied.tip_rotation, bent.tip_rotation) / 1e-2
+        expected.append([*moved, turned[2, 1], turned[0, 2], turned[1, 0]])
+    np.testing.assert_allclose(bent.jacobian("base"), np.transpose(expected), rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda s: s.jacobian("precurvatur"), "did you mean 'precurvature'"),
+        (lambda s: s.jacobian("platform"), "jacobian.name. takes no 'platform'"),
+        (lambda s: s.jacobian("rotation", of="curvature"), "at = None is not allowed: must be an arclength"),
+        (lambda s: s.jacobian("rotation", of="curvature", at=0.5), "must be > 0 and <= 0.4 m"),
+        (lambda s: s.jacobian("rotation", of="position", at=(0.2, 0.1)), "must be one arclength or several, rising"),
+        (lambda s: s.jacobian("rotation", at=0.1), "must not be given of pose"),
+        (lambda s: s.vjp((1, 2), wrt="rotation"), "cotangent"),
+        (lambda s: s.vjp((1, 2, 3), of="tip", wrt="rotation"), "of = 'tip'"),
+    ],
+)
+def test_what_cannot_be_asked_for_is_said(bent, call, message):
+    with pytest.raises((TypeError, ValueError), match=message):
+        call(bent)
+
+
+def test_what_is_not_known_is_refused(wire):
+    robot = mr.SingleRod(mr.Rod(sections=wire.sections, lines=[mr.Tendon(offset=(0.01, 0))]))
+    solution = mr.solve(robot, robot.inputs(), solver=SOLVER)
+    with pytest.raises(NotImplementedError, match="derivatives by length of a rod with lines"):
+        solution.jacobian("length")

@@ -1,5 +1,6 @@
 """What drives the lines of one backbone, and what comes of it."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -45,8 +46,29 @@ class DrivenLines(Lines):
         return result / self._weights()
 
     def length_columns(self, *names: str) -> FloatArray:
-        """As said; by the directions that there are, whatever input they are of."""
-        return np.asarray(self.problem.line_length_columns.numpy() / self._weights()[..., None])
+        """As said; by the directions that there are, whatever they are of."""
+        return self._at_unknowns(names, self.problem.line_length_columns.numpy() / self._weights()[..., None])
+
+    def tension_columns(self, *names: str) -> FloatArray:  # noqa: D102
+        problem, n = self.problem, self.problem.unknown_count
+        result = np.zeros((problem.instance_count, len(self._driven), n + problem.direction_count))
+        drives = slice(problem.first_drive, problem.first_drive + problem.drive_count)
+        along = problem.directions.numpy()[:, : problem.direction_count, drives][:, :, drive_places(problem.features.members)]
+        result[:, :, n:] = np.swapaxes(along, 1, 2) * self._weights()[..., None]
+        first = problem.slots.places["drives"].start
+        for j, (k, (lever, unknown)) in enumerate(self._conditions().items()):
+            unit = problem.each(problem.arrays.material[:, self._driven_rods[k], 0, :2].max(axis=-1) / lever)
+            result[:, k, n:] = 0.0
+            result[:, k, first + j] = np.where(self._driven[k][0].slackens & (unknown < 0), 0.0, unit)
+        return self._at_unknowns(names, result)
+
+    def _at_unknowns(self, names: Sequence[str], columns: FloatArray) -> FloatArray:
+        """(D9) Columns, those by parameters at fixed unknowns."""
+        rates, n = self.problem.unknown_rates(names), self.problem.unknown_count
+        if rates is not None:
+            columns = np.array(columns)
+            columns[..., n:] -= columns[..., :n] @ rates
+        return np.asarray(columns)
 
     def tension(self) -> FloatArray:  # noqa: D102
         result = self._inputs() * self._weights() + 0.0  # what is not filled pulls with 0, not with -0

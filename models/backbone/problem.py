@@ -17,6 +17,7 @@ from multirod.capabilities import LineTest, Parts
 from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.integrators import AdaptiveIntegrator, Integrator
 from multirod.launch import LONGEST
+from multirod.models.backbone.along import AlongPass
 from multirod.models.backbone.clamps import BackboneClamps, ClampedBackbones
 from multirod.models.backbone.conjugates import BackboneConjugates
 from multirod.models.backbone.designs import (
@@ -526,18 +527,51 @@ class BackboneProblem(BoundaryProblem):
     def aimed(self, *names: str) -> tuple[FloatArray, FloatArray]:
         """As said; by parameters too, the unknowns fixed."""
         slopes, moved = super().aimed(*names)
-        first = 0
-        n = self.unknown_count
-        for name in names:
-            own = slice(first, first + self.directions_by(name).shape[1])
-            if name in COMPONENTS:
-                rates = Designs(self, name).unknown_rates()
-                slopes[:, :, own] -= self.read("gamma").reshape(-1, n, n) @ rates
-                moved[:, :, own] -= self.pose_columns.numpy()[:, :, :n] @ rates
-            elif name == "base":
-                moved[:, :, own] += carried(self.read("position") - self.base_position())
-            first = own.stop
+        rates, n = self.unknown_rates(names), self.unknown_count
+        if rates is not None:  # (D9)
+            slopes -= self.read("gamma").reshape(-1, n, n) @ rates
+            moved -= self.pose_columns.numpy()[:, :, :n] @ rates
+        for own in self._columns_of(names, "base"):
+            moved[:, :, own] += carried(self.read("position") - self.base_position())
         return slopes, moved
+
+    def _columns_of(self, names: Sequence[str], wanted: str) -> Iterator[slice]:
+        """Where the columns by one of the names stand."""
+        first = 0
+        for name in names:
+            size = self.directions_by(name).shape[1]
+            if name == wanted:
+                yield slice(first, first + size)
+            first += size
+
+    def unknown_rates(self, names: Sequence[str]) -> FloatArray | None:
+        """(D9) How the unknowns must change with each number for what is at the base to stay, (instance_count, n, k); None where
+        they need not."""
+        if not any(name in COMPONENTS for name in names):
+            return None
+        size = (self.instance_count, self.unknown_count)
+        rates = [
+            Designs(self, name).unknown_rates() if name in COMPONENTS else np.zeros((*size, self.directions_by(name).shape[1]))
+            for name in names
+        ]
+        return np.concatenate(rates, axis=2)
+
+    def along(self, names: Sequence[str], rod: int, places: FloatArray) -> dict[str, FloatArray]:
+        """Derivatives of ``along.QUANTITIES`` at ``places`` (instance_count, count), rising arclengths of a rod, by the unknowns,
+        then, these fixed, by each number that the problem is aimed at, each (instance_count, count, 3, n + k)."""
+        if self.features.eccentric:
+            raise NotImplementedError("derivatives along rods side by side are not known: their frames are not the line's")
+        made = self.tool(("along", places.shape[1]), lambda: AlongPass(self, places.shape[1]))
+        found, lever = made.at(places, rod)
+        rates, n = self.unknown_rates(names), self.unknown_count
+        if rates is not None:
+            for values in found.values():
+                values[..., n:] -= values[..., :n] @ rates[:, None]
+        for own in self._columns_of(names, "base"):
+            rigid = carried(lever.reshape(-1, 3)).reshape(*lever.shape[:2], 2, 3, -1)
+            for k, name in enumerate(("position", "rotation")):
+                found[name][..., n + own.start : n + own.stop] += rigid[:, :, k]
+        return found
 
     def base_position(self) -> FloatArray:
         """Of the base in the world [m], shape (instance_count, 3)."""

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from multirod.models.backbone.kernels.along import make_given_places
 from multirod.models.backbone.kernels.conditions import make_conditions
 from multirod.models.backbone.kernels.design import make_design_grid
 from multirod.models.backbone.kernels.instance import Instance
@@ -661,6 +662,9 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
                 call.lane[p, FORCE + j] = call.lane[p, FORCE + j] - taken[j]
 
     moved_by_inputs = moved
+    if features.along:
+        places = make_given_places(SimpleNamespace(section_from=section_from, section_end=section_end, find_end=find_end))
+        output_arclength, find_end = places.output_arclength, places.find_end
     if layout.DESIGN:
         known = SimpleNamespace(
             section_from=section_from,

@@ -18,6 +18,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from multirod.integrators import Tableau
+from multirod.models.backbone.kernels.along import make_along
 from multirod.models.backbone.kernels.base import make_base
 from multirod.models.backbone.kernels.grid import make_grid
 from multirod.models.backbone.kernels.instance import Instance
@@ -67,7 +68,8 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
     tip = make_tip(layout, base, grid)
     nodes = make_nodes(layout, memory, base, tip, grid, W, d)
     record = make_records(layout, memory, base, grid, W, d)
-    step = make_steps(layout, memory, tableau, make_rates(layout, W, d), W, d)
+    rates = make_rates(layout, W, d)
+    step = make_steps(layout, memory, tableau, rates, W, d)
     force_variation = make_loads(layout, W, d).force_variation
     load_stretch, pass_force, set_number = grid.load_stretch, grid.pass_force, grid.set_number
     output_arclength = grid.output_arclength
@@ -276,6 +278,15 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
     def step_count(memory: memory_type, o: int, l: int) -> int:
         return int(get_lane(memory, o + wp.static(COUNT), l))
 
+    if features.along:
+        known = SimpleNamespace(
+            at_end=at_end,
+            output_arclength=output_arclength,
+            state_in=state_in,
+            first_column=first_column,
+            column_count=column_count,
+        )
+        at_end = make_along(layout, memory, rates, known, W, d)
     own = SimpleNamespace(
         layout=layout, memory=memory, memory_type=memory_type, lanes=W, first_column=first_column, column_count=column_count,
         begin=begin, onto_stretch=onto_stretch, at_end=at_end, wait=wait, free=free, some_at_end=some_at_end, is_at_end=is_at_end,

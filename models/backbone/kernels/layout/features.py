@@ -45,6 +45,7 @@ class Features:
         nodes: States are written at nodes along the arclength, and the elastic energy is integrated.
         node_columns: So are columns, of a model with all its unknowns.
         design: Directions may change the numbers of the rods too, equations (D4) to (D7) of ``docs/derivatives.md``.
+        along: States and columns are written at given arclengths, equation (D11) there.
         segment: A segment of the rods, from any state on, is integrated: the frame it begins with is an unknown too.
     """
 
@@ -77,6 +78,7 @@ class Features:
     nodes: bool = False
     node_columns: bool = False
     design: bool = False
+    along: bool = False
     segment: bool = False
 
     @property

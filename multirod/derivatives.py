@@ -1,0 +1,222 @@
+"""Derivatives of solutions at equilibrium, by inputs and by the robot's own numbers; equations of ``docs/derivatives.md``."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod.problem import BoundaryProblem
+from multirod.rotations import cross_matrix
+from multirod.segment_system import pose_jacobian
+from multirod.types import Numbers
+from multirod.validation import FloatArray, array, choice, frozen, meant, refuse, shown
+
+if TYPE_CHECKING:
+    from multirod.solution import Solution
+
+POSE = 6
+ALONG = ("position", "rotation", "curvature")  # at places along a rod
+OF = ("pose", "line_length", "tension", *ALONG)
+OF_TIP = {"tip_pose": slice(0, POSE), "tip_position": slice(0, 3)}
+SINGULAR = 1e-14  # of the largest: a singular value of the compliance that rounding may have left
+
+Rows = Callable[[Any, FloatArray], FloatArray]  # of a problem and its columns of the pose by numbers at fixed unknowns
+
+
+def names_of(solution: "Solution[Any]", names: Sequence[object], call: str = "jacobian(name)") -> list[str]:
+    """Inputs and parameters that are there, or a ``TypeError``."""
+    allowed = (*(spec.name for spec in solution.assembly.input_specs), *solution.assembly.parameters)
+    if not names:
+        raise TypeError(f"{call} needs an input or several: it takes " + ", ".join(allowed))
+    known = []
+    for name in names:
+        if not isinstance(name, str) or name not in allowed:
+            hint = meant(name, allowed) if isinstance(name, str) else ""
+            raise TypeError(f"{call} takes no {shown(name)}: it takes " + ", ".join(allowed) + hint)
+        known.append(name)
+    return known
+
+
+def jacobian(solution: "Solution[Any]", names: Sequence[object], of: str, at: Numbers | None, rod: int | str) -> FloatArray:
+    """What ``Solution.jacobian`` says."""
+    choice("of", of, OF)
+    known = names_of(solution, names)
+    if of not in ALONG and at is not None:
+        refuse("at", at, f"must not be given of {of}: it is for {', '.join(ALONG)}")
+    # a follower force is an unknown's worth of equations more, but to first order only its direction counts
+    twins = twins_of(solution, known)
+    names = [twin or name for name, twin in zip(known, twins, strict=True)]
+    tail, rows = _rows(solution, names, of, at, rod)
+    result = _by(solution, names, rows, tail)
+    if not any(twins):
+        return result
+    parts = split(solution, known, result)
+    R = solution.tip_rotation.reshape(*solution.batch_shape, *(1,) * (len(tail) - 1), 3, 3)
+    turned = [part @ R if twin else part for part, twin in zip(parts, twins, strict=True)]
+    return np.asarray(frozen(np.concatenate(turned, axis=-1)))
+
+
+def twins_of(solution: "Solution[Any]", names: Sequence[str]) -> list[str]:
+    """Of each name the dead load that stands in for it, or none."""
+    specs = {spec.name: spec for spec in solution.assembly.input_specs}
+    return [specs[name].dead_twin if name in specs and not solution.inputs.is_active(name) else "" for name in names]
+
+
+def split(solution: "Solution[Any]", names: Sequence[str], columns: FloatArray) -> list[FloatArray]:
+    """Columns (..., k) by each name."""
+    return np.split(columns, np.cumsum([solution.assembly.column_count(name) for name in names])[:-1], axis=-1)
+
+
+def _pose_rows(problem: Any, moved: FloatArray) -> FloatArray:
+    return np.concatenate([problem.pose_columns.numpy()[:, :POSE, : problem.unknown_count], moved], axis=2)
+
+
+def _rows(
+    solution: "Solution[Any]", names: list[str], of: str, at: Numbers | None, rod: int | str
+) -> tuple[tuple[int, ...], Rows]:
+    """The axes of what is asked for, and what gives its derivatives by unknowns and by numbers, (instance, rows, n + k)."""
+    assembly = solution.assembly
+    if of == "pose":
+        return (POSE,), _pose_rows
+    if of in ALONG:
+        index = solution._rod_index(rod)
+        places = places_of(solution, at, index)
+        tail = (*np.shape(at), 3)
+
+        def along(problem: Any, moved: FloatArray) -> FloatArray:
+            own = np.broadcast_to(places, (problem.instance_count, places.size))
+            values = problem.along(names, index, own)[of]
+            return np.asarray(values.reshape(problem.instance_count, -1, values.shape[-1]))
+
+        return tail, along
+    count = len(solution._lines())
+    if not assembly.length_columns:
+        raise NotImplementedError(f"{type(assembly).__name__} does not give the derivatives of its lines' lengths")
+
+    def lines(problem: Any, moved: FloatArray) -> FloatArray:
+        ask = problem.lines.length_columns if of == "line_length" else problem.lines.tension_columns
+        return np.asarray(ask(*names))
+
+    return (count,), lines
+
+
+def places_of(solution: "Solution[Any]", at: Numbers | None, rod: int) -> FloatArray:
+    """Checked arclengths along a rod (count,): where a section ends, those just before it."""
+    if at is None:
+        refuse("at", at, "must be an arclength along the rod [m], or several, rising")
+    places = np.atleast_1d(array("at", at))
+    if places.ndim != 1 or not places.size or (np.diff(places) <= 0).any():
+        refuse("at", at, "must be one arclength or several, rising")
+    own = solution.assembly.rods[rod]
+    slid = solution.inputs.translation[..., rod]
+    end = own.length + slid
+    if places[0] <= 0 or (places[-1] > end * (1 + SINGULAR)).any():
+        refuse("at", at, f"must be > 0 and <= {float(np.min(end)):g} m, where the rod ends")
+    gap = 1e-12 * float(np.max(end))
+    result = places.copy()
+    for k, rod_k in enumerate(solution.assembly.rods):
+        ends = np.cumsum([np.broadcast_to(section.length, rod_k.batch_shape) for section in rod_k.sections], axis=0)
+        ends = (ends + solution.inputs.translation[..., k]).reshape(-1, 1)
+        near = np.where(np.abs(ends - places) <= gap, ends - gap, np.inf).min(axis=0)
+        result = np.minimum(result, near)
+    return result
+
+
+def _by(solution: "Solution[Any]", names: list[str], rows: Rows, tail: tuple[int, ...]) -> FloatArray:
+    """(D1) Derivatives by parameters, and by inputs whose terms are compiled in, (..., *tail, k), in one integration."""
+    count = sum(solution.assembly.column_count(name) for name in names)
+    size = int(np.prod(tail))
+
+    def columns(problem: Any) -> tuple[FloatArray]:
+        slopes, carried = _fixed(problem, names, rows)
+        n, gamma = problem.unknown_count, _gamma(problem)
+        sound = _solvable(gamma)
+        result = np.full((len(gamma), size, count), np.nan)
+        shift = np.linalg.solve(gamma[sound], slopes[sound])
+        result[sound] = carried[sound, :, n:] - carried[sound, :, :n] @ shift
+        for k, points in problem.breakpoints.items():
+            by_inputs = rows is _pose_rows and not any(name in solution.assembly.parameters for name in names)
+            result[k] = pose_jacobian(problem.segments, k, points) if by_inputs else np.nan
+        return (result,)
+
+    return solution._masked(_gathered(solution, names, columns)[0], (*tail, count))
+
+
+def _gamma(problem: BoundaryProblem) -> FloatArray:
+    n = problem.unknown_count
+    return problem.read("gamma").reshape(-1, n, n)
+
+
+def _solvable(gamma: FloatArray) -> NDArray[np.bool_]:
+    """Where a matrix is regular."""
+    with np.errstate(over="ignore"):
+        return np.asarray(np.linalg.det(np.nan_to_num(gamma)) != 0)
+
+
+def _fixed(problem: Any, names: list[str], rows: Rows) -> tuple[FloatArray, FloatArray]:
+    """Columns of the residual by the names, the unknowns fixed, and rows by unknowns, then by the names."""
+    slopes, moved = problem.input_columns(*names)
+    return slopes, rows(problem, moved)
+
+
+def _gathered(solution: "Solution[Any]", names: list[str], columns: Callable[[Any], tuple[FloatArray, ...]]) -> list[Any]:
+    parameters = solution.assembly.parameters
+    enabled = tuple(name for name in names if name not in parameters)
+    options = solution.assembly.input_directions(*names)
+    return solution._gather(columns, pose_sensitivities=True, enabled=enabled, **options)
+
+
+def vjp(solution: "Solution[Any]", cotangent: Numbers, of: str, wrt: Sequence[object]) -> Mapping[str, FloatArray]:
+    """What ``Solution.vjp`` says; (D13)."""
+    part = OF_TIP[choice("of", of, OF_TIP)]
+    known = names_of(solution, (wrt,) if isinstance(wrt, str) else wrt, "vjp(wrt=...)")
+    rows = part.stop - part.start
+    given = array("cotangent", cotangent, (rows,))
+    try:
+        given = np.broadcast_to(given, (*solution.batch_shape, rows))
+    except ValueError:
+        refuse("cotangent", f"shape {given.shape}", f"must broadcast to {(*solution.batch_shape, rows)}")
+    twins = twins_of(solution, known)
+    names = [twin or name for name, twin in zip(known, twins, strict=True)]
+
+    def columns(problem: Any) -> tuple[FloatArray, ...]:
+        slopes, carried = _fixed(problem, names, _pose_rows)
+        for k in problem.breakpoints:
+            carried[k] = np.nan
+        return slopes, carried, _gamma(problem)
+
+    slopes, carried, gamma = _gathered(solution, names, columns)
+    n = gamma.shape[-1]
+    c = given.reshape(-1, rows, 1)
+    carried = np.swapaxes(carried[:, part], 1, 2)
+    result = np.full((len(gamma), carried.shape[1] - n), np.nan)
+    sound = _solvable(gamma)
+    back = np.linalg.solve(np.swapaxes(gamma[sound], 1, 2), carried[sound, :n] @ c[sound])
+    result[sound] = (carried[sound, n:] @ c[sound] - np.swapaxes(slopes[sound], 1, 2) @ back)[..., 0]
+    result = solution._masked(result, result.shape[1:])
+    pieces = split(solution, known, result)
+    R = solution.tip_rotation
+    turned = [(own[..., None, :] @ R)[..., 0, :] if twin else own for own, twin in zip(pieces, twins, strict=True)]
+    return {name: np.asarray(frozen(piece)) for name, piece in zip(known, turned, strict=True)}
+
+
+def stiffness(solution: "Solution[Any]") -> FloatArray:
+    """What ``Solution.stiffness`` says; (D14)."""
+    assembly = solution.assembly
+    names = {spec.name for spec in assembly.input_specs}
+    if assembly.end_held or not {"tip_force", "tip_moment"} <= names or "platform_position" in names:
+        raise AttributeError(f"{type(assembly).__name__} has no stiffness of its end: something holds it")
+    compliance = np.array(jacobian(solution, ("tip_force", "tip_moment"), "pose", None, 0))
+    if "force_point" in names:
+        arm = (solution.tip_rotation @ solution.inputs.force_point[..., None])[..., 0]
+        compliance[..., :3] -= compliance[..., 3:] @ cross_matrix(arm)
+    scale = np.ones(POSE)
+    scale[3:] = assembly.longest
+    scaled = compliance * scale[:, None] * scale
+    result = np.full(compliance.shape, np.nan)
+    sound = np.isfinite(scaled).all(axis=(-2, -1))
+    values = np.linalg.svd(np.where(sound[..., None, None], scaled, 0.0), compute_uv=False)
+    sound &= values[..., -1] > SINGULAR * values[..., 0]
+    result[sound] = np.linalg.inv(scaled[sound]) * scale[:, None] * scale
+    return np.asarray(frozen(result))
