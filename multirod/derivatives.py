@@ -29,7 +29,7 @@ def names_of(solution: "Solution[Any]", names: Sequence[object], call: str = "ja
     allowed = (*(spec.name for spec in solution.assembly.input_specs), *solution.assembly.parameters)
     if not names:
         raise TypeError(f"{call} needs an input or several: it takes " + ", ".join(allowed))
-    known = []
+    known: list[str] = []
     for name in names:
         if not isinstance(name, str) or name not in allowed:
             hint = meant(name, allowed) if isinstance(name, str) else ""
@@ -82,7 +82,7 @@ def _rows(
     if of in ALONG:
         index = solution._rod_index(rod)
         places = places_of(solution, at, index)
-        tail = (*np.shape(at), 3)
+        tail = (places.size, 3) if np.ndim(np.asarray(at)) else (3,)
 
         def along(problem: Any, moved: FloatArray) -> FloatArray:
             own = np.broadcast_to(places, (problem.instance_count, places.size))
@@ -167,10 +167,10 @@ def _gathered(solution: "Solution[Any]", names: list[str], columns: Callable[[An
     return solution._gather(columns, pose_sensitivities=True, enabled=enabled, **options)
 
 
-def vjp(solution: "Solution[Any]", cotangent: Numbers, of: str, wrt: Sequence[object]) -> Mapping[str, FloatArray]:
+def vjp(solution: "Solution[Any]", cotangent: Numbers, of: str, wrt: object) -> Mapping[str, FloatArray]:
     """What ``Solution.vjp`` says; (D13)."""
     part = OF_TIP[choice("of", of, OF_TIP)]
-    known = names_of(solution, (wrt,) if isinstance(wrt, str) else wrt, "vjp(wrt=...)")
+    known = names_of(solution, tuple(wrt) if isinstance(wrt, (tuple, list)) else (wrt,), "vjp(wrt=...)")
     rows = part.stop - part.start
     given = array("cotangent", cotangent, (rows,))
     try:
@@ -215,7 +215,7 @@ def stiffness(solution: "Solution[Any]") -> FloatArray:
     scale[3:] = assembly.longest
     scaled = compliance * scale[:, None] * scale
     result = np.full(compliance.shape, np.nan)
-    sound = np.isfinite(scaled).all(axis=(-2, -1))
+    sound = np.asarray(np.isfinite(scaled).all(axis=(-2, -1)))
     values = np.linalg.svd(np.where(sound[..., None, None], scaled, 0.0), compute_uv=False)
     sound &= values[..., -1] > SINGULAR * values[..., 0]
     result[sound] = np.linalg.inv(scaled[sound]) * scale[:, None] * scale

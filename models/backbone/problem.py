@@ -561,7 +561,7 @@ class BackboneProblem(BoundaryProblem):
         then, these fixed, by each number that the problem is aimed at, each (instance_count, count, 3, n + k)."""
         if self.features.eccentric:
             raise NotImplementedError("derivatives along rods side by side are not known: their frames are not the line's")
-        made = self.tool(("along", places.shape[1]), lambda: AlongPass(self, places.shape[1]))
+        made: AlongPass = self.tool(("along", places.shape[1]), lambda: AlongPass(self, places.shape[1]))
         found, lever = made.at(places, rod)
         rates, n = self.unknown_rates(names), self.unknown_count
         if rates is not None:
@@ -571,7 +571,7 @@ class BackboneProblem(BoundaryProblem):
             rigid = carried(lever.reshape(-1, 3)).reshape(*lever.shape[:2], 2, 3, -1)
             for k, name in enumerate(("position", "rotation")):
                 found[name][..., n + own.start : n + own.stop] += rigid[:, :, k]
-        return found
+        return dict(found)
 
     def base_position(self) -> FloatArray:
         """Of the base in the world [m], shape (instance_count, 3)."""
