@@ -46,9 +46,9 @@ def jacobian(solution: "Solution[Any]", names: Sequence[object], of: str, at: Nu
         refuse("at", at, f"must not be given of {of}: it is for {', '.join(ALONG)}")
     # a follower force is an unknown's worth of equations more, but to first order only its direction counts
     twins = twins_of(solution, known)
-    names = [twin or name for name, twin in zip(known, twins, strict=True)]
-    tail, rows = _rows(solution, names, of, at, rod)
-    result = _by(solution, names, rows, tail)
+    stand_ins = [twin or name for name, twin in zip(known, twins, strict=True)]
+    tail, rows = _rows(solution, stand_ins, of, at, rod)
+    result = _by(solution, stand_ins, rows, tail)
     if not any(twins):
         return result
     parts = split(solution, known, result)
