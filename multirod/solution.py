@@ -562,6 +562,9 @@ class Solution(Generic[Robot_co]):
             ValueError: If ``of`` is none of these, or ``at`` is not on the rod.
             NotImplementedError: If the assembly does not give these derivatives.
         """
+        return self._jacobian(names, of, at, rod)
+
+    def _jacobian(self, names: tuple[object, ...], of: str, at: Numbers | None, rod: int | str) -> FloatArray:
         return derivatives.jacobian(self, names, of, at, rod)
 
     def vjp(

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from itertools import combinations
 from math import inf
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any, Self, Unpack
 
 import numpy as np
 
@@ -109,6 +109,11 @@ class ConcentricTubes(BackboneAssembly):
                 return False
             low = value
         return True
+
+    def with_rods(self, rods: Sequence[Rod]) -> Self:  # noqa: D102
+        result = super().with_rods(rods)
+        result._shortest = [float(np.min(tube.length)) for tube in rods]
+        return result
 
     def __repr__(self) -> str:
         return f"ConcentricTubes({list(self.rods)!r})"

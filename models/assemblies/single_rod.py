@@ -1,7 +1,7 @@
 """One rod, clamped at its base, free at its tip: the robot of the paper."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Unpack
+from typing import TYPE_CHECKING, Self, Unpack
 
 import numpy as np
 
@@ -104,6 +104,11 @@ class SingleRod(BackboneAssembly):
         if name == "translation":
             return values[0] == 0 or (values[0] > -self._shortest and values[0] >= -self._pulled)
         return name not in BY_MATERIAL
+
+    def with_rods(self, rods: Sequence[Rod]) -> Self:  # noqa: D102
+        result = super().with_rods(rods)
+        result._shortest = float(np.min(rods[0].length))
+        return result
 
     def __repr__(self) -> str:
         return f"SingleRod({self.rods[0]!r})"

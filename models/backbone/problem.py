@@ -864,7 +864,8 @@ class BackboneAssembly(Assembly):
     def with_rods(self, rods: Sequence[Rod]) -> Self:  # noqa: D102
         result = copy(self)
         result.rods = tuple(rods)
-        result.__dict__.pop("arrays", None)
+        for name in ("arrays", "longest", "stiffest"):
+            result.__dict__.pop(name, None)
         return result
 
     def features(self, inputs: Inputs, *, enabled: Iterable[str] = ()) -> tuple[Features, ...]:  # noqa: D102

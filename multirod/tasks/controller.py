@@ -51,11 +51,11 @@ class Command(Solution[Robot_co]):
     free: tuple[str, ...]
     _by_free: FloatArray
 
-    def _jacobian(self, names: tuple[object, ...], of: str) -> FloatArray:
+    def _jacobian(self, names: tuple[object, ...], of: str, at: Any, rod: int | str) -> FloatArray:
         """By the inputs that are free, without another integration: the columns of the sample's own."""
-        if of == "pose" and names == self.free:
+        if of == "pose" and names == self.free and at is None:
             return np.asarray(frozen(self._by_free))
-        return super()._jacobian(names, of)
+        return super()._jacobian(names, of, at, rod)
 
 
 class Controller(Uncopied, Generic[Robot_co]):

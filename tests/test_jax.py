@@ -1,0 +1,94 @@
+"""Robots as functions of JAX."""
+
+import numpy as np
+import pytest
+
+import multirod as mr
+
+jax = pytest.importorskip("jax", reason="JAX is not installed")
+check_grads = pytest.importorskip("jax.test_util").check_grads
+FORCE = np.array([0.05, 0.1, 0.1])
+
+
+@pytest.fixture(autouse=True)
+def double():
+    """In double precision, as differences need it."""
+    with jax.enable_x64(True):
+        yield
+
+
+@pytest.fixture(scope="module")
+def robot():
+    own = {"torsional_stiffness": 0.064, "bending_stiffness": 0.22}
+    return mr.SingleRod(mr.Rod(length=0.4, precurvature=[(0.25, (14, 5, 1)), (0.15, (3, -5, 2))], **own))
+
+
+@pytest.fixture(scope="module")
+def tip(robot):
+    return mr.jax.function(robot, inputs=robot.inputs(rotation=0.3))
+
+
+def test_the_function_is_what_solve_says(robot, tip):
+    expected = mr.solve(robot, robot.inputs(rotation=0.3, tip_force=FORCE))
+    np.testing.assert_array_equal(tip(tip_force=FORCE), expected.tip_position)
+    pose = mr.jax.function(robot, of="tip_pose")(rotation=[0.3], tip_force=FORCE)
+    np.testing.assert_array_equal(pose[:3, :3], expected.tip_rotation)
+    np.testing.assert_array_equal(tip(precurvature=tip.value_of("precurvature"), tip_force=FORCE), expected.tip_position)
+
+
+def test_derivatives_are_those_of_the_solution_forward_and_reverse(robot, tip):
+    solution = mr.solve(robot, robot.inputs(rotation=0.3, tip_force=FORCE))
+    given = {"precurvature": tip.value_of("precurvature"), "tip_force": FORCE}
+    for differentiate in (jax.jacfwd, jax.jacrev):
+        found = jax.jit(differentiate(lambda values: tip(**values)))(given)
+        for name in given:
+            np.testing.assert_allclose(found[name].reshape(3, -1), solution.jacobian(name)[:3], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("of", ["tip_position", "tip_pose"])
+def test_numerical_differences_agree(robot, of):
+    own = mr.jax.function(robot, of=of, solver=mr.Shooting(integrator=mr.RK45(rtol=1e-11, atol=1e-13), tolerance=1e-12))
+    jax.test_util.check_grads(
+        lambda f, u: own(tip_force=f, precurvature=u), (FORCE, own.value_of("precurvature")), order=1, eps=1e-4
+    )
+
+
+def test_a_failed_instance_is_nan_and_leaves_the_others_as_they_are_alone(robot, tip):
+    """By ``vmap``, of a batch, and one by one, bitwise."""
+    few = mr.jax.function(robot, solver=mr.Shooting(max_integrations=20, fallback=False))
+    forces = np.array([FORCE, (0, 900.0, 0), (0.02, 0, 0.1), (np.nan, 0, 0)])
+    value = jax.jit(lambda f: few(tip_force=f))
+    slope = jax.jit(jax.jacrev(lambda f: few(tip_force=f)))
+    mapped, slopes = np.asarray(jax.vmap(value)(forces)), np.asarray(jax.vmap(slope)(forces))
+    status = few.status(tip_force=forces)
+    assert [mr.Status(int(s)).failed for s in status] == [False, True, False, True]
+    for k in (0, 2):
+        np.testing.assert_array_equal(mapped[k], value(forces[k]))
+        np.testing.assert_array_equal(slopes[k], slope(forces[k]))
+    assert np.isnan(mapped[[1, 3]]).all()
+    assert np.isnan(slopes[[1, 3]]).all()
+    np.testing.assert_array_equal(few(tip_force=forces), mapped)
+
+
+def test_vmap_over_some_of_the_values(tip):
+    forces = np.stack([FORCE, 2 * FORCE])
+    curves = tip.value_of("precurvature") + np.arange(2)[:, None, None, None]
+    both = jax.vmap(lambda f: tip(tip_force=f, precurvature=curves))(forces)
+    assert both.shape == (2, 2, 3)
+    np.testing.assert_array_equal(both[1, 0], tip(tip_force=forces[1], precurvature=curves[0]))
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "message"),
+    [
+        (lambda tip: tip(tip_forces=FORCE), TypeError, "did you mean 'tip_force'"),
+        (lambda tip: tip(), TypeError, "values are to be given by name"),
+        (lambda tip: tip(tip_force=[1.0]), ValueError, r"must be \(..., 3\)"),
+        (lambda tip: tip(tip_force=np.zeros((2, 3)), rotation=np.zeros((3, 1))), ValueError, "leading axes of the values"),
+        (lambda tip: mr.jax.function(tip), TypeError, "robot must be an assembly"),
+        (lambda tip: mr.jax.function(tip.equilibrium.robot, of="tip"), ValueError, "of = 'tip'"),
+    ],
+)
+def test_what_does_not_fit_is_said(tip, call, error, message):
+    with pytest.raises(error, match=message):
+        call(tip)
