@@ -732,6 +732,10 @@ def test_lines_are_drawn_where_they_are_in_the_colour_of_their_tension(lined_his
     starts = np.array(recording.column(chamber, "Capsules3D:translations"))
     np.testing.assert_allclose(starts, history.line("chamber", nodes=21).position[:, :-1], atol=1e-7)
     np.testing.assert_allclose(recording.column(chamber, "Capsules3D:radii"), np.sqrt(2e-5 / np.pi))
+    # the rod is drawn so thin that it hides no line
+    offsets = [np.linalg.norm(line.offset_at(np.zeros((1, 1)), (), None)) for line in history.assembly.rods[0].lines]
+    drawn = np.concatenate(recording.column("/world/rods/rod_0", "Capsules3D:radii"))
+    assert (drawn < min(offsets)).all()
     colors = np.array(recording.column(right, "LineStrips3D:colors"))[:, 0]
     red, blue = colors >> 24 & 0xFF, colors >> 8 & 0xFF
     pulls = history.tension[:, 0] > 0
@@ -850,6 +854,23 @@ def test_last_shape_and_the_status_in_words_where_samples_failed(broken, tmp_pat
     labels = recording.column("/world/failed/status", "Points3D:labels")
     status = mr.Status(int(broken.status[10]))
     assert [label.replace("\n", " ") for label in labels[0]] == [f"{status.name} {status.message}"]
+    assert not labels[1]
+
+
+def test_where_a_robot_buckled_the_shape_before_and_the_status_in_words(tmp_path):
+    column = mr.SingleRod(mr.Rod(length=0.5, bending_stiffness=(0.04, 0.02), torsional_stiffness=0.015))
+    force = np.zeros((4, 3))
+    force[:, 2] = -(np.pi**2) / 4 * 0.02 / 0.5**2 * np.array([0.5, 0.9, 1.3, 1.4])
+    pushed = mr.simulate(column, column.inputs(tip_force=force), time=np.arange(4), solver=mr.Shooting(integrator=mr.RK4(50)))
+    assert pushed.status.tolist() == [1, 1, mr.Status.BIFURCATED, 1]
+    pushed.save(tmp_path / "run.rrd", nodes=11)
+    recording = Recording(tmp_path / "run.rrd")
+    np.testing.assert_array_equal(recording.index("/world/failed/rods/rod_0", "step"), [2, 3])
+    (during, after) = recording.column("/world/failed/rods/rod_0", "LineStrips3D:strips")
+    np.testing.assert_allclose(during[0], pushed.rod(0, nodes=11).position[1], atol=1e-7)
+    assert not after
+    labels = recording.column("/world/failed/status", "Points3D:labels")
+    assert labels[0][0].startswith("BIFURCATED\n")
     assert not labels[1]
 
 

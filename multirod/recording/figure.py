@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from multirod.assembly import Assembly
 from multirod.models.assemblies.parallel_rods import InverseParallelRods, ParallelRods
-from multirod.models.backbone.lines import Chamber
+from multirod.models.backbone.lines import Chamber, Line
 from multirod.models.backbone.problem import BackboneAssembly
 from multirod.rod import Rod
 from multirod.validation import FloatArray
@@ -37,6 +37,9 @@ _NESTING = 0.75  # radius of such a tube over that of the next around it
 _PALEST = 0.5  # how much white is in the colour of a leg's innermost tube
 _MARGIN = 0.25  # how far a platform reaches beyond its attachments, over their distance from its middle
 _RIM = 1.25  # radius of a disc over the offset of the outermost line
+_BESIDE = 0.7  # radius of a rod over how far its lines are from its middle, where these would be hidden in it
+_LEAST = 0.1  # of its radius, that a rod is drawn with then
+_PLACES = 33  # along a rod, at which its lines are looked at
 _CORNERS = 12  # of the rounding about each attachment
 _COPIES = 6  # of a corner among a plate's vertices: on two faces and, for each of two sides, twice on the rim
 
@@ -146,9 +149,24 @@ def drawn_lines(assembly: Assembly, rods: Sequence[DrawnRod]) -> list[DrawnLine]
     lines = []
     for k, (rod, line) in enumerate(assembly.lines):
         name = line.name or f"line {k + 1}"
-        radius = math.sqrt(float(np.max(line.area)) / math.pi) if isinstance(line, Chamber) else 0.0
-        lines.append(DrawnLine(name, (*rods[rod].path, name), radius))
+        lines.append(DrawnLine(name, (*rods[rod].path, name), _line_radius(line)))
     return lines
+
+
+def beside_lines(rods: Sequence[Rod], drawn: Sequence[DrawnRod]) -> float:
+    """Part of their radii by which all rods are drawn, so that no line is hidden in its rod; batches of routes apart."""
+    part = 1.0
+    for rod, own in zip(rods, drawn, strict=True):
+        places = np.linspace(0, float(np.max(rod.length)), _PLACES)[None]
+        for line in rod.lines:
+            if not line.batch_shape:
+                nearest = np.nanmin(np.linalg.norm(line.offset_at(places, (), None), axis=-1), initial=math.inf)
+                part = min(part, max(_BESIDE * (float(nearest) - _line_radius(line)) / own.radius, _LEAST))
+    return part
+
+
+def _line_radius(line: Line) -> float:
+    return math.sqrt(float(np.max(line.area)) / math.pi) if isinstance(line, Chamber) else 0.0
 
 
 def discs(rod: Rod) -> tuple[FloatArray, float]:

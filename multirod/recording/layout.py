@@ -46,7 +46,8 @@ def description(stage: Stage, title: str, solver: str, total: int, compared: str
         + ("; difference is the distance from the reference" if any(p.name == "difference" for p in stage.profiles) else "")
         + ". Where a section ends they may jump.",
         "",
-        "**Status** of each sample; one that failed has no shape, no numbers in the plots, and the last shape before in grey.",
+        "**Status** of each sample; one that failed has no shape, no numbers in the plots, and the last shape before in grey. "
+        + "One in which the robot buckled or snapped has the shape before in grey too.",
     ]
     return "\n".join(lines)
 
@@ -59,6 +60,8 @@ def legend(stage: Stage) -> str:
         parts.append(f"arrows: {', '.join(arrows)}, 1 N is {1e3 * stage.force_scale:.4g} mm")
     if stage.lines:
         parts.append(f"lines: red pulls, blue pushes, in full at {stage.strongest:g} N; grey hangs loose")
+    if stage.thinner:
+        parts.append("rods thinner than they are, so that lines show")
     if stage.coloring:
         parts.append(f"{stage.coloring}, grey without result")
     if stage.reference:

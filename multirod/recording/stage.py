@@ -18,6 +18,7 @@ from multirod.recording.figure import (
     DrawnRod,
     Plate,
     bases,
+    beside_lines,
     drawn_lines,
     drawn_rods,
     kind,
@@ -64,6 +65,7 @@ class Stage:
         reference: What it is called; empty where there is none.
         kind: What the robot's parts are called.
         rods: How each rod is drawn.
+        thinner: Whether that is thinner than they are, so that their lines are seen.
         reference_rods: How each rod of the reference is drawn, which may be another robot.
         lines: How each line of the rods is drawn.
         strongest: Tension at which a line's colour is full [N].
@@ -88,6 +90,7 @@ class Stage:
     reference: str
     kind: str
     rods: tuple[DrawnRod, ...]
+    thinner: bool
     reference_rods: tuple[DrawnRod, ...]
     lines: tuple[DrawnLine, ...]
     strongest: float
@@ -136,7 +139,9 @@ class Stage:
             scale = final_scale(largest_force(block), size)
             extent.add(arrow_ends(block, scale if force_scale is None else force_scale))
             frame = Frame(extent.points)
-        rods = _visible(drawn_rods(assembly), size)
+        whole = drawn_rods(assembly)
+        part = beside_lines(assembly.rods, whole)
+        rods = _visible([replace(rod, radius=part * rod.radius) for rod in whole], size)
         reference_rods = () if reference is None else _visible(drawn_rods(reference.assembly), size)
         return cls(
             assembly=assembly,
@@ -148,6 +153,7 @@ class Stage:
             reference="" if reference is None else reference_name or "reference",
             kind=kind(assembly),
             rods=rods,
+            thinner=part < 1,
             reference_rods=reference_rods,
             lines=tuple(drawn_lines(assembly, rods)),
             strongest=_strongest(block, live),

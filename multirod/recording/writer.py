@@ -321,25 +321,27 @@ class Writer:
     def _write_failed(
         self, k: int, steps: NDArray[np.int64], times: FloatArray, codes: NDArray[Any], positions: Sequence[FloatArray]
     ) -> None:
-        """Where samples begin to fail, the last shape before and what happened, in words; where they end, nothing."""
+        """Where samples begin to fail, buckle or snap, the last shape before and what happened, in words; where they end,
+        nothing."""
         import rerun as rr
 
         failed = failures(codes)
+        told = failed | np.isin(codes, (Status.BIFURCATED, Status.SNAPPED))
         last = self._last_sound.setdefault(k, [np.zeros((0, 3)) for _ in positions])
-        states = np.where(failed, codes, -1)
+        states = np.where(told, codes, -1)
         path = self.stage.world("failed/status", k)
         self._last_value.setdefault(path, -1)
-        if failed.any() or self._last_value[path] != -1:
+        if told.any() or self._last_value[path] != -1:
             for row in np.flatnonzero(self._changed(path, states)):
                 index = columns.index(steps[row : row + 1], times[row : row + 1])
                 shown = [p[row - 1] for p in positions] if row and not failed[row - 1] else last
                 for i, nodes in enumerate(shown):
-                    strip = [nodes] if failed[row] and len(nodes) else []
+                    strip = [nodes] if told[row] and len(nodes) else []
                     strips = rr.LineStrips3D.columns(strips=strip).partition([len(strip)])
                     self._send(self.stage.rod("failed/rods", k, i), index, strips)
                     last[i] = nodes
-                text = [_words(int(codes[row]))] if failed[row] else []
-                place = [self._place_of_words(nodes)] if failed[row] else []
+                text = [_words(int(codes[row]))] if told[row] else []
+                place = [self._place_of_words(nodes)] if told[row] else []
                 points = [*rr.Points3D.columns(positions=place).partition([len(text)])]
                 self._send(path, index, [*points, *rr.Points3D.columns(labels=text).partition([len(text)])])
         sound = np.flatnonzero(~failed)
