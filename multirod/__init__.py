@@ -61,6 +61,7 @@ if _typing.TYPE_CHECKING:
     from multirod.studies.tradeoffs import Measured, Tradeoff, tradeoff, tune
     from multirod.tasks.calibrate import Calibration, calibrate
     from multirod.tasks.controller import Command, Controller
+    from multirod.tasks.curvature import Curvature
     from multirod.tasks.estimate import Estimate, estimate
     from multirod.tasks.estimator import Estimator
     from multirod.tasks.limits import Limits
@@ -87,6 +88,7 @@ __all__ = [
     "Controller",
     "CriticalLoad",
     "CriticalLoads",
+    "Curvature",
     "Dropped",
     "EccentricTubes",
     "EnergyDescent",
@@ -183,6 +185,7 @@ _PUBLIC = {
     "studies.sweeps": "Study sweep",
     "studies.terms": "Dropped Explanation Term explain",
     "tasks.calibrate": "Calibration calibrate",
+    "tasks.curvature": "Curvature",
     "tasks.estimate": "Estimate estimate",
     "tasks.estimator": "Estimator",
     "tasks.priors": "Prior Walk",

@@ -13,6 +13,8 @@ from multirod.types import Numbers
 from multirod.validation import FloatArray, array, choice, frozen, meant, refuse, shown
 
 if TYPE_CHECKING:
+    from multirod.assembly import Assembly
+    from multirod.inputs import Inputs
     from multirod.solution import Solution
 
 POSE = 6
@@ -108,16 +110,19 @@ def places_of(solution: "Solution[Any]", at: Numbers | None, rod: int) -> FloatA
     places = np.atleast_1d(array("at", at))
     if places.ndim != 1 or not places.size or (np.diff(places) <= 0).any():
         refuse("at", at, "must be one arclength or several, rising")
-    own = solution.assembly.rods[rod]
-    slid = solution.inputs.translation[..., rod]
-    end = own.length + slid
+    return places_on(solution.assembly, solution.inputs, places, rod)
+
+
+def places_on(assembly: "Assembly", inputs: "Inputs", places: FloatArray, rod: int) -> FloatArray:
+    """Rising arclengths along a rod (count,), which must be on it: where a section ends, those just before it."""
+    end = assembly.rods[rod].length + inputs.translation[..., rod]
     if places[0] <= 0 or (places[-1] > end * (1 + SINGULAR)).any():
-        refuse("at", at, f"must be > 0 and <= {float(np.min(end)):g} m, where the rod ends")
+        refuse("at", places.tolist(), f"must be > 0 and <= {float(np.min(end)):g} m, where the rod ends")
     gap = 1e-12 * float(np.max(end))
     result = places.copy()
-    for k, rod_k in enumerate(solution.assembly.rods):
-        ends = np.cumsum([np.broadcast_to(section.length, rod_k.batch_shape) for section in rod_k.sections], axis=0)
-        ends = (ends + solution.inputs.translation[..., k]).reshape(-1, 1)
+    for k, other in enumerate(assembly.rods):
+        ends = np.cumsum([np.broadcast_to(section.length, other.batch_shape) for section in other.sections], axis=0)
+        ends = (ends + inputs.translation[..., k]).reshape(-1, 1)
         near = np.where(np.abs(ends - places) <= gap, ends - gap, np.inf).min(axis=0)
         result = np.minimum(result, near)
     return result

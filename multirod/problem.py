@@ -436,6 +436,20 @@ class BoundaryProblem(Uncopied, ABC):
         """
         raise NotImplementedError(f"{type(self).__name__} does not give derivatives along its rods")
 
+    def sensing(self, places: FloatArray) -> Any:
+        """What may be launched in the place of ``integrate``, by its ``launch()``, and tells more: curvatures at ``places``
+        (count,), rising arclengths, which ``sensed`` reads."""
+        raise NotImplementedError(f"{type(self).__name__} does not give derivatives along its rods")
+
+    def sensed(self, made: Any, names: Sequence[str], rod: int) -> tuple[FloatArray, FloatArray]:
+        """What the last launch of ``sensing(...)`` said of a rod, after ``aim(*names)``.
+
+        Returns:
+            Curvatures in its frame [1/m], shape (instance_count, count, 3), and their derivatives by the unknowns, then by each
+            number named, shape (instance_count, count, 3, n + k).
+        """
+        raise NotImplementedError(f"{type(self).__name__} does not give derivatives along its rods")
+
     def curvature_scale(self) -> FloatArray:
         """Size of the curvatures that arise [1/m], shape (instance_count,): the rods' own, or one over the length."""
         return np.ones(self.instance_count)

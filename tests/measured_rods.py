@@ -56,7 +56,7 @@ class MeasuredRod(RodEquations):
         turned = Rotation.from_matrix(R[-1]).as_matrix()  # steps leave it a rotation to 1e-7
         return states[-1, :, :3], turned, np.moveaxis(curvature[list(at)], 0, 1), base
 
-    def information(self, force, *, position=None, angle=None, at=(), curvature=None):
+    def information(self, force, *, position=None, angle=None, at=(), curvature=None, components=3):
         """Fisher's information (row, 3, 3) of what sensors with these standard deviations tell of the force."""
         base = self.equilibrium(force)
         rows, h = [], 1e-4
@@ -70,7 +70,8 @@ class MeasuredRod(RodEquations):
                 turn = Rotation.from_matrix(ends[0][1] @ np.swapaxes(ends[1][1], 1, 2)).as_rotvec()
                 parts.append(turn / (2 * h * angle))
             if curvature:
-                parts.append(((ends[0][2] - ends[1][2]) / (2 * h * curvature)).reshape(len(force), -1))
+                bent = (ends[0][2] - ends[1][2])[..., :components]
+                parts.append((bent / (2 * h * curvature)).reshape(len(force), -1))
             rows.append(np.concatenate(parts, axis=1))
         J = np.stack(rows, axis=-1)
         return np.swapaxes(J, 1, 2) @ J

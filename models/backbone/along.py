@@ -10,20 +10,24 @@ import numpy as np
 import warp as wp
 
 from multirod.models.backbone.kernels.layout.layout import Layout
-from multirod.rotations import cross
+from multirod.rotations import cross, cross_matrix
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
     from multirod.models.backbone.problem import BackboneProblem
 
 QUANTITIES = ("position", "rotation", "curvature")
+SHARED = ("residual", "gamma", "residual_directions", "pose_columns")
 NODE_GAP = 1e-12  # of the length: a place this close to the end of a section is just before it
 
 
 class AlongPass:
-    """A pass of a ``BackboneProblem`` with columns by its unknowns and its directions at some places."""
+    """A pass of a ``BackboneProblem`` with columns by its unknowns and its directions at some places.
 
-    def __init__(self, problem: "BackboneProblem", count: int) -> None:
+    With ``shared`` it leaves all else that an integration tells in the problem's own buffers, and may take the place of one.
+    """
+
+    def __init__(self, problem: "BackboneProblem", count: int, *, shared: bool = False) -> None:
         features = replace(
             problem.features,
             nodes=True,
@@ -48,18 +52,57 @@ class AlongPass:
             "line_length_columns": (problem.drive_count, columns),
         }
         for name, shape in shapes.items():
-            setattr(self._call, name, wp.zeros((batch, *shape), dtype=wp.float64, device=device))
-        self._call.position = wp.zeros(batch, dtype=wp.vec3d, device=device)
-        self._call.rotation = wp.zeros(batch, dtype=wp.mat33d, device=device)
+            if not (shared and name in SHARED):
+                setattr(self._call, name, wp.zeros((batch, *shape), dtype=wp.float64, device=device))
+        if not shared:
+            self._call.position = wp.zeros(batch, dtype=wp.vec3d, device=device)
+            self._call.rotation = wp.zeros(batch, dtype=wp.mat33d, device=device)
         self._launch = problem._record(features, self._call, columns=(n, problem.direction_count))
 
     def at(self, places: FloatArray, rod: int) -> tuple[dict[str, FloatArray], FloatArray]:
         """Columns of ``QUANTITIES`` of a rod at rising ``places`` (instance_count, count), by unknowns, then by directions, each
         (instance_count, count, 3, column); and how far they are from the base, in the world, (instance_count, count, 3)."""
-        arclength = np.concatenate([np.zeros((len(places), 1)), places], axis=1)
-        self._call.node_arclength.assign(arclength)
-        self._launch.launch()
+        self.place(places)
+        self.launch()
         return self._quantities(self._call.node_columns.numpy()[:, 1:], rod)
+
+    def place(self, places: FloatArray) -> None:
+        """Be at rising ``places`` (instance_count, count) from now on."""
+        self._call.node_arclength.assign(np.concatenate([np.zeros((len(places), 1)), places], axis=1))
+
+    def launch(self) -> None:
+        """Integrate."""
+        self._launch.launch()
+
+    def curvature(self, rod: int) -> tuple[FloatArray, FloatArray]:
+        """Of the last launch: ``u`` of a rod (instance_count, count, 3), and its columns as of ``at``, by few products."""
+        found, layout, size = self._call.node_columns.numpy()[:, 1:], self.layout.column, self.layout.column.size
+        first = layout["frame"]
+        frame, rate = found[:, :, first : first + 4], found[:, :, size + first : size + first + 4]
+        q = frame[..., -1]
+        # as matrices: twice the vector part of q^-1 times a quaternion, and a quaternion times u
+        by_inverse, by_curvature = np.zeros((*q.shape[:2], 3, 4)), np.zeros((*q.shape[:2], 4, 4))
+        by_inverse[..., :3] = -cross_matrix(q[..., :3])
+        by_inverse[..., 3] = -q[..., :3]
+        across = np.arange(3)
+        by_inverse[..., across, across] = q[..., 3:]
+        by_inverse *= (2 / (q**2).sum(axis=-1))[..., None, None]
+        u = (by_inverse @ rate[..., -1:])[..., 0]
+        by_curvature[..., :3, :3] = -cross_matrix(u)
+        by_curvature[..., :3, 3], by_curvature[..., 3, :3] = u, -u
+        columns = by_inverse @ (rate[..., :-1] - 0.5 * by_curvature @ frame[..., :-1])
+        if rod == 0:
+            return u, columns
+        place = layout["angles"] + rod - 1
+        angle, turning = found[:, :, place, -1], found[:, :, size + place]
+        turn = np.zeros((*q.shape[:2], 3, 3))
+        c, s = np.cos(angle), np.sin(angle)
+        turn[..., 0, 0], turn[..., 0, 1], turn[..., 1, 0], turn[..., 1, 1], turn[..., 2, 2] = c, s, -s, c, 1.0
+        columns = columns + np.stack([u[..., 1], -u[..., 0], 0 * c], axis=-1)[..., None] * found[:, :, place, None, :-1]
+        columns, u = turn @ columns, (turn @ u[..., None])[..., 0]
+        u[..., 2] += turning[..., -1]
+        columns[..., 2, :] += turning[..., :-1]
+        return u, columns
 
     def _quantities(self, found: FloatArray, rod: int) -> tuple[dict[str, FloatArray], FloatArray]:
         """(D11), (D12)"""

@@ -573,6 +573,20 @@ class BackboneProblem(BoundaryProblem):
                 found[name][..., n + own.start : n + own.stop] += rigid[:, :, k]
         return dict(found)
 
+    def sensing(self, places: FloatArray) -> AlongPass:  # noqa: D102
+        if self.features.eccentric:
+            raise NotImplementedError("derivatives along rods side by side are not known: their frames are not the line's")
+        made = AlongPass(self, len(places), shared=True)
+        made.place(np.broadcast_to(places, (self.instance_count, len(places))))
+        return made
+
+    def sensed(self, made: AlongPass, names: Sequence[str], rod: int) -> tuple[FloatArray, FloatArray]:  # noqa: D102
+        curvature, columns = made.curvature(rod)
+        rates, n = self.unknown_rates(names), self.unknown_count
+        if rates is not None:
+            columns[..., n:] -= columns[..., :n] @ rates[:, None]
+        return curvature, columns
+
     def base_position(self) -> FloatArray:
         """Of the base in the world [m], shape (instance_count, 3)."""
         position = self.base[..., :3, 3]

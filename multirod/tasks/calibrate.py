@@ -18,8 +18,9 @@ from multirod.running.simulation import as_solver, solve
 from multirod.solution import Solution, SolveError
 from multirod.solver import Solver
 from multirod.status import Status
+from multirod.tasks.curvature import AlongEvaluation, AlongTask, Places
 from multirod.tasks.estimate import HALVINGS, SEEN, SETTLED, SLACK, TOLERANCE, block_diagonal
-from multirod.tasks.formulation import Evaluation, Task
+from multirod.tasks.formulation import Evaluation
 from multirod.tasks.inference import Posterior, kept, posterior, roots, units
 from multirod.tasks.priors import Prior
 from multirod.tasks.sensors import Measured, Sensor, batch_of, checked, refuse_nothing
@@ -139,7 +140,7 @@ def calibrate(
         parameters: One of ``bending_stiffness``, ``torsional_stiffness``, ``precurvature``, ``base`` or several (``Calibration``
             says what their numbers are), or with a ``Prior`` for each: its mean is what the robot has, and of stiffnesses its
             ``sigma`` is relative.
-        measured: ``Pose`` or several, each with ``sigma``; leading axes as those of ``inputs``.
+        measured: ``Pose``, ``Curvature``, or several, each with ``sigma``; leading axes as those of ``inputs``.
         solver: That finds the equilibria of the robot as it is; its integrator and tolerance are used.
         guess: Where these begin.
         max_iterations: Steps allowed.
@@ -159,7 +160,8 @@ def calibrate(
     most = positive_int("max_iterations", max_iterations)
     numbers = _Numbers(robot, _checked(robot, parameters))
     shape = np.broadcast_shapes(given.batch_shape, batch_of(sensors))
-    rows = Measured(sensors, shape, None)
+    places = Places(robot, given, sensors)
+    rows = Measured(sensors, places, shape, None)
     refuse_nothing("measured", rows.known)
     flat = int(np.isinf(np.diagonal(numbers.prior)).sum())
     if flat > rows.known.sum():
@@ -348,12 +350,12 @@ def _finite(rod: Rod, name: str) -> bool:
     return any(np.isfinite(getattr(section, name)).all() for section in rod.sections)
 
 
-class _Shapes(Task):
+class _Shapes(AlongTask):
     """All shapes of one robot; what is freed are columns by its parameters."""
 
-    def __init__(self, problem: Any, names: Sequence[str]) -> None:
+    def __init__(self, problem: Any, names: Sequence[str], places: Places) -> None:
         self.problem, self.free = problem, tuple(names)
-        problem.aim(*self.free)
+        self._sense(places)
 
     def evaluate(self, unknowns: FloatArray, *_: Any) -> Evaluation:
         """One integration at ``x`` (b, n)."""
@@ -419,10 +421,14 @@ class _Fit:
             problem = robot.problem(self.inputs, integrator=self.solver.integrator, device=self.device, **options)
         except ValueError:  # such as a stiffness beyond all numbers
             return None
-        found = _Shapes(problem, names).evaluate(x)
+        found = _Shapes(problem, names, self.measured.places).evaluate(x)
         self.integrations += 1
         columns = self.numbers.columns(robot, p)
-        found = replace(found, slopes=found.slopes @ columns, pose_by_free=found.pose_by_free @ columns)
+        changed: dict[str, Any] = {"slopes": found.slopes @ columns, "pose_by_free": found.pose_by_free @ columns}
+        if isinstance(found, AlongEvaluation):
+            own, n = found.curvature_columns, x.shape[1]
+            changed["curvature_columns"] = np.concatenate([own[..., :n], own[..., n:] @ columns], axis=-1)
+        found = replace(found, **changed)
         r, J = self.measured.at(found, slice(None))
         with np.errstate(invalid="ignore"):
             square = (r**2).sum() + ((self.root[0] @ p) ** 2).sum()

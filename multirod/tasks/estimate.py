@@ -18,7 +18,9 @@ from multirod.running.simulation import as_solver, unknowns_of_guess
 from multirod.solution import Scene, Solution
 from multirod.solver import Outcome, Solver
 from multirod.status import Status, failures
-from multirod.tasks.formulation import Evaluation, Task, freed
+from multirod.tasks.curvature import Places
+from multirod.tasks.formulation import Evaluation, freed
+from multirod.tasks.formulation import options as task_options
 from multirod.tasks.inference import kept, posterior, principal, roots, units
 from multirod.tasks.priors import Prior
 from multirod.tasks.sensors import Measured, Sensor, batch_of, checked, refuse_nothing
@@ -185,8 +187,8 @@ def estimate(
         robot: The assembly.
         inputs: What is known of the others, made by ``robot.inputs(...)``; none are all zero.
         unknown: What is to be estimated: inputs by name, each with its ``Prior``.
-        measured: ``Pose`` or several, each with ``sigma``. Where numbers are NaN, it goes on without them, and says so in
-            ``missing``.
+        measured: ``Pose``, ``Curvature``, or several, each with ``sigma``. Where numbers are NaN, it goes on without them, and says
+            so in ``missing``.
         solver: That finds the equilibrium at the priors' means, where it begins; its integrator and tolerance are used.
         guess: Where to begin instead: a solution, or unknowns (..., n), at the priors' means.
         max_iterations: Steps allowed.
@@ -207,9 +209,10 @@ def estimate(
     sensors = checked("measured", measured)
     most = positive_int("max_iterations", max_iterations)
     whole = _axes(robot, given, priors, sensors)
-    refuse_nothing("measured", Measured(sensors, whole, None).known)
+    places = Places(robot, given, sensors)
+    refuse_nothing("measured", Measured(sensors, places, whole, None).known)
     _refuse_more(priors, given, sum(sensor.count for sensor in sensors))
-    scene = Known(robot, at_means(robot, given, priors, whole), priors, sensors, whole, method, device, most, guess)
+    scene = Known(robot, at_means(robot, given, priors, whole), priors, sensors, places, whole, method, device, most, guess)
     count = prod(whole)
     workers = thread_count(threads)
     pieces = parts(count, workers, robot.rod_count) if count else []
@@ -235,6 +238,7 @@ class Known:
     inputs: Inputs
     priors: dict[str, Prior]
     sensors: tuple[Sensor, ...]
+    places: Places
     batch_shape: tuple[int, ...]
     solver: Solver
     device: str
@@ -252,15 +256,15 @@ class Part:
         self.scene, self.piece = scene, piece
         robot, inputs, names = scene.robot, scene.inputs, tuple(scene.priors)
         options: dict[str, Any] = {"integrator": scene.solver.integrator, "device": scene.device, "instances": instances}
-        self.task = Task.of(robot, inputs, names, **options)
-        self.measured = measured or Measured(scene.sensors, scene.batch_shape, instances)
+        problem = robot.problem(inputs, **options, **task_options(robot, names))
+        self.measured = measured or Measured(scene.sensors, scene.places, scene.batch_shape, instances)
         whole = (scene.batch_shape, instances)
+        self.task = self.measured.task(problem, names)
         self.prior = block_diagonal(
             [scene.priors[name].variances(name, getattr(inputs, name).shape[-1], *whole) for name in names]
         )
         self.root = roots(self.prior)
         self.mean = self.task.values()
-        problem = self.task.problem
         self.count, n, k = problem.instance_count, problem.unknown_count, self.task.count
         self.x, self.p = np.zeros((self.count, n)), np.array(self.mean)
         self.towards, self.by = np.zeros((self.count, n)), np.zeros((self.count, n, k))
@@ -291,7 +295,11 @@ class Part:
             self.x = problem.read("unknowns")
             good = ~failures(self.outcome.status)
             self.outcome.status[good] = Status.NOT_RUN
-            found = self.task.last(every[good])
+            if self.scene.places.rods:  # which it did not tell of
+                found = self.task.evaluate(np.where(good[:, None], self.x, 0.0), self.p, good)
+                self.outcome.integrations[good] += 1
+            else:
+                found = self.task.last(every[good])
         else:
             self.x = self._guessed()
             good = np.ones(self.count, dtype=bool)

@@ -17,8 +17,9 @@ from multirod.solution import Solution
 from multirod.solver import Outcome, Solver, Track
 from multirod.solvers.shooting import Shooting
 from multirod.status import Status, failures
+from multirod.tasks.curvature import Places
 from multirod.tasks.estimate import Estimate, Known, Part, at_means, block_diagonal, places_of
-from multirod.tasks.formulation import Task, freed, options
+from multirod.tasks.formulation import freed, options
 from multirod.tasks.priors import Prior, Walk
 from multirod.tasks.sensors import Live, Sensor, batch_of, checked
 from multirod.types import Numbers
@@ -34,7 +35,8 @@ class Estimator(Uncopied, Generic[Robot_co]):
         robot: The assembly.
         dt: Time between samples [s].
         unknown: What is to be estimated: inputs by name, each with its ``Walk``.
-        sensors: What is measured at each sample: ``Pose`` or several, each with ``sigma``; the numbers in them are not used.
+        sensors: What is measured at each sample: ``Pose``, ``Curvature``, or several, each with ``sigma``; what was
+            measured in them is not used.
         inputs: What is known of the others at the start; their batch axes are kept.
         integrator: Of the spatial equations; ``RK4(50)`` takes the same time at each sample.
         guess: Where the first sample begins, as for ``estimate``.
@@ -70,8 +72,9 @@ class Estimator(Uncopied, Generic[Robot_co]):
         walked = np.concatenate(rates, axis=1)[:, None, :] * np.eye(sum(sizes)) * step
         begin = [starts[name].variances(name, size, whole, None) for name, size in zip(names, sizes, strict=True)]
         method = RK45() if integrator is None else integrator
-        known = Known(robot, given, starts, parts, whole, Shooting(integrator=method), device, FIRST, guess)
-        self._filter = _Filter(known, Live(parts, whole), walked, block_diagonal(begin))
+        places = Places(robot, given, parts)
+        known = Known(robot, given, starts, parts, places, whole, Shooting(integrator=method), device, FIRST, guess)
+        self._filter = _Filter(known, Live(parts, places, whole), walked, block_diagonal(begin))
         self._filter.present = self._present
         self._robot, self._places = robot, places_of(given, names)
         self._whole = whole
@@ -181,7 +184,7 @@ class _FilterTrack(Track):
 
     def __init__(self, known: _Filter, problem: BoundaryProblem) -> None:
         self.known, self.problem = known, problem
-        self.task = Task(problem, known.names)
+        self.task = known.live.task(problem, known.names)
 
     def step(self) -> Outcome:
         """(10) to (12): one integration at what is expected, and the step that the measurements ask for."""
@@ -189,7 +192,7 @@ class _FilterTrack(Track):
         if known.unknowns is None:
             return self._begin(known)
         found = self.task.evaluate(known.unknowns, known.mean)
-        r, J = known.live.at(found, slice(None))
+        r, J = known.live.now(found)
         towards, by = found.eliminated
         outcome = Outcome.zeros(len(r))
         outcome.status[:] = Status.TRACKING

@@ -137,11 +137,14 @@ class Task:
         with self.problem.alone:
             self.write(unknowns, values)
             if chosen is None or chosen.all():
-                self.problem.integrate()
+                self._integrate()
                 return self.last()
             with self.problem.only(chosen):
-                self.problem.integrate()
+                self._integrate()
             return self.last(np.flatnonzero(chosen))
+
+    def _integrate(self) -> None:
+        self.problem.integrate()
 
     def last(self, instances: NDArray[np.intp] | slice = slice(None)) -> Evaluation:
         """What the last integration said of some instances, without another one."""

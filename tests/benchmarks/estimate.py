@@ -1,0 +1,128 @@
+"""Estimation: forces from poses and curvatures against the Cramer-Rao bound, and what a sample costs.
+
+python tests/benchmarks/estimate.py [--rounds N] [--trials N]
+
+Measurements and the bound come from ``measured_rods``, an integration of its own, by differences.
+"""
+
+import argparse
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+
+import multirod as mr
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from measured_rods import STEPS, MeasuredRod, turned_by
+
+POSITION, ANGLE, BENT = 1e-4, np.radians(0.1), 0.05  # what sensors are off [m], [rad], [1/m]
+SIGMA, WALK, DT, SAMPLES = 0.25, 0.3, 1e-3, 400
+WIRE = {"length": 0.4, "bending_stiffness": 0.223349, "torsional_stiffness": 0.063814, "precurvature": (14, 5, 0)}
+NODES = tuple(range(5, STEPS, 5))  # of the gratings
+FIXED = mr.RK4(50)
+
+
+def quality(trials: int) -> None:
+    """Integrations, errors over the bound, and squares of errors over what the covariance says, static."""
+    rod, robot = MeasuredRod(**WIRE), mr.SingleRod(mr.Rod(**WIRE))
+    random = np.random.default_rng(16)
+    force = SIGMA * random.normal(size=(trials, 3))
+    p, R, u, _ = rod.seen(force, NODES)
+    p = p + POSITION * random.normal(size=p.shape)
+    R = turned_by(ANGLE * random.normal(size=(trials, 3))) @ R
+    u = u + BENT * random.normal(size=u.shape)
+    at = np.array(NODES) * WIRE["length"] / STEPS
+    gratings = mr.Curvature(at=at, value=u[..., :2], sigma=BENT)
+    pose = mr.Pose(position=p, rotation=R, sigma=(POSITION, ANGLE))
+    kinds = {
+        "a pose": (pose, {"position": POSITION, "angle": ANGLE}),
+        f"{len(NODES)} curvatures": (gratings, {"at": NODES, "curvature": BENT, "components": 2}),
+    }
+    print("| force from | integrations | error over the bound | squares per dimension | error over the force |")
+    print("|---|---|---|---|---|")
+    for name, (sensor, told) in kinds.items():
+        found = mr.estimate(robot, unknown={"tip_force": mr.Prior(0, sigma=SIGMA)}, measured=sensor).raise_if_failed()
+        error, covariance = found.value("tip_force") - force, found.covariance("tip_force")
+        squares = np.einsum("bi,bij,bj->", error, np.linalg.inv(covariance), error) / (3 * trials)
+        bound = np.linalg.inv(rod.information(force, **told) + np.eye(3) / SIGMA**2)
+        over = np.sqrt((error**2).sum() / np.trace(bound, axis1=1, axis2=2).sum())
+        relative = np.sqrt((error**2).sum() / (force**2).sum())
+        print(f"| {name} | at most {found.integrations.max()} | {over:.3f} | {squares:.3f} | {relative:.1%} |")
+
+
+def motion() -> tuple[np.ndarray, np.ndarray, mr.Solution]:
+    """Angles of the base, forces, and where the tip goes."""
+    robot = mr.SingleRod(mr.Rod(**WIRE))
+    angle = 0.5 * np.sin(2 * np.pi * DT * np.arange(SAMPLES))
+    steps = WALK * np.sqrt(DT) * np.random.default_rng(1).normal(size=(SAMPLES, 3))
+    force = (0.2, -0.1, 0.3) + np.cumsum(steps, axis=0)
+    return angle, force, mr.solve(robot, robot.inputs(rotation=angle, tip_force=force), solver=mr.Shooting(integrator=FIXED))
+
+
+def estimator_step(sensor: mr.Pose | mr.Curvature, said: Callable[[int], object]) -> Callable[[], float]:
+    """Microseconds of ``Estimator.step``."""
+    angle, _, _ = motion()
+    meter = mr.Estimator(
+        mr.SingleRod(mr.Rod(**WIRE)), dt=DT, unknown={"tip_force": mr.Walk(WALK)}, sensors=sensor, integrator=FIXED
+    )
+
+    def measure() -> float:
+        times = []
+        for k in range(SAMPLES):
+            own = [said(k)]
+            begin = perf_counter()
+            sample = meter.step(own, rotation=angle[k])
+            times.append(perf_counter() - begin)
+        assert sample.integrations == 1
+        return 1e6 * float(np.median(times))
+
+    return measure
+
+
+def tracker_step() -> float:
+    """Microseconds of ``Tracker.step`` by Newton's method."""
+    angle, force, _ = motion()
+    robot = mr.SingleRod(mr.Rod(**WIRE))
+    tracker = mr.Tracker(robot, solver=mr.Shooting(integrator=FIXED), dt=DT, inputs=robot.inputs(tip_force=force[0]))
+    times = []
+    for k in range(SAMPLES):
+        begin = perf_counter()
+        tracker.step(rotation=angle[k], tip_force=force[k])
+        times.append(perf_counter() - begin)
+    return 1e6 * float(np.median(times))
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rounds", type=int, default=7)
+    parser.add_argument("--trials", type=int, default=500)
+    options = parser.parse_args()
+    quality(options.trials)
+    _, _, seen = motion()
+    position, rotation, shape = np.array(seen.tip_position), np.array(seen.tip_rotation), seen.rod(0, nodes=12)
+    at, bent = shape.arclength[0, 1:-1], np.array(shape.curvature[:, 1:-1, :2])
+    pose = mr.Pose(position=position[0], rotation=rotation[0], sigma=(POSITION, ANGLE))
+    runs: dict[str, Callable[[], float]] = {
+        "Tracker.step, Newton to 1e-9": tracker_step,
+        "Estimator.step, a pose": estimator_step(pose, lambda k: (position[k], rotation[k])),
+        "Estimator.step, 10 curvatures": estimator_step(mr.Curvature(at=at, value=bent[0], sigma=BENT), lambda k: bent[k]),
+    }
+    times: dict[str, list[float]] = {name: [] for name in runs}
+    for run in runs.values():
+        run()
+    for _ in range(options.rounds):
+        for name, run in runs.items():
+            times[name].append(run())
+    first = np.array(times["Tracker.step, Newton to 1e-9"])
+    print("\n| what | µs | spread | over Tracker.step |\n|---|---|---|---|")
+    for name, values in times.items():
+        ratio = np.median(np.array(values) / first)
+        print(f"| {name} | {np.median(values):.0f} | {min(values):.0f} to {max(values):.0f} | {ratio:.2f} |")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,134 @@
+"""Forces from curvatures along a rod: against measurements and bounds of a rod that is integrated by ``measured_rods``."""
+
+import numpy as np
+import pytest
+from measured_rods import STEPS, MeasuredRod
+
+import multirod as mr
+
+WIRE = {"length": 0.4, "bending_stiffness": 0.223349, "torsional_stiffness": 0.063814, "precurvature": (14, 5, 0)}
+NODES = tuple(range(5, STEPS, 5))
+AT = np.array(NODES) * 0.4 / STEPS
+SIGMA, BENT = 0.25, 0.05  # [N], [1/m]
+PRIOR = {"tip_force": mr.Prior(0, sigma=SIGMA)}
+
+
+@pytest.fixture(scope="module")
+def gratings():
+    """Forces, and what noisy gratings say of the bending at nine places."""
+    random = np.random.default_rng(5)
+    force = SIGMA * random.normal(size=(200, 3))
+    bent = MeasuredRod(**WIRE).seen(force, NODES)[2][..., :2]
+    return force, bent + BENT * random.normal(size=bent.shape)
+
+
+def test_force_from_curvatures_is_as_good_as_can_be(wire, gratings):
+    robot = mr.SingleRod(wire)
+    force, bent = gratings
+    found = mr.estimate(robot, unknown=PRIOR, measured=mr.Curvature(at=AT, value=bent, sigma=BENT)).raise_if_failed()
+    assert found.integrations.max() <= 6
+    assert (found.degrees == 18).all()
+    error, covariance = found.value("tip_force") - force, found.covariance("tip_force")
+    # of 600 squares: 0.8 to 1.2 is some four standard deviations
+    assert 0.8 < np.einsum("bi,bij,bj->", error, np.linalg.inv(covariance), error) / 600 < 1.2
+    few = slice(0, 8)
+    told = MeasuredRod(**WIRE).information(force[few], at=NODES, curvature=BENT, components=2)
+    bound = np.linalg.inv(told + np.eye(3) / SIGMA**2)
+    np.testing.assert_allclose(np.trace(covariance[few], axis1=1, axis2=2), np.trace(bound, axis1=1, axis2=2), rtol=0.2)
+    # without noise it is the force
+    exact = MeasuredRod(**WIRE).seen(force[few], NODES)[2]
+    sharp = mr.estimate(robot, unknown=PRIOR, measured=mr.Curvature(at=AT, value=exact, sigma=1e-4))
+    np.testing.assert_allclose(sharp.value("tip_force"), force[few], atol=1e-3)
+    # one of them, and the solution is the equilibrium that goes with it
+    one = mr.estimate(robot, unknown=PRIOR, measured=mr.Curvature(at=AT, value=bent[0], sigma=BENT))
+    again = mr.solve(robot, robot.inputs(tip_force=one.value("tip_force")))
+    np.testing.assert_allclose(one.solution.tip_position, again.tip_position, atol=1e-7)
+    np.testing.assert_array_equal(one.value("tip_force"), found.value("tip_force")[0])
+
+
+def test_a_grating_that_drops_out_is_gone_without(wire, gratings):
+    robot = mr.SingleRod(wire)
+    bent = np.array(gratings[1][0])
+    bent[3:] = np.nan
+    lost = mr.estimate(robot, unknown=PRIOR, measured=mr.Curvature(at=AT, value=bent, sigma=BENT))
+    fewer = mr.estimate(robot, unknown=PRIOR, measured=mr.Curvature(at=AT[:3], value=bent[:3], sigma=BENT))
+    np.testing.assert_allclose(lost.value("tip_force"), fewer.value("tip_force"), atol=1e-4)
+    assert lost.missing.all()
+    assert lost.degrees == 6
+
+
+def test_gratings_and_a_pose_in_a_loop(wire, gratings):
+    """One integration a sample, whatever sensors there are."""
+    force, _ = gratings
+    steps = mr.RK4(50)
+    robot = mr.SingleRod(wire)
+    truth = mr.solve(robot, robot.inputs(tip_force=force[0]))
+    bent = MeasuredRod(**WIRE).seen(force[:1], NODES)[2][0, :, :2]
+    sensors = [mr.Curvature(at=AT, value=bent, sigma=BENT), mr.Pose(position=(0, 0, 0), sigma=1e-4)]
+    meter = mr.Estimator(robot, dt=1e-3, unknown={"tip_force": mr.Walk(0.1)}, sensors=sensors, integrator=steps)
+    for k in range(10):
+        sample = meter.step([bent, truth.tip_position if k % 3 else None])
+        assert k == 0 or sample.integrations == 1
+    np.testing.assert_array_equal(sample.missing, [False, True])
+    # drawn to the prior's mean: by less than it says that it may be off
+    assert (np.abs(sample.value("tip_force") - force[0]) < 2 * sample.sigma("tip_force")).all()
+
+
+def test_columns_of_tubes_by_differences():
+    """Of every tube, in its own frame: value and derivatives of what one integration tells."""
+    from multirod.tasks.curvature import AlongTask, Places
+    from multirod.tasks.formulation import options
+
+    def tube(length, bending, torsion, curved):
+        at_rest = [(length - 0.1, (0, 0, 0)), (0.1, curved)]
+        return mr.Rod(length=length, bending_stiffness=bending, torsional_stiffness=torsion, precurvature=at_rest)
+
+    robot = mr.ConcentricTubes([tube(0.4, 4e-3, 3e-3, (0, 14, 0)), tube(0.3, 2e-2, 1.6e-2, (3, 6, 0))])
+    inputs = robot.inputs(rotation=(0.5, 0), translation=(-0.16, -0.12), tip_force=(0, 0.1, 0))
+    solution = mr.solve(robot, inputs)
+    at = np.array([0.04, 0.1, 0.15])
+    sensors = [mr.Curvature(at=at, value=np.zeros((3, 3)), sigma=1.0, rod=k) for k in range(2)]
+    names = ("tip_force", "rotation")
+    problem = robot.problem(inputs, integrator=mr.RK45(), **options(robot, names))
+    task = AlongTask(problem, names, Places(robot, inputs, sensors))
+    x, p = solution.unknowns[None], task.values()
+    found = task.evaluate(x, p)
+    for k in range(2):
+        shape = solution.rod(k, nodes=2001)
+        for j in range(3):
+            there = np.interp(at, shape.arclength, shape.curvature[:, j])
+            np.testing.assert_allclose(found.curvature[0, k, :, j], there, atol=1e-3)
+    n, h = x.shape[1], 1e-5
+    for k in range(n + 5):
+        ends = []
+        for sign in (1, -1):
+            change = sign * h * np.eye(n + 5)[k]
+            ends.append(task.evaluate(x + change[:n], p + change[n:]).curvature[0])
+        slope = (ends[0] - ends[1]) / (2 * h)
+        # the integrator's tolerance over h, of columns of some 10
+        np.testing.assert_allclose(found.curvature_columns[0][..., k], slope, atol=1e-3 + 1e-4 * np.abs(slope).max())
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"at": (0.2, 0.1)}, "Curvature.at = .*rising"),
+        ({"at": (0.0, 0.1)}, "Curvature.at = .*> 0"),
+        ({"value": np.zeros((3, 2))}, r"Curvature.value.*must be \(..., 2, 2\)"),
+        ({"value": np.zeros((2, 4))}, "Curvature.value"),
+        ({"sigma": 0}, "Curvature.sigma = 0 .*> 0"),
+        ({"sigma": (1, 2, 3)}, "Curvature.sigma.*must be one number, or 2"),
+        ({"rod": 1}, "Curvature.rod = 1"),
+        ({"at": (0.2, 0.5)}, "at = .*must be > 0 and <= 0.4 m"),
+    ],
+)
+def test_bad_curvatures(wire, options, message):
+    with pytest.raises(ValueError, match=message):
+        sensor = mr.Curvature(**({"at": (0.1, 0.2), "value": np.zeros((2, 2)), "sigma": 0.1} | options))
+        mr.estimate(mr.SingleRod(wire), unknown=PRIOR, measured=sensor)
+
+
+def test_robots_that_do_not_tell_say_so(wire):
+    legs = mr.ParallelRods(legs=[wire] * 3, base=np.tile(np.eye(4), (3, 1, 1)), platform=np.tile(np.eye(4), (3, 1, 1)))
+    with pytest.raises(NotImplementedError, match="does not give derivatives along its rods"):
+        mr.estimate(legs, unknown=PRIOR, measured=mr.Curvature(at=0.1, value=(0, 0), sigma=0.1))
