@@ -123,9 +123,12 @@ def test_columns_of_tubes_by_differences():
     ],
 )
 def test_bad_curvatures(wire, options, message):
-    with pytest.raises(ValueError, match=message):
+    def use():
         sensor = mr.Curvature(**({"at": (0.1, 0.2), "value": np.zeros((2, 2)), "sigma": 0.1} | options))
         mr.estimate(mr.SingleRod(wire), unknown=PRIOR, measured=sensor)
+
+    with pytest.raises(ValueError, match=message):
+        use()
 
 
 def test_robots_that_do_not_tell_say_so(wire):
