@@ -337,7 +337,8 @@ def _of_lines(rod: "Rod", length: float) -> None:
         say(f"Rod.discs = {rod.discs:.6g} m is a spacing beyond the rod's length, {length:.6g} m{found}")
     for line in rod.lines:
         field = type(line).__name__.removeprefix("Rubbing").removeprefix("Displaced").removeprefix("Section")
-        route: Any = line.offset if line.offset is not None else [line._offset_and_slope(s)[0] for s in np.linspace(0, length, 9)]
+        there = np.linspace(line.start, min(line._last, length), 9)
+        route: Any = line.offset if line.offset is not None else [line._offset_and_slope(s)[0] for s in there]
         aside = _largest(route)
         if aside > ASIDE * length:
             found = f"; if it is in mm, give {1e-3 * aside:.6g}" if 1e-3 * aside < ASIDE * length else ""

@@ -10,6 +10,7 @@ from scipy.optimize import brentq, fsolve
 from scipy.special import ellipk
 
 import multirod as mr
+from multirod.models.backbone.second_variation import CondensedForm, NodeColumns, with_conditions
 
 EI, GJ, LENGTH, R = 0.01, 0.0077, 0.2, 0.008
 OWN = {"length": LENGTH, "bending_stiffness": EI, "torsional_stiffness": GJ}
@@ -470,6 +471,25 @@ def test_a_column_buckles_between_lines_that_hold_it_in_one_plane_and_beside_sla
     assert (taut.neutral, slack.neutral) == (0, 1)
     # a little early by step control
     np.testing.assert_allclose([taut.load_factor, slack.load_factor], 1 / load, rtol=1e-3)
+
+
+def test_a_route_counts_only_where_its_line_is() -> None:
+    # a polynomial has no bounds beyond its piece: it would warn of an offset in metres, and make all steps tiny
+    winding = mr.Tendon(route=lambda s: (0.003 * np.cos(150 * s), 0.003 * np.sin(150 * s)), start=0.08, end=0.14)
+    (line,) = mr.Rod(**OWN, lines=[winding]).lines
+    for place, here in ((0.02, False), (0.1, True), (0.18, False)):
+        coefficients = line.polynomials(place)[2]
+        assert coefficients.any() == here
+        assert np.abs(coefficients).max() < 0.004
+
+
+def test_columns_that_do_not_tell_the_tip_leave_stability_unknown() -> None:
+    one = np.zeros((1, 1, 3, 3))
+    columns = NodeColumns(np.array([[0.2]]), one, np.ones((1, 3, 3)), np.array([[0.2]]))
+    form = CondensedForm(np.eye(3)[None], np.zeros(1, dtype=np.int32), np.ones(1, dtype=bool))
+    line = NodeColumns(np.array([[0.2]]), one[..., :1], np.ones((1, 3, 1)), np.array([[0.2]]))
+    found = with_conditions(form, columns, line, np.ones((1, 1, 3)), -np.ones((1, 1, 1)), np.ones((1, 1), dtype=bool))
+    assert not found.known[0]
 
 
 def test_inextensible_push_rods_keep_a_column_straight_up_to_four_times_the_load() -> None:

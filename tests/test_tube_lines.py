@@ -28,9 +28,9 @@ def inner_tube() -> mr.Rod:
     return mr.Rod(name="inner", length=0.4, bending_stiffness=0.004, torsional_stiffness=0.003, lines=lines)
 
 
-def outer_tube() -> mr.Rod:
+def outer_tube(**held: object) -> mr.Rod:
     lines = [
-        mr.Tendon(offset=(0, 0.0025), start=0.12, end=0.27, driven="displacement", name="held"),
+        mr.Tendon(**(held or {"offset": (0, 0.0025)}), start=0.12, end=0.27, driven="displacement", name="held"),
         mr.Chamber(offset=(0.002, 0.001), area=AREA, area_fixed="section", name="chamber"),
     ]
     curved = [(0.21, (0, 0, 0.3)), (0.09, (0, 3, 0))]
@@ -106,6 +106,31 @@ def test_derivatives_of_tip_and_lengths_are_those_of_differences(solution: mr.So
     np.testing.assert_allclose(position, exact[:3, k], atol=1e-5 * scale)
     by_length = (found[0].line_length - found[1].line_length) / (2 * step)
     np.testing.assert_allclose(by_length, lengths[:, k], atol=1e-5 * np.abs(lengths).max())
+
+
+def steep() -> mr.ConcentricTubes:
+    """The same with a helix so steep that bending twists its tube, and a line driven by displacement that converges."""
+    winding = mr.Tendon(route=lambda s: (0.003 * np.cos(150 * s), 0.003 * np.sin(150 * s)), start=0.201, end=0.301)
+    lines = [winding, inner_tube().lines[1]]
+    soft = mr.Rod(name="inner", length=0.4, bending_stiffness=0.004, torsional_stiffness=0.001, lines=lines)
+    return mr.ConcentricTubes([soft, outer_tube(route=lambda s: (0.02 * s, 0.0025))])
+
+
+@pytest.mark.parametrize("name", ["rotation", "translation", "tension", "displacement"])
+def test_derivatives_are_exact_where_bending_and_twist_are_coupled(name: str) -> None:
+    robot, finer = steep(), mr.Shooting(tolerance=1e-11, integrator=mr.RK45(rtol=1e-11, atol=1e-13))
+    given = GIVEN | {"tension": np.array([20.0])}
+
+    def at(value: np.ndarray) -> mr.Solution:
+        return mr.solve(robot, robot.inputs(**(given | {name: value})), solver=finer).raise_if_failed()
+
+    step = STEPS[name] * np.eye(len(given[name]))[-1]
+    here, ahead, behind = at(given[name]), at(given[name] + step), at(given[name] - step)
+    exact, lengths = here.jacobian(name)[:3, -1], here.jacobian(name, of="line_length")[:, -1]  # type: ignore[call-overload]
+    moved = (ahead.tip_position - behind.tip_position) / (2 * STEPS[name])
+    longer = (ahead.line_length - behind.line_length) / (2 * STEPS[name])
+    np.testing.assert_allclose(moved, exact, atol=4e-6 * np.abs(exact).max())
+    np.testing.assert_allclose(longer, lengths, atol=4e-6 * np.abs(lengths).max())
 
 
 def test_what_drives_lines_does_the_work_that_the_robot_gains(solution: mr.Solution) -> None:

@@ -117,6 +117,8 @@ class Line(Member):
         if self.offset is not None:
             return 0.0, 1.0, self.offset[..., None, :]
         assert self._resolved is not None
+        if not self.start <= s <= self._last:  # a polynomial has no bounds beyond its piece
+            return 0.0, 1.0, np.zeros_like(self._resolved.coefficients[0])
         begin, end, coefficients = self._resolved.piece(s - self.start)
         return self.start + begin, self.start + end, coefficients
 

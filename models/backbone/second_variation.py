@@ -196,6 +196,9 @@ def with_conditions(
 
     (given, follows), (by_given, by_follows) = at_tip(columns), at_tip(tensions)
     known = form.known & np.isfinite(own_gaps).all(axis=(1, 2))
+    known &= np.isfinite(given).all(axis=(1, 2))
+    given = np.where(known[:, None, None], given, np.eye(c))
+    known &= np.linalg.cond(given) < WORST_CONDITION
     given = np.where(known[:, None, None], given, np.eye(c))
     at_given = np.linalg.solve(given, np.concatenate([np.broadcast_to(np.eye(c), given.shape), -by_given], axis=2))
     couple, lengths = follows @ at_given[:, :, c:] + by_follows, gaps @ at_given
