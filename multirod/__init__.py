@@ -30,6 +30,7 @@ if _typing.TYPE_CHECKING:
     from multirod.compiling import CompileError
     from multirod.events import BranchEvent
     from multirod.files import load
+    from multirod.history import History
     from multirod.inputs import Inputs, InputSpec
     from multirod.integrators import RK4, RK23, RK45, AdaptiveIntegrator, FixedStepIntegrator, Integrator, Tableau
     from multirod.models.assemblies.concentric_tubes import ConcentricTubes
@@ -45,7 +46,7 @@ if _typing.TYPE_CHECKING:
     from multirod.rod import Rod, Section
     from multirod.running.simulation import simulate, solve
     from multirod.running.tracker import Tracker
-    from multirod.solution import History, IncompleteWarning, Solution, SolveError
+    from multirod.solution import IncompleteWarning, Solution, SolveError
     from multirod.solver import Outcome, Solver, Track, registered_solvers
     from multirod.solvers.energy_descent import EnergyDescent
     from multirod.solvers.multiple_shooting import MultipleShooting
@@ -164,6 +165,7 @@ _PUBLIC = {
     "models.assemblies.eccentric_tubes": "EccentricTubes",
     "models.backbone.lines": "Chamber PushRod Tendon",
     "models.backbone.members": "Member",
+    "history": "History",
     "integrators": "RK4 RK23 RK45 AdaptiveIntegrator FixedStepIntegrator Integrator Tableau",
     "models.assemblies.held_rod": "HeldRod",
     "models.assemblies.parallel_rods": "InverseParallelRods ParallelRods",
@@ -173,7 +175,7 @@ _PUBLIC = {
     "recording": "Recorder",
     "rod": "Rod Section",
     "running.simulation": "simulate solve",
-    "solution": "History IncompleteWarning Solution SolveError",
+    "solution": "IncompleteWarning Solution SolveError",
     "solver": "Outcome Solver Track registered_solvers",
     "solvers.energy_descent": "EnergyDescent",
     "solvers.multiple_shooting": "MultipleShooting",

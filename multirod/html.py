@@ -12,9 +12,10 @@ from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
     from multirod.assembly import Assembly
+    from multirod.history import History
     from multirod.inputs import Inputs, InputSpecs
     from multirod.rod import Rod
-    from multirod.solution import History, Solution
+    from multirod.solution import Solution
     from multirod.studies.critical_loads import CriticalLoad
     from multirod.studies.equilibria import Equilibria
     from multirod.studies.terms import Explanation

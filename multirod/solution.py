@@ -1,8 +1,8 @@
-"""Results: an equilibrium of each instance, or a time series of them."""
+"""Results: an equilibrium of each instance."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from functools import cached_property
 from math import prod
 from os import PathLike
@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod import derivatives, plausibility
-from multirod.assembly import Assembly, Robot_co
+from multirod.assembly import Robot_co
 from multirod.batch import IntArray, parts, run, take
 from multirod.capabilities import Lines
-from multirod.events import BranchEvent, timed_events
+from multirod.events import BranchEvent
 from multirod.inputs import Inputs
-from multirod.integrators import Integrator
 from multirod.problem import BoundaryProblem, LineShape, Shape
 from multirod.reuse import borrowed
+from multirod.scene import Scene, stand_in
 from multirod.segments import taken
 from multirod.solver import SETTLED, Outcome
 from multirod.stability import Modes, Stability, modes_of
@@ -28,16 +28,13 @@ from multirod.status import Status, failures
 from multirod.types import (
     AxesGiven,
     AxesOrArray,
-    HistoryOptions,
     Index,
     Name,
     Named,
     Numbers,
     Parameter,
     Quantity,
-    QuantityOverTime,
     SaveOptions,
-    ShowOptions,
     StabilityOrArray,
     StatusOrArray,
 )
@@ -56,39 +53,6 @@ class SolveError(RuntimeError):
 
 class IncompleteWarning(UserWarning):
     """Of a list that is known to lack something, or may lack something at a place that is known."""
-
-
-@dataclass(frozen=True)
-class Scene(Generic[Robot_co]):
-    """What the samples of one problem have in common.
-
-    Attributes:
-        assembly: The robot.
-        batch_shape: Leading axes of the results.
-        integrator: Of the spatial equations.
-        device: Warp device.
-        fields: Where the fields of a record stand.
-        unpack: Inputs from their rows, where the records hold them.
-        threads: That share what is computed later.
-        dropped: The terms that were left out of the robot and inputs that were given.
-    """
-
-    assembly: Robot_co
-    batch_shape: tuple[int, ...]
-    integrator: Integrator
-    device: str
-    fields: dict[str, slice]
-    unpack: Callable[[FloatArray], Inputs] | None = None
-    threads: int = 1
-    dropped: tuple["Dropped", ...] = ()
-
-
-def stand_in(robot: Assembly, inputs: Inputs, **options: Any) -> BoundaryProblem:
-    """A problem of some instances in the place of one of none: what is empty has its shapes."""
-    if prod(np.broadcast_shapes(inputs.batch_shape, robot.batch_shape)):
-        return robot.problem(inputs, instances=np.zeros(1, dtype=np.intp), **options)
-    names = [name for name in inputs.given if name not in inputs.profiles]
-    return robot.problem(inputs.with_arrays({name: np.zeros(getattr(inputs, name).shape[-1]) for name in names}), **options)
 
 
 def _potential(problem: BoundaryProblem) -> tuple[FloatArray]:
@@ -115,7 +79,7 @@ class Solution(Generic[Robot_co]):
 
     def __init__(
         self,
-        scene: "Scene[Robot_co]",
+        scene: Scene[Robot_co],
         records: FloatArray,
         outcome: Outcome,
         inputs: Inputs | None = None,
@@ -822,146 +786,3 @@ class Solution(Generic[Robot_co]):
     def _counts(self, chosen: Any) -> str:
         values, counts = np.unique(self._outcome.status.reshape(-1)[chosen], return_counts=True)
         return ", ".join(f"{count} {Status(int(value))}" for value, count in zip(values, counts, strict=True))
-
-
-class History(Solution[Robot_co]):
-    """A time series of equilibria: the fields of ``Solution`` with time as the first axis.
-
-    Attributes:
-        time: Of each sample [s], shape (sample_count,).
-        step_time: Measured time that each sample took [s], shape (sample_count,).
-        description: What was run, for tables and recordings.
-    """
-
-    def __init__(
-        self,
-        scene: "Scene[Robot_co]",
-        records: FloatArray,
-        outcome: Outcome,
-        inputs: Inputs,
-        *,
-        time: FloatArray,
-        step_time: FloatArray,
-        description: str = "",
-    ) -> None:
-        super().__init__(scene, records, outcome, inputs)
-        self.time: FloatArray = frozen(time)
-        if outcome.events:
-            failed = failures(np.reshape(outcome.status, (len(time), -1)))
-            outcome.events = timed_events(outcome.events, self.time, failed)
-        self.step_time: FloatArray = frozen(step_time)
-        self.description = description
-
-    if TYPE_CHECKING:  # time is an axis
-
-        @cached_property
-        def status(self) -> NDArray[np.int32]:
-            """Values of ``Status``, shape (sample_count, ...)."""
-
-        @cached_property
-        def index(self) -> NDArray[np.int32]:
-            """Unstable modes of each equilibrium, shape (sample_count, ...); -1 where it cannot be said."""
-
-        @cached_property
-        def stability(self) -> NDArray[np.int32]:
-            """Values of ``Stability``, shape (sample_count, ...)."""
-
-    def save(self, path: str | PathLike[str], **options: Unpack[HistoryOptions]) -> None:
-        """Write the history to a file, by its ending: what ``Solution.save`` says, or ``.rrd``.
-
-        Args:
-            path: File to write; an existing one is replaced. ``.rrd`` is a recording for the Rerun viewer; options are those of
-                ``multirod.recording.save``.
-            **options: As for ``Solution.save``; of ``.rrd``, as said.
-
-        Raises:
-            TypeError, ValueError, ImportError: As for ``Solution.save``.
-        """
-        from multirod.files.saving import save_result
-
-        save_result(path, self, options)
-
-    def show(self, **options: Unpack[ShowOptions]) -> None:
-        """Show a recording in a notebook, by Rerun's widget; options as for ``multirod.recording.notebook.show``.
-
-        Raises:
-            ImportError: If the widget is not there: ``pip install "multirod[notebook]"``.
-        """
-        from multirod.recording.notebook import show
-
-        show(self, **options)
-
-    def _repr_html_(self) -> str:
-        from multirod import html
-
-        return html.history(self)
-
-    @names_checked
-    def plot(
-        self,
-        quantity: QuantityOverTime = "shape",
-        *,
-        ax: AxesGiven | None = None,
-        rod: int | str | None = None,
-        instance: int | tuple[int, ...] = 0,
-        instances: int = 12,
-        colour_by: str | Numbers | None = None,
-        colour_label: str = "",
-        nodes: int | None = None,
-        frames: bool = True,
-        loads: bool = True,
-    ) -> AxesOrArray:
-        """Plot shapes at some times, a quantity along the arclength at some times, or a quantity over time.
-
-        The quantities of ``Solution.plot`` (``shape``, ``curvature``, ``moment``, ``force``, ``strain``) are drawn at
-        ``instances`` times, coloured by time; ``shape`` also has the path of the tip. Over time there are:
-
-        ============================================  ============================================================================
-        quantity                                      what is drawn
-        ============================================  ============================================================================
-        ``tip``                                       position of the tip [m]
-        ``inputs``                                    inputs that were given as numbers, an axes for each
-        ``unknowns``                                  [1/m]
-        ``residual``                                  [1/m], logarithmic
-        ``condition``, ``smallest_singular_value``    of ``Gamma``, logarithmic
-        ``energy``                                    elastic energy [J]
-        ``stability_margin``                          as the property of this name
-        ``iterations``, ``integrations``              of each sample
-        ``step_time``                                 time that each sample took [ms]
-        ``tension``, ``line_length``                  of lines [N], [m]
-        ============================================  ============================================================================
-
-        Samples without a result are marked by crosses on the time axis. Instances of a batch are drawn over time in one axes for
-        each component, coloured by ``colour_by``.
-
-        Args:
-            quantity: One of the above.
-            ax: Axes to draw on, as many as the quantity needs; by default those of a new figure.
-            rod: Index or name of the only rod to be drawn; all by default.
-            instance: Of a batch, which one is drawn in space or along the arclength: its number, or an index.
-            instances: How many samples (in space, along the arclength) or instances (over time) are drawn at most, evenly chosen.
-            colour_by: Over time, what instances are coloured by: an array of the batch's shape; by default their number.
-            colour_label: Of the colour bar.
-            nodes: Of each rod; by default 51 in space, 301 along the arclength.
-            frames: Whether frames are drawn.
-            loads: Whether loads are drawn, of a single sample.
-
-        Returns:
-            The axes, or an array of them, shape (k,).
-
-        Raises:
-            ValueError: If there is no such quantity, rod or instance, or ``ax`` is not what it takes.
-            ImportError: If matplotlib is not there: ``pip install "multirod[plot]"``.
-            NotImplementedError: If the assembly offers no shapes.
-        """
-        from multirod.plotting import plot_history
-
-        options: dict[str, Any] = {
-            "instances": instances,
-            "colour_by": colour_by,
-            "colour_label": colour_label,
-            "nodes": nodes,
-            "frames": frames,
-            "loads": loads,
-        }
-        return plot_history(self, quantity, ax=ax, rod=rod, instance=instance, **options)

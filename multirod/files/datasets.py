@@ -8,8 +8,9 @@ import numpy as np
 import multirod
 from multirod.files.optional import optional
 from multirod.files.whole import written
+from multirod.history import History
 from multirod.recording.figure import drawn_lines, drawn_rods
-from multirod.solution import History, Solution
+from multirod.solution import Solution
 from multirod.status import Status
 from multirod.validation import FloatArray, positive_int
 

@@ -13,9 +13,11 @@ from multirod.assembly import Assembly
 from multirod.batch import thread_count
 from multirod.events import joined_events, separate_events
 from multirod.files.kinds import INTEGRATORS, ROBOTS, Part, described, made, profile
+from multirod.history import History
 from multirod.inputs import Inputs
+from multirod.scene import Scene
 from multirod.segments import Breakpoints
-from multirod.solution import History, Scene, Solution
+from multirod.solution import Solution
 from multirod.solver import Outcome
 from multirod.studies.terms.simplify import Dropped
 from multirod.validation import refuse

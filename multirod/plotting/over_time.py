@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from multirod.history import History
 from multirod.plotting.canvas import COMPONENTS, FAILED, FEW, column_of_axes, legend, style_of, title
 from multirod.plotting.family import Family, numbers
 from multirod.recording.figure import drawn_lines, drawn_rods
-from multirod.solution import History
 from multirod.status import Status, failures
 from multirod.validation import FloatArray, refuse
 

@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 
+from multirod.history import History
 from multirod.plotting import along, over_time, scene
 from multirod.plotting.canvas import axes_in_space, returned, title
 from multirod.plotting.family import Family, family_of
-from multirod.solution import History, Solution
+from multirod.solution import Solution
 from multirod.types import AxesGiven, AxesOrArray, Numbers
 from multirod.validation import boolean, choice, positive_int, refuse
 

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from multirod.history import History
 from multirod.recording.background import Sample
-from multirod.solution import History, Solution
+from multirod.solution import Solution
 from multirod.solver import Outcome
 from multirod.validation import FloatArray
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.assembly import Assembly
+from multirod.history import History
 from multirod.inputs import Inputs, InputSpec
 from multirod.recording.coloring import Coloring
 from multirod.recording.figure import (
@@ -26,7 +27,6 @@ from multirod.recording.figure import (
 )
 from multirod.recording.framing import ARROW, Extent, Frame, halved, radian_force, round_down, round_up
 from multirod.recording.profiles import Profile, profiles
-from multirod.solution import History
 from multirod.validation import FloatArray
 
 LOADS = {"tip_force": 0xFFD43B, "follower_force": 0xFF922B}

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod.history import History
 from multirod.recording import columns, layout
 from multirod.recording.along import AlongPlots
 from multirod.recording.coloring import Coloring
@@ -28,7 +29,6 @@ from multirod.recording.stage import (
     load,
 )
 from multirod.recording.style import scales, styles
-from multirod.solution import History
 from multirod.status import Status, failures
 from multirod.strains import strains
 from multirod.validation import FloatArray

@@ -15,7 +15,8 @@ from multirod.compiling import COMPILER
 from multirod.inputs import Inputs
 from multirod.running.progress import Watch
 from multirod.running.simulation import as_solver, simulate, solve
-from multirod.solution import Scene, Solution
+from multirod.scene import Scene
+from multirod.solution import Solution
 from multirod.solver import Outcome, Solver
 from multirod.status import Status
 from multirod.validation import boolean, device_name, unknown_names

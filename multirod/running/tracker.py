@@ -15,7 +15,8 @@ from multirod.exclusive import Uncopied
 from multirod.inputs import Inputs
 from multirod.models.assemblies.inputs import KnownInputs
 from multirod.running.simulation import Runner, as_solver
-from multirod.solution import Scene, Solution
+from multirod.scene import Scene
+from multirod.solution import Solution
 from multirod.solver import Solver
 from multirod.types import Numbers, P, Takes
 from multirod.validation import Described, FloatArray, device_name, positive_float, refuse, unknown_names

@@ -6,11 +6,11 @@ from math import pi
 
 import numpy as np
 
+from multirod.history import History
 from multirod.integrators import RK45, Integrator
 from multirod.models.assemblies.single_rod import SingleRod
 from multirod.rod import Rod
 from multirod.running.simulation import simulate
-from multirod.solution import History
 from multirod.solver import Solver
 from multirod.solvers.observer import Observer
 from multirod.solvers.scipy_shooting import ScipyShooting

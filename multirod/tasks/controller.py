@@ -14,7 +14,8 @@ from multirod.integrators import RK45, Integrator
 from multirod.rotations import matrices, vectors
 from multirod.running.simulation import solve
 from multirod.running.tracker import Unpack
-from multirod.solution import Scene, Solution
+from multirod.scene import Scene
+from multirod.solution import Solution
 from multirod.solver import Outcome
 from multirod.solvers.shooting import Shooting
 from multirod.status import Status

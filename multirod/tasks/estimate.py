@@ -15,7 +15,8 @@ from multirod.assembly import Assembly, Robot, Robot_co
 from multirod.batch import IntArray, parts, run, thread_count
 from multirod.inputs import Inputs
 from multirod.running.simulation import as_solver, unknowns_of_guess
-from multirod.solution import Scene, Solution
+from multirod.scene import Scene
+from multirod.solution import Solution
 from multirod.solver import Outcome, Solver
 from multirod.status import Status, failures
 from multirod.tasks.curvature import Places

@@ -16,7 +16,8 @@ from multirod.inputs import Inputs
 from multirod.problem import BoundaryProblem
 from multirod.reuse import borrowed
 from multirod.running.simulation import as_solver, solve
-from multirod.solution import Scene, Solution
+from multirod.scene import Scene
+from multirod.solution import Solution
 from multirod.solver import Outcome, Solver
 from multirod.status import failures
 from multirod.tasks.formulation import Task, freed, input_units, options

@@ -9,9 +9,9 @@ import numpy as np
 
 from multirod.assembly import Assembly
 from multirod.batch import Interrupted
+from multirod.history import History
 from multirod.inputs import Inputs
 from multirod.running.simulation import Runner, as_solver, even_times, simulate
-from multirod.solution import History
 from multirod.solver import Solver
 from multirod.studies.tradeoffs import limit as clock
 from multirod.studies.tradeoffs.limit import Limited

@@ -8,10 +8,10 @@ import numpy as np
 
 from multirod.assembly import Assembly
 from multirod.batch import IntArray, Interrupted
+from multirod.history import History
 from multirod.inputs import Inputs
 from multirod.integrators import RK4, RK45
 from multirod.running.simulation import Runner, simulate, solve
-from multirod.solution import History
 from multirod.solvers.shooting import Shooting
 from multirod.studies.tradeoffs.limit import Limited
 from multirod.validation import FloatArray, refuse
