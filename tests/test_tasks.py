@@ -92,6 +92,24 @@ def test_the_step_is_that_of_an_enumeration_of_all_working_sets():
         assert (found.held[0] * found.multipliers[0] >= 0).all()
 
 
+def test_limits_are_kept_where_targets_are_far_beyond_them():
+    """At the softness of reach, with ranges and differences that depend on each other, as those of tubes do."""
+    G = np.concatenate([np.eye(3), [[-1, 1, 0], [0, -1, 1]]])
+    for _ in range(50):
+        J, r = RANDOM.normal(size=(1, 4, 3)), 10 * RANDOM.normal(size=(1, 4))
+        low, high = -RANDOM.uniform(0, 1, (1, 5)), RANDOM.uniform(0, 1, (1, 5))
+        found = step(J, r, softness=1e-12, limits=G, low=low, high=high)
+        at = G @ found.change[0]
+        assert (at >= low[0] - 1e-11).all()
+        assert (at <= high[0] + 1e-11).all()
+        # no way that is left comes nearer
+        slope = J[0].T @ (J[0] @ found.change[0] + r[0])
+        for d in RANDOM.normal(size=(100, 3)):
+            there = at + 1e-6 * G @ d
+            if (there >= low[0]).all() and (there <= high[0]).all():
+                assert slope @ d >= -1e-3 * np.abs(slope).max()
+
+
 def test_a_step_alone_is_that_in_a_batch():
     J, r = RANDOM.normal(size=(20, 3, 4)), RANDOM.normal(size=(20, 3))
     low, high = np.full((20, 4), -0.2), np.full((20, 4), 0.2)

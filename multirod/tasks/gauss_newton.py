@@ -9,7 +9,6 @@ from multirod.tasks.formulation import solved_each
 from multirod.validation import FloatArray
 
 ROUNDED = 1e-12  # of the largest number of a row: what of a limit is rounding
-TINY = 1e-13  # of the diagonal of the multipliers' block: working sets whose limits depend on each other have a solution too
 
 
 @dataclass(frozen=True)
@@ -93,18 +92,20 @@ def step(
 def _active_set(
     system: FloatArray, sides: FloatArray, G: FloatArray, low: FloatArray, high: FloatArray, slack: FloatArray, k: int, m: int
 ) -> tuple[FloatArray, NDArray[np.int8], FloatArray]:
-    """(8) The programme from ``d = 0`` on, limits added as they block and left as their multipliers turn."""
+    """(8) The programme from ``d = 0`` on, limits added as they block and left as their multipliers turn.
+
+    A limit that depends on those that hold does not block: steps that keep these do not change it.
+    """
     count, c, _ = G.shape
     d, held = np.zeros((count, k)), np.zeros((count, c), dtype=np.int8)
     multipliers = np.zeros((count, c))
     open_ = np.ones(count, dtype=bool)
     every, rows = np.arange(count), np.arange(k + m, k + m + c)
-    scale = np.abs(system[:, :k, :k]).max(axis=(1, 2))
     for _ in range(3 * c + 2):
         on = (held != 0).astype(np.float64)
         system[:, k + m :, :k] = on[..., None] * G
         system[:, :k, k + m :] = np.swapaxes(system[:, k + m :, :k], 1, 2)
-        system[:, rows, rows] = np.where(held != 0, -TINY / scale[:, None], 1.0)
+        system[:, rows, rows] = np.where(held != 0, 0.0, 1.0)
         bound = np.where(held > 0, high, low)
         sides[:, k + m :] = np.where(held != 0, bound, 0.0)
         solved = solved_each(system, sides[..., None])[..., 0]

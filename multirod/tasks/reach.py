@@ -19,7 +19,7 @@ from multirod.running.simulation import as_solver, solve
 from multirod.scene import Scene
 from multirod.solution import Solution
 from multirod.solver import Outcome, Solver
-from multirod.status import failures
+from multirod.status import Status, failures
 from multirod.tasks.formulation import Task, freed, input_units, options
 from multirod.tasks.gauss_newton import step
 from multirod.tasks.limits import LimitRows, Limits, limit_rows, middle, refuse_start
@@ -41,7 +41,7 @@ from multirod.validation import (
 
 TOLERANCE = 1e-6  # of a target [1/m]: 0.16 um and 0.4 urad of 0.4 m
 MAX_INTEGRATIONS = 300
-TRIES = 8  # starts that a target is sought from, the nearest of all
+TRIES = 32  # starts that a target is sought from, the nearest of all
 
 
 class Reached(Solution[Robot_co]):
@@ -152,7 +152,7 @@ def reach(
         limits: Kept at every step; what the robot cannot do is a limit without them.
         prefer: What is done with freedom that the target leaves: the ``"smallest motion"`` from the start, the ``"middle"`` of
             the limits, or the largest ``"stability"`` margin.
-        starts: How many other starts, scattered within the limits, are tried from where no stable result was found.
+        starts: How many other starts are scattered within the limits; what is not reached is tried from the nearest of them.
         guess: The equilibrium at ``inputs``, so that it need not be solved for.
         solver: For the start; its integrator is that of the search too. ``Shooting()`` by default.
         tolerance: Of the target [1/m]: positions count over the length of the longest rod squared, angles over that length.
@@ -321,7 +321,7 @@ def _search(work: _Work, problem: BoundaryProblem, piece: slice, numbers: IntArr
 
 def _from_elsewhere(work: _Work, search: Search, piece: slice, sound: NDArray[np.bool_]) -> None:
     """Try again from other starts, for each instance the nearest ones first."""
-    open_ = sound & failures(search.status)
+    open_ = sound & (search.status != Status.REACHED)
     if not open_.any():
         return
     pool = _pool(work, search, piece)
@@ -346,8 +346,8 @@ def _from_elsewhere(work: _Work, search: Search, piece: slice, sound: NDArray[np
         search.begin(rows, Place(pool.unknowns[place, taken], pool.values[place, taken]))
         chosen = np.zeros(len(open_), dtype=bool)
         chosen[rows] = True
-        search.sought(chosen)
-        open_ &= failures(search.status)
+        search.tried(chosen)
+        open_ &= search.status != Status.REACHED
 
 
 def _pool(work: _Work, search: Search, piece: slice) -> _Pool:

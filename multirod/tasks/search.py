@@ -106,6 +106,7 @@ class Search:
         self.done, self.part, self.goal, self.short = np.zeros((4, count))
         self.steps, self.settling = np.zeros((2, count), dtype=np.int32)
         self.blocked = np.zeros(count, dtype=bool)
+        self.least = LEAST_PART
         # at ``last``
         self.errors, self.first_errors, self.r = np.zeros((3, count, m))
         self.J = np.zeros((count, m, k))
@@ -117,15 +118,15 @@ class Search:
         """Let some instances begin elsewhere, rows of ``start`` in their order."""
         self.start.x[chosen], self.start.p[chosen] = start.x, start.p
 
-    def drive(self, chosen: BoolArray, part: float = 1.0) -> None:
+    def drive(self, chosen: BoolArray, part: float = 1.0, least: float = LEAST_PART) -> None:
         """Bring the instances chosen from ``start`` to their targets: all the way at once, or by parts of it.
 
-        Parts that fail are shortened, others lengthened. ``status`` is then ``REACHED``, ``AT_LIMIT``, ``UNREACHABLE``,
-        ``SINGULAR_TASK`` or ``INTEGRATION_LIMIT``; nothing is said of stability.
+        Parts that fail are shortened, to no less than ``least``, others lengthened. ``status`` is then ``REACHED``, ``AT_LIMIT``,
+        ``UNREACHABLE``, ``SINGULAR_TASK`` or ``INTEGRATION_LIMIT``; nothing is said of stability.
         """
         for place in (self.last, self.base, self.here):
             place.put(chosen, self.start)
-        self.open[:], self.fresh[chosen] = chosen, True
+        self.open[:], self.fresh[chosen], self.least = chosen, True, least
         self.done[chosen], self.part[chosen], self.goal[chosen] = 0.0, part, part
         self.steps[chosen], self.settling[chosen], self.short[chosen] = 0, 0, 1.0
         self.merit[chosen], self.blocked[chosen], self.status[chosen] = np.inf, False, Status.NOT_RUN
@@ -187,7 +188,7 @@ class Search:
     def _shorten(self, rows: IntArray) -> None:
         """Try a shorter part of the way, from where the last one ended."""
         self.part[rows] *= SHORTENED
-        over = self.part[rows] < LEAST_PART
+        over = self.part[rows] < self.least
         ended = rows[over]
         self.last.put(ended, self.base)
         self._end(ended[self.blocked[ended]], Status.AT_LIMIT)
@@ -333,6 +334,24 @@ class Search:
         stability, _ = self.stability(rows)
         return np.asarray(np.isin(stability, (Stability.UNSTABLE, Stability.FOLD)))
 
+    def tried(self, chosen: BoolArray) -> None:
+        """Drive the instances chosen from where they begin now, at once or not at all.
+
+        Those that do not get there are as before, or nearer at a limit.
+        """
+        rows = np.flatnonzero(chosen)
+        before = {name: getattr(self, name)[rows].copy() for name in ("errors", "r", "J", "towards", "by", "residual", "status")}
+        last = Place(self.last.x[rows].copy(), self.last.p[rows].copy())
+        self.drive(chosen, least=0.5)
+        self.status[self._not_stable(chosen)] = Status.UNSTABLE
+        now, limited = self.status[rows], before["status"] == Status.AT_LIMIT
+        nearer = np.linalg.norm(self.errors[rows], axis=1) < np.linalg.norm(before["errors"], axis=1)
+        better = (now == Status.REACHED) | ((now == Status.AT_LIMIT) & (nearer | ~limited))
+        worse = ~better
+        for name, value in before.items():
+            getattr(self, name)[rows[worse]] = value[worse]
+        self.last.x[rows[worse]], self.last.p[rows[worse]] = last.x[worse], last.p[worse]
+
     def sought(self, chosen: BoolArray) -> None:
         """Drive the instances chosen, and again with care where what was found is not stable; ``UNSTABLE`` if so again."""
         self.drive(chosen)
@@ -350,8 +369,8 @@ class Search:
     def leave(self) -> None:
         """Leave the problem's buffers at ``last``, and what its own test refuses as failed."""
         problem, found = self.task.problem, np.isin(self.status, (Status.REACHED, Status.AT_LIMIT))
-        differ = (self.here.x != self.last.x).any(axis=1) | (self.here.p != self.last.p).any(axis=1)
-        stale = found & differ
+        differ = (problem.read("unknowns") != self.last.x).any(axis=1) | (self.here.x != self.last.x).any(axis=1)
+        stale = found & (differ | (self.here.p != self.last.p).any(axis=1))
         self.here.put(stale, self.last)
         if stale.any():
             self.task.evaluate(self.last.x, self.last.p, stale)
