@@ -155,14 +155,18 @@ def _gamma(problem: BoundaryProblem) -> FloatArray:
 
 def _solvable(gamma: FloatArray) -> NDArray[np.bool_]:
     """Where a matrix is regular."""
-    with np.errstate(over="ignore"):
-        return np.asarray(np.linalg.det(np.nan_to_num(gamma)) != 0)
+    with np.errstate(over="ignore", invalid="ignore"):
+        determinant = np.linalg.det(gamma)
+    return np.asarray(np.isfinite(determinant) & (determinant != 0))
 
 
 def _fixed(problem: Any, names: list[str], rows: Rows) -> tuple[FloatArray, FloatArray]:
     """Columns of the residual by the names, the unknowns fixed, and rows by unknowns, then by the names."""
+    problem.eliminates = True
     slopes, moved = problem.input_columns(*names)
-    return slopes, rows(problem, moved)
+    found = slopes, rows(problem, moved)
+    problem.eliminates = False  # after an error it is not used again
+    return found
 
 
 def _gathered(solution: "Solution[Any]", names: list[str], columns: Callable[[Any], tuple[FloatArray, ...]]) -> list[Any]:

@@ -162,6 +162,7 @@ class BoundaryProblem(Uncopied, ABC):
         stop: Once it is set, ``integrate`` raises ``Interrupted``: how a batch on several threads is brought to an end.
     """
 
+    eliminates = False  # whether columns by parameters may be at other fixed unknowns than its own: they are eliminated next
     instead = "ask the assembly for another problem"
     guess_integrations: int = 0
 

@@ -4,6 +4,7 @@ Numbers in parentheses are those of ``docs/derivatives.md``.
 """
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
 
 COMPONENTS = {"precurvature": 3, "bending_stiffness": 2, "torsional_stiffness": 1, "length": 1}  # numbers of a section
 PARAMETERS = (*COMPONENTS, "base")
-FOLLOWS = ("base", "torsional_stiffness", "length")  # whose directions depend on loads, or on torques behind a plate
 POSE = 6
 DEAD = ("tip_force", "tip_moment", "distributed_force", "distributed_moment", "gravity", "magnetic_field")  # fixed in the world
 
@@ -76,7 +76,7 @@ class Designs:
     """
 
     def __init__(self, problem: "BackboneProblem", name: str) -> None:
-        self.problem = problem
+        self.problem, self._name = problem, name
         arrays = problem.arrays
         batch, rods, pieces = arrays.end.shape
         self._sections = int(arrays.section.max()) + 1
@@ -112,6 +112,13 @@ class Designs:
 
     def rows(self) -> FloatArray:
         """Directions as kernels read them, shape (instance_count, direction, input and rods)."""
+        result = self._rows
+        if self.problem.transmission:
+            result[..., self.problem.input_slice("rotation")] = self._behind_plate()
+        return result
+
+    @cached_property
+    def _rows(self) -> FloatArray:
         problem = self.problem
         terms = problem.arrays.precurvature.shape[-1]
         at = DesignOffsets(terms // 3)
@@ -122,16 +129,15 @@ class Designs:
         values[..., at.PRECURVATURE :] = self.precurvature
         result = np.zeros((problem.instance_count, self.count, problem.input_count + values[0, 0].size))
         result[..., problem.input_count :] = values.reshape(len(values), self.count, -1)
-        if problem.transmission:
-            result[..., problem.input_slice("rotation")] = self._behind_plate()
         return result
 
     def _behind_plate(self) -> FloatArray:
         """(D8) How the rods turn more behind the plate, at the torques that they have: as if they were turned at their bases."""
         problem = self.problem
         arrays, inputs = problem.arrays, problem.read("inputs")
+        if self._name == "bending_stiffness":
+            return np.zeros((problem.instance_count, self.count, arrays.end.shape[1]))
         depth = -inputs[:, problem.input_slice("translation")]
-        torque = problem.base_torques()
         end = problem.each(arrays.end)
         begin = np.concatenate([np.zeros_like(end[..., :1]), end[..., :-1]], axis=-1)
         half = 0.5 * (end - begin)
@@ -141,17 +147,21 @@ class Designs:
         curves = problem.each(arrays.precurvature).reshape(*end.shape, -1, 3)[..., 2]
         powers = np.arange(curves.shape[-1])
         integrals = half[..., None] * (part[..., None] ** (powers + 1) - (-1.0) ** (powers + 1)) / (powers + 1)
-        twisted = (problem.each(self.precurvature).reshape(*self._shape(), -1, 3)[..., 2] * integrals[:, None]).sum(axis=-1)
-        softer = problem.each(self.softness)[..., 2] * (behind * compliance * torque[..., None])[:, None]
+        if self._name == "precurvature":
+            changes = problem.each(self.precurvature).reshape(*self._shape(), -1, 3)[..., 2]
+            return np.asarray((changes * integrals[:, None]).sum(axis=(-2, -1)))
+        torque = problem.base_torques()
+        if self._name == "torsional_stiffness":
+            return np.asarray(
+                (problem.each(self.softness)[..., 2] * (behind * compliance * torque[..., None])[:, None]).sum(axis=-1)
+            )
         # an end that moves behind the plate leaves more to the piece before it, and less to the one after
         at_end = curves.sum(axis=-1) + compliance * torque[..., None]
         at_begin = (curves * (-1.0) ** powers).sum(axis=-1) + compliance * torque[..., None]
         moved = problem.each(self.end) * ((end < depth[..., None]) * at_end)[:, None]
-        after = np.zeros_like(moved)
-        after[..., 1:] = -problem.each(self.end)[..., :-1] * ((begin < depth[..., None]) * at_begin)[:, None, :, 1:]
+        moved[..., 1:] -= problem.each(self.end)[..., :-1] * ((begin < depth[..., None]) * at_begin)[:, None, :, 1:]
         slid = np.where(behind > 0, (curves * (part[..., None] ** powers - (-1.0) ** powers)).sum(axis=-1), 0.0)
-        slid = -problem.each(self.shift) * slid[:, None]
-        return np.asarray((twisted + softer + moved + after + slid).sum(axis=-1))
+        return np.asarray((moved - problem.each(self.shift) * slid[:, None]).sum(axis=-1))
 
     def _shape(self) -> tuple[int, ...]:
         return (self.problem.instance_count, *self.end.shape[1:])

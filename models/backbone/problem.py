@@ -22,8 +22,8 @@ from multirod.models.backbone.clamps import BackboneClamps, ClampedBackbones
 from multirod.models.backbone.conjugates import BackboneConjugates
 from multirod.models.backbone.designs import (
     COMPONENTS,
-    FOLLOWS,
     PARAMETERS,
+    POSE,
     Designs,
     carried,
     parameter_size,
@@ -250,6 +250,7 @@ class BackboneProblem(BoundaryProblem):
         self.table = self._make_table(inputs)
         self.write("inputs", self.pack(inputs))
         self._passes: dict[Any, NodePass] = {}
+        self._designs: dict[str, Designs] = {}
         self._followed: tuple[str, ...] = ()  # what directions by inputs and unknowns are by
         self._call = self._make_call(0)
         self.launch: LanePass | ClampedBackbones
@@ -435,9 +436,11 @@ class BackboneProblem(BoundaryProblem):
         start = 2 * n + 3 * kernels.INPUT_VECTORS.index(name)
         return slice(start, start + 3)
 
-    def aim(self, *names: str) -> None:  # noqa: D102
-        super().aim(*names)
-        self._followed = names if any(name in FOLLOWS for name in names) else ()
+    def aim(self, *names: str) -> None:
+        """As said; what depends on inputs and unknowns is found at each integration."""
+        self._followed = names if "base" in names or (self.transmission and any(name in COMPONENTS for name in names)) else ()
+        if not self._followed:
+            super().aim(*names)
 
     def _integrate(self) -> None:
         if self._followed:
@@ -521,7 +524,7 @@ class BackboneProblem(BoundaryProblem):
     def directions_by(self, name: str) -> FloatArray:
         """As said, or along each number of a parameter."""
         if name in COMPONENTS:
-            return Designs(self, name).rows()
+            return self.designs(name).rows()
         return turned_loads(self) if name == "base" else super().directions_by(name)
 
     def aimed(self, *names: str) -> tuple[FloatArray, FloatArray]:
@@ -539,20 +542,34 @@ class BackboneProblem(BoundaryProblem):
         """Where the columns by one of the names stand."""
         first = 0
         for name in names:
-            size = self.directions_by(name).shape[1]
+            size = self._size(name)
             if name == wanted:
                 yield slice(first, first + size)
             first += size
 
+    def _size(self, name: str) -> int:
+        """How many columns are by a name."""
+        if name in COMPONENTS:
+            return self.designs(name).count
+        if name == "base":
+            return POSE
+        place = self.input_slice(name)
+        return int(place.stop - place.start)
+
+    def designs(self, name: str) -> Designs:
+        """How the rods change with a parameter: the same as long as there is the problem."""
+        if name not in self._designs:
+            self._designs[name] = Designs(self, name)
+        return self._designs[name]
+
     def unknown_rates(self, names: Sequence[str]) -> FloatArray | None:
         """(D9) How the unknowns must change with each number for what is at the base to stay, (instance_count, n, k); None where
         they need not."""
-        if not any(name in COMPONENTS for name in names):
+        if self.eliminates or not any(name in COMPONENTS for name in names):
             return None
         size = (self.instance_count, self.unknown_count)
         rates = [
-            Designs(self, name).unknown_rates() if name in COMPONENTS else np.zeros((*size, self.directions_by(name).shape[1]))
-            for name in names
+            self.designs(name).unknown_rates() if name in COMPONENTS else np.zeros((*size, self._size(name))) for name in names
         ]
         return np.concatenate(rates, axis=2)
 
