@@ -1,6 +1,8 @@
 """Derivatives of solutions at equilibrium, by inputs and by the robot's own numbers; equations of ``docs/derivatives.md``."""
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,9 +28,48 @@ SINGULAR = 1e-14  # of the largest: a singular value of the compliance that roun
 Rows = Callable[[Any, FloatArray], FloatArray]  # of a problem and its columns of the pose by numbers at fixed unknowns
 
 
+@dataclass(frozen=True)
+class Columns:
+    """What an integration carried along, at fixed unknowns.
+
+    Attributes:
+        places: By each name, where its columns stand.
+        slopes: Of the residual, shape (instance, n, k).
+        rows: Of the end effector's pose, by the unknowns, then by the names, shape (instance, 6, n + k).
+        gamma: Shape (instance, n, n).
+    """
+
+    places: dict[str, NDArray[np.intp]]
+    slopes: FloatArray
+    rows: FloatArray
+    gamma: FloatArray
+
+    @classmethod
+    def of(cls, problem: BoundaryProblem, places: dict[str, NDArray[np.intp]]) -> "Columns":
+        """Those of the last integration, after ``aim(*places)``."""
+        slopes, moved = problem.aimed(*places)
+        return cls(places, slopes, _pose_rows(problem, moved), np.array(_gamma(problem)))
+
+    def by(self, names: Sequence[object]) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+        """The columns by these names, slopes, rows and ``gamma``; None where some are not there."""
+        if tuple(names) == tuple(self.places):
+            return self.slopes, self.rows, self.gamma
+        places = [self.places[name] for name in names if isinstance(name, str) and name in self.places]
+        if not places or len(places) < len(names):
+            return None
+        chosen = np.concatenate(places)
+        n = self.gamma.shape[-1]
+        return self.slopes[:, :, chosen], self.rows[:, :, np.concatenate([np.arange(n), n + chosen])], self.gamma
+
+
 def names_of(solution: "Solution[Any]", names: Sequence[object], call: str = "jacobian(name)") -> list[str]:
     """Inputs and parameters that are there, or a ``TypeError``."""
-    allowed = (*(spec.name for spec in solution.assembly.input_specs), *solution.assembly.parameters)
+    return known_names(solution.assembly, names, call)
+
+
+def known_names(assembly: "Assembly", names: Sequence[object], call: str) -> list[str]:
+    """The same of an assembly."""
+    allowed = (*(spec.name for spec in assembly.input_specs), *assembly.parameters)
     if not names:
         raise TypeError(f"{call} needs an input or several: it takes " + ", ".join(allowed))
     known: list[str] = []
@@ -43,11 +84,14 @@ def names_of(solution: "Solution[Any]", names: Sequence[object], call: str = "ja
 def jacobian(solution: "Solution[Any]", names: Sequence[object], of: str, at: Numbers | None, rod: int | str) -> FloatArray:
     """What ``Solution.jacobian`` says."""
     choice("of", of, OF)
+    kept = _kept(solution, names) if of == "pose" and at is None else None
+    if kept is not None:
+        return solution._masked(_eliminated(*kept), (POSE, kept[0].shape[-1]))
     known = names_of(solution, names)
     if of not in ALONG and at is not None:
         refuse("at", at, f"must not be given of {of}: it is for {', '.join(ALONG)}")
     # a follower force is an unknown's worth of equations more, but to first order only its direction counts
-    twins = twins_of(solution, known)
+    twins = twins_of(solution.assembly, lambda: solution.inputs, known)
     stand_ins = [twin or name for name, twin in zip(known, twins, strict=True)]
     tail, rows = _rows(solution, stand_ins, of, at, rod)
     result = _by(solution, stand_ins, rows, tail)
@@ -59,10 +103,10 @@ def jacobian(solution: "Solution[Any]", names: Sequence[object], of: str, at: Nu
     return np.asarray(frozen(np.concatenate(turned, axis=-1)))
 
 
-def twins_of(solution: "Solution[Any]", names: Sequence[str]) -> list[str]:
-    """Of each name the dead load that stands in for it, or none."""
-    specs = {spec.name: spec for spec in solution.assembly.input_specs}
-    return [specs[name].dead_twin if name in specs and not solution.inputs.is_active(name) else "" for name in names]
+def twins_of(assembly: "Assembly", inputs: "Callable[[], Inputs]", names: Sequence[str]) -> list[str]:
+    """Of each name the dead load that stands in for it, or none; inputs are asked for where there may be one."""
+    specs = {spec.name: spec.dead_twin for spec in assembly.input_specs}
+    return [specs[name] if specs.get(name) and not inputs().is_active(name) else "" for name in names]
 
 
 def split(solution: "Solution[Any]", names: Sequence[str], columns: FloatArray) -> list[FloatArray]:
@@ -71,7 +115,7 @@ def split(solution: "Solution[Any]", names: Sequence[str], columns: FloatArray) 
 
 
 def _pose_rows(problem: Any, moved: FloatArray) -> FloatArray:
-    return np.concatenate([problem.pose_columns.numpy()[:, :POSE, : problem.unknown_count], moved], axis=2)
+    return np.concatenate([problem.pose_by_unknowns(), moved], axis=2)
 
 
 def _rows(
@@ -131,15 +175,9 @@ def places_on(assembly: "Assembly", inputs: "Inputs", places: FloatArray, rod: i
 def _by(solution: "Solution[Any]", names: list[str], rows: Rows, tail: tuple[int, ...]) -> FloatArray:
     """(D1) Derivatives by parameters, and by inputs whose terms are compiled in, (..., *tail, k), in one integration."""
     count = sum(solution.assembly.column_count(name) for name in names)
-    size = int(np.prod(tail))
 
     def columns(problem: Any) -> tuple[FloatArray]:
-        slopes, carried = _fixed(problem, names, rows)
-        n, gamma = problem.unknown_count, _gamma(problem)
-        sound = _solvable(gamma)
-        result = np.full((len(gamma), size, count), np.nan)
-        shift = np.linalg.solve(gamma[sound], slopes[sound])
-        result[sound] = carried[sound, :, n:] - carried[sound, :, :n] @ shift
+        result = _eliminated(*_fixed(problem, names, rows), _gamma(problem))
         for k, points in problem.breakpoints.items():
             by_inputs = rows is _pose_rows and not any(name in solution.assembly.parameters for name in names)
             result[k] = pose_jacobian(problem.segments, k, points) if by_inputs else np.nan
@@ -148,16 +186,32 @@ def _by(solution: "Solution[Any]", names: list[str], rows: Rows, tail: tuple[int
     return solution._masked(_gathered(solution, names, columns)[0], (*tail, count))
 
 
+def _eliminated(slopes: FloatArray, rows: FloatArray, gamma: FloatArray) -> FloatArray:
+    """(D1) What is left once the unknowns follow; NaN where they cannot be told."""
+    n = gamma.shape[-1]
+    return np.asarray(rows[:, :, n:] - rows[:, :, :n] @ _solved(gamma, slopes))
+
+
+def _solved(matrices: FloatArray, sides: FloatArray) -> FloatArray:
+    """Solutions of many systems, NaN where a matrix is singular."""
+    try:
+        return np.asarray(np.linalg.solve(matrices, sides))
+    except np.linalg.LinAlgError:
+        result = np.full(sides.shape, np.nan)
+        for k in range(len(matrices)):
+            with suppress(np.linalg.LinAlgError):
+                result[k] = np.linalg.solve(matrices[k], sides[k])
+        return result
+
+
+def _kept(solution: "Solution[Any]", names: Sequence[object]) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Slopes, rows and ``Gamma`` that the solution has by these names; None where it has not."""
+    return None if solution.columns is None else solution.columns.by(names)
+
+
 def _gamma(problem: BoundaryProblem) -> FloatArray:
     n = problem.unknown_count
     return problem.read("gamma").reshape(-1, n, n)
-
-
-def _solvable(gamma: FloatArray) -> NDArray[np.bool_]:
-    """Where a matrix is regular."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        determinant = np.linalg.det(gamma)
-    return np.asarray(np.isfinite(determinant) & (determinant != 0))
 
 
 def _fixed(problem: Any, names: list[str], rows: Rows) -> tuple[FloatArray, FloatArray]:
@@ -186,7 +240,7 @@ def vjp(solution: "Solution[Any]", cotangent: Numbers, of: str, wrt: object) -> 
         given = np.broadcast_to(given, (*solution.batch_shape, rows))
     except ValueError:
         refuse("cotangent", f"shape {given.shape}", f"must broadcast to {(*solution.batch_shape, rows)}")
-    twins = twins_of(solution, known)
+    twins = twins_of(solution.assembly, lambda: solution.inputs, known)
     names = [twin or name for name, twin in zip(known, twins, strict=True)]
 
     def columns(problem: Any) -> tuple[FloatArray, ...]:
@@ -195,14 +249,12 @@ def vjp(solution: "Solution[Any]", cotangent: Numbers, of: str, wrt: object) -> 
             carried[k] = np.nan
         return slopes, carried, _gamma(problem)
 
-    slopes, carried, gamma = _gathered(solution, names, columns)
+    slopes, carried, gamma = _kept(solution, names) or _gathered(solution, names, columns)
     n = gamma.shape[-1]
     c = given.reshape(-1, rows, 1)
     carried = np.swapaxes(carried[:, part], 1, 2)
-    result = np.full((len(gamma), carried.shape[1] - n), np.nan)
-    sound = _solvable(gamma)
-    back = np.linalg.solve(np.swapaxes(gamma[sound], 1, 2), carried[sound, :n] @ c[sound])
-    result[sound] = (carried[sound, n:] @ c[sound] - np.swapaxes(slopes[sound], 1, 2) @ back)[..., 0]
+    back = _solved(np.swapaxes(gamma, 1, 2), carried[:, :n] @ c)
+    result = (carried[:, n:] @ c - np.swapaxes(slopes, 1, 2) @ back)[..., 0]
     result = solution._masked(result, result.shape[1:])
     pieces = split(solution, known, result)
     R = solution.tip_rotation

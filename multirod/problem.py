@@ -157,6 +157,7 @@ class BoundaryProblem(Uncopied, ABC):
             world, shape (instance_count, 6, n + direction_count).
         measured: Names of the inputs that are measurements: a solver that follows a motion may extrapolate the others.
         directions: Directions in input space, shape (instance_count, direction_count, input_count).
+        restored: How often records were set in the place of what integrations found: columns are then not theirs.
         rounding: What a number is rounded by, relative to itself, along the rods: numpy's ``eps`` of the integrator's precision.
         alone: What the thread that works on the problem holds.
         stop: Once it is set, ``integrate`` raises ``Interrupted``: how a batch on several threads is brought to an end.
@@ -165,6 +166,7 @@ class BoundaryProblem(Uncopied, ABC):
     eliminates = False  # whether columns by parameters may be at other fixed unknowns than its own: they are eliminated next
     instead = "ask the assembly for another problem"
     guess_integrations: int = 0
+    restored: int = 0
 
     def __init__(
         self,
@@ -421,7 +423,18 @@ class BoundaryProblem(Uncopied, ABC):
 
     def aimed(self, *names: str) -> tuple[FloatArray, FloatArray]:
         """What ``input_columns`` returns, of the last integration after ``aim(*names)``."""
-        return np.array(self.residual_directions.numpy()), np.array(self.pose_columns.numpy()[:, :, self.unknown_count :])
+        slopes, pose = self._column_views or (self.residual_directions.numpy(), self.pose_columns.numpy())
+        return np.array(slopes), np.array(pose[:, :, self.unknown_count :])
+
+    @cached_property
+    def _column_views(self) -> tuple[FloatArray, FloatArray] | None:
+        """Columns as NumPy sees them in place; None where they are elsewhere."""
+        return None if self._host is None else (self.residual_directions.numpy(), self.pose_columns.numpy())
+
+    def pose_by_unknowns(self) -> FloatArray:
+        """How the end effector's pose varies with the unknowns, shape (instance_count, 6, n); to be read at once."""
+        pose = self.pose_columns.numpy() if self._column_views is None else self._column_views[1]
+        return np.asarray(pose[:, :, : self.unknown_count])
 
     def along(self, names: Sequence[str], rod: int, places: FloatArray) -> dict[str, FloatArray]:
         """Derivatives of a rod's ``position``, ``rotation`` and ``curvature`` at some places, after ``aim(*names)``.
@@ -592,6 +605,7 @@ class BoundaryProblem(Uncopied, ABC):
 
     def restore(self, records: FloatArray) -> None:
         """Set the records to a snapshot of them."""
+        self.restored += 1
         if self._host is not None:
             self._host[:] = records
         else:

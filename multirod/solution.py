@@ -90,6 +90,7 @@ class Solution(Generic[Robot_co]):
         self._outcome = outcome
         self._inputs = inputs  # of the whole batch
         self._instances = instances  # of it, in the order of the records; None is all
+        self.columns: derivatives.Columns | None = None  # of the pose, where the integrations of a tracker carried them
         self._last_shapes: tuple[int, tuple[tuple[Shape, ...], FloatArray]] | None = None
         self._strain_said = False
 

@@ -258,3 +258,46 @@ def test_a_step_keeps_next_to_nothing(robot: mr.SingleRod, solver: mr.Solver) ->
     # a Solution that nobody keeps is freed at once: 2000 of them would be 2 MB
     assert end - start < 10_000
     assert peak - start < 500_000
+
+
+CARRIED = ("rotation", "tip_force", "precurvature", "follower_force")
+
+
+def test_a_sample_has_its_columns_without_another_integration(wire: mr.Rod, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the integrations carried is what an integration for it would say, to what 1e-9 1/m of residual leaves."""
+    solver = mr.Shooting(integrator=mr.RK45(), tolerance=1e-11)
+    robot = mr.SingleRod(wire)
+    tracker = mr.Tracker(robot, solver=solver, inputs=robot.inputs(tip_force=FORCE), jacobian=CARRIED)
+    for angle in (0.2, 0.21):
+        sample = tracker.step(rotation=angle)
+    expected = mr.solve(robot, sample.inputs, solver=solver, guess=sample)
+    columns = expected.jacobian(*CARRIED)
+    by_follower = expected.jacobian("follower_force")
+    cotangent = np.arange(6.0)
+    product = expected.vjp(cotangent, wrt="tip_force")["tip_force"]
+    with monkeypatch.context() as patch:
+        patch.setattr(mr.SingleRod, "problem", None)
+        np.testing.assert_allclose(sample.jacobian("rotation", "tip_force", "precurvature"), columns[:, :7], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(sample.jacobian("tip_force"), columns[:, 1:4], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(sample.vjp(cotangent, wrt="tip_force")["tip_force"], product, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(sample.jacobian("follower_force"), by_follower, rtol=0, atol=1e-9)
+    with pytest.raises(TypeError, match="takes no 'force'"):
+        sample.jacobian("force")
+
+
+def test_columns_of_the_tracker_belong_to_their_own_sample(wire: mr.Rod) -> None:
+    robot = mr.SingleRod(wire)
+    tracker = mr.Tracker(robot, solver=NEWTON, inputs=robot.inputs(tip_force=FORCE), jacobian="rotation")
+    first = tracker.step(rotation=0.2)
+    known = np.array(first.jacobian("rotation"))
+    first = tracker.step(rotation=0.2)
+    tracker.step(rotation=1.2)
+    np.testing.assert_allclose(first.jacobian("rotation"), known, rtol=0, atol=1e-9)
+
+
+def test_columns_are_refused_where_they_cannot_be(wire: mr.Rod) -> None:
+    robot = mr.SingleRod(wire)
+    with pytest.raises(TypeError, match="Tracker.*takes no 'rotations'.*did you mean 'rotation'"):
+        mr.Tracker(robot, jacobian="rotations")
+    with pytest.raises(ValueError, match="whose columns are its own"):
+        mr.Tracker(robot, solver=SOLVERS["feed-forward"], dt=0.005, jacobian="rotation")

@@ -80,7 +80,7 @@ class Designs:
         arrays = problem.arrays
         batch, rods, pieces = arrays.end.shape
         self._sections = int(arrays.section.max()) + 1
-        self.count = rods * self._sections * COMPONENTS[name]
+        self.count: int = rods * self._sections * COMPONENTS[name]
         shape = (batch, self.count, rods, pieces)
         self.end, self.shift = np.zeros(shape), np.zeros(shape)
         self.bending = np.zeros((*shape, 2))

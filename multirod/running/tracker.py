@@ -1,7 +1,7 @@
 """One sample at a time: a solver in a control loop."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from inspect import Parameter, Signature
 from threading import Lock
@@ -11,6 +11,7 @@ import numpy as np
 
 from multirod import plausibility
 from multirod.assembly import Assembly, Robot_co
+from multirod.derivatives import Columns, known_names, twins_of
 from multirod.exclusive import Uncopied
 from multirod.inputs import Inputs
 from multirod.models.assemblies.inputs import KnownInputs
@@ -70,10 +71,15 @@ class Tracker(Uncopied, Generic[Robot_co]):
         inputs: At the start; their batch axes are kept. Loads not zero here are compiled in now: another load named
             later is compiled in when it first comes, which takes seconds once.
         guess: Unknowns at the first sample, as for ``solve``.
+        jacobian: Input or parameter, or several, whose columns each integration carries: ``jacobian``, ``vjp`` by these, as many
+            of them as you like, then take no integration of their own. By fixed steps under a tip force alone, samples with
+            columns and without differ by the error of the steps (``docs/derivatives.md``).
         device: Warp device.
 
     Raises:
-        TypeError, ValueError: If an argument is not what it must be, or the solver needs ``dt`` and there is none.
+        TypeError, ValueError: If an argument is not what it must be, or the solver needs ``dt`` and there is none, or columns
+            are asked for of a solver that has its own.
+        NotImplementedError: If the assembly does not give the derivatives asked for.
     """
 
     instead = "make a new Tracker(robot, solver=..., dt=..., inputs=tracker.inputs, guess=solution)"
@@ -87,6 +93,7 @@ class Tracker(Uncopied, Generic[Robot_co]):
         dt: float | None = None,
         inputs: Inputs | None = None,
         guess: Solution | Numbers | None = None,
+        jacobian: str | Iterable[str] = (),
         device: str = "cpu",
     ) -> None:
         self._solver = as_solver(robot, solver)
@@ -95,9 +102,28 @@ class Tracker(Uncopied, Generic[Robot_co]):
         self._device = device_name("Tracker.device", device)
         self._inputs = robot.accept(inputs)
         self._enabled: set[str] = set()
+        self._columns = self._columns_of((jacobian,) if isinstance(jacobian, str) else tuple(jacobian))
         self._started = guess is not None
         self._lock = Lock()
         self._prepare(guess)
+
+    def _columns_of(self, names: tuple[str, ...]) -> dict[str, Any]:
+        """What samples carry columns by, and where these stand; in the place of a follower force the dead one."""
+        if not names:
+            return {}
+        if self._solver.direction_count:
+            refuse(
+                "Tracker.jacobian",
+                names,
+                f"must not be given with {self._solver!r}, whose columns are its own: sample.jacobian(...) integrates for itself",
+            )
+        known = known_names(self._robot, names, "Tracker(jacobian=...)")
+        twins = twins_of(self._robot, lambda: self._inputs, known)
+        stand_ins = list(dict.fromkeys(twin or name for name, twin in zip(known, twins, strict=True)))
+        self._enabled |= {name for name in stand_ins if name not in self._robot.parameters}
+        self._options = {"pose_sensitivities": True, **self._robot.input_directions(*stand_ins)}
+        ends = np.cumsum([self._robot.column_count(name) for name in stand_ins])
+        return dict(zip(stand_ins, np.split(np.arange(ends[-1]), ends[:-1]), strict=True))
 
     def _prepare(self, guess: Any) -> None:
         inputs = self._inputs
@@ -108,6 +134,9 @@ class Tracker(Uncopied, Generic[Robot_co]):
         count = runner.problem.instance_count
         runner.start(guess, count, slice(0, count))
         self._problem, self._track = runner.problem, runner.track
+        if self._columns:
+            self._problem.eliminates = True
+            self._problem.aim(*self._columns)
         self._batch_shape = np.broadcast_shapes(inputs.batch_shape, self._robot.batch_shape)
         self._rebind()
 
@@ -180,9 +209,13 @@ class Tracker(Uncopied, Generic[Robot_co]):
         try:
             if inputs is not None or not self._write(changes):
                 self._apply(inputs, **changes)
+            restored = self._problem.restored
             outcome = self._track.step()
             self._started = True
-            return Solution(self._scene, self._problem.snapshot(), outcome)
+            sample = Solution(self._scene, self._problem.snapshot(), outcome)
+            if self._columns and restored == self._problem.restored and not outcome.breakpoints:
+                sample.columns = Columns.of(self._problem, self._columns)
+            return sample
         finally:
             self._lock.release()
 

@@ -7,7 +7,7 @@ Ratios are of medians of runs that take turns, so that another load on the machi
 
 import argparse
 from collections.abc import Callable
-from time import perf_counter
+from time import perf_counter, process_time
 
 import numpy as np
 
@@ -17,7 +17,9 @@ SOLVER = mr.Shooting(integrator=mr.RK4(50))
 FORCE = (0.05, 0.1, 0.1)
 
 
-def interleaved(runs: dict[str, Callable[[], object]], count: int = 200) -> dict[str, float]:
+def interleaved(
+    runs: dict[str, Callable[[], object]], count: int = 200, clock: Callable[[], float] = perf_counter
+) -> dict[str, float]:
     """Median time of each [s]."""
     for run in runs.values():
         for _ in range(3):
@@ -25,9 +27,9 @@ def interleaved(runs: dict[str, Callable[[], object]], count: int = 200) -> dict
     times: dict[str, list[float]] = {name: [] for name in runs}
     for _ in range(count):
         for name, run in runs.items():
-            begin = perf_counter()
+            begin = clock()
             run()
-            times[name].append(perf_counter() - begin)
+            times[name].append(clock() - begin)
     return {name: float(np.median(values)) for name, values in times.items()}
 
 
@@ -69,7 +71,10 @@ def of_scene(name: str, robot: mr.SingleRod | mr.ConcentricTubes, values: dict[s
     inputs = robot.inputs(**values)
     solution = mr.solve(robot, inputs, solver=SOLVER)
     tracker = mr.Tracker(robot, dt=1e-3, solver=SOLVER, inputs=inputs)
-    tracker.step(inputs)
+    tracker.step()
+    carrying = mr.Tracker(robot, dt=1e-3, solver=SOLVER, inputs=inputs, jacobian=("rotation", "tip_force"))
+    for _ in range(2):
+        sample = carrying.step()
     problem = robot.problem(inputs, integrator=SOLVER.integrator, pose_sensitivities=True)
     problem.write("unknowns", problem.adopt(solution.unknowns[None]))
     count = robot.column_count("precurvature")
@@ -85,20 +90,25 @@ def of_scene(name: str, robot: mr.SingleRod | mr.ConcentricTubes, values: dict[s
             "jacobian": lambda: solution.jacobian("precurvature"),
             "by inputs": lambda: solution.jacobian("rotation", "tip_force"),
             "shape": lambda: solution[()].rod(0),
-            "step": lambda: tracker.step(inputs),
+            "stability": lambda: solution[()].stability,
+            "step": lambda: tracker.step(rotation=values["rotation"]),
+            "carrying": lambda: carrying.step(rotation=values["rotation"]),
+            "of a sample": lambda: sample.jacobian("rotation", "tip_force"),
             "solve": lambda: mr.solve(robot, inputs, solver=SOLVER),
-            "of a sample": lambda: tracker.step(inputs).jacobian("rotation"),
         }
     )
+    assert sample.columns is not None
     print(f"\n{name}")
     row("an integration with Gamma and the pose's columns", cost["integration"])
     row(f"the same with {count} columns by precurvature", cost["designed"], integrations=cost["integration"])
     row(f'solution.jacobian("precurvature"), {count} numbers', cost["jacobian"], integrations=cost["integration"])
-    row("Tracker.step, the inputs as they were", cost["step"], integrations=cost["integration"])
-    row('solution.jacobian("rotation", "tip_force")', cost["by inputs"], samples=cost["step"], solves=cost["solve"])
-    row("solution.rod(0)", cost["shape"], samples=cost["step"], solves=cost["solve"])
-    row("mr.solve from nothing", cost["solve"], samples=cost["step"])
-    row('a sample and its jacobian("rotation")', cost["of a sample"], samples=cost["step"])
+    row("Tracker.step(rotation=...), the inputs as they were", cost["step"], integrations=cost["integration"])
+    row('the same of Tracker(jacobian=("rotation", "tip_force"))', cost["carrying"], steps=cost["step"])
+    row('jacobian("rotation", "tip_force") of its sample', cost["of a sample"], steps=cost["step"])
+    row('solution.jacobian("rotation", "tip_force")', cost["by inputs"], steps=cost["step"], solves=cost["solve"])
+    row("solution.rod(0)", cost["shape"], steps=cost["step"], solves=cost["solve"])
+    row("solution.stability", cost["stability"], steps=cost["step"], solves=cost["solve"])
+    row("mr.solve from nothing", cost["solve"], steps=cost["step"])
 
 
 def of_jax(count: int = 500) -> None:
@@ -113,8 +123,8 @@ def of_jax(count: int = 500) -> None:
         value = jax.jit(lambda u: (tip(precurvature=u) ** 2).sum())
         slope = jax.jit(jax.grad(lambda u: (tip(precurvature=u) ** 2).sum()))
         runs = {"value": lambda: value(curves).block_until_ready(), "slope": lambda: slope(curves).block_until_ready()}
-        cost = interleaved(runs, 10)
-    print(f"\nJAX, three loaded tubes, a batch of {count}, each")
+        cost = interleaved(runs, 10, process_time)
+    print(f"\nJAX, three loaded tubes, a batch of {count}, each, of the processor's time, which all cores share")
     row("value", cost["value"] / count)
     row("gradient by 18 numbers of precurvature, with the value", cost["slope"] / count, values=cost["value"] / count)
 
