@@ -37,6 +37,8 @@ bench: $(VENV)/.installed
 	$(BIN)/python tests/benchmarks/stability.py $(ARGS)
 	$(BIN)/python tests/benchmarks/features.py
 	$(BIN)/python tests/benchmarks/lines.py $(ARGS)
+	$(BIN)/python tests/benchmarks/reach.py --quick
+	$(BIN)/python tests/benchmarks/estimate.py
 	$(BIN)/python tests/benchmarks/first_call.py
 
 $(BIN)/python:

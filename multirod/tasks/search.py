@@ -18,7 +18,9 @@ from multirod.validation import FloatArray
 SOFTNESS = 1e-12  # of the largest number of J, squared: what moves the tip by less than a millionth of that is damped
 RADIUS = 1.0  # longest step of a freed input, in units (9)
 GROWTH = 10.0  # of what is left, from which a step is taken back
+LOST = 100.0  # of what was left when a part of the way began, from which it is given up
 SHORTENED = 0.25  # what is left of a step that was taken back, or of a part of the way
+LENGTHENED = 2.0  # times the part of a step that was kept, the next one's
 LEAST_STEP = 0.01  # of a step
 LEAST_PART = 0.01  # of the way
 AT_REST = 1e-7  # a step in units (9) that is none
@@ -111,7 +113,8 @@ class Search:
         self.errors, self.first_errors, self.r = np.zeros((3, count, m))
         self.J = np.zeros((count, m, k))
         self.towards, self.by, self.residual = np.zeros((count, n)), np.zeros((count, n, k)), np.zeros(count)
-        self.sign, self.first_sign, self.merit = np.zeros(count), np.zeros(count), np.full(count, np.inf)
+        self.sign, self.first_sign = np.zeros((2, count))
+        self.merit, self.first_merit = np.full((2, count), np.inf)
         self.change = np.zeros((count, k))
 
     def begin(self, chosen: IntArray, start: Place) -> None:
@@ -158,13 +161,13 @@ class Search:
         r, J = found.condensed(errors, by_x, by_p)
         towards, by = found.eliminated
         bent = np.abs(towards).max(axis=1, initial=0.0) / self.curvature[rows]
-        merit = np.maximum(goals.length * np.abs(self._left(rows, r)).max(axis=1), bent)
+        merit = np.maximum(goals.length * np.linalg.norm(self._left(rows, r), axis=1), bent)
         kept = np.isfinite(merit) & np.isfinite(J).all(axis=(1, 2)) & ~found.failed
         kept &= self.fresh[rows] | (merit <= GROWTH * self.merit[rows] + goals.length * goals.tolerance)
         chosen = rows[kept]
         self.last.put(chosen, self.here)
         self.iterations[chosen] += ~self.fresh[chosen]
-        self.fresh[chosen], self.short[chosen] = False, 1.0
+        self.fresh[chosen], self.short[chosen] = False, np.minimum(1.0, LENGTHENED * self.short[chosen])
         self.errors[chosen], self.r[chosen], self.J[chosen] = errors[kept], r[kept], J[kept] * goals.unit
         self.towards[chosen], self.by[chosen] = towards[kept], by[kept] * goals.unit
         self.residual[chosen] = np.abs(found.residual[kept]).max(axis=1, initial=0.0)
@@ -202,7 +205,7 @@ class Search:
         """What is at its goal is done, or gets the next."""
         goals, last = self.goals, self.goal[rows] == 1
         scale = np.where(last, 1.0, LOOSE)
-        there = np.abs(self._left(rows, self.errors[rows])).max(axis=1) <= scale * goals.tolerance
+        there = np.linalg.norm(self._left(rows, self.errors[rows]), axis=1) <= scale * goals.tolerance
         there &= self.residual[rows] <= scale * goals.residual_tolerance[rows]
         rows = rows[there]
         # past a fold: the sign of det Gamma is that of the start no more
@@ -256,12 +259,17 @@ class Search:
             return
         left = self._left(rows, self.r[rows])
         bent = np.abs(self.towards[rows]).max(axis=1, initial=0.0) / self.curvature[rows]
-        self.merit[rows] = np.maximum(self.goals.length * np.abs(left).max(axis=1), bent)
+        self.merit[rows] = np.maximum(self.goals.length * np.linalg.norm(left, axis=1), bent)
+        first = rows[self.steps[rows] == 0]
+        self.first_merit[first] = self.merit[first]
+        lost = self.merit[rows] > LOST * self.first_merit[rows]
+        self._shorten(rows[lost])
+        rows, left, bent = rows[~lost], left[~lost], bent[~lost]
         d = self._solved(rows)
         self.change[rows] = d
         self.steps[rows] += 1
         rest = (np.abs(d).max(axis=1, initial=0.0) <= AT_REST) & (bent <= AT_REST)
-        rest &= np.abs(left).max(axis=1) > self.goals.tolerance
+        rest &= np.linalg.norm(left, axis=1) > self.goals.tolerance
         stuck = rest | (self.steps[rows] > MOST_STEPS)
         # what is as near to a place on the way as it comes goes for the target itself
         onward = stuck & (self.goal[rows] < 1)
