@@ -203,6 +203,7 @@ def _single(found: "Solution", title: str) -> str:
             ["condition", _number(float(found.condition))],
         ]
     rows += [
+        *([name, value] for name, value in found._asides.items()),
         ["residual [1/m]", _number(float(found.residual))],
         ["iterations, integrations", f"{int(found.iterations)}, {int(found.integrations)}"],
     ]

@@ -770,7 +770,8 @@ class Solution(Generic[Robot_co]):
         if not self.batch_shape:
             x, y, z = self.tip_position
             tip = "" if self.status.failed else f", tip ({x:.5g}, {y:.5g}, {z:.5g}) m"
-            residual = f", residual {float(self.residual):.2g} 1/m"
+            asides = "".join(f", {name} {value}" for name, value in self._asides.items())
+            residual = f"{asides}, residual {float(self.residual):.2g} 1/m"
             events = "".join(f"; {event.said}" for event in self.events)
             return f"{type(self).__name__}({self.status.name}{tip}{residual}{self._without}{events})"
         return f"{type(self).__name__}(batch {self.batch_shape}: {self._counts(slice(None))}{self._without})"
@@ -779,6 +780,11 @@ class Solution(Generic[Robot_co]):
         from multirod import html
 
         return html.solution(self)
+
+    @property
+    def _asides(self) -> dict[str, str]:
+        """What a kind of result says beside what all say, by name; of a single one."""
+        return {}
 
     @property
     def _without(self) -> str:

@@ -111,6 +111,7 @@ def test_limits_and_singular_tasks_have_bounded_steps_and_say_so(start):
     loop = mr.Controller(straight, dt=0.01, free=("rotation",), integrator=STEPS)
     command = loop.step(position=(0.01, 0, 0.4))
     assert command.singular
+    assert "target_error 0.01 m, singular yes, residual" in repr(command)
     assert np.abs(command.inputs.rotation).max() < 0.3
     assert command.target_error == pytest.approx(0.01, rel=1e-6)
 

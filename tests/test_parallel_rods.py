@@ -330,6 +330,7 @@ def test_the_inverse_problem_keeps_to_limits():
         assert (np.isfinite(inverse.translations(found)).all(axis=1) == within).all()
     assert inverse.with_rods(inverse.rods).limits.tolist() == inverse.limits.tolist()
     assert "limits=[[-0.01" in repr(inverse)
+    assert repr(robot) == f"ParallelRods(legs=[{robot.legs[0]!r}] * 6)"
     assert (robot.inverse(limits=(-np.inf, np.inf)).limits == free.limits).all()
 
 

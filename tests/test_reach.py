@@ -76,6 +76,10 @@ def test_where_a_limit_holds_every_way_that_it_leaves_leads_away(start):
     assert found.status is mr.Status.AT_LIMIT
     assert not found.failed
     assert found.at_limit[3:].any()
+    held = [f"{name}[{k}]" for name in FREE for k in range(3)]
+    said = ", ".join(np.array(held)[found.at_limit])
+    assert f"target_error {float(found.target_error):.3g} m, at_limit {said}, residual" in repr(found)
+    assert f"{said}</td>" in found._repr_html_()
     away = (found.tip_position - target) / np.linalg.norm(found.tip_position - target)
     assert float(found.target_error) == pytest.approx(np.linalg.norm(found.tip_position - target), rel=1e-9)
     slope = away @ found.jacobian(*FREE)[:3]

@@ -257,7 +257,10 @@ class ParallelRods(Assembly):
         return InverseParallelRods(self, limits=limits)
 
     def __repr__(self) -> str:
-        return f"ParallelRods(legs={list(self.legs)!r})"
+        each = [repr(leg) for leg in self.legs]
+        if len(set(each)) == 1:
+            return f"ParallelRods(legs=[{each[0]}] * {len(each)})"
+        return f"ParallelRods(legs=[{', '.join(each)}])"
 
 
 class InverseParallelRods(Assembly):

@@ -1,7 +1,7 @@
 """A robot's inputs along a moving target, one integration a sample. Numbers in parentheses: ``docs/tasks.md``."""
 
 from collections.abc import Sequence
-from math import exp
+from math import exp, nan
 from threading import Lock
 from typing import Any, Generic
 
@@ -21,7 +21,7 @@ from multirod.solvers.shooting import Shooting
 from multirod.status import Status
 from multirod.tasks.formulation import Evaluation, Task, freed, input_units
 from multirod.tasks.gauss_newton import step
-from multirod.tasks.limits import Limits, limit_rows, refuse_start
+from multirod.tasks.limits import Limits, freed_labels, limit_rows, refuse_start, told
 from multirod.tasks.rows import Pose
 from multirod.types import Numbers
 from multirod.validation import Described, FloatArray, array, device_name, frozen, instance, positive_float, refuse
@@ -51,6 +51,12 @@ class Command(Solution[Robot_co]):
     offset: FloatArray
     free: tuple[str, ...]
     _by_free: FloatArray
+
+    @property
+    def _asides(self) -> dict[str, str]:
+        labels = freed_labels(self.free, [getattr(self.inputs, name).shape[-1] for name in self.free])
+        held = ", ".join(label for label, own in zip(labels, self.at_limit, strict=True) if own)
+        return told(self.target_error, nan, held) | ({"singular": "yes"} if self.singular else {})
 
     def _jacobian(self, names: tuple[object, ...], of: str, at: Any, rod: int | str) -> FloatArray:
         """By the inputs that are free, without another integration: the columns of the sample's own."""
@@ -102,7 +108,7 @@ class Controller(Uncopied, Generic[Robot_co]):
         self.free = freed("Controller.free", robot, free)
         lag = LAG * self.dt if correction_time is None else positive_float("Controller.correction_time", correction_time)
         if limits is not None:
-            instance("Controller.limits", limits, Limits, "Limits")
+            instance("Controller.limits", limits, Limits, "Limits, such as Limits(translation=(-0.1, 0))")
             if limits.of_shape:
                 refuse("Controller.limits", limits, "must be of inputs alone: of the shape, each sample's properties tell")
         method, device = RK45() if integrator is None else integrator, device_name("Controller.device", device)

@@ -100,6 +100,21 @@ class LimitRows:
         return np.asarray(np.maximum(beyond / np.maximum(np.abs(self.matrix) @ unit, 1e-300), 0.0))
 
 
+def freed_labels(free: Sequence[str], sizes: Sequence[int]) -> list[str]:
+    """What each freed number is called in messages."""
+    return [f"{name}[{j}]" if size > 1 else name for name, size in zip(free, sizes, strict=True) for j in range(size)]
+
+
+def told(error: float, angle: float, at_limit: str) -> dict[str, str]:
+    """How near a single result came to its target, for people; what is NaN was not asked for."""
+    parts = {
+        "target_error": f"{error:.3g} m" if np.isfinite(error) else "",
+        "target_angle": f"{angle:.3g} rad" if np.isfinite(angle) else "",
+        "at_limit": at_limit,
+    }
+    return {name: text for name, text in parts.items() if text}
+
+
 def limit_rows(robot: Assembly, limits: Limits | None, free: Sequence[str]) -> LimitRows:
     """What limits the freed inputs of a robot: what was given, and what it cannot do.
 
@@ -125,7 +140,7 @@ def limit_rows(robot: Assembly, limits: Limits | None, free: Sequence[str]) -> L
                 if end.ndim and len(end) != size:
                     refuse(f"Limits.{name}", end.tolist(), f"must be a number or {size} of them")
             low[own], high[own] = np.maximum(low[own], given.inputs[name][0]), np.minimum(high[own], given.inputs[name][1])
-    labels = [f"{name}[{j}]" if size > 1 else name for name, size in zip(free, sizes, strict=True) for j in range(size)]
+    labels = freed_labels(free, sizes)
     kept = np.isfinite(low) | np.isfinite(high)
     rows = [np.eye(count)[kept]]
     lows, highs = [low[kept]], [high[kept]]

@@ -22,7 +22,7 @@ from multirod.solver import Outcome, Solver
 from multirod.status import Status, failures
 from multirod.tasks.formulation import Task, freed, input_units, options
 from multirod.tasks.gauss_newton import step
-from multirod.tasks.limits import LimitRows, Limits, limit_rows, middle, refuse_start
+from multirod.tasks.limits import LimitRows, Limits, freed_labels, limit_rows, middle, refuse_start, told
 from multirod.tasks.redundancy import steadied
 from multirod.tasks.rows import Pose
 from multirod.tasks.search import Goals, Place, Prefer, Search
@@ -73,6 +73,12 @@ class Reached(Solution[Robot_co]):
         self.target_error = frozen(errors[:, 0].reshape(self.batch_shape))
         self.target_angle = frozen(errors[:, 1].reshape(self.batch_shape))
         self.at_limit = frozen(at_limit.reshape(*self.batch_shape, -1))
+
+    @property
+    def _asides(self) -> dict[str, str]:
+        labels = freed_labels(self.free, [getattr(self.inputs, name).shape[-1] for name in self.free])
+        held = ", ".join(label for label, own in zip(labels, self.at_limit, strict=True) if own)
+        return told(float(self.target_error), float(self.target_angle), held)
 
     def __getitem__(self, index: Index) -> "Reached[Robot_co]":
         """The result of some instances: ``index`` as for an array with the leading axes ``batch_shape``."""
@@ -170,13 +176,13 @@ def reach(
         NotImplementedError: If the derivatives by a freed input are not known.
     """
     method = as_solver(robot, solver)
-    instance("target", target, Pose, "a Pose")
+    instance("target", target, Pose, "a Pose, such as Pose(position=(0.1, 0, 0.2))")
     if not target.complete.all():
         refuse("target", target, "must be finite: NaN is for a measurement that is missing")
     if guess is not None:
         instance("guess", guess, Solution, "a Solution")
     if limits is not None:
-        instance("limits", limits, Limits, "Limits")
+        instance("limits", limits, Limits, "Limits, such as Limits(translation=(-0.1, 0))")
     free = freed("free", robot, free)
     given = robot.accept(guess.inputs if inputs is None and guess is not None else inputs)
     for name in free:
