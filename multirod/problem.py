@@ -423,18 +423,11 @@ class BoundaryProblem(Uncopied, ABC):
 
     def aimed(self, *names: str) -> tuple[FloatArray, FloatArray]:
         """What ``input_columns`` returns, of the last integration after ``aim(*names)``."""
-        slopes, pose = self._column_views or (self.residual_directions.numpy(), self.pose_columns.numpy())
-        return np.array(slopes), np.array(pose[:, :, self.unknown_count :])
-
-    @cached_property
-    def _column_views(self) -> tuple[FloatArray, FloatArray] | None:
-        """Columns as NumPy sees them in place; None where they are elsewhere."""
-        return None if self._host is None else (self.residual_directions.numpy(), self.pose_columns.numpy())
+        return np.array(self.buffer("residual_directions")), np.array(self.buffer("pose_columns")[:, :, self.unknown_count :])
 
     def pose_by_unknowns(self) -> FloatArray:
         """How the end effector's pose varies with the unknowns, shape (instance_count, 6, n); to be read at once."""
-        pose = self.pose_columns.numpy() if self._column_views is None else self._column_views[1]
-        return np.asarray(pose[:, :, : self.unknown_count])
+        return np.asarray(self.buffer("pose_columns")[:, :, : self.unknown_count])
 
     def along(self, names: Sequence[str], rod: int, places: FloatArray) -> dict[str, FloatArray]:
         """Derivatives of a rod's ``position``, ``rotation`` and ``curvature`` at some places, after ``aim(*names)``.
@@ -590,6 +583,19 @@ class BoundaryProblem(Uncopied, ABC):
         ``position``, ``rotation`` or ``inputs``.
         """
         return np.array((self.records.numpy() if self._host is None else self._host)[:, self.record_fields[name]])
+
+    def buffer(self, name: str) -> NDArray[Any]:
+        """What the last integration wrote beside the records, ``fault``, ``residual_directions`` or ``pose_columns``: on the CPU
+        as NumPy sees it in place."""
+        view = self._views.get(name)
+        return np.asarray(getattr(self, name).numpy()) if view is None else view
+
+    @cached_property
+    def _views(self) -> dict[str, NDArray[Any]]:
+        """Made once: each time anew they take a loop's sample as long as its linear algebra."""
+        if self._host is None:
+            return {}
+        return {name: getattr(self, name).numpy() for name in ("fault", "residual_directions", "pose_columns")}
 
     def write(self, name: str, values: FloatArray) -> None:
         """Set one field of the records from an array that broadcasts to (instance_count, size)."""

@@ -169,6 +169,21 @@ def test_what_cannot_be_reached_fails_by_name(robot):
         found.raise_if_failed()
 
 
+def test_what_the_robot_would_leave_is_no_estimate():
+    """Under more than Euler's 3.4 N a column stays straight only in an unstable equilibrium: it says so, and fails alone."""
+    column = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.223349, torsional_stiffness=0.063814))
+    upright = mr.Pose(position=(0, 0, 0.4), rotation=np.eye(3), sigma=(POSITION, ANGLE))
+    pressed = {"tip_force": mr.Prior([(0, 0, -8), (0, 0, -1)], sigma=SIGMA)}
+    found = mr.estimate(column, unknown=pressed, measured=upright, guess=np.zeros(3))
+    assert [mr.Status(value) for value in found.status] == [mr.Status.UNSTABLE, mr.Status.CONVERGED]
+    for values in (found.value("tip_force")[0], found.covariance()[0], found.misfit[0], found.solution.tip_position[0]):
+        assert np.isnan(values).all()
+    assert not found.observable["tip_force"][0].any()
+    alone = mr.estimate(column, unknown={"tip_force": mr.Prior((0, 0, -1), sigma=SIGMA)}, measured=upright, guess=np.zeros(3))
+    np.testing.assert_array_equal(found.value("tip_force")[1], alone.value("tip_force"))
+    np.testing.assert_array_equal(found.covariance()[1], alone.covariance())
+
+
 GOOD = mr.Pose(position=(0, 0, 0.1), sigma=1e-3)
 
 

@@ -127,6 +127,32 @@ def test_what_is_known_moves_with_it(wire, make):
     np.testing.assert_allclose(one.solution.rod(0).position[-1], again.tip_position, atol=1e-5)
 
 
+def test_one_that_fails_leaves_the_others_as_they_are(wire, make):
+    """Of a batch: bitwise. A sample far off leads where there is no stable equilibrium; it says so, and begins anew."""
+    robot = mr.SingleRod(wire)
+    force = np.array([[0.2, -0.1, 0.3], [0.0, 0.4, -0.1]])
+    solved = mr.solve(robot, robot.inputs(tip_force=force), solver=mr.Shooting(integrator=STEPS))
+    p, R = np.array(solved.tip_position), np.array(solved.tip_rotation)
+    two = robot.inputs(rotation=np.zeros(2))
+    far, sound = (
+        make(inputs=two, start=mr.Prior([(x, 0, 0), (0, 0, 0)], sigma=0.5), guess=np.array((14.0, 5.0, 0.0))) for x in (1e9, 0.0)
+    )
+    statuses = []
+    for k in range(8):
+        lost, kept = far.step([(p, R)]), sound.step([(p if k != 2 else p + [[50, 0, 0], [0, 0, 0]], R)])
+        assert lost.failed.tolist() == [True, False]
+        assert np.isnan(lost.value("tip_force")[0]).all()
+        assert np.isnan(lost.misfit[0])
+        assert k == 0 or lost.integrations[1] == 1
+        for own, other in ((lost.value("tip_force"), kept.value("tip_force")), (lost.covariance(), kept.covariance())):
+            np.testing.assert_array_equal(own[1], other[1])
+        statuses.append(mr.Status(kept.status[0]))
+    assert statuses[1] is mr.Status.TRACKING
+    assert mr.Status.UNSTABLE in statuses
+    assert statuses[-1] is mr.Status.TRACKING
+    assert (np.abs(kept.value("tip_force") - force) < 1e-3).all()
+
+
 @pytest.mark.parametrize(
     ("options", "error", "message"),
     [
@@ -157,6 +183,16 @@ def test_bad_estimators(make, options, error, message):
 def test_bad_samples(make, measured, changes, error, message):
     with pytest.raises(error, match=message):
         make().step(measured, **changes)
+
+
+def test_nan_hides_nothing(wire, make):
+    """What one instance lacks, another must still have right."""
+    meter = make(inputs=mr.SingleRod(wire).inputs(rotation=np.zeros(2)))
+    with pytest.raises(ValueError, match="must be a rotation"):
+        meter.step([(np.zeros(3), np.array([np.full((3, 3), np.nan), 2 * np.eye(3)]))])
+    tilted = mr.Pose(position=(0, 0, 0.4), axis=(0, 0, 1), sigma=(POSITION, ANGLE))
+    with pytest.raises(ValueError, match=r"measured\[0\], axis.*must not be zero"):
+        make(sensors=tilted).step([(np.zeros(3), np.zeros(3))])
 
 
 def test_bad_walks():

@@ -3,6 +3,7 @@
 Numbers in parentheses are those of ``docs/derivatives.md``.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +20,24 @@ if TYPE_CHECKING:
 QUANTITIES = ("position", "rotation", "curvature")
 SHARED = ("residual", "gamma", "residual_directions", "pose_columns")
 NODE_GAP = 1e-12  # of the length: a place this close to the end of a section is just before it
+
+
+def _linear(matrix: Callable[[FloatArray], FloatArray], size: int) -> FloatArray:
+    """What a vector of so many numbers is multiplied by, from the right, to give the numbers of a matrix that is linear in it."""
+    return np.stack([matrix(unit).reshape(-1) for unit in np.eye(size)])
+
+
+def _by_inverse(q: FloatArray) -> FloatArray:
+    """Of the vector part of ``q^-1`` times a quaternion, scalar last, ``q`` of unit length."""
+    return np.concatenate([q[3] * np.eye(3) - cross_matrix(q[:3]), -q[:3, None]], axis=1)
+
+
+def _by_curvature(u: FloatArray) -> FloatArray:
+    """Of half a quaternion times ``u``."""
+    return 0.5 * np.block([[-cross_matrix(u), u[:, None]], [-u, np.zeros(1)]])
+
+
+BY_INVERSE, BY_CURVATURE = _linear(_by_inverse, 4), _linear(_by_curvature, 3)
 
 
 class AlongPass:
@@ -57,6 +76,7 @@ class AlongPass:
         if not shared:
             self._call.position = wp.zeros(batch, dtype=wp.vec3d, device=device)
             self._call.rotation = wp.zeros(batch, dtype=wp.mat33d, device=device)
+        self._found: FloatArray | None = None
         self._launch = problem._record(features, self._call, columns=(n, problem.direction_count))
 
     def at(self, places: FloatArray, rod: int) -> tuple[dict[str, FloatArray], FloatArray]:
@@ -76,21 +96,15 @@ class AlongPass:
 
     def curvature(self, rod: int) -> tuple[FloatArray, FloatArray]:
         """Of the last launch: ``u`` of a rod (instance_count, count, 3), and its columns as of ``at``, by few products."""
-        found, layout, size = self._call.node_columns.numpy()[:, 1:], self.layout.column, self.layout.column.size
+        if self._found is None or not wp.get_device(self.problem.device).is_cpu:
+            self._found = self._call.node_columns.numpy()
+        found, layout, size = self._found[:, 1:], self.layout.column, self.layout.column.size
         first = layout["frame"]
         frame, rate = found[:, :, first : first + 4], found[:, :, size + first : size + first + 4]
         q = frame[..., -1]
-        # as matrices: twice the vector part of q^-1 times a quaternion, and a quaternion times u
-        by_inverse, by_curvature = np.zeros((*q.shape[:2], 3, 4)), np.zeros((*q.shape[:2], 4, 4))
-        by_inverse[..., :3] = -cross_matrix(q[..., :3])
-        by_inverse[..., 3] = -q[..., :3]
-        across = np.arange(3)
-        by_inverse[..., across, across] = q[..., 3:]
-        by_inverse *= (2 / (q**2).sum(axis=-1))[..., None, None]
+        by_inverse = ((q * (2 / (q**2).sum(axis=-1, keepdims=True))) @ BY_INVERSE).reshape(*q.shape[:2], 3, 4)
         u = (by_inverse @ rate[..., -1:])[..., 0]
-        by_curvature[..., :3, :3] = -cross_matrix(u)
-        by_curvature[..., :3, 3], by_curvature[..., 3, :3] = u, -u
-        columns = by_inverse @ (rate[..., :-1] - 0.5 * by_curvature @ frame[..., :-1])
+        columns = by_inverse @ (rate[..., :-1] - (u @ BY_CURVATURE).reshape(*q.shape[:2], 4, 4) @ frame[..., :-1])
         if rod == 0:
             return u, columns
         place = layout["angles"] + rod - 1

@@ -87,7 +87,9 @@ class LanePass:
         portion = max(1, min(longest, count))
         lanes = width(precision, device)
         call.unknown_columns, call.direction_columns = columns
-        self._arrays = deal(call, features, integrator, precision, device, portion, lanes, shared=call.node_count == 0)
+        self._arrays = deal(
+            call, features, integrator, precision, device, portion, lanes, shared=call.node_count == 0 or features.along
+        )
         launch_arguments = [table, call, self._arrays]
 
         def make() -> Any:

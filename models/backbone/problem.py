@@ -540,6 +540,8 @@ class BackboneProblem(BoundaryProblem):
 
     def _columns_of(self, names: Sequence[str], wanted: str) -> Iterator[slice]:
         """Where the columns by one of the names stand."""
+        if wanted not in names:
+            return
         first = 0
         for name in names:
             size = self._size(name)

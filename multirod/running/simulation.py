@@ -306,7 +306,7 @@ def _numbers(instances: Any, count: int) -> IntArray:
     return values
 
 
-def unknowns_of_guess(guess: Any, problem: BoundaryProblem, count: int, piece: slice) -> FloatArray | None:
+def unknowns_of_guess(guess: Any, problem: BoundaryProblem, count: int, piece: slice | IntArray) -> FloatArray | None:
     """A guess of the problem's unknowns, (instance_count, n), from a solution or an array of all ``count`` instances."""
     if guess is None:
         return None

@@ -17,6 +17,7 @@ from multirod.rotations import left_jacobian, matrices
 from multirod.running.simulation import as_solver, solve
 from multirod.solution import Solution, SolveError
 from multirod.solver import Solver
+from multirod.stability import Stability
 from multirod.status import Status
 from multirod.tasks.curvature import AlongEvaluation, AlongTask, Places
 from multirod.tasks.estimate import HALVINGS, SEEN, SETTLED, SLACK, TOLERANCE, block_diagonal
@@ -406,7 +407,6 @@ class _Fit:
             step = planned.step[0]
             self.p, self.x, self.covariance = p, x, planned.covariance[0]
             if settled:
-                self.status = Status.CONVERGED
                 self._finish()
                 return
             self.iterations += 1
@@ -444,7 +444,14 @@ class _Fit:
         return planned, towards, by, near and bool(planned.length[0] <= SETTLED)
 
     def _finish(self) -> None:
-        """The fitted robot and its equilibria."""
-        self.robot = self.numbers.robot(self.p)
+        """The fitted robot and its equilibria, if these are what it would stay in."""
+        robot = self.numbers.robot(self.p)
         guess = self.x.reshape((*self.solution.batch_shape, -1))
-        self.solution = solve(self.robot, self.inputs, solver=self.solver, guess=guess, device=self.device, progress=False)
+        solution = solve(robot, self.inputs, solver=self.solver, guess=guess, device=self.device, progress=False)
+        failed = solution.failed.reshape(-1)
+        if failed.any():
+            self.status = Status(int(np.reshape(solution.status, -1)[failed][0]))
+        elif np.isin(solution.stability, (Stability.UNSTABLE, Stability.FOLD)).any():
+            self.status = Status.UNSTABLE
+        else:
+            self.robot, self.solution, self.status = robot, solution, Status.CONVERGED

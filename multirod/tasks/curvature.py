@@ -185,6 +185,12 @@ class AlongTask(Task):
         if self._pass is None:
             return found
         told = [self.problem.sensed(self._pass, self.free, rod) for rod in self._places.rods]
-        values, columns = (np.stack(part, axis=1)[instances] for part in zip(*told, strict=True))
-        values[found.failed], columns[found.failed] = np.nan, np.nan
+        values, columns = (_stacked(part)[instances] for part in zip(*told, strict=True))
+        if found.failed.any():
+            values[found.failed], columns[found.failed] = np.nan, np.nan
         return AlongEvaluation(**vars(found), curvature=values, curvature_columns=columns)
+
+
+def _stacked(parts: Sequence[FloatArray]) -> FloatArray:
+    """``np.stack(parts, axis=1)``, without a copy where there is one."""
+    return parts[0][:, None] if len(parts) == 1 else np.stack(parts, axis=1)

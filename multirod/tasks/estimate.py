@@ -17,7 +17,8 @@ from multirod.inputs import Inputs
 from multirod.running.simulation import as_solver, unknowns_of_guess
 from multirod.scene import Scene
 from multirod.solution import Solution
-from multirod.solver import Outcome, Solver
+from multirod.solver import Outcome, Solver, refuse_unfit
+from multirod.stability import Stability, modes_of
 from multirod.status import Status, failures
 from multirod.tasks.curvature import Places
 from multirod.tasks.formulation import Evaluation, freed
@@ -253,7 +254,9 @@ class Part:
     ``towards`` and ``by`` say where the equilibrium goes with a step, (2); ``step`` is the one that is tried next.
     """
 
-    def __init__(self, scene: Known, piece: slice, instances: IntArray | None, measured: Measured | None = None) -> None:
+    def __init__(
+        self, scene: Known, piece: slice | IntArray, instances: IntArray | None, measured: Measured | None = None
+    ) -> None:
         self.scene, self.piece = scene, piece
         robot, inputs, names = scene.robot, scene.inputs, tuple(scene.priors)
         options: dict[str, Any] = {"integrator": scene.solver.integrator, "device": scene.device, "instances": instances}
@@ -286,6 +289,19 @@ class Part:
                 break
             active = self._advance(active)
         self.outcome.status[active] = Status.MAX_ITERATIONS
+        self._judge()
+
+    def _judge(self) -> None:
+        """Refuse what the robot would leave, or the problem's own test does: it was at rest when it was measured."""
+        found = self.outcome.status == Status.CONVERGED
+        if not found.any():
+            return
+        problem = self.task.problem
+        doubtful = found & ~(problem.mode_bounds()[:, 0] < 1)
+        if doubtful.any():
+            unstable = np.isin(modes_of(problem).stability, (Stability.UNSTABLE, Stability.FOLD))
+            self.outcome.status[doubtful & unstable] = Status.UNSTABLE
+        refuse_unfit(problem, self.outcome)
 
     def _start(self) -> NDArray[np.bool_]:
         """The equilibria at the priors' means; which of them were found, and are not what is sought already."""

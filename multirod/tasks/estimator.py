@@ -1,11 +1,13 @@
 """Inputs behind measurements, one sample at a time, by one integration each. Numbers in parentheses: ``docs/estimation.md``."""
 
 from collections.abc import Mapping, Sequence
-from math import prod
+from dataclasses import replace
+from math import copysign, isfinite
 from threading import Lock
 from typing import Any, Generic
 
 import numpy as np
+from numpy.typing import NDArray
 
 from multirod.assembly import Robot_co
 from multirod.exclusive import Uncopied
@@ -19,7 +21,7 @@ from multirod.solvers.shooting import Shooting
 from multirod.status import Status, failures
 from multirod.tasks.curvature import Places
 from multirod.tasks.estimate import Estimate, Known, Part, at_means, block_diagonal, places_of
-from multirod.tasks.formulation import freed, options
+from multirod.tasks.formulation import freed, options, solved_each
 from multirod.tasks.priors import Prior, Walk
 from multirod.tasks.sensors import Live, Sensor, batch_of, checked
 from multirod.types import Numbers
@@ -116,19 +118,20 @@ class Estimator(Uncopied, Generic[Robot_co]):
             known.live.put(measured)
             solution = self._tracker.step(**changes)
             shape = self._whole
-            mean, covariance, free = known.mean, known.covariance, known.free
-            failed = solution.failed.reshape(-1)
-            if failed.any():
-                mean, covariance = np.where(failed[:, None], np.nan, mean), np.where(failed[:, None, None], np.nan, covariance)
+            mean, covariance, square = known.mean, known.covariance, known.square
+            if not known.sound:
+                kept = known.begun
+                mean, covariance = np.where(kept[:, None], mean, np.nan), np.where(kept[:, None, None], covariance, np.nan)
+                square = np.where(kept, square, np.nan)
             return Estimate(
                 solution,
                 self._places,
                 mean.reshape((*shape, -1)),
                 covariance.reshape((*shape, *covariance.shape[1:])),
-                free.reshape((*shape, *free.shape[1:])),
+                known.free.reshape((*shape, *covariance.shape[1:])),
                 known.live.missing.reshape((*shape, -1)),
-                known.square.reshape(shape),
-                known.live.known.sum(axis=1).reshape(shape),
+                square.reshape(shape),
+                known.live.counted.reshape(shape),
             )
         finally:
             self._lock.release()
@@ -158,19 +161,35 @@ class _Filter(Solver):
         free: What it would be had nothing been measured, shape (b, k, k).
         walked: What a sample adds, shape (b, k, k).
         square: Of what was measured and not expected, in its standard deviations, shape (b,).
-        unknowns: Of the boundary problem, shape (b, n); None before the first sample.
+        unknowns: Of the boundary problem, shape (b, n).
+        begun: Which instances go on from their last sample; the others are estimated by themselves, shape (b,).
+        sound: Whether all do.
+        sign: Of ``det Gamma`` where each began, shape (b,).
     """
 
     def __init__(self, known: Known, live: Live, walked: FloatArray, start: FloatArray) -> None:
-        self.known, self.live, self.walked = known, live, walked
+        self.known, self.live, self.walked, self.start = known, live, walked, start
         self.names = tuple(known.priors)
         self.integrator = known.solver.integrator
         self.pose_sensitivities = True
         self.present: Any = None
-        self.free = start
-        self.unknowns: FloatArray | None = None
-        count = prod(known.batch_shape)
-        self.mean, self.covariance, self.square = np.zeros(start.shape[:2]), start, np.zeros(count)
+        count, size = start.shape[:2]
+        self.free, self.covariance = np.array(start), np.array(start)
+        self.mean, self.square, self.sign = np.zeros((count, size)), np.zeros(count), np.zeros(count)
+        self.unknowns = np.zeros((count, 0))
+        self.begun, self.sound = np.zeros(count, dtype=bool), False
+        self.identity, self.once = np.eye(size), np.ones(count, dtype=np.int32)
+        self.tracking = self.once * np.int32(Status.TRACKING)
+        from scipy.linalg.lapack import dgesv
+
+        self._solve_one = dgesv
+
+    def solved(self, matrices: FloatArray, sides: FloatArray) -> FloatArray:
+        """``matrices^-1 sides``, shape (b, n, k), NaN where singular: of one instance by LAPACK itself, sooner."""
+        if len(matrices) > 1:
+            return solved_each(matrices, sides)
+        _, _, result, failed = self._solve_one(matrices[0], sides[0])
+        return np.full(sides.shape, np.nan) if failed else np.asarray(result)[None]
 
     def _solve(self, problem: BoundaryProblem, guess: FloatArray | None) -> Outcome:
         return Shooting(integrator=self.integrator).solve(problem, guess)
@@ -185,50 +204,82 @@ class _FilterTrack(Track):
     def __init__(self, known: _Filter, problem: BoundaryProblem) -> None:
         self.known, self.problem = known, problem
         self.task = known.live.task(problem, known.names)
+        if not known.unknowns.shape[1]:
+            known.unknowns = np.zeros((len(known.begun), problem.unknown_count))
 
     def step(self) -> Outcome:
+        """What has begun goes on; what has not, or was lost, is estimated by itself."""
+        known = self.known
+        fresh = ~known.begun
+        outcome = self._go_on() if known.sound or known.begun.any() else Outcome.zeros(len(fresh))
+        if not known.sound:
+            self._begin(np.flatnonzero(fresh), outcome)
+            known.sound = bool(known.begun.all())
+        return outcome
+
+    def _go_on(self) -> Outcome:
         """(10) to (12): one integration at what is expected, and the step that the measurements ask for."""
         known = self.known
-        if known.unknowns is None:
-            return self._begin(known)
         found = self.task.evaluate(known.unknowns, known.mean)
-        r, J = known.live.now(found)
-        towards, by = found.eliminated
-        outcome = Outcome.zeros(len(r))
-        outcome.status[:] = Status.TRACKING
-        outcome.iterations[:] = outcome.integrations[:] = 1
-        if not (np.isfinite(towards).all() and np.isfinite(J).all()):
-            lost = ~(np.isfinite(towards).all(axis=1) & np.isfinite(J).all(axis=(1, 2)))
-            outcome.status[lost] = np.where(found.failed[lost], Status.NONFINITE, Status.SINGULAR_JACOBIAN)
-            for values in (r, J, towards, by):
-                values[lost] = 0.0
-        before = known.covariance + known.walked
-        told = before @ np.swapaxes(J, 1, 2)
-        sides = np.concatenate([np.swapaxes(told, 1, 2), r[..., None]], axis=2)
-        solved = np.linalg.solve(np.eye(r.shape[1]) + J @ told, sides)
-        moved = told @ solved
-        after, step = before - moved[..., :-1], -moved[..., -1]
+        outcome = Outcome(known.tracking.copy(), known.once.copy(), known.once.copy())
         known.free = known.free + known.walked
+        before = known.covariance + known.walked
+        shift = known.solved(found.gamma, np.concatenate([-found.residual[..., None], -found.slopes], axis=2))
+        told = known.live.now(found, shift)
+        square = before @ (np.swapaxes(told[..., 1:], 1, 2) @ told)
+        solved = known.solved(known.identity + square[..., 1:], np.concatenate([square[..., :1], before], axis=2))
+        step, after = -solved[..., 0], solved[..., 1:]
+        unknowns = known.unknowns + shift[..., 0] + (shift[..., 1:] @ step[..., None])[..., 0]
+        r, J = told[..., 0], told[..., 1:]
+        known.square = (r[:, None] @ (r[..., None] + J @ step[..., None]))[:, 0, 0]
+        sign = _signs(found.gamma)
+        if not (isfinite(unknowns.sum()) and (sign == known.sign).all()):
+            kept = np.isfinite(unknowns).all(axis=1) & (sign == known.sign)
+            self._lose(~kept, found.failed, sign, outcome)
+            step, after = np.where(kept[:, None], step, 0.0), np.where(kept[:, None, None], after, before)
+            unknowns = np.where(kept[:, None], unknowns, known.unknowns)
+        known.mean, known.unknowns = known.mean + step, unknowns
         known.covariance = 0.5 * (after + np.swapaxes(after, 1, 2))
-        known.square = (r * solved[..., -1]).sum(axis=1)
-        known.mean = known.mean + step
-        known.unknowns = known.unknowns + towards + (by @ step[..., None])[..., 0]
         self.task.write(known.unknowns, known.mean)
         return outcome
 
-    def _begin(self, known: _Filter) -> Outcome:
-        """The first sample, estimated by itself; the next is the first again where it fails."""
-        scene = known.known
-        given = at_means(scene.robot, known.present(), scene.priors, scene.batch_shape)
-        now = Known(scene.robot, given, *(getattr(scene, name) for name in list(scene.__dataclass_fields__)[2:]))
-        part = Part(now, slice(0, len(known.mean)), None, known.live)
+    def _lose(self, lost: NDArray[np.bool_], failed: NDArray[np.bool_], sign: FloatArray, outcome: Outcome) -> None:
+        """Say why some instances have no estimate: past a fold the sign of ``det Gamma`` is no more that of the start."""
+        known = self.known
+        reasons = np.where(sign == 0, Status.SINGULAR_JACOBIAN, Status.UNSTABLE)
+        reasons = np.where(failed | ~np.isfinite(sign) | (sign == known.sign), Status.NONFINITE, reasons)
+        outcome.status[lost] = reasons[lost]
+        known.begun, known.sound = known.begun & ~lost, False
+
+    def _begin(self, chosen: NDArray[np.intp], outcome: Outcome) -> None:
+        """The first sample of some instances, estimated by itself; the next is the first again where it fails."""
+        if not len(chosen):
+            return
+        known, scene = self.known, self.known.known
+        every = len(chosen) == len(known.begun)
+        now = replace(scene, inputs=at_means(scene.robot, known.present(), scene.priors, scene.batch_shape))
+        measured = known.live if every else known.live.take(chosen)
+        part = Part(now, slice(None) if every else chosen, None if every else chosen, measured)
         part.run()
-        outcome = part.outcome
-        known.mean, known.covariance, known.square = part.p, part.covariance, part.square
-        if not failures(outcome.status).any():
-            known.unknowns = part.x
-        self.task.evaluate(np.nan_to_num(part.x), part.p)
-        return Outcome(outcome.status, outcome.iterations, outcome.integrations + 1)
+        ended = part.outcome
+        known.mean[chosen], known.covariance[chosen], known.square[chosen] = part.p, part.covariance, part.square
+        known.unknowns[chosen], known.free[chosen] = part.x, known.start[chosen]
+        known.begun[chosen] = ~failures(ended.status)
+        self.task.evaluate(known.unknowns, known.mean, np.isin(np.arange(len(known.begun)), chosen))
+        gamma = self.problem.read("gamma")[chosen].reshape(len(chosen), *2 * (part.x.shape[1],))
+        known.sign[chosen] = _signs(gamma)
+        outcome.status[chosen], outcome.iterations[chosen] = ended.status, ended.iterations
+        outcome.integrations[chosen] = ended.integrations + 1
+
+
+def _signs(gamma: FloatArray) -> FloatArray:
+    """Of the determinant of each matrix, shape (b,)."""
+    if gamma.shape != (1, 3, 3):
+        with np.errstate(invalid="ignore"):
+            return np.asarray(np.linalg.slogdet(gamma)[0])
+    (a, b, c), (d, e, f), (g, h, i) = gamma[0].tolist()  # of one rod's: by LAPACK as long as an integration's half
+    determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+    return np.array([copysign(1.0, determinant) if determinant else 0.0])
 
 
 def _walks(robot: Any, unknown: object) -> dict[str, Walk]:

@@ -150,14 +150,14 @@ class Task:
         """What the last integration said of some instances, without another one."""
         problem, n = self.problem, self.problem.unknown_count
         slopes, moved = problem.aimed(*self.free)
-        residual, failed = problem.read("residual")[instances], problem.fault.numpy()[instances] != 0
+        residual, failed = problem.read("residual")[instances], problem.buffer("fault")[instances] != 0
         result = Evaluation(
             residual,
             problem.read("gamma").reshape(-1, n, n)[instances],
             slopes[instances],
             problem.read("position")[instances],
             problem.read("rotation").reshape(-1, 3, 3)[instances],
-            np.array(problem.pose_columns.numpy()[:, :, :n])[instances],
+            np.array(problem.pose_by_unknowns())[instances],
             moved[instances],
             failed,
         )

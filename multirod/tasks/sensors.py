@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from copy import copy
 from typing import Any
 
 import numpy as np
@@ -9,13 +10,15 @@ from numpy.typing import NDArray
 
 from multirod.batch import IntArray
 from multirod.problem import BoundaryProblem
+from multirod.rotations import vectors
 from multirod.tasks.curvature import AlongTask, Curvature, CurvatureRows, Places
 from multirod.tasks.formulation import Evaluation, Task
-from multirod.tasks.rows import Pose, PoseRows
+from multirod.tasks.rows import SMALLEST_AXIS, Pose, PoseRows, inverse_left_jacobian
 from multirod.validation import Described, FloatArray, array, refuse
 
 Sensor = Pose | Curvature
 SMALL = 1e-4  # [rad]: an angle below which quotients are 1 and 1/12, to 1e-9
+EYE = np.eye(3)
 TURNED = 1e-4  # what a measured R R^T may be off the identity: sensors round
 
 
@@ -25,6 +28,7 @@ class Measured:
     Attributes:
         rows: Of each sensor.
         known: Which rows there are, shape (b, m).
+        missing: Whether a number of each sensor is missing, shape (b, sensor_count).
     """
 
     def __init__(
@@ -40,11 +44,17 @@ class Measured:
         self.rows: list[PoseRows | CurvatureRows] = [rows for rows, _ in pairs]
         self.known: NDArray[np.bool_] = np.concatenate([known for _, known in pairs], axis=1)
         self.ends = np.cumsum([known.shape[1] for _, known in pairs])
+        self.missing = self._missing()
 
-    @property
-    def missing(self) -> NDArray[np.bool_]:
-        """Whether a number of each sensor is missing, shape (b, sensor_count)."""
+    def _missing(self) -> NDArray[np.bool_]:
         return np.stack([~own.all(axis=1) for own in np.split(self.known, self.ends[:-1], axis=1)], axis=1)
+
+    def take(self, instances: IntArray) -> "Measured":
+        """Those of some instances."""
+        result = copy(self)
+        result.rows, result.known = [rows.take(instances) for rows in self.rows], self.known[instances]
+        result.missing = self.missing[instances]
+        return result
 
     def task(self, problem: BoundaryProblem, free: Sequence[str]) -> Task:
         """A task whose integrations tell what the rows need."""
@@ -53,12 +63,7 @@ class Measured:
     def at(self, found: Evaluation, chosen: Any) -> tuple[FloatArray, FloatArray]:
         """(3) Whitened ``r`` (b, m) and ``J`` (b, m, k) of the chosen instances, that ``found`` is of."""
         parts = [rows.take(chosen).at(found) for rows in self.rows]
-        return self._whitened(found, parts, self.known[chosen])
-
-    def _whitened(
-        self, found: Evaluation, parts: Sequence[tuple[FloatArray, ...]], known: NDArray[np.bool_]
-    ) -> tuple[FloatArray, FloatArray]:
-        """``r`` and ``J`` of the rows of all sensors; zeros in the place of those that are missing."""
+        known = self.known[chosen]
         joined = parts[0] if len(parts) == 1 else [np.concatenate(part, axis=1) for part in zip(*parts, strict=True)]
         r, J = found.condensed(joined[0], joined[1], joined[2])
         if known.all():
@@ -116,59 +121,87 @@ def batch_of(sensors: Sequence[Sensor]) -> tuple[int, ...]:
         refuse("measured", Described(f"leading axes {shapes}"), "must broadcast")
 
 
-def _one_pose(rows: PoseRows, position: FloatArray, rotation: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """``PoseRows.errors`` of one instance, of a position, a rotation or both: a control loop has no time for arrays of one."""
-    errors, maps = np.zeros((1, rows.count)), np.zeros((1, rows.count, 6))
+def _one_pose(rows: PoseRows, found: Evaluation, shift: FloatArray) -> FloatArray:
+    """(3) ``r`` and ``J`` beside each other, (1, m, 1 + k), of one instance's position, rotation or both.
+
+    Rounded otherwise than ``PoseRows.at`` of many: a control loop has no time for arrays of one.
+    """
+    moved = found.pose_by_unknowns[0] @ shift[0]
+    moved[:, 1:] += found.pose_by_free[0]
     weight, angles = rows.weight.tolist()
+    result = np.empty((1, rows.count, moved.shape[1]))
     first = 0
     if rows.position is not None:
-        errors[0, :3] = weight * (position - rows.position[0])
-        maps[0, 0, 0] = maps[0, 1, 1] = maps[0, 2, 2] = weight
+        moved[:3, 0] += found.position[0] - rows.position[0]
+        np.multiply(moved[:3], weight, out=result[0, :3])
         first = 3
     if rows.rotation is not None:
-        (a, b, c), (d, e, f), (g, h, i) = (rotation @ rows.rotation[0].T).tolist()
-        x, y, z = 0.5 * (h - f), 0.5 * (c - g), 0.5 * (d - b)
-        sine, cosine = math.sqrt(x * x + y * y + z * z), 0.5 * (a + e + i - 1)
-        if cosine < 0:  # far off: as of many
-            own, change = PoseRows(None, rows.rotation, None, rows.weight).errors(position[None], rotation[None])
-            errors[:, first:], maps[:, first:] = own, change
-            return errors, maps
-        angle = math.atan2(sine, cosine)
-        scale = angle / sine if sine > SMALL else 1.0
-        x, y, z = scale * x, scale * y, scale * z
-        square = angle * angle
-        half = 0.5 * angle
-        second = (1 - half / math.tan(half)) / square if angle > SMALL else 1 / 12
-        m = 1 - second * square
-        turn = (
-            (m + second * x * x, second * x * y + 0.5 * z, second * x * z - 0.5 * y),
-            (second * x * y - 0.5 * z, m + second * y * y, second * y * z + 0.5 * x),
-            (second * x * z + 0.5 * y, second * y * z - 0.5 * x, m + second * z * z),
-        )
-        errors[0, first:] = angles * x, angles * y, angles * z
-        maps[0, first:, 3:] = turn
-        maps[0, first:, 3:] *= angles
-    return errors, maps
+        vector, turn = _turned(found.rotation[0] @ rows.rotation[0].T)
+        own = turn @ moved[3:]
+        own[:, 0] += vector
+        np.multiply(own, angles, out=result[0, first:])
+    return result
+
+
+def _turned(rotation: FloatArray) -> tuple[Any, Any]:
+    """The rotation vector of one matrix, and its change with what turns it: ``rotations.vectors``, ``inverse_left_jacobian``."""
+    (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
+    x, y, z = 0.5 * (h - f), 0.5 * (c - g), 0.5 * (d - b)
+    sine, cosine = math.sqrt(x * x + y * y + z * z), 0.5 * (a + e + i - 1)
+    if not cosine >= 0:  # far off, or no numbers: as of many
+        vector = vectors(rotation[None])
+        return vector[0], inverse_left_jacobian(vector)[0]
+    angle = math.atan2(sine, cosine)
+    scale = angle / sine if sine > SMALL else 1.0
+    x, y, z = scale * x, scale * y, scale * z
+    square, half = angle * angle, 0.5 * angle
+    second = (1 - half / math.tan(half)) / square if angle > SMALL else 1 / 12
+    m = 1 - second * square
+    turn = (
+        (m + second * x * x, second * x * y + 0.5 * z, second * x * z - 0.5 * y),
+        (second * x * y - 0.5 * z, m + second * y * y, second * y * z + 0.5 * x),
+        (second * x * z + 0.5 * y, second * y * z - 0.5 * x, m + second * z * z),
+    )
+    return (x, y, z), np.array(turn)
 
 
 class Live(Measured):
-    """The rows of sensors whose measurements come one sample after another, in the place of those they were made with."""
+    """The rows of sensors whose measurements come one sample after another, in the place of those they were made with.
+
+    Attributes:
+        rows: Of each sensor.
+        known: Which rows there are, shape (b, m).
+        missing: Whether a number of each sensor is missing, shape (b, sensor_count).
+        counted: Rows that there are, shape (b,).
+    """
 
     def __init__(self, sensors: Sequence[Sensor], places: Places, batch_shape: tuple[int, ...]) -> None:
         super().__init__(sensors, places, batch_shape, None)
         self.sensors = tuple(sensors)
         self._batch_shape, self._count = batch_shape, len(self.known)
+        self._weights = [1 / sensor.sigma for sensor in sensors if sensor.sigma is not None]
+        self._whole = np.zeros((self._count, len(sensors)), dtype=bool), np.full(self._count, self.known.shape[1])
+        self.missing, self.counted = self._whole
 
-    def now(self, found: Evaluation) -> tuple[FloatArray, FloatArray]:
-        """``at`` of all instances; of one alone with fewer calls, rounded otherwise."""
-        parts: list[tuple[FloatArray, ...]] = []
+    def now(self, found: Evaluation, shift: FloatArray) -> FloatArray:
+        """(3) ``r`` and ``J`` beside each other, shape (b, m, 1 + k), zeros in the place of rows that are missing.
+
+        Args:
+            found: Of all instances.
+            shift: (2) ``a`` and ``B`` beside each other, shape (b, n, 1 + k).
+        """
+        parts = []
         for rows in self.rows:
-            if self._count > 1 or not isinstance(rows, PoseRows) or rows.axis is not None:
-                parts.append(rows.at(found))
+            if self._count == 1 and isinstance(rows, PoseRows) and rows.axis is None:
+                parts.append(_one_pose(rows, found, shift))
                 continue
-            errors, maps = _one_pose(rows, found.position[0], found.rotation[0])
-            parts.append((errors, maps @ found.pose_by_unknowns, maps @ found.pose_by_free))
-        return self._whitened(found, parts, self.known)
+            errors, by_unknowns, by_free = rows.at(found)
+            part = by_unknowns @ shift
+            part[..., 1:] += by_free
+            part[..., 0] += errors
+            parts.append(part)
+        joined = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
+        return joined if self.missing is self._whole[0] else np.where(self.known[..., None], joined, 0.0)
 
     def put(self, values: object) -> None:
         """Take what each sensor says now; None, or NaN, where it dropped out.
@@ -180,18 +213,24 @@ class Live(Measured):
         if not isinstance(values, (list, tuple)) or len(values) != len(self.sensors):
             refuse("measured", values, f"must be a list of {len(self.sensors)}, what each sensor says, None where it dropped out")
         found = [self._one(k, sensor, value) for k, (sensor, value) in enumerate(zip(self.sensors, values, strict=True))]
-        for k, (rows, known) in enumerate(found):
+        for k, (rows, _) in enumerate(found):
             if rows is not None:
                 self.rows[k] = rows
-            self.known[:, self.ends[k] - self.sensors[k].count : self.ends[k]] = known
+        if all(known is None for _, known in found):
+            self.missing, self.counted = self._whole
+            return
+        for sensor, end, (_, known) in zip(self.sensors, self.ends, found, strict=True):
+            self.known[:, end - sensor.count : end] = True if known is None else known
+        self.missing, self.counted = self._missing(), self.known.sum(axis=1)
 
-    def _one(self, k: int, sensor: Sensor, value: Any) -> tuple[PoseRows | CurvatureRows | None, Any]:
-        """Rows of what a sensor says, and which there are."""
+    def _one(self, k: int, sensor: Sensor, value: Any) -> tuple[PoseRows | CurvatureRows | None, NDArray[np.bool_] | None]:
+        """Rows of what a sensor says, and which there are, None for all; no rows where it dropped out."""
         if value is None:
-            return None, False
+            return None, np.zeros(sensor.count, dtype=bool)
         if isinstance(sensor, Curvature):
             tail = (len(sensor.at), sensor.components)
-            return self.places.filled(sensor, self._numbers(f"measured[{k}]", value, tail))
+            bent, known = self.places.filled(sensor, self._numbers(f"measured[{k}]", value, tail))
+            return bent, None if known.all() else known
         names = [name for name in ("position", "rotation", "axis") if getattr(sensor, name) is not None]
         parts = (value,) if len(names) == 1 else value
         if not isinstance(parts, (list, tuple)) or len(parts) != len(names):
@@ -201,17 +240,29 @@ class Live(Measured):
             told[name] = self._numbers(f"measured[{k}], {name}", part, (3, 3) if name == "rotation" else (3,))
         axis, rotation = told["axis"], told["rotation"]
         if axis is not None:
-            told["axis"] = axis / np.linalg.norm(axis, axis=1, keepdims=True)
+            size = np.linalg.norm(axis, axis=1, keepdims=True)
+            if (size <= SMALLEST_AXIS).any():
+                refuse(f"measured[{k}], axis", parts[-1], "must not be zero")
+            told["axis"] = axis / size
         if rotation is not None:
-            off = np.abs(rotation @ np.swapaxes(rotation, 1, 2) - np.eye(3)).max()
-            if off > TURNED:
-                refuse(f"measured[{k}], rotation", part, f"must be a rotation: R R^T is off the identity by {off:.2g}")
-        assert sensor.sigma is not None
-        return _filled(PoseRows(told["position"], told["rotation"], told["axis"], 1 / sensor.sigma))
+            off = np.abs(rotation @ np.swapaxes(rotation, 1, 2) - EYE)
+            if not off.max() <= TURNED and (off > TURNED).any():  # the maximum may be NaN
+                refuse(
+                    f"measured[{k}], rotation",
+                    parts[-1],
+                    f"must be a rotation: R R^T is off the identity by {np.nanmax(off):.2g}",
+                )
+        rows = PoseRows(told["position"], told["rotation"], told["axis"], self._weights[k])
+        # a sum that is finite has no NaN in it
+        if all(math.isfinite(part.sum()) for part in told.values() if part is not None):
+            return rows, None
+        return _filled(rows)
 
     def _numbers(self, field: str, value: Any, tail: tuple[int, ...]) -> FloatArray:
         """(b, *tail), which may be NaN."""
         numbers = value if type(value) is np.ndarray and value.dtype == np.float64 else array(field, value, finite=False)
+        if numbers.shape == (*self._batch_shape, *tail):
+            return np.array(numbers).reshape(self._count, *tail)
         try:
             return np.broadcast_to(numbers, (*self._batch_shape, *tail)).reshape(self._count, *tail)
         except ValueError:
