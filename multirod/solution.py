@@ -19,6 +19,7 @@ from multirod.capabilities import Lines
 from multirod.events import BranchEvent
 from multirod.inputs import Inputs
 from multirod.problem import BoundaryProblem, LineShape, Shape
+from multirod.remarks import Remarks
 from multirod.reuse import borrowed
 from multirod.scene import Scene, stand_in
 from multirod.segments import taken
@@ -76,6 +77,8 @@ class Solution(Generic[Robot_co]):
     which say how it ended. Shapes, energy, stability and Jacobians are computed when they are first asked for: of a large batch,
     ask for those of the instances of interest, ``solution[index].rod(0)``.
     """
+
+    _remarks: Remarks | None = None  # of a task, for recordings
 
     def __init__(
         self,

@@ -4,17 +4,22 @@ import os
 import signal
 import time
 from collections import defaultdict
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import programs
 import pytest
 import rerun as rr
+from observer_scenes import three_tubes
 from rerun.chunk import RrdReader
+from scipy.spatial.transform import Rotation
 
 import multirod as mr
-from multirod.recording import Recorder, layout, save
+from multirod.recording import Recorder, columns, layout, save
+from multirod.recording.background import Sample
 from multirod.recording.framing import Extent, Frame
+from multirod.recording.passing import Packer, Unpacker
 from multirod.recording.profiles import stepped
 
 pytestmark = pytest.mark.usefixtures("written_here")
@@ -944,3 +949,65 @@ def test_recordings_that_are_written_leave_no_threads(wire: mr.Rod, tmp_path: Pa
 
 def count_threads() -> int:
     return len(list(Path("/proc/self/task").iterdir()))
+
+
+@pytest.fixture(scope="module")
+def controlled():
+    """Tubes that follow a target, with a force whose covariance is told, as a task that estimates it does."""
+    tubes, motion = three_tubes()
+    start = mr.solve(tubes, motion[10], solver=mr.Shooting(integrator=mr.RK4(30)))
+    limits = mr.Limits(translation=(-0.19, 0), gap=2e-3)
+    options = {"free": ("rotation", "translation"), "limits": limits, "guess": start, "integrator": mr.RK4(30)}
+    loop = mr.Controller(tubes, dt=0.01, **options)
+    path = start.tip_position + 1e-4 * np.arange(6)[:, None] * [1, 0, 0]
+    commands = [loop.step(position=y) for y in path]
+    for k, command in enumerate(commands):
+        covariance = np.diag([1e-6, 4e-6, 9e-6]) * (k + 1)
+        command._remarks = replace(command._remarks, covariances={"tip_force": covariance})
+    return tubes, path, commands
+
+
+def test_a_controlled_run_shows_target_error_limits_and_how_sure_its_force_is(controlled, tmp_path):
+    _, path, commands = controlled
+    with Recorder(tmp_path / "run.rrd", flush_every=4) as recorder:
+        for k, command in enumerate(commands):
+            recorder.log(0.01 * k, command)
+    recording = Recording(tmp_path / "run.rrd")
+    targets = recording.column("/world/target", "Points3D:positions")
+    np.testing.assert_allclose(np.array(targets)[:, 0], path, atol=1e-7)  # geometry is single precision
+    errors = [1e3 * command.target_error for command in commands]
+    np.testing.assert_array_equal(recording.scalars("/task/target_error_mm")[:, 0], errors)
+    bases = np.array([command.inputs.translation for command in commands])
+    shares = recording.scalars("/task/limits")
+    np.testing.assert_allclose(shares[:, :3], bases / 0.19 + 1, atol=1e-12)
+    # each tube is 0.1 m shorter than the one inside
+    np.testing.assert_allclose(shares[:, 3:], (np.diff(bases, axis=1) - 2e-3) / (0.1 - 4e-3), atol=1e-12)
+    (names,) = recording.column("/task/limits", "SeriesLines:names", static=True)
+    assert names[0] == "translation[0]"
+    assert names[3] == "translation[1] - translation[0]"
+    half = np.array(recording.column("/world/loads/tip_force/spread", "Ellipsoids3D:half_sizes"))[:, 0]
+    np.testing.assert_allclose(half, 2.795e-3 * np.sqrt(np.arange(1, 7))[:, None] * [1, 2, 3], rtol=1e-6)
+    centres = np.array(recording.column("/world/loads/tip_force/spread", "Ellipsoids3D:centers"))[:, 0]
+    np.testing.assert_allclose(centres, np.tile(commands[0].inputs.tip_force, (6, 1)), rtol=1e-6)
+
+
+def test_what_a_task_says_goes_to_the_process_that_writes(controlled):
+    tubes, _, commands = controlled
+    packer, unpacker = Packer(4), Unpacker()
+    for k, command in enumerate([*commands, mr.solve(tubes, commands[0].inputs, guess=commands[0])]):
+        (sample,) = unpacker.samples(packer.pack(Sample(k, 0.01 * k, command, np.nan, None, 1)))
+        if k < 6:
+            np.testing.assert_array_equal(sample.solution._remarks.target, command._remarks.target)
+            np.testing.assert_array_equal(sample.solution._remarks.limits, command._remarks.limits)
+            assert sample.solution._remarks.target_error == command.target_error
+    assert sample.solution._remarks is None
+
+
+def test_ellipsoids_hold_as_much_of_a_force_as_they_say():
+    random = np.random.default_rng(2)
+    root = random.normal(size=(3, 3))
+    (half,), (turn,) = columns.ellipsoids((root @ root.T)[None])
+    drawn = random.normal(size=(20000, 3)) @ root.T
+    axes = Rotation.from_quat(turn).as_matrix()
+    inside = (((drawn @ axes) / half) ** 2).sum(axis=1) <= 1
+    assert abs(inside.mean() - 0.95) < 0.006  # four deviations of the share

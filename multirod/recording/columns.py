@@ -9,6 +9,7 @@ from multirod.recording.figure import Plate
 from multirod.validation import FloatArray
 
 PULLS, PUSHES, FAINT, LOOSE = 0xFF3B30, 0x2F7DFF, 0xFFF3D6, 0x7A828C  # lines: at full tension, near none, at none
+_WITHIN = 2.795  # deviations, within which 95 % of a normal vector of three numbers is
 _CORNERS = 24  # of what is drawn as a circle
 
 
@@ -104,6 +105,17 @@ def plates(plate: Plate, shown: NDArray[np.bool_]) -> list[Any]:
         *rr.Mesh3D.columns(vertex_normals=rows(plate.normals)).partition(counts(plate.normals)),
         *rr.Mesh3D.columns(triangle_indices=rows(plate.triangles)).partition(counts(plate.triangles)),
     ]
+
+
+def ellipsoids(covariances: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Half axes (row, 3) of what holds 95 % of a normal vector, and the quaternions (row, 4) of their frames."""
+    from scipy.spatial.transform import Rotation
+
+    sound = np.asarray(np.isfinite(covariances).all(axis=(1, 2)))
+    values, axes = np.linalg.eigh(np.where(sound[:, None, None], covariances, np.eye(3)))
+    axes[np.linalg.det(axes) < 0, :, 2] *= -1
+    half = _WITHIN * np.sqrt(np.maximum(values, 0.0))
+    return np.where(sound[:, None], half, np.nan), np.asarray(Rotation.from_matrix(axes).as_quat())
 
 
 def log10(values: FloatArray) -> FloatArray:

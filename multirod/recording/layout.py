@@ -36,6 +36,8 @@ def description(stage: Stage, title: str, solver: str, total: int, compared: str
         + ("Instances are coloured as their rods. " if stage.batched and len(stage.rods) == 1 and not stage.coloring else "")
         + "Vectors: x red, y green, z blue. Boundary error: what the solver drives to zero [1/m]. "
         + (f"{stage.split.capitalize()}: in their colours{_balance(stage)}. " if stage.blocks else "")
+        + ("Target error: distance from the target as the model has it [mm]. " if _told(stage, "target_error") else "")
+        + ("Limits: where each limited number stands, 0 at its lower end and 1 at its upper. " if _told(stage, "limits") else "")
         + ("Tip error: distance from the reference's tip [mm]. " if stage.reference else "")
         + "Condition and \u03c3 min, the least singular value, are of Gamma, the scaled Jacobian; the second vanishes at a fold.",
         "",
@@ -62,11 +64,20 @@ def legend(stage: Stage) -> str:
         parts.append(f"lines: red pulls, blue pushes, in full at {stage.strongest:g} N; grey hangs loose")
     if stage.thinner:
         parts.append("rods thinner than they are, so that lines show")
+    if _told(stage, "target"):
+        parts.append("amber: target and its path")
+    if stage.remarks is not None and stage.remarks.covariances:
+        parts.append("ellipsoid: 95 % of what the force may be")
     if stage.coloring:
         parts.append(f"{stage.coloring}, grey without result")
     if stage.reference:
         parts.append(f"grey: {stage.reference}")
     return " · ".join(parts)
+
+
+def _told(stage: Stage, name: str) -> bool:
+    """Whether a task said this of the samples."""
+    return stage.remarks is not None and getattr(stage.remarks, name) is not None
 
 
 def _balance(stage: Stage) -> str:
@@ -123,7 +134,8 @@ def blueprint(stage: Stage, ranges: Mapping[str, tuple[float, float]] = MappingP
             for name, zero in (("time", {"seconds": 0.0}), ("step", {"seq": 0}))
         ]
     )
-    paths = [stage.world(f"{kind}tip_path", k) for kind in ("", "reference/") for k in range(stage.count)]
+    kinds = ("tip_path", "reference/tip_path", "target_path")
+    paths = [stage.world(kind, k) for kind in kinds for k in range(stage.count)]
     scene = scene_view(stage, "Shape", overrides={path: [up_to_now] for path in paths})
     left = rrb.Vertical(scene, rrb.TextDocumentView(origin="/legend", name="Legend"), row_shares=[6, 1.2])
     plots = _plots(stage, ranges)
@@ -148,12 +160,13 @@ def _plots(stage: Stage, ranges: Mapping[str, tuple[float, float]]) -> Any:
     """What changes with time, and what is along the arclength at the cursor."""
     import rerun.blueprint as rrb
 
-    def plot(name: str, *contents: str, legend: bool = False) -> Any:
+    def plot(name: str, *contents: str, legend: bool = False, span: tuple[float, float] | None = None) -> Any:
         known = ranges.get(f"/{contents[0]}")
+        span = span if known is None else decades(*known)
         return rrb.TimeSeriesView(
             origin="/",
             name=name,
-            axis_y=None if known is None else rrb.ScalarAxis(range=decades(*known)),
+            axis_y=None if span is None else rrb.ScalarAxis(range=span),
             contents=[f"/{path}/**" for path in contents],
             plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=legend),
         )
@@ -186,6 +199,11 @@ def _plots(stage: Stage, ranges: Mapping[str, tuple[float, float]]) -> Any:
         cells.insert(1, tabs(plot("Tip error, log10 [mm]", "error/tip_mm_log10"), plot("linear", "error/tip_mm")))
     if actuation:
         cells.append(tabs(*actuation))
+    if _told(stage, "limits"):
+        cells.insert(0, plot("Limits, 0 low to 1 high", "task/limits", legend=few, span=(0.0, 1.0)))
+    if _told(stage, "target_error"):
+        error = "task/target_error_mm"
+        cells.insert(0, tabs(plot("Target error, log10 [mm]", f"{error}_log10"), plot("linear", error)))
     rows = [rrb.Horizontal(*cells[k : k + 2]) if cells[k + 1 :] else cells[k] for k in range(0, len(cells), 2)]
     return rrb.Vertical(*rows, _along(stage), row_shares=[3] * len(rows) + [3], name="Plots")
 

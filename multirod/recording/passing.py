@@ -67,7 +67,8 @@ class Packer:
         """
         solutions = [sample.solution] if sample.reference is None else [sample.solution, sample.reference]
         parts = [self._part(place, solution, sample.total) for place, solution in enumerate(solutions)]
-        return pickle.dumps((sample.step, sample.time, sample.step_time, sample.total, parts), _PROTOCOL)
+        said = sample.solution._remarks
+        return pickle.dumps((sample.step, sample.time, sample.step_time, sample.total, parts, said), _PROTOCOL)
 
     def _part(self, place: int, solution: Solution, total: int) -> tuple[Any, ...]:
         if total > self._instances and not solution.assembly.batch_shape:
@@ -138,8 +139,9 @@ class Unpacker:
         """
         source = BytesIO(packed)
         while source.tell() < len(packed):
-            step, time, step_time, total, parts = pickle.load(source)
+            step, time, step_time, total, parts, said = pickle.load(source)
             solutions = [self._solution(place, *part) for place, part in enumerate(parts)]
+            solutions[0]._remarks = said
             yield Sample(step, time, solutions[0], step_time, solutions[1] if solutions[1:] else None, total)
 
     def _solution(

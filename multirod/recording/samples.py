@@ -8,6 +8,7 @@ import numpy as np
 
 from multirod.history import History
 from multirod.recording.background import Sample
+from multirod.remarks import Remarks
 from multirod.solution import Solution
 from multirod.solver import Outcome
 from multirod.validation import FloatArray
@@ -43,7 +44,14 @@ def stackable(before: Sample, sample: Sample) -> bool:
             and all(other.inputs.profile(name) is profile for name, profile in one.inputs.profiles.items())
         )
 
-    return same(before.solution, sample.solution) and same(before.reference, sample.reference)
+    one, other = before.solution._remarks, sample.solution._remarks
+    alike = one is other if one is None or other is None else one.like(other)
+    return alike and same(before.solution, sample.solution) and same(before.reference, sample.reference)
+
+
+def remarks(samples: Sequence[Sample]) -> list[Remarks]:
+    """What tasks said of the samples; empty where they said nothing."""
+    return [sample.solution._remarks for sample in samples if sample.solution._remarks is not None]
 
 
 def first_instances(history: History, count: int) -> History:

@@ -27,6 +27,7 @@ from multirod.recording.figure import (
 )
 from multirod.recording.framing import ARROW, Extent, Frame, halved, radian_force, round_down, round_up
 from multirod.recording.profiles import Profile, profiles
+from multirod.remarks import Remarks
 from multirod.validation import FloatArray
 
 LOADS = {"tip_force": 0xFFD43B, "follower_force": 0xFF922B}
@@ -79,6 +80,7 @@ class Stage:
         size: Of what is in view [m].
         grid: Spacing of the grid [m].
         force_scale: Length of force arrows [m/N].
+        remarks: What a task says of the first sample; None where there is none.
     """
 
     assembly: Assembly
@@ -104,6 +106,7 @@ class Stage:
     size: float
     grid: float
     force_scale: float
+    remarks: Remarks | None = None
 
     @classmethod
     def of(
@@ -117,6 +120,7 @@ class Stage:
         live: bool,
         reference_name: str = "",
         coloring: Coloring | None = None,
+        remarks: Sequence[Remarks] = (),
     ) -> Self:
         """The stage for ``block``, the first samples; see ``save`` and ``Recorder`` for the rest."""
         assembly = block.assembly
@@ -129,6 +133,7 @@ class Stage:
         extent = Extent(origins[:, :3, 3])
         for shape in shapes:
             extent.add(shape.position)
+        extent.add(targets(remarks))
         extent.add(around_platform(block.tip_position, plates))
         size = max(extent.size, 0.2 * reach)
         extent.add(frame_ends(block, TIP_AXES * size))
@@ -167,6 +172,7 @@ class Stage:
             size=size,
             grid=round_down(0.2 * size),
             force_scale=scale if force_scale is None else force_scale,
+            remarks=remarks[0] if remarks else None,
         )
 
     def seen_from(self, frame: Frame) -> Self:
@@ -253,6 +259,11 @@ def frame_ends(block: History, length: float) -> FloatArray:
     """Where the axes of the tip's frame end [m], shape (count, 3)."""
     axes = block.tip_rotation.reshape(-1, 3, 3).swapaxes(1, 2)
     return np.asarray(block.tip_position.reshape(-1, 1, 3) + length * axes).reshape(-1, 3)
+
+
+def targets(remarks: Sequence[Remarks]) -> FloatArray:
+    """Where end effectors are to be [m], shape (count, 3)."""
+    return np.reshape([said.target for said in remarks if said.target is not None], (-1, 3))
 
 
 def largest_force(block: History) -> float:

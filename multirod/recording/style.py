@@ -32,6 +32,7 @@ _STATUS_COLORS = {
     Status.SINGULAR_PIVOT: 0xE8590C,
     Status.UNSTABLE_COUPLING: 0xE8590C,
 }
+TARGET_COLOR = 0xFFB74D
 _FAILURE_COLOR = 0xE03131
 _FAILURE_TEXT_COLOR = 0xFF8787
 _FADED_COLOR = 0x5C636B
@@ -41,6 +42,8 @@ _SERIES = {
     "/error/boundary_log10": ("log10 boundary error [1/m]", 0xF06292),
     "/error/tip_mm": ("tip error [mm]", 0xFFB74D),
     "/error/tip_mm_log10": ("log10 tip error [mm]", 0xFFB74D),
+    "/task/target_error_mm": ("distance from the target [mm]", TARGET_COLOR),
+    "/task/target_error_mm_log10": ("log10 distance from the target [mm]", TARGET_COLOR),
     "/conditioning/condition": ("condition number", 0xBA9CFF),
     "/conditioning/condition_log10": ("log10 condition number", 0xBA9CFF),
     "/conditioning/smallest_singular_value": ("smallest singular value", 0x4DB6AC),
@@ -84,7 +87,11 @@ def scales(stage: Stage) -> Styled:
         for name, color in LOADS.items():
             if any(spec.name == name for spec in stage.given):
                 arrow = rr.Arrows3D.from_fields(radii=rr.Radius.ui_points(3.0), colors=rgba(color))
-                yield stage.world(f"loads/{name}", k), [arrow, rr.InstancePoses3D(scales=[[stage.force_scale] * 3])]
+                scale = rr.InstancePoses3D(scales=[[stage.force_scale] * 3])
+                yield stage.world(f"loads/{name}", k), [arrow, scale]
+                if stage.remarks is not None and name in stage.remarks.covariances:
+                    shown = rr.Ellipsoids3D.from_fields(fill_mode=rr.components.FillMode.Solid, colors=rgba(color, 0x50))
+                    yield stage.world(f"loads/{name}/spread", k), [shown, scale]
 
 
 def _scene(stage: Stage, k: int) -> Styled:
@@ -103,6 +110,11 @@ def _scene(stage: Stage, k: int) -> Styled:
         yield stage.rod("reference/rods", k, index), [grey]
     yield stage.world("failed/status", k), [rr.Points3D.from_fields(radii=0.0, colors=rgba(_FAILURE_TEXT_COLOR))]
     yield stage.world("tip_path", k), [rr.LineStrips3D.from_fields(radii=stroke, colors=rgba(0xFFFFFF, 0x90))]
+    if stage.remarks is not None and stage.remarks.target is not None:
+        point = rr.Points3D.from_fields(radii=rr.Radius.ui_points(6.0), colors=rgba(TARGET_COLOR))
+        yield stage.world("target", k), [point]
+        path = rr.LineStrips3D.from_fields(radii=0.6 * stroke, colors=rgba(TARGET_COLOR, 0xA0))
+        yield stage.world("target_path", k), [path]
     grey = rr.LineStrips3D.from_fields(radii=0.6 * stroke, colors=rgba(_REFERENCE_COLOR))
     yield stage.world("reference/tip_path", k), [grey]
     for index, line in enumerate(stage.lines):
@@ -129,6 +141,9 @@ def _series(stage: Stage, k: int) -> Styled:
     for path in ("/lines/tension", "/lines/length_mm") if stage.lines else ():
         names = [f"{who}{line.name}" for line in stage.lines]  # the plot's title says what, and in which unit
         yield stage.scalar(path, k), [_lines(names, [PALETTE[i % len(PALETTE)] for i in range(len(names))])]
+    if stage.remarks is not None and stage.remarks.limits is not None:
+        names = [f"{who}{name}" for name in stage.remarks.limit_names]
+        yield stage.scalar("/task/limits", k), [_lines(names, [PALETTE[i % len(PALETTE)] for i in range(len(names))])]
     for spec in stage.assembly.input_specs:
         labels, shades = ["x", "y", "z"], list(_AXIS_COLORS)
         if spec.per_rod:

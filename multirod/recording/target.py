@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from multirod.recording.background import Sample
-from multirod.recording.samples import first_instances, stack, stackable
+from multirod.recording.samples import first_instances, remarks, stack, stackable
 from multirod.recording.streams import new_stream
 from multirod.recording.viewer import ViewerStream
 from multirod.recording.writer import Writer
@@ -91,14 +91,15 @@ class Target:
         other = stack(references, times, durations) if references else None
         block = first_instances(block, self._goal.instances)
         other = None if other is None else first_instances(other, self._goal.instances)
+        said = remarks(samples)
         if self._count == 0:
             total = samples[0].total
-            blueprint = self._writer.prepare(block, other, self._goal.title, self._goal.description, total)
+            blueprint = self._writer.prepare(block, other, self._goal.title, self._goal.description, total, remarks=said)
             for stream in self._streams:
                 stream.send_recording_name(self._goal.title)
                 stream.send_blueprint(blueprint)
             self._writer.write_static()
-        self._writer.write(block, other, np.array([sample.step for sample in samples]))
+        self._writer.write(block, other, np.array([sample.step for sample in samples]), said)
         self._count += len(samples)
 
     def close(self) -> None:

@@ -27,8 +27,10 @@ from multirod.recording.stage import (
     largest_force,
     live_scale,
     load,
+    targets,
 )
 from multirod.recording.style import scales, styles
+from multirod.remarks import Remarks
 from multirod.status import Status, failures
 from multirod.strains import strains
 from multirod.validation import FloatArray
@@ -84,6 +86,7 @@ class Writer:
         *,
         reference_name: str = "",
         coloring: Coloring | None = None,
+        remarks: Sequence[Remarks] = (),
     ) -> Any:
         """Set the stage by the first block, and return the layout."""
         self.stage = Stage.of(
@@ -95,10 +98,11 @@ class Writer:
             live=self._live,
             reference_name=reference_name,
             coloring=coloring,
+            remarks=remarks,
         )
         self._text = title, solver, total, _compared(block, reference)
         self._along = AlongPlots(self.stage, self._send)
-        self._note_ranges(_scalars(self.stage, block, _tips(block, reference)))
+        self._note_ranges(_scalars(self.stage, block, _tips(block, reference)) | _told(remarks))
         return layout.blueprint(self.stage, {} if self._live else self._ranges)
 
     def _note_ranges(self, scalars: dict[str, FloatArray]) -> None:
@@ -125,14 +129,14 @@ class Writer:
         text = layout.description(self.stage, *self._text)
         self._log([("/description", [rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)])])
 
-    def write(self, block: History, reference: History | None, steps: NDArray[np.int64]) -> None:
+    def write(self, block: History, reference: History | None, steps: NDArray[np.int64], remarks: Sequence[Remarks] = ()) -> None:
         """Send the samples of ``block``; columns of at most 1000 rows, so that the viewer loads what it shows."""
         samples = len(block.time)
         sources = [("", block)] if reference is None else [("", block), ("reference/", reference)]
         shapes = {kind: self._shapes(source, samples) for kind, source in sources}
         tips = _tips(block, reference)
         if self._live:
-            self._widen(block, shapes[""])
+            self._widen(block, shapes[""], remarks)
         self._breathe()
         stage = self.stage
         if any(profile.name == "difference" for profile in stage.profiles):
@@ -142,7 +146,7 @@ class Writer:
         tension = np.reshape(block.tension, (samples, -1, len(stage.lines))) if stage.lines else np.zeros((samples, 0, 0))
         rotations = np.reshape(block.tip_rotation, (samples, -1, 3, 3))
         self._breathe()
-        scalars = _scalars(stage, block, tips)
+        scalars = _scalars(stage, block, tips) | _told(remarks)
         self._breathe()
         loads = _loads(block, tips[""], rotations)
         statuses = np.reshape(np.asarray(block.status), (samples, -1))
@@ -173,13 +177,20 @@ class Writer:
                     self._write_path(stage.world(f"{kind}tip_path", k), index, positions[rows, k])
                 for name, (origins, force) in loads.items():
                     self._write_arrows(stage.world(f"loads/{name}", k), index, origins[rows, k], force[rows, k])
+                    if remarks and name in remarks[0].covariances:
+                        spread = np.array([said.covariances[name] for said in remarks[rows]])
+                        if name == "follower_force":
+                            spread = rotations[rows, k] @ spread @ rotations[rows, k].swapaxes(1, 2)
+                        self._write_spread(stage.world(f"loads/{name}/spread", k), index, force[rows, k], spread)
+                if remarks and remarks[0].target is not None:
+                    self._write_target(k, index, targets(remarks[rows]))
                 for path, values in scalars.items():
                     self._send_scalars(stage.scalar(path, k), index, values[rows, k])
                 self._write_status(stage.scalar("/status", k), steps[rows], block.time[rows], statuses[rows, k])
                 nodes_of_rods = [shape["position"][rows, k] for shape in shapes[""]]
                 self._write_failed(k, steps[rows], block.time[rows], statuses[rows, k], nodes_of_rods)
 
-    def _widen(self, block: History, shapes: Sequence[dict[str, FloatArray]]) -> None:
+    def _widen(self, block: History, shapes: Sequence[dict[str, FloatArray]], remarks: Sequence[Remarks]) -> None:
         """Fit scale, frame and plots to what was not known when the stage was set."""
         before = self.stage
         self._largest = max(self._largest, largest_force(block))
@@ -188,6 +199,7 @@ class Writer:
             scale = live_scale(scale, self._largest, before)
         for shape in shapes:
             self._extent.add(shape["position"])
+        self._extent.add(targets(remarks))
         self._extent.add(around_platform(block.tip_position, before.platforms))
         self._extent.add(frame_ends(block, TIP_AXES * before.size))
         self._extent.add(arrow_ends(block, scale))
@@ -300,6 +312,23 @@ class Writer:
         places = rr.Transform3D.columns(translation=origins[sound])
         self._send(path, index, [*arrows.partition(sound.astype(int)), *places.partition(sound.astype(int))])
 
+    def _write_target(self, k: int, index: Any, positions: FloatArray) -> None:
+        import rerun as rr
+
+        ones = np.ones(len(positions), dtype=int)
+        self._send(self.stage.world("target", k), index, rr.Points3D.columns(positions=positions).partition(ones))
+        self._write_path(self.stage.world("target_path", k), index, positions)
+
+    def _write_spread(self, path: str, index: Any, force: FloatArray, covariances: FloatArray) -> None:
+        """The ellipsoid about an arrow's end that has 95 % of the force, in newtons as the arrow."""
+        import rerun as rr
+
+        half, turns = columns.ellipsoids(covariances)
+        sound = (np.isfinite(force).all(axis=1) & np.isfinite(half).all(axis=1)).astype(int)
+        kept = sound == 1
+        shapes = rr.Ellipsoids3D.columns(centers=force[kept], half_sizes=half[kept], quaternions=turns[kept])
+        self._send(path, index, shapes.partition(sound))
+
     def _write_name(self, k: int, rod: int, index: Any, shapes: Sequence[dict[str, FloatArray]], rows: slice) -> None:
         """A name where the rod can be seen: in the middle of what no tube of its leg covers."""
         import rerun as rr
@@ -384,6 +413,17 @@ def _sender(streams: Sequence[Any], breathe: Callable[[], None]) -> Callable[[st
         breathe()
 
     return send
+
+
+def _told(remarks: Sequence[Remarks]) -> dict[str, FloatArray]:
+    """Series of what tasks said, axes (sample, instance[, component])."""
+    values: dict[str, FloatArray] = {}
+    if remarks and remarks[0].target_error is not None:
+        error = 1e3 * np.array([[said.target_error] for said in remarks], dtype=np.float64)
+        values["/task/target_error_mm"], values["/task/target_error_mm_log10"] = error, columns.log10(error)
+    if remarks and remarks[0].limits is not None:
+        values["/task/limits"] = np.array([said.limits for said in remarks])[:, None]
+    return values
 
 
 def _tips(block: History, reference: History | None) -> dict[str, FloatArray]:
