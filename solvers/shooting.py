@@ -114,6 +114,7 @@ class Shooting(Solver):
         others are meant, the lowest stable one.
         """
         chosen = np.ones(problem.instance_count, dtype=bool) if chosen is None else chosen
+        multistable = problem.stability is not None and problem.stability.multistable
         with problem.without_poses() if poses_apart else nullcontext():
             newton.allow(self.max_integrations)
             outcome = natural_branch(problem, newton, self.max_continuation_steps, chosen)
@@ -122,19 +123,30 @@ class Shooting(Solver):
             refine(problem, newton, outcome, chosen)
             refuse_unstable(problem, outcome, chosen)
             newton.allow(self._left(outcome))
-            assemble(problem, newton, outcome, chosen & failures(outcome.status), self.max_continuation_steps)
-            if reached is not None and problem.stability is not None and problem.stability.multistable:
+            lost, go_on = chosen & failures(outcome.status), None if self.at_fold == "stop" else self._go_on
+            assemble(problem, newton, outcome, lost, self.max_continuation_steps, go_on)
+            if reached is not None and multistable and problem.joints is None:
                 self._follow(problem, newton, outcome, chosen & (outcome.status == Status.BRANCH_END), reached, ends)
             newton.allow(self._left(outcome))
             lowest_stable(problem, newton, outcome, chosen & failures(outcome.status), self.max_continuation_steps)
+            if go_on is not None:
+                newton.allow(self._left(outcome))
+                lost = chosen & failures(outcome.status)
+                assemble(problem, newton, outcome, lost, self.max_continuation_steps, go_on, closing=True)
         if self.fallback and failures(outcome.status).any():
             # the poses that it finds are not those of the unknowns: nothing may integrate these again
             self._segmented().rescue(problem, outcome, self._left(outcome))
         lost = chosen & (outcome.status == Status.BRANCH_END)
-        alone = problem.stability is None or not problem.stability.multistable
-        if lost.any() and reached is not None and alone:
+        if lost.any() and reached is not None and not multistable:
             self._follow(problem, newton, outcome, lost, reached, ends)
         return outcome
+
+    def _go_on(self, problem: BoundaryProblem, newton: Newton, outcome: Outcome) -> None:
+        """From where a branch ended in a part of all that one solve does."""
+        lost, reached = np.isin(outcome.status, (Status.BRANCH_END, Status.STALLED)), outcome.reached
+        if lost.any() and reached is not None:
+            left = np.maximum(newton.allowed() - outcome.integrations, 0)
+            self._follow(problem, newton, outcome, lost, reached, problem.read("unknowns"), left=left)
 
     def _follow(
         self,
@@ -145,6 +157,7 @@ class Shooting(Solver):
         reached: FloatArray,
         unknowns: FloatArray,
         before: FloatArray | None = None,
+        left: IntArray | None = None,
     ) -> None:
         """Go on from where branches ended; what is not followed stays as it is."""
         if self.at_fold == "stop" or not lost.any():
@@ -156,7 +169,7 @@ class Shooting(Solver):
             unknowns=unknowns,
             reached=reached,
             tolerance=newton.tolerance(),
-            allowed=self._left(outcome),
+            allowed=self._left(outcome) if left is None else left,
             max_steps=self.max_continuation_steps,
             side=1 if self.side == SIDES[0] else -1,
             before=before,

@@ -112,3 +112,49 @@ class CreepingRods:
             self.R[good] = R[good]
             self.dt = np.where(done, self.dt, np.where(good, 1.5, 0.3) * self.dt)
         return done
+
+
+class CreepingArch:
+    """A rod in a plane on ``count`` links, clamped at both ends along x, ``span`` apart, under a force per length along y.
+
+    Unknown are the angles of the links; links are held back in proportion to how fast they turn.
+    """
+
+    def __init__(self, length: float, bending: float, span: float, count: int = 60) -> None:
+        self.h, self.bending, self.span = length / count, bending, span
+        s = (np.arange(count) + 0.5) / count
+        self.angle = 1e-3 * np.sin(2 * np.pi * s)
+        self.pull = np.zeros(2)
+
+    @property
+    def middle(self) -> float:
+        """How far its middle is aside."""
+        return float(self.h * np.sin(self.angle[: len(self.angle) // 2]).sum())
+
+    def settle(self, load: float, steps: int = 3000) -> bool:
+        """Creep until nothing moves; whether it came to rest."""
+        n, h = len(self.angle), self.h
+        K = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+        K[0, 0] = K[-1, -1] = 3.0  # half a link to each clamp
+        K *= self.bending / h
+        beyond = h * load * h * (n - np.arange(n) - 0.5)  # what acts on the nodes beyond a link turns it
+        dt = 1e-2 / self.bending
+        for _ in range(steps):
+            c, s = np.cos(self.angle), np.sin(self.angle)
+            gap = np.array([h * c.sum() - self.span, h * s.sum()])
+            J = h * np.stack([-s, c])
+            g = K @ self.angle - beyond * c
+            H = K + np.diag(beyond * s - h * (c * self.pull[0] + s * self.pull[1]))
+            A = np.block([[H + h * np.eye(n) / dt, J.T], [J, np.zeros((2, 2))]])
+            move = np.linalg.solve(A, -np.concatenate([g, gap]))
+            turn, pull = move[:n], move[n:]
+            size = np.abs(turn).max()
+            if size > 0.05:
+                dt *= 0.5
+                if dt > 1e-9:
+                    continue
+            self.angle, self.pull = self.angle + turn, pull
+            if size < 1e-9 and dt > 1e2 / self.bending:
+                return True
+            dt = min(1.5 * dt, 1e6 / self.bending)
+        return False

@@ -36,7 +36,7 @@ def test_what_the_first_search_solves_pays_nothing(monkeypatch):
     drawn = draw(AT_ONCE)
     assert not lost_at_first(drawn)
     found = mr.solve(drawn.robot, drawn.inputs)
-    monkeypatch.setattr(shooting, "assemble", lambda *_: None)
+    monkeypatch.setattr(shooting, "assemble", lambda *_, **__: None)
     monkeypatch.setattr(shooting, "lowest_stable", lambda *_: None)
     without = mr.solve(drawn.robot, drawn.inputs)
     assert found.integrations == without.integrations

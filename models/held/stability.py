@@ -152,6 +152,7 @@ class HeldStability(StabilityAnalysis):
             total += part
         inputs = problem.read("inputs")
         force, moment = (inputs[:, problem.input_slice(name)] for name in ("tip_force", "tip_moment"))
+        force = problem.load_factor.numpy()[:, None] * force
         total -= (force * (problem.rod.node_pass(2).read("position") - problem.goal()[0])).sum(axis=1)
         turned = moment.any(axis=1) & (problem.holders.joint != CLAMPED)
         return np.where(self.has_potential & ~turned, total, np.nan)

@@ -616,6 +616,11 @@ class ParallelProblem(BoundaryProblem):
         own = [group.backbones.curvature_scale().reshape(self.instance_count, -1) for group in self.groups]
         return np.asarray(np.concatenate(own, axis=1).max(axis=1))
 
+    def load_level(self) -> FloatArray:
+        """What multiplies all loads, shape (instance_count,)."""
+        loading, level = self.robots.loading.numpy(), self.load_factor.numpy()
+        return np.select([loading == Loading.NONE, loading == Loading.FULL], [np.zeros_like(level), np.ones_like(level)], level)
+
     def load_scale(self) -> FloatArray:  # noqa: D102
         inputs = self.read("inputs")
         length = np.broadcast_to(self.length[:, -1], self.instance_count)
@@ -750,6 +755,8 @@ class PlatformParts(Parts):
         result.stop = self.problem.stop
         for name in ("inputs", "unknowns"):
             result.write(name, self.problem.read(name)[instances])
+        for name in ("opening", "loading"):
+            getattr(result.robots, name).assign(getattr(self.problem.robots, name).numpy()[instances])
         return result
 
 

@@ -190,12 +190,13 @@ class PlatformStability(StabilityAnalysis):
         return length, stiffness / len(self.problem.geometry.legs)
 
     def _loads(self, rotation: FloatArray) -> PlatformLoads:
-        inputs = self.problem.read("inputs")
+        inputs, level = self.problem.read("inputs"), self.problem.load_level()[:, None]
         force, follower, moment, point = (
             inputs[:, self.problem.input_slice(name)]
             for name in ("tip_force", "follower_force", "follower_moment", "force_point")
         )
-        weight = self.problem.geometry.mass * inputs[:, self.problem.input_slice("gravity")]
+        force, follower, moment = level * force, level * follower, level * moment
+        weight = level * self.problem.geometry.mass * inputs[:, self.problem.input_slice("gravity")]
         follower, moment, point = (np.einsum("bij,bj->bi", rotation, v) for v in (follower, moment, point))
         return PlatformLoads([(force, point), (weight, rotation @ self.problem.geometry.mass_centre)], follower, moment)
 

@@ -12,7 +12,7 @@ from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.continuation.natural import SAFE_LOAD, TURN
 from multirod.solvers.following.descent import ClampedTurns, Point, Turns
-from multirod.solvers.following.journey import At, Clamp, Journey, Judge, Judgement, Run
+from multirod.solvers.following.journey import NOISY, At, Clamp, Journey, Judge, Judgement, Run
 from multirod.stability import Modes
 from multirod.status import failures
 from multirod.validation import FloatArray
@@ -56,7 +56,9 @@ def follow(
     """
     lost: dict[int, Journey] = {}
     stability, parts = problem.stability, problem.parts
-    if parts is None or stability is None or (stability.multistable and before is None and not parts.may_be_clamped):
+    if parts is None or stability is None:
+        return lost
+    if stability.multistable and before is None and problem.joints is None and not parts.may_be_clamped:
         return lost
     chosen = chosen & (reached < 1) & stability.has_potential
     for places in np.split(np.flatnonzero(chosen), range(TOGETHER, int(chosen.sum()), TOGETHER)):
@@ -83,8 +85,10 @@ def follow(
                 max_steps,
                 side,
                 before is not None,
+                together.tip is not None,
                 together.tip is not None and (problem.joints is None or clamped is None),
                 stability.multistable and before is None,
+                NOISY if problem.segments is not None else np.inf,
             )
             for k, place in enumerate(places)
         ]

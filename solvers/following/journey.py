@@ -39,7 +39,7 @@ CLAMPED_STEPS = 400  # of a descent by the turns of clamps
 RADIUS_CLAMPED = 0.5  # largest turn of them in a mode by one step [rad]
 SHORTEST_CLAMPED = 1e-4  # part of it
 MISSED = 0.2  # part of a step, by which it may have been wrong
-TINY = 1e-6  # turn of a step that need not be right [rad]
+OFF = 0.02  # turn by which it may have been wrong however short it was [rad]
 NEWTON_STEPS = 8
 POLISHED = 1e-3  # of the tolerance: what needs no step
 GROWTH = 0.5  # of the way, that the next step may be
@@ -103,8 +103,10 @@ class Journey:
         max_steps: Steps allowed.
         side: 1, or -1 for the other one at each bifurcation.
         by_inputs: Whether inputs change on the way, not loads alone.
-        by_tip: Whether the end effector's displacement tells what the rods are like: clamps are then tried where that fails.
+        has_tip: Whether the end effector is free to tell of modes.
+        by_tip: Whether it tells what the rods are like: clamps are then tried where that fails.
         doubtful: Whether the branch may have begun unstable.
+        noisy: Norm of ``Gamma``, beyond which it may be rounding that ends a branch.
     """
 
     start: FloatArray
@@ -116,8 +118,10 @@ class Journey:
     max_steps: int
     side: int
     by_inputs: bool
+    has_tip: bool = True
     by_tip: bool = True
     doubtful: bool = False
+    noisy: float = NOISY
     integrations: int = 0
     iterations: int = 0
     status: Status = Status.BRANCH_END
@@ -162,7 +166,7 @@ class Journey:
             point = yield from self._along(landed, neutral)
             if 1 - LAST < point.level < 1:
                 point, neutral = yield from self._released(point, neutral)
-            if point.level < 1 and np.linalg.norm(point.gamma) > NOISY:
+            if point.level < 1 and np.linalg.norm(point.gamma) > self.noisy:
                 self.lost = point
                 return
         if point.level < 1:
@@ -249,12 +253,12 @@ class Journey:
             return None
         rest, neutral = landed, self._slope(landed).neutral
         if len(landed.unknowns) > len(self.start):
-            neutral = 0  # what symmetry leaves neutral of rods that are held, Gamma is made to hold
+            neutral = neutral if self.has_tip else 0  # of a held rod Gamma is made to hold what symmetry leaves neutral
             rest, _ = yield from self._correct(landed.unknowns[: len(self.start)], landed.level, neutral)
             if rest is None:
                 return None
         there = yield from self._judge(rest)
-        if not _stable(there.modes, neutral) or (neutral and (yield from self._by_symmetry(landed)) != neutral):
+        if not _stable(there.modes, neutral) or (neutral and (yield from self._by_symmetry(rest)) != neutral):
             return None
         status = yield from self._kind(critical, beyond, landed, first)
         if status is None:
@@ -306,10 +310,10 @@ class Journey:
             level = min(1.0, critical.level + step)
             beyond = yield from self._beyond(critical, level)
             slope = self._slope(beyond)
-            if slope.values[0] < -CLEAR or abs(slope.along[0]) > DECIDED or _held(slope):
+            if slope.lowest < -CLEAR or abs(slope.along[0]) > DECIDED or _held(slope):
                 return beyond
             if level == 1.0:
-                return beyond if slope.values[0] < -DECIDED else None
+                return beyond if slope.lowest < -DECIDED else None
             step *= 4
 
     def _beyond(self, critical: Point, level: float) -> Run:
@@ -380,19 +384,17 @@ class Journey:
             self.iterations += 1
             found, longest = self._slope_or_none(trial), share * float(np.abs(turn).max())
             off = np.inf if found is None or found.facing != slope.facing else slope.missed(share * turn, found)
-            if off > MISSED * longest and not off < TINY:
-                radius, share = 0.5 * radius, 0.5 * share
+            if not off <= max(MISSED * longest, OFF):
+                share *= 0.5
                 if share < SHORTEST_CLAMPED:
                     return None
-                turn = slope.turn(radius)
                 continue
             assert found is not None  # or it would be infinitely far off
             point, slope = trial, found
             if point.size <= self.tolerance and slope.values[0] >= -SOFT:
                 return point
-            if off < 0.5 * MISSED * longest:
-                radius, share = min(RADIUS_CLAMPED, 2 * radius), min(1.0, 2 * share)
-            turn = slope.turn(radius)
+            radius = min(RADIUS_CLAMPED, share * radius * (2 if off < 0.5 * MISSED * longest else 1))
+            share, turn = 1.0, slope.turn(radius)
         return None
 
     def _slope_or_none(self, point: Point) -> Slope | None:
@@ -405,7 +407,7 @@ class Journey:
 
     def _by_symmetry(self, point: Point) -> Run:
         """Modes that are neutral at a point and near it: those that symmetry leaves so."""
-        if not self.by_tip:
+        if not self.has_tip:
             return 0
         slope = self._slope(point)
         count = slope.neutral
@@ -442,7 +444,7 @@ class Journey:
     def _released(self, point: Point, neutral: int) -> Run:
         """The end of the way from a point next to it, where symmetry leaves modes neutral there that rounded kinks held until
         then, and how many; the point itself where that is not so."""
-        soft = self._slope(point).neutral if self.by_tip and not self.by_inputs else 0
+        soft = self._slope(point).neutral if self.has_tip and not self.by_inputs else 0
         if soft <= neutral:
             return point, neutral
         found, _ = yield from self._correct(point.unknowns, 1.0, soft)

@@ -41,7 +41,9 @@ def _amplify(gamma: FloatArray) -> NDArray[np.bool_]:
     """Whether the inverse of a matrix (k, n, n) is that large, in the 2-norm; shape (k,)."""
     n = gamma.shape[-1]
     # a bound that costs nothing: the product of all singular values but one, over that of all
-    bound = np.linalg.norm(gamma, axis=(1, 2)) ** (n - 1) >= AMPLIFICATION * np.abs(np.linalg.det(gamma))
+    with np.errstate(divide="ignore"):
+        most = (n - 1) * np.log(np.linalg.norm(gamma, axis=(1, 2)))
+    bound = most >= np.log(AMPLIFICATION) + np.linalg.slogdet(gamma)[1]
     result = bound.copy()
     result[bound] = np.linalg.svd(gamma[bound], compute_uv=False)[:, -1] * AMPLIFICATION <= 1.0
     return np.asarray(result)

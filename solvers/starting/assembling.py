@@ -1,5 +1,7 @@
 """Assemblies put together from legs that nothing holds: another way to the natural branch, and to stable equilibria."""
 
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -7,11 +9,12 @@ from numpy.typing import NDArray
 
 from multirod.batch import IntArray
 from multirod.capabilities import Joints, Loading
+from multirod.events import placed_events
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.continuation.natural import SAFE_LOAD, Paths
 from multirod.solvers.newton.iteration import Newton
-from multirod.status import Status
+from multirod.status import Status, failures
 from multirod.validation import FloatArray
 
 TOGETHER = 32  # instances put together in one batch
@@ -26,47 +29,71 @@ CLOSE = 1e-6  # residual of a point on the branch, of the curvature scale
 FURTHEST = 3.0  # that it may lead back beyond the start, in the whole way
 
 BoolArray = NDArray[np.bool_]
+GoOn = Callable[[BoundaryProblem, Newton, Outcome], None]
 
 
-def assemble(problem: BoundaryProblem, newton: Newton, outcome: Outcome, lost: BoolArray, max_steps: int) -> None:
+def assemble(
+    problem: BoundaryProblem,
+    newton: Newton,
+    outcome: Outcome,
+    lost: BoolArray,
+    max_steps: int,
+    go_on: GoOn | None = None,
+    *,
+    closing: bool = False,
+) -> None:
     """Put the instances ``lost`` together without loads, then raise these: ``CONVERGED`` unless what that leads to is unstable.
 
     Steps pass the tests of every branch (``Paths``), ``max_steps`` at most for the joints and as many for the loads. What is not
-    found is left as it is.
+    found is left as it is. ``go_on`` leads on from where a branch ends as loads are raised, or if so asked as joints are closed,
+    and says so in the outcome that it is given; the load factor of what happens while joints are closed is 0.
     """
     if problem.joints is None or problem.parts is None or not lost.any():
         return
     for places in np.split(np.flatnonzero(lost), range(TOGETHER, int(lost.sum()), TOGETHER)):
         part = problem.parts.of(places)
-        found = _natural(part, newton.of(part, places), max_steps)
+        found = _natural(part, newton.of(part, places), max_steps, go_on, closing)
         outcome.iterations[places] += found.iterations
         outcome.integrations[places] += found.integrations
-        reached = np.flatnonzero(found.status == Status.CONVERGED)
-        outcome.status[places[reached]] = Status.CONVERGED
+        reached = np.flatnonzero(~failures(found.status))
+        outcome.status[places[reached]] = found.status[reached]
+        outcome.events |= placed_events(found.events, places)
         if outcome.reached is not None:
             outcome.reached[places[reached]] = 1.0
         problem.keep(part, places[reached], reached)
 
 
-def _natural(problem: BoundaryProblem, newton: Newton, max_steps: int) -> Outcome:
+def _natural(problem: BoundaryProblem, newton: Newton, max_steps: int, go_on: GoOn | None, closing: bool) -> Outcome:
     """First the joints, then the loads; statuses as ``Paths`` gives them, ``UNSTABLE`` where that is what is reached."""
     paths = Paths(problem, newton, max_steps)
     count, joints = problem.instance_count, _joints(problem)
     joints.close(Loading.NONE)
     closed = paths.raise_from(np.ones(count, dtype=bool), joints.apart(), np.full(count, CLOSING_STEP))
+    if go_on is not None and closing:
+        go_on(problem, newton, closed)
     joints.close(Loading.RISING)
     joints.shut()
-    whole = closed.status == Status.CONVERGED
+    whole = ~failures(closed.status)
     newton.allow(np.maximum(newton.allowed() - closed.integrations - 3, 0))
     loaded = paths.raise_from(whole, problem.read("unknowns"), _safe_step(problem))
+    if go_on is not None:
+        loaded.status[~whole] = Status.NOT_RUN
+        go_on(problem, newton, loaded)
     status = np.where(whole, loaded.status, closed.status)
-    whole = status == Status.CONVERGED
+    whole = ~failures(status)
+    events = {k: tuple(replace(event, load_factor=0.0) for event in own) for k, own in closed.events.items() if whole[k]}
+    for k, own in loaded.events.items():
+        events[k] = (*events.get(k, ()), *own)
+    for k, own in events.items():
+        status[k] = max((event.status for event in own), default=status[k])
     if whole.any() and problem.stability is not None:
         with problem.everyone():
             status[whole & problem.stability.unstable()] = Status.UNSTABLE
     # legs that nothing holds take one, and the mismatch of their joints another
     integrations = 2 + closed.integrations + loaded.integrations + whole
-    return Outcome(status, closed.iterations + loaded.iterations, integrations)
+    result = Outcome(status, closed.iterations + loaded.iterations, integrations)
+    result.events |= {k: own for k, own in events.items() if not Status(int(status[k])).failed}
+    return result
 
 
 def settle(problem: BoundaryProblem, newton: Newton, numbers: IntArray) -> Outcome:

@@ -1,0 +1,129 @@
+"""Where branches of held rods and legs end: against the elastica, single columns, and what creeps (``docs/branches.md``)."""
+
+import numpy as np
+import pytest
+from relaxation import CreepingArch, CreepingRods
+from scipy.optimize import brentq
+from scipy.special import ellipe, ellipk
+
+import multirod as mr
+
+EI, LENGTH = 0.02, 0.5
+STRIP = mr.Rod(length=LENGTH, bending_stiffness=(4 * EI, EI), torsional_stiffness=0.015)
+HINGES = {"joint": "revolute", "joint_axis": (0, 1, 0), "base_joint": "revolute", "base_joint_axis": (0, 1, 0)}
+HINGED = np.pi**2 * EI / LENGTH**2  # critical loads: of a strip hinged at both ends, of one clamped at its base
+COLUMN = HINGED / 4
+PRECISE = mr.Shooting(integrator=mr.RK4(50))
+LEGS = 3
+
+
+def names(history):
+    return [mr.Status(k).name for k in history.status if k != mr.Status.CONVERGED]
+
+
+def said(history):
+    return [event for sample in history.events for event in sample]
+
+
+def test_a_hinged_strip_is_an_elastica_until_its_ends_meet():
+    """Where they do, it turns about them as a whole: ``2 E(k) = K(k)``."""
+    robot = mr.HeldRod(STRIP, slide=(0, 0, 1), **HINGES)
+    loads = np.array([1.05, 1.9, 2.5])
+    found = mr.solve(robot, robot.inputs(tip_force=-HINGED * loads[:, None] * (0, 0, 1)), solver=PRECISE).raise_if_failed()
+    assert names(found) == ["BIFURCATED", "BIFURCATED", "SNAPPED"]
+    assert (found.stability == mr.Stability.STABLE).all()
+    k = np.array([brentq(lambda k, load=load: 2 * ellipk(k * k) / np.pi - np.sqrt(load), 1e-6, 0.99) for load in loads[:2]])
+    # RK4(50) errs by 1e-6 of the length
+    aside = LENGTH * k / ellipk(k * k)
+    np.testing.assert_allclose(found.rod(0).position[:2, 25, 0], aside, rtol=0, atol=1e-5 * LENGTH)
+    between = LENGTH * (2 * ellipe(k * k) / ellipk(k * k) - 1)
+    np.testing.assert_allclose(found.tip_position[:2, 2], between, rtol=0, atol=1e-5 * LENGTH)
+    np.testing.assert_allclose(found.tip_position[2], (0, 0, -LENGTH), rtol=0, atol=1e-6 * LENGTH)
+    assert [own[0].load_factor for own in found.events] == pytest.approx(1 / loads, rel=1e-5)
+    (_, snapped) = found.events[2]
+    k = brentq(lambda k: 2 * ellipe(k * k) - ellipk(k * k), 0.5, 0.99)
+    force = HINGED * (2 * ellipk(k * k) / np.pi) ** 2
+    assert snapped.load_factor == pytest.approx(force / (HINGED * loads[2]), rel=1e-5)
+    # EI kappa^2 / 2 = F (cos theta + 1 - 2 k^2), of no mean where the ends meet; a thousandth beyond that it is told
+    assert snapped.energy_lost == pytest.approx(force * LENGTH * (1 - (1 - 2 * k * k)), rel=2e-3)
+
+
+def test_an_arch_snaps_through_as_links_that_creep():
+    """Its ends pushed together by a tenth, then pressed from above: not by its tip, which is held."""
+    robot, span = mr.HeldRod(STRIP), 0.9 * LENGTH
+    time = np.linspace(0, 2, 21)
+    push, load = np.zeros((2, len(time), 3))
+    push[:, 2], load[:, 0] = (span - LENGTH) * np.clip(time, 0.05, 1), -100 * EI / LENGTH**3 * np.clip(time - 1, 0, 1)
+    history = mr.simulate(robot, robot.inputs(end_position=push, distributed_force=load), time=time, solver=PRECISE)
+    history.raise_if_failed()
+    assert names(history) == ["SNAPPED"]
+    assert (history.stability == mr.Stability.STABLE).all()
+    (event,) = said(history)
+    assert event.energy_lost > 0
+    np.testing.assert_allclose(event.tip_displacement, 0, atol=1e-5 * LENGTH)
+    arch = CreepingArch(LENGTH, EI, span)
+    arch.angle = np.sin(2 * np.pi * (np.arange(60) + 0.5) / 60)
+    for k in range(10, len(time)):
+        assert arch.settle(load[k, 0])
+        # 60 links are off by 1e-3 of the length, the other side by 0.4
+        assert history.rod(0).position[k, 25, 0] == pytest.approx(arch.middle, abs=2e-3 * LENGTH)
+    after = int(np.flatnonzero(history.status == mr.Status.SNAPPED)[0])
+    assert time[after - 1] < event.time < time[after]
+
+
+@pytest.fixture(scope="module")
+def stool():
+    """A platform on strips in ball joints, pressed until they have buckled, then pushed to and fro."""
+    base = np.tile(np.eye(4), (LEGS, 1, 1))
+    angle = 2 * np.pi * np.arange(LEGS) / LEGS
+    base[:, :2, 3] = 0.1 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    robot = mr.ParallelRods(legs=[STRIP] * LEGS, base=base, platform=base, joints=["spherical"] * LEGS)
+    time = np.linspace(0, 5, 26)
+    press, push = -1.5 * np.clip(time / 2, 0, 1), 0.5 * np.sin(np.pi * np.clip(time - 2, 0, 3) / 2)
+    force = LEGS * COLUMN * np.stack([push, 0 * time, press], axis=-1)
+    return mr.simulate(robot, robot.inputs(tip_force=force), time=time, solver=PRECISE)
+
+
+def test_legs_buckle_and_snap_as_columns_that_bear_their_part(stool):
+    """Balls bear no moment, so equal legs side by side stay so, and the platform does not turn."""
+    stool.raise_if_failed()
+    robot = mr.SingleRod(STRIP)
+    alone = mr.simulate(robot, robot.inputs(tip_force=stool.inputs.tip_force / LEGS), time=stool.time, solver=PRECISE)
+    np.testing.assert_array_equal(stool.status, alone.status)
+    assert names(stool) == ["BIFURCATED", "SNAPPED"]
+    assert (stool.stability == mr.Stability.STABLE).all()
+    # the legs' platform rests where its pose is within the tolerance
+    np.testing.assert_allclose(stool.tip_position, alone.tip_position, rtol=0, atol=1e-6 * LENGTH)
+    np.testing.assert_allclose(stool.tip_rotation, np.broadcast_to(np.eye(3), (26, 3, 3)), rtol=0, atol=1e-6)
+    for event, other in zip(said(stool), said(alone), strict=True):
+        assert event.fold == other.fold
+        # both are within a thousandth of a sample of where it is told
+        assert event.time == pytest.approx(other.time, abs=1e-3 * 0.2)
+        assert event.energy_lost == pytest.approx(LEGS * other.energy_lost, rel=1e-2, abs=1e-9)
+        np.testing.assert_allclose(event.tip_displacement, other.tip_displacement, rtol=0, atol=0.01)
+
+
+def test_legs_snap_where_a_rod_creeps_to(stool):
+    sample = int(np.flatnonzero(stool.status == mr.Status.SNAPPED)[0])
+    rods = CreepingRods(np.array([LENGTH]), np.array([[4 * EI, EI, 0.015]]), np.zeros((1, 3)), 24)
+    pushed = int(np.argmax(stool.inputs.tip_force[:, 0]))
+    for k in (pushed, *range(sample - 3, sample + 1)):
+        assert rods.settle(stool.inputs.tip_force[k : k + 1] / LEGS).all()
+        # 24 segments are off by less than 0.01 of the length, the other side by 1.6
+        assert np.linalg.norm(rods.tip[0] - stool.tip_position[k]) < 0.01 * LENGTH
+
+
+def test_loads_that_are_raised_do_as_loads_that_rise(stool):
+    """``solve`` at the load of a sample; the energy lost and the modes are those of the load there, not of all of it."""
+    robot = stool.assembly
+    press = LEGS * COLUMN * np.array([[0, 0, -0.9], [0, 0, -1.5]])
+    found = mr.solve(robot, robot.inputs(tip_force=press), solver=PRECISE).raise_if_failed()
+    assert names(found) == ["BIFURCATED"]
+    (event,) = found.events[1]
+    assert event.load_factor == pytest.approx(1 / 1.5, rel=1e-5)
+    assert event.energy_lost == 0
+    np.testing.assert_allclose(found.tip_position[1], stool.tip_position[10], rtol=0, atol=1e-6 * LENGTH)
+    twin = mr.solve(robot, robot.inputs(tip_force=press[1]), solver=mr.Shooting(integrator=mr.RK4(50), side="negative"))
+    np.testing.assert_allclose(twin.tip_position, found.tip_position[1] * (-1, -1, 1), rtol=0, atol=1e-6 * LENGTH)
+    stops = mr.solve(robot, robot.inputs(tip_force=press[1]), solver=mr.Shooting(integrator=mr.RK4(50), at_fold="stop"))
+    assert stops.failed or stops.stability is mr.Stability.STABLE
