@@ -43,6 +43,10 @@ def test_a_wire_is_found_by_its_shapes(wire, shapes):
     np.testing.assert_allclose(fit.solution.tip_position, mr.solve(fit.robot, fit.solution.inputs).tip_position, atol=1e-8)
     np.testing.assert_array_equal(robot.rod.sections[0].precurvature, (14, 5, 0))
     assert "precurvature y, section 1 [1/m]" in repr(fit)
+    # what is told of stiffnesses is over what they were: seen from the fitted robot, over what they are
+    again = mr.calibrate(fit.robot, fit.solution.inputs, parameters=FITTED, measured=poses(shapes), guess=fit.solution)
+    for name in FITTED[:2]:
+        np.testing.assert_allclose(fit.sigma(name), again.sigma(name) * fit.value(name), rtol=1e-3)
     # a step of all shapes takes one integration of each
     assert fit.iterations <= 5
 
@@ -58,6 +62,22 @@ def test_the_base_is_found_with_the_load_staying_where_it_is(wire, shapes, make_
     np.testing.assert_allclose(fit.robot.base, base, atol=1e-6)
     np.testing.assert_allclose(fit.value("base"), (0.01, -0.02, 0.005, 0.1, -0.2, 0.3), atol=1e-6)
     np.testing.assert_allclose(fit.value("bending_stiffness"), 1, atol=1e-3)
+
+
+def test_a_base_that_is_turned_far_turns_on_about_itself(wire):
+    """(13) By differences: its columns are by what turns it in the world, its numbers those of one rotation vector."""
+    from multirod.rotations import vectors
+    from multirod.tasks.calibrate import _Numbers
+
+    robot = mr.SingleRod(wire)
+    numbers = _Numbers(robot, {"base": mr.Prior()})
+    p, h = np.array([0.1, 0.2, -0.1, 0.4, -0.7, 0.9]), 1e-6
+    columns = numbers.columns(numbers.robot(p), p)
+    for k in range(6):
+        ends = [numbers.robot(p + sign * h * np.eye(6)[k]).base for sign in (1, -1)]
+        turned = vectors((ends[0][:3, :3] @ ends[1][:3, :3].T)[None])[0]
+        moved = ends[0][:3, 3] - ends[1][:3, 3]
+        np.testing.assert_allclose(columns[:, k], np.concatenate([moved, turned]) / (2 * h), atol=1e-8)
 
 
 def test_what_shapes_do_not_tell_keeps_its_prior(wire, shapes):

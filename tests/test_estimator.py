@@ -127,6 +127,40 @@ def test_what_is_known_moves_with_it(wire, make):
     np.testing.assert_allclose(one.solution.rod(0).position[-1], again.tip_position, atol=1e-5)
 
 
+def test_unknowns_go_along_with_the_estimate(make, wire):
+    """(12) After a jump of the force the next sample is off its equilibrium by the square of that."""
+    robot = mr.SingleRod(wire)
+    force = np.array([[0.2, -0.1, 0.3], [0.2, -0.09, 0.3]])
+    seen = mr.solve(robot, robot.inputs(tip_force=force), solver=mr.Shooting(integrator=STEPS))
+    meter = make(sigma=(1e-7, 1e-6))
+    for k in (0, 0, 0, 1, 1):
+        sample = meter.step([(seen.tip_position[k], seen.tip_rotation[k])])
+    # a hundredth of a newton bends it by 7e-3 1/m at its base
+    assert sample.solution.residual < 1e-4
+
+
+@pytest.mark.parametrize("angle", [1e-6, 0.3, 1.4, 2.5])
+def test_one_instance_counts_as_many_do(angle):
+    """Rows of one, with fewer calls, are those of ``PoseRows``."""
+    from multirod.tasks.formulation import Evaluation
+    from multirod.tasks.rows import PoseRows
+    from multirod.tasks.sensors import _one_pose
+
+    random = np.random.default_rng(4)
+    near = turned_by(random.normal(size=(1, 3)))
+    axis = random.normal(size=(1, 3))
+    far = turned_by(angle * axis / np.linalg.norm(axis)) @ near
+    x, p = random.normal(size=(1, 6, 3)), random.normal(size=(1, 6, 2))
+    gamma, slopes = random.normal(size=(1, 3, 3)), random.normal(size=(1, 3, 2))
+    found = Evaluation(random.normal(size=(1, 3)), gamma, slopes, random.normal(size=(1, 3)), far, x, p, np.zeros(1, dtype=bool))
+    rows = PoseRows(random.normal(size=(1, 3)), near, None, np.array([2.0, 3.0]))
+    towards, by = found.eliminated
+    told = _one_pose(rows, found, np.concatenate([towards[..., None], by], axis=2))
+    r, J = found.condensed(*rows.at(found))
+    np.testing.assert_allclose(told[..., 0], r, atol=1e-9 * np.abs(r).max())
+    np.testing.assert_allclose(told[..., 1:], J, atol=1e-9 * np.abs(J).max())
+
+
 def test_one_that_fails_leaves_the_others_as_they_are(wire, make):
     """Of a batch: bitwise. A sample far off leads where there is no stable equilibrium; it says so, and begins anew."""
     robot = mr.SingleRod(wire)
