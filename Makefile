@@ -35,6 +35,7 @@ bench: $(VENV)/.installed
 	$(BIN)/python tests/benchmarks/batches.py $(ARGS)
 	$(BIN)/python tests/benchmarks/sweep.py
 	$(BIN)/python tests/benchmarks/stability.py $(ARGS)
+	$(BIN)/python tests/benchmarks/derivatives.py
 	$(BIN)/python tests/benchmarks/features.py
 	$(BIN)/python tests/benchmarks/lines.py $(ARGS)
 	$(BIN)/python tests/benchmarks/reach.py --quick

@@ -6,6 +6,7 @@ python docs/make_plots.py [--out FOLDER]
 import argparse
 import os
 import re
+import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -26,7 +27,7 @@ PICTURES = {
     },
     "docs/branches.md": {"plot_snap": 'history.plot("tip")'},
 }  # of each page, and each a line of it
-EXAMPLES = ("paper_rod", "surgical_tubes", "six_legs", "silicone_segment", "parallel_tubes")
+EXAMPLES = ("paper_rod", "surgical_tubes", "six_legs", "silicone_segment", "parallel_tubes", "design_tubes_by_gradient")
 DPI = 80
 
 
@@ -66,6 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         try:
             for page, pictures in PICTURES.items():
                 draw(ROOT / page, pictures, folder)
+            sys.path.insert(0, str(ROOT / "examples"))  # some are about the robots of others
             for name in EXAMPLES:
                 run_path(str(ROOT / "examples" / f"{name}.py"))["main"](["--out", str(folder / f"{name}.png")])
         finally:

@@ -18,6 +18,7 @@ from multirod.rotations import cross_matrix
 from multirod.solution import Solution
 from multirod.solver import Solver
 from multirod.status import Status
+from multirod.types import Numbers
 from multirod.validation import Described, FloatArray, choice, meant, refuse, shown
 
 OUTPUTS: dict[str, tuple[int, ...]] = {"tip_position": (3,), "tip_pose": (4, 4)}
@@ -32,14 +33,17 @@ class Equilibrium:
         of: ``"tip_position"`` [m], shape (..., 3), or ``"tip_pose"``, a homogeneous matrix, (..., 4, 4).
         inputs: Where they are not given.
         solver: That finds the equilibria.
+        guess: Where it starts.
     """
 
-    def __init__(self, robot: Assembly, of: str, inputs: Inputs | None, solver: Solver | None) -> None:
+    def __init__(
+        self, robot: Assembly, of: str, inputs: Inputs | None, solver: Solver | None, guess: "Solution[Any] | Numbers | None"
+    ) -> None:
         if not isinstance(robot, Assembly):
             raise TypeError(f"robot must be an assembly, not {type(robot).__name__}")
         if robot.batch_shape:
             refuse("robot", Described(f"leading axes {robot.batch_shape}"), "must be one robot: a batch is made by values")
-        self.robot, self.solver = robot, solver
+        self.robot, self.solver, self.guess = robot, solver, guess
         self.of = choice("of", of, OUTPUTS)
         self.output = OUTPUTS[self.of]
         self.inputs = robot.accept(inputs)
@@ -100,7 +104,7 @@ class Equilibrium:
         own: dict[str, Any] = {name: self.inputs.array(name) for name in self.inputs.given if name not in self.inputs.profiles}
         own |= dict(self.inputs.profiles) | {name: value for name, value in given.items() if name not in PARAMETERS}
         inputs = robot.make_inputs(own)
-        return solve(robot, inputs, solver=self.solver, progress=False), absent
+        return solve(robot, inputs, solver=self.solver, guess=self.guess, progress=False), absent
 
     def _own(self, name: str) -> FloatArray:
         """The value where none is given."""

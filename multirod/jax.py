@@ -13,6 +13,7 @@ from multirod.files.optional import optional
 from multirod.inputs import Inputs
 from multirod.solution import Solution
 from multirod.solver import Solver
+from multirod.types import Numbers
 
 jax: Any = optional("jax", "jax", "functions of JAX")
 
@@ -27,8 +28,9 @@ class Function:
     alone by which they are asked for. All is computed in double precision, whatever JAX holds it in: 32 bits unless
     ``jax_enable_x64`` is set.
 
-    An instance that has no result is NaN, and so are its derivatives; ``status`` says why. The others are bitwise what they are
-    alone.
+    An instance that has no result is NaN, and so are its derivatives, whatever weight a loss gives it; ``status`` says why. The
+    others are bitwise what they are alone. Of values that a batch shares, take ``vmap(grad(loss))`` and the mean of what is no
+    NaN: ``grad`` of the mean itself is NaN if one instance is.
     """
 
     def __init__(self, equilibrium: Equilibrium) -> None:
@@ -112,7 +114,12 @@ class Function:
 
 
 def function(
-    robot: Assembly, *, of: str = "tip_position", inputs: Inputs | None = None, solver: Solver | None = None
+    robot: Assembly,
+    *,
+    of: str = "tip_position",
+    inputs: Inputs | None = None,
+    solver: Solver | None = None,
+    guess: Solution[Any] | Numbers | None = None,
 ) -> Function:
     """A robot's end effector at equilibrium as a function of JAX.
 
@@ -121,6 +128,8 @@ def function(
         of: ``"tip_position"`` [m], or ``"tip_pose"``, its homogeneous matrix in the world.
         inputs: Of what is not given by name later; zero by default.
         solver: ``mr.Shooting()`` by default.
+        guess: Where each solve starts, as for ``solve``: one equilibrium, or one for each instance. Near what is asked for, it
+            saves most of the integrations; without one the natural branch is followed from the unloaded robot.
 
     Returns:
         A ``Function``, which says what it takes.
@@ -129,4 +138,4 @@ def function(
         TypeError, ValueError: If an argument is not what it must be.
         ImportError: If JAX is missing: ``pip install "multirod[jax]"``.
     """
-    return Function(Equilibrium(robot, of, inputs, solver))
+    return Function(Equilibrium(robot, of, inputs, solver, guess))

@@ -406,13 +406,20 @@ class BoundaryProblem(Uncopied, ABC):
 
     def aim(self, *names: str) -> None:
         """Point the directions along each component of some inputs: every integration from now on gives its columns."""
-        directions = np.zeros(self.directions.shape)
+        directions = np.zeros(self.directions.shape) if self._direction_view is None else self._direction_view
         column = 0
         for name in names:
             own = self.directions_by(name)
             directions[:, column : column + own.shape[1]] = own
             column += own.shape[1]
-        self.directions.assign(directions)
+        directions[:, column:] = 0.0
+        if self._direction_view is None:
+            self.directions.assign(directions)
+
+    @cached_property
+    def _direction_view(self) -> FloatArray | None:
+        """Directions as NumPy sees them in place; None where they are elsewhere."""
+        return None if self._host is None else np.asarray(self.directions.numpy())
 
     def directions_by(self, name: str) -> FloatArray:
         """Directions along each component of an input, shape (instance_count or 1, k, directions.shape[2])."""

@@ -10,6 +10,7 @@ from multirod.files.optional import optional
 from multirod.inputs import Inputs
 from multirod.solution import Solution
 from multirod.solver import Solver
+from multirod.types import Numbers
 
 torch: Any = optional("torch", "torch", "layers of PyTorch")
 
@@ -34,8 +35,9 @@ class _Solved(torch.autograd.Function):  # type: ignore[misc]  # of a package th
         axes = len(ctx.output)
         for k, column in zip(ctx.live, ctx.saved_tensors, strict=True):
             weights = grad.reshape(*grad.shape, *(1,) * (column.ndim - grad.ndim))
-            own = (column * weights).sum(dim=tuple(range(grad.ndim - axes, grad.ndim)))
-            found[2 + k] = own
+            # what nothing depends on has no part in it, though it failed and is NaN
+            parts = torch.where(weights == 0, 0.0, column * weights)
+            found[2 + k] = parts.sum(dim=tuple(range(grad.ndim - axes, grad.ndim)))
         return tuple(found)
 
 
@@ -44,13 +46,16 @@ class Layer(torch.nn.Module):  # type: ignore[misc]
 
     It takes what ``multirod.jax.Function`` does, with leading axes that broadcast, and has no weights of its own. All is computed
     in double precision on the processor; the result is of the type and device of the first tensor. An instance that has no result
-    is NaN, and so are its derivatives; ``status`` says why.
+    is NaN, and so are its derivatives; ``status`` says why. Where a loss leaves it out, by a mask or an index, it adds nothing to
+    the gradient by what the others share.
 
     Args:
         robot: One robot.
         of: ``"tip_position"`` [m], or ``"tip_pose"``, its homogeneous matrix in the world.
         inputs: Of what is not given by name later; zero by default.
         solver: ``mr.Shooting()`` by default.
+        guess: Where each solve starts, as for ``solve``: one equilibrium, or one for each instance. Near what is asked for, it
+            saves most of the integrations; without one the natural branch is followed from the unloaded robot.
 
     Raises:
         TypeError, ValueError: If an argument is not what it must be.
@@ -58,10 +63,16 @@ class Layer(torch.nn.Module):  # type: ignore[misc]
     """
 
     def __init__(
-        self, robot: Assembly, *, of: str = "tip_position", inputs: Inputs | None = None, solver: Solver | None = None
+        self,
+        robot: Assembly,
+        *,
+        of: str = "tip_position",
+        inputs: Inputs | None = None,
+        solver: Solver | None = None,
+        guess: Solution[Any] | Numbers | None = None,
     ) -> None:
         super().__init__()
-        self.equilibrium = Equilibrium(robot, of, inputs, solver)
+        self.equilibrium = Equilibrium(robot, of, inputs, solver, guess)
 
     def forward(self, **values: Any) -> Any:
         """The end effector at equilibrium, shape (..., 3) or (..., 4, 4).

@@ -66,6 +66,26 @@ def test_a_force_is_read_off_a_pose(example, capsys):
     assert said.count("seen") == 2
 
 
+def test_tubes_are_designed_by_gradient_for_a_box(example, tmp_path):
+    """The gradient is the same by both ways, and of the loss; the corners are then met."""
+    example("surgical_tubes.py")
+    design = example("design_tubes_by_gradient.py")
+    published, designed = design.main(["--out", str(tmp_path / "tubes.png")])
+    assert published > 30  # two of the corners cannot be bent to
+    assert designed < 0.01  # of 30 mm: the loss is flat to rounding
+    assert (tmp_path / "tubes.png").stat().st_size > 10_000
+    z = design.packed(
+        design.PUBLISHED | {"rotation": np.arange(24).reshape(8, 3) % 5, "inner": 0.03, "middle": 0.02, "outer": 0.04}
+    )
+    (value, by_jax), (other, by_vjp) = design.loss_by_jax()(z), design.loss_by_vjp()(z)
+    assert abs(value - other) < 1e-9 * value
+    np.testing.assert_allclose(by_jax, by_vjp, rtol=0, atol=1e-8 * np.abs(by_vjp).max())
+    along = np.cos(np.arange(len(z)))
+    loss = design.loss_by_vjp()
+    slope = (loss(z + 1e-4 * along)[0] - loss(z - 1e-4 * along)[0]) / 2e-4
+    assert abs(slope - by_vjp @ along) < 1e-4 * np.linalg.norm(by_vjp)
+
+
 def test_three_tubes_are_those_of_a_published_program(example, tmp_path):
     held, behind = example("surgical_tubes.py").main(["--out", str(tmp_path / "tubes.png")])
     assert held < 0.1  # that program cuts 155.2 mm to 155.15, in five pieces

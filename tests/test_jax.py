@@ -70,6 +70,23 @@ def test_a_failed_instance_is_nan_and_leaves_the_others_as_they_are_alone(robot,
     np.testing.assert_array_equal(few(tip_force=forces), mapped)
 
 
+def test_a_shared_value_takes_the_mean_of_the_gradients_that_there_are(robot):
+    few = mr.jax.function(robot, solver=mr.Shooting(max_integrations=20, fallback=False))
+    forces, shared = np.array([FORCE, (0, 900.0, 0), (0.02, 0, 0.1)]), few.value_of("precurvature")
+    each = jax.jit(jax.vmap(jax.grad(lambda u, f: (few(precurvature=u, tip_force=f) ** 2).sum()), in_axes=(None, 0)))
+    found = each(shared, forces)
+    assert np.isnan(found[1]).all()
+    np.testing.assert_array_equal(jax.numpy.nanmean(found, axis=0), (found[0] + found[2]) / 2)
+
+
+def test_a_guess_saves_integrations_and_nothing_else(robot, tip):
+    guess = mr.solve(robot, robot.inputs(rotation=0.3, tip_force=FORCE))
+    near = mr.jax.function(robot, inputs=robot.inputs(rotation=0.3), guess=guess)
+    forces = FORCE + 0.01 * np.eye(3)
+    assert (near.solution(tip_force=forces).integrations < tip.solution(tip_force=forces).integrations).all()
+    np.testing.assert_allclose(near(tip_force=forces), tip(tip_force=forces), rtol=0, atol=1e-9)
+
+
 def test_vmap_over_some_of_the_values(tip):
     forces = np.stack([FORCE, 2 * FORCE])
     curves = tip.value_of("precurvature") + np.arange(2)[:, None, None, None]

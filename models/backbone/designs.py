@@ -137,34 +137,38 @@ class Designs:
         arrays, inputs = problem.arrays, problem.read("inputs")
         if self._name == "bending_stiffness":
             return np.zeros((problem.instance_count, self.count, arrays.end.shape[1]))
-        depth = -inputs[:, problem.input_slice("translation")]
-        end = problem.each(arrays.end)
-        begin = np.concatenate([np.zeros_like(end[..., :1]), end[..., :-1]], axis=-1)
-        half = 0.5 * (end - begin)
-        behind = np.clip(np.minimum(end, depth[..., None]) - begin, 0.0, None)  # of each piece
-        part = np.divide(behind, half, out=np.zeros_like(half), where=half > 0) - 1.0
-        compliance = problem.each(arrays.material[..., 5])
-        curves = problem.each(arrays.precurvature).reshape(*end.shape, -1, 3)[..., 2]
-        powers = np.arange(curves.shape[-1])
-        integrals = half[..., None] * (part[..., None] ** (powers + 1) - (-1.0) ** (powers + 1)) / (powers + 1)
+        depth = -inputs[:, problem.input_slice("translation")][..., None]
+        end, begin, half, compliance, curves, powers = self._pieces
+        behind = np.minimum(end, depth) - begin  # of each piece
+        behind[behind < 0] = 0.0
+        part = np.divide(behind, half, out=np.zeros(behind.shape), where=half > 0) - 1.0
         if self._name == "precurvature":
-            changes = problem.each(self.precurvature).reshape(*self._shape(), -1, 3)[..., 2]
-            return np.asarray((changes * integrals[:, None]).sum(axis=(-2, -1)))
-        torque = problem.base_torques()
+            integrals = half[..., None] * (part[..., None] ** (powers + 1) - (-1.0) ** (powers + 1)) / (powers + 1)
+            return np.asarray((self._twisting * integrals[:, None]).sum(axis=(-2, -1)))
+        torque = problem.base_torques()[..., None]
         if self._name == "torsional_stiffness":
-            return np.asarray(
-                (problem.each(self.softness)[..., 2] * (behind * compliance * torque[..., None])[:, None]).sum(axis=-1)
-            )
+            return np.asarray((self.softness[..., 2] * (behind * compliance * torque)[:, None]).sum(axis=-1))
         # an end that moves behind the plate leaves more to the piece before it, and less to the one after
-        at_end = curves.sum(axis=-1) + compliance * torque[..., None]
-        at_begin = (curves * (-1.0) ** powers).sum(axis=-1) + compliance * torque[..., None]
-        moved = problem.each(self.end) * ((end < depth[..., None]) * at_end)[:, None]
-        moved[..., 1:] -= problem.each(self.end)[..., :-1] * ((begin < depth[..., None]) * at_begin)[:, None, :, 1:]
+        at_end = curves.sum(axis=-1) + compliance * torque
+        at_begin = (curves * (-1.0) ** powers).sum(axis=-1) + compliance * torque
+        moved = self.end * ((end < depth) * at_end)[:, None]
+        moved[..., 1:] -= self.end[..., :-1] * ((begin < depth) * at_begin)[:, None, :, 1:]
         slid = np.where(behind > 0, (curves * (part[..., None] ** powers - (-1.0) ** powers)).sum(axis=-1), 0.0)
-        return np.asarray((moved - problem.each(self.shift) * slid[:, None]).sum(axis=-1))
+        return np.asarray((moved - self.shift * slid[:, None]).sum(axis=-1))
 
-    def _shape(self) -> tuple[int, ...]:
-        return (self.problem.instance_count, *self.end.shape[1:])
+    @cached_property
+    def _pieces(self) -> tuple[FloatArray, ...]:
+        """Of each: its end, its beginning, half its length, how it twists by torque and by itself, and powers of the part."""
+        arrays = self.problem.arrays
+        end = arrays.end
+        begin = np.concatenate([np.zeros_like(end[..., :1]), end[..., :-1]], axis=-1)
+        curves = arrays.precurvature.reshape(*arrays.precurvature.shape[:3], -1, 3)[..., 2]
+        return end, begin, 0.5 * (end - begin), arrays.material[..., 5], curves, np.arange(float(curves.shape[-1]))
+
+    @cached_property
+    def _twisting(self) -> FloatArray:
+        """How the laws of precurvature about the axes change."""
+        return np.asarray(self.precurvature.reshape(*self.precurvature.shape[:4], -1, 3)[..., 2])
 
     def unknown_rates(self) -> FloatArray:
         """(D9) By how much the unknowns must change for moments, torques and forces at the base to stay what they are.

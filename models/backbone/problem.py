@@ -479,9 +479,11 @@ class BackboneProblem(BoundaryProblem):
         return result
 
     def adopt(self, unknowns: FloatArray) -> FloatArray:  # noqa: D102
+        if unknowns.shape[1] == self.unknown_count:
+            return super().adopt(unknowns)
         kinds = [(True, False), (True, True)] + [(False, False)] * (self.features.torque_count > 0)
         others = {unknowns_of(self.features, moment=moment, force=force).size: (moment, force) for moment, force in kinds}
-        if unknowns.shape[1] == self.unknown_count or unknowns.shape[1] not in others:
+        if unknowns.shape[1] not in others:
             return super().adopt(unknowns)
         moment, force = others[unknowns.shape[1]]
         unknowns = unknowns if moment else self.with_moment(unknowns)

@@ -1,13 +1,16 @@
 """What derivatives cost against the integrations, samples and solves they belong to; ``docs/derivatives.md`` has the table.
 
-    OMP_NUM_THREADS=1 python tests/benchmarks/derivatives.py [--jax]
+    OMP_NUM_THREADS=1 python tests/benchmarks/derivatives.py [--jax] [--torch]
 
-Ratios are of medians of runs that take turns, so that another load on the machine falls on both.
+Medians of the processor's time, of runs that take turns, so that another load on the machine falls on all. That of a batch is
+what all cores take together.
 """
 
 import argparse
 from collections.abc import Callable
-from time import perf_counter, process_time
+from functools import partial
+from time import process_time
+from typing import Any
 
 import numpy as np
 
@@ -17,24 +20,22 @@ SOLVER = mr.Shooting(integrator=mr.RK4(50))
 FORCE = (0.05, 0.1, 0.1)
 
 
-def interleaved(
-    runs: dict[str, Callable[[], object]], count: int = 200, clock: Callable[[], float] = perf_counter
-) -> dict[str, float]:
-    """Median time of each [s]."""
+def interleaved(runs: dict[str, Callable[[], object]], count: int = 200) -> dict[str, float]:
+    """Median of the processor's time of each [s]."""
     for run in runs.values():
         for _ in range(3):
             run()
     times: dict[str, list[float]] = {name: [] for name in runs}
     for _ in range(count):
         for name, run in runs.items():
-            begin = clock()
+            begin = process_time()
             run()
-            times[name].append(clock() - begin)
+            times[name].append(process_time() - begin)
     return {name: float(np.median(values)) for name, values in times.items()}
 
 
-def tubes() -> mr.ConcentricTubes:
-    """Three, whose inner one has two sections and the others one, 15 numbers of precurvature in all."""
+def tubes(*, curved_all_along: bool = False) -> mr.ConcentricTubes:
+    """Three, straight but for their ends, or curved all along."""
     own = [(0.4, 0.1, 14, 0.004), (0.28, 0.08, 6, 0.02), (0.2, 0.07, 4, 0.1)]
     return mr.ConcentricTubes(
         [
@@ -42,7 +43,9 @@ def tubes() -> mr.ConcentricTubes:
                 length=length,
                 bending_stiffness=EI,
                 torsional_stiffness=0.77 * EI,
-                precurvature=[(length - curved, (0, 0, 0)), (curved, (0, curvature, 0))],
+                precurvature=(0, curvature / 3, 0)
+                if curved_all_along
+                else [(length - curved, (0, 0, 0)), (curved, (0, curvature, 0))],
             )
             for length, curved, curvature, EI in own
         ]
@@ -54,19 +57,21 @@ def wire() -> mr.SingleRod:
     return mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.223349, torsional_stiffness=0.063814, precurvature=(14, 5, 0)))
 
 
+SLID = {"rotation": (-1.2, -0.4, 0.1), "translation": (-0.16, -0.13, -0.1), "tip_force": FORCE}
 SCENES = {
-    "three loaded tubes": (tubes(), {"rotation": (-1.2, -0.4, 0.1), "translation": (-0.16, -0.13, -0.1), "tip_force": FORCE}),
-    "the paper's rod": (wire(), {"rotation": 0.3, "tip_force": FORCE}),
+    "three loaded tubes, straight but for their ends": (tubes(), SLID, ("precurvature",)),
+    "three loaded tubes": (tubes(curved_all_along=True), SLID, ("precurvature", "length", "torsional_stiffness")),
+    "the paper's rod": (wire(), {"rotation": 0.3, "tip_force": FORCE}, ("precurvature",)),
 }
 
 
 def row(what: str, time: float, **against: float) -> None:
     """One line."""
     ratios = ", ".join(f"{time / other:.2f} {name}" for name, other in against.items())
-    print(f"{what:<72} {1e6 * time:9.1f} us   {ratios}", flush=True)
+    print(f"{what:<84} {1e6 * time:9.1f} us   {ratios}", flush=True)
 
 
-def of_scene(name: str, robot: mr.SingleRod | mr.ConcentricTubes, values: dict[str, object]) -> None:
+def of_scene(name: str, robot: mr.SingleRod | mr.ConcentricTubes, values: dict[str, object], design: tuple[str, ...]) -> None:
     """Derivatives, shapes, samples and solves of one robot."""
     inputs = robot.inputs(**values)
     solution = mr.solve(robot, inputs, solver=SOLVER)
@@ -77,17 +82,16 @@ def of_scene(name: str, robot: mr.SingleRod | mr.ConcentricTubes, values: dict[s
         sample = carrying.step()
     problem = robot.problem(inputs, integrator=SOLVER.integrator, pose_sensitivities=True)
     problem.write("unknowns", problem.adopt(solution.unknowns[None]))
-    count = robot.column_count("precurvature")
-    designed = robot.problem(
-        inputs, integrator=SOLVER.integrator, pose_sensitivities=True, **robot.input_directions("precurvature")
-    )
+    count = sum(map(robot.column_count, design))
+    designed = robot.problem(inputs, integrator=SOLVER.integrator, pose_sensitivities=True, **robot.input_directions(*design))
     designed.write("unknowns", designed.adopt(solution.unknowns[None]))
-    designed.aim("precurvature")
+    designed.eliminates = True
+    designed.aim(*design)
     cost = interleaved(
         {
             "integration": problem.integrate,
             "designed": designed.integrate,
-            "jacobian": lambda: solution.jacobian("precurvature"),
+            "jacobian": lambda: solution.jacobian(*design),
             "by inputs": lambda: solution.jacobian("rotation", "tip_force"),
             "shape": lambda: solution[()].rod(0),
             "stability": lambda: solution[()].stability,
@@ -100,8 +104,8 @@ def of_scene(name: str, robot: mr.SingleRod | mr.ConcentricTubes, values: dict[s
     assert sample.columns is not None
     print(f"\n{name}")
     row("an integration with Gamma and the pose's columns", cost["integration"])
-    row(f"the same with {count} columns by precurvature", cost["designed"], integrations=cost["integration"])
-    row(f'solution.jacobian("precurvature"), {count} numbers', cost["jacobian"], integrations=cost["integration"])
+    row(f"the same with {count} columns by {', '.join(design)}", cost["designed"], integrations=cost["integration"])
+    row(f"solution.jacobian by these {count}", cost["jacobian"], integrations=cost["integration"])
     row("Tracker.step(rotation=...), the inputs as they were", cost["step"], integrations=cost["integration"])
     row('the same of Tracker(jacobian=("rotation", "tip_force"))', cost["carrying"], steps=cost["step"])
     row('jacobian("rotation", "tip_force") of its sample', cost["of a sample"], steps=cost["step"])
@@ -111,33 +115,70 @@ def of_scene(name: str, robot: mr.SingleRod | mr.ConcentricTubes, values: dict[s
     row("mr.solve from nothing", cost["solve"], steps=cost["step"])
 
 
-def of_jax(count: int = 500) -> None:
-    """A gradient by 18 numbers of precurvature, of a batch."""
+Batch = Callable[[np.ndarray], object]
+
+
+def by_jax(robot: mr.ConcentricTubes, **options: Any) -> tuple[Batch, Batch]:
+    """Values of a batch, and gradients."""
     import jax
 
-    robot, values = SCENES["three loaded tubes"]
-    with jax.enable_x64(True):
-        tip = mr.jax.function(robot, inputs=robot.inputs(**values), solver=SOLVER)
-        curves = np.repeat(tip.value_of("precurvature")[None], count, axis=0)
-        curves = curves * (1 + 0.05 * np.random.default_rng(0).standard_normal((count, 1, 1, 1)))
-        value = jax.jit(lambda u: (tip(precurvature=u) ** 2).sum())
-        slope = jax.jit(jax.grad(lambda u: (tip(precurvature=u) ** 2).sum()))
-        runs = {"value": lambda: value(curves).block_until_ready(), "slope": lambda: slope(curves).block_until_ready()}
-        cost = interleaved(runs, 10, process_time)
-    print(f"\nJAX, three loaded tubes, a batch of {count}, each, of the processor's time, which all cores share")
-    row("value", cost["value"] / count)
-    row("gradient by 18 numbers of precurvature, with the value", cost["slope"] / count, values=cost["value"] / count)
+    tip = mr.jax.function(robot, **options)
+
+    def loss(u: Any) -> Any:
+        return (tip(precurvature=u) ** 2).sum()
+
+    value, slope = jax.jit(loss), jax.jit(jax.grad(loss))
+
+    def ready(call: Any, u: np.ndarray) -> object:
+        with jax.enable_x64(True):
+            return call(u).block_until_ready()
+
+    return partial(ready, value), partial(ready, slope)
+
+
+def by_torch(robot: mr.ConcentricTubes, **options: Any) -> tuple[Batch, Batch]:
+    """The same."""
+    import torch
+
+    layer = mr.torch.Layer(robot, **options)
+
+    def value(u: np.ndarray) -> object:
+        return (layer(precurvature=torch.from_numpy(u)) ** 2).sum()
+
+    def slope(u: np.ndarray) -> object:
+        tensor = torch.from_numpy(u).requires_grad_()
+        (layer(precurvature=tensor) ** 2).sum().backward()
+        return tensor.grad
+
+    return value, slope
+
+
+def of_batches(name: str, make: Callable[..., tuple[Batch, Batch]], count: int = 500) -> None:
+    """A gradient by 18 numbers of precurvature, of a batch."""
+    robot, values, _ = next(iter(SCENES.values()))
+    inputs = robot.inputs(**values)
+    print(f"\n{name}, three loaded tubes, a batch of {count}, each")
+    nominal = mr.solve(robot, inputs, solver=SOLVER)
+    own = np.array([[section.precurvature for section in rod.sections] for rod in robot.rods])
+    curves = own * (1 + 0.05 * np.random.default_rng(0).standard_normal((count, 1, 1, 1)))
+    for said, guess in (("from nothing", None), ("from the equilibrium of their mean", nominal)):
+        value, slope = make(robot, inputs=inputs, solver=SOLVER, guess=guess)
+        cost = interleaved({"value": partial(value, curves), "slope": partial(slope, curves)}, 10)
+        row(f"value, {said}", cost["value"] / count)
+        row("gradient by 18 numbers of precurvature, with the value", cost["slope"] / count, values=cost["value"] / count)
 
 
 def main() -> None:
     """All of it."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--jax", action="store_true", help="gradients through JAX too")
+    parser.add_argument("--torch", action="store_true", help="gradients through PyTorch too")
     arguments = parser.parse_args()
-    for name, (robot, values) in SCENES.items():
-        of_scene(name, robot, values)
-    if arguments.jax:
-        of_jax()
+    for name, (robot, values, design) in SCENES.items():
+        of_scene(name, robot, values, design)
+    for name, make in (("jax", by_jax), ("torch", by_torch)):
+        if getattr(arguments, name):
+            of_batches(name, make)
 
 
 if __name__ == "__main__":
