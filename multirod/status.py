@@ -111,7 +111,8 @@ _MESSAGES = {
     Status.UNSTABLE: "the equilibrium that was found is unstable: the robot would leave it; lead it there from where it is "
     "stable (simulate), or give another guess; of an inverse problem, ask for another pose",
     Status.OUT_OF_LIMITS: "the translations that lead to this pose are beyond the limits that inverse() was given, or leave "
-    "nothing of a leg in use: ask for another pose, give wider limits, or begin at another translation or guess",
+    "nothing of a leg in use; or the shape at the start of reach() is beyond its limits: ask for another pose, give wider "
+    "limits, or begin elsewhere",
     Status.LINE_LIMIT: "a line is where its law ends: pulled or bent to less than a tenth of its rod's length at some place, or "
     "so tight that lines together buckle the rod between its discs; or lines that do not stretch cannot all be as long as their "
     "displacements say; or another member's law has no strains for what the rod carries: lower tensions, displacements or "

@@ -86,6 +86,23 @@ def test_tubes_are_designed_by_gradient_for_a_box(example, tmp_path):
     assert abs(slope - by_vjp @ along) < 1e-4 * np.linalg.norm(by_vjp)
 
 
+def test_tubes_follow_a_path_and_keep_away_from_their_snap(example, tmp_path):
+    example("surgical_tubes.py")  # whose robot it is
+    least, steady, off = example("three_tubes_follow_path.py").main(["--samples", "10", "--out", str(tmp_path / "run.rrd")])
+    assert least < 0.5
+    assert steady >= 0.6  # the limit that it was given
+    assert off < 1e-3  # mm; tolerance of 1e-6 1/m on a rod of 0.43 m is 2e-4 mm
+    assert (tmp_path / "run.rrd").stat().st_size > 100_000
+
+
+def test_a_platform_is_kept_still_under_a_moving_load(example, tmp_path):
+    example("hexapod_load.py")  # whose robot it is
+    moved, kept = example("hexapod_still_platform.py").main(["--samples", "100", "--out", str(tmp_path / "run.rrd")])
+    assert moved > 0.3
+    assert kept < 2e-3 * moved  # second order in what the load moves in a sample: 0.06 of the way across, squared
+    assert (tmp_path / "run.rrd").stat().st_size > 100_000
+
+
 def test_three_tubes_are_those_of_a_published_program(example, tmp_path):
     held, behind = example("surgical_tubes.py").main(["--out", str(tmp_path / "tubes.png")])
     assert held < 0.1  # that program cuts 155.2 mm to 155.15, in five pieces

@@ -167,6 +167,24 @@ def test_limits_of_the_shape_are_kept(start):
     assert (found.status == mr.Status.AT_LIMIT).any()
 
 
+def test_limits_of_the_shape_are_kept_where_others_hold_too(start):
+    """Where inputs hold the tip back, it would be nearer in a shape that may not be."""
+    out = mr.Pose(position=start.tip_position + (0, 0, 0.2))
+    inputs = {"translation": (-0.11, -0.012), "rotation": (-0.7, 0.7), "gap": 2e-3}
+    plain = mr.reach(TUBES, out, free=FREE, limits=mr.Limits(**inputs), guess=start, solver=SOLVER)
+    assert plain.status is mr.Status.AT_LIMIT
+    margin = 0.5 * float(plain.stability_margin + start.stability_margin)
+    assert plain.stability_margin < margin < start.stability_margin
+    limits = mr.Limits(**inputs, stability_margin=margin)
+    found = mr.reach(TUBES, out, free=FREE, limits=limits, guess=start, solver=SOLVER)
+    assert found.status is mr.Status.AT_LIMIT
+    assert found.stability_margin >= margin
+    limits = mr.Limits(**inputs, stability_margin=1.1 * float(start.stability_margin))
+    beyond = mr.reach(TUBES, out, free=FREE, limits=limits, guess=start, solver=SOLVER)
+    assert beyond.status is mr.Status.OUT_OF_LIMITS
+    assert np.isnan(beyond.tip_position).all()
+
+
 def test_six_legs_reach_poses_by_their_translations_alone(hexapod_start):
     robot, here = hexapod_start
     position = here.tip_position + RANDOM.uniform(-0.03, 0.03, (4, 3))

@@ -11,7 +11,6 @@ from multirod.assembly import Robot_co
 from multirod.exclusive import Uncopied
 from multirod.inputs import Inputs
 from multirod.integrators import RK45, Integrator
-from multirod.remarks import Remarks
 from multirod.rotations import matrices, vectors
 from multirod.running.simulation import solve
 from multirod.running.tracker import Unpack
@@ -126,8 +125,6 @@ class Controller(Uncopied, Generic[Robot_co]):
         self._x, self._p = np.array(problem.adopt(start.unknowns[None])), self._task.values()
         refuse_start("Controller.limits", self._rows, self._p, robot, self.free)
         self._scaled = self._rows.matrix * self._unit
-        self._ranged = np.isfinite(self._rows.high - self._rows.low) & (self._rows.high > self._rows.low)
-        self._limit_names = tuple(name for name, own in zip(self._rows.names, self._ranged, strict=True) if own)
         names = [name for name in given.given if name not in given.profiles]
         unpack = Unpack(given, {name: problem.input_slice(name) for name in names}, ())
         self._given = given
@@ -277,7 +274,7 @@ class Controller(Uncopied, Generic[Robot_co]):
         result.target_error = float(np.linalg.norm(left[0, : min(3, left.shape[1])])) / float(weight)
         result.at_limit = frozen(((held[0][:, None] != 0) & (self._rows.matrix != 0)).any(axis=0))
         result.singular, result._by_free = singular, moved[0]
-        result._remarks = self._remarked(target, result.target_error, p)
+        result._remarks = self._rows.remarks(p[0], target.position, result.target_error)
         self._x, self._p = self._good = x, p
         self._foresee(target, rows.weight, J, by)
         return result
@@ -338,17 +335,6 @@ class Controller(Uncopied, Generic[Robot_co]):
         self._x = self._x + (by @ change[..., None])[..., 0]
         self._p = self._p + change
 
-    def _remarked(self, target: Pose, error: float, p: FloatArray) -> Remarks:
-        """What a recording shows of a sample."""
-        rows, own = self._rows, self._ranged
-        at = (rows.matrix[own] @ p[0] - rows.low[own]) / (rows.high - rows.low)[own]
-        return Remarks(
-            target=target.position,
-            target_error=None if target.position is None else error,
-            limits=at if len(at) else None,
-            limit_names=self._limit_names,
-        )
-
     def _failed(self, target: Pose, status: Status, missing: bool) -> Command[Robot_co]:
         ones = np.ones(1, dtype=np.int32)
         result = self._command(self._task.problem.snapshot(), Outcome(status * ones, ones, ones), missing)
@@ -356,7 +342,7 @@ class Controller(Uncopied, Generic[Robot_co]):
         result.at_limit = np.zeros(len(self._unit), dtype=bool)
         result._by_free = np.full((6, len(self._unit)), np.nan)
         self._x, self._p = self._good
-        result._remarks = self._remarked(target, np.nan, self._p)
+        result._remarks = self._rows.remarks(self._p[0], target.position, np.nan)
         self._last_target = self._last_motion = None
         return result
 

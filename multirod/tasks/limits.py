@@ -10,6 +10,7 @@ import numpy as np
 from multirod.assembly import Assembly
 from multirod.models.assemblies.concentric_tubes import ConcentricTubes
 from multirod.models.assemblies.parallel_rods import ParallelRods
+from multirod.remarks import Remarks
 from multirod.tasks.formulation import input_units
 from multirod.validation import FloatArray, array, nonnegative_float, number, positive_float, refuse, unknown_names
 
@@ -92,6 +93,18 @@ class LimitRows:
     low: FloatArray
     high: FloatArray
     names: tuple[str, ...]
+
+    def remarks(self, values: FloatArray, target: FloatArray | None, error: float) -> Remarks:
+        """What a recording shows of a sample at ``p`` (k,): limits that have two ends, and a target of the position."""
+        width = self.high - self.low
+        own = np.isfinite(width) & (width > 0)
+        at = (self.matrix[own] @ values - self.low[own]) / width[own]
+        return Remarks(
+            target=target,
+            target_error=None if target is None else error,
+            limits=at if len(at) else None,
+            limit_names=tuple(name for name, kept in zip(self.names, own.tolist(), strict=True) if kept),
+        )
 
     def outside(self, values: FloatArray, unit: FloatArray) -> FloatArray:
         """By how much ``p`` (b, k) is beyond each row, at least 0 where it is not, in units of each, shape (b, c)."""

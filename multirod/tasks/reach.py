@@ -282,6 +282,8 @@ def _run(work: _Work, status: NDArray[np.int32], spent: NDArray[np.int32], threa
         begin += size
     inputs = work.inputs.with_arrays(given)
     result = Reached(scene, records["all"], outcome, inputs, target=work.target, free=work.free, errors=errors, at_limit=at_limit)
+    if not work.batch_shape:
+        result._remarks = work.limits.remarks(values[0], work.target.position, float(result.target_error))
     result.mind_strain()
     return result
 
@@ -315,8 +317,11 @@ def _search(work: _Work, problem: BoundaryProblem, piece: slice, numbers: IntArr
     sound = ~failures(status)
     x = np.where(sound[:, None], problem.adopt(work.unknowns[piece]), 0.0)
     search = Search(task, goals, x, task.values())
-    search.sought(sound)
-    search.status[~sound] = status[~sound]
+    within = sound.copy()
+    rows = np.flatnonzero(sound)
+    within[rows] = ~search.beyond(rows)
+    search.sought(within)
+    search.status[~sound], search.status[sound & ~within] = status[~sound], Status.OUT_OF_LIMITS
     if work.starts:
         _from_elsewhere(work, search, piece, sound)
     if work.prefer == "stability":

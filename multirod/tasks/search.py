@@ -219,7 +219,10 @@ class Search:
         rows = rows[~wrong]
         final = self.goal[rows] == 1
         self._finish(rows[final])
-        rows = rows[~final]
+        self._on(rows[~final])
+
+    def _on(self, rows: IntArray) -> None:
+        """The next part of the way, from where instances are."""
         self.base.put(rows, self.last)
         self.done[rows] = self.goal[rows]
         self.part[rows] = np.minimum(1.0, 2 * self.part[rows])
@@ -271,15 +274,25 @@ class Search:
         rest = (np.abs(d).max(axis=1, initial=0.0) <= AT_REST) & (bent <= AT_REST)
         rest &= np.linalg.norm(left, axis=1) > self.goals.tolerance
         stuck = rest | (self.steps[rows] > MOST_STEPS)
-        # what is as near to a place on the way as it comes goes for the target itself
-        onward = stuck & (self.goal[rows] < 1)
+        # what is as near to a place on the way as it comes goes for the target itself, or on if a limit of the shape lies ahead
+        short = self.goal[rows] < 1
+        ahead = rows[stuck & short & self.blocked[rows]]
+        onward = stuck & short & ~self.blocked[rows]
         self.goal[rows[onward]], self.steps[rows[onward]], self.merit[rows[onward]] = 1.0, 0, np.inf
         self.change[rows[onward]] = self._solved(rows[onward])
-        ended = rows[stuck & ~onward]
+        ended = rows[stuck & ~short]
         held = self.held(ended).any(axis=1)
-        self._end(ended[held], Status.AT_LIMIT)
         self._lose(ended[~held])
-        self._go(rows[self.open[rows]])
+        ended = ended[held]
+        beyond = self.beyond(ended)
+        self._end(ended[~beyond], Status.AT_LIMIT)
+        self.blocked[ended[beyond]] = True
+        too_far = self.beyond(ahead)
+        self._on(ahead[~too_far])
+        back = np.concatenate([ended[beyond], ahead[too_far]])
+        rows = rows[self.open[rows]]
+        self._go(rows[~np.isin(rows, back)])
+        self._shorten(back)
 
     def _end(self, rows: IntArray, status: Status) -> None:
         self.status[rows], self.open[rows] = status, False
@@ -376,6 +389,8 @@ class Search:
 
     def leave(self) -> None:
         """Leave the problem's buffers at ``last``, and what its own test refuses as failed."""
+        rows = np.flatnonzero(np.isin(self.status, (Status.REACHED, Status.AT_LIMIT)))
+        self.status[rows[self.beyond(rows)]] = Status.OUT_OF_LIMITS  # of another start
         problem, found = self.task.problem, np.isin(self.status, (Status.REACHED, Status.AT_LIMIT))
         differ = (problem.read("unknowns") != self.last.x).any(axis=1) | (self.here.x != self.last.x).any(axis=1)
         stale = found & (differ | (self.here.p != self.last.p).any(axis=1))
