@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from measured_rods import MeasuredRod, turned_by
+from rerun.chunk import RrdReader
 
 import multirod as mr
 
@@ -125,6 +126,32 @@ def test_what_is_known_moves_with_it(wire, make):
     # the solution is the equilibrium there, nearly
     again = mr.solve(robot, robot.inputs(rotation=angle[-1], tip_force=one.value("tip_force")))
     np.testing.assert_allclose(one.solution.rod(0).position[-1], again.tip_position, atol=1e-5)
+
+
+@pytest.mark.usefixtures("written_here")
+def test_a_recording_shows_the_force_how_sure_it_is_and_what_was_seen(make, wandering, tmp_path):
+    """Also of a sample without a measurement: the ellipsoid grows, and the point is gone."""
+    _, position, rotation = wandering
+    meter, samples = make(), []
+    with mr.Recorder(tmp_path / "run.rrd") as recorder:
+        for k in range(6):
+            samples.append(meter.step([(position[k], rotation[k]) if k != 3 else None]))
+            recorder.log(DT * k, samples[-1].solution)
+    chunks = RrdReader(tmp_path / "run.rrd").stream().to_chunks()
+    columns = [(chunk.entity_path, chunk.to_record_batch()) for chunk in chunks if not chunk.is_static]
+
+    def column(path, name):
+        return [row for entity, batch in columns if entity == path for row in batch.column(name).to_pylist()]
+
+    seen = column("/world/measured", "Points3D:positions")
+    assert [len(row) for row in seen] == [1, 1, 1, 0, 1, 1]
+    np.testing.assert_allclose(seen[4][0], position[4], atol=1e-7)  # single precision
+    half = np.array(column("/world/loads/tip_force/spread", "Ellipsoids3D:half_sizes"))[:, 0]
+    for sample, axes in zip(samples, half, strict=True):
+        np.testing.assert_allclose((axes / 2.795) ** 2, np.linalg.eigvalsh(sample.covariance("tip_force")), rtol=1e-5)
+    assert (half[3] > half[2]).all()
+    centres = np.array(column("/world/loads/tip_force/spread", "Ellipsoids3D:centers"))[:, 0]
+    np.testing.assert_allclose(centres, [sample.value("tip_force") for sample in samples], rtol=1e-6)
 
 
 def test_unknowns_go_along_with_the_estimate(make, wire):

@@ -66,6 +66,8 @@ def legend(stage: Stage) -> str:
         parts.append("rods thinner than they are, so that lines show")
     if _told(stage, "target"):
         parts.append("amber: target and its path")
+    if _told(stage, "measured"):
+        parts.append("magenta: where the tip was seen")
     if stage.remarks is not None and stage.remarks.covariances:
         parts.append("ellipsoid: 95 % of what the force may be")
     if stage.coloring:

@@ -33,6 +33,7 @@ _STATUS_COLORS = {
     Status.UNSTABLE_COUPLING: 0xE8590C,
 }
 TARGET_COLOR = 0xFFB74D
+_MEASURED_COLOR = 0xE040FB
 _FAILURE_COLOR = 0xE03131
 _FAILURE_TEXT_COLOR = 0xFF8787
 _FADED_COLOR = 0x5C636B
@@ -90,7 +91,9 @@ def scales(stage: Stage) -> Styled:
                 scale = rr.InstancePoses3D(scales=[[stage.force_scale] * 3])
                 yield stage.world(f"loads/{name}", k), [arrow, scale]
                 if stage.remarks is not None and name in stage.remarks.covariances:
-                    shown = rr.Ellipsoids3D.from_fields(fill_mode=rr.components.FillMode.Solid, colors=rgba(color, 0x50))
+                    shown = rr.Ellipsoids3D.from_fields(
+                        fill_mode=rr.components.FillMode.TransparentFillMajorWireframe, colors=rgba(color, 0x50)
+                    )
                     yield stage.world(f"loads/{name}/spread", k), [shown, scale]
 
 
@@ -115,6 +118,9 @@ def _scene(stage: Stage, k: int) -> Styled:
         yield stage.world("target", k), [point]
         path = rr.LineStrips3D.from_fields(radii=0.6 * stroke, colors=rgba(TARGET_COLOR, 0xA0))
         yield stage.world("target_path", k), [path]
+    if stage.remarks is not None and stage.remarks.measured is not None:
+        point = rr.Points3D.from_fields(radii=rr.Radius.ui_points(9.0), colors=rgba(_MEASURED_COLOR))
+        yield stage.world("measured", k), [point]
     grey = rr.LineStrips3D.from_fields(radii=0.6 * stroke, colors=rgba(_REFERENCE_COLOR))
     yield stage.world("reference/tip_path", k), [grey]
     for index, line in enumerate(stage.lines):

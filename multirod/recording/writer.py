@@ -183,7 +183,10 @@ class Writer:
                             spread = rotations[rows, k] @ spread @ rotations[rows, k].swapaxes(1, 2)
                         self._write_spread(stage.world(f"loads/{name}/spread", k), index, force[rows, k], spread)
                 if remarks and remarks[0].target is not None:
-                    self._write_target(k, index, targets(remarks[rows]))
+                    self._write_points(stage.world("target", k), index, targets(remarks[rows]))
+                    self._write_path(stage.world("target_path", k), index, targets(remarks[rows]))
+                if remarks and remarks[0].measured is not None:
+                    self._write_points(stage.world("measured", k), index, np.array([said.measured for said in remarks[rows]]))
                 for path, values in scalars.items():
                     self._send_scalars(stage.scalar(path, k), index, values[rows, k])
                 self._write_status(stage.scalar("/status", k), steps[rows], block.time[rows], statuses[rows, k])
@@ -312,12 +315,12 @@ class Writer:
         places = rr.Transform3D.columns(translation=origins[sound])
         self._send(path, index, [*arrows.partition(sound.astype(int)), *places.partition(sound.astype(int))])
 
-    def _write_target(self, k: int, index: Any, positions: FloatArray) -> None:
+    def _write_points(self, path: str, index: Any, positions: FloatArray) -> None:
+        """A point a sample; none where it is not known."""
         import rerun as rr
 
-        ones = np.ones(len(positions), dtype=int)
-        self._send(self.stage.world("target", k), index, rr.Points3D.columns(positions=positions).partition(ones))
-        self._write_path(self.stage.world("target_path", k), index, positions)
+        sound = np.isfinite(positions).all(axis=1)
+        self._send(path, index, rr.Points3D.columns(positions=positions[sound]).partition(sound.astype(int)))
 
     def _write_spread(self, path: str, index: Any, force: FloatArray, covariances: FloatArray) -> None:
         """The ellipsoid about an arrow's end that has 95 % of the force, in newtons as the arrow."""

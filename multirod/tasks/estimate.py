@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from multirod.assembly import Assembly, Robot, Robot_co
 from multirod.batch import IntArray, parts, run, thread_count
 from multirod.inputs import Inputs
+from multirod.remarks import Remarks
 from multirod.running.simulation import as_solver, unknowns_of_guess
 from multirod.scene import Scene
 from multirod.solution import Solution
@@ -35,6 +36,7 @@ SEEN = 0.5  # of the prior's variance: where more is kept, the prior says more t
 HALVINGS = 8
 SHARPEST = 20.0  # residuals of a step that is taken, over the curvatures that arise
 ROUNDED = 1e-9  # of the largest of some numbers, what is not shown
+FORCES = ("tip_force", "follower_force")  # whose covariance can be drawn
 SLACK = 1e-9  # of the squares' sum, that rounding may add
 
 
@@ -390,12 +392,20 @@ def _joined(scene: Known, pieces: Sequence[Part]) -> Estimate[Any]:
     inputs = inputs.with_arrays(held | {name: np.array(known[..., place]) for name, place in places.items()})
     results = Scene(scene.robot, shape, scene.solver.integrator, scene.device, first.task.problem.record_fields)
     solution: Solution[Any] = Solution(results, records, outcome, inputs)
+    if not shape:
+        solution._remarks = remarked(places, covariance, first.measured)
     prior = join("prior")
     rows = np.concatenate([part.measured.known.sum(axis=1) for part in pieces]).reshape(shape)
     flat = np.isinf(np.diagonal(prior, axis1=-2, axis2=-1)).sum(axis=-1)
     missing = np.concatenate([part.measured.missing for part in pieces])
     missing = missing.reshape((*shape, missing.shape[-1]))
     return Estimate(solution, places, mean, covariance, prior, missing, misfit, rows - flat)
+
+
+def remarked(places: Mapping[str, slice], covariance: FloatArray, measured: Measured) -> Remarks:
+    """What a recording shows of an estimate without leading axes, ``covariance`` (k, k)."""
+    forces = {name: covariance[place, place] for name, place in places.items() if name in FORCES}
+    return Remarks(measured=measured.position(), covariances=forces)
 
 
 def places_of(inputs: Inputs, names: Sequence[str]) -> dict[str, slice]:

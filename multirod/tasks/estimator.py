@@ -20,7 +20,7 @@ from multirod.solver import Outcome, Solver, Track
 from multirod.solvers.shooting import Shooting
 from multirod.status import Status, failures
 from multirod.tasks.curvature import Places
-from multirod.tasks.estimate import Estimate, Known, Part, at_means, block_diagonal, places_of
+from multirod.tasks.estimate import Estimate, Known, Part, at_means, block_diagonal, places_of, remarked
 from multirod.tasks.formulation import freed, options, solved_each
 from multirod.tasks.priors import Prior, Walk
 from multirod.tasks.sensors import Live, Sensor, batch_of, checked
@@ -123,6 +123,8 @@ class Estimator(Uncopied, Generic[Robot_co]):
                 kept = known.begun
                 mean, covariance = np.where(kept[:, None], mean, np.nan), np.where(kept[:, None, None], covariance, np.nan)
                 square = np.where(kept, square, np.nan)
+            if not shape:
+                solution._remarks = remarked(self._places, covariance[0], known.live)
             return Estimate(
                 solution,
                 self._places,

@@ -46,6 +46,14 @@ class Measured:
         self.ends = np.cumsum([known.shape[1] for _, known in pairs])
         self.missing = self._missing()
 
+    def position(self) -> FloatArray | None:
+        """Where the first instance's end effector was seen [m], shape (3,), NaN where that is missing; None where none looks."""
+        for rows, end in zip(self.rows, self.ends, strict=True):
+            if isinstance(rows, PoseRows) and rows.position is not None:
+                known = self.known[0, end - rows.count :][:3]
+                return np.where(known, rows.position[0], np.nan)
+        return None
+
     def _missing(self) -> NDArray[np.bool_]:
         return np.stack([~own.all(axis=1) for own in np.split(self.known, self.ends[:-1], axis=1)], axis=1)
 
@@ -181,6 +189,7 @@ class Live(Measured):
         self._batch_shape, self._count = batch_shape, len(self.known)
         self._weights = [1 / sensor.sigma for sensor in sensors if sensor.sigma is not None]
         self._whole = np.zeros((self._count, len(sensors)), dtype=bool), np.full(self._count, self.known.shape[1])
+        self.known[:] = True
         self.missing, self.counted = self._whole
 
     def now(self, found: Evaluation, shift: FloatArray) -> FloatArray:
@@ -217,7 +226,9 @@ class Live(Measured):
             if rows is not None:
                 self.rows[k] = rows
         if all(known is None for _, known in found):
-            self.missing, self.counted = self._whole
+            if self.missing is not self._whole[0]:
+                self.known[:] = True
+                self.missing, self.counted = self._whole
             return
         for sensor, end, (_, known) in zip(self.sensors, self.ends, found, strict=True):
             self.known[:, end - sensor.count : end] = True if known is None else known
