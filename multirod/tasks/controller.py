@@ -1,7 +1,7 @@
 """A robot's inputs along a moving target, one integration a sample. Numbers in parentheses: ``docs/tasks.md``."""
 
 from collections.abc import Sequence
-from math import exp, nan
+from math import exp, nan, sqrt
 from threading import Lock
 from typing import Any, Generic
 
@@ -19,7 +19,7 @@ from multirod.solution import Solution
 from multirod.solver import Outcome
 from multirod.solvers.shooting import Shooting
 from multirod.status import Status
-from multirod.tasks.formulation import Evaluation, Task, freed, input_units
+from multirod.tasks.formulation import Evaluation, Task, freed, input_units, solved_each
 from multirod.tasks.gauss_newton import step
 from multirod.tasks.limits import Limits, freed_labels, limit_rows, refuse_start, told
 from multirod.tasks.rows import Pose
@@ -129,6 +129,7 @@ class Controller(Uncopied, Generic[Robot_co]):
         unpack = Unpack(given, {name: problem.input_slice(name) for name in names}, ())
         self._given = given
         self._scene: Scene[Robot_co] = Scene(robot, (), method, device, problem.record_fields, unpack)
+        self._none_held = np.zeros((1, len(self._rows.low)), dtype=np.int8)
         self._sign = 0.0
         keep = exp(-self.dt / lag)
         self._gains = 1 - keep**2, (1 - keep) ** 2
@@ -252,7 +253,9 @@ class Controller(Uncopied, Generic[Robot_co]):
         if status is not Status.TRACKING:
             return self._failed(target, status, missing)
         towards, by = found.eliminated
-        d, held = self._solved(J, r, self._p)
+        ahead = self._expected(target, rows.weight, rows.count)
+        at_once, later = self._unlimited(J, r, ahead)
+        d, held = self._solved(J, r, self._p, at_once)
         left = r + (J @ d[..., None])[..., 0]
         change = self._unit * d
         x = self._x + towards + (by @ change[..., None])[..., 0]
@@ -276,7 +279,10 @@ class Controller(Uncopied, Generic[Robot_co]):
         result.singular, result._by_free = singular, moved[0]
         result._remarks = self._rows.remarks(p[0], target.position, result.target_error)
         self._x, self._p = self._good = x, p
-        self._foresee(target, rows.weight, J, by)
+        if ahead is not None:
+            d, _ = self._solved(J, ahead, p, later)
+            change = self._unit * d
+            self._x, self._p = x + (by @ change[..., None])[..., 0], p + change
         return result
 
     def _judged(self, found: Evaluation, r: FloatArray) -> Status:
@@ -288,21 +294,31 @@ class Controller(Uncopied, Generic[Robot_co]):
             self._sign = sign
         return Status.TRACKING if sign == self._sign else Status.UNSTABLE
 
-    def _solved(self, J: FloatArray, r: FloatArray, p: FloatArray) -> tuple[FloatArray, Any]:
-        """(7) The step of a sample, bounded."""
-        at = p @ self._rows.matrix.T
-        found = step(
-            J,
-            r,
-            softness=SOFTNESS * max(float((J**2).max()), 1e-300),
-            limits=self._scaled,
-            low=np.minimum(self._rows.low - at, 0.0),
-            high=np.maximum(self._rows.high - at, 0.0),
-        )
-        return found.change * min(1.0, LONGEST / max(float(np.abs(found.change).max()), 1e-300)), found.held
+    def _unlimited(self, J: FloatArray, r: FloatArray, ahead: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+        """(8) The steps of this sample and of the next one where no limit holds, by one factorisation, each of shape (1, k)."""
+        m, k = J.shape[1:]
+        root = sqrt(_softness(J))
+        system, sides = np.diag(np.repeat([root, -root], [k, m])), np.zeros((k + m, 2))
+        system[:k, k:], system[k:, :k] = J[0].T, J[0]
+        sides[k:, 0] = -r[0]
+        if ahead is not None:
+            sides[k:, 1] = -ahead[0]
+        found = solved_each(system[None], sides[None])[0, :k].T
+        return found[:1], found[1:]
 
-    def _foresee(self, target: Pose, weight: FloatArray, J: FloatArray, by: FloatArray) -> None:
-        """(16) Go to where the target is expected at the next sample: its last change, and what that changed by."""
+    def _solved(self, J: FloatArray, r: FloatArray, p: FloatArray, unlimited: FloatArray) -> tuple[FloatArray, Any]:
+        """(7) The step of a sample, bounded; ``unlimited`` if that keeps the limits."""
+        rows, d, held = self._rows, unlimited, self._none_held
+        at = p @ rows.matrix.T
+        there = at + d @ self._scaled.T
+        if not ((there >= rows.low) & (there <= rows.high)).all():
+            low, high = np.minimum(rows.low - at, 0.0), np.maximum(rows.high - at, 0.0)
+            found = step(J, r, softness=_softness(J), limits=self._scaled, low=low, high=high)
+            d, held = found.change, found.held
+        return d * min(1.0, LONGEST / max(float(np.abs(d).max()), 1e-300)), held
+
+    def _expected(self, target: Pose, weight: FloatArray, count: int) -> FloatArray | None:
+        """(16) By how much the next sample's rows will be off: the target's last change, and what that changed by."""
         before, self._last_target = self._last_target, target
         motion = np.zeros(6)
         if before is not None and before.count == target.count:
@@ -315,9 +331,8 @@ class Controller(Uncopied, Generic[Robot_co]):
         last, self._last_motion = self._last_motion, motion
         expected = motion if last is None else 2 * motion - last
         if before is None or not expected.any():
-            return
-        wanted = Pose(position=target.position, rotation=target.rotation, axis=target.axis).rows(self._length)
-        ahead = np.zeros((1, wanted.count))
+            return None
+        ahead = np.zeros((1, count))
         row = 0
         if target.position is not None:
             ahead[0, :3] = -weight[0] * expected[:3]
@@ -329,11 +344,9 @@ class Controller(Uncopied, Generic[Robot_co]):
             turned = matrices(expected[None, 3:])[0].T @ target.axis
             frame = np.zeros((1, 3, 3))
             frame[0, :, 2] = turned
+            wanted = Pose(position=target.position, axis=target.axis).rows(self._length)
             ahead[0, row:] = wanted.errors(np.zeros((1, 3)), frame)[0][0, row:]
-        d, _ = self._solved(J, ahead, self._p)
-        change = self._unit * d
-        self._x = self._x + (by @ change[..., None])[..., 0]
-        self._p = self._p + change
+        return ahead
 
     def _failed(self, target: Pose, status: Status, missing: bool) -> Command[Robot_co]:
         ones = np.ones(1, dtype=np.int32)
@@ -351,3 +364,7 @@ class Controller(Uncopied, Generic[Robot_co]):
         result.missing, result.free = missing, self.free
         result.offset = frozen(self._offset[:3].copy())
         return result
+
+
+def _softness(J: FloatArray) -> float:
+    return SOFTNESS * max(float((J * J).max()), 1e-300)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import inf
 from typing import Any
 
@@ -96,15 +97,21 @@ class LimitRows:
 
     def remarks(self, values: FloatArray, target: FloatArray | None, error: float) -> Remarks:
         """What a recording shows of a sample at ``p`` (k,): limits that have two ends, and a target of the position."""
-        width = self.high - self.low
-        own = np.isfinite(width) & (width > 0)
-        at = (self.matrix[own] @ values - self.low[own]) / width[own]
+        matrix, low, width, names = self._ranged
         return Remarks(
             target=target,
             target_error=None if target is None else error,
-            limits=at if len(at) else None,
-            limit_names=tuple(name for name, kept in zip(self.names, own.tolist(), strict=True) if kept),
+            limits=(matrix @ values - low) / width if names else None,
+            limit_names=names,
         )
+
+    @cached_property
+    def _ranged(self) -> tuple[FloatArray, FloatArray, FloatArray, tuple[str, ...]]:
+        """Rows that have two ends: matrix, lower ends, widths, names."""
+        width = self.high - self.low
+        own = np.isfinite(width) & (width > 0)
+        names = tuple(name for name, kept in zip(self.names, own.tolist(), strict=True) if kept)
+        return self.matrix[own], self.low[own], width[own], names
 
     def outside(self, values: FloatArray, unit: FloatArray) -> FloatArray:
         """By how much ``p`` (b, k) is beyond each row, at least 0 where it is not, in units of each, shape (b, c)."""
