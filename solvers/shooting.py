@@ -125,7 +125,7 @@ class Shooting(Solver):
             newton.allow(self._left(outcome))
             lost, go_on = chosen & failures(outcome.status), None if self.at_fold == "stop" else self._go_on
             assemble(problem, newton, outcome, lost, self.max_continuation_steps, go_on)
-            if reached is not None and multistable and problem.joints is None:
+            if reached is not None and multistable:
                 self._follow(problem, newton, outcome, chosen & (outcome.status == Status.BRANCH_END), reached, ends)
             newton.allow(self._left(outcome))
             lowest_stable(problem, newton, outcome, chosen & failures(outcome.status), self.max_continuation_steps)
@@ -287,10 +287,13 @@ class NewtonTrack(Track):
             # Gamma jumps there however short the steps are
             self.newton.allow(self.options._left(outcome))
             self._take_in(stuck, paths.change_inputs(stuck, before, *last, dip=DIP), outcome)
-        ended = doubtful & (outcome.status == Status.BRANCH_END)
+        # where many modes are soft, steps may become small just before one vanishes
+        stalled = doubtful & (outcome.status == Status.STALLED)
+        ended = stalled | (doubtful & (outcome.status == Status.BRANCH_END))
         if ended.any():
             assert reached is not None  # by every path
             self.options._follow(self.problem, self.newton, outcome, ended, reached, ends, before)
+            outcome.status[stalled & (outcome.status == Status.BRANCH_END)] = Status.STALLED
 
     @staticmethod
     def _take_in(chosen: Any, again: Outcome, outcome: Outcome) -> None:

@@ -48,6 +48,22 @@ def test_a_blade_that_snaps_loses_what_its_loop_holds(example, capsys):
     assert said.count("BIFURCATED at a bifurcation") == 1
 
 
+def test_turning_a_tube_to_and_fro_takes_what_its_snaps_lose(example, capsys, tmp_path):
+    work, lost = example("tube_pair_hysteresis.py").main(["--plot", str(tmp_path / "loop.png")])
+    assert lost > 0.1
+    assert abs(work / lost - 1) < 0.05  # the torque changes by as much in the samples in which it snaps
+    assert capsys.readouterr().out.count("SNAPPED at a fold") == 2
+    assert (tmp_path / "loop.png").stat().st_size > 10_000
+
+
+def test_six_legs_buckle_under_eulers_load(example, tmp_path):
+    """But for the bend that they are given, 0.05 rad, which lets them give way; it is of second order."""
+    share, snaps = example("hexapod_buckles.py").main(["--plot", str(tmp_path / "hexapod.png")])
+    assert abs(share - 1) < 0.005
+    assert snaps == 1
+    assert (tmp_path / "hexapod.png").stat().st_size > 10_000
+
+
 def test_two_segments_are_those_of_a_published_program(example):
     """And they are followed where tendons go slack and taut again, also those that hardly stretch."""
     apart, error = example("two_segments.py").main()

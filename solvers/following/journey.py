@@ -171,7 +171,7 @@ class Journey:
                 return
         if point.level < 1:
             return
-        if self.events and not (yield from self._rests(point, neutral)):
+        if not (yield from self._rests(point, neutral)):
             self.status = Status.UNSTABLE
             return
         self.status = self.said
@@ -407,14 +407,15 @@ class Journey:
 
     def _by_symmetry(self, point: Point) -> Run:
         """Modes that are neutral at a point and near it: those that symmetry leaves so."""
-        if not self.has_tip:
+        slope = self._slope_or_none(point) if self.has_tip else None
+        if slope is None:
             return 0
-        slope = self._slope(point)
         count = slope.neutral
         for k in np.argsort(np.abs(slope.values))[:count].tolist():
             begin = point.unknowns + slope.change(ASIDE * slope.modes[:, k])
             found, _ = yield from self._correct(begin, point.level, count)
-            if found is None or self._slope(found).neutral < count or _turn(point.frames, found.frames) < 0.5 * ASIDE:
+            there = None if found is None else self._slope_or_none(found)
+            if found is None or there is None or there.neutral < count or _turn(point.frames, found.frames) < 0.5 * ASIDE:
                 return 0
         return count
 
@@ -444,7 +445,8 @@ class Journey:
     def _released(self, point: Point, neutral: int) -> Run:
         """The end of the way from a point next to it, where symmetry leaves modes neutral there that rounded kinks held until
         then, and how many; the point itself where that is not so."""
-        soft = self._slope(point).neutral if self.has_tip and not self.by_inputs else 0
+        slope = self._slope_or_none(point) if self.has_tip and not self.by_inputs else None
+        soft = 0 if slope is None else slope.neutral
         if soft <= neutral:
             return point, neutral
         found, _ = yield from self._correct(point.unknowns, 1.0, soft)
