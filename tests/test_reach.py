@@ -5,7 +5,7 @@ import pytest
 from observer_scenes import three_tubes
 
 import multirod as mr
-from multirod.rotations import matrices
+from multirod.rotations import matrices, vectors
 from multirod.tasks.formulation import input_units
 from multirod.tasks.limits import limit_rows, middle
 from multirod.tasks.search import Search
@@ -197,6 +197,26 @@ def test_six_legs_reach_poses_by_their_translations_alone(hexapod_start):
     again = mr.solve(robot, found.inputs, solver=SOLVER, guess=found)
     np.testing.assert_allclose(again.tip_position, position, atol=1e-7)
     np.testing.assert_allclose(again.tip_rotation, rotation, atol=1e-6)
+
+
+def test_legs_are_never_unstable_whichever_way_they_are_found(hexapod_start):
+    """By the inverse problem as by reach, which find the same: these legs are near where they buckle, not all poses are had."""
+    robot, here = hexapod_start
+    random = np.random.default_rng(11)
+    position = here.tip_position + random.uniform(-0.05, 0.05, (30, 3))
+    rotation = matrices(random.uniform(-0.2, 0.2, (30, 3))) @ here.tip_rotation
+    pose = mr.Pose(position=position, rotation=rotation)
+    reached = mr.reach(robot, pose, here.inputs, free=("translation",), solver=SOLVER)
+    inverse = robot.inverse()
+    inputs = inverse.inputs(platform_position=position, platform_rotation=vectors(rotation), tip_force=here.inputs.tip_force)
+    found = mr.solve(inverse, inputs, solver=SOLVER)
+    for solution in (reached, found):
+        assert (solution.stability[~solution.failed] == mr.Stability.STABLE).all()
+    np.testing.assert_array_equal(reached.failed, found.failed)
+    both = ~found.failed
+    assert 20 < both.sum() < 30
+    # 1e-6 1/m of a target on legs of 0.4 m, over the least singular value of their poses by translations, some 0.01
+    np.testing.assert_allclose(inverse.translations(found)[both], reached.inputs.translation[both], atol=1e-5)
 
 
 @pytest.fixture(scope="module")
