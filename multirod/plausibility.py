@@ -365,6 +365,12 @@ def of_pose(field: str, poses: FloatArray) -> None:
     LENGTH.check(f"{field} position", np.maximum(np.abs(poses[..., :3, 3]), LENGTH.low))
 
 
+def of_place(field: str, position: FloatArray | None) -> None:
+    """Warn of a place, of a target or measured, that is far away; what is missing of it is NaN."""
+    if position is not None:
+        LENGTH.check(field, np.maximum(np.abs(position), LENGTH.low))
+
+
 def of_legs(base: FloatArray, platform: FloatArray, mass: float, rods: "tuple[Rod, ...]") -> None:
     """Warn of legs that are further apart than they are long, and of a heavy platform."""
     longest = max(float(np.max(rod.length)) for rod in rods)

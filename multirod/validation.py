@@ -40,6 +40,11 @@ _POSE_HINTS: dict[tuple[int, ...], str] = {
     (7,): "of position and quaternion, make a pose: np.eye(4), its [:3, 3] the position, its [:3, :3] the rotation",
     (16,): "reshape it to (..., 4, 4)",
 }  # by last axes
+_ROTATION_HINTS: dict[tuple[int, ...], str] = {
+    (3,): "three angles, or a rotation vector, are made one by SciPy's Rotation, and its as_matrix()",
+    (4,): "a quaternion is made one by SciPy's Rotation.from_quat(...).as_matrix()",
+    (4, 4): "of a pose, [:3, :3] is the rotation and [:3, 3] the position",
+}
 _VECTOR_HINTS: dict[tuple[int, ...], str] = {
     (): "one number has no direction: give x, y and z, such as (0, 0, -1)",
     (1,): "one number has no direction: give x, y and z, such as (0, 0, -1)",
@@ -223,6 +228,8 @@ def _shape_meant(field: str, shape: tuple[int, ...], tail: tuple[int, ...]) -> s
         hint = f"it is transposed: give its .T, shape {(*shape[:-2], shape[-1], shape[-2])}"
     elif tail == (4, 4):
         hint = _POSE_HINTS.get(shape[-2:], _POSE_HINTS.get(shape[-1:], ""))
+    elif tail == (3, 3):
+        hint = _ROTATION_HINTS.get(shape[-2:], _ROTATION_HINTS.get(shape[-1:], ""))
     elif tail == (3,):
         hint = _VECTOR_HINTS.get(shape[-1:], "")
     elif tail == (2,) and shape[-1:] == (3,) and field.endswith("offset"):

@@ -597,6 +597,91 @@ GROUPS: dict[str, list[Mistake]] = {
             "start=, what is raised left out",
         ),
     ],
+    "Steering and estimating": [
+        Mistake(
+            "a target in mm",
+            "mr.reach(robot, mr.Pose(position=(50, 0, 280)), free='tip_force')",
+            WARNING,
+            "target.position = 280 m is more than 10 m; if it is in mm, give 0.28",
+            "metres",
+        ),
+        Mistake(
+            "a position for a target",
+            "mr.reach(robot, (0.05, 0, 0.28), free='rotation')",
+            TypeError,
+            "such as Pose(position=",
+            "mr.Pose(position=...)",
+        ),
+        Mistake(
+            "angles for a rotation",
+            "mr.Pose(position=(0, 0, 0.3), rotation=(0, 0, 90))",
+            ValueError,
+            "are made one by SciPy's Rotation",
+            "a matrix, body to world",
+        ),
+        Mistake(
+            "a pose for a position", "mr.Pose(position=np.eye(4))", ValueError, "must have shape (..., 3)", "position=, rotation="
+        ),
+        Mistake(
+            "a free input misspelt",
+            "mr.reach(robot, mr.Pose(position=(0.05, 0, 0.28)), free='rotatoin')",
+            TypeError,
+            "did you mean 'rotation'",
+            "the name of an input",
+        ),
+        Mistake("limits the wrong way round", "mr.Limits(translation=(0, -0.1))", ValueError, "with low <= high", "(low, high)"),
+        Mistake(
+            "limits of what is not free",
+            "mr.reach(robot, mr.Pose(position=(0.05, 0, 0.28)), free='rotation', limits=mr.Limits(translation=(-0.1, 0)))",
+            ValueError,
+            "must be of an input that is free: rotation",
+            "limits of what is free, or more free",
+        ),
+        Mistake(
+            "a measurement in mm",
+            "mr.estimate(robot, unknown={'tip_force': mr.Prior(0, sigma=1)}, measured=mr.Pose(position=(50, 0, 280), sigma=0.5))",
+            WARNING,
+            "measured[0].position = 280 m",
+            "metres, sigma too",
+        ),
+        Mistake(
+            "a measurement without its deviation",
+            "mr.estimate(robot, unknown={'tip_force': mr.Prior(0, sigma=1)}, measured=mr.Pose(position=(0.05, 0, 0.28)))",
+            ValueError,
+            "standard deviations of what is measured",
+            "sigma=",
+        ),
+        Mistake(
+            "a number for a prior",
+            "mr.estimate(robot, unknown={'tip_force': 0.2}, measured=mr.Pose(position=(0.05, 0, 0.28), sigma=1e-3))",
+            TypeError,
+            "must be a Prior",
+            "mr.Prior(mean, sigma=...)",
+        ),
+        Mistake(
+            "more unknown than is measured",
+            "mr.estimate(robot, unknown={'tip_force': mr.Prior(), 'tip_moment': mr.Prior()}, "
+            "measured=mr.Pose(position=(0.05, 0, 0.28), sigma=1e-3))",
+            ValueError,
+            "give them priors, or measure more",
+            "priors with a sigma",
+        ),
+        Mistake(
+            "places of curvatures in mm",
+            "mr.estimate(robot, unknown={'tip_force': mr.Prior(0, sigma=1)}, "
+            "measured=mr.Curvature(at=(100, 200), value=np.zeros((2, 2)), sigma=0.05))",
+            ValueError,
+            "where the rod ends",
+            "metres from the base",
+        ),
+        Mistake(
+            "a parameter under another name",
+            "mr.calibrate(robot, parameters='youngs_modulus', measured=mr.Pose(position=(0.05, 0, 0.28), sigma=1e-3))",
+            TypeError,
+            "it takes bending_stiffness",
+            "one of those listed",
+        ),
+    ],
 }
 MISTAKES = [mistake for group in GROUPS.values() for mistake in group]
 

@@ -137,6 +137,7 @@ def test_what_a_controller_refuses(start, changes, error, message):
     ("sample", "error", "message"),
     [
         ({}, ValueError, "needs a position"),
+        ({"postion": (0, 0, 0.3)}, TypeError, "takes no 'postion'.* did you mean 'position'"),
         ({"position": (0, 0, np.nan)}, ValueError, "must be finite"),
         ({"position": (0, 0, 0.3), "rotation": np.ones((3, 3))}, ValueError, "must be a rotation"),
         ({"position": (0, 0, 0.3), "translation": (0, 0, 0)}, TypeError, "takes no 'translation': it is free"),

@@ -24,12 +24,13 @@ from multirod.tasks.gauss_newton import step
 from multirod.tasks.limits import Limits, freed_labels, limit_rows, refuse_start, told
 from multirod.tasks.rows import Pose
 from multirod.types import Numbers
-from multirod.validation import Described, FloatArray, array, device_name, frozen, instance, positive_float, refuse
+from multirod.validation import Described, FloatArray, array, device_name, frozen, instance, positive_float, refuse, unknown_names
 
 SOFTNESS = 1e-8  # of the largest number of J, squared: a ten thousandth of what moves the tip most is damped
 LONGEST = 0.3  # step of a sample, in units (9)
 NEAR = 1e-6  # of a target [1/m], within which a limit does not hold it back
 LAG = 5.0  # samples, of the correction by default
+OWN = "position", "rotation", "axis", "measured_position", "measured_rotation"  # of a sample, beside inputs
 SHORT = 1e-3  # part of what is asked for that a step leaves over where nothing else holds it: the task is singular
 
 
@@ -183,6 +184,8 @@ class Controller(Uncopied, Generic[Robot_co]):
             ValueError: If a value is out of range, or no target is given.
             RuntimeError: If another thread is in ``step``.
         """
+        if changes:
+            unknown_names("Controller.step()", changes, [*OWN, *(spec.name for spec in self._robot.input_specs)])
         target = Pose(position=position, rotation=rotation, axis=axis)
         if target.batch_shape or not target.complete.all():
             refuse("Controller.step(target)", target, "must be finite, without leading axes")

@@ -147,7 +147,11 @@ def limit_rows(robot: Assembly, limits: Limits | None, free: Sequence[str]) -> L
     unknown_names("Limits", given.inputs, specs)
     for name in given.inputs:
         if name not in free:
-            refuse(f"Limits.{name}", given.inputs[name], f"must be of an input that is free: {', '.join(free)}")
+            refuse(
+                f"Limits.{name}",
+                tuple(end.tolist() for end in given.inputs[name]),
+                f"must be of an input that is free: {', '.join(free)}",
+            )
     sizes = [specs[name].size(robot.rod_count) for name in free]
     starts = dict(zip(free, np.cumsum([0, *sizes]).tolist(), strict=False))
     count = sum(sizes)

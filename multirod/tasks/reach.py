@@ -10,6 +10,7 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod import plausibility
 from multirod.assembly import Assembly, Robot, Robot_co
 from multirod.batch import IntArray, parts, run, take, thread_count
 from multirod.inputs import Inputs
@@ -177,6 +178,7 @@ def reach(
     """
     method = as_solver(robot, solver)
     instance("target", target, Pose, "a Pose, such as Pose(position=(0.1, 0, 0.2))")
+    plausibility.of_place("target.position", target.position)
     if not target.complete.all():
         refuse("target", target, "must be finite: NaN is for a measurement that is missing")
     if guess is not None:

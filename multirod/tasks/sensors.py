@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod import plausibility
 from multirod.batch import IntArray
 from multirod.problem import BoundaryProblem
 from multirod.rotations import vectors
@@ -93,6 +94,8 @@ def checked(field: str, measured: Any) -> tuple[Sensor, ...]:
         if item.sigma is None:
             name = type(item).__name__
             refuse(f"{field}[{k}].sigma", None, f"must be given: {name}(..., sigma=), standard deviations of what is measured")
+        if isinstance(item, Pose):
+            plausibility.of_place(f"{field}[{k}].position", item.position)
     return tuple(given)
 
 
