@@ -169,6 +169,16 @@ def test_what_cannot_be_reached_fails_by_name(robot):
         found.raise_if_failed()
 
 
+def test_large_forces_are_found_from_none(robot):
+    """They bend the wire by a radian or two: Gauss-Newton's step is too long, and the way back to equilibrium counts."""
+    force = np.random.default_rng(0).normal(size=(100, 3))
+    seen = mr.Pose(position=MeasuredRod(0.4, 0.223349, 0.063814, (14, 5, 0)).seen(force)[0], sigma=1e-4)
+    found = mr.estimate(robot, unknown={"tip_force": mr.Prior(0, sigma=5.0)}, measured=seen)
+    assert found.failed.sum() <= 1
+    assert found.integrations.max() <= 20
+    np.testing.assert_allclose(found.value("tip_force")[~found.failed], force[~found.failed], atol=1e-3)
+
+
 def test_what_the_robot_would_leave_is_no_estimate():
     """Under more than Euler's 3.4 N a column stays straight only in an unstable equilibrium: it says so, and fails alone."""
     column = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.223349, torsional_stiffness=0.063814))

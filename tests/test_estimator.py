@@ -35,6 +35,8 @@ def make(wire):
 
 def test_one_integration_a_sample_and_errors_as_large_as_it_says(make, wandering):
     meter = make()
+    assert repr(meter).startswith("Estimator(SingleRod(")
+    assert repr(meter).endswith("tip_force walks, Pose(position, rotation, sigma; 6 rows, batch ()), dt 0.002 s)")
     errors, squares = [], []
     for k, (force, position, rotation) in enumerate(zip(*wandering, strict=True)):
         sample = meter.step([(position, rotation)])

@@ -37,6 +37,7 @@ HALVINGS = 8
 SHARPEST = 20.0  # residuals of a step that is taken, over the curvatures that arise
 ROUNDED = 1e-9  # of the largest of some numbers, what is not shown
 FORCES = ("tip_force", "follower_force")  # whose covariance can be drawn
+RESTORED = 0.5  # of the residual: a step that leaves no more of it is taken too
 SLACK = 1e-9  # of the squares' sum, that rounding may add
 
 
@@ -336,7 +337,7 @@ class Part:
     def _advance(self, active: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """One integration where the next step leads; which instances go on."""
         part = np.where(active, self.part, 0.0)[:, None]
-        x = self.x + part * (self.towards + (self.by @ self.step[..., None])[..., 0])
+        x = self.x + np.where(part > 0, self.towards, 0.0) + part * (self.by @ self.step[..., None])[..., 0]
         p = self.p + part * self.step
         chosen = np.flatnonzero(active)
         found = self.task.evaluate(x, p, active)
@@ -354,6 +355,7 @@ class Part:
         gap = np.abs(found.residual).max(axis=1)
         with np.errstate(invalid="ignore"):
             closer = square <= self.square[chosen] * (1 + SLACK) + SETTLED**2
+            closer |= gap <= RESTORED * self.gap[chosen]  # what was less there was that of no equilibrium
             came_off = closer & (gap <= np.maximum(self.sharpest[chosen], self.gap[chosen]))
         came_off &= np.isfinite(J).all(axis=(1, 2))
         own = chosen[came_off]

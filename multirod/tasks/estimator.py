@@ -79,7 +79,7 @@ class Estimator(Uncopied, Generic[Robot_co]):
         self._filter = _Filter(known, Live(parts, places, whole), walked, block_diagonal(begin))
         self._filter.present = self._present
         self._robot, self._places = robot, places_of(given, names)
-        self._whole = whole
+        self._whole, self._dt = whole, step
         self._lock = Lock()
         self._tracker = _Tracker(robot, self._filter, step, given, device)
 
@@ -87,6 +87,12 @@ class Estimator(Uncopied, Generic[Robot_co]):
     def robot(self) -> Robot_co:
         """The robot."""
         return self._robot
+
+    def __repr__(self) -> str:
+        known = self._filter.known
+        walks = ", ".join(f"{name} walks" for name in known.priors)
+        batch = [f"batch {self._whole}"] * bool(self._whole)
+        return f"Estimator({', '.join([repr(self._robot), walks, *map(repr, known.sensors), f'dt {self._dt:g} s', *batch])})"
 
     def _present(self) -> Inputs:
         return self._tracker.present()
