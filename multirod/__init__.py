@@ -36,10 +36,13 @@ if _typing.TYPE_CHECKING:
     from multirod.models.assemblies.concentric_tubes import ConcentricTubes
     from multirod.models.assemblies.eccentric_tubes import EccentricTubes
     from multirod.models.assemblies.held_rod import HeldRod
+    from multirod.models.assemblies.network import Network
     from multirod.models.assemblies.parallel_rods import InverseParallelRods, ParallelRods
     from multirod.models.assemblies.single_rod import SingleRod
     from multirod.models.backbone.lines import Chamber, PushRod, Tendon
     from multirod.models.backbone.members import Member
+    from multirod.models.network.bodies import Body, ground
+    from multirod.models.network.joints import Joint
     from multirod.plausibility import PlausibilityWarning
     from multirod.problem import Block, BoundaryProblem, Shape
     from multirod.recording import Recorder
@@ -79,6 +82,7 @@ __all__ = [
     "AdaptiveIntegrator",
     "Assembly",
     "Block",
+    "Body",
     "BoundaryProblem",
     "BranchEvent",
     "Calibration",
@@ -105,10 +109,12 @@ __all__ = [
     "Inputs",
     "Integrator",
     "InverseParallelRods",
+    "Joint",
     "Limits",
     "Measured",
     "Member",
     "MultipleShooting",
+    "Network",
     "Observer",
     "Outcome",
     "ParallelRods",
@@ -142,6 +148,7 @@ __all__ = [
     "equilibria",
     "estimate",
     "explain",
+    "ground",
     "load",
     "reach",
     "registered_solvers",
@@ -168,6 +175,9 @@ _PUBLIC = {
     "history": "History",
     "integrators": "RK4 RK23 RK45 AdaptiveIntegrator FixedStepIntegrator Integrator Tableau",
     "models.assemblies.held_rod": "HeldRod",
+    "models.assemblies.network": "Network",
+    "models.network.bodies": "Body ground",
+    "models.network.joints": "Joint",
     "models.assemblies.parallel_rods": "InverseParallelRods ParallelRods",
     "models.assemblies.single_rod": "SingleRod",
     "plausibility": "PlausibilityWarning",

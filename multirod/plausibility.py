@@ -385,6 +385,12 @@ def of_legs(base: FloatArray, platform: FloatArray, mass: float, rods: "tuple[Ro
         say(f"ParallelRods.platform_mass = {mass:.6g} kg is heavy for slender legs; if it is in g, give {1e-3 * mass:.6g}")
 
 
+def of_body(name: str, mass: float) -> None:
+    """Warn of a heavy body."""
+    if mass > PLATFORM_MASS:
+        say(f"Body.mass = {mass:.6g} kg of {name!r} is heavy for slender rods; if it is in g, give {1e-3 * mass:.6g}")
+
+
 def of_offsets(offsets: FloatArray, rods: "tuple[Rod, ...]") -> None:
     """Warn of tubes that are far from the line that they run along."""
     aside, length = _largest(offsets), max(float(np.max(rod.length)) for rod in rods)

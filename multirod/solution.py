@@ -299,6 +299,33 @@ class Solution(Generic[Robot_co]):
         """Rotation of the end effector, body to world, shape (..., 3, 3)."""
         return self._record("rotation", (3, 3))
 
+    def body_position(self, body: str) -> FloatArray:
+        """Position of the frame of a body in the world [m], shape (..., 3).
+
+        Raises:
+            AttributeError: If the assembly has no bodies: ``Network`` has.
+            ValueError: If there is no such body.
+        """
+        return self._masked(self._body_poses[0][:, self._body_index(body)], (3,))
+
+    def body_rotation(self, body: str) -> FloatArray:
+        """Rotation of a body, body to world, shape (..., 3, 3).
+
+        Raises:
+            AttributeError, ValueError: As ``body_position``.
+        """
+        return self._masked(self._body_poses[1][:, self._body_index(body)], (3, 3))
+
+    def _body_index(self, body: str) -> int:
+        index: Callable[[str], int] | None = getattr(self.assembly, "body_index", None)
+        if index is None:
+            raise AttributeError(f"{type(self.assembly).__name__} has no bodies: Network has")
+        return index(body)
+
+    @cached_property
+    def _body_poses(self) -> list[FloatArray]:
+        return self._gather(lambda problem: problem.body_poses())  # type: ignore[attr-defined]  # of a network
+
     @cached_property
     def end_force(self) -> FloatArray:
         """What holds the end of the rod pulls it with, in the world [N], shape (..., 3).

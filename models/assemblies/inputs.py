@@ -5,13 +5,16 @@ axes ``...``, which broadcast. ``docs/extending.md`` says what an assembly of on
 like these.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from inspect import Parameter, Signature, cleandoc
 from re import sub
 from typing import Any, Literal, TypeAlias, TypedDict, TypeVar, dataclass_transform
 
 from multirod.inputs import InputSpec
 from multirod.types import AlongRod, Numbers
+
+
+ByName: TypeAlias = Numbers | Mapping[str, Numbers]
 
 
 @dataclass_transform(kw_only_default=True)
@@ -115,6 +118,28 @@ class HeldRodInputs(Fields, total=False):
     """How far each line that is driven by it is pulled out of the base [m], shape (..., line_count)."""
 
 
+class NetworkInputs(Fields, total=False):
+    """Inputs of ``Network``."""
+
+    rotation: ByName
+    """Angle of the base of rods about their axes [rad]: by name, or shape (..., rod_count)."""
+    translation: ByName
+    """How far rods are pushed out of their bases [m]: by name, or shape (..., rod_count)."""
+    force: ByName
+    """Dead force on bodies, at their origins, and on tips that nothing holds, world frame [N]: by name, or shape (...,
+    place_count, 3)."""
+    moment: ByName
+    """Dead moment on the same, world frame [N m]: by name, or shape (..., place_count, 3)."""
+    distributed_force: Numbers
+    """Dead force per length of all rods, world frame [N/m], shape (..., 3)."""
+    distributed_moment: Numbers
+    """Dead moment per length of all rods, world frame [N], shape (..., 3)."""
+    gravity: Numbers
+    """Acceleration, world frame [m/s^2], shape (..., 3); acts on ``linear_density`` of rods and mass of bodies."""
+    magnetic_field: Numbers
+    """Uniform magnetic field, world frame [T], shape (..., 3); acts on ``magnetisation``, which must be given."""
+
+
 class KnownInputs(InverseParallelRodsInputs, total=False):
     """Those of all robots: which of them a tracker's robot takes, editors that read no types do not know."""
 
@@ -155,6 +180,16 @@ HeldRodInput: TypeAlias = Literal[
     "tension",
     "pressure",
     "displacement",
+]
+NetworkInput: TypeAlias = Literal[
+    "rotation",
+    "translation",
+    "force",
+    "moment",
+    "distributed_force",
+    "distributed_moment",
+    "gravity",
+    "magnetic_field",
 ]
 InverseParallelRodsInput: TypeAlias = Literal[ParallelRodsInput, "platform_position", "platform_rotation"]
 

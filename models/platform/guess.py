@@ -82,11 +82,19 @@ def _repeated(values: FloatArray, count: int) -> FloatArray:
 
 def fitted_platform(legs: Legs, at: Attachments) -> tuple[FloatArray, FloatArray]:
     """Position (instance, 3) and rotation (instance, 3, 3) that fit the tips best, in the sense of least squares."""
-    centre, middle = legs.position.mean(axis=1), at.arm.mean(axis=1)
-    arms = at.arm - middle[:, None]
+    return fitted_pose(legs.position, legs.rotation, at.arm, at.frame, at.joints != SPHERICAL)
+
+
+def fitted_pose(
+    positions: FloatArray, rotations: FloatArray, arm: FloatArray, frame: FloatArray, framed: NDArray[np.bool_]
+) -> tuple[FloatArray, FloatArray]:
+    """Position (instance, 3) and rotation (instance, 3, 3) of what has points ``arm`` and frames ``frame`` on it, (instance, k,
+    ...), that bring these nearest to ``positions`` and ``rotations``; only some are to be ``framed``, (k,)."""
+    centre, middle = positions.mean(axis=1), arm.mean(axis=1)
+    arms = arm - middle[:, None]
     size = np.maximum((arms**2).sum(axis=(1, 2)), 1e-300)[:, None, None]
-    fit = np.einsum("bli,blj->bij", legs.position - centre[:, None], arms) / size
-    fit += np.einsum("l,blij,blkj->bik", at.joints != SPHERICAL, legs.rotation, at.frame) / len(at.joints)
+    fit = np.einsum("bli,blj->bij", positions - centre[:, None], arms) / size
+    fit += np.einsum("l,blij,blkj->bik", framed, rotations, frame) / len(framed)
     rotation = nearest_rotation(fit)
     return centre - np.einsum("bij,bj->bi", rotation, middle), rotation
 

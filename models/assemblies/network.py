@@ -1,0 +1,268 @@
+"""Networks: rods and bodies joined in a graph."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from copy import copy
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Self, Unpack
+
+import numpy as np
+
+from multirod.assembly import Assembly, pose
+from multirod.batch import IntArray
+from multirod.inputs import Inputs, InputSpec, InputSpecs
+from multirod.models.assemblies.inputs import NetworkInput, NetworkInputs
+from multirod.models.assemblies.single_rod import SingleRod
+from multirod.models.backbone.inputs import BY_MATERIAL
+from multirod.models.backbone.kernels.layout.features import Features
+from multirod.models.backbone.members import drives
+from multirod.models.backbone.problem import scene_features
+from multirod.models.network.bodies import Body, name_of
+from multirod.models.network.freedom import refuse_mechanism, refuse_unheld
+from multirod.models.network.graph import ENDS, Graph
+from multirod.models.network.groups import ALONG
+from multirod.models.network.joints import Joint
+from multirod.models.network.problem import LOADED, PER_ROD, NetworkProblem
+from multirod.models.platform.problem import LEG_INPUTS
+from multirod.reuse import reusable
+from multirod.rod import Rod
+from multirod.types import Numbers
+from multirod.validation import Described, FloatArray, array, meant, refuse, sequence
+
+INPUTS = tuple(replace(spec, function=False) for spec in LEG_INPUTS)
+LOAD_INPUTS = (
+    InputSpec(
+        name="force",
+        unit="N",
+        acts="tip",
+        load="force",
+        potential=True,
+        description="dead force on each body, at its origin, and on each tip that nothing holds, world frame",
+    ),
+    InputSpec(name="moment", unit="N m", acts="tip", load="moment", description="dead moment on the same, world frame"),
+)
+
+
+class Network(Assembly):
+    """Rods and rigid bodies in a graph: each end of a rod is joined to a body or the ground, or, of a tip, to nothing.
+
+    ``tip_position`` and ``tip_rotation`` of a solution are those of the end effector, ``solution.body_position(name)`` and
+    ``body_rotation(name)`` those of any body. ``solution.rod(name)`` is a rod. What acts on bodies and rods is given by name,
+    ``robot.inputs(force={"plate": (0, 0, -2)}, rotation={"leg 0": 0.1})``, or as arrays in the order of ``load_places`` and of
+    ``rods``.
+
+    Args:
+        rods: The rods by name. None has lines, members that are driven, or a foundation.
+        bodies: The bodies.
+        joints: One for every base of a rod, and one for every tip that is not free.
+        end_effector: A body, or the name of a rod whose tip is free; by default the last body, or where there is none, the first
+            such rod.
+        base: Pose of the ground in the world, shape (..., 4, 4); the identity by default.
+
+    Attributes:
+        bodies: As given.
+        joints: As given.
+        load_places: Names of what ``force`` and ``moment`` act on: the bodies, then the rods whose tips are free.
+
+    Raises:
+        ValueError: If a name is given twice, or named and not there; if two joints hold one end; if nothing holds a body or the
+            base of a rod; or if a rod or body is free to move without a rod being bent.
+        TypeError: If an argument is of another type.
+    """
+
+    def __init__(
+        self,
+        *,
+        rods: Mapping[str, Rod],
+        bodies: Sequence[Body] = (),
+        joints: Sequence[Joint],
+        end_effector: Body | str | None = None,
+        base: Numbers | None = None,
+    ) -> None:
+        if not isinstance(rods, Mapping) or not rods or not all(isinstance(rod, Rod) for rod in rods.values()):
+            raise TypeError("Network.rods must be a mapping of names to Rod, and hold one at least")
+        for name, rod in rods.items():
+            name_of("Network.rods", name)
+            _refuse_rod(name, rod)
+        self.bodies: tuple[Body, ...] = sequence("Network.bodies", bodies, Body, "Body")
+        self.joints: tuple[Joint, ...] = sequence("Network.joints", joints, Joint, "Joint")
+        names = [*rods, *(body.name for body in self.bodies)]
+        for name in names:
+            if names.count(name) > 1:
+                refuse("Network.bodies", name, "must have a name of its own among rods and bodies")
+        self.rods = tuple(_named(rod, name) for name, rod in rods.items())
+        self.base = pose("Network.base", base)
+        self.graph = Graph(
+            [SingleRod(rod) for rod in self.rods], list(rods), self.bodies, _by_end(self.joints, rods, self.bodies), self.base
+        )
+        refuse_unheld(self.graph)
+        refuse_mechanism(self.graph)
+        self.load_places = self.graph.load_places
+        self._end_effector = self._place_of_effector(end_effector)
+        count = 3 * len(self.load_places)
+        self._specs = InputSpecs((*INPUTS[:2], *(replace(spec, count=count) for spec in LOAD_INPUTS), *INPUTS[2:]))
+
+    def _place_of_effector(self, given: object) -> int:
+        """Its number among what loads act on."""
+        if given is None:
+            return max(len(self.bodies) - 1, 0) if self.load_places else self._refuse_effector(given)
+        name = given.name if isinstance(given, Body) else given
+        if isinstance(given, Body) and given not in self.bodies or name not in self.load_places:
+            self._refuse_effector(given)
+        return self.load_places.index(str(name))
+
+    def _refuse_effector(self, given: object) -> int:
+        free = ", ".join(map(repr, self.load_places)) or "there is none: add a body"
+        refuse("Network.end_effector", given, f"must be a body, or a rod whose tip is free: {free}")
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:
+        """Leading axes of the rods' parameters and of the poses."""
+        return self.graph.batch_shape
+
+    if TYPE_CHECKING:
+        _input_name: NetworkInput
+
+    def inputs(self, **values: Unpack[NetworkInputs]) -> Inputs:  # type: ignore[override]  # these, and no others
+        """Actuation and loads by name, all optional, each a mapping of names to values, or an array.
+
+        What is not named is zero. A leading axis makes a batch, an instance for each entry.
+
+        Args:
+            **values: Those of ``NetworkInputs``: ``rotation`` [rad] and ``translation`` [m], one number for each rod; ``force``
+                [N] and ``moment`` [N m], three for each of ``load_places``, as an array (..., place_count, 3);
+                ``distributed_force`` [N/m], ``distributed_moment`` [N], ``gravity`` [m/s^2] and ``magnetic_field`` [T], (..., 3),
+                which act on all rods alike.
+
+        Returns:
+            The inputs, checked, as ``solve`` and ``simulate`` take them.
+
+        Raises:
+            TypeError: If a name is not one of these.
+            ValueError: If a value is out of range, not finite or of a wrong shape, names what is not there, or the leading axes do
+                not broadcast.
+        """
+        return super().inputs(**NetworkInputs(**values))
+
+    @property
+    def input_specs(self) -> tuple[InputSpec, ...]:  # noqa: D102
+        return self._specs
+
+    def make_inputs(self, values: Mapping[str, Any]) -> Inputs:  # noqa: D102
+        plain = dict(values)
+        for name, size, places in (
+            *((name, 1, self.graph.names) for name in PER_ROD),
+            *((name, 3, self.load_places) for name in LOADED),
+        ):
+            if name in plain:
+                plain[name] = _in_order(name, plain[name], size, places)
+        return super().make_inputs(plain)
+
+    def check(self, inputs: Inputs) -> None:  # noqa: D102
+        if not (inputs.batch_shape == () and self.surely_takes("translation", inputs.translation.tolist())):
+            for k, rod in enumerate(self.graph.rods):
+                own = {"translation": inputs.translation[..., k : k + 1]}
+                try:
+                    rod.check(Inputs(rod.input_specs, 1, own))
+                except ValueError as error:
+                    raise ValueError(f"rod {self.graph.names[k]!r}: {error}") from None
+        if inputs.is_active("gravity") and not (self.graph.mass.any() or any(rod.has_mass for rod in self.rods)):
+            refuse("gravity", inputs.gravity.tolist(), "must be zero: no rod has a linear_density, and no body a mass")
+        if inputs.is_active("magnetic_field") and not any(rod.is_magnetised for rod in self.rods):
+            refuse("magnetic_field", inputs.magnetic_field.tolist(), "must be zero: no rod has a magnetisation")
+
+    def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102
+        if name == "translation":
+            return all(rod.surely_takes(name, values[k : k + 1]) for k, rod in enumerate(self.graph.rods))
+        return name not in BY_MATERIAL
+
+    @reusable
+    def problem(self, inputs: Inputs, *, instances: IntArray | None = None, **options: Any) -> NetworkProblem:  # noqa: D102
+        graph = self.graph
+        if instances is not None:
+            whole = np.broadcast_shapes(inputs.batch_shape, self.batch_shape)
+            graph, inputs = graph.take(whole, instances), inputs.take(whole, instances)
+        return NetworkProblem(graph, self._end_effector, inputs, **options)
+
+    def features(self, inputs: Inputs, *, enabled: Iterable[str] = ()) -> tuple[Features, ...]:  # noqa: D102
+        active = [name for name in ALONG if name in enabled or inputs.is_active(name)]
+        options: dict[str, Any] = {"rod_count": 1, "transmission": False, "held": True}
+        return tuple(scene_features(rod.arrays, active, inputs.profiles, **options) for rod in self.graph.rods)
+
+    def with_rods(self, rods: Sequence[Rod]) -> Self:  # noqa: D102
+        result = copy(self)
+        result.rods = tuple(_named(rod, name) for rod, name in zip(rods, self.graph.names, strict=True))
+        robots = [SingleRod(rod) for rod in result.rods]
+        result.graph = Graph(robots, self.graph.names, self.bodies, self.graph.joints, self.base)
+        for name in ("longest", "stiffest"):
+            result.__dict__.pop(name, None)
+        return result
+
+    def body_index(self, body: Body | str) -> int:
+        """Number of a body.
+
+        Raises:
+            ValueError: If there is no such body.
+        """
+        names = [own.name for own in self.bodies]
+        name = body.name if isinstance(body, Body) else body
+        if not isinstance(name, str) or name not in names:
+            hint = meant(name, names) if isinstance(name, str) else ""
+            refuse("body", body, f"must be one of {', '.join(map(repr, names)) or 'none: there are no bodies'}{hint}")
+        return names.index(name)
+
+    def __repr__(self) -> str:
+        kinds = (("rod", len(self.rods)), ("bod", len(self.bodies)), ("joint", len(self.joints)))
+        counts = [f"{count} {name}" + ("y" * (count == 1) + "ies" * (count != 1) if name == "bod" else "s" * (count != 1))
+                  for name, count in kinds]
+        return f"Network({', '.join(counts)}, end effector {self.load_places[self._end_effector]!r})"
+
+
+def _refuse_rod(name: str, rod: Rod) -> None:
+    if rod.is_embedded:
+        refuse(f"Network.rods[{name!r}]", rod, "must have no foundation: it is modelled for one backbone with a free tip")
+    if rod.lines or drives(SingleRod(rod).arrays.members):
+        refuse(f"Network.rods[{name!r}]", rod, "must have no lines and no members that are driven: networks do not drive them yet")
+
+
+def _named(rod: Rod, name: str) -> Rod:
+    """The same rod by the name that it has in the network."""
+    result = copy(rod)
+    object.__setattr__(result, "name", name)
+    return result
+
+
+def _by_end(joints: Sequence[Joint], rods: Mapping[str, Rod], bodies: Sequence[Body]) -> dict[tuple[str, str], Joint]:
+    """Joints by rod and end."""
+    found: dict[tuple[str, str], Joint] = {}
+    for joint in joints:
+        if joint.rod not in rods:
+            refuse("Network.joints", joint, f"there is no rod {joint.rod!r}{meant(joint.rod, rods)}")
+        if isinstance(joint.to, Body) and joint.to not in bodies:
+            refuse("Network.joints", joint, f"body {joint.to.name!r} is not among bodies")
+        if (joint.rod, joint.end) in found:
+            refuse("Network.joints", joint, f"the {joint.end} of rod {joint.rod!r} is held already")
+        found[joint.rod, joint.end] = joint
+    try:
+        np.broadcast_shapes(*(joint.pose.shape[:-2] for joint in joints))
+    except ValueError:
+        shapes = [joint.pose.shape[:-2] for joint in joints]
+        refuse("Network.joints", Described(f"leading axes {shapes}"), "those of their poses must broadcast")
+    assert {end for _, end in found} <= set(ENDS)
+    return found
+
+
+def _in_order(name: str, value: Any, size: int, places: Sequence[str]) -> Any:
+    """Values by name as an array (..., size * place_count), in the order of ``places``; an array of them likewise."""
+    if not isinstance(value, Mapping):
+        given = np.asarray(value) if isinstance(value, (np.ndarray, list, tuple)) else None
+        stacked = given is not None and size > 1 and len(places) > 1 and given.shape[-2:] == (len(places), size)
+        return given.reshape(*given.shape[:-2], -1) if stacked and given is not None else value
+    parts: list[FloatArray] = [np.zeros(size)] * len(places)
+    for key, part in value.items():
+        if key not in places:
+            hint = meant(key, places) if isinstance(key, str) else ""
+            refuse(name, key, f"must be by name, one of {', '.join(map(repr, places))}{hint}")
+        own = array(f"{name}[{key!r}]", part, (size,) if size > 1 else ())
+        parts[places.index(key)] = own if size > 1 else own[..., None]
+    shape = np.broadcast_shapes(*(part.shape[:-1] for part in parts))
+    return np.concatenate([np.broadcast_to(part, (*shape, size)) for part in parts], axis=-1)

@@ -1,0 +1,1 @@
+"""Rods and bodies in a graph."""

@@ -1,0 +1,75 @@
+"""What rods are joined to: rigid bodies, and the ground."""
+
+from typing import Any
+
+from multirod import plausibility
+from multirod.assembly import pose as checked_pose
+from multirod.types import Numbers
+from multirod.validation import Described, FloatArray, array, nonnegative_float, refuse
+
+
+class Ground:
+    """What does not move: the world, or the ``base`` of a ``Network``. There is one, ``mr.ground``."""
+
+    name = "ground"
+
+    def __repr__(self) -> str:
+        return "ground"
+
+
+ground = Ground()
+
+
+class Body:
+    """A rigid body that rods hold and that other rods may stand on: a platform, a disc, an object that is carried.
+
+    Args:
+        name: By which inputs and results call it.
+        mass: [kg]; gravity acts on it at ``mass_centre``.
+        mass_centre: In the frame of the body [m], shape (3,).
+        pose: About where it is, in the frame of the ground, shape (4, 4): where the search begins. By default it follows from the
+            rods at rest.
+
+    Raises:
+        ValueError: If the name is empty or ``"ground"``, a number is out of range, or the pose is none.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        *,
+        mass: float = 0.0,
+        mass_centre: Numbers = (0.0, 0.0, 0.0),
+        pose: Numbers | None = None,
+    ) -> None:
+        self.name = name_of("Body.name", name)
+        self.mass = nonnegative_float("Body.mass", mass)
+        plausibility.of_body(self.name, self.mass)
+        self.mass_centre = vector("Body.mass_centre", mass_centre)
+        self.pose = None if pose is None else one_pose("Body.pose", pose)
+
+    def __repr__(self) -> str:
+        return f"Body({self.name!r}, mass={self.mass:g})" if self.mass else f"Body({self.name!r})"
+
+
+def name_of(field: str, value: Any) -> str:
+    """A name that tells a rod or body from others."""
+    if not isinstance(value, str) or not value or value == Ground.name:
+        refuse(field, value, "must be a name, and not 'ground'")
+    return value
+
+
+def vector(field: str, value: Any) -> FloatArray:
+    """Three numbers."""
+    result = array(field, value, (3,))
+    if result.shape != (3,):
+        refuse(field, Described(f"array of shape {result.shape}"), "must have shape (3,)")
+    return result
+
+
+def one_pose(field: str, value: Any) -> FloatArray:
+    """One pose (4, 4)."""
+    result = checked_pose(field, value)
+    if result.ndim > 2:
+        refuse(field, Described(f"array of shape {result.shape}"), "must have shape (4, 4)")
+    return result

@@ -1,0 +1,110 @@
+"""What the boundary problem of a network offers beside its equations."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multirod.batch import IntArray
+from multirod.capabilities import Joints, Loading, Parts, Shapes
+from multirod.models.backbone.inputs import LOADS
+from multirod.models.platform.starting import crowded
+from multirod.problem import Shape
+from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.models.network.problem import NetworkProblem
+
+
+class NetworkParts(Parts):
+    """Of a ``NetworkProblem``."""
+
+    def __init__(self, problem: "NetworkProblem") -> None:
+        self.problem = problem
+
+    def of(self, instances: IntArray, *, double: bool = False, poses: bool = False) -> "NetworkProblem":  # noqa: D102
+        whole = self.problem
+        result = type(whole)(
+            whole.graph.take(whole.batch_shape, instances),
+            whole.end_effector,
+            whole.inputs_given.take(whole.batch_shape, instances),
+            integrator=whole.integrator.in_double() if double else whole.integrator,
+            **{**whole.options, **({"pose_sensitivities": True} if poses else {})},
+        )
+        result.stop = whole.stop
+        for name in ("inputs", "unknowns"):
+            result.write(name, whole.read(name)[instances])
+        for name in ("opening", "opened_at", "soft", "loading"):
+            getattr(result, name)[:] = getattr(whole, name)[instances]
+        return result
+
+
+class NetworkShapes(Shapes):
+    """Of a ``NetworkProblem``: its rods in the world."""
+
+    def __init__(self, problem: "NetworkProblem") -> None:
+        self.problem = problem
+
+    def at_nodes(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:
+        """As said; the energy is that of the rods and of the springs in joints."""
+        problem, count = self.problem, self.problem.instance_count
+        with problem.everyone():
+            state = problem.hand_over(np.arange(count))
+            found: dict[int, Shape] = {}
+            energy = self._of_springs(state.angles)
+            for group in problem.groups:
+                (shape,), own = group.backbones.shapes.at_nodes(node_count)
+                energy += own.reshape(count, -1).sum(axis=1)
+                for place, rod in enumerate(group.members.tolist()):
+                    values = {name: v.reshape(count, -1, *v.shape[1:])[:, place] for name, v in vars(shape).items()}
+                    base = state.ends[0]
+                    R = base.rotation[:, rod, None]
+                    values["position"] = base.position[:, rod, None] + (R @ values["position"][..., None])[..., 0]
+                    values["rotation"] = R @ values["rotation"]
+                    found[rod] = Shape(**values)
+        return tuple(found[rod] for rod in range(problem.rod_count)), energy
+
+    def _of_springs(self, angles: list[FloatArray]) -> FloatArray:
+        """Energy of the springs in the joints [J], shape (instance_count,)."""
+        tables = [end.table for end in self.problem.graph.ends]
+        parts = [0.5 * (t.stiffness * (a - t.rest) ** 2).sum(axis=(1, 2)) for t, a in zip(tables, angles, strict=True)]
+        return np.asarray(parts[0] + parts[1])
+
+
+class NetworkJoints(Joints):
+    """Of a ``NetworkProblem``: each tip is joined to its body, or leaves a gap there."""
+
+    def __init__(self, problem: "NetworkProblem") -> None:
+        self.problem = problem
+
+    def apart(self, numbers: IntArray | None = None) -> FloatArray:
+        """Rods at rest and bodies as near to their ends as they can be, or around there."""
+        problem = self.problem
+        x = np.array(problem.apart().unknowns)
+        if numbers is not None and problem.body_count:
+            away = np.where(numbers[:, None] == 0, 0.0, crowded(numbers))
+            L = problem.length[:, problem.rod_count :, None]
+            poses = x[:, problem.first_pose :].reshape(len(x), -1, 6)
+            poses += away[:, None] / L
+        self.open(x)
+        return x
+
+    def open(self, unknowns: FloatArray) -> None:  # noqa: D102
+        problem = self.problem
+        self.shut()
+        with problem.everyone(), problem.at_load(0.0):
+            residual = problem.evaluate(unknowns)[0]
+        problem.open_at(unknowns, residual)
+
+    def close(self, loading: Loading) -> None:  # noqa: D102
+        self.problem.loading[:] = int(loading)
+
+    def shut(self) -> None:  # noqa: D102
+        problem = self.problem
+        problem.opening[:], problem.opened_at[:], problem.soft[:] = 0.0, 0.0, 0.0
+
+    def unloaded_inputs(self) -> FloatArray | None:  # noqa: D102
+        rows = self.problem.read("inputs")
+        for name in (*(spec.name for spec in LOADS), "force", "moment"):
+            if name in self.problem._slices:
+                rows[:, self.problem.input_slice(name)] = 0.0
+        return rows

@@ -1,0 +1,105 @@
+"""What a network leaves free: bodies that nobody holds, rods and bodies that move without a rod being bent.
+
+Numbers in parentheses are those of ``docs/networks.md``.
+"""
+
+import numpy as np
+
+from multirod.models.network.graph import GROUND, Graph
+from multirod.rotations import cross, cross_matrix, matrices
+from multirod.validation import FloatArray, refuse
+
+SINGULAR = 1e-9  # of the largest singular value
+SIX = 6
+
+
+def refuse_unheld(graph: Graph) -> None:
+    """Refuse, by a ``ValueError`` that names it, a body or a rod that no chain of rods joins to the ground."""
+    frames = [end.frame for end in graph.ends]
+    if (frames[0] < GROUND).any():
+        name = graph.names[int(np.argmax(frames[0] < GROUND))]
+        refuse("Network.joints", name, f"nothing holds the base of rod {name!r}: only a tip may be free")
+    known = {GROUND}
+    while True:
+        more = {int(frames[1 - k][rod]) for k in (0, 1) for rod in range(len(graph.rods)) if int(frames[k][rod]) in known}
+        if more <= known | {-1}:
+            break
+        known |= more - {-1}
+    for k, body in enumerate(graph.bodies):
+        if k + 1 in known:
+            continue
+        if not any((own == k + 1).any() for own in frames):
+            refuse("Network.bodies", body, f"nothing holds body {body.name!r}: no rod is joined to it")
+        refuse("Network.joints", body, f"nothing holds body {body.name!r}: no chain of rods joins it to the ground")
+
+
+def refuse_mechanism(graph: Graph) -> None:
+    """(14) Refuse, by a ``ValueError`` that names it, a rod or body that is free to move though rods are as stiff as they are.
+
+    It is looked for at poses drawn by lot: what is found there is so wherever the bodies are.
+    """
+    rng = np.random.default_rng(0)
+    bodies = len(graph.bodies)
+    position = np.concatenate([np.zeros((1, 3)), rng.standard_normal((bodies, 3))])
+    rotation = np.concatenate([np.eye(3)[None], matrices(rng.standard_normal((bodies, 3)))])
+    arms = [own.pose.reshape(-1, *own.pose.shape[-3:])[0] for own in graph.ends]
+    size = max(float(np.abs(arm[:, :3, 3]).max()) for arm in arms) or 1.0
+    wrenches: list[FloatArray] = []
+    for rod, name in enumerate(graph.names):
+        free = []
+        for own, arm in zip(graph.ends, arms, strict=True):
+            holder, count = own.frame[rod], int(own.table.count[rod])
+            if holder < GROUND:
+                # nothing holds the tip: the rod passes on no wrench at all
+                free.append(np.eye(SIX))
+                continue
+            frame = rotation[holder] @ arm[rod, :3, :3]
+            place = position[holder] + rotation[holder] @ arm[rod, :3, 3] / size
+            loose = own.table.stiffness[rod, :count] == 0
+            angles = rng.standard_normal((1, len(graph.names), 3)) * (np.arange(3) < own.table.count[:, None])
+            axes = (frame @ own.table.at(angles).axes[0, rod])[:, :count][:, loose].T
+            free.append(np.concatenate([cross(axes, np.broadcast_to(-place, axes.shape)), axes], axis=1))
+        conditions = np.concatenate(free)
+        held = graph.ends[1].held[rod]
+        turning = len(free[0])
+        if (not held and turning) or (held and _rank(conditions) < len(conditions)):
+            how = "its base turns, and nothing holds its tip" if not held else "its joints let it turn about itself"
+            refuse("Network.joints", name, f"rod {name!r} is free to move: {how}; clamp an end, or give a joint stiffness")
+        wrenches.append(_kernel(conditions))
+    if not bodies:
+        return
+    columns = []
+    for rod, passed in enumerate(wrenches):
+        column = np.zeros((SIX * bodies, passed.shape[1]))
+        for own, sense in zip(graph.ends, (-1.0, 1.0), strict=True):
+            k = own.frame[rod] - 1
+            if k >= 0:
+                about = np.eye(SIX)
+                about[3:, :3] = -cross_matrix(position[k + 1])
+                column[SIX * k : SIX * k + SIX] += sense * about @ passed
+        columns.append(column)
+    balance = np.concatenate(columns, axis=1)
+    if _rank(balance) == SIX * bodies:
+        return
+    motion = _kernel(balance.T)
+    moved = np.linalg.norm(motion.reshape(bodies, SIX, -1), axis=(1, 2))
+    body = graph.bodies[int(np.argmax(moved))]
+    missing = SIX * bodies - _rank(balance)
+    refuse(
+        "Network.joints",
+        body.name,
+        f"body {body.name!r} is free to move in {missing} way{'s' * (missing > 1)} without a rod being bent: "
+        "clamp more ends, add rods, or give joints stiffness",
+    )
+
+
+def _rank(matrix: FloatArray) -> int:
+    values = np.linalg.svd(matrix, compute_uv=False)
+    return int((values > SINGULAR * max(float(values.max(initial=0.0)), 1e-300)).sum())
+
+
+def _kernel(matrix: FloatArray) -> FloatArray:
+    """What a matrix maps to zero, as columns."""
+    if not len(matrix):
+        return np.eye(matrix.shape[1])
+    return np.asarray(np.linalg.svd(matrix)[2][_rank(matrix) :].T)

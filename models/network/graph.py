@@ -1,0 +1,139 @@
+"""Rods, bodies and joints of a network, in numbers: who is joined to whom, and where."""
+
+from collections.abc import Mapping, Sequence
+from copy import copy
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod.batch import IntArray, take
+from multirod.models.backbone.problem import BackboneAssembly
+from multirod.models.network.bodies import Body, Ground
+from multirod.models.network.joints import Joint, JointTable
+from multirod.models.network.placing import Placing, placed
+from multirod.rod import RodArrays
+from multirod.validation import FloatArray
+
+GROUND = 0  # among frames: the bodies follow in their order
+FREE = -1  # in the place of a frame: nothing holds this end
+ENDS = ("base", "tip")
+
+
+class Ends:
+    """One end of every rod: what holds it, and how.
+
+    Attributes:
+        frame: What holds it, ``GROUND``, the number of a body from 1 on, or ``FREE``, shape (rod_count,).
+        pose: Where on that, shape (..., rod_count, 4, 4).
+        table: The joints there.
+    """
+
+    def __init__(self, joints: "list[Joint | None]", frames: Mapping[str, int]) -> None:
+        self.frame: NDArray[np.intp] = np.array([FREE if joint is None else frames[joint.to.name] for joint in joints])
+        poses = [np.eye(4) if joint is None else joint.pose for joint in joints]
+        shape = np.broadcast_shapes(*(pose.shape[:-2] for pose in poses))
+        self.pose: FloatArray = np.stack([np.broadcast_to(pose, (*shape, 4, 4)) for pose in poses], axis=-3)
+        self.table = JointTable(joints)
+
+    @property
+    def held(self) -> NDArray[np.bool_]:
+        """Whether something holds it, shape (rod_count,)."""
+        return np.asarray(self.frame != FREE)
+
+
+class Graph:
+    """A network in numbers.
+
+    Args:
+        rods: Each as a robot of its own.
+        bodies: The bodies.
+        joints: What holds each end of a rod, by name and end.
+        names: Of the rods.
+        base: Pose of the ground in the world, shape (..., 4, 4).
+
+    Attributes:
+        arrays: The rods as kernels read them.
+        ends: Their bases, then their tips.
+        base: As given.
+        mass, mass_centre: Of the bodies, shapes (body_count,), (body_count, 3).
+        free: Rods whose tips nothing holds, by their numbers.
+        batch_shape: Leading axes of all of it.
+    """
+
+    def __init__(
+        self,
+        rods: Sequence[BackboneAssembly],
+        names: Sequence[str],
+        bodies: Sequence[Body],
+        joints: Mapping[tuple[str, str], Joint],
+        base: FloatArray,
+    ) -> None:
+        self.rods = tuple(rods)
+        self.names = tuple(names)
+        self.bodies = tuple(bodies)
+        self.joints = dict(joints)
+        self.base = base
+        self.arrays: tuple[RodArrays, ...] = tuple(rod.arrays for rod in rods)
+        frames = {Ground.name: GROUND} | {body.name: k + 1 for k, body in enumerate(bodies)}
+        self.ends = tuple(Ends([self.joints.get((name, end)) for name in names], frames) for end in ENDS)
+        self.mass = np.array([body.mass for body in bodies])
+        self.mass_centre = np.array([body.mass_centre for body in bodies]).reshape(-1, 3)
+        self.free: NDArray[np.intp] = np.flatnonzero(~self.ends[1].held)
+        shapes = [own.batch_shape for own in self.arrays]
+        self.batch_shape = np.broadcast_shapes(*shapes, base.shape[:-2], *(end.pose.shape[:-3] for end in self.ends))
+
+    @property
+    def load_places(self) -> tuple[str, ...]:
+        """Names of what forces act on: the bodies, then the rods whose tips nothing holds."""
+        return (*(body.name for body in self.bodies), *(self.names[k] for k in self.free))
+
+    def take(self, batch_shape: tuple[int, ...], instances: IntArray) -> "Graph":
+        """That of some instances of a batch to whose leading axes this broadcasts, along one axis."""
+        if not self.batch_shape:
+            return self
+        result = copy(self)
+        result.arrays = tuple(arrays.take(batch_shape, instances) for arrays in self.arrays)
+        result.base = take(self.base, batch_shape, instances, tail=2) if self.base.ndim > 2 else self.base
+        result.ends = tuple(copy(end) for end in self.ends)
+        for end in result.ends:
+            end.pose = take(end.pose, batch_shape, instances, tail=3) if end.pose.ndim > 3 else end.pose
+        result.batch_shape = np.shape(instances)
+        return result
+
+    def scales(self) -> tuple[FloatArray, FloatArray]:
+        """Length and bending stiffness of each rod, then of each body: the mean and the sum of those of the rods that it holds;
+        shapes (batch or 1, rod_count + body_count)."""
+        arrays = [own.repeated(self.batch_shape) for own in self.arrays]
+        length = np.stack([a.end[:, 0, -1] for a in arrays], axis=1)
+        stiffness = np.stack([a.material[:, 0, 0, :2].max(axis=1) for a in arrays], axis=1)
+        by_body = [np.any([end.frame == k + 1 for end in self.ends], axis=0) for k in range(len(self.bodies))]
+        lengths = [length[:, own].mean(axis=1, keepdims=True) for own in by_body]
+        stiffnesses = [stiffness[:, own].sum(axis=1, keepdims=True) for own in by_body]
+        return np.concatenate([length, *lengths], axis=1), np.concatenate([stiffness, *stiffnesses], axis=1)
+
+    def attachments(self, count: int, batch_shape: tuple[int, ...]) -> list[tuple[FloatArray, FloatArray]]:
+        """Position (count, rod_count, 3) and rotation (count, rod_count, 3, 3) of the poses of both ends, in the frames of what
+        holds them; on the ground, in the world."""
+        base = np.broadcast_to(self.base, (*batch_shape, 4, 4)).reshape(count, 1, 4, 4)
+        found = []
+        for end in self.ends:
+            poses = np.broadcast_to(end.pose, (*batch_shape, *end.pose.shape[-3:])).reshape(count, *end.pose.shape[-3:])
+            poses = np.where((end.frame == GROUND)[:, None, None], base @ poses, poses)
+            found.append((np.ascontiguousarray(poses[..., :3, 3]), np.ascontiguousarray(poses[..., :3, :3])))
+        return found
+
+    def placing(self, count: int, batch_shape: tuple[int, ...]) -> Placing:
+        """What placing the bodies needs."""
+        base = np.broadcast_to(self.base, (*batch_shape, 4, 4)).reshape(count, 4, 4)
+        given = [None if body.pose is None else base @ body.pose for body in self.bodies]
+        frames = [end.frame for end in self.ends]
+        return Placing(frames, self.attachments(count, batch_shape), [end.table for end in self.ends], given)
+
+    def reference(self, length: FloatArray, batch_shape: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
+        """Position [m] and rotation of the bodies where their unknowns are zero, shapes (count, body_count, 3), (count,
+        body_count, 3, 3): as given, or as rods would have it that are straight, of ``length`` (count, rod_count)."""
+        count = len(length)
+        tips = np.zeros((*length.shape, 3))
+        tips[..., 2] = length
+        position, rotation = placed(self.placing(count, batch_shape), tips, np.broadcast_to(np.eye(3), (*length.shape, 3, 3)))
+        return position[:, 1:], rotation[:, 1:]

@@ -1,0 +1,195 @@
+"""Joints between the ends of rods and bodies: what they leave free, and the turns and torques of that.
+
+Numbers in parentheses are those of ``docs/networks.md``.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod.assembly import pose as checked_pose
+from multirod.models.network.bodies import Body, Ground, name_of
+from multirod.rotations import cross, left_jacobian, matrices, vectors
+from multirod.types import Numbers
+from multirod.validation import FloatArray, array, choice, frozen, refuse
+
+MOST = 3  # coordinates of a joint
+KINDS = {"clamped": 0, "revolute": 1, "universal": 2, "spherical": 3}  # coordinates of each
+AXES: dict[str, Any] = {"revolute": (1.0, 0.0, 0.0), "universal": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))}  # where none are given
+PERPENDICULAR = 1e-8  # that the axes of a universal joint may be off a right angle
+SMALLEST_AXIS = 1e-100  # whose square still is a number
+ROUNDED = 1e-15  # what the length of an axis of length 1 may be off
+FITTING = 8  # steps in which the coordinates of a joint are found that fit a rotation best
+
+
+class Joint:
+    """One end of a rod, and what holds it there.
+
+    Args:
+        rod: Name of the rod.
+        end: ``"base"`` or ``"tip"``.
+        to: The body that holds it, or ``mr.ground``.
+        pose: Where on it: the pose that the end takes where the joint is not turned, in the frame of the body, shape (..., 4, 4);
+            the identity by default.
+        kind: ``"clamped"``; ``"revolute"``, free to turn about ``axis``; ``"universal"``, about the first of two axes, which stays
+            with the body, and the second, which goes with the rod; ``"spherical"``, free to turn.
+        axis: In the frame of ``pose``, shape (3,); of a universal joint two that are perpendicular, shape (2, 3). By default x, or
+            x and y.
+        stiffness: Of a spring in the joint [N m/rad], about each of its axes; of a spherical joint one number. None by default.
+        rest: Angle about each axis at which that spring is without torque [rad]. Of a spherical joint it is where ``pose`` says.
+
+    Raises:
+        ValueError: If a name is no name, a pose is none, or an axis is zero.
+        TypeError: If ``to`` is neither a ``Body`` nor ``mr.ground``.
+    """
+
+    def __init__(
+        self,
+        rod: str,
+        end: Literal["base", "tip"],
+        *,
+        to: Body | Ground,
+        pose: Numbers | None = None,
+        kind: Literal["clamped", "revolute", "universal", "spherical"] = "clamped",
+        axis: Numbers | None = None,
+        stiffness: Numbers = 0.0,
+        rest: Numbers = 0.0,
+    ) -> None:
+        self.rod = name_of("Joint.rod", rod)
+        self.end = choice("Joint.end", end, ("base", "tip"))
+        if not isinstance(to, (Body, Ground)):
+            raise TypeError(f"Joint.to = {to!r} is not allowed: must be a Body or mr.ground, not {type(to).__name__}")
+        self.to = to
+        self.pose = checked_pose("Joint.pose", pose)
+        self.kind = choice("Joint.kind", kind, KINDS)
+        self.axes = _axes(self.kind, axis)
+        self.stiffness = _each("Joint.stiffness", stiffness, self.kind)
+        if (self.stiffness < 0).any():
+            refuse("Joint.stiffness", stiffness, "must be >= 0")
+        if self.kind == "spherical" and (self.stiffness != self.stiffness[0]).any():
+            refuse("Joint.stiffness", stiffness, "must be one number: a spherical joint is as stiff about all axes")
+        self.rest = _each("Joint.rest", rest, self.kind)
+        if self.kind == "spherical" and self.rest.any():
+            refuse("Joint.rest", rest, "must be 0 of a spherical joint: turn its pose instead")
+
+    @property
+    def count(self) -> int:
+        """Its coordinates."""
+        return KINDS[self.kind]
+
+    def __repr__(self) -> str:
+        kind = "" if self.kind == "clamped" else f", {self.kind}"
+        return f"Joint({self.rod!r}, {self.end!r}, to={self.to.name!r}{kind})"
+
+
+def _axes(kind: str, value: Any) -> FloatArray:
+    """Axes of length 1, shape (count, 3)."""
+    if kind not in AXES:
+        if value is not None:
+            refuse("Joint.axis", value, f"must not be given: a {kind} joint has none")
+        return np.eye(3)[: KINDS[kind]]
+    given = array("Joint.axis", AXES[kind] if value is None else value, (3,))
+    count = KINDS[kind]
+    if given.shape != ((3,) if count == 1 else (count, 3)):
+        refuse("Joint.axis", value, f"must have shape {'(3,)' if count == 1 else f'({count}, 3)'} for a {kind} joint")
+    axes = given.reshape(count, 3)
+    with np.errstate(over="ignore"):
+        size = np.linalg.norm(axes, axis=1)
+    if not ((size > SMALLEST_AXIS) & (size < 1 / SMALLEST_AXIS)).all():
+        refuse("Joint.axis", value, f"must have lengths from {SMALLEST_AXIS:g} to {1 / SMALLEST_AXIS:g}")
+    axes = axes / np.where(np.abs(size - 1) <= ROUNDED, 1.0, size)[:, None]
+    if count == 2 and abs(float(axes[0] @ axes[1])) > PERPENDICULAR:
+        refuse("Joint.axis", value, "must be two axes that are perpendicular")
+    return np.asarray(frozen(axes))
+
+
+def _each(field: str, value: Any, kind: str) -> FloatArray:
+    """One number for each coordinate of a joint."""
+    given = array(field, value)
+    count = KINDS[kind]
+    if given.ndim and given.shape != (count,):
+        refuse(field, value, f"must be a number, or one for each of the {count} axes of a {kind} joint")
+    if not count and given.any():
+        refuse(field, value, "must be 0: a clamped joint has no axis")
+    return np.asarray(frozen(np.broadcast_to(given, (count,))))
+
+
+@dataclass(frozen=True)
+class Turns:
+    """(2), (3) Joints at some coordinates; axes (instance, joint, ...), in the frames of the poses where they are.
+
+    Attributes:
+        rotation: Of the end in the frame of its pose, shape (..., 3, 3).
+        turns: Rotation vectors by the coordinates, as columns, shape (..., 3, 3).
+        axes: About which torques vanish, or balance springs, as columns, shape (..., 3, 3).
+        second: The axes that turn with the first, as columns, zero elsewhere, shape (..., 3, 3).
+        first: Rotation vectors by which the first turn those, shape (..., 3, 3).
+    """
+
+    rotation: FloatArray
+    turns: FloatArray
+    axes: FloatArray
+    second: FloatArray
+    first: FloatArray
+
+    def torques(self, moment: FloatArray) -> FloatArray:
+        """(9) Those of a moment (..., 3) about the axes, shape (..., 3)."""
+        return np.asarray(np.einsum("...ik,...i->...k", self.axes, moment))
+
+    def torques_by_angles(self, moment: FloatArray) -> FloatArray:
+        """(9) How they change with the coordinates, the moment fixed, shape (..., 3, 3)."""
+        turned = cross(np.swapaxes(self.second, -1, -2), moment[..., None, :])
+        return np.asarray(turned @ self.first)
+
+
+class JointTable:
+    """Several joints in numbers; the first axis is the joint.
+
+    Attributes:
+        count: Coordinates of each, shape (joint,).
+        inner: (2) ``A_1``: rotation vector of the first turn by the coordinates, shape (joint, 3, 3).
+        outer: (2) ``A_2``, of the second.
+        stiffness: Of springs, zero where there is none, shape (joint, 3).
+        rest: [rad], shape (joint, 3).
+    """
+
+    def __init__(self, joints: "list[Joint | None]") -> None:
+        size = len(joints)
+        self.count: NDArray[np.intp] = np.array([0 if joint is None else joint.count for joint in joints], dtype=np.intp)
+        self.inner, self.outer = np.zeros((size, 3, 3)), np.zeros((size, 3, 3))
+        self.stiffness, self.rest = np.zeros((size, MOST)), np.zeros((size, MOST))
+        for k, joint in enumerate(joints):
+            if joint is None or not joint.count:
+                continue
+            own = slice(0, joint.count)
+            self.inner[k, :, own] = joint.axes.T
+            if joint.kind == "universal":
+                self.inner[k, :, 1], self.outer[k, :, 1] = 0.0, joint.axes[1]
+            self.stiffness[k, own], self.rest[k, own] = joint.stiffness, joint.rest
+
+    def at(self, angles: FloatArray) -> Turns:
+        """(2), (3) At coordinates (instance, joint, 3) [rad]."""
+        shape = angles.shape[:-1]
+
+        def turned(axes: FloatArray) -> tuple[FloatArray, FloatArray]:
+            a = np.einsum("jik,bjk->bji", axes, angles).reshape(-1, 3)
+            return matrices(a).reshape(*shape, 3, 3), left_jacobian(a).reshape(*shape, 3, 3) @ axes
+
+        first, by_first = turned(self.inner)
+        second, by_second = turned(self.outer)
+        carried = first @ self.outer
+        return Turns(first @ second, by_first + first @ by_second, self.inner + carried, carried, by_first)
+
+    def fitted(self, rotation: FloatArray) -> FloatArray:
+        """Coordinates at which the joints turn by rotations (instance, joint, 3, 3) as nearly as they can, from rest."""
+        angles = np.array(np.broadcast_to(self.rest, (*rotation.shape[:-2], MOST)))
+        if not self.count.any():
+            return angles
+        for _ in range(FITTING):
+            turns = self.at(angles)
+            off = rotation @ np.swapaxes(turns.rotation, -1, -2)
+            error = vectors(off.reshape(-1, 3, 3)).reshape(*rotation.shape[:-2], 3)
+            angles += np.einsum("bjki,bji->bjk", np.linalg.pinv(turns.turns), error)
+        return angles

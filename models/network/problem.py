@@ -1,0 +1,609 @@
+"""Rods and bodies in a graph: the boundary problem.
+
+Numbers in parentheses are those of ``docs/networks.md``. Each rod is integrated in the frame of its base by the backbone kernels;
+what its ends say of the bodies is an element (``elements.py``), and residual and ``Gamma`` are the sums of the elements. They are
+put together by NumPy, as dense arrays; an elimination along the graph would take the elements instead.
+"""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from multirod.batch import IntArray
+from multirod.capabilities import Loading
+from multirod.inputs import Inputs
+from multirod.integrators import Integrator
+from multirod.models.network.capabilities import NetworkJoints, NetworkParts, NetworkShapes
+from multirod.models.network.elements import (
+    ANGLES_AT,
+    GAP_AT,
+    OWN,
+    OWN_AT,
+    POSE,
+    POSES_AT,
+    SIZE,
+    Equations,
+    Frames,
+    Holding,
+    Integrated,
+)
+from multirod.models.network.graph import GROUND, Graph
+from multirod.models.network.groups import ALONG, RodGroup, builds
+from multirod.models.network.placing import placed
+from multirod.problem import Block, BoundaryProblem
+from multirod.rotations import cross, cross_matrix, left_jacobian, matrices, vectors
+from multirod.status import Fault
+from multirod.validation import FloatArray
+
+SOFT = 0.01  # L^3/EI by which rods give way along themselves while the network is put together
+GAP_LOAD = 12.0  # EI/L^3: what a rod resists with where its tip is moved across
+
+
+class Sums:
+    """Sums of numbers that belong to the same place.
+
+    Args:
+        places: Of each number; negative of those that belong nowhere, shape (k,).
+        size: Places.
+    """
+
+    def __init__(self, places: NDArray[np.intp], size: int) -> None:
+        kept = np.flatnonzero(places >= 0)
+        self._order = kept[np.argsort(places[kept], kind="stable")]
+        ordered = places[self._order]
+        self._starts = np.flatnonzero(np.concatenate([[True], ordered[1:] != ordered[:-1]]))
+        self._places = ordered[self._starts]
+        self._size = size
+
+    def __call__(self, values: FloatArray) -> FloatArray:
+        """Of numbers (..., k), shape (..., size)."""
+        result = np.zeros((*values.shape[:-1], self._size))
+        result[..., self._places] = np.add.reduceat(values[..., self._order], self._starts, axis=-1)
+        return result
+
+
+@dataclass(frozen=True)
+class Apart:
+    """The network taken apart, at certain inputs.
+
+    Attributes:
+        inputs: Those that are no loads on bodies, (instance_count, k).
+        unknowns: [1/m], shape (instance_count, n).
+        residual: There, without loads [1/m], shape (instance_count, n).
+        singular_value: Smallest of ``Gamma`` there, 1 at most, shape (instance_count,).
+    """
+
+    inputs: FloatArray
+    unknowns: FloatArray
+    residual: FloatArray
+    singular_value: FloatArray
+
+
+class State:
+    """Bodies and ends of rods of some instances at their unknowns and inputs; axes (instance, rod, ...)."""
+
+    def __init__(self, problem: "NetworkProblem", rows: IntArray) -> None:
+        own = problem
+        self.rows = rows
+        self.x = own.read("unknowns")[rows]
+        self.inputs = own.read("inputs")[rows]
+        self.directions = own.directions.numpy()[rows][:, : own.direction_count]
+        self.load_factor = own.load_factor.numpy()[rows]
+        self.level = own.level()[rows]
+        self.frames = own.frames(self.x[:, own.first_pose :].reshape(len(rows), -1, POSE), rows)
+        length = own.length[rows, : own.rod_count]
+        padded = np.concatenate([self.x, np.zeros((len(rows), 1))], axis=1)
+        self.own = padded[:, own.places[:, OWN_AT]]
+        self.angles = [length[..., None] * padded[:, own.places[:, at]] for at in ANGLES_AT]
+        self.ends = [
+            Holding(
+                self.frames,
+                end.frame,
+                (own.attachments[k][0][rows], own.attachments[k][1][rows]),
+                end.table.at(self.angles[k]),
+                length,
+            )
+            for k, end in enumerate(own.graph.ends)
+        ]
+
+    def take(self, problem: "NetworkProblem", name: str, directions: bool = False) -> FloatArray:
+        """An input, shape (instance, size), or its share in the directions, (instance, direction_count, size)."""
+        source = self.directions if directions else self.inputs
+        return np.asarray(source[..., problem.input_slice(name)])
+
+
+class NetworkProblem(BoundaryProblem):
+    """Rods joined to bodies and the ground.
+
+    Unknowns are, rod by rod, moment and force at its base, then the angles of the joints at its base and at its tip; then the pose
+    of each body. Residuals in the same order: what joins the tip, or what is free there, torques of joints, balances of bodies.
+
+    Args:
+        graph: The network.
+        end_effector: Number of the body, or, after the bodies, of the rod among those whose tips nothing holds.
+        inputs: The inputs.
+        integrator, device, pose_sensitivities, direction_count, enabled: As for ``Assembly.problem``.
+    """
+
+    guess_integrations = 1
+
+    def __init__(
+        self,
+        graph: Graph,
+        end_effector: int,
+        inputs: Inputs,
+        *,
+        integrator: Integrator,
+        device: str = "cpu",
+        pose_sensitivities: bool = False,
+        direction_count: int = 0,
+        enabled: Sequence[str] = (),
+    ) -> None:
+        self.graph, self.end_effector = graph, end_effector
+        self.rod_count, self.body_count = len(graph.rods), len(graph.bodies)
+        self.places, self.first_pose = _places(graph)  # of each element, among unknowns and residuals
+        n = self.first_pose + POSE * self.body_count
+        self._slices = input_places(self.rod_count, len(graph.load_places))
+        super().__init__(
+            unknown_count=n,
+            batch_shape=np.broadcast_shapes(inputs.batch_shape, graph.batch_shape),
+            input_count=max(place.stop for place in self._slices.values()),
+            blocks=_blocks(graph, self.places, self.first_pose, n),
+            direction_count=direction_count,
+            pose_sensitivities=pose_sensitivities,
+            device=device,
+        )
+        self.integrator = integrator
+        self.inputs_given = inputs
+        self.options: dict[str, Any] = {
+            "device": device,
+            "pose_sensitivities": pose_sensitivities,
+            "direction_count": direction_count,
+            "enabled": tuple(enabled),
+        }
+        options = {
+            "integrator": integrator,
+            "device": device,
+            "enabled": [name for name in ALONG if name in enabled or inputs.is_active(name)],
+        }
+        count, shape = self.instance_count, self.batch_shape
+        self.groups = [RodGroup(graph, members, shape, direction_count, options) for members in builds(graph)]
+        self.rounding = self.groups[0].backbones.rounding
+        size = self.rod_count + self.body_count
+        scales = [np.broadcast_to(scale.reshape(*graph.batch_shape, size), (*shape, size)) for scale in graph.scales()]
+        self.length, self.stiffness = (scale.reshape(count, size) for scale in scales)
+        self.attachments = graph.attachments(count, shape)
+        self.reference = graph.reference(self.length[:, : self.rod_count], shape)
+        rows, columns = self.places[:, :, None], self.places[:, None]
+        self._sum_rows = Sums(self.places.reshape(-1), n)
+        self._sum_entries = Sums(np.where((rows < 0) | (columns < 0), -1, rows * n + columns).reshape(-1), n * n)
+        self.opening = np.zeros((count, n))
+        self.opened_at = np.zeros((count, n))
+        self.soft = np.zeros(count)
+        self.loading = np.full(count, int(Loading.RISING))
+        self._found: Apart | None = None
+        self.write("inputs", self.pack(inputs))
+
+    # ---- what is offered ----
+
+    @property
+    def shapes(self) -> NetworkShapes:  # noqa: D102
+        return NetworkShapes(self)
+
+    @property
+    def parts(self) -> NetworkParts:  # noqa: D102
+        return NetworkParts(self)
+
+    @property
+    def joints(self) -> NetworkJoints:  # noqa: D102
+        return NetworkJoints(self)
+
+    # ---- the interface ----
+
+    def input_slice(self, name: str) -> slice:  # noqa: D102
+        return self._slices[name]
+
+    def takes(self, name: str) -> bool:  # noqa: D102
+        return name not in ALONG or all(group.backbones.takes(name) for group in self.groups)
+
+    def focus(self, instances: IntArray | None = None) -> None:  # noqa: D102
+        super().focus(instances)
+        for group in self.groups:
+            group.focus(None if instances is None else np.asarray(instances))
+
+    def renew(self, inputs: Inputs) -> bool:  # noqa: D102
+        self._clear()
+        for group in self.groups:
+            group.backbones._clear()
+        self.opening[:], self.opened_at[:], self.soft[:] = 0.0, 0.0, 0.0
+        self.loading[:] = int(Loading.RISING)
+        self._found, self.inputs_given = None, inputs
+        self.write("inputs", self.pack(inputs))
+        return True
+
+    def level(self) -> FloatArray:
+        """What multiplies the loads of each instance, shape (instance_count,)."""
+        factor = self.load_factor.numpy()
+        return np.where(
+            self.loading == int(Loading.NONE), 0.0, np.where(self.loading == int(Loading.FULL), 1.0, factor)
+        )
+
+    def _integrate(self) -> None:
+        listed = self.order.numpy()[: self.listed]
+        active = self.active.numpy()[listed] != 0
+        for group in self.groups:
+            group.leave_out(listed[~active])
+        rows = listed[active]
+        if not len(rows):
+            return
+        with np.errstate(all="ignore"):  # what is not finite is said by its fault
+            state = self.hand_over(rows)
+            for group in self.groups:
+                group.backbones.stop = self.stop
+                group.backbones.integrate()
+            self._assemble(state)
+
+    def hand_over(self, rows: IntArray) -> State:
+        """Unknowns and inputs of the instances ``rows``, (k,), to their rods, without an integration."""
+        state = State(self, rows)
+        taken = {name: (state.take(self, name), state.take(self, name, True)) for name in (*PER_ROD, *ALONG)}
+        per_rod = [np.stack([taken[name][k] for name in PER_ROD], axis=-1) for k in (0, 1)]
+        along = [np.stack([taken[name][k] for name in ALONG], axis=-2) for k in (0, 1)]
+        to_base = np.swapaxes(state.ends[0].rotation, -1, -2)
+        for group in self.groups:
+            group.hand_over(
+                rows,
+                state.own,
+                per_rod[0],
+                along[0],
+                np.swapaxes(per_rod[1], 1, 2),
+                along[1],
+                state.level,
+                to_base,
+            )
+        return state
+
+    def integrated(self, state: State) -> Integrated:
+        """What the last integration says of all rods."""
+        angle, rates = state.take(self, "rotation"), state.take(self, "rotation", True)
+        parts = [group.read(state.rows, angle, np.swapaxes(rates, 1, 2)) for group in self.groups]
+        if len(parts) == 1:
+            return parts[0]
+        order = np.argsort(np.concatenate([group.members for group in self.groups]))
+        return Integrated(*(np.concatenate(values, axis=1)[:, order] for values in zip(*map(_fields, parts), strict=True)))
+
+    def _assemble(self, state: State) -> None:
+        """(5) to (12) Residual, ``Gamma``, columns and pose of the instances of a state, their rods integrated."""
+        rows, n, d = state.rows, self.unknown_count, self.direction_count
+        count = len(rows)
+        equations = self.equations(state)
+        residual = self._sum_rows(equations.residual.reshape(count, -1))
+        matrix, along = equations.columns[..., :SIZE], equations.columns[..., SIZE:]
+        gamma = self._sum_entries(np.ascontiguousarray(matrix).reshape(count, -1)).reshape(count, n, n)
+        directions = np.moveaxis(self._sum_rows(np.moveaxis(along.reshape(count, self.rod_count * SIZE, d), 1, 2)), 1, 2)
+        self._add_loads(state, residual, gamma, directions)
+        left = 1.0 - state.load_factor[:, None]
+        self._soften(gamma, residual, state, left)
+        residual -= left * self.opening[rows]
+        position, rotation, columns = self._end_effector(state, equations)
+        self._keep(rows, residual, gamma, directions, position, rotation, columns)
+
+    def equations(self, state: State) -> Equations:
+        """(5) to (11) The elements."""
+        rods, rows, graph = self.integrated(state), state.rows, self.graph
+        tables, holders = [end.table for end in graph.ends], [end.frame for end in graph.ends]
+        length, stiffness = (scale[rows, : self.rod_count] for scale in (self.length, self.stiffness))
+        equations = Equations(rods, state.ends, tables, state.angles, length, stiffness)
+        equations.join()
+        if len(graph.free):
+            force, moment = (self._on_places(state, name)[:, self.body_count :] for name in LOADED)
+            by_force, by_moment = (self._on_places(state, name, True)[:, self.body_count :] for name in LOADED)
+            level = state.level[:, None, None]
+            loads = level * np.concatenate([force, moment], axis=-1)
+            equations.leave(graph.free, loads, np.concatenate([by_force, by_moment], axis=-2))
+        equations.turn()
+        if self.body_count:
+            equations.balance(state.frames, holders)
+        return equations
+
+    def _on_places(self, state: State, name: str, directions: bool = False) -> FloatArray:
+        """What acts on bodies and tips, shape (instance, place, 3), or (instance, place, 3, direction_count)."""
+        values = state.take(self, name, directions)
+        values = values.reshape(*values.shape[:-1], len(self.graph.load_places), 3)
+        return np.moveaxis(values, 1, -1) if directions else values
+
+    def _add_loads(self, state: State, residual: FloatArray, gamma: FloatArray, directions: FloatArray) -> None:
+        """(11) What acts on the bodies."""
+        if not self.body_count:
+            return
+        rows, frames, count, bodies = state.rows, state.frames, len(state.rows), slice(1, None)
+        mass = self.graph.mass[:, None]
+        level = state.level[:, None, None]
+        force, moment = (level * self._on_places(state, name)[:, : self.body_count] for name in LOADED)
+        weight = level * mass * state.take(self, "gravity")[:, None]
+        centre = np.einsum("bkij,kj->bki", frames.rotation[:, bodies], self.graph.mass_centre)
+        inward = np.swapaxes(frames.axes[:, bodies], -1, -2)
+        pull, twist = frames.pull[:, bodies, :, None], frames.twist[:, bodies, :, None]
+
+        def told(push: FloatArray, turn: FloatArray) -> FloatArray:
+            """Columns of force and moment as rows of the balances."""
+            both = np.concatenate([pull * (inward @ push), twist * (inward @ turn)], axis=-2)
+            return np.asarray(both.reshape(count, POSE * self.body_count, -1))
+
+        own = slice(self.first_pose, None)
+        residual[:, own] -= told((force + weight)[..., None], (moment + cross(centre, weight))[..., None])[..., 0]
+        by_turn = cross_matrix(weight) @ cross_matrix(centre) @ frames.turns[:, bodies]
+        columns = told(np.zeros_like(by_turn), by_turn)
+        for k in range(self.body_count):
+            at, turn = POSE * k, self.first_pose + POSE * k + 3
+            gamma[:, self.first_pose + at : self.first_pose + at + POSE, turn : turn + 3] -= columns[:, at : at + POSE]
+        by_force, by_moment = (self._on_places(state, name, True)[:, : self.body_count] for name in LOADED)
+        heave = mass[:, None] * np.swapaxes(state.take(self, "gravity", True), 1, 2)[:, None]
+        directions[:, own] -= told(by_force + heave, by_moment + cross_matrix(centre) @ heave)
+
+    def _soften(self, gamma: FloatArray, residual: FloatArray, state: State, left: FloatArray) -> None:
+        """(12) Rods whose tips are held give way along themselves while the network is put together."""
+        soft = SOFT * left * self.soft[state.rows, None]
+        if not soft.any():
+            return
+        held = self.graph.ends[1].held
+        row, unknown = (self.places[held, at] for at in (GAP_AT.stop - 1, OWN - 1))
+        gamma[:, row, unknown] += soft
+        residual[:, row] += soft * (state.x[:, unknown] - self.opened_at[state.rows][:, unknown])
+
+    def _end_effector(self, state: State, equations: Equations) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Its position, rotation, and their columns by unknowns, then along directions."""
+        frames, k, d = state.frames, self.end_effector, self.direction_count
+        columns = np.zeros((len(state.rows), 6, self.unknown_count + d))
+        if k < self.body_count:
+            at = self.first_pose + POSE * k
+            columns[:, :3, at : at + 3], columns[:, 3:, at + 3 : at + 6] = frames.moves[:, k + 1], frames.turns[:, k + 1]
+            return frames.position[:, k + 1], frames.rotation[:, k + 1], columns
+        rod = self.graph.free[k - self.body_count]
+        position, by_all = equations.tips()
+        places = self.places[rod]
+        columns[..., : self.unknown_count] = Sums(places, self.unknown_count)(by_all[:, rod, :, :SIZE])
+        columns[..., self.unknown_count :] = by_all[:, rod, :, SIZE:]
+        return position[:, rod], equations.tip_rotation[:, rod], columns
+
+    def _keep(
+        self,
+        rows: IntArray,
+        residual: FloatArray,
+        gamma: FloatArray,
+        directions: FloatArray,
+        position: FloatArray,
+        rotation: FloatArray,
+        columns: FloatArray,
+    ) -> None:
+        """Results to where solvers read them."""
+        fault, steps = np.zeros(len(rows), dtype=np.int32), np.zeros(len(rows), dtype=np.int32)
+        for group in self.groups:
+            worst, taken = group.faults(rows)
+            fault, steps = np.maximum(fault, worst), steps + taken
+        finite = np.isfinite(residual).all(axis=1) & np.isfinite(gamma).all(axis=(1, 2))
+        fault[(fault == 0) & ~finite] = int(Fault.NONFINITE)
+        values = {"residual": residual, "gamma": gamma, "position": position, "rotation": rotation}
+        for name, found in values.items():
+            kept = self.read(name)
+            kept[rows] = found.reshape(len(rows), -1)
+            self.write(name, kept)
+        arrays = [(self.fault, fault), (self.step_count, steps)]
+        arrays += [(self.residual_directions, directions)] if self.direction_count else []
+        arrays += [(self.pose_columns, columns)] if self.pose_sensitivities else []
+        for array, found in arrays:
+            put(array, rows, found)
+
+    # ---- bodies ----
+
+    def frames(self, x: FloatArray, rows: IntArray) -> Frames:
+        """(4) The ground and the bodies at unknown poses ``x`` (k, body, 6) of the instances ``rows``, (k,)."""
+        count, bodies = len(rows), self.body_count
+        L, EI = (scale[rows, self.rod_count :, None] for scale in (self.length, self.stiffness))
+        reference_position, reference = (values[rows] for values in self.reference)
+        a = (L * x[..., 3:]).reshape(-1, 3)
+        position, rotation = np.zeros((count, bodies + 1, 3)), np.zeros((count, bodies + 1, 3, 3))
+        moves, turns, axes = np.zeros_like(rotation), np.zeros_like(rotation), np.zeros_like(rotation)
+        pull, twist = np.zeros((count, bodies + 1, 1)), np.zeros((count, bodies + 1, 1))
+        rotation[:, GROUND] = np.eye(3)
+        moves[:, 1:] = L[..., None] ** 2 * reference
+        position[:, 1:] = reference_position + np.einsum("bkij,bkj->bki", moves[:, 1:], x[..., :3])
+        rotation[:, 1:] = reference @ matrices(a).reshape(count, bodies, 3, 3)
+        turns[:, 1:] = L[..., None] * (reference @ left_jacobian(a).reshape(count, bodies, 3, 3))
+        axes[:, 1:] = reference
+        pull[:, 1:], twist[:, 1:] = L / EI, 1 / EI
+        return Frames(position, rotation, moves, turns, axes, pull, twist)
+
+    def pose_unknowns(self, position: FloatArray, rotation: FloatArray) -> FloatArray:
+        """(4) The unknowns (instance_count, 6 body_count) at poses (instance_count, body, ...)."""
+        L = self.length[:, self.rod_count :, None]
+        reference_position, reference = self.reference
+        back = np.swapaxes(reference, -1, -2)
+        move = np.einsum("bkij,bkj->bki", back, position - reference_position) / L**2
+        turn = vectors((back @ rotation).reshape(-1, 3, 3)).reshape(position.shape) / L
+        return np.asarray(np.concatenate([move, turn], axis=-1).reshape(self.instance_count, -1))
+
+    def body_poses(self) -> tuple[FloatArray, FloatArray]:
+        """Position (instance_count, body, 3) and rotation (instance_count, body, 3, 3) at ``unknowns``."""
+        x = self.read("unknowns")[:, self.first_pose :].reshape(self.instance_count, -1, POSE)
+        frames = self.frames(x, np.arange(self.instance_count))
+        return frames.position[:, 1:], frames.rotation[:, 1:]
+
+    # ---- where the search begins ----
+
+    def guess(self) -> FloatArray:
+        """Rods at rest, and bodies where they fit them best (``docs/networks.md``, 13).
+
+        What the residual is there is remembered and closes as ``load_factor`` goes from 0 to 1, (12).
+        """
+        apart = self.apart()
+        self.open_at(apart.unknowns, apart.residual)
+        return np.array(apart.unknowns)
+
+    def open_at(self, unknowns: FloatArray, residual: FloatArray) -> None:
+        """Make ``unknowns`` an equilibrium where ``load_factor`` is 0, by the residual there."""
+        self.opening[:], self.opened_at[:], self.soft[:] = residual, unknowns, 1.0
+
+    @property
+    def natural_singular_value(self) -> FloatArray:
+        """That at ``guess``."""
+        return self.apart().singular_value
+
+    def apart(self) -> Apart:
+        """The network taken apart at the present inputs; found once for all who ask."""
+        inputs = self.read("inputs")[:, : self.input_slice(LOADED[0]).start]
+        if self._found is None or not np.array_equal(self._found.inputs, inputs):
+            with self.unloaded(), np.errstate(all="ignore"):
+                x = np.zeros((self.instance_count, self.unknown_count))
+                for group in self.groups:
+                    own = group.backbones.guess().reshape(self.instance_count, len(group.members), -1)
+                    x[:, self.places[group.members][:, OWN_AT]] = own
+                for at, end in zip(ANGLES_AT, self.graph.ends, strict=True):
+                    self._set_angles(x, at, np.broadcast_to(end.table.rest, (self.instance_count, *end.table.rest.shape)))
+                self.write("unknowns", x)
+                self.soft[:], self.opened_at[:] = 1.0, x
+                self.integrate()
+                self._place(x)
+                self.write("unknowns", x)
+                self.opened_at[:] = x
+                self._assemble(self.state())
+                gamma = self.read("gamma").reshape(self.instance_count, self.unknown_count, -1)
+                sound = np.isfinite(gamma).all(axis=(1, 2))
+                least = np.ones(self.instance_count)
+                least[sound] = np.minimum(1.0, np.linalg.svd(gamma[sound], compute_uv=False)[:, -1])
+                self._found = Apart(inputs, x, self.read("residual"), least)
+        return self._found
+
+    def state(self) -> State:
+        """Of all instances."""
+        return State(self, np.arange(self.instance_count))
+
+    def _set_angles(self, x: FloatArray, at: slice, angles: FloatArray) -> None:
+        """Angles (instance_count, rod, 3) as unknowns."""
+        places = self.places[:, at]
+        rods, which = np.nonzero(places >= 0)
+        x[:, places[rods, which]] = angles[:, rods, which] / self.length[:, rods]
+
+    def _place(self, x: FloatArray) -> None:
+        """(13) Bodies by the rods as they were integrated, and the angles of joints at tips by both."""
+        rods = self.integrated(self.state())
+        position, rotation = placed(self.graph.placing(self.instance_count, self.batch_shape), rods.position, rods.rotation)
+        x[:, self.first_pose :] = self.pose_unknowns(position[:, 1:], rotation[:, 1:])
+        self.write("unknowns", x)
+        base, tip = self.state().ends
+        turned = np.swapaxes(tip.frame, -1, -2) @ base.rotation @ rods.rotation
+        self._set_angles(x, ANGLES_AT[1], self.graph.ends[1].table.fitted(turned))
+
+    @contextmanager
+    def unloaded(self) -> Iterator[None]:
+        """Within it, all instances may be evaluated without loads; everything is as it was afterwards."""
+        kept = (self.fault, self.step_count, self.residual_directions, self.pose_columns)
+        values = [np.array(array.numpy()) for array in kept]
+        records = self.snapshot()
+        own = [np.array(values) for values in (self.opening, self.opened_at, self.soft, self.loading)]
+        self.opening[:], self.soft[:], self.loading[:] = 0.0, 0.0, int(Loading.NONE)
+        try:
+            with self.everyone(), self.at_load(0.0):
+                yield
+        finally:
+            self.restore(records)
+            for array, before in zip(kept, values, strict=True):
+                array.assign(before)
+            self.opening[:], self.opened_at[:], self.soft[:], self.loading[:] = own
+
+    def curvature_scale(self) -> FloatArray:  # noqa: D102
+        own = [group.backbones.curvature_scale().reshape(self.instance_count, -1) for group in self.groups]
+        return np.asarray(np.concatenate(own, axis=1).max(axis=1))
+
+    def load_scale(self) -> FloatArray:
+        """What acts on rods, bodies and tips, and how far tips are from where they are to be: a turn is a moment in ``EI/L``."""
+        with self.everyone():
+            self.hand_over(np.arange(self.instance_count))
+        own = [group.backbones.load_scale().reshape(self.instance_count, -1).max(axis=1) for group in self.groups]
+        total = np.sum(own, axis=0)
+        inputs, L, EI = self.read("inputs"), self.length, self.stiffness
+        rods = [*range(self.rod_count, self.rod_count + self.body_count), *self.graph.free]  # scales of what loads act on
+        for name, power in zip(LOADED, (2, 1), strict=True):
+            size = np.linalg.norm(inputs[:, self.input_slice(name)].reshape(self.instance_count, -1, 3), axis=2)
+            total += (size * L[:, rods] ** power / EI[:, rods]).sum(axis=1)
+        gravity = np.linalg.norm(inputs[:, self.input_slice("gravity")], axis=1)
+        bodies = slice(self.rod_count, None)
+        total += gravity * (self.graph.mass * L[:, bodies] ** 2 / EI[:, bodies]).sum(axis=1)
+        held = self.graph.ends[1].held
+        if held.any():
+            gap = self.apart().residual[:, self.places[held, OWN_AT]] * L[:, : self.rod_count][:, held, None]
+            total += (GAP_LOAD * np.linalg.norm(gap[..., :3], axis=2) + np.linalg.norm(gap[..., 3:], axis=2)).max(axis=1)
+        return np.asarray(total)
+
+
+def put(array: Any, rows: IntArray, values: FloatArray) -> None:
+    """Set some rows of an array of Warp's."""
+    host = array.numpy()
+    host[rows] = values
+    if not wp.get_device(array.device).is_cpu:
+        array.assign(host)
+
+
+def _fields(rods: Integrated) -> tuple[FloatArray, ...]:
+    return tuple(vars(rods).values())
+
+
+PER_ROD = ("rotation", "translation")
+LOADED = ("force", "moment")  # of bodies and tips
+
+
+def input_places(rod_count: int, load_places: int) -> dict[str, slice]:
+    """Where each input stands in a row."""
+    sizes = {name: rod_count for name in PER_ROD} | {name: 3 * load_places for name in LOADED} | {name: 3 for name in ALONG}
+    ends = np.cumsum([0, *sizes.values()]).tolist()
+    return {name: slice(ends[k], ends[k + 1]) for k, name in enumerate(sizes)}
+
+
+def _places(graph: Graph) -> tuple[NDArray[np.intp], int]:
+    """Where the variables of each element stand among the unknowns, and its rows among the residuals, -1 of what there is not,
+    shape (rod_count, SIZE); and where the poses of bodies begin."""
+    places = np.full((len(graph.rods), SIZE), -1, dtype=np.intp)
+    first = 0
+    for rod in range(len(graph.rods)):
+        places[rod, OWN_AT] = range(first, first + OWN)
+        first += OWN
+        for at, end in zip(ANGLES_AT, graph.ends, strict=True):
+            count = int(end.table.count[rod])
+            places[rod, at.start : at.start + count] = range(first, first + count)
+            first += count
+    for at, end in zip(POSES_AT, graph.ends, strict=True):
+        for rod, frame in enumerate(end.frame):
+            if frame > GROUND:
+                places[rod, at] = first + POSE * (frame - 1) + np.arange(POSE)
+    return places, first
+
+
+def _blocks(graph: Graph, places: NDArray[np.intp], first_pose: int, n: int) -> list[Block]:
+    """One block a rod, then one of all bodies.
+
+    A straight inextensible rod does not answer a force along itself: where its tip is held, that force and the gap along the base
+    stand with the bodies, and what is left of each rod is regular by itself.
+    """
+    blocks: list[Block] = []
+    forces: list[int] = []
+    gaps: list[int] = []
+    held = graph.ends[1].held
+    for k, name in enumerate(graph.names):
+        own = places[k][: POSES_AT[0].start]
+        own = own[own >= 0]
+        force, gap = int(places[k, OWN - 1]), int(places[k, GAP_AT.stop - 1])
+        if held[k] and graph.bodies:
+            blocks.append(Block(name, own[own != force], own[own != gap], k))
+            forces, gaps = [*forces, force], [*gaps, gap]
+        else:
+            blocks.append(Block(name, own, own, k))
+    if graph.bodies:
+        poses = np.arange(first_pose, n)
+        unknowns, residuals = (np.array([*along, *poses], dtype=np.intp) for along in (forces, gaps))
+        blocks.append(Block("bodies", unknowns, residuals))
+    return blocks
