@@ -45,6 +45,11 @@ class Assembly(ABC):
     length_columns: ClassVar[bool] = False  # whether its problems take ``lengths``, and give how the lengths of lines vary
 
     @property
+    def end_loads(self) -> dict[str, slice]:
+        """Inputs that are the dead force and the dead moment on the end effector, and which of their numbers are."""
+        return {"tip_force": slice(0, 3), "tip_moment": slice(0, 3)}
+
+    @property
     def lines(self) -> "list[tuple[int, Line]]":
         """Lines of all rods in their order, each with the index of its rod."""
         return [(k, line) for k, rod in enumerate(self.rods) for line in rod.lines]

@@ -266,9 +266,12 @@ def stiffness(solution: "Solution[Any]") -> FloatArray:
     """What ``Solution.stiffness`` says; (D14)."""
     assembly = solution.assembly
     names = {spec.name for spec in assembly.input_specs}
-    if assembly.end_held or not {"tip_force", "tip_moment"} <= names or "platform_position" in names:
+    loads = assembly.end_loads
+    if assembly.end_held or not set(loads) <= names or "platform_position" in names:
         raise AttributeError(f"{type(assembly).__name__} has no stiffness of its end: something holds it")
-    compliance = np.array(jacobian(solution, ("tip_force", "tip_moment"), "pose", None, 0))
+    parts = [np.arange(assembly.column_count(name))[own] for name, own in loads.items()]
+    columns = np.concatenate([parts[0], assembly.column_count(next(iter(loads))) + parts[1]])
+    compliance = np.array(jacobian(solution, tuple(loads), "pose", None, 0)[..., columns])
     if "force_point" in names:
         arm = (solution.tip_rotation @ solution.inputs.force_point[..., None])[..., 0]
         compliance[..., :3] -= compliance[..., 3:] @ cross_matrix(arm)

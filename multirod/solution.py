@@ -306,7 +306,8 @@ class Solution(Generic[Robot_co]):
             AttributeError: If the assembly has no bodies: ``Network`` has.
             ValueError: If there is no such body.
         """
-        return self._masked(self._body_poses[0][:, self._body_index(body)], (3,))
+        index = self._body_index(body)
+        return self._masked(self._body_poses[0][:, index], (3,))
 
     def body_rotation(self, body: str) -> FloatArray:
         """Rotation of a body, body to world, shape (..., 3, 3).
@@ -314,7 +315,8 @@ class Solution(Generic[Robot_co]):
         Raises:
             AttributeError, ValueError: As ``body_position``.
         """
-        return self._masked(self._body_poses[1][:, self._body_index(body)], (3, 3))
+        index = self._body_index(body)
+        return self._masked(self._body_poses[1][:, index], (3, 3))
 
     def _body_index(self, body: str) -> int:
         index: Callable[[str], int] | None = getattr(self.assembly, "body_index", None)

@@ -254,3 +254,10 @@ def test_a_broken_solver_of_another_package_is_named_and_the_others_are_listed(t
         found = mr.registered_solvers()
     assert found == expected
     sys.modules.pop("broken_solver", None)
+
+
+def test_stacked_platforms_balance(example, tmp_path):
+    left, tilt = example("stacked_platforms.py").main(["--out", str(tmp_path / "stacked.png")])
+    assert left < 1e-9  # of some newtons
+    assert 10 < tilt < 20
+    assert (tmp_path / "stacked.png").stat().st_size > 10_000

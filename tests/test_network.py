@@ -94,7 +94,9 @@ def test_six_legs_are_parallel_rods(kind):
 
 @pytest.mark.parametrize("count", [2, 4, 8])
 def test_a_chain_is_one_rod(count):
-    whole = mr.Rod(length=0.4, bending_stiffness=(0.2233, 0.3), torsional_stiffness=0.0638, precurvature=(4, 2, 1), linear_density=0.05)
+    whole = mr.Rod(
+        length=0.4, bending_stiffness=(0.2233, 0.3), torsional_stiffness=0.0638, precurvature=(4, 2, 1), linear_density=0.05
+    )
     piece = mr.Rod(
         length=0.4 / count,
         bending_stiffness=(0.2233, 0.3),
@@ -114,7 +116,9 @@ def test_a_chain_is_one_rod(count):
 
 
 def test_a_rod_between_grounds_is_a_held_rod():
-    rod = mr.Rod(length=0.4, bending_stiffness=(0.2233, 0.3), torsional_stiffness=0.0638, precurvature=(1.0, 0.3, 0.5), linear_density=0.02)
+    rod = mr.Rod(
+        length=0.4, bending_stiffness=(0.2233, 0.3), torsional_stiffness=0.0638, precurvature=(1.0, 0.3, 0.5), linear_density=0.02
+    )
     end = pose((0.3, -0.2, 0.5), (0.07, 0.03, 0.32))
     for kind, base in (("clamped", "clamped"), ("spherical", "revolute"), ("revolute", "spherical")):
         axis = (0.6, 0, 0.8)
@@ -131,3 +135,275 @@ def test_a_rod_between_grounds_is_a_held_rod():
         assert found.status is expected.status is mr.Status.CONVERGED
         for name in ("position", "moment", "force"):
             np.testing.assert_allclose(getattr(found.rod("rod"), name), getattr(expected.rod(0), name), atol=1e-8)
+
+
+# ---- joints of all kinds, springs, rods that stand on bodies, loads everywhere ----
+
+BENT = mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638, precurvature=(1.0, 0.3, 0.5), linear_density=0.02)
+GIVEN = {
+    "rotation": {"left": 0.3, "upper": -0.2},
+    "translation": {"right": 0.02},
+    "force": {"plate": (0.3, 0.2, -0.2), "feeler": (0.1, 0.05, -0.1)},
+    "moment": {"top": (0.01, 0.02, 0.03), "feeler": (0.002, 0.01, 0.003)},
+    "gravity": (0, 1, -9.81),
+    "distributed_force": (0.1, 0.05, 0.2),
+}
+
+
+def mixed(end_effector="top", base=None):
+    plate, top = mr.Body("plate", mass=0.05, mass_centre=(0.01, 0, 0.02)), mr.Body("top", mass=0.02)
+    on_ground, on_plate = circle((0, 180), 0.08), circle((20, 200), 0.06)
+    joints = [
+        mr.Joint("left", "base", to=mr.ground, pose=on_ground[0]),
+        mr.Joint("left", "tip", to=plate, pose=on_plate[0], kind="revolute", axis=(0, 0.6, 0.8), stiffness=0.2),
+        mr.Joint("right", "base", to=mr.ground, pose=on_ground[1], kind="universal", stiffness=(0.3, 0)),
+        mr.Joint("right", "tip", to=plate, pose=on_plate[1], kind="spherical", stiffness=0.1),
+        mr.Joint("upper", "base", to=plate, pose=pose((0.2, 0, 0), (0.01, 0, 0.02)), kind="spherical", stiffness=0.4),
+        mr.Joint("upper", "tip", to=top, kind="universal", stiffness=(0.1, 0.2), rest=(0.1, -0.2)),
+        mr.Joint("feeler", "base", to=top, pose=pose((0.3, 0.5, 0), (0, 0, 0.01)), kind="revolute", stiffness=0.3),
+    ]
+    rods = dict.fromkeys(("left", "right", "upper", "feeler"), BENT)
+    return mr.Network(rods=rods, bodies=[plate, top], joints=joints, end_effector=end_effector, base=base)
+
+
+@pytest.mark.parametrize("end_effector", ["top", "feeler"])
+def test_derivatives(end_effector):
+    """``check_assembly`` holds Gamma, columns and poses against differences, and instances alone against a batch."""
+    robot = mixed(end_effector)
+    vary = ("rotation", "translation", "force", "gravity", "distributed_force") if end_effector == "feeler" else ("moment",)
+    tip_rod = 3 if end_effector == "feeler" else None
+    check_assembly(robot, robot.inputs(**GIVEN), tip_rod=tip_rod, vary=vary, solvers=("shooting",))
+
+
+@pytest.mark.parametrize("level", [1.0, 0.4])
+def test_gamma_by_differences_of_the_sixth_order(difference, level):
+    """Off the equilibrium, and on the way there, while the network is put together."""
+    robot = mixed()
+    problem = robot.problem(robot.inputs(**GIVEN), integrator=mr.RK4(20))
+    rng = np.random.default_rng(3)
+    x = problem.guess() + rng.standard_normal(problem.unknown_count)
+    with problem.at_load(level):
+        _, gamma = problem.evaluate(x)
+        for _ in range(6):
+            way = rng.standard_normal(problem.unknown_count)
+            by_difference = difference(lambda t, way=way: problem.evaluate(x + t * way)[0][0], 1e-2)
+            # what rounding leaves of differences of 1e-2, and their sixth order
+            np.testing.assert_allclose(gamma[0] @ way, by_difference, atol=1e-8)
+
+
+def test_every_body_is_in_equilibrium():
+    """By the forces in the rods alone: nothing of the balance that was solved is used."""
+    robot = mixed()
+    solution = mr.solve(robot, robot.inputs(**GIVEN), solver=EXACT)
+    rods = {rod.name: solution.rod(rod.name) for rod in robot.rods}
+    for body in robot.bodies:
+        p, R = solution.body_position(body.name), solution.body_rotation(body.name)
+        weight = body.mass * np.array(GIVEN["gravity"])
+        force = weight + np.array(GIVEN["force"].get(body.name, (0, 0, 0)))
+        moment = np.cross(R @ body.mass_centre, weight) + np.array(GIVEN["moment"].get(body.name, (0, 0, 0)))
+        for joint in robot.joints:
+            if joint.to is not body:
+                continue
+            shape, k = rods[joint.rod], 0 if joint.end == "base" else -1
+            sense = 1.0 if joint.end == "base" else -1.0  # what a rod does to what holds its base, and its tip
+            n, m = (sense * shape.rotation[k] @ values[k] for values in (shape.force, shape.moment))
+            force, moment = force + n, moment + m + np.cross(shape.position[k] - p, n)
+            np.testing.assert_allclose(shape.position[k], p + R @ joint.pose[:3, 3], atol=1e-9)
+        np.testing.assert_allclose(force, 0, atol=1e-9)
+        np.testing.assert_allclose(moment, 0, atol=1e-9)
+    feeler = rods["feeler"]
+    np.testing.assert_allclose(feeler.rotation[-1] @ feeler.force[-1], GIVEN["force"]["feeler"], atol=1e-9)
+
+
+def test_springs_of_joints_balance_the_moment_about_their_axes():
+    robot = mixed()
+    solution = mr.solve(robot, robot.inputs(**GIVEN), solver=EXACT)
+    for joint in robot.joints:
+        if joint.kind not in ("revolute", "spherical"):
+            continue
+        shape, k = solution.rod(joint.rod), 0 if joint.end == "base" else -1
+        holder = np.eye(3) if joint.to is mr.ground else solution.body_rotation(joint.to.name)
+        angle = GIVEN["rotation"].get(joint.rod, 0.0) if k == 0 else 0.0
+        frame = holder @ joint.pose[:3, :3]
+        end = shape.rotation[k] @ rodrigues((0, 0, -angle))
+        turn = frame.T @ end
+        skew = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+        angles = skew / np.linalg.norm(skew) * np.arccos((np.trace(turn) - 1) / 2)
+        moment = (1.0 if k == 0 else -1.0) * frame.T @ shape.rotation[k] @ shape.moment[k]
+        axes = joint.axes
+        np.testing.assert_allclose(axes @ moment, joint.stiffness * (axes @ angles), atol=1e-8)
+        if joint.kind == "revolute":
+            np.testing.assert_allclose(angles - axes[0] * (axes[0] @ angles), 0, atol=1e-8)
+
+
+def test_the_ground_may_be_anywhere():
+    """Turned and moved as a whole, with its loads, a network has the same unknowns."""
+    where = pose((0.4, -0.9, 1.7), (3.0, -2.0, 1.0))
+    here, there = mixed(), mixed(base=where)
+    turned = {
+        name: {key: where[:3, :3] @ value for key, value in given.items()} if isinstance(given, dict) else where[:3, :3] @ given
+        for name, given in GIVEN.items()
+        if name not in ("rotation", "translation")
+    }
+    problems = [
+        robot.problem(robot.inputs(**{**GIVEN, **given}), integrator=RK4) for robot, given in ((here, {}), (there, turned))
+    ]
+    x = problems[0].guess() + 0.5
+    (residual, gamma), (same, also) = (problem.evaluate(x) for problem in problems)
+    np.testing.assert_allclose(problems[1].guess(), problems[0].guess(), atol=1e-12)
+    np.testing.assert_allclose(same, residual, atol=1e-12 * np.abs(residual).max())
+    np.testing.assert_allclose(also, gamma, atol=1e-12 * np.abs(gamma).max())
+    poses = [problem.body_poses() for problem in problems]
+    np.testing.assert_allclose(poses[1][0], poses[0][0] @ where[:3, :3].T + where[:3, 3], atol=1e-12)
+    np.testing.assert_allclose(poses[1][1], where[:3, :3] @ poses[0][1], atol=1e-12)
+
+
+def test_rods_may_be_put_either_way_round():
+    """A rod from the plate to the ground is the one from the ground to the plate, its loads and its other end the other way."""
+    straight = mr.Rod(length=0.3, bending_stiffness=0.2, torsional_stiffness=0.15, linear_density=0.05)
+    over = pose((np.pi, 0, 0))
+    found = []
+    for turned in (False, True):
+        plate = mr.Body("plate", mass=0.05)
+        joints = []
+        for k, place in enumerate(circle((0, 120, 240), 0.05)):
+            first, last = ("tip", "base") if turned and k == 1 else ("base", "tip")
+            how = place @ over if turned and k == 1 else place
+            joints.append(mr.Joint(f"rod {k}", first, to=mr.ground, pose=how))
+            joints.append(mr.Joint(f"rod {k}", last, to=plate, pose=how))
+        robot = mr.Network(rods={f"rod {k}": straight for k in range(3)}, bodies=[plate], joints=joints)
+        inputs = robot.inputs(force={"plate": (0.4, 0.1, -0.3)}, gravity=(1, 2, -9.81))
+        found.append(mr.solve(robot, inputs, solver=EXACT).raise_if_failed())
+    np.testing.assert_allclose(found[1].tip_position, found[0].tip_position, atol=1e-9)
+    np.testing.assert_allclose(found[1].tip_rotation, found[0].tip_rotation, atol=1e-9)
+    np.testing.assert_allclose(found[1].energy, found[0].energy, rtol=1e-7)
+
+
+def test_batches_motions_and_loops():
+    robot = hexapod()
+    forces = np.linspace(0, 1, 4)[:, None] * FORCE
+    batch = mr.solve(robot, robot.inputs(force={"plate": forces}), solver=EXACT)
+    alone = mr.solve(robot, robot.inputs(force=forces[2]), solver=EXACT)
+    np.testing.assert_allclose(batch.body_position("plate")[2], alone.body_position("plate"), atol=1e-12)
+    np.testing.assert_array_equal(batch.body_position("plate"), batch.tip_position)
+    time = np.linspace(0, 1, 4)
+    history = mr.simulate(robot, robot.inputs(force=forces), time=time, solver=EXACT)
+    tracker = mr.Tracker(robot, solver=EXACT, inputs=robot.inputs(force=forces[0] + [1e-9, 0, 0]))
+    for force in forces:
+        step = tracker.step(force={"plate": force})
+    np.testing.assert_allclose(step.tip_position, history.tip_position[-1], atol=1e-9)
+    np.testing.assert_allclose(step.tip_position, batch.tip_position[-1], atol=1e-9)
+
+
+def test_the_stiffness_is_that_of_the_force_on_the_end_effector():
+    robot = mixed()
+    inputs = robot.inputs(**GIVEN)
+    solution = mr.solve(robot, inputs, solver=EXACT)
+    compliance = solution.jacobian("force", "moment")[:, [3, 4, 5, 12, 13, 14]]  # plate, top, feeler
+    np.testing.assert_allclose(solution.stiffness @ compliance, np.eye(6), atol=1e-8)
+
+
+def test_what_fails_says_so_and_is_no_number():
+    """A column that is pressed beyond its critical load has no branch to follow past the bifurcation."""
+    robot = chain(mr.Rod(length=0.2, bending_stiffness=0.2, torsional_stiffness=0.15), 2)
+    solution = mr.solve(robot, robot.inputs(force={"disc 1": (0, 0, -10.0)}), solver=EXACT)
+    assert solution.status.failed
+    assert np.isnan(solution.tip_position).all()
+    assert np.isnan(solution.body_position("disc 0")).all()
+    assert np.isnan(solution.rod(0).position).all()
+
+
+# ---- what is refused ----
+
+
+def test_what_nothing_holds_or_moves_freely_is_named():
+    plate, other = mr.Body("plate"), mr.Body("other")
+    base, tip = mr.Joint("leg", "base", to=mr.ground), mr.Joint("leg", "tip", to=plate)
+    rods = {"leg": LEG}
+
+    def refused(match, **made):
+        with pytest.raises(ValueError, match=match):
+            mr.Network(**{"rods": rods, "bodies": [plate], "joints": [base, tip]} | made)
+
+    refused("nothing holds the base of rod 'leg'", joints=[tip])
+    refused("nothing holds body 'other': no rod is joined to it", bodies=[plate, other])
+    adrift = [mr.Joint("far", "base", to=other), mr.Joint("far", "tip", to=other, pose=pose(position=(0.3, 0, 0)))]
+    refused(
+        "no chain of rods joins it to the ground",
+        rods=legs(1) | {"leg": LEG, "far": LEG} | {},
+        bodies=[plate, other],
+        joints=[base, tip, mr.Joint("leg 0", "base", to=mr.ground), *adrift],
+    )
+    refused("the tip of rod 'leg' is held already", joints=[base, tip, tip])
+    refused("there is no rod 'log'; did you mean 'leg'?", joints=[base, mr.Joint("log", "tip", to=plate)])
+    refused("body 'other' is not among bodies", joints=[base, mr.Joint("leg", "tip", to=other)])
+    refused("must have a name of its own", rods={"plate": LEG}, joints=[])
+    refused("end_effector = 'leg' is not allowed: must be a body, or a rod whose tip is free: 'plate'", end_effector="leg")
+    refused("there is none: add a body", bodies=[], joints=[base, mr.Joint("leg", "tip", to=mr.ground)])
+    ball = mr.Joint("leg", "tip", to=plate, kind="spherical")
+    refused("body 'plate' is free to move in 3 ways", joints=[base, ball])
+    refused(
+        "rod 'leg' is free to move: its joints let it turn about itself",
+        joints=[mr.Joint("leg", "base", to=mr.ground, kind="spherical"), ball],
+    )
+    refused(
+        "rod 'leg' is free to move: its base turns", bodies=[], joints=[mr.Joint("leg", "base", to=mr.ground, kind="revolute")]
+    )
+    # what has a spring is held
+    mr.Network(rods=rods, bodies=[plate], joints=[base, mr.Joint("leg", "tip", to=plate, kind="spherical", stiffness=0.1)])
+    with pytest.raises(TypeError, match="Network.rods must be a mapping of names to Rod"):
+        mr.Network(rods=[LEG], joints=[base])
+    tendon = mr.Rod(length=0.2, bending_stiffness=0.01, torsional_stiffness=0.008, lines=[mr.Tendon(offset=(0.005, 0))])
+    refused(r"Network.rods\['leg'\].* must have no lines", rods={"leg": tendon})
+
+
+def test_joints_and_bodies_are_checked():
+    for match, made in (
+        ("Joint.end = 'top' is not allowed", {"end": "top"}),
+        ("Joint.kind = 'pinned' is not allowed", {"kind": "pinned"}),
+        ("Joint.axis .* a clamped joint has none", {"axis": (1, 0, 0)}),
+        ("two axes that are perpendicular", {"kind": "universal", "axis": ((1, 0, 0), (1, 1, 0))}),
+        (r"must have shape \(3,\) for a revolute joint", {"kind": "revolute", "axis": ((1, 0, 0), (0, 1, 0))}),
+        ("Joint.stiffness = -1 is not allowed: must be >= 0", {"kind": "revolute", "stiffness": -1}),
+        ("a clamped joint has no axis", {"stiffness": 1.0}),
+        ("turn its pose instead", {"kind": "spherical", "rest": 0.1}),
+        ("as stiff about all axes", {"kind": "spherical", "stiffness": (1, 1, 2)}),
+        ("must be a rotation", {"pose": 2 * np.eye(4)}),
+    ):
+        with pytest.raises(ValueError, match=match):
+            mr.Joint("rod", **{"end": "tip", "to": mr.ground} | made)
+    with pytest.raises(TypeError, match="must be a Body or mr.ground"):
+        mr.Joint("rod", "tip", to="plate")
+    with pytest.raises(ValueError, match="must be a name, and not 'ground'"):
+        mr.Body("ground")
+    with pytest.raises(ValueError, match="Body.mass = -1"):
+        mr.Body("plate", mass=-1)
+    with pytest.warns(mr.PlausibilityWarning, match="Body.mass = 120 kg of 'plate'"):
+        mr.Body("plate", mass=120)
+
+
+def test_inputs_are_given_by_name():
+    robot = chain(mr.Rod(length=0.2, bending_stiffness=0.2, torsional_stiffness=0.15), 2)
+    assert robot.load_places == ("disc 0", "disc 1")
+    by_name = robot.inputs(force={"disc 1": np.ones((4, 3))}, rotation={"piece 1": 0.1})
+    assert by_name.batch_shape == (4,)
+    np.testing.assert_array_equal(by_name.force[2], [0, 0, 0, 1, 1, 1])
+    np.testing.assert_array_equal(by_name.rotation[0], [0, 0.1])
+    np.testing.assert_array_equal(robot.inputs(force=np.arange(6).reshape(2, 3)).force, np.arange(6))
+    for match, given in (
+        ("force = 'disc 7' is not allowed: must be by name, one of 'disc 0', 'disc 1'", {"force": {"disc 7": (1, 0, 0)}}),
+        (r"force\['disc 1'\] = \(1, 0\) is not allowed: must have shape \(..., 3\)", {"force": {"disc 1": (1, 0)}}),
+        ("rod 'piece 0': translation = -0.5", {"translation": {"piece 0": -0.5}}),
+        ("no rod has a linear_density, and no body a mass", {"gravity": (0, 0, -9.81)}),
+    ):
+        with pytest.raises(ValueError, match=match):
+            robot.inputs(**given)
+    with pytest.raises(TypeError, match="takes no 'tip_force'.*did you mean 'force'"):
+        robot.inputs(tip_force=(0, 0, 1))
+    solution = mr.solve(robot, robot.inputs(), solver=EXACT)
+    with pytest.raises(ValueError, match="must be one of 'disc 0', 'disc 1'; did you mean 'disc 1'"):
+        solution.body_position("disk 1")
+    single = mr.SingleRod(LEG)
+    with pytest.raises(AttributeError, match="SingleRod has no bodies"):
+        mr.solve(single, single.inputs(), solver=EXACT).body_rotation("plate")
+    assert repr(robot) == "Network(2 rods, 2 bodies, 4 joints, end effector 'disc 1')"

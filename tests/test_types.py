@@ -10,6 +10,7 @@ import sys
 import sysconfig
 import zipfile
 from importlib.util import find_spec
+from itertools import pairwise
 from pathlib import Path
 from typing import get_args
 
@@ -153,6 +154,7 @@ def robots() -> dict[str, list[mr.Assembly]]:
         "ParallelRods": [six, with_lines],
         "InverseParallelRods": [six.inverse(), pressed.inverse()],
         "HeldRod": [mr.HeldRod(plain), mr.HeldRod(lined)],
+        "Network": [mr.Network(rods={"wire": plain}, joints=[mr.Joint("wire", "base", to=mr.ground)])],
     }
 
 
@@ -165,7 +167,8 @@ def test_inputs_that_a_robot_takes_print_as_a_table(name):
         size = "rods" if spec.per_rod else spec.size(robot.rod_count)
         shown = [spec.name + "*" * spec.function, spec.unit, f"(..., {size})", spec.description]
         assert [cell.strip() for cell in re.split(r"  +", row)] == shown
-    assert rows[len(robot.input_specs) :] == ["* or a function of the arclength"]
+    functions = any(spec.function for spec in robot.input_specs)
+    assert rows[len(robot.input_specs) :] == ["* or a function of the arclength"] * functions
     assert robot.input_specs._repr_html_().count("<tr>") == len(robot.input_specs) + 1
 
 
@@ -190,22 +193,24 @@ def test_typed_inputs_are_those_that_a_robot_takes(name):
     assert set(signature.parameters) == {"self", *named}
     assert named <= set(typed.KnownInputs.__annotations__)
     assert named <= set(inspect.signature(mr.Tracker.step).parameters)
-    described = descriptions()
+    described = descriptions(f"{name}Inputs")
     for spec in specs.values():
         assert f"[{spec.unit}]" in described[spec.name], spec.name
         assert ("rod_count" in described[spec.name]) == spec.per_rod, spec.name
         assert ("function of the arclength" in described[spec.name]) == spec.function, spec.name
 
 
-def descriptions() -> dict[str, str]:
-    """What an editor shows of each input: the text below the field."""
+def descriptions(name: str) -> dict[str, str]:
+    """What an editor shows of each input of a class: the text below the field, there or in what it is derived from."""
+    classes = {cls.name: cls for cls in ast.parse(Path(typed.__file__).read_text()).body if isinstance(cls, ast.ClassDef)}
     found = {}
-    for cls in ast.parse(Path(typed.__file__).read_text()).body:
-        if isinstance(cls, ast.ClassDef) and cls.name != "KnownInputs":
-            for field, text in zip(cls.body, cls.body[1:], strict=False):
-                if isinstance(field, ast.AnnAssign):
-                    assert isinstance(text, ast.Expr), field.target.id
-                    found[field.target.id] = text.value.value
+    for base in classes[name].bases:
+        if isinstance(base, ast.Name) and base.id in classes:
+            found |= descriptions(base.id)
+    for field, text in pairwise(classes[name].body):
+        if isinstance(field, ast.AnnAssign):
+            assert isinstance(text, ast.Expr), field.target.id
+            found[field.target.id] = text.value.value
     return found
 
 

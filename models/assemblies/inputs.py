@@ -13,7 +13,6 @@ from typing import Any, Literal, TypeAlias, TypedDict, TypeVar, dataclass_transf
 from multirod.inputs import InputSpec
 from multirod.types import AlongRod, Numbers
 
-
 ByName: TypeAlias = Numbers | Mapping[str, Numbers]
 
 
@@ -143,6 +142,10 @@ class NetworkInputs(Fields, total=False):
 class KnownInputs(InverseParallelRodsInputs, total=False):
     """Those of all robots: which of them a tracker's robot takes, editors that read no types do not know."""
 
+    force: ByName
+    """As for ``Network``."""
+    moment: ByName
+    """As for ``Network``."""
     end_position: Numbers
     """As for ``HeldRod``."""
     end_rotation: Numbers

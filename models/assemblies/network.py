@@ -10,7 +10,7 @@ import numpy as np
 from multirod.assembly import Assembly, pose
 from multirod.batch import IntArray
 from multirod.inputs import Inputs, InputSpec, InputSpecs
-from multirod.models.assemblies.inputs import NetworkInput, NetworkInputs
+from multirod.models.assemblies.inputs import NetworkInput, NetworkInputs, listed
 from multirod.models.assemblies.single_rod import SingleRod
 from multirod.models.backbone.inputs import BY_MATERIAL
 from multirod.models.backbone.kernels.layout.features import Features
@@ -122,30 +122,35 @@ class Network(Assembly):
     if TYPE_CHECKING:
         _input_name: NetworkInput
 
+    @listed(*INPUTS[:2], *LOAD_INPUTS, *INPUTS[2:])
     def inputs(self, **values: Unpack[NetworkInputs]) -> Inputs:  # type: ignore[override]  # these, and no others
-        """Actuation and loads by name, all optional, each a mapping of names to values, or an array.
+        """Actuation and loads by name, all optional: numbers or arrays, whose leading axes ``...`` broadcast.
 
-        What is not named is zero. A leading axis makes a batch, an instance for each entry.
+        ``rotation`` and ``translation`` are also taken by names of rods, ``{"leg 0": 0.1}``, and ``force`` and ``moment`` by
+        those of ``load_places``, ``{"plate": (0, 0, -2)}``; as arrays these have the shape (..., place_count, 3). What is not
+        named is zero. A leading axis makes a batch, an instance for each entry.
 
         Args:
-            **values: Those of ``NetworkInputs``: ``rotation`` [rad] and ``translation`` [m], one number for each rod; ``force``
-                [N] and ``moment`` [N m], three for each of ``load_places``, as an array (..., place_count, 3);
-                ``distributed_force`` [N/m], ``distributed_moment`` [N], ``gravity`` [m/s^2] and ``magnetic_field`` [T], (..., 3),
-                which act on all rods alike.
+            **values: Those of ``NetworkInputs``.
 
         Returns:
             The inputs, checked, as ``solve`` and ``simulate`` take them.
 
         Raises:
             TypeError: If a name is not one of these.
-            ValueError: If a value is out of range, not finite or of a wrong shape, names what is not there, or the leading axes do
-                not broadcast.
+            ValueError: If a value is out of range, not finite or of a wrong shape, names what is not there, or the leading axes
+                do not broadcast.
         """
         return super().inputs(**NetworkInputs(**values))
 
     @property
     def input_specs(self) -> tuple[InputSpec, ...]:  # noqa: D102
         return self._specs
+
+    @property
+    def end_loads(self) -> dict[str, slice]:  # noqa: D102
+        own = slice(3 * self._end_effector, 3 * self._end_effector + 3)
+        return dict.fromkeys(LOADED, own)
 
     def make_inputs(self, values: Mapping[str, Any]) -> Inputs:  # noqa: D102
         plain = dict(values)
@@ -212,8 +217,10 @@ class Network(Assembly):
 
     def __repr__(self) -> str:
         kinds = (("rod", len(self.rods)), ("bod", len(self.bodies)), ("joint", len(self.joints)))
-        counts = [f"{count} {name}" + ("y" * (count == 1) + "ies" * (count != 1) if name == "bod" else "s" * (count != 1))
-                  for name, count in kinds]
+        counts = [
+            f"{count} {name}" + ("y" * (count == 1) + "ies" * (count != 1) if name == "bod" else "s" * (count != 1))
+            for name, count in kinds
+        ]
         return f"Network({', '.join(counts)}, end effector {self.load_places[self._end_effector]!r})"
 
 
@@ -221,7 +228,9 @@ def _refuse_rod(name: str, rod: Rod) -> None:
     if rod.is_embedded:
         refuse(f"Network.rods[{name!r}]", rod, "must have no foundation: it is modelled for one backbone with a free tip")
     if rod.lines or drives(SingleRod(rod).arrays.members):
-        refuse(f"Network.rods[{name!r}]", rod, "must have no lines and no members that are driven: networks do not drive them yet")
+        refuse(
+            f"Network.rods[{name!r}]", rod, "must have no lines and no members that are driven: networks do not drive them yet"
+        )
 
 
 def _named(rod: Rod, name: str) -> Rod:

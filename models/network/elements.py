@@ -55,7 +55,9 @@ class Frames:
 
 @dataclass(frozen=True)
 class Integrated:
-    """Rods in the frames of their bases, as integrated; columns are by their own unknowns, by turns of the base, along directions.
+    """Rods in the frames of their bases, as integrated.
+
+    Columns are by their own unknowns, then by turns of the base, then along directions.
 
     Attributes:
         position, rotation: Of the tip, shapes (..., 3), (..., 3, 3).
@@ -92,7 +94,12 @@ class Holding:
     """
 
     def __init__(
-        self, frames: Frames, holder: NDArray[np.intp], attachment: tuple[FloatArray, FloatArray], joints: Turns, length: FloatArray
+        self,
+        frames: Frames,
+        holder: NDArray[np.intp],
+        attachment: tuple[FloatArray, FloatArray],
+        joints: Turns,
+        length: FloatArray,
     ) -> None:
         arm, frame = attachment
         R = frames.rotation[:, holder]
@@ -204,6 +211,8 @@ class Equations:
     def turn(self) -> None:
         """(9) Torques of the joints against their springs."""
         rods, (base, tip) = self.rods, self.ends
+        if not any(table.count.any() for table in self.tables):
+            return
         moment = _times(base.joints.rotation, rods.base_moment)
         by_all = base.joints.rotation @ self._spread(rods.base_columns[..., 3:, :])
         by_all[..., ANGLES_AT[0]] -= self.length[..., None] * (cross_matrix(moment) @ base.joints.turns)

@@ -15,12 +15,13 @@ from multirod.models.backbone.problem import BackboneProblem
 from multirod.models.backbone.units import unit_stiffness
 from multirod.models.network.elements import OWN, TURNING, Integrated
 from multirod.models.network.graph import Graph
-from multirod.models.platform.platform_kernels import LEG_VECTORS as ALONG
+from multirod.models.platform.platform_kernels import LEG_VECTORS
 from multirod.models.platform.problem import LEG_INPUTS
 from multirod.rod import stack
 from multirod.rotations import cross, matrices
 from multirod.validation import FloatArray
 
+ALONG = LEG_VECTORS  # inputs that act along rods
 AXIS = np.array([0.0, 0.0, 1.0])
 
 
@@ -112,8 +113,8 @@ class RodGroup:
         values[places, :2] = inputs[:, self.members].reshape(-1, 2)
         values[places, self.along] = local.reshape(len(places), -1)
         own.write("inputs", values)
-        _put(own.load_factor, places, np.repeat(level, size))
-        _put(own.active, places, 1)
+        put(own.load_factor, places, np.repeat(level, size))
+        put(own.active, places, 1)
         if not own.direction_count:
             return
         ways = np.zeros((len(rows), size, own.direction_count, own.input_count))
@@ -125,11 +126,11 @@ class RodGroup:
             ways[:, :, first:, :2] = directions[:, self.members]
             turned = np.einsum("brij,bdvj->brdvi", back, along_directions)
             ways[:, :, first:, self.along] = turned.reshape(len(rows), size, self.direction_count, -1)
-        _put(own.directions, places, ways.reshape(len(places), own.direction_count, -1))
+        put(own.directions, places, ways.reshape(len(places), own.direction_count, -1))
 
     def leave_out(self, rows: IntArray) -> None:
         """Integrate no rods of these instances."""
-        _put(self.backbones.active, self.places(rows), 0)
+        put(self.backbones.active, self.places(rows), 0)
 
     def read(self, rows: IntArray, angle: FloatArray, angle_directions: FloatArray) -> "Integrated":
         """What the last integration says of the rods of the instances ``rows``, (k,).
@@ -196,7 +197,7 @@ def builds(graph: Graph) -> list[list[int]]:
     return list(found.values())
 
 
-def _put(array: Any, rows: IntArray, values: Any) -> None:
+def put(array: Any, rows: IntArray, values: Any) -> None:
     """Set some rows of an array of Warp's."""
     host = array.numpy()
     host[rows] = values

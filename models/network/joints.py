@@ -33,10 +33,10 @@ class Joint:
         to: The body that holds it, or ``mr.ground``.
         pose: Where on it: the pose that the end takes where the joint is not turned, in the frame of the body, shape (..., 4, 4);
             the identity by default.
-        kind: ``"clamped"``; ``"revolute"``, free to turn about ``axis``; ``"universal"``, about the first of two axes, which stays
-            with the body, and the second, which goes with the rod; ``"spherical"``, free to turn.
-        axis: In the frame of ``pose``, shape (3,); of a universal joint two that are perpendicular, shape (2, 3). By default x, or
-            x and y.
+        kind: ``"clamped"``; ``"revolute"``, free to turn about ``axis``; ``"universal"``, about the first of two axes, that stays
+            with the body, and the second, that goes with the rod; ``"spherical"``, free to turn.
+        axis: In the frame of ``pose``, shape (3,); of a universal joint two that are perpendicular, shape (2, 3). By default x,
+            or x and y.
         stiffness: Of a spring in the joint [N m/rad], about each of its axes; of a spherical joint one number. None by default.
         rest: Angle about each axis at which that spring is without torque [rad]. Of a spherical joint it is where ``pose`` says.
 
@@ -172,6 +172,9 @@ class JointTable:
     def at(self, angles: FloatArray) -> Turns:
         """(2), (3) At coordinates (instance, joint, 3) [rad]."""
         shape = angles.shape[:-1]
+        if not self.count.any():
+            still, none = np.broadcast_to(np.eye(3), (*shape, 3, 3)), np.broadcast_to(0.0, (*shape, 3, 3))
+            return Turns(still, none, none, none, none)
 
         def turned(axes: FloatArray) -> tuple[FloatArray, FloatArray]:
             a = np.einsum("jik,bjk->bji", axes, angles).reshape(-1, 3)

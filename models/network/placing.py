@@ -12,7 +12,6 @@ from multirod.models.network.joints import KINDS, JointTable
 from multirod.models.platform.guess import fitted_pose
 from multirod.validation import FloatArray
 
-
 POINTS = 3  # that tell how a body is turned
 
 
@@ -44,16 +43,16 @@ def placed(at: Placing, tip: FloatArray, turn: FloatArray) -> tuple[FloatArray, 
     rotation[:, 0] = np.eye(3)
     known = np.zeros(bodies + 1, dtype=bool)
     known[0] = True
-    for k, pose in enumerate(at.given):
+    for body, pose in enumerate(at.given, 1):
         if pose is not None:
-            position[:, k + 1], rotation[:, k + 1], known[k + 1] = pose[:, :3, 3], pose[:, :3, :3], True
+            position[:, body], rotation[:, body], known[body] = pose[:, :3, 3], pose[:, :3, :3], True
     while not known.all():
         before = known.copy()
-        for k in np.flatnonzero(~before):
+        for k in np.flatnonzero(~before).tolist():
             reached = [
                 (end, rod)
                 for end in (0, 1)
-                for rod in np.flatnonzero(at.frames[end] == k)
+                for rod in np.flatnonzero(at.frames[end] == k).tolist()
                 if at.frames[1 - end][rod] >= 0 and before[at.frames[1 - end][rod]]
             ]
             if reached:

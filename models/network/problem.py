@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import warp as wp
 from numpy.typing import NDArray
 
 from multirod.batch import IntArray
@@ -33,7 +32,7 @@ from multirod.models.network.elements import (
     Integrated,
 )
 from multirod.models.network.graph import GROUND, Graph
-from multirod.models.network.groups import ALONG, RodGroup, builds
+from multirod.models.network.groups import ALONG, RodGroup, builds, put
 from multirod.models.network.placing import placed
 from multirod.problem import Block, BoundaryProblem
 from multirod.rotations import cross, cross_matrix, left_jacobian, matrices, vectors
@@ -120,8 +119,8 @@ class State:
 class NetworkProblem(BoundaryProblem):
     """Rods joined to bodies and the ground.
 
-    Unknowns are, rod by rod, moment and force at its base, then the angles of the joints at its base and at its tip; then the pose
-    of each body. Residuals in the same order: what joins the tip, or what is free there, torques of joints, balances of bodies.
+    Unknowns are, rod by rod, moment and force at its base, then the angles of the joints at its base and its tip; then the pose
+    of each body. Residuals in the same order: what joins the tip, or is free there, torques of joints, balances of bodies.
 
     Args:
         graph: The network.
@@ -229,9 +228,7 @@ class NetworkProblem(BoundaryProblem):
     def level(self) -> FloatArray:
         """What multiplies the loads of each instance, shape (instance_count,)."""
         factor = self.load_factor.numpy()
-        return np.where(
-            self.loading == int(Loading.NONE), 0.0, np.where(self.loading == int(Loading.FULL), 1.0, factor)
-        )
+        return np.where(self.loading == int(Loading.NONE), 0.0, np.where(self.loading == int(Loading.FULL), 1.0, factor))
 
     def _integrate(self) -> None:
         listed = self.order.numpy()[: self.listed]
@@ -321,7 +318,7 @@ class NetworkProblem(BoundaryProblem):
         """(11) What acts on the bodies."""
         if not self.body_count:
             return
-        rows, frames, count, bodies = state.rows, state.frames, len(state.rows), slice(1, None)
+        frames, count, bodies = state.frames, len(state.rows), slice(1, None)
         mass = self.graph.mass[:, None]
         level = state.level[:, None, None]
         force, moment = (level * self._on_places(state, name)[:, : self.body_count] for name in LOADED)
@@ -393,11 +390,12 @@ class NetworkProblem(BoundaryProblem):
             kept = self.read(name)
             kept[rows] = found.reshape(len(rows), -1)
             self.write(name, kept)
-        arrays = [(self.fault, fault), (self.step_count, steps)]
-        arrays += [(self.residual_directions, directions)] if self.direction_count else []
-        arrays += [(self.pose_columns, columns)] if self.pose_sensitivities else []
-        for array, found in arrays:
-            put(array, rows, found)
+        put(self.fault, rows, fault)
+        put(self.step_count, rows, steps)
+        if self.direction_count:
+            put(self.residual_directions, rows, directions)
+        if self.pose_sensitivities:
+            put(self.pose_columns, rows, columns)
 
     # ---- bodies ----
 
@@ -539,14 +537,6 @@ class NetworkProblem(BoundaryProblem):
             gap = self.apart().residual[:, self.places[held, OWN_AT]] * L[:, : self.rod_count][:, held, None]
             total += (GAP_LOAD * np.linalg.norm(gap[..., :3], axis=2) + np.linalg.norm(gap[..., 3:], axis=2)).max(axis=1)
         return np.asarray(total)
-
-
-def put(array: Any, rows: IntArray, values: FloatArray) -> None:
-    """Set some rows of an array of Warp's."""
-    host = array.numpy()
-    host[rows] = values
-    if not wp.get_device(array.device).is_cpu:
-        array.assign(host)
 
 
 def _fields(rods: Integrated) -> tuple[FloatArray, ...]:

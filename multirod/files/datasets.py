@@ -116,7 +116,8 @@ def _inputs(solution: Solution, axes: tuple[str, ...]) -> dict[str, Any]:
         if name in inputs.profiles:
             continue
         spec, value = inputs.specs[name], getattr(inputs, name)
-        own = "rod" if spec.per_rod else "component" if spec.count is None else f"line_by_{name}"
+        counted = f"line_by_{name}" if spec.acts == "lines" else f"number_of_{name}"
+        own = "rod" if spec.per_rod else "component" if spec.count is None else counted
         every = np.broadcast_to(value, (*solution.batch_shape, value.shape[-1]))
         found[f"input_{name}"] = ((*axes, own), every, {"units": spec.unit, "long_name": spec.description})
     return found
@@ -141,7 +142,7 @@ def _coordinates(solution: Solution) -> dict[str, Any]:
     lines = [line.name for line in drawn_lines(assembly, rods)]
     names = {"component": COMPONENTS, "director": DIRECTORS, "rod": [rod.name for rod in rods], "line": lines}
     for spec in solution.inputs.specs.values():
-        if spec.count is not None:
+        if spec.count is not None and spec.acts == "lines":
             driven = [line.drive is not None and line.drive[0] == spec.name for _, line in assembly.lines]
             names[f"line_by_{spec.name}"] = [name for name, own in zip(lines, driven, strict=True) if own]
     # as objects: what Zarr makes of strings of one length is not settled

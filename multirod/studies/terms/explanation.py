@@ -203,7 +203,8 @@ class Explanation:
 
     def _consequences(self) -> Iterable[Term]:
         """What is compiled in beside the terms themselves."""
-        loads = [name for name in LOADS if self.inputs.is_active(name)] if self._takes("gravity") else []
+        taken = [name for name in LOADS if self._takes(name)] if self._takes("gravity") else []
+        loads = [name for name in taken if self.inputs.is_active(name)]
         if any(f.measured for f in self.features):
             yield Term("measured", "inputs.tip_curvature takes the place of the condition at the tip")
         embedded = [f"rods[{k}]" for k, rod in enumerate(self.robot.rods) if rod.is_embedded]
