@@ -92,7 +92,8 @@ def run(options: argparse.Namespace, console: Console) -> int:
         stopped = _measure(measurement, rows, console)
     table = measurement.table
     if not table.rows:
-        console.print("[yellow]nothing was measured[/yellow]")
+        why = "" if stopped else ": a first run may spend it all on compiling, which is kept: run it again, or raise --budget"
+        console.print(f"[yellow]nothing was measured{why}[/yellow]")
         _print_notes(table, console)
         return STOPPED if stopped else 1
     _print_rows(table, options.scene, motion, console, every=options.all)
