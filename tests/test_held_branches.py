@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from leg_energy import Leg, LegEnergy
 from relaxation import CreepingArch, CreepingRods
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
@@ -71,12 +72,18 @@ def test_an_arch_snaps_through_as_links_that_creep():
     assert time[after - 1] < event.time < time[after]
 
 
+def around(radius):
+    """Poses (LEGS, 4, 4) on a circle."""
+    poses = np.tile(np.eye(4), (LEGS, 1, 1))
+    angle = 2 * np.pi * np.arange(LEGS) / LEGS
+    poses[:, :2, 3] = radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    return poses
+
+
 @pytest.fixture(scope="module")
 def stool():
     """A platform on strips in ball joints, pressed until they have buckled, then pushed to and fro."""
-    base = np.tile(np.eye(4), (LEGS, 1, 1))
-    angle = 2 * np.pi * np.arange(LEGS) / LEGS
-    base[:, :2, 3] = 0.1 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    base = around(0.1)
     robot = mr.ParallelRods(legs=[STRIP] * LEGS, base=base, platform=base, joints=["spherical"] * LEGS)
     time = np.linspace(0, 5, 26)
     press, push = -1.5 * np.clip(time / 2, 0, 1), 0.5 * np.sin(np.pi * np.clip(time - 2, 0, 3) / 2)
@@ -127,3 +134,50 @@ def test_loads_that_are_raised_do_as_loads_that_rise(stool):
     np.testing.assert_allclose(twin.tip_position, found.tip_position[1] * (-1, -1, 1), rtol=0, atol=1e-6 * LENGTH)
     stops = mr.solve(robot, robot.inputs(tip_force=press[1]), solver=mr.Shooting(integrator=mr.RK4(50), at_fold="stop"))
     assert stops.failed or stops.stability is mr.Stability.STABLE
+
+
+def test_half_of_a_load_is_a_load_of_half(stool):
+    """What is judged on the way of loads that are raised: potential and modes."""
+    hinged = mr.HeldRod(STRIP, slide=(0, 0, 1), **HINGES)
+    cases = (
+        (hinged, np.array([0, 0, -1.2 * HINGED]), {}),
+        (stool.assembly, np.array([0.1, 0, -0.3]) * COLUMN, {"force_point": (0.02, 0.05, 0.01)}),
+    )
+    for robot, force, more in cases:
+        found = mr.solve(robot, robot.inputs(tip_force=force, **more), solver=PRECISE).raise_if_failed()
+        judged = []
+        for level, loaded in ((1.0, force), (0.5, 2 * force)):
+            problem = robot.problem(robot.inputs(tip_force=loaded, **more), integrator=PRECISE.integrator)
+            problem.write("unknowns", found.unknowns[None])
+            with problem.everyone(), problem.at_load(level):
+                problem.integrate()
+                judged.append((problem.stability.potential(), problem.stability.modes().values))
+        # but for rounding
+        np.testing.assert_allclose(judged[0][0], found.potential, rtol=1e-9)
+        np.testing.assert_allclose(judged[1][0], judged[0][0], rtol=1e-9)
+        np.testing.assert_allclose(judged[1][1], judged[0][1], rtol=1e-7)
+
+
+def test_the_witness_of_legs_tells_stable_from_unstable(stool):
+    """That of ``benchmarks/pushed_legs.py``: strips on segments, straight and buckled, under less and more than they bear."""
+    straight = np.tile(np.eye(3), (25, 1, 1))
+    stiffness, force = np.array([4, 1, 0.75]), np.array([0, 0, LEGS * COLUMN * LENGTH**2 / EI])
+    holders = around(0.1 / LENGTH)
+
+    def witness(frames, load):
+        legs = [
+            Leg(1.0, stiffness, None, np.zeros(3), pose, pose, "spherical", np.zeros(3), np.array(frames), np.zeros(25))
+            for pose in holders
+        ]
+        platform = legs[0].tip() - holders[0, :3, 3]
+        return LegEnergy(legs, platform, np.eye(3), -load * force)
+
+    for load, stable in ((0.95, True), (1.05, False)):
+        column = witness(straight, load)
+        assert column.settle() < 1e-6
+        np.testing.assert_allclose(column.position, (0, 0, 1), rtol=0, atol=1e-9)
+        assert (column.lowest() > 0) == stable
+    buckled = witness(stool.rod(0, nodes=25).rotation[10], 1.5)
+    assert buckled.settle() < 1e-6
+    np.testing.assert_allclose(buckled.position[0], stool.tip_position[10, 0] / LENGTH, rtol=0, atol=5e-3)  # of 24 segments
+    assert buckled.lowest() > 0
