@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -88,17 +89,17 @@ class Cuts:
         arclength = np.append(self.start[mine], self.end[mine][-1:])
         return Breakpoints(arclength, self.states[mine], self.unknowns[place], self.steps[mine], gap)
 
-    @property
+    @cached_property
     def counts(self) -> IntArray:
         """Segments of each instance, shape (count,)."""
         return np.diff(self.first)
 
-    @property
+    @cached_property
     def owner(self) -> IntArray:
         """To which of the instances, 0 to count - 1, each segment belongs, shape (segment_count,)."""
         return np.repeat(np.arange(len(self.instances)), self.counts)
 
-    @property
+    @cached_property
     def inner(self) -> BoolArray:
         """Which segments end where another one begins, shape (segment_count,)."""
         result = np.ones(len(self.start), dtype=bool)

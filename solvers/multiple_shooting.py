@@ -19,6 +19,7 @@ from multirod.validation import FloatArray, positive_int
 
 NOISY = 1e2  # norm of Gamma from which the integrator's noise may look like the end of a branch
 POLISH = 5  # iterations on the unknowns alone
+ROUNDED_OFF = 1e4  # times the tolerance, that no iteration from the base comes below but by chance
 MAX_INTEGRATIONS = 4000  # some seconds; the hardest loads of docs/solvers.md take 700
 SAME_POSE = 1e-7  # of the length, and of a rotation: how near these lead to the tip that the segments lead to
 
@@ -79,24 +80,24 @@ class MultipleShooting(Solver):
         it."""
         return _Resumed(self, problem)
 
-    def rescue(self, problem: BoundaryProblem, outcome: Outcome, left: IntArray) -> None:
+    def rescue(self, problem: BoundaryProblem, outcome: Outcome, left: IntArray, tried: IntArray) -> None:
         """Solve, apart from the others, the instances that rounding kept ``Shooting`` from following to the end of their branch.
 
         What is found goes into the problem's buffers and the outcome, and that a branch ends; all else stays as it was. An
-        instance takes no more integrations than are ``left``, (instance_count,), nor than this solver may.
+        instance takes no more integrations than are ``left``, (instance_count,), nor than this solver may. What ``go_on`` has
+        ``tried``, statuses (instance_count,), is not tried again.
         """
         if self.unsupported(problem) or problem.parts is None:
             return
-        places = np.flatnonzero(_ill_conditioned(problem, outcome))
+        lost, new = _ill_conditioned(problem, outcome), tried == Status.NOT_RUN
+        _say(outcome, np.flatnonzero(lost & ~new), tried[lost & ~new])
+        places = np.flatnonzero(lost & new)
         if not len(places):
             return
         part = problem.parts.of(places, double=True)
         mine = self._anew(part, np.minimum(left[places], self.max_integrations))
-        found = self._take_over(problem, part, places, mine)
-        said = found | np.isin(mine.status, (Status.BRANCH_END, Status.INTEGRATION_LIMIT))
-        outcome.status[places] = np.where(said, mine.status, outcome.status[places])
-        doubtful = places[~said & (outcome.status[places] == Status.BRANCH_END)]
-        outcome.status[doubtful] = Status.STALLED  # rounding hides whether it ends
+        self._take_over(problem, part, places, mine)
+        said = _say(outcome, places, mine.status)
         if outcome.reached is not None and mine.reached is not None:
             outcome.reached[places[said]] = mine.reached[said]
         outcome.iterations[places] += mine.iterations
@@ -105,10 +106,13 @@ class MultipleShooting(Solver):
 
     def go_on(
         self, problem: BoundaryProblem, outcome: Outcome, ends: Mapping[int, tuple[FloatArray, float]], left: IntArray
-    ) -> BoolArray:
-        """The same from equilibria at a level of the load, unknowns (n,) and level by instance; which were brought to the full
-        load, (instance_count,)."""
-        result = np.zeros(problem.instance_count, dtype=bool)
+    ) -> IntArray:
+        """The same from equilibria at a level of the load, unknowns (n,) and level by instance.
+
+        Returns:
+            How each ended, (instance_count,), ``NOT_RUN`` where that was not tried; only results are put into the outcome.
+        """
+        result = np.full(problem.instance_count, int(Status.NOT_RUN))
         if self.unsupported(problem) or problem.parts is None or not ends:
             return result
         places = np.array(list(ends))
@@ -116,7 +120,8 @@ class MultipleShooting(Solver):
         unknowns, level = (np.array(values) for values in zip(*ends.values(), strict=True))
         paths = self._paths(part, np.arange(len(places)), np.minimum(left[places], self.max_integrations))
         mine = self._report(part, paths, paths.follow(unknowns, _load_scale(part), level), natural=True)
-        result[places] = found = self._take_over(problem, part, places, mine)
+        found = self._take_over(problem, part, places, mine)
+        result[places] = mine.status
         outcome.status[places[found]] = mine.status[found]
         outcome.iterations[places] += mine.iterations
         outcome.integrations[places] += mine.integrations
@@ -171,7 +176,7 @@ class MultipleShooting(Solver):
         if tried.any():
             found = place.chosen(tried)
             position[tried], rotation[tried] = segments.tip_pose(found.cuts, found.found)
-        self._polish(problem, unknowns, (position, rotation), segments, outcome)
+        self._polish(problem, unknowns, (position, rotation), segments, outcome, paths.rounding(place))
         alone = outcome.status == Status.MULTIPLE_SHOOTING
         points = {k: place.cuts.points(k, float(results.residual[k])) for k in np.flatnonzero(alone).tolist()}
         if natural and points:
@@ -198,18 +203,21 @@ class MultipleShooting(Solver):
         poses: tuple[FloatArray, FloatArray],
         segments: Segments,
         outcome: Outcome,
+        rounding: FloatArray,
     ) -> None:
-        """Newton on the unknowns alone, which converges to the same pose where the problem is well conditioned."""
+        """Newton on the unknowns alone, which converges to the same pose where the problem is well conditioned; not tried where
+        their ``rounding`` alone, (instance_count,), leaves far more than the tolerance."""
         problem.write("unknowns", unknowns)
-        newton = Newton(problem, tolerance=self.tolerance, max_iterations=POLISH, line_search=False)
-        tried = outcome.status == Status.MULTIPLE_SHOOTING
-        newton.run(tried)
-        single = newton.outcome()
-        outcome.integrations += np.where(tried, single.integrations, 0)
-        position, rotation = problem.read("position"), problem.read("rotation")
-        off = np.linalg.norm(position - poses[0], axis=1) / segments.length(np.arange(len(tried)))
-        off += np.linalg.norm(rotation - poses[1].reshape(-1, 9), axis=1)
-        outcome.status[tried & (single.status == Status.CONVERGED) & (off < SAME_POSE)] = Status.CONVERGED
+        tried = (outcome.status == Status.MULTIPLE_SHOOTING) & (rounding < ROUNDED_OFF * problem.tolerance(self.tolerance))
+        if tried.any():
+            newton = Newton(problem, tolerance=self.tolerance, max_iterations=POLISH, line_search=False)
+            newton.run(tried)
+            single = newton.outcome()
+            outcome.integrations += np.where(tried, single.integrations, 0)
+            position, rotation = problem.read("position"), problem.read("rotation")
+            off = np.linalg.norm(position - poses[0], axis=1) / segments.length(np.arange(len(tried)))
+            off += np.linalg.norm(rotation - poses[1].reshape(-1, 9), axis=1)
+            outcome.status[tried & (single.status == Status.CONVERGED) & (off < SAME_POSE)] = Status.CONVERGED
         lost = failures(outcome.status) & (outcome.status != Status.NOT_RUN)
         if lost.any():
             # what is left of the residual at the full load
@@ -276,6 +284,16 @@ class _Resumed(Track):
 def _load_scale(problem: BoundaryProblem) -> FloatArray:
     """Size of the full load against the stiffness, (instance_count,)."""
     return np.asarray(np.maximum(problem.load_scale(), 1e-300))
+
+
+def _say(outcome: Outcome, places: IntArray, status: IntArray) -> BoolArray:
+    """Put statuses of instances at these places, (k,), into the outcome, where they tell more than is known; where they do,
+    (k,)."""
+    said = ~failures(status) | np.isin(status, (Status.BRANCH_END, Status.INTEGRATION_LIMIT))
+    outcome.status[places[said]] = status[said]
+    doubtful = places[~said & (outcome.status[places] == Status.BRANCH_END)]
+    outcome.status[doubtful] = Status.STALLED  # rounding hides whether it ends
+    return said
 
 
 def _ill_conditioned(problem: BoundaryProblem, outcome: Outcome) -> Any:

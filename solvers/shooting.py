@@ -17,7 +17,7 @@ from multirod.solvers.newton.iteration import Newton
 from multirod.solvers.newton.refinement import refine
 from multirod.solvers.starting.assembling import assemble
 from multirod.solvers.starting.multistart import lowest_stable, refuse_unstable
-from multirod.status import IntArray, Status, failures
+from multirod.status import BoolArray, IntArray, Status, failures
 from multirod.validation import FloatArray, boolean, choice, positive_int
 
 PREDICTORS = ("none", "linear", "quadratic")
@@ -117,7 +117,8 @@ class Shooting(Solver):
         multistable = problem.stability is not None and problem.stability.multistable
         with problem.without_poses() if poses_apart else nullcontext():
             newton.allow(self.max_integrations)
-            outcome = natural_branch(problem, newton, self.max_continuation_steps, chosen)
+            handed, tried = np.zeros(problem.instance_count, dtype=bool), np.full(problem.instance_count, int(Status.NOT_RUN))
+            outcome = natural_branch(problem, newton, self.max_continuation_steps, chosen, handed if self.fallback else None)
             reached, ends = outcome.reached, problem.read("unknowns")
             newton.allow(self._left(outcome))
             refine(problem, newton, outcome, chosen)
@@ -133,9 +134,11 @@ class Shooting(Solver):
                 newton.allow(self._left(outcome))
                 lost = chosen & failures(outcome.status)
                 assemble(problem, newton, outcome, lost, self.max_continuation_steps, go_on, closing=True)
+        # the poses that it finds are not those of the unknowns: nothing may integrate these again
+        if handed.any() and reached is not None:
+            tried = self._hand_over(problem, newton, outcome, handed, reached, ends)
         if self.fallback and failures(outcome.status).any():
-            # the poses that it finds are not those of the unknowns: nothing may integrate these again
-            self._segmented().rescue(problem, outcome, self._left(outcome))
+            self._segmented().rescue(problem, outcome, self._left(outcome), tried)
         lost = chosen & (outcome.status == Status.BRANCH_END)
         if lost.any() and reached is not None and not multistable:
             self._follow(problem, newton, outcome, lost, reached, ends)
@@ -147,6 +150,40 @@ class Shooting(Solver):
         if lost.any() and reached is not None:
             left = np.maximum(newton.allowed() - outcome.integrations, 0)
             self._follow(problem, newton, outcome, lost, reached, problem.read("unknowns"), left=left)
+
+    def _hand_over(
+        self,
+        problem: BoundaryProblem,
+        newton: Newton,
+        outcome: Outcome,
+        handed: BoolArray,
+        reached: FloatArray,
+        ends: FloatArray,
+    ) -> IntArray:
+        """Let multiple shooting go on where shooting crept; what it does not find is followed from the start as if it had not.
+
+        Returns:
+            How multiple shooting ended, (instance_count,); ``NOT_RUN`` of the others.
+        """
+        starts = {k: (ends[k], float(reached[k])) for k in np.flatnonzero(handed).tolist()}
+        tried = self._segmented().go_on(problem, outcome, starts, self._left(outcome))
+        places = np.flatnonzero(handed & failures(tried))
+        if not len(places):
+            return tried
+        assert problem.parts is not None  # or nothing is handed over
+        part = problem.parts.of(places)
+        method, everyone = newton.of(part, places), np.ones(len(places), dtype=bool)
+        method.allow(self._left(outcome)[places])
+        again = natural_branch(part, method, self.max_continuation_steps)
+        assert again.reached is not None
+        reached[places], ends[places] = again.reached, part.read("unknowns")
+        method.allow(np.maximum(self._left(outcome)[places] - again.integrations, 0))
+        refine(part, method, again, everyone)
+        outcome.status[places] = again.status
+        outcome.iterations[places] += again.iterations
+        outcome.integrations[places] += again.integrations
+        problem.keep(part, places)
+        return tried
 
     def _follow(
         self,
@@ -176,7 +213,8 @@ class Shooting(Solver):
         )
         if self.fallback and before is None:
             ends = {k: (own.lost.unknowns, own.lost.level) for k, own in noisy.items() if own.lost is not None}
-            for k in np.flatnonzero(self._segmented().go_on(problem, outcome, ends, self._left(outcome))).tolist():
+            tried = self._segmented().go_on(problem, outcome, ends, self._left(outcome))
+            for k in np.flatnonzero(~failures(tried)).tolist():
                 outcome.status[k], outcome.events[k] = noisy[k].said, tuple(noisy[k].events)
 
     def _segmented(self) -> MultipleShooting:

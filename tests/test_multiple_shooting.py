@@ -18,6 +18,9 @@ from multirod.models.backbone.segments import BackboneSegments
 from multirod.recording.samples import first_instances
 from multirod.segment_system import System
 from multirod.segments import Breakpoints, Cuts, Propagation
+from multirod.solvers import multiple_shooting
+from multirod.solvers.continuation import natural
+from multirod.solvers.multiple_shooting import MultipleShooting
 from multirod.solvers.segments import path as segmented_path
 from multirod.solvers.segments.band import VECTORS, Step, Systems
 from multirod.solvers.segments.path import SegmentedPaths
@@ -200,10 +203,13 @@ def test_segments_lead_where_one_integration_leads(given, monkeypatch):
     truth = mr.solve(robot, inputs).raise_if_failed()
     problem = robot.problem(inputs, integrator=mr.RK45())
     segments = problem.segments
-    result = paths_of(segments).follow(problem.guess(), problem.load_scale())
+    paths = paths_of(segments)
+    result = paths.follow(problem.guess(), problem.load_scale())
     assert result.status.tolist() == [mr.Status.MULTIPLE_SHOOTING]
     cuts = result.place.cuts
     assert len(cuts.steps) > 10
+    rounding = np.finfo(float).eps * np.abs(truth.gamma) @ np.abs(truth.unknowns)
+    np.testing.assert_allclose(paths.rounding(result.place), rounding.max(), rtol=1e-5)
     position, rotation = segments.tip_pose(cuts, result.place.found)
     # both are integrated to 1e-8 a step
     np.testing.assert_allclose(cuts.unknowns[0], truth.unknowns, rtol=0, atol=1e-7)
@@ -260,6 +266,43 @@ def test_a_batch_is_solved_as_each_alone(soft):
             np.testing.assert_array_equal(getattr(alone, name), getattr(together, name)[k])
         np.testing.assert_array_equal(alone.rod(0, nodes=5).position, shapes.position[k])
         assert alone.index == together.index[k] == 0
+
+
+def test_where_shooting_creeps_segments_go_on(soft, monkeypatch):
+    """By a third of the integrations, to the same tip; what they do not find is followed as if nothing had been handed over."""
+    force = np.array([(60.0, -50.0, 30.0), (0.2, 0.1, 0.0), (60.0, 50.0, 30.0)])
+
+    def solved(some=slice(None)):
+        return mr.solve(soft, soft.inputs(tip_force=force[some]))
+
+    handed = solved()
+    alone = solved(2)
+    for name in ("unknowns", "tip_position", "integrations", "status"):
+        np.testing.assert_array_equal(getattr(alone, name), getattr(handed, name)[2])
+    with monkeypatch.context() as patch:
+        patch.setattr(MultipleShooting, "go_on", lambda self, problem, *_: np.zeros(problem.instance_count, dtype=int))
+        again = solved()
+    monkeypatch.setattr(natural, "CREEPING", np.inf)
+    crept = solved()
+    assert handed.status.tolist() == crept.status.tolist() == [16, 1, 16]
+    assert (handed.integrations[[0, 2]] < 0.35 * crept.integrations[[0, 2]]).all()
+    np.testing.assert_allclose(handed.tip_position, crept.tip_position, rtol=0, atol=1e-8)
+    for name in ("unknowns", "tip_position", "residual"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(crept, name))
+        np.testing.assert_array_equal(getattr(handed, name)[1], getattr(crept, name)[1])
+    assert handed.integrations[1] == crept.integrations[1]
+    assert (again.integrations >= crept.integrations).all()
+
+
+def test_no_iteration_from_the_base_where_rounding_alone_leaves_more(soft, monkeypatch):
+    """It would not converge: the same result with it, by more integrations."""
+    inputs = soft.inputs(tip_force=(60.0, -50.0, 30.0))
+    without = mr.solve(soft, inputs, solver=mr.MultipleShooting())
+    monkeypatch.setattr(multiple_shooting, "ROUNDED_OFF", np.inf)
+    tried = mr.solve(soft, inputs, solver=mr.MultipleShooting())
+    assert tried.integrations > without.integrations
+    for name in ("status", "unknowns", "tip_position", "residual"):
+        np.testing.assert_array_equal(getattr(tried, name), getattr(without, name))
 
 
 def test_modes_by_segments_are_those_by_columns(soft):

@@ -18,7 +18,7 @@ from multirod.models.backbone.kernels.segments import (
     SegmentCall,
     make_segment_kernel,
 )
-from multirod.models.backbone.passes import deal, threads, width
+from multirod.models.backbone.passes import deal, own, threads, width
 from multirod.models.backbone.second_variation import MOST_NODES, CondensedForm, form_by_segments, segments_needed
 from multirod.models.backbone.units import unit_stiffness
 from multirod.problem import Shape
@@ -33,7 +33,64 @@ if TYPE_CHECKING:
 
 LOOKED_AT = 33  # nodes at which moments and forces are bounded
 TOTALS = ("total_moment", "total_force")  # where members carry a part
+WHOLE = ("instance", "at_tip", "steps", "fault")  # numbers of a segment
+FOUND = ("end_state", "columns", "fault", "energy", "work", "line_length")
 NODE_FIELDS = ("arclength", "position", "rotation", "curvature", "moment", "force")
+
+
+class Room:
+    """A recorded launch over up to ``capacity`` segments, and its arrays.
+
+    Args:
+        problem: Of the segments.
+        features: Of the kernel.
+        call: Its arguments; a copy is made, whose arrays are the same.
+        table: The rods.
+        capacity: Segments.
+        columns: By the states where segments begin; without any there are none by directions either.
+    """
+
+    def __init__(
+        self, problem: "BackboneProblem", features: Features, call: Any, table: Any, capacity: int, columns: int
+    ) -> None:
+        self.call, self.table = own(call), table
+        device, lanes = problem.device, width("float64", problem.device)
+        call = self.call
+        call.unknown_columns, call.direction_columns = columns, problem.direction_count if columns else 0
+        memory = deal(call, features, problem.integrator, "float64", device, capacity, lanes, shared=call.node_count == 0)
+        shapes: dict[str, tuple[tuple[int, ...], Any]] = {name: ((capacity,), wp.int32) for name in WHOLE}
+        shapes |= {name: ((capacity,), wp.float64) for name in ("start", "end", "energy", "work")}
+        shapes |= {name: ((capacity, STATE_SIZE), wp.float64) for name in ("state", "end_state")}
+        shapes["columns"] = ((capacity, 9, columns + call.direction_columns), wp.float64)
+        shapes["line_length"] = ((capacity, problem.drive_count), wp.float64)
+        self._arrays = {name: wp.zeros(shape, dtype=kind, device=device) for name, (shape, kind) in shapes.items()}
+        self._views = {name: a.numpy() for name, a in self._arrays.items()} if wp.get_device(device).is_cpu else {}
+        self._seg: Any = SegmentCall()
+        for name, array in self._arrays.items():
+            setattr(self._seg, name, array)
+
+        def make() -> Any:
+            return make_segment_kernel(features, problem.integrator.tableau, lanes)
+
+        self._launch = record(make, threads(call, capacity), [table, call, memory, self._seg], device)
+
+    def run(self, count: int, given: dict[str, Any]) -> dict[str, Any]:
+        """What a launch over ``count`` segments finds, of each; ``given`` is what it is told of them."""
+        for name, array in self._arrays.items():
+            values = given.get(name, 0)
+            if self._views:
+                self._views[name][:count] = values
+            elif name in given:
+                array[:count].assign(np.ascontiguousarray(values).astype(array.numpy().dtype))
+            else:
+                array.zero_()
+        self._seg.instance = self._arrays["instance"][:count]
+        self._launch.set_param_at_index(3, self._seg)
+        self._launch.set_dim(threads(self.call, count))
+        self._launch.launch()
+        if self._views:
+            return {name: self._views[name][:count].copy() for name in FOUND}
+        return {name: self._arrays[name].numpy()[:count] for name in FOUND}
 
 
 class BackboneSegments(Segments):
@@ -60,6 +117,7 @@ class BackboneSegments(Segments):
         self._stiffness = np.broadcast_to(unit_stiffness(problem.arrays.material[:, 0, 0]), (count, 3))
         self._precurvature = np.broadcast_to(problem.arrays.precurvature[:, 0, 0, :3], (count, 3))
         self._scale = np.broadcast_to(problem.arrays.end[:, 0, -1], (count,))
+        self._rooms: dict[int, Room] = {}
 
     @property
     def direction_count(self) -> int:  # noqa: D102
@@ -102,49 +160,29 @@ class BackboneSegments(Segments):
 
     # ---- launches ----
 
-    def _load(self, cuts: Cuts, level: FloatArray, call: Any) -> Any:
-        """Arguments of a launch over all segments."""
-        device = self.problem.device
-        owner, count = cuts.owner, len(cuts.start)
-        seg: Any = SegmentCall()
-        seg.instance = wp.array(cuts.instances[owner].astype(np.int32), device=device)
-        seg.start = wp.array(cuts.start, dtype=wp.float64, device=device)
-        seg.end = wp.array(cuts.end, dtype=wp.float64, device=device)
-        seg.at_tip = wp.array((cuts.end >= self.length(cuts.instances)[owner]).astype(np.int32), device=device)
-        seg.state = wp.array(cuts.states, dtype=wp.float64, device=device)
-        seg.steps = wp.array(cuts.steps.astype(np.int32), device=device)
-        seg.end_state = wp.zeros((count, STATE_SIZE), dtype=wp.float64, device=device)
-        seg.fault = wp.zeros(count, dtype=wp.int32, device=device)
+    def _load(self, cuts: Cuts, level: FloatArray, call: Any) -> dict[str, Any]:
+        """Set the levels and unknowns of instances; what a launch over all segments is told of each of these."""
         levels, unknowns = np.array(call.load_factor.numpy()), np.zeros(call.unknowns.shape)
         levels[cuts.instances] = level
         unknowns[np.ix_(cuts.instances, self.unknown_places)] = cuts.unknowns
         call.load_factor.assign(levels)
         call.unknowns.assign(unknowns)
-        return seg
-
-    def _launch(self, features: Features, count: int, columns: int, table: Any, call: Any, seg: Any) -> None:
-        """One pass over ``count`` segments with columns by their first states, ``columns`` of them, and by directions."""
-        problem = self.problem
-        problem.heed_stop()
-        lanes = width("float64", problem.device)
-        call.unknown_columns, call.direction_columns = columns, problem.direction_count if columns else 0
-        memory = deal(call, features, problem.integrator, "float64", problem.device, count, lanes, shared=call.node_count == 0)
-
-        def make() -> Any:
-            return make_segment_kernel(features, problem.integrator.tableau, lanes)
-
-        record(make, threads(call, count), [table, call, memory, seg], problem.device).launch()
+        owner = cuts.owner
+        at_tip = cuts.end >= self.length(cuts.instances)[owner]
+        names = ("instance", "start", "end", "at_tip", "state", "steps")
+        values = (cuts.instances[owner], cuts.start, cuts.end, at_tip, cuts.states, cuts.steps)
+        return dict(zip(names, values, strict=True))
 
     def propagate(self, cuts: Cuts, level: FloatArray) -> Propagation:  # noqa: D102
         return self._propagate(cuts, level, self.problem.table)
 
     def _propagate(self, cuts: Cuts, level: FloatArray, table: Any) -> Propagation:
         problem, call, d = self.problem, self._call, self.variation_size
-        seg, count = self._load(cuts, level, call), len(cuts.start)
-        columns = d + problem.direction_count
-        seg.columns = wp.zeros((count, 9, columns), dtype=wp.float64, device=problem.device)
-        self._launch(self.features, count, d, table, call, seg)
-        end, values = np.array(seg.end_state.numpy()), np.array(seg.columns.numpy())
+        problem.heed_stop()
+        count, columns = len(cuts.start), d + problem.direction_count
+        room = self._room(count, table)
+        found = room.run(count, self._load(cuts, level, call))
+        end, values = found["end_state"], found["columns"]
         transition = np.zeros((count, d, columns))
         transition[:, :6] = values[:, :6]
         # what the base force varies by is the same everywhere
@@ -158,8 +196,18 @@ class BackboneSegments(Segments):
             residual_columns=np.concatenate([call.gamma.numpy()[mine], slopes[mine]], axis=2),
             displacement=end[:, POSITION_AT:] - cuts.states[:, POSITION_AT:],
             displacement_columns=values[:, 6:],
-            fault=np.maximum.reduceat(np.array(seg.fault.numpy()), cuts.first[:-1]),
+            fault=np.maximum.reduceat(found["fault"], cuts.first[:-1]),
         )
+
+    def _room(self, count: int, table: Any) -> Room:
+        """Room for so many segments and more, kept for the next launch over about as many."""
+        capacity = 1 << max(count - 1, 3).bit_length()
+        room = self._rooms.get(capacity)
+        if room is None or room.table is not table:
+            room = Room(self.problem, self.features, self._call, table, capacity, self.variation_size)
+            if table is self.problem.table:
+                self._rooms[capacity] = room
+        return room
 
     # ---- results ----
 
@@ -209,20 +257,19 @@ class BackboneSegments(Segments):
         call.node_rod = 0
         for name in ("load_factor", "unknowns", "residual"):
             setattr(call, name, getattr(self._call, name))
-        seg, count = self._load(placed, full, call), len(placed.start)
-        seg.energy = wp.zeros(count, dtype=wp.float64, device=problem.device)
-        seg.work = wp.zeros(count, dtype=wp.float64, device=problem.device)
-        seg.line_length = wp.zeros((count, problem.drive_count), dtype=wp.float64, device=problem.device)
-        self._launch(features, count, 0, problem.table, call, seg)
+        problem.heed_stop()
+        count = len(placed.start)
+        room = Room(problem, features, call, problem.table, count, 0)
+        led = room.run(count, self._load(placed, full, room.call))
         others = np.setdiff1d(np.arange(problem.instance_count), list(points))
         names = (*NODE_FIELDS, *(TOTALS if features.members else ()))
-        values = {name: np.array(getattr(call, f"node_{name}").numpy()) for name in names}
+        values = {name: np.array(getattr(room.call, f"node_{name}").numpy()) for name in names}
         lengths = np.full((problem.instance_count, problem.drive_count), np.nan)
         energy, work = np.full((2, problem.instance_count), np.nan)
         first = cuts.first[:-1]
-        energy[cuts.instances] = np.add.reduceat(seg.energy.numpy(), first)
-        work[cuts.instances] = np.add.reduceat(seg.work.numpy(), first)
-        lengths[cuts.instances] = np.add.reduceat(seg.line_length.numpy(), first)
+        energy[cuts.instances] = np.add.reduceat(led["energy"], first)
+        work[cuts.instances] = np.add.reduceat(led["work"], first)
+        lengths[cuts.instances] = np.add.reduceat(led["line_length"], first)
         for value in values.values():
             value[others] = np.nan
         return (Shape(**values),), energy, work, lengths
@@ -296,5 +343,7 @@ def _rotation(states: FloatArray) -> "Rotation":
     from scipy.spatial.transform import Rotation
 
     q = np.array(states[:, ROTATION_AT : ROTATION_AT + 4])
-    q[~(np.abs(q).max(axis=1) > 0)] = (0.0, 0.0, 0.0, 1.0)  # where an integration failed
+    with np.errstate(over="ignore"):
+        size = (q**2).sum(axis=1)
+    q[~((size > 0) & (size < np.inf))] = (0.0, 0.0, 0.0, 1.0)  # where an integration failed
     return Rotation.from_quat(q)

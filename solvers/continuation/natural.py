@@ -22,6 +22,9 @@ TOGETHER = 4096  # instances whose columns at all nodes are held at once
 RUNAWAY = 1e3  # times the curvature scale: where tensions grow without bound
 AT_KINK = 1e-3  # of the curvature scale, that an unknown may be from a kink where a path ended: steps are 1e-7 there
 FINER = 16  # times shorter steps, where a branch led to an unstable equilibrium
+ROUNDS = 64  # integrations after each of which it is asked whether a rod creeps
+CREEPING = 100  # steps to the full load, at the pace of the last, of what does
+AMPLIFIED = 1e2  # by which Gamma then multiplies a change of the unknowns
 
 BoolArray = NDArray[np.bool_]
 
@@ -66,8 +69,19 @@ class Paths:
         self._remaining = state.remaining.numpy() if wp.get_device(device).is_cpu else None
         self._in_place: dict[str, Any] = {}
         if wp.get_device(device).is_cpu:
-            names = ("safe_step", "most_step", "sure_level", "load_factor", "status", "iterations", "integrations", "levels")
+            names = (
+                "safe_step",
+                "most_step",
+                "sure_level",
+                "load_factor",
+                "status",
+                "iterations",
+                "integrations",
+                "levels",
+                "step",
+            )
             self._in_place = {name: getattr(state, name).numpy() for name in names} | {"active": problem.active.numpy()}
+        self.handed: BoolArray | None = None  # which crept and were given up; None where that is not asked for
         self._launch: Any = None
         self._first_values: Any = None
         self._shape = newton.shape
@@ -89,6 +103,7 @@ class Paths:
         """As new, on the CPU."""
         state = self.state
         state.max_steps = max_steps
+        self.handed = None
         if self._first_values is None:
             arrays = [state.status, state.iterations, state.integrations, state.steps, state.known, state.halved, state.surprised]
             arrays += [state.probed, state.step, state.goal, state.apart, state.points, state.levels, state.reference]
@@ -215,7 +230,7 @@ class Paths:
             launch.launch()
             state.departing = 0
             launch.set_param_at_index(0, state)
-        remaining = 1
+        remaining, rounds = 1, 0
         while remaining:
             if self._remaining is not None:
                 self._remaining[0] = 0
@@ -227,6 +242,9 @@ class Paths:
                 launch.set_dim(dim)
             launch.launch()
             remaining = int(self._remaining[0] if self._remaining is not None else state.remaining.numpy()[0])
+            rounds += 1
+            if self.handed is not None and remaining and rounds % ROUNDS == 0:
+                remaining -= self._give_up()
             leave(problem, remaining)
         counts: dict[str, Any] = {name: self._get(name) for name in ("status", "iterations", "integrations")}
         self._doubt_ends(counts["status"], counts["integrations"])
@@ -235,6 +253,28 @@ class Paths:
             last = np.abs(state.points.numpy()[:, 0, problem.kinks]).max(axis=1)
             counts["status"][failed & (last > RUNAWAY * problem.curvature_scale())] = Status.LINE_LIMIT
         return Outcome(**counts, reached=self._get("levels")[:, 0].copy())
+
+    def _give_up(self) -> int:
+        """End those that creep: whose sensitivities leave short steps only, far from the full load; how many there are.
+
+        Every instance on its way has taken as many integrations as rounds, so that none depends on the others.
+        """
+        assert self.handed is not None
+        level, step, active = self._get("levels")[:, 0], self._get("step"), self._get("active") != 0
+        with np.errstate(divide="ignore", invalid="ignore"):
+            steps = np.fmin((1 - level) / step, -np.log(level) / np.log1p(step / level))
+        creeping = active & (level > 0) & (steps > CREEPING)
+        if not creeping.any() or self.problem.segments is None or self.problem.parts is None:
+            return 0
+        size = np.linalg.norm(self.state.reference.numpy()[creeping], axis=(1, 2))
+        creeping[creeping] = size > AMPLIFIED
+        self.handed |= creeping
+        self._set("status", np.where(creeping, Status.STALLED, self._get("status")))
+        self._set("active", active & ~creeping)
+        unknowns = self.problem.read("unknowns")
+        unknowns[creeping] = self.state.points.numpy()[creeping, 0]
+        self.problem.write("unknowns", unknowns)
+        return int(creeping.sum())
 
     def _doubt_ends(self, status: Any, integrations: Any) -> None:
         """Where no mode of ``Gamma`` is near zero, it is no fold and no bifurcation that steps became small at."""
@@ -246,16 +286,21 @@ class Paths:
                 integrations[ended] += self.problem.guess_integrations  # which what is natural here takes
 
 
-def natural_branch(problem: BoundaryProblem, newton: Newton, max_steps: int, chosen: BoolArray | None = None) -> Outcome:
+def natural_branch(
+    problem: BoundaryProblem, newton: Newton, max_steps: int, chosen: BoolArray | None = None, handed: BoolArray | None = None
+) -> Outcome:
     """Raise all loads in proportion, from the unloaded equilibrium to the full load; see ``Paths``.
 
     What has several equilibria unloaded is followed again in shorter steps where it came to an unstable one, which cannot be the
     end of a branch that starts stable; what does so again is lost: its status is ``BRANCH_END``. ``chosen`` (bool,
-    (instance_count,)) leaves the other instances as they are; their status is ``CONVERGED``.
+    (instance_count,)) leaves the other instances as they are; their status is ``CONVERGED``. With ``handed`` (bool,
+    likewise), what creeps is given up: it is set there, and its status is ``STALLED``.
     """
     chosen = np.ones(problem.instance_count, dtype=bool) if chosen is None else chosen
     bounds = problem.mode_bounds()
-    outcome = Paths.of(problem, newton, max_steps).raise_loads(chosen, bounds)
+    paths = Paths.of(problem, newton, max_steps)
+    paths.handed = handed
+    outcome = paths.raise_loads(chosen, bounds)
     if problem.may_jump:
         _leave_unstable(problem, newton, max_steps, chosen, bounds, outcome)
     lost = outcome.status != Status.CONVERGED

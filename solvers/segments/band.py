@@ -82,7 +82,8 @@ class Systems:
         return Systems(self.cuts.put(some, other.cuts), found, self.places, self.device)
 
     def _array(self, values: Any, kind: Any = wp.float64) -> Any:
-        return wp.array(np.ascontiguousarray(values), dtype=kind, device=self.device)
+        # kernels only read it
+        return wp.array(np.ascontiguousarray(values), dtype=kind, device=self.device, copy=not wp.get_device(self.device).is_cpu)
 
     def _zeros(self, *shape: int, kind: Any = wp.float64) -> Any:
         return wp.zeros(shape, dtype=kind, device=self.device)

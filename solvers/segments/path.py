@@ -193,6 +193,19 @@ class SegmentedPaths:
         """The Jacobians there."""
         return Systems(place.cuts, place.found, self.segments.unknown_places, self.segments.device)
 
+    def rounding(self, place: Place) -> FloatArray:
+        """What rounding of the unknowns leaves of the residual of an integration from base to tip [1/m], (3), shape (count,)."""
+        cuts, d = place.cuts, self.segments.variation_size
+        count, n = cuts.unknowns.shape
+        led = np.zeros((count, d, n))
+        led[:, self.segments.unknown_places, np.arange(n)] = np.finfo(float).eps * cuts.unknowns
+        with np.errstate(over="ignore", invalid="ignore"):
+            for k in range(int(cuts.counts.max()) - 1):
+                on = cuts.counts > k + 1
+                led[on] = place.found.transition[cuts.first[:-1][on] + k, :, :d] @ led[on]
+            left = np.abs(place.found.residual_columns[:, :, :d] @ led).sum(axis=2).max(axis=1)
+        return np.asarray(np.where(np.isnan(left), np.inf, left))
+
     # ---- Newton's method ----
 
     def _linearised(self, place: Place) -> tuple[Systems, Step, BoolArray, BoolArray]:

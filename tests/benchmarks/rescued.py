@@ -1,0 +1,97 @@
+"""What rescues cost in a batch, and what rods at the extremes cost one by one, in integrations and processor time.
+
+OMP_NUM_THREADS=1 python tests/benchmarks/rescued.py                  a batch of 10,000, with and without 1 % of hard ones
+OMP_NUM_THREADS=1 python tests/benchmarks/rescued.py --extremes 5000  random extreme single rods, each alone
+"""
+
+import argparse
+import sys
+from collections import Counter
+from pathlib import Path
+from time import process_time
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent.parent))
+
+from meant import meant
+from random_scenes import SINGLE, draw
+
+import multirod as mr
+from multirod.validation import FloatArray
+
+LENGTH, EI = 0.4, 0.02
+SLOW = 2.0  # s
+
+
+def _rescued(robot: mr.SingleRod, size: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Forces of these sizes, those that multiple shooting solves: others lead where the rod snaps."""
+    way = rng.normal(size=(len(size), 3))
+    force = size * way / np.linalg.norm(way, axis=1)[:, None]
+    solution = mr.solve(robot, robot.inputs(tip_force=force), solver=mr.MultipleShooting(), threads=1, progress=False)
+    return force[solution.status == mr.Status.MULTIPLE_SHOOTING]
+
+
+@meant()
+def batch(count: int, part: float) -> None:
+    """Forces of up to 12 EI/L^2 every way, and the same with a part of them of 600 to 2400, which only segments solve."""
+    rod = mr.Rod(length=LENGTH, bending_stiffness=(EI, 1.5 * EI), torsional_stiffness=0.6 * EI, precurvature=(4, -2, 6))
+    robot, rng, unit = mr.SingleRod(rod), np.random.default_rng(0), EI / LENGTH**2
+    way = rng.normal(size=(count, 3))
+    way /= np.linalg.norm(way, axis=1)[:, None]
+    easy = way * unit * rng.uniform(0, 12, size=(count, 1))
+    mixed = easy.copy()
+    hard = rng.choice(count, int(part * count), replace=False)
+    mixed[hard] = _rescued(robot, unit * rng.uniform(600, 2400, size=(3 * len(hard), 1)), rng)[: len(hard)]
+    seconds: dict[str, list[float]] = {"without": [], "with": []}
+    for _ in range(3):
+        for name, force in (("without", easy), ("with", mixed)):
+            start = process_time()
+            solution = mr.solve(robot, robot.inputs(tip_force=force), threads=1, progress=False)
+            seconds[name].append(process_time() - start)
+            said = Counter(str(status) for status in map(mr.Status, solution.status))
+            print(f"{count} rods {name} hard ones: {seconds[name][-1]:.2f} s, {dict(said)}", flush=True)
+    ratio = np.array(seconds["with"]) / seconds["without"]
+    print(f"| {count} rods, {part:.0%} of them rescued | ratio of processor times {np.median(ratio):.2f} "
+          f"({ratio.min():.2f} to {ratio.max():.2f}) |")  # fmt: skip
+
+
+@meant()
+def extremes(count: int, first: int) -> None:
+    """Random extreme single rods: statuses, integrations, and the slowest."""
+    seconds, integrations, said = [], [], Counter()
+    for kind in SINGLE:
+        scene = draw(kind, 99_999)  # compiles
+        mr.solve(scene.robot, scene.inputs)
+    for k in range(count):
+        kind, seed = list(SINGLE)[k % len(SINGLE)], first + k // len(SINGLE)
+        scene = draw(kind, seed)
+        start = process_time()
+        solution = mr.solve(scene.robot, scene.inputs, progress=False)
+        seconds.append(process_time() - start)
+        integrations.append(int(solution.integrations))
+        said[str(solution.status)] += 1
+        if seconds[-1] > SLOW:
+            print(f"{kind}, seed {seed}: {seconds[-1]:.1f} s, {integrations[-1]} integrations, {solution.status}", flush=True)
+    solved = sum(number for name, number in said.items() if not mr.Status[name].failed)
+    parts = (50, 95, 99, 100)
+    print(f"{count} rods, {solved} solved: {dict(said)}")
+    print(f"integrations, {parts} %: {np.percentile(integrations, parts).astype(int).tolist()}")
+    slow = int(np.sum(np.array(seconds) > SLOW))
+    print(f"processor time [s]: {np.percentile(seconds, parts).round(3).tolist()}, over {SLOW:g} s: {slow}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--extremes", type=int, default=0, help="random extreme single rods, in place of the batch")
+    parser.add_argument("--seed", type=int, default=0, help="the first of each kind")
+    parser.add_argument("--count", type=int, default=10_000, help="rods of the batch")
+    options = parser.parse_args()
+    if options.extremes:
+        extremes(options.extremes, options.seed)
+    else:
+        batch(options.count, 0.01)
+
+
+if __name__ == "__main__":
+    main()
