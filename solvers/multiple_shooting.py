@@ -10,6 +10,7 @@ from multirod.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
 from multirod.segments import Segments, placed
 from multirod.solver import Outcome, Solver, Track
+from multirod.solvers.continuation.natural import ROUNDED_OFF
 from multirod.solvers.newton.iteration import Newton
 from multirod.solvers.segments.band import Systems
 from multirod.solvers.segments.path import Place, Results, SegmentedPaths
@@ -19,7 +20,6 @@ from multirod.validation import FloatArray, positive_int
 
 NOISY = 1e2  # norm of Gamma from which the integrator's noise may look like the end of a branch
 POLISH = 5  # iterations on the unknowns alone
-ROUNDED_OFF = 1e4  # times the tolerance, that no iteration from the base comes below but by chance
 MAX_INTEGRATIONS = 4000  # some seconds; the hardest loads of docs/solvers.md take 700
 SAME_POSE = 1e-7  # of the length, and of a rotation: how near these lead to the tip that the segments lead to
 

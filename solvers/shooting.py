@@ -160,14 +160,16 @@ class Shooting(Solver):
         reached: FloatArray,
         ends: FloatArray,
     ) -> IntArray:
-        """Let multiple shooting go on where shooting crept; what it does not find is followed from the start as if it had not.
+        """Let multiple shooting go on where shooting crept; where it comes to an end, shooting follows the branch to there too.
 
         Returns:
             How multiple shooting ended, (instance_count,); ``NOT_RUN`` of the others.
         """
         starts = {k: (ends[k], float(reached[k])) for k in np.flatnonzero(handed).tolist()}
         tried = self._segmented().go_on(problem, outcome, starts, self._left(outcome))
-        places = np.flatnonzero(handed & failures(tried))
+        lost = handed & failures(tried)
+        outcome.status[lost] = tried[lost]
+        places = np.flatnonzero(tried == Status.BRANCH_END)
         if not len(places):
             return tried
         assert problem.parts is not None  # or nothing is handed over

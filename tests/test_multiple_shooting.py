@@ -1,5 +1,6 @@
 """Multiple shooting: rods whose sensitivities grow by more from base to tip than numbers have digits."""
 
+import re
 from dataclasses import replace
 from itertools import pairwise
 from threading import Event
@@ -269,29 +270,68 @@ def test_a_batch_is_solved_as_each_alone(soft):
 
 
 def test_where_shooting_creeps_segments_go_on(soft, monkeypatch):
-    """By a third of the integrations, to the same tip; what they do not find is followed as if nothing had been handed over."""
+    """By a third of the integrations, to the same tip; what they do not find has failed, and is not looked for again."""
     force = np.array([(60.0, -50.0, 30.0), (0.2, 0.1, 0.0), (60.0, 50.0, 30.0)])
 
     def solved(some=slice(None)):
         return mr.solve(soft, soft.inputs(tip_force=force[some]))
 
-    handed = solved()
-    alone = solved(2)
+    handed, alone = solved(), solved(2)
     for name in ("unknowns", "tip_position", "integrations", "status"):
         np.testing.assert_array_equal(getattr(alone, name), getattr(handed, name)[2])
     with monkeypatch.context() as patch:
-        patch.setattr(MultipleShooting, "go_on", lambda self, problem, *_: np.zeros(problem.instance_count, dtype=int))
-        again = solved()
+        given_up = np.full(3, int(mr.Status.STALLED))
+        patch.setattr(MultipleShooting, "go_on", lambda *_: given_up)
+        failed = solved()
+    assert failed.status.tolist() == [6, 1, 6]
+    assert (failed.integrations < handed.integrations).tolist() == [True, False, True]
     monkeypatch.setattr(natural, "CREEPING", np.inf)
     crept = solved()
     assert handed.status.tolist() == crept.status.tolist() == [16, 1, 16]
     assert (handed.integrations[[0, 2]] < 0.35 * crept.integrations[[0, 2]]).all()
     np.testing.assert_allclose(handed.tip_position, crept.tip_position, rtol=0, atol=1e-8)
-    for name in ("unknowns", "tip_position", "residual"):
-        np.testing.assert_array_equal(getattr(again, name), getattr(crept, name))
-        np.testing.assert_array_equal(getattr(handed, name)[1], getattr(crept, name)[1])
-    assert handed.integrations[1] == crept.integrations[1]
-    assert (again.integrations >= crept.integrations).all()
+    for solution in (handed, failed):
+        np.testing.assert_array_equal(solution.unknowns[1], crept.unknowns[1])
+        assert solution.integrations[1] == crept.integrations[1]
+
+
+def test_what_creeps_to_an_end_is_followed_to_there(soft, monkeypatch):
+    """Pushed beyond where it snaps: it ends at the same load as if it had not been handed over."""
+    inputs = soft.inputs(tip_force=(32.6, 66.0, -130.7))
+    solver, counted = mr.Shooting(at_fold="stop"), []
+    go_on = MultipleShooting.go_on
+
+    def watched(self, *arguments):
+        tried = go_on(self, *arguments)
+        counted.append(tried.tolist())
+        return tried
+
+    monkeypatch.setattr(MultipleShooting, "go_on", watched)
+    handed = mr.solve(soft, inputs, solver=solver)
+    assert counted == [[mr.Status.BRANCH_END]]
+    monkeypatch.setattr(natural, "CREEPING", np.inf)
+    crept = mr.solve(soft, inputs, solver=solver)
+    assert len(counted) == 1
+    assert handed.status == crept.status == mr.Status.BRANCH_END
+    said = []
+    for solution in (handed, crept):
+        with pytest.raises(mr.SolveError, match=r"% of the load reached") as error:
+            solution.raise_if_failed()
+        said += re.findall(r"[0-9.]+% of the load reached", str(error.value))
+    assert said[0] == said[1]
+
+
+def test_creeping_is_left_alone_where_rounding_does_not_forbid_the_end(monkeypatch):
+    """However many steps are left: bitwise the same, by as many integrations."""
+    rod = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.02, torsional_stiffness=0.015, precurvature=(14, 5, 0)))
+    inputs = rod.inputs(tip_force=(0, 5.0, 0))
+    free = mr.solve(rod, inputs)
+    monkeypatch.setattr(natural, "CREEPING", 0)
+    monkeypatch.setattr(natural, "ROUNDS", 1)
+    asked = mr.solve(rod, inputs)
+    assert asked.status == mr.Status.CONVERGED
+    assert asked.integrations == free.integrations > 30
+    np.testing.assert_array_equal(asked.unknowns, free.unknowns)
 
 
 def test_no_iteration_from_the_base_where_rounding_alone_leaves_more(soft, monkeypatch):

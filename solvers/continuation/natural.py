@@ -24,7 +24,7 @@ AT_KINK = 1e-3  # of the curvature scale, that an unknown may be from a kink whe
 FINER = 16  # times shorter steps, where a branch led to an unstable equilibrium
 ROUNDS = 64  # integrations after each of which it is asked whether a rod creeps
 CREEPING = 100  # steps to the full load, at the pace of the last, of what does
-AMPLIFIED = 1e2  # by which Gamma then multiplies a change of the unknowns
+ROUNDED_OFF = 1e4  # times the tolerance, that no iteration from the base comes below but by chance
 
 BoolArray = NDArray[np.bool_]
 
@@ -81,6 +81,7 @@ class Paths:
                 "step",
             )
             self._in_place = {name: getattr(state, name).numpy() for name in names} | {"active": problem.active.numpy()}
+        self._tolerance = newton.tolerance
         self.handed: BoolArray | None = None  # which crept and were given up; None where that is not asked for
         self._launch: Any = None
         self._first_values: Any = None
@@ -242,9 +243,12 @@ class Paths:
                 launch.set_dim(dim)
             launch.launch()
             remaining = int(self._remaining[0] if self._remaining is not None else state.remaining.numpy()[0])
-            rounds += 1
-            if self.handed is not None and remaining and rounds % ROUNDS == 0:
-                remaining -= self._give_up()
+            if self.handed is not None:
+                if rounds == 0:
+                    unloaded = self._amplification()
+                rounds += 1
+                if remaining and rounds % ROUNDS == 0:
+                    remaining -= self._give_up(unloaded)
             leave(problem, remaining)
         counts: dict[str, Any] = {name: self._get(name) for name in ("status", "iterations", "integrations")}
         self._doubt_ends(counts["status"], counts["integrations"])
@@ -254,26 +258,34 @@ class Paths:
             counts["status"][failed & (last > RUNAWAY * problem.curvature_scale())] = Status.LINE_LIMIT
         return Outcome(**counts, reached=self._get("levels")[:, 0].copy())
 
-    def _give_up(self) -> int:
-        """End those that creep: whose sensitivities leave short steps only, far from the full load; how many there are.
+    def _amplification(self) -> FloatArray:
+        """By how much a change of the unknowns is multiplied at most, about: Frobenius norm of ``Gamma``, (instance_count,)."""
+        return np.asarray(np.linalg.norm(self.problem.read("gamma"), axis=1))
+
+    def _give_up(self, unloaded: FloatArray) -> int:
+        """End those that creep towards where rounding ends them: whose steps are short, and whose ``Gamma``, of the norm
+        ``unloaded`` first, will amplify the rounding of the unknowns far beyond the tolerance, (3) and (4) of
+        ``docs/solvers.md``; how many there are.
 
         Every instance on its way has taken as many integrations as rounds, so that none depends on the others.
         """
         assert self.handed is not None
+        problem = self.problem
         level, step, active = self._get("levels")[:, 0], self._get("step"), self._get("active") != 0
-        with np.errstate(divide="ignore", invalid="ignore"):
-            steps = np.fmin((1 - level) / step, -np.log(level) / np.log1p(step / level))
-        creeping = active & (level > 0) & (steps > CREEPING)
-        if not creeping.any() or self.problem.segments is None or self.problem.parts is None:
+        if problem.segments is None or problem.parts is None:
             return 0
-        size = np.linalg.norm(self.state.reference.numpy()[creeping], axis=(1, 2))
-        creeping[creeping] = size > AMPLIFIED
+        size, unknowns = np.linalg.norm(self.state.reference.numpy(), axis=(1, 2)), self.state.points.numpy()[:, 0]
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            steps = np.fmin((1 - level) / step, -np.log(level) / np.log1p(step / level))
+            full = size * (size / unloaded) ** (1 / np.sqrt(level) - 1)
+            rounding = np.finfo(float).eps * full * np.abs(unknowns).max(axis=1)
+        creeping = active & (level > 0) & (steps > CREEPING) & (rounding > ROUNDED_OFF * self._tolerance())
         self.handed |= creeping
         self._set("status", np.where(creeping, Status.STALLED, self._get("status")))
         self._set("active", active & ~creeping)
-        unknowns = self.problem.read("unknowns")
-        unknowns[creeping] = self.state.points.numpy()[creeping, 0]
-        self.problem.write("unknowns", unknowns)
+        own = problem.read("unknowns")
+        own[creeping] = unknowns[creeping]
+        problem.write("unknowns", own)
         return int(creeping.sum())
 
     def _doubt_ends(self, status: Any, integrations: Any) -> None:

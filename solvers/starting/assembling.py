@@ -48,6 +48,7 @@ def assemble(
     found is left as it is. ``go_on`` leads on from where a branch ends as loads are raised, or if so asked as joints are closed,
     and says so in the outcome that it is given; the load factor of what happens while joints are closed is 0.
     """
+    lost = lost & (newton.allowed() > 0)
     if problem.joints is None or problem.parts is None or not lost.any():
         return
     for places in np.split(np.flatnonzero(lost), range(TOGETHER, int(lost.sum()), TOGETHER)):
