@@ -167,8 +167,9 @@ class Shooting(Solver):
         """
         starts = {k: (ends[k], float(reached[k])) for k in np.flatnonzero(handed).tolist()}
         tried = self._segmented().go_on(problem, outcome, starts, self._left(outcome))
-        lost = handed & failures(tried)
-        outcome.status[lost] = tried[lost]
+        decided = np.isin(tried, (Status.BRANCH_END, Status.MAX_ITERATIONS, Status.INTEGRATION_LIMIT))
+        outcome.status[decided] = tried[decided]
+        tried[failures(tried) & ~decided] = Status.NOT_RUN  # from there: it may still be found from the unloaded rod
         places = np.flatnonzero(tried == Status.BRANCH_END)
         if not len(places):
             return tried

@@ -156,7 +156,8 @@ class BackboneSegments(Segments):
         # rotation to moment and back may each be scaled at the cost of the other: their geometric mean is what is left
         T = found.transition
         norm = [[_largest_singular_value(T[:, i : i + 3, j : j + 3]) for j in (0, 3)] for i in (0, 3)]
-        return np.asarray(np.maximum(np.maximum(norm[0][0], norm[1][1]), np.sqrt(norm[0][1] * norm[1][0])))
+        with np.errstate(over="ignore"):
+            return np.asarray(np.maximum(np.maximum(norm[0][0], norm[1][1]), np.sqrt(norm[0][1] * norm[1][0])))
 
     # ---- launches ----
 

@@ -260,7 +260,8 @@ class Paths:
 
     def _amplification(self) -> FloatArray:
         """By how much a change of the unknowns is multiplied at most, about: Frobenius norm of ``Gamma``, (instance_count,)."""
-        return np.asarray(np.linalg.norm(self.problem.read("gamma"), axis=1))
+        with np.errstate(over="ignore"):
+            return np.asarray(np.linalg.norm(self.problem.read("gamma"), axis=1))
 
     def _give_up(self, unloaded: FloatArray) -> int:
         """End those that creep towards where rounding ends them: whose steps are short, and whose ``Gamma``, of the norm
@@ -274,8 +275,9 @@ class Paths:
         level, step, active = self._get("levels")[:, 0], self._get("step"), self._get("active") != 0
         if problem.segments is None or problem.parts is None:
             return 0
-        size, unknowns = np.linalg.norm(self.state.reference.numpy(), axis=(1, 2)), self.state.points.numpy()[:, 0]
+        unknowns = self.state.points.numpy()[:, 0]
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            size = np.linalg.norm(self.state.reference.numpy(), axis=(1, 2))
             steps = np.fmin((1 - level) / step, -np.log(level) / np.log1p(step / level))
             full = size * (size / unloaded) ** (1 / np.sqrt(level) - 1)
             rounding = np.finfo(float).eps * full * np.abs(unknowns).max(axis=1)

@@ -373,8 +373,9 @@ class SegmentedPaths:
         gap = np.abs(self.segments.difference(instances, fine.end, found.end)).max(axis=1)
         apart = np.abs(self.segments.difference(instances, found.end, cuts.states)).max(axis=1)
         size = 1 / scale + np.maximum.reduceat(apart, first)
-        norm = np.linalg.norm(fine.transition, axis=(1, 2))
-        missed = np.linalg.norm(fine.transition - found.transition, axis=(1, 2))
+        with np.errstate(over="ignore"):  # what overflows amplifies too much, and is halved
+            norm = np.linalg.norm(fine.transition, axis=(1, 2))
+            missed = np.linalg.norm(fine.transition - found.transition, axis=(1, 2))
         most = integrator.atol / scale + integrator.rtol * size
         return np.asarray((gap > most[cuts.owner]) | (missed > COLUMN_ERROR * norm))
 
