@@ -88,6 +88,16 @@ def test_tension_in_space_is_what_the_line_calls_for(space):
     np.testing.assert_allclose(force, shape.total_force, atol=1e-9 * np.abs(force).max())
 
 
+def test_a_tendon_does_not_rub_before_it_begins():
+    start, moment, pull = 0.08, 0.02, 3.0
+    robot = one_tendon(0.3, start=start)
+    solution = mr.solve(robot, robot.inputs(tension=[pull], follower_moment=(0, moment, 0)), solver=TIGHT).raise_if_failed()
+    # EI kappa = T r + moment, T' = -mu kappa T, from the start on; before, the moment bends the rod alone
+    fading = np.exp(-0.3 * moment / EI * (LENGTH - start))
+    left = pull * fading / (1 + pull * OFFSET / moment * (1 - fading))
+    np.testing.assert_allclose(solution.line(0, nodes=3).tension[-1], left, rtol=1e-9)
+
+
 def test_columns_are_derivatives(space, difference):
     solution = mr.solve(space, space.inputs(tension=TENSION, **LOADS), solver=TIGHT)
     for name, step in (("tension", 2e-2), ("tip_force", 2e-3)):

@@ -3,9 +3,11 @@ of what drives them."""
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 from tube_line_equations import Tube, TubeLine, TubeLineEquations
 
 import multirod as mr
+from multirod.testing import check_assembly
 
 PRECISE = mr.Shooting(tolerance=1e-11)
 STRAIGHT = np.zeros(3)
@@ -160,6 +162,11 @@ def test_lines_are_drawn_along_the_tube_that_carries_them(solution: mr.Solution)
     np.testing.assert_allclose(tube.arclength[there][[0, -1]], (0.12 - 0.08, 0.27 - 0.08), atol=0.01)
 
 
+def test_it_conforms() -> None:
+    inputs = ROBOT.inputs(**GIVEN)
+    check_assembly(ROBOT, inputs, tip_rod=0, vary=("tension", "displacement", "translation"), solvers=("shooting",))
+
+
 # ---- two tubes and a tendon in each ----
 
 
@@ -196,6 +203,23 @@ def test_opposite_tendons_turn_tubes_against_each_other_and_snap_as_precurvature
         straight = mr.solve(robot, inputs, guess=np.zeros(1)).raise_if_failed()
         np.testing.assert_allclose(straight.tip_position, (0, 0, 0.2), atol=1e-9)
         assert (straight.stability == mr.Stability.STABLE) == stable
+
+
+def test_the_tension_at_which_opposite_tendons_turn_their_tubes_is_known() -> None:
+    """``theta'' = (EI k^2/GJ) sin(theta)``, ``k = T r/EI``: straight up to ``cot x = x beta/l``, ``x = l k sqrt(EI/GJ)``."""
+    robot, full = pulled_pair(0.001), 40.0
+
+    def inputs(angle: float) -> mr.Inputs:
+        return robot.inputs(tension=(full, full), rotation=(0, angle), translation=(-0.05, -0.05))
+
+    (found,) = mr.critical_loads(robot, inputs(np.pi))
+    x = brentq(lambda x: 1 / np.tan(x) - x * 0.05 / 0.2, 1.0, 1.5)
+    k = x / 0.2 * np.sqrt(0.002 / 0.005)
+    # what the pulls add to GJ, T r^2, is 1 % of it
+    np.testing.assert_allclose(found.load_factor, k * 0.005 / 0.001 / full, rtol=0.01)
+    with pytest.raises(mr.SolveError, match=r"rounding hides the branch: .*no change of stability before .* up_to=\d"):
+        mr.critical_loads(robot, inputs(2.0))
+    assert not mr.critical_loads(robot, inputs(2.0), up_to=2)
 
 
 def test_one_tube_with_lines_is_a_single_rod_with_them() -> None:

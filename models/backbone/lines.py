@@ -354,7 +354,7 @@ class RubbingTendon(Tendon):
         own = super().values(section, s)
         shape = np.broadcast_shapes(own.shape[:-1], self.friction.shape)
         own, count = np.broadcast_to(own, (*shape, own.shape[-1])), len(Line.parameters)
-        friction = np.broadcast_to(self.friction, shape)[..., None]
+        friction = np.broadcast_to(self.friction, shape)[..., None] * own[..., :1]  # none before it begins
         return np.concatenate([own[..., :count], friction, own[..., count:]], axis=-1)
 
     def smooth(self) -> Tendon:  # noqa: D102
@@ -402,6 +402,7 @@ class PushRod(DrivenByLength):
         route: Instead, a smooth function of the arclength [m] from the rod's base that returns two numbers.
         start: Arclength where it enters the rod [m].
         end: Where it is fastened [m]; None, the default, is the end of the rod.
+        driven: ``"displacement"``, the only way.
         axial_stiffness: ``EA`` [N], shape (...); infinite by default.
         bending_stiffness: ``EI`` [N m^2], shape (...); zero by default. Where it is not, the push rod is straight at rest, as the
             rod has to be, and runs at a constant offset.
@@ -422,11 +423,13 @@ class PushRod(DrivenByLength):
         route: Callable[[float], Numbers] | None = None,
         start: float = 0.0,
         end: float | None = None,
+        driven: Literal["displacement"] = "displacement",
         axial_stiffness: Numbers | None = None,
         bending_stiffness: Numbers | None = None,
         rest_length: float | None = None,
         name: str = "",
     ) -> None:
+        choice("PushRod.driven", driven, ("displacement",))
         own: dict[str, Any] = {"axial_stiffness": axial_stiffness, "rest_length": rest_length}
         super().__init__(offset, route=route, start=start, end=end, name=name, **own)
         given = bending_stiffness is not None

@@ -158,10 +158,7 @@ def critical_loads(
         raise SolveError(
             f"at the start the equilibrium is {Stability(int(first.modes.stability[0])).name}: there is no stability to lose"
         )
-    try:
-        changes, undecided, reached = _changes(branch, first, count, up_to, max_steps)
-    except BranchLost as error:
-        raise SolveError(str(error)) from None
+    changes, undecided, reached = _changes(branch, first, count, up_to, max_steps)
     if undecided:
         ranges = ", ".join(f"{low:.12g} to {high:.12g}" for low, high in undecided)
         warn(
@@ -179,22 +176,27 @@ def _changes(
     """Changes along the branch, where some may be missing, and the largest load factor up to which that is all.
 
     Raises:
-        BranchLost: If the branch cannot be followed so far.
+        SolveError: If the branch cannot be followed so far.
     """
     found: list[Change] = []
     undecided: list[tuple[float, float]] = []
     reached = 0.0
-    for step in branch.steps(first, max_steps):
-        changes = step.changes[: count - len(found)]
-        end = changes[-1].point if len(found) + len(changes) == count else step.after
-        for part in step.undecided:
-            loads = [branch.factor(point) for point in part]
-            if step.along(part[0]) <= step.along(end) and min(loads) <= up_to:
-                undecided.append((min(loads), max(loads)))
-        found += [change for change in changes if branch.factor(change.point) <= up_to]
-        reached = max(reached, *(branch.factor(change.point) for change in changes), branch.factor(end))
-        if end is not step.after or reached > up_to:
-            return found, tuple(undecided), min(reached, up_to)
+    try:
+        for step in branch.steps(first, max_steps):
+            changes = step.changes[: count - len(found)]
+            end = changes[-1].point if len(found) + len(changes) == count else step.after
+            for part in step.undecided:
+                loads = [branch.factor(point) for point in part]
+                if step.along(part[0]) <= step.along(end) and min(loads) <= up_to:
+                    undecided.append((min(loads), max(loads)))
+            found += [change for change in changes if branch.factor(change.point) <= up_to]
+            reached = max(reached, *(branch.factor(change.point) for change in changes), branch.factor(end))
+            if end is not step.after or reached > up_to:
+                return found, tuple(undecided), min(reached, up_to)
+    except BranchLost as lost:
+        seen = f"{len(found)} changes of stability" if found else "no change of stability"
+        hint = f"; {seen} before that: give up_to={0.99 * reached:.3g} for a result" if reached else ""
+        raise SolveError(f"{lost}{hint}") from None
     raise AssertionError("steps() ends by an error")
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from multirod.problem import BoundaryProblem
 from multirod.solvers.continuation.acceptance import CONTRACTION
-from multirod.solvers.continuation.branch_step import CUTS, Apart, Change, Inspection, Point, Step, heights
+from multirod.solvers.continuation.branch_step import CUTS, LOST, Apart, Change, Inspection, Point, Step, heights
 from multirod.solvers.continuation.crossings import at, crossings, cubic
 from multirod.stability import Modes, modes_of
 from multirod.validation import FloatArray
@@ -19,6 +19,7 @@ SINGULAR = 1e-7  # of the largest singular value: what is smaller is a bifurcati
 BRANCHES = 32  # followed from one start
 BRANCH_STEPS = 80
 ASIDE = 0.05  # how far from a bifurcation the crossing branch is met
+ROUNDED = 2e-16  # of unknowns and load factor: their last digit
 AHEAD = 1e-5  # along the branch, by which slopes of eigenvalues are told
 
 
@@ -146,6 +147,8 @@ class Branch:
             if step is None:
                 length /= 2
                 if length < SMALLEST_STEP:
+                    if self._why == LOST:
+                        self._why = self._end(point)
                     raise BranchLost(f"beyond a load factor of {self.factor(point):.6g} {self._why}")
                 continue
             yield step
@@ -153,6 +156,14 @@ class Branch:
             longest = 1 + self.growth * float(np.abs(point.place[-1]))
             length = min(longest, length * float(np.clip(0.5 * CONTRACTION / max(contraction, 1e-6), 0.5, 2.0)))
         raise BranchLost(f"{max_steps} steps led to a load factor of {self.factor(point):.6g} only")
+
+    def _end(self, point: Point) -> str:
+        """Why Newton's method fails beyond a point."""
+        _, matrix = self._evaluate(point.place)
+        noise = ROUNDED * float(np.linalg.norm(matrix) * np.abs(point.place).max())
+        if noise <= self.tolerance:
+            return "Newton's method fails: the branch ends"
+        return f"rounding hides the branch: the last digit of unknowns and loads moves the residual by {noise:.0e} 1/m"
 
     def on_branch(self, place: FloatArray, ahead: FloatArray) -> Point | None:
         """The equilibrium near ``place`` in the plane across ``ahead``; None if Newton's method fails."""
@@ -167,7 +178,7 @@ class Branch:
     def _try(self, point: Point, length: float) -> tuple[Step | None, float]:
         """One step further, if it surely is on the same branch, and Newton's contraction."""
         found, contraction = self._correct(point.place + length * point.tangent, point.tangent, CONTRACTION)
-        self._why = "Newton's method fails: the branch ends, or rounding hides it"
+        self._why = LOST
         if found is None:
             return None, contraction
         goal = self._point(found, point.tangent)

@@ -17,6 +17,7 @@ WIDEST = 0.26  # part of a step that is judged
 NARROWEST = 1e-5  # part that is cut no further
 SAFETY = 2.0  # of the whole's error for its halves, where a sixteenth is usual
 CUTS = 256  # of one step, at most
+LOST = "Newton's method fails: the branch ends, or rounding hides it"
 BESIDE = 3e-3  # of a part's length, how far from the cubic through its ends the branch may pass
 BLUR = 1e-7  # and by how much more: what tolerances leave of a place
 RETURN = 0.5  # smallest cosine between the tangents of a step
@@ -231,7 +232,7 @@ class Inspection:
             expected = at(path, (place - part.left.distance) / part.length)
             point = self._follower.on_branch(expected, self._before.tangent)
             if point is None:
-                raise Apart("Newton's method fails: the branch ends, or rounding hides it")
+                raise Apart(LOST)
             if (
                 np.linalg.norm(point.place - expected) > BESIDE * part.length + BLUR
                 or point.tangent @ self._before.tangent < RETURN
