@@ -65,6 +65,7 @@ def stiffnesses(rods, name):
 
 
 LOADS = {"tip_force": (0.05, 0.1, 0.1)}
+DRAWN_IN = {"rotation": (-1.2, -0.4, 0.1), "translation": (-0.32, -0.22, -0.14)}  # sections end behind the plate
 SLID = {"rotation": (-1.2, -0.4, 0.1), "translation": (-0.16, -0.13, -0.1)}
 
 
@@ -75,6 +76,7 @@ SLID = {"rotation": (-1.2, -0.4, 0.1), "translation": (-0.16, -0.13, -0.1)}
         pytest.param(lambda rods: mr.SingleRod(*rods), WIRE, {"rotation": 0.3, "translation": 0.02, **LOADS}, id="rod"),
         pytest.param(mr.ConcentricTubes, TUBES, {**SLID, **LOADS, "gravity": (0, 1, -9)}, id="loaded tubes"),
         pytest.param(mr.ConcentricTubes, TUBES, SLID, id="tubes"),
+        pytest.param(mr.ConcentricTubes, TUBES, DRAWN_IN, id="tubes drawn in"),
     ],
 )
 def test_columns_are_derivatives(make, rods, inputs, name):
@@ -135,6 +137,31 @@ def test_along_the_rod(bent, name):
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8 * np.abs(expected).max())
 
 
+def test_along_a_tube_that_is_not_the_first():
+    """In its own frame, which turns about that of the first."""
+    robot = mr.ConcentricTubes(sections_of(TUBES))
+    solution = mr.solve(robot, robot.inputs(**SLID), solver=SOLVER)
+    turned = SLID | {"rotation": np.array(SLID["rotation"]) + 1e-2 * NODES[:, None] * np.eye(3)[:, None]}
+    varied = mr.solve(robot, robot.inputs(**turned), solver=SOLVER).rod(1, nodes=3)
+    expected = np.einsum("n,knc->ck", WEIGHTS, varied.curvature[:, :, 1]) / 1e-2
+    found = solution.jacobian("rotation", of="curvature", at=float(varied.arclength[0, 0, 1]), rod=1)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8 * np.abs(expected).max())
+
+
+def test_the_law_of_precurvature_moves_with_its_section():
+    """(D3) A section that bends more and more begins further on where the one before it is longer."""
+
+    def solved(length):
+        bent = mr.Section(length=0.15, bending_stiffness=0.2, torsional_stiffness=0.07, precurvature=lambda s: (60 * s, 4, 1))
+        first = mr.Section(length=length, bending_stiffness=0.22, torsional_stiffness=0.064, precurvature=(14, 5, 1))
+        robot = mr.SingleRod(mr.Rod(sections=[first, bent]))
+        return mr.solve(robot, robot.inputs(rotation=0.3, **LOADS), solver=SOLVER)
+
+    expected = WEIGHTS @ np.array([solved(0.25 + 1e-3 * k).tip_position for k in NODES]) / 1e-3
+    found = solved(0.25).jacobian("length")[:3, 0]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8 * np.abs(expected).max())
+
+
 def test_at_the_tip_it_is_that_of_the_pose_and_several_places_are_those_alone(bent):
     names = ("tip_force", "length", "base")
     pose = bent.jacobian(*names)
@@ -165,6 +192,21 @@ def test_the_stiffness_undoes_the_compliance_and_is_symmetric(bent):
     compliance = bent.jacobian("tip_force", "tip_moment")
     np.testing.assert_allclose(bent.stiffness @ compliance, np.eye(6), rtol=0, atol=1e-9)
     np.testing.assert_allclose(bent.stiffness, bent.stiffness.T, rtol=0, atol=1e-8 * np.abs(bent.stiffness).max())
+
+
+def test_the_stiffness_of_a_platform_is_about_its_origin_wherever_forces_act():
+    rod = mr.Rod(length=0.4, bending_stiffness=0.223349, torsional_stiffness=0.063814)
+    angles = 2 * np.pi * np.arange(3) / 3
+
+    def circle(radius):
+        poses = np.tile(np.eye(4), (3, 1, 1))
+        poses[:, :2, 3] = radius * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        return poses
+
+    robot = mr.ParallelRods(legs=[rod] * 3, base=circle(0.05), platform=circle(0.03))
+    centre = mr.solve(robot, robot.inputs(translation=(0.01, 0, 0), tip_force=(0, 0, 0)))
+    aside = mr.solve(robot, robot.inputs(translation=(0.01, 0, 0), tip_force=(0, 0, 0), force_point=(0.02, 0.01, 0)))
+    np.testing.assert_allclose(aside.stiffness, centre.stiffness, rtol=0, atol=1e-9 * np.abs(centre.stiffness).max())
 
 
 def test_a_moved_base_carries_the_robot_and_leaves_the_loads(bent, make_pose):
