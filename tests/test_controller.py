@@ -44,10 +44,10 @@ def test_a_moving_target_is_followed_without_lag_by_one_integration_a_sample(sta
         assert int(command.integrations) == 1
         off.append(np.linalg.norm(solved(command.inputs, command).tip_position - y))
         if k > 2:  # of the first samples, nothing is known of the motion
-            assert off[-1] < 3e-6  # second order in what a sample was not expected to be
+            assert off[-1] < 2e-7  # second order in what a sample was not expected to be; 1e-6 where it is expected wrongly
             assert command.target_error < 1e-9
     # without what is foreseen, each sample would be as far off as the target moves in it, squared over the rods' radius
-    assert np.sqrt(np.mean(np.square(off[3:]))) < 1e-6
+    assert np.sqrt(np.mean(np.square(off[3:]))) < 5e-8
 
 
 def test_pose_and_axis_are_followed_too(start):
