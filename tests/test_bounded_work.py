@@ -101,6 +101,15 @@ def test_a_motion_that_multiple_shooting_cannot_resume_counts_both_ways(solver: 
     assert (history.integrations <= 300 + CHECKS).all()
 
 
+@pytest.mark.parametrize("limit", [5, 20])
+def test_energy_descent_takes_an_integration_a_sample(wire: mr.SingleRod, limit: int) -> None:
+    for guess in (None, (0, 20, 0)):
+        solution = mr.solve(wire, wire.inputs(tip_force=(0, 5.0, 0)), solver=mr.EnergyDescent(max_iterations=limit), guess=guess)
+        assert solution.status.failed
+        assert solution.integrations <= limit + 1
+        assert np.isnan(solution.unknowns).all()
+
+
 def test_the_others_of_a_batch_are_unaffected(wire: mr.SingleRod) -> None:
     force = np.array([(0, 5.0, 0), (0, 0.1, 0), (0.2, 0.1, 0)])
     free = mr.solve(wire, wire.inputs(tip_force=force))
