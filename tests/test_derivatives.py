@@ -107,6 +107,48 @@ def at_unknowns(make, rods, inputs, name, solution):
         np.testing.assert_allclose(found[0] * scale, expected, rtol=0, atol=1e-8 * np.abs(expected).max())
 
 
+def side_by_side(name=None, step=0.0):
+    """Two tubes, one of which begins to bend and twist more and more behind the plate; their numbers changed by ``step``."""
+    laws = [lambda s: np.array([3, 12, 1]), lambda s: np.array([20 * s, 12 - 60 * s, 1 + 40 * s]), lambda s: np.array([8, -4, 0.5])]
+    made = []
+    for k, (length, bending, torsional) in enumerate([(0.05, 0.02, 0.016), (0.15, 0.025, 0.018), (0.17, 0.05, 0.03)]):
+        values = {"length": length, "bending_stiffness": bending, "torsional_stiffness": torsional}
+        values |= {name: values[name] + step * SIDE_BY_SIDE[name][k]} if name in values else {}
+        more = step * SIDE_BY_SIDE["precurvature"][k] * (name == "precurvature")
+        made.append(mr.Section(**values, precurvature=lambda s, k=k, more=more: laws[k](s) + more))
+    tubes = mr.Rod(sections=made[:2]), mr.Rod(sections=made[2:])
+    return mr.EccentricTubes(tubes, ((0.003, 0.001), (-0.002, 0.002)))
+
+
+SIDE_BY_SIDE = {  # along which their numbers change
+    "precurvature": np.array([(0.4, -1, 0.8), (1, 0.5, -0.7), (-0.6, 1, 1)]),
+    "bending_stiffness": np.array([0.02, -0.02, 0.04]),
+    "torsional_stiffness": np.array([0.016, -0.015, 0.03]),
+    "length": np.array([1.0, -0.6, 0.4]),
+}
+
+
+@pytest.mark.parametrize("name", STEPS)
+def test_columns_of_tubes_side_by_side(name):
+    """(D7), and (D8) where precurvature varies behind the plate, along one direction."""
+    inputs = {"rotation": (0.4, 1.7), "translation": (-0.08, -0.02), "tip_force": (0.3, -0.2, 0.1)}
+
+    def solved(step):
+        robot = side_by_side(name, step)
+        return mr.solve(robot, robot.inputs(**inputs), solver=SOLVER)
+
+    solution = solved(0.0)
+    changes = np.zeros((2, 2, *COMPONENTS[name]))
+    own = SIDE_BY_SIDE[name].reshape(3, *(-1,) * len(COMPONENTS[name]))
+    changes[0], changes[1, 0] = own[:2], own[2]
+    found = solution.jacobian(name) @ changes.ravel()
+    varied = [solved(STEPS[name] * node) for node in NODES]
+    moved = WEIGHTS @ np.array([s.tip_position for s in varied]) / STEPS[name]
+    turned = np.einsum("n,nij,lj->il", WEIGHTS, [s.tip_rotation for s in varied], solution.tip_rotation) / STEPS[name]
+    expected = np.array([*moved, turned[2, 1], turned[0, 2], turned[1, 0]])
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+
+
 def rod_of(name=None, steps=0.0):
     """The robot of one rod, whose number of that name is changed."""
     return mr.SingleRod(*sections_of(WIRE, name, steps))
