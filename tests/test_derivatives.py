@@ -109,7 +109,7 @@ def at_unknowns(make, rods, inputs, name, solution):
 
 def side_by_side(name=None, step=0.0):
     """Two tubes, one of which begins to bend and twist more and more behind the plate; their numbers changed by ``step``."""
-    laws = [lambda s: np.array([3, 12, 1]), lambda s: np.array([20 * s, 12 - 60 * s, 1 + 40 * s]), lambda s: np.array([8, -4, 0.5])]
+    laws = [lambda s: np.array([3, 12, 1]), lambda s: np.array([20 * s, 12 - 60 * s, 1 + 40 * s]), lambda s: np.array([8, -4, 1])]
     made = []
     for k, (length, bending, torsional) in enumerate([(0.05, 0.02, 0.016), (0.15, 0.025, 0.018), (0.17, 0.05, 0.03)]):
         values = {"length": length, "bending_stiffness": bending, "torsional_stiffness": torsional}
