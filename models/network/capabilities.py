@@ -5,14 +5,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multirod.batch import IntArray
-from multirod.capabilities import Joints, Loading, Parts, Shapes
+from multirod.capabilities import Joints, Loading, Parts, Shapes, Starts
 from multirod.models.backbone.inputs import LOADS
+from multirod.models.network.elements import GAP_AT, OWN, OWN_AT
 from multirod.models.platform.starting import crowded
 from multirod.problem import Shape
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
     from multirod.models.network.problem import NetworkProblem
+
+APART = 10_000  # numbers between the sequences of two bodies
+BENDING = 0.1  # L^3/EI by which rods give way along themselves where they are bent to first order
 
 
 class NetworkParts(Parts):
@@ -50,7 +54,7 @@ class NetworkShapes(Shapes):
         with problem.everyone():
             state = problem.hand_over(np.arange(count))
             found: dict[int, Shape] = {}
-            energy = self._of_springs(state.angles)
+            energy = self.of_springs(state.angles)
             for group in problem.groups:
                 (shape,), own = group.backbones.shapes.at_nodes(node_count)
                 energy += own.reshape(count, -1).sum(axis=1)
@@ -63,11 +67,54 @@ class NetworkShapes(Shapes):
                     found[rod] = Shape(**values)
         return tuple(found[rod] for rod in range(problem.rod_count)), energy
 
-    def _of_springs(self, angles: list[FloatArray]) -> FloatArray:
+    def of_springs(self, angles: list[FloatArray]) -> FloatArray:
         """Energy of the springs in the joints [J], shape (instance_count,)."""
         tables = [end.table for end in self.problem.graph.ends]
         parts = [0.5 * (t.stiffness * (a - t.rest) ** 2).sum(axis=(1, 2)) for t, a in zip(tables, angles, strict=True)]
         return np.asarray(parts[0] + parts[1])
+
+
+class NetworkStarts(Starts):
+    """Of a ``NetworkProblem``; closed loops, so equilibria need not come in pairs."""
+
+    def __init__(self, problem: "NetworkProblem") -> None:
+        self.problem = problem
+
+    @property
+    def signs_add_up(self) -> bool:  # noqa: D102
+        return False
+
+    def guesses(self, count: int, first: int = 0) -> FloatArray:
+        """Poses of the bodies around those of the network taken apart, and rods bent there to first order."""
+        problem = self.problem
+        x = problem.apart().unknowns
+        result = np.empty((count, *x.shape))
+        for k, number in enumerate(range(first, first + count)):
+            with problem.unloaded():
+                result[k] = self._bent(moved(problem, x, np.full(len(x), number)))
+        return result
+
+    def _bent(self, x: FloatArray) -> FloatArray:
+        """Rods by the linear answer of their tips, which give way a little along themselves."""
+        problem = self.problem
+        residual, gamma = problem.evaluate(x)
+        for rod in range(problem.rod_count):
+            own = problem.places[rod, OWN_AT]
+            answer = gamma[:, own[:, None], own]
+            answer[:, GAP_AT.stop - 1, OWN - 1] += BENDING
+            sound = np.isfinite(answer).all(axis=(1, 2)) & (np.linalg.det(np.nan_to_num(answer)) != 0)
+            x[np.ix_(sound, own)] -= np.linalg.solve(answer[sound], residual[np.ix_(sound, own)][..., None])[..., 0]
+        return x
+
+
+def moved(problem: "NetworkProblem", x: FloatArray, numbers: IntArray) -> FloatArray:
+    """Unknowns with the bodies aside by the entries ``numbers``, (instance_count,), of an endless sequence, each its own way."""
+    result = np.array(x)
+    L = problem.length[:, problem.rod_count :, None]
+    for body in range(problem.body_count):
+        at = slice(problem.first_pose + 6 * body, problem.first_pose + 6 * body + 6)
+        result[:, at] += np.where(numbers[:, None] == 0, 0.0, crowded(numbers + APART * body)) / L[:, body]
+    return result
 
 
 class NetworkJoints(Joints):
@@ -80,11 +127,8 @@ class NetworkJoints(Joints):
         """Rods at rest and bodies as near to their ends as they can be, or around there."""
         problem = self.problem
         x = np.array(problem.apart().unknowns)
-        if numbers is not None and problem.body_count:
-            away = np.where(numbers[:, None] == 0, 0.0, crowded(numbers))
-            L = problem.length[:, problem.rod_count :, None]
-            poses = x[:, problem.first_pose :].reshape(len(x), -1, 6)
-            poses += away[:, None] / L
+        if numbers is not None:
+            x = moved(problem, x, np.asarray(numbers))
         self.open(x)
         return x
 

@@ -256,6 +256,12 @@ class Equations:
             by_both = (pull[..., None] * (inward @ by_force), twist[..., None] * (inward @ by_moment))
             self.columns[..., at, :] = np.concatenate(by_both, axis=-2)
 
+    def tip_in_base(self) -> tuple[FloatArray, FloatArray]:
+        """How the tips turn and how the force on them changes in the world, told in the axes of the bases, by the variables,
+        shapes (instance, rod, 3, SIZE)."""
+        force = self._carried(self.rods.force, self.rods.wrench_columns[..., :3, :])
+        return self.tip_turn[..., :SIZE], force[..., :SIZE]
+
     def tips(self) -> tuple[FloatArray, FloatArray]:
         """(6) Where the tips are in the world, and position and rotation vector by the variables, then along directions, shape
         (instance, rod, 6, SIZE + direction_count)."""

@@ -17,7 +17,7 @@ from multirod.batch import IntArray
 from multirod.capabilities import Loading
 from multirod.inputs import Inputs
 from multirod.integrators import Integrator
-from multirod.models.network.capabilities import NetworkJoints, NetworkParts, NetworkShapes
+from multirod.models.network.capabilities import NetworkJoints, NetworkParts, NetworkShapes, NetworkStarts
 from multirod.models.network.elements import (
     ANGLES_AT,
     GAP_AT,
@@ -34,6 +34,7 @@ from multirod.models.network.elements import (
 from multirod.models.network.graph import GROUND, Graph
 from multirod.models.network.groups import ALONG, RodGroup, builds, put
 from multirod.models.network.placing import placed
+from multirod.models.network.stability import NetworkStability
 from multirod.problem import Block, BoundaryProblem
 from multirod.rotations import cross, cross_matrix, left_jacobian, matrices, vectors
 from multirod.status import Fault
@@ -195,8 +196,16 @@ class NetworkProblem(BoundaryProblem):
         return NetworkShapes(self)
 
     @property
+    def stability(self) -> NetworkStability:  # noqa: D102
+        return NetworkStability(self)
+
+    @property
     def parts(self) -> NetworkParts:  # noqa: D102
         return NetworkParts(self)
+
+    @property
+    def starts(self) -> NetworkStarts:  # noqa: D102
+        return NetworkStarts(self)
 
     @property
     def joints(self) -> NetworkJoints:  # noqa: D102
@@ -276,19 +285,46 @@ class NetworkProblem(BoundaryProblem):
 
     def _assemble(self, state: State) -> None:
         """(5) to (12) Residual, ``Gamma``, columns and pose of the instances of a state, their rods integrated."""
-        rows, n, d = state.rows, self.unknown_count, self.direction_count
-        count = len(rows)
-        equations = self.equations(state)
-        residual = self._sum_rows(equations.residual.reshape(count, -1))
-        matrix, along = equations.columns[..., :SIZE], equations.columns[..., SIZE:]
-        gamma = self._sum_entries(np.ascontiguousarray(matrix).reshape(count, -1)).reshape(count, n, n)
-        directions = np.moveaxis(self._sum_rows(np.moveaxis(along.reshape(count, self.rod_count * SIZE, d), 1, 2)), 1, 2)
-        self._add_loads(state, residual, gamma, directions)
+        rows, equations = state.rows, self.equations(state)
+        residual, gamma, directions = self.summed(state, equations)
         left = 1.0 - state.load_factor[:, None]
         self._soften(gamma, residual, state, left)
         residual -= left * self.opening[rows]
         position, rotation, columns = self._end_effector(state, equations)
         self._keep(rows, residual, gamma, directions, position, rotation, columns)
+
+    def summed(self, state: State, equations: Equations) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """(5) to (11) Residual, ``Gamma`` and the derivative of the residual along directions, of the network put together."""
+        count, n, d = len(state.rows), self.unknown_count, self.direction_count
+        residual = self._sum_rows(equations.residual.reshape(count, -1))
+        matrix, along = equations.columns[..., :SIZE], equations.columns[..., SIZE:]
+        gamma = self._sum_entries(np.ascontiguousarray(matrix).reshape(count, -1)).reshape(count, n, n)
+        directions = np.moveaxis(self._sum_rows(np.moveaxis(along.reshape(count, self.rod_count * SIZE, d), 1, 2)), 1, 2)
+        self._add_loads(state, residual, gamma, directions)
+        return residual, gamma, directions
+
+    def integrated_state(self) -> State:
+        """All instances at their unknowns, their rods integrated; nothing that solvers read is changed."""
+        state = self.hand_over(np.arange(self.instance_count))
+        for group in self.groups:
+            group.backbones.integrate()
+        return state
+
+    def reference_state(self) -> State:
+        """All instances where the poses of bodies are zero."""
+        kept = self.read("unknowns")
+        at_zero = kept.copy()
+        at_zero[:, self.first_pose :] = 0.0
+        self.write("unknowns", at_zero)
+        state = self.state()
+        self.write("unknowns", kept)
+        return state
+
+    def forces(self, state: State) -> tuple[FloatArray, FloatArray]:
+        """Dead forces on bodies and tips, and weights of bodies, shapes (instance, place, 3), (instance, body, 3)."""
+        level = state.level[:, None, None]
+        weight = level * self.graph.mass[:, None] * state.take(self, "gravity")[:, None]
+        return level * self._on_places(state, LOADED[0]), weight
 
     def equations(self, state: State) -> Equations:
         """(5) to (11) The elements."""
