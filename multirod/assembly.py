@@ -106,6 +106,10 @@ class Assembly(ABC):
         """How many columns derivatives by an input have, or by one of ``parameters``."""
         return next(spec.size(self.rod_count) for spec in self.input_specs if spec.name == name)
 
+    def ends_meet(self, inputs: Inputs) -> bool:
+        """Whether ends of sections are at one place, in any instance, so that derivatives by what moves one have a side."""
+        return False
+
     def with_rods(self, rods: Sequence[Rod]) -> Self:
         """The same assembly of other rods, as many, and as long."""
         raise NotImplementedError(f"{type(self).__name__} cannot change its rods")

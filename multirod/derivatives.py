@@ -25,7 +25,8 @@ OF = ("pose", "line_length", "tension", *ALONG)
 OF_TIP = {"tip_pose": slice(0, POSE), "tip_position": slice(0, 3)}
 SINGULAR = 1e-14  # of the largest: a singular value of the compliance that rounding may have left
 
-Rows = Callable[[Any, FloatArray], FloatArray]  # of a problem and its columns of the pose by numbers at fixed unknowns
+# of a problem, its columns of the pose by numbers at fixed unknowns, and what ends at one place were moved apart
+Rows = Callable[[Any, FloatArray, FloatArray], FloatArray]
 
 
 @dataclass(frozen=True)
@@ -114,7 +115,7 @@ def split(solution: "Solution[Any]", names: Sequence[str], columns: FloatArray) 
     return np.split(columns, np.cumsum([solution.assembly.column_count(name) for name in names])[:-1], axis=-1)
 
 
-def _pose_rows(problem: Any, moved: FloatArray) -> FloatArray:
+def _pose_rows(problem: Any, moved: FloatArray, apart: FloatArray | None = None) -> FloatArray:
     return np.concatenate([problem.pose_by_unknowns(), moved], axis=2)
 
 
@@ -130,8 +131,8 @@ def _rows(
         places = places_of(solution, at, index)
         tail = (places.size, 3) if np.ndim(np.asarray(at)) else (3,)
 
-        def along(problem: Any, moved: FloatArray) -> FloatArray:
-            own = np.broadcast_to(places, (problem.instance_count, places.size))
+        def along(problem: Any, moved: FloatArray, apart: FloatArray) -> FloatArray:
+            own = np.maximum(places - apart[:, None], places / 2)
             values = problem.along(names, index, own)[of]
             return np.asarray(values.reshape(problem.instance_count, -1, values.shape[-1]))
 
@@ -140,7 +141,7 @@ def _rows(
     if not assembly.length_columns:
         raise NotImplementedError(f"{type(assembly).__name__} does not give the derivatives of its lines' lengths")
 
-    def lines(problem: Any, moved: FloatArray) -> FloatArray:
+    def lines(problem: Any, moved: FloatArray, apart: FloatArray) -> FloatArray:
         ask = problem.lines.length_columns if of == "line_length" else problem.lines.tension_columns
         return np.asarray(ask(*names))
 
@@ -206,7 +207,9 @@ def _solved(matrices: FloatArray, sides: FloatArray) -> FloatArray:
 
 def _kept(solution: "Solution[Any]", names: Sequence[object]) -> tuple[FloatArray, FloatArray, FloatArray] | None:
     """Slopes, rows and ``Gamma`` that the solution has by these names; None where it has not."""
-    return None if solution.columns is None else solution.columns.by(names)
+    if solution.columns is None or ("translation" in names and solution.assembly.ends_meet(solution.inputs)):
+        return None
+    return solution.columns.by(names)
 
 
 def _gamma(problem: BoundaryProblem) -> FloatArray:
@@ -216,9 +219,10 @@ def _gamma(problem: BoundaryProblem) -> FloatArray:
 
 def _fixed(problem: Any, names: list[str], rows: Rows) -> tuple[FloatArray, FloatArray]:
     """Columns of the residual by the names, the unknowns fixed, and rows by unknowns, then by the names."""
+    apart = problem.part_ends(names)
     problem.eliminates = True
     slopes, moved = problem.input_columns(*names)
-    found = slopes, rows(problem, moved)
+    found = slopes, rows(problem, moved, apart)
     problem.eliminates = False  # after an error it is not used again
     return found
 

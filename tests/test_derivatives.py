@@ -201,6 +201,71 @@ def test_along_a_tube_that_is_not_the_first():
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8 * np.abs(expected).max())
 
 
+MET = {"rotation": (-1.2, -0.4, 0.1), "translation": (-0.14, -0.05, -0.04), **LOADS}  # a section of the first ends with the third
+SIDES = np.arange(7)  # steps to one side
+ONE_SIDED = np.linalg.solve(np.vander(SIDES, increasing=True).T.astype(float), np.eye(7)[1])  # error O(h^6)
+
+
+def to_one_side(make, step):
+    """A derivative of the pose by one number, from values to one side of it."""
+    values = [mr.solve(*make(k * step), solver=SOLVER) for k in SIDES]
+    turned = np.einsum("n,nij,lj->il", ONE_SIDED, [v.tip_rotation for v in values], values[0].tip_rotation)
+    turned = 0.5 * (turned - turned.T)
+    moved = np.einsum("n,nc->c", ONE_SIDED, [v.tip_position for v in values])
+    return np.concatenate([moved, [turned[2, 1], turned[0, 2], turned[1, 0]]]) / step
+
+
+def tubes_that_meet(translation=(0, 0, 0), lengths=(0, 0, 0)):
+    rods = [[(own[0][0] + more, *own[0][1:]), own[1]] for own, more in zip(TUBES, lengths, strict=True)]
+    robot = mr.ConcentricTubes(sections_of(rods))
+    return robot, robot.inputs(**MET | {"translation": np.array(MET["translation"]) + translation})
+
+
+@pytest.mark.parametrize(("tube", "side"), [(0, 1), (2, -1), (1, 1), (1, -1)])
+def test_where_ends_of_two_tubes_meet_it_is_that_of_one_side(tube, side):
+    """There the pose has a kink: that of the outer tube as if it were further back, however it is asked for."""
+    solution = mr.solve(*tubes_that_meet(), solver=SOLVER)
+    along = np.eye(3)[tube]
+    columns = solution.jacobian("translation", "length")
+    pushed = to_one_side(lambda step: tubes_that_meet(translation=step * along), side * 1e-4)
+    longer = to_one_side(lambda step: tubes_that_meet(lengths=step * along), side * 1e-4)
+    scale = np.abs(columns).max()
+    np.testing.assert_allclose(columns[:, tube], pushed, rtol=0, atol=1e-7 * scale)
+    np.testing.assert_allclose(columns[:, 3 + 2 * tube], longer, rtol=0, atol=1e-7 * scale)
+    np.testing.assert_array_equal(solution.jacobian("length"), columns[:, 3:])
+    gradient = solution.vjp((1, 0, 0), of="tip_position", wrt="translation")["translation"]
+    np.testing.assert_allclose(gradient, columns[0, :3], rtol=0, atol=1e-12 * scale)
+    tip = float(solution.rod(0, nodes=2).arclength[1])
+    meeting, there = solution.jacobian("translation", of="position", at=(0.16, tip))
+    np.testing.assert_allclose(there[:, 1:], columns[:3, 1:3], rtol=0, atol=1e-7 * scale)  # at the first one's tip, not with it
+    before = solution.jacobian("translation", of="position", at=0.16 - 1e-6)
+    np.testing.assert_allclose(meeting, before, rtol=0, atol=1e-4 * scale)
+
+
+def test_of_a_batch_only_those_whose_ends_meet_are_asked_beside_it():
+    """The others, and inputs that move no end, are bitwise as if all ends were apart."""
+    robot, met = tubes_that_meet()
+    apart = np.array(MET["translation"]) - (0, 0, 1e-3)
+    both = mr.solve(robot, robot.inputs(**MET | {"translation": np.stack([met.translation, apart])}), solver=SOLVER)
+    found = both.jacobian("translation")
+    beside = mr.solve(robot, robot.inputs(**MET | {"translation": met.translation - (0, 0, 1e-6)}), solver=SOLVER)
+    np.testing.assert_allclose(found[0], beside.jacobian("translation"), rtol=0, atol=1e-4 * np.abs(found).max())
+    problem = robot.problem(both.inputs, integrator=SOLVER.integrator, **robot.input_directions("translation"))
+    before = problem.read("inputs")
+    assert not problem.part_ends(("rotation", "tip_force")).any()
+    np.testing.assert_array_equal(problem.read("inputs"), before)
+    np.testing.assert_array_equal(problem.part_ends(("translation",)) > 0, [True, False])
+    np.testing.assert_array_equal(problem.read("inputs")[1], before[1])
+
+
+def test_a_sample_that_carries_columns_has_those_of_one_side():
+    robot, inputs = tubes_that_meet()
+    solution = mr.solve(robot, inputs, solver=SOLVER)
+    sample = mr.Tracker(robot, solver=SOLVER, inputs=inputs, jacobian="translation").step()
+    found, expected = sample.jacobian("translation"), solution.jacobian("translation")
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8 * np.abs(expected).max())
+
+
 def test_the_law_of_precurvature_moves_with_its_section():
     """(D3) A section that bends more and more begins further on where the one before it is longer."""
 

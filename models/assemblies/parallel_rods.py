@@ -23,6 +23,7 @@ from multirod.models.assemblies.inputs import (
     listed,
 )
 from multirod.models.assemblies.single_rod import SingleRod
+from multirod.models.backbone.ends import ways_back
 from multirod.models.backbone.influence import Influence, influences
 from multirod.models.backbone.inputs import BY_MATERIAL, DRIVE_INPUTS, DRIVES, drive_specs
 from multirod.models.backbone.kernels.layout.features import Features
@@ -167,6 +168,11 @@ class ParallelRods(Assembly):
             "leg_direction_count": sum(columns.size for columns in found if columns.on_legs),
         }
         return options | ({"lengths": True} if any(self.geometry.drives) else {})
+
+    def ends_meet(self, inputs: Inputs) -> bool:  # noqa: D102
+        translation = inputs.translation.reshape(-1, self.rod_count)
+        legs = zip(self.geometry.arrays, self._own_rods, strict=True)
+        return any(ways_back(arrays, translation[:, own]).any() for arrays, own in legs)
 
     def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102
         if name in DRIVES:

@@ -31,6 +31,7 @@ from multirod.models.backbone.designs import (
     turned_loads,
 )
 from multirod.models.backbone.driven import DrivenLines
+from multirod.models.backbone.ends import move_ends, ways_back
 from multirod.models.backbone.influence import Influence, influences
 from multirod.models.backbone.inputs import BACKBONE_INPUTS, DRIVES, LOADS
 from multirod.models.backbone.kernels.layout import arguments as kernels
@@ -441,6 +442,16 @@ class BackboneProblem(BoundaryProblem):
         self._followed = names if "base" in names or (self.transmission and any(name in COMPONENTS for name in names)) else ()
         if not self._followed:
             super().aim(*names)
+
+    def part_ends(self, names: Sequence[str]) -> FloatArray:  # noqa: D102
+        if not move_ends(names):
+            return super().part_ends(names)
+        inputs, own = self.read("inputs"), self.input_slice("translation")
+        back = ways_back(self.arrays, inputs[:, own])
+        if back.any():
+            inputs[:, own] -= back
+            self.write("inputs", inputs)
+        return np.asarray(2 * back[:, -1])
 
     def _integrate(self) -> None:
         if self._followed:
@@ -883,6 +894,9 @@ class BackboneAssembly(Assembly):
 
     def column_count(self, name: str) -> int:  # noqa: D102
         return parameter_size(name, self.rods) if name in PARAMETERS else super().column_count(name)
+
+    def ends_meet(self, inputs: Inputs) -> bool:  # noqa: D102
+        return bool(ways_back(self.arrays, inputs.translation.reshape(-1, self.rod_count)).any())
 
     @cached_property
     def arrays(self) -> RodArrays:

@@ -17,6 +17,7 @@ from multirod.capabilities import Lines, LineTest, Loading, Parts, ResultTest, S
 from multirod.inputs import Inputs, InputSpec
 from multirod.integrators import Integrator
 from multirod.launch import record
+from multirod.models.backbone.ends import move_ends, ways_back
 from multirod.models.backbone.inputs import BACKBONE_INPUTS, DRIVES
 from multirod.models.backbone.members import drive_slices
 from multirod.models.backbone.members import drives as drive_names
@@ -645,6 +646,20 @@ class ParallelProblem(BoundaryProblem):
                 row += range(first, first + own.stop - own.start)
             rows.append(row)
         return np.array(rows, dtype=np.int32).reshape(len(rows), -1)
+
+    def part_ends(self, names: Sequence[str]) -> FloatArray:  # noqa: D102
+        furthest = super().part_ends(names)
+        if not move_ends(names):
+            return furthest
+        inputs, start = self.read("inputs"), self.input_slice("translation").start
+        for arrays, (first, end) in zip(self.geometry.arrays, pairwise(self.geometry.first_rod.tolist()), strict=True):
+            own = slice(start + first, start + end)
+            back = ways_back(arrays, inputs[:, own])
+            inputs[:, own] -= back
+            furthest = np.maximum(furthest, 2 * back[:, -1])
+        if furthest.any():
+            self.write("inputs", inputs)
+        return furthest
 
     def aim(self, *names: str) -> None:
         """As said; what acts on one leg alone shares its column with the same of all other legs, and columns that touch legs

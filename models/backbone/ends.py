@@ -1,0 +1,39 @@
+"""Ends of tubes at one place: there a pose has a kink, and a derivative has a side."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from multirod.models.backbone.envelope import SAME_PLACE
+from multirod.rod import RodArrays
+from multirod.validation import FloatArray
+
+APART = 1e-9  # of the length in use, by which ends at one place are moved apart
+MOVED_BY = ("translation", "length")
+
+
+def move_ends(names: Iterable[object]) -> bool:
+    """Whether any of these inputs or parameters moves ends of sections."""
+    return any(name in MOVED_BY for name in names)
+
+
+def ways_back(arrays: RodArrays, translation: FloatArray) -> FloatArray:
+    """How far each rod is moved back, further than those before it, so that no ends of two are at one place: zero where none are.
+
+    Args:
+        arrays: The rods.
+        translation: Shape (instance, n).
+
+    Returns:
+        Shape (instance, n).
+    """
+    n = translation.shape[1]
+    if n == 1:
+        return np.zeros(translation.shape)
+    ends = arrays.end + translation[:, :, None]
+    places = ends.reshape(len(ends), -1)
+    order = np.argsort(places, axis=1)
+    places, owners = np.take_along_axis(places, order, axis=1), order // arrays.end.shape[2]
+    same = (np.diff(places, axis=1) <= SAME_PLACE) & (np.diff(owners, axis=1) != 0) & (places[:, 1:] > SAME_PLACE)
+    length = ends[:, :, -1].max(axis=1, keepdims=True)
+    return np.where(same.any(axis=1, keepdims=True), APART * length * np.arange(n), 0.0)
