@@ -27,7 +27,15 @@ PICTURES = {
     },
     "docs/branches.md": {"plot_snap": 'history.plot("tip")'},
 }  # of each page, and each a line of it
-EXAMPLES = ("paper_rod", "surgical_tubes", "six_legs", "silicone_segment", "parallel_tubes", "design_tubes_by_gradient")
+EXAMPLES = (
+    "paper_rod",
+    "surgical_tubes",
+    "six_legs",
+    "silicone_segment",
+    "parallel_tubes",
+    "stacked_platforms",
+    "design_tubes_by_gradient",
+)
 DPI = 80
 
 

@@ -71,13 +71,7 @@ def main(arguments: Sequence[str] | None = None) -> tuple[float, float]:
     assert left < 1e-6
     axes = solution.plot()
     axes.get_legend().remove()
-    for body in (middle, top):
-        p, R = solution.body_position(body.name), solution.body_rotation(body.name)
-        radius = LOWER if body is middle else UPPER
-        angles = np.radians(sorted([*PLATFORM_ANGLES, *(BASE_ANGLES if body is middle else [])]))
-        rim = p + radius * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=-1) @ R.T
-        axes.plot(*np.concatenate([rim, rim[:1]]).T, color="black")
-    axes.figure.savefig(options.out, dpi=120)
+    axes.figure.savefig(options.out, dpi=80, bbox_inches="tight", metadata={"Software": None})
     plt.close(axes.figure)
     print(f"drawn to {options.out}")
     return left, tilt("top")

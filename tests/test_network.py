@@ -377,6 +377,31 @@ def test_what_is_unstable_is_not_given():
     assert mr.solve(robot, robot.inputs(force={"disc 1": (0, 0, -3.0)}), solver=stopped).status.failed
 
 
+@pytest.mark.usefixtures("no_display")
+def test_plots_have_bodies_and_what_acts_on_them():
+    collections = pytest.importorskip("mpl_toolkits.mplot3d.art3d")
+    robot = mixed()
+
+    def bodies(axes):
+        return [one for one in axes.collections if isinstance(one, collections.Poly3DCollection)]
+
+    axes = mr.solve(robot, robot.inputs(**GIVEN), solver=EXACT).plot()
+    assert len(bodies(axes)) == 2
+    said = [text.get_text() for text in axes.get_legend().get_texts()]
+    for expected in ("force on plate 0.412 N", "force on feeler 0.15 N", "moment on top 0.0374 N m"):
+        assert expected in said
+    batch = mr.solve(robot, robot.inputs(gravity=np.outer([1, 2, 3], GRAVITY / 9.81)), solver=EXACT)
+    assert len(bodies(batch.plot())) == 2 * 3
+
+
+@pytest.fixture
+def no_display(monkeypatch):
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    yield
+    pyplot.close("all")
+
+
 # ---- what is refused ----
 
 

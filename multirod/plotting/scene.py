@@ -5,9 +5,11 @@ from typing import Any
 
 import numpy as np
 
+from multirod.models.assemblies.network import Network
 from multirod.models.assemblies.parallel_rods import InverseParallelRods, ParallelRods
 from multirod.models.backbone.lines import Chamber
 from multirod.models.joint_kernels import JOINTS
+from multirod.models.network.bodies import Body
 from multirod.plotting.canvas import COMPONENTS, STYLES, colors_of, in_space, legend, matplotlib
 from multirod.plotting.family import Family
 from multirod.problem import Shape
@@ -157,8 +159,11 @@ def _rods(ax: Any, family: Family, drawn: list[DrawnRod], shapes: dict[int, Shap
 
 
 def _plates(solution: Solution) -> list[FloatArray]:
-    """Outlines of the platforms in the world (vertex_count, 3), one an instance; none where there is no platform."""
+    """Outlines of the platforms in the world (vertex_count, 3), one an instance, or of one body after another; none where there
+    is no platform."""
     assembly = solution.assembly
+    if isinstance(assembly, Network):
+        return [plate for body in assembly.bodies for plate in _body_plates(solution, assembly, body)]
     if not isinstance(assembly, (ParallelRods, InverseParallelRods)):
         return []
     positions, rotations = solution.tip_position.reshape(-1, 3), solution.tip_rotation.reshape(-1, 3, 3)
@@ -171,10 +176,25 @@ def _plates(solution: Solution) -> list[FloatArray]:
     return [corners @ R.T + p for corners, p, R in zip(outlines, positions, rotations, strict=True)]
 
 
+def _body_plates(solution: Solution, robot: Network, body: Body) -> list[FloatArray]:
+    """Outlines of a body, one an instance: of a plate through the places where it holds rods."""
+    least = 2 * max(rod.radius for rod in drawn_rods(robot))
+    held = [solution._parameter(joint.pose, 2) for joint in robot.joints if joint.to is body]
+    positions = solution.body_position(body.name).reshape(-1, 3)
+    rotations = solution.body_rotation(body.name).reshape(-1, 3, 3)
+    poses = np.stack([np.broadcast_to(pose, (len(positions), 4, 4)) for pose in held], axis=1)
+    outlines = (
+        [plate_through(poses[0], least).outline] * len(positions)
+        if all(pose.ndim == 2 for pose in held) and len(positions)
+        else [plate_through(own, least).outline for own in poses]
+    )
+    return [corners @ R.T + p for corners, p, R in zip(outlines, positions, rotations, strict=True)]
+
+
 def _platforms(ax: Any, family: Family, plates: list[FloatArray]) -> None:
     if not plates:
         return
-    colors = [_GREY] * len(plates) if family.single else family.colors()
+    colors = [_GREY] * len(plates) if family.single else [*family.colors()] * (len(plates) // len(family))
     for plate, color in zip(plates, colors, strict=True):
         alpha = 0.35 if family.single else 0.12
         ax.add_collection3d(in_space("art3d").Poly3DCollection([plate], facecolor=color, edgecolor=color, alpha=alpha, lw=1.0))
@@ -239,6 +259,8 @@ def _arrows(solution: Solution, shapes: dict[int, Shape]) -> list[Arrow]:
     inputs, tip, turn = solution.inputs, solution.tip_position, solution.tip_rotation
     found: list[Arrow] = []
     point = tip + turn @ (inputs.force_point if "force_point" in inputs.given else np.zeros(3))
+    if isinstance(solution.assembly, Network):
+        found += _on_places(solution, solution.assembly)
     for spec in solution.assembly.input_specs:
         if spec.count is not None or spec.per_rod or spec.acts not in ("tip", "along") or spec.load is None:
             continue
@@ -267,6 +289,19 @@ def _arrows(solution: Solution, shapes: dict[int, Shape]) -> list[Arrow]:
                 largest = np.linalg.norm(value, axis=1).max()
                 said = f"{words} {'up to ' if profile else ''}{largest:.3g} {unit}"
                 found.append(Arrow(said, color, shape.position[every], value, spec.name, turns))
+    return found
+
+
+def _on_places(solution: Solution, robot: Network) -> list[Arrow]:
+    """What acts on bodies and free tips, each by its name."""
+    found = []
+    for name, unit, color in (("force", "N", _FORCE), ("moment", "N m", _MOMENT)):
+        for place, vector in zip(robot.load_places, getattr(solution.inputs, name).reshape(-1, 3), strict=True):
+            if vector.any():
+                body = place in [body.name for body in robot.bodies]
+                origin = solution.body_position(place) if body else solution.rod(place).position[-1]
+                said = f"{name} on {place} {np.linalg.norm(vector):.3g} {unit}"
+                found.append(Arrow(said, color, origin[None], vector[None], f"tip {name}", name == "moment"))
     return found
 
 
