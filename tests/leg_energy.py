@@ -12,6 +12,7 @@ from relaxation import cross_matrix, rotation, vector_of
 
 STEP = 1e-3  # of second differences [rad]
 NEWTON_STEPS = 12
+LONGEST = 0.05  # step of creeping [rad]
 BOTH = ((1, 1), (1, -1), (-1, 1), (-1, -1))
 
 
@@ -19,7 +20,7 @@ BOTH = ((1, 1), (1, -1), (-1, 1), (-1, -1))
 class Leg:
     """One rod of constant section from ``base`` to ``attachment``, both (4, 4): frames (node, 3, 3) and stretches of its nodes.
 
-    ``axial`` is None of what does not stretch.
+    ``axial`` is None of what does not stretch. ``rest`` is one, or of each segment.
     """
 
     length: float
@@ -47,41 +48,89 @@ class Leg:
     def tip(self) -> np.ndarray:
         return self.base[:3, 3] + (self.weight * (1 + self.stretch)) @ self.frames[..., 2]
 
+    @property
+    def variables(self) -> np.ndarray:
+        """Which unknowns of the leg the energy of each segment is a function of, -1 of what is held, (segment, 6)."""
+        start = 3 * np.arange(-1, self.count)[:, None] + np.arange(3)
+        start[0] = -1
+        return np.concatenate([start[:-1], start[1:]], axis=1)
+
+    def curved(self, turns: np.ndarray) -> np.ndarray:
+        """Curvature of all segments, their nodes turned by (..., segment, 6)."""
+        start, end = rotation(turns[..., :3]) @ self.frames[:-1], rotation(turns[..., 3:6]) @ self.frames[1:]
+        return vector_of(np.swapaxes(start, -1, -2) @ end) / self.h
+
     def bent(self, turns: np.ndarray) -> np.ndarray:
-        """Energies of all segments, their nodes turned by (segment, 6)."""
-        start, end = rotation(turns[:, :3]) @ self.frames[:-1], rotation(turns[:, 3:]) @ self.frames[1:]
-        strain = vector_of(np.swapaxes(start, 1, 2) @ end) / self.h - self.rest
-        return 0.5 * self.h * (strain**2 * self.stiffness).sum(axis=1)
+        """Energies of all segments, (..., segment)."""
+        return 0.5 * self.h * ((self.curved(turns) - self.rest) ** 2 * self.stiffness).sum(axis=-1)
 
     def gap(self, platform: np.ndarray, turns: np.ndarray) -> np.ndarray:
-        """What the joint lacks, platform and tip turned by (6,)."""
+        """What the joint lacks, platform and tip turned by (..., 6)."""
         if self.joint == "spherical":
-            return np.zeros(0)
-        frame = rotation(turns[:3]) @ platform @ self.attachment[:3, :3]
-        M = frame.T @ rotation(turns[3:]) @ self.frames[-1]
+            return np.zeros((*turns.shape[:-1], 0))
+        frame = rotation(turns[..., :3]) @ platform @ self.attachment[:3, :3]
+        M = np.swapaxes(frame, -1, -2) @ rotation(turns[..., 3:]) @ self.frames[-1]
         if self.joint == "clamped":
-            return 0.5 * np.array([M[2, 1] - M[1, 2], M[0, 2] - M[2, 0], M[1, 0] - M[0, 1]])
-        return self.across @ M @ self.axis
+            return 0.5 * np.stack(
+                [M[..., 2, 1] - M[..., 1, 2], M[..., 0, 2] - M[..., 2, 0], M[..., 1, 0] - M[..., 0, 1]], axis=-1
+            )
+        return (self.across @ M) @ self.axis
+
+    def move(self, step: np.ndarray) -> None:
+        """Change all unknowns."""
+        self.frames[1:] = rotation(step[: 3 * self.count].reshape(-1, 3)) @ self.frames[1:]
+        if self.axial is not None:
+            self.stretch = self.stretch + step[3 * self.count : self.size]
 
 
-def differences(function, shape):
-    """Value, gradient (..., 6) and second derivative (..., 6, 6) at 0 of a function of ``shape + (6,)`` numbers."""
-    units = STEP * np.eye(6)
+@dataclass
+class SleevedLeg(Leg):
+    """A leg that carries a second tube on its first segments, turned against it by ``angle`` at its nodes, (node,) [rad]."""
 
-    def at(move):
-        return function(np.broadcast_to(move, (*shape, 6)))
+    sleeve_stiffness: np.ndarray
+    sleeve_rest: np.ndarray  # of each of its segments
+    angle: np.ndarray
 
-    value = at(np.zeros(6))
-    sides = [(at(unit), at(-unit), at(2 * unit), at(-2 * unit)) for unit in units]
-    gradient = np.stack([(8 * (a - b) - (c - d)) / (12 * STEP) for a, b, c, d in sides], -1)
-    second = np.zeros((*np.shape(value), 6, 6))
-    for i in range(6):
-        a, b, c, d = sides[i]
-        second[..., i, i] = (16 * (a + b) - (c + d) - 30 * value) / (12 * STEP**2)
-        for j in range(i):
-            mixed = sum(s * t * at(s * units[i] + t * units[j]) for s, t in BOTH) / (4 * STEP**2)
-            second[..., i, j] = second[..., j, i] = mixed
-    return value, gradient, second
+    @property
+    def size(self) -> int:
+        return super().size + len(self.angle) - 1
+
+    @property
+    def variables(self) -> np.ndarray:
+        nodes = np.full(self.count + 1, -1)
+        nodes[1 : len(self.angle)] = super().size + np.arange(len(self.angle) - 1)
+        return np.concatenate([super().variables, nodes[:-1, None], nodes[1:, None]], axis=1)
+
+    def bent(self, turns: np.ndarray) -> np.ndarray:
+        reach = len(self.angle) - 1
+        energy, u = super().bent(turns), self.curved(turns)[..., :reach, :]
+        start, end = turns[..., :reach, 6] + self.angle[:-1], turns[..., :reach, 7] + self.angle[1:]
+        angle, rate = 0.5 * (start + end), (end - start) / self.h
+        c, s = np.cos(angle), np.sin(angle)
+        own = np.stack([c * u[..., 0] + s * u[..., 1], c * u[..., 1] - s * u[..., 0], u[..., 2] + rate], axis=-1)
+        energy[..., :reach] += 0.5 * self.h * ((own - self.sleeve_rest) ** 2 * self.sleeve_stiffness).sum(axis=-1)
+        return energy
+
+    def move(self, step: np.ndarray) -> None:
+        super().move(step)
+        self.angle[1:] += step[super().size : self.size]
+
+
+def differences(function, shape, count=6):
+    """Value, gradient (..., count) and second derivative (..., count, count) at 0 of a function of ``shape + (count,)`` numbers,
+    which takes any axes before these."""
+    units = STEP * np.eye(count)
+    i, j = np.tril_indices(count, -1)
+    moves = [np.zeros((1, count)), units, -units, 2 * units, -2 * units, *(s * units[i] + t * units[j] for s, t in BOTH)]
+    moves = np.concatenate(moves)
+    found = function(np.broadcast_to(moves.reshape(-1, *(1,) * len(shape), count), (len(moves), *shape, count)))
+    value, a, b, c, d, *mixed = np.split(found, [1, *(1 + count * np.arange(1, 5)), *(1 + 4 * count + len(i) * np.arange(1, 4))])
+    second = np.zeros((*value.shape[1:], count, count))
+    places = np.arange(count)
+    second[..., places, places] = np.moveaxis((16 * (a + b) - (c + d) - 30 * value) / (12 * STEP**2), 0, -1)
+    across = sum(s * t * m for (s, t), m in zip(BOTH, mixed, strict=True)) / (4 * STEP**2)
+    second[..., i, j] = second[..., j, i] = np.moveaxis(across, 0, -1)
+    return value[0], np.moveaxis((8 * (a - b) - (c - d)) / (12 * STEP), 0, -1), second
 
 
 def turned_twice(force: np.ndarray, arm: np.ndarray) -> np.ndarray:
@@ -91,10 +140,10 @@ def turned_twice(force: np.ndarray, arm: np.ndarray) -> np.ndarray:
 
 
 class LegEnergy:
-    """Legs on a platform at ``position``, ``turn`` (3, 3), under a dead ``force`` at its origin."""
+    """Legs on a platform at ``position``, ``turn`` (3, 3), under a dead ``force`` at its origin; or ``held`` there."""
 
-    def __init__(self, legs: list[Leg], position: np.ndarray, turn: np.ndarray, force: np.ndarray) -> None:
-        self.legs, self.position, self.turn, self.force = legs, position, turn, force
+    def __init__(self, legs: list[Leg], position: np.ndarray, turn: np.ndarray, force: np.ndarray, held: bool = False) -> None:
+        self.legs, self.position, self.turn, self.force, self.held = legs, position, turn, force, held
         self.first = np.cumsum([0] + [leg.size for leg in legs])
         self.pull: np.ndarray | None = None  # of all constraints
 
@@ -106,12 +155,13 @@ class LegEnergy:
         parts = []
         for leg, first in zip(self.legs, self.first, strict=False):
             N = leg.count
-            _, slope, second = differences(leg.bent, (N,))
+            variables = leg.variables
+            _, slope, second = differences(leg.bent, (N,), variables.shape[1])
             for k in range(N):
-                ids = np.concatenate([first + 3 * (k - 1) + np.arange(3), first + 3 * k + np.arange(3)])
-                kept = slice(3 if k == 0 else 0, 6)
-                gradient[ids[kept]] += slope[k, kept]
-                H[np.ix_(ids[kept], ids[kept])] += second[k, kept, kept]
+                kept = np.flatnonzero(variables[k] >= 0)
+                ids = first + variables[k, kept]
+                gradient[ids] += slope[k, kept]
+                H[np.ix_(ids, ids)] += second[k][np.ix_(kept, kept)]
             arm = self.turn @ leg.attachment[:3, 3]
             J = np.zeros((3, n))
             weight = leg.weight * (1 + leg.stretch)
@@ -131,6 +181,9 @@ class LegEnergy:
             parts.append((leg, first, own, weight, arm))
             rows += [J, joint]
             gaps += [leg.tip() - self.position - arm, gap]
+        if self.held:
+            rows.append(np.eye(n)[-6:])
+            gaps.append(np.zeros(6))
         C = np.concatenate(rows)
         if self.pull is None:
             self.pull = np.linalg.lstsq(C.T, gradient, rcond=None)[0]
@@ -150,7 +203,7 @@ class LegEnergy:
             H[-3:, -3:] += turned_twice(pull, arm)
             if held:
                 ids = np.concatenate([n + np.arange(-3, 0), first + 3 * (N - 1) + np.arange(3)])
-                twisted = differences(lambda t, leg=leg, w=twist: np.asarray(w @ leg.gap(self.turn, t)), ())[2]
+                twisted = differences(lambda t, leg=leg, w=twist: leg.gap(self.turn, t) @ w, ())[2]
                 H[np.ix_(ids, ids)] -= twisted
         return gradient, np.concatenate(gaps), C, H
 
@@ -166,16 +219,46 @@ class LegEnergy:
             size = np.abs(move).max()
             share = min(1.0, 0.3 / size)
             self.pull = self.pull + share * pull
-            for leg, first in zip(self.legs, self.first, strict=False):
-                turns = share * move[first : first + 3 * leg.count].reshape(-1, 3)
-                leg.frames[1:] = rotation(turns) @ leg.frames[1:]
-                if leg.axial is not None:
-                    leg.stretch = leg.stretch + share * move[first + 3 * leg.count : first + leg.size]
-            self.position = self.position + share * move[-6:-3]
-            self.turn = rotation(share * move[-3:]) @ self.turn
+            self._move(share * move)
             if size < 1e-7:
                 break
         return float(size)
+
+    def _move(self, step: np.ndarray) -> None:
+        for leg, first in zip(self.legs, self.first, strict=False):
+            leg.move(step[first : first + leg.size])
+        self.position = self.position + step[-6:-3]
+        self.turn = rotation(step[-3:]) @ self.turn
+
+    def creep(self, most: int = 600) -> bool:
+        """Down in energy, held back in proportion to how fast everything moves, in short steps, until nothing does; whether it
+        came to rest at a minimum."""
+        drag = np.full(self.first[-1] + 6, 1 / self.legs[0].count)
+        drag[-6:] = 1.0
+        dt = 1e-3
+        for _ in range(most):
+            gradient, gap, C, H = self.system()
+            q, r = np.linalg.qr(C.T, mode="complete")
+            m = len(gap)
+            self.pull = np.linalg.solve(r[:m], q[:, :m].T @ gradient)
+            back = q[:, :m] @ np.linalg.solve(r[:m].T, -gap)
+            Z = q[:, m:]
+            reduced, held = Z.T @ H @ Z, (Z.T * drag) @ Z
+            slope = Z.T @ (gradient + H @ back)
+            lowest = float(np.linalg.eigvalsh(reduced)[0])
+            while True:
+                if lowest < 0:
+                    dt = min(dt, 0.5 * drag.min() / -lowest)
+                move = back - Z @ np.linalg.solve(held / dt + reduced, slope)
+                size = float(np.abs(move).max())
+                if size <= LONGEST or dt < 1e-12:
+                    break
+                dt *= 0.5
+            self._move(min(1.0, LONGEST / size) * move)
+            if size < 1e-8 and lowest > 0 and dt > 1e3:
+                return True
+            dt = min(1.5 * dt, 1e6)
+        return False
 
     def lowest(self) -> float:
         """Lowest eigenvalue of the second variation among what the joints allow."""

@@ -1,0 +1,116 @@
+"""Random motions through folds: what is said of every sample, against energies on segments and robots that creep.
+
+    OMP_NUM_THREADS=1 python tests/benchmarks/motions.py [--motions 20] [--seed 0] [--kinds rods,held] [--samples 41]
+
+Motions of 10 s are those of ``tests/random_motions.py``, of each kind as many; even seeds are for tuning, odd ones are reported.
+Each sample with a result is put on segments (``tests/leg_energy.py``): it must come to rest there, within a fiftieth of the
+length, where every variation that is possible costs energy. The motion is done again with four times the samples: where the two
+part without an event between, one of them has jumped. From the sample before each snap a robot on segments creeps on, its inputs
+changed in steps, to the sample after it. A row is the sum so far.
+"""
+
+import argparse
+import sys
+import warnings
+from collections import Counter
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent.parent))
+
+from random_motions import DURATION, KINDS, draw
+
+import multirod as mr
+
+SAME = 0.02  # of the length
+FINER, LEVELS = 4, 8
+SOLVER = mr.Shooting(integrator=mr.RK4(50))
+
+
+def judged(motion, solution, time):
+    """What is wrong with a sample, by the energy on segments; empty if nothing."""
+    energy = motion.on_segments(solution, time)
+    before = energy.position
+    left = energy.settle()
+    moved = float(np.abs(energy.position - before).max())
+    if left > 1e-5 or moved > SAME:
+        return f"no equilibrium on segments: moved {moved:.1e}, left {left:.0e}"
+    lowest = energy.lowest()
+    return "" if lowest > 0 else f"unstable on segments: lowest {lowest:.1e}"
+
+
+def creeps_to(motion, solution, time, after):
+    """Where a robot on segments comes to by the time ``after``, over the length; None if it comes to no rest."""
+    energy = motion.on_segments(solution, time)
+    for now in np.linspace(time, after, LEVELS + 1):
+        motion.place(energy, now)
+        if not energy.creep():
+            return None
+    return energy.position
+
+
+def run(motion, samples, seed_name, total):
+    """Count what happens in one motion, and print what is wrong."""
+    time = np.linspace(0, DURATION, samples)
+    fine = np.linspace(0, DURATION, FINER * (samples - 1) + 1)
+    history, finer = (
+        mr.simulate(motion.robot, motion.robot.inputs(**motion.at(t)), time=t, solver=SOLVER, progress=False)
+        for t in (time, fine)
+    )
+    total["motions"] += 1
+    total["integrations"] += int(np.sum(history.integrations))
+    agreed = True
+    snaps = 0
+    for k in range(samples):
+        status = mr.Status(int(history.status[k]))
+        total[status.name] += 1
+        if status.failed:
+            agreed = False
+            continue
+        sample = history[k]
+        wrong = judged(motion, sample, time[k])
+        if wrong:
+            total["VIOLATIONS"] += 1
+            print(f"  {seed_name} sample {k} {status.name}, {sample.stability.name}: {wrong}", flush=True)
+        if not mr.Status(int(finer.status[FINER * k])).failed:
+            off = float(np.linalg.norm(history.tip_position[k] - finer.tip_position[FINER * k])) / motion.length
+            said = status.event or (finer.status[FINER * (k - 1) + 1 : FINER * k + 1] != mr.Status.CONVERGED).any()
+            if off > SAME and agreed and not (k and said):
+                total["JUMPS"] += 1
+                print(f"  {seed_name} sample {k} {status.name}: {off:.2f} from where four times the samples lead", flush=True)
+            elif off > SAME and agreed:
+                total["parted at an event"] += 1
+                print(f"  {seed_name} sample {k} {status.name}: parted by {off:.2f} at an event", flush=True)
+            agreed = off <= SAME
+        if status is mr.Status.SNAPPED and k and not mr.Status(int(history.status[k - 1])).failed:
+            snaps += 1
+            goal = creeps_to(motion, history[k - 1], time[k - 1], time[k])
+            off = np.inf if goal is None else float(np.linalg.norm(goal - history.tip_position[k] / motion.length))
+            total["snaps judged"] += goal is not None
+            total["snaps as what creeps"] += off <= SAME
+            if off > SAME:
+                print(f"  {seed_name} sample {k}: {off:.3f} from what creeps; {sample.events}", flush=True)
+    total["with snaps"] += snaps > 0
+
+
+def main():
+    """Print a row for each kind after each of its motions."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    for name, default in (("motions", 20), ("first", 0), ("seed", 0), ("samples", 41)):
+        parser.add_argument(f"--{name}", type=int, default=default)
+    parser.add_argument("--kinds", default=",".join(KINDS))
+    options = parser.parse_args()
+    warnings.simplefilter("ignore")
+    totals = {kind: Counter() for kind in options.kinds.split(",")}
+    for number in range(options.first, options.first + options.motions):
+        for kind, total in totals.items():
+            begin = perf_counter()
+            run(draw(kind, number, options.seed), options.samples, f"{kind} {number}", total)
+            total["s"] += round(perf_counter() - begin)
+            print(f"{kind}: {', '.join(f'{count} {name}' for name, count in total.items())}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,258 @@
+"""Motions of robots through folds, drawn by lot: the same number draws the same motion; each robot on segments as well.
+
+Nothing on segments is the package's: ``tests/leg_energy.py``. Lengths there are over the mean leg's, energies over ``EI/L``.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from leg_energy import Leg, LegEnergy, SleevedLeg
+from meant import meant
+from random_scenes import direction, log_uniform
+from relaxation import rotation
+
+import multirod as mr
+
+KINDS = ("rods", "held", "tubes", "legs", "tube legs")
+DURATION = 10.0  # [s]
+SEGMENTS = 32
+JOINTS = ("clamped", "spherical", "revolute")
+
+
+@dataclass
+class Section:
+    """Of one rod or tube: straight for ``straight`` segments, then precurved, until it ends after ``reach``."""
+
+    stiffness: np.ndarray
+    precurvature: np.ndarray
+    straight: int = 0
+    reach: int = SEGMENTS
+    axial: float | None = None
+
+    def rod(self, length: float) -> mr.Rod:
+        """Of a leg of this length."""
+        part, sections = length / SEGMENTS, []
+        for count, bend in ((self.straight, 0.0), (self.reach - self.straight, 1.0)):
+            if count:
+                axial = {} if self.axial is None else {"axial_stiffness": self.axial}
+                section = {"length": count * part, "precurvature": tuple(bend * self.precurvature)}
+                stiffness = {"bending_stiffness": tuple(self.stiffness[:2]), "torsional_stiffness": self.stiffness[2]}
+                sections.append(mr.Section(**section, **stiffness, **axial))
+        return mr.Rod(sections=sections)
+
+    def rest(self) -> np.ndarray:
+        """Precurvature of each segment."""
+        return np.where(np.arange(self.reach)[:, None] < self.straight, 0.0, self.precurvature)
+
+
+@dataclass
+class Motion:
+    """A robot and what moves it.
+
+    Attributes:
+        robot: Of the package.
+        lengths: Of the legs, or of the only rod.
+        sections: Of each leg, the rod first that carries the other, if any.
+        base: Poses of the bases, (leg, 4, 4).
+        platform: Of the attachments.
+        joints: Of each leg.
+        axes: Of each leg's joint.
+        waves: By the name of an input, amplitudes, rates and phases, each of the input's shape; inputs are 0 at first.
+        end: Pose of a held end where its inputs are zero; None if nothing holds it.
+    """
+
+    robot: Any
+    lengths: list[float]
+    sections: list[list[Section]]
+    base: np.ndarray
+    platform: np.ndarray
+    joints: list[str]
+    axes: np.ndarray
+    waves: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]
+    end: np.ndarray | None = None
+
+    def at(self, time: np.ndarray) -> dict[str, np.ndarray]:
+        """Inputs by name, (..., of the input)."""
+        begun = np.minimum(np.asarray(time) / 1.0, 1.0)[..., None]
+        return {
+            name: amplitude * begun * np.sin(rate * np.asarray(time)[..., None] + phase)
+            for name, (amplitude, rate, phase) in self.waves.items()
+        }
+
+    def on_segments(self, solution: Any, time: float) -> LegEnergy:
+        """The robot on segments where a solution has it."""
+        length, EI = self.length, self.sections[0][0].stiffness[0]
+        legs, number = [], 0
+        for k, (first, *others) in enumerate(self.sections):
+            found = solution.rod(number, nodes=SEGMENTS + 1)
+            frames = np.array(found.rotation)
+            stretch = np.zeros(SEGMENTS + 1) if first.axial is None else found.force[:, 2] / first.axial
+            end = self.platform[k].copy()
+            end[:3, 3] /= length
+            axial = None if first.axial is None else first.axial * length**2 / EI
+            rest = first.rest() * length
+            own = (1.0, first.stiffness / EI, axial, rest, np.eye(4), end, self.joints[k], self.axes[k], frames, stretch)
+            if others:
+                (sleeve,) = others
+                turned = np.array(solution.rod(number + 1, nodes=sleeve.reach + 1).rotation)
+                relative = np.swapaxes(frames[: sleeve.reach + 1], 1, 2) @ turned
+                angle = np.unwrap(np.arctan2(relative[:, 1, 0], relative[:, 0, 0]))
+                legs.append(SleevedLeg(*own, sleeve.stiffness / EI, sleeve.rest() * length, angle))
+            else:
+                legs.append(Leg(*own))
+            number += 1 + len(others)
+        position, turn = np.array(solution.tip_position) / length, np.array(solution.tip_rotation)
+        result = LegEnergy(legs, position, turn, np.zeros(3), held=self.end is not None)
+        self.place(result, time)
+        return result
+
+    @property
+    def length(self) -> float:
+        """Mean of the legs."""
+        return float(np.mean(self.lengths))
+
+    def place(self, energy: LegEnergy, time: float) -> None:
+        """Inputs of a robot on segments."""
+        values, length, EI = self.at(np.array(time)), self.length, self.sections[0][0].stiffness[0]
+        number = 0
+        turned, pushed = values.get("rotation", np.zeros(99)), values.get("translation", np.zeros(99))
+        for k, leg in enumerate(energy.legs):
+            leg.base = self.base[k].copy()
+            leg.base[:3, 3] /= length
+            leg.base[:3, :3] = leg.base[:3, :3] @ rotation(np.array([0, 0, turned[number]]))
+            leg.frames[0] = leg.base[:3, :3]
+            leg.length = (self.lengths[k] + pushed[number]) / length
+            leg.__post_init__()
+            if isinstance(leg, SleevedLeg):
+                angle = turned[number + 1] - turned[number]
+                leg.angle += 2 * np.pi * np.round((angle - leg.angle[0]) / (2 * np.pi))
+                leg.angle[0] = angle
+            number += len(self.sections[k])
+        if self.end is not None:
+            energy.position = (self.end[:3, 3] + values["end_position"]) / length
+            energy.turn = rotation(values["end_rotation"]) @ self.end[:3, :3]
+        else:
+            energy.force = values["tip_force"] * length**2 / EI
+
+
+@meant()
+def draw(kind: str, number: int, seed: int = 0) -> Motion:
+    """One motion of a kind."""
+    rng = np.random.default_rng([seed, KINDS.index(kind), number])
+    length, EI = log_uniform(rng, 0.05, 0.8), log_uniform(rng, 1e-3, 1)
+    return {"rods": _rods, "held": _held, "tubes": _tubes, "legs": _legs, "tube legs": _tube_legs}[kind](rng, length, EI)
+
+
+def _wave(rng, amplitude):
+    """Of an input whose components reach ``amplitude``; the first comes in evenly."""
+    amplitude = np.asarray(amplitude, float)
+    rate = 2 * np.pi / DURATION * rng.uniform(0.5, 2, amplitude.shape) * rng.choice([-1, 1], amplitude.shape)
+    return amplitude, rate, rng.uniform(0, 2 * np.pi, amplitude.shape)
+
+
+def _plain(rng, EI, bend, length, axial=None):
+    bending = EI * np.array([1.0, log_uniform(rng, 1, 3)])
+    stiffness = np.append(bending, bending.mean() * log_uniform(rng, 0.3, 1.2))
+    return Section(stiffness, bend / length * direction(rng) * (1, 1, 0.4), axial=axial)
+
+
+def _alone(robot, length, sections, waves, end=None):
+    ones = np.eye(4)[None]
+    return Motion(robot, [length], [sections], ones, ones, ["clamped"], np.zeros((1, 3)), waves, end)
+
+
+def _rods(rng, length, EI):
+    """Precurved wires, turned at the base and pulled."""
+    section = _plain(rng, EI, rng.uniform(0, 9), length)
+    force = rng.uniform(1, 10) * EI / length**2 * rng.uniform(0.3, 1, 3)
+    waves = {"rotation": _wave(rng, [rng.uniform(0, np.pi)]), "tip_force": _wave(rng, force)}
+    return _alone(mr.SingleRod(section.rod(length)), length, [section], waves)
+
+
+def _held(rng, length, EI):
+    """Rods whose end is moved by up to half of the length and turned by up to 2.5 rad."""
+    section = _plain(rng, EI, rng.uniform(1, 4), length)
+    end, step = np.eye(4), rotation(section.precurvature * length / 4096)
+    half = rotation(section.precurvature * length / 8192)
+    for _ in range(4096):
+        end[:3, 3] += (end[:3, :3] @ half)[:, 2] * length / 4096
+        end[:3, :3] = end[:3, :3] @ step
+    time, chord = np.linspace(0, DURATION, 201), max(0.95 * length, float(np.linalg.norm(end[:3, 3])))
+    while True:
+        waves = {
+            "end_position": _wave(rng, 0.5 * length * rng.uniform(0, 1) * direction(rng)),
+            "end_rotation": _wave(rng, rng.uniform(0, 2.5) * direction(rng)),
+        }
+        motion = _alone(mr.HeldRod(section.rod(length), end=end), length, [section], waves, end)
+        # a rod is not pulled straight
+        if (np.linalg.norm(end[:3, 3] + motion.at(time)["end_position"], axis=1) <= chord).all():
+            return motion
+
+
+def _sleeved(rng, length, EI, bend):
+    """A curved tube, and a shorter one on it."""
+    stiffness = EI * np.array([1, 1, 0.77])
+    inner = Section(stiffness, np.array([bend / length, 0, 0]), straight=int(rng.integers(0, 16)))
+    reach = int(rng.integers(16, SEGMENTS + 1))
+    outer = Section(stiffness * log_uniform(rng, 0.7, 2), np.array([rng.uniform(0.5, 1) * bend / length, 0, 0]), 0, reach)
+    outer.straight = int(rng.integers(0, reach // 2))
+    return [inner, outer]
+
+
+def _tubes(rng, length, EI):
+    """Pairs of curved tubes, turned in each other and pulled."""
+    sections = _sleeved(rng, length, EI, rng.uniform(0.5, 3.5))
+    robot = mr.ConcentricTubes([section.rod(length) for section in sections])
+    waves = {
+        "rotation": _wave(rng, [rng.uniform(1, 2 * np.pi), rng.uniform(0, 1)]),
+        "tip_force": _wave(rng, rng.uniform(0, 4) * EI / length**2 * direction(rng)),
+    }
+    return _alone(robot, length, sections, waves)
+
+
+def _ring(rng, count, radius, tilt):
+    poses = np.tile(np.eye(4), (count, 1, 1))
+    for k in range(count):
+        angle = 2 * np.pi * k / count + rng.uniform(-0.3, 0.3)
+        poses[k, :3, :3] = rotation(rng.uniform(-tilt, tilt, 3))
+        poses[k, :3, 3] = radius * np.array([np.cos(angle), np.sin(angle), rng.uniform(-0.3, 0.3)])
+    return poses
+
+
+def _legs(rng, length, EI, with_tubes=False):
+    """Two to five legs in joints of all kinds, pushed and turned, the platform pulled."""
+    count = int(rng.integers(2, 6))
+    base = _ring(rng, count, rng.uniform(0.1, 0.5) * length, 0.3)
+    platform = _ring(rng, count, rng.uniform(0.05, 0.4) * length, 0.3)
+    joints = ["clamped", *(str(rng.choice(JOINTS)) for _ in range(count - 1))]
+    axes = np.array([direction(rng) for _ in range(count)])
+    lengths, sections, turned, pushed = [], [], [], []
+    for k in range(count):
+        lengths.append(length * rng.uniform(0.9, 1.1))
+        if with_tubes and (k == 0 or rng.random() < 0.5):
+            sections.append(_sleeved(rng, lengths[k], EI, rng.uniform(0.3, 3)))
+            turned += [rng.uniform(1, 6), rng.uniform(0, 1)]
+            pushed += [0.0, 0.0]
+        else:
+            axial = EI * log_uniform(rng, 30, 150) ** 2 / length**2
+            sections.append([_plain(rng, EI, rng.uniform(0, 2), lengths[k], axial)])
+            turned.append(rng.uniform(0, 1.5))
+            pushed.append(rng.uniform(0, 0.12) * length)
+    legs = []
+    for own, reach in zip(sections, lengths, strict=True):
+        rods = [section.rod(reach) for section in own]
+        legs.append(mr.ConcentricTubes(rods) if len(rods) > 1 else rods[0])
+    robot = mr.ParallelRods(legs=legs, base=base, platform=platform, joints=joints, joint_axes=axes)
+    waves = {
+        "rotation": _wave(rng, turned),
+        "tip_force": _wave(rng, log_uniform(rng, 1, 8) * count * EI / length**2 * direction(rng)),
+    }
+    if any(pushed):
+        waves["translation"] = _wave(rng, pushed)
+    return Motion(robot, lengths, sections, base, platform, joints, axes, waves)
+
+
+def _tube_legs(rng, length, EI):
+    """The same, one leg at least of two tubes."""
+    return _legs(rng, length, EI, with_tubes=True)
