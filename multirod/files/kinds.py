@@ -149,6 +149,7 @@ READERS: dict[str, dict[str, Callable[[Any], Any]]] = {
     },
     "PushRod": {
         "route": _route,
+        "driven": lambda line: line.drive[0],
         "axial_stiffness": _stretch,
         "bending_stiffness": lambda line: line.bending_stiffness if np.any(line.bending_stiffness) else None,
     },
