@@ -23,6 +23,7 @@ from multirod.models.assemblies.inputs import (
     listed,
 )
 from multirod.models.assemblies.single_rod import SingleRod
+from multirod.models.backbone.designs import COMPONENTS, refuse_unknown
 from multirod.models.backbone.ends import ways_back
 from multirod.models.backbone.influence import Influence, influences
 from multirod.models.backbone.inputs import BY_MATERIAL, DRIVE_INPUTS, DRIVES, drive_specs
@@ -30,6 +31,7 @@ from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.problem import BackboneAssembly, check_drives, scene_features, surely_driven
 from multirod.models.joint_kernels import CLAMPED, JOINTS
 from multirod.models.platform import platform_kernels as kernels
+from multirod.models.platform.designs import PARAMETERS, parameter_size
 from multirod.models.platform.problem import LEG_INPUTS, PLATFORM_INPUTS, Geometry, ParallelProblem, input_columns
 from multirod.reuse import reusable
 from multirod.rod import Rod
@@ -159,15 +161,24 @@ class ParallelRods(Assembly):
         if inputs.is_active("magnetic_field") and not any(rod.is_magnetised for rod in self.rods):
             refuse("magnetic_field", inputs.magnetic_field.tolist(), "must be zero: no rod has a magnetisation")
 
+    @property
+    def parameters(self) -> tuple[str, ...]:  # noqa: D102
+        return PARAMETERS
+
+    def column_count(self, name: str) -> int:  # noqa: D102
+        return parameter_size(name, self.geometry) if name in PARAMETERS else super().column_count(name)
+
     def input_directions(self, *names: str) -> dict[str, int]:
         """Directions for the derivatives by some inputs: rods of different legs share one, and what acts on the platform touches
         no leg."""
+        refuse_unknown(names, self.rods)
         found = input_columns(self.geometry, names)
         options = {
             "direction_count": sum(columns.size for columns in found),
             "leg_direction_count": sum(columns.size for columns in found if columns.on_legs),
         }
-        return options | ({"lengths": True} if any(self.geometry.drives) else {})
+        design = {"design": True} if any(name in COMPONENTS for name in names) else {}
+        return options | design | ({"lengths": True} if any(self.geometry.drives) else {})
 
     def ends_meet(self, inputs: Inputs) -> bool:  # noqa: D102
         translation = inputs.translation.reshape(-1, self.rod_count)

@@ -17,6 +17,7 @@ from multirod.capabilities import Lines, LineTest, Loading, Parts, ResultTest, S
 from multirod.inputs import Inputs, InputSpec
 from multirod.integrators import Integrator
 from multirod.launch import record
+from multirod.models.backbone.designs import COMPONENTS
 from multirod.models.backbone.ends import move_ends, ways_back
 from multirod.models.backbone.inputs import BACKBONE_INPUTS, DRIVES
 from multirod.models.backbone.members import drive_slices
@@ -25,6 +26,15 @@ from multirod.models.backbone.problem import BackboneAssembly, BackboneProblem
 from multirod.models.platform import platform_kernels as kernels
 from multirod.models.platform.clamps import PlatformClamps
 from multirod.models.platform.conjugates import PlatformConjugates
+from multirod.models.platform.designs import (
+    PARAMETERS,
+    PLACES,
+    Places,
+    design_rows,
+    most_sections,
+    turned_loads,
+    unknown_rates,
+)
 from multirod.models.platform.guess import (
     COMPLIANCES,
     Attachments,
@@ -177,17 +187,26 @@ def input_columns(geometry: Geometry, names: Sequence[str]) -> list[InputColumns
     start = 0
     for touching in (True, False):
         for k, name in enumerate(names):
-            on_legs = name in (*PER_ROD, *DRIVES, *kernels.LEG_VECTORS)
+            on_legs = name in (*PER_ROD, *DRIVES, *kernels.LEG_VECTORS, *COMPONENTS, "base")
             if on_legs is not touching:
                 continue
-            shares: tuple[tuple[int, int], ...] = ((0, 3),)
-            if name in (*PER_ROD, *DRIVES):
-                ends = (geometry.first_rod if name in PER_ROD else geometry.first_drive(name)).tolist()
-                shares = tuple((a, b - a) for a, b in pairwise(ends))
-            size = max(count for _, count in shares)
-            found[k] = InputColumns(name, start, size, shares, name not in (*PER_ROD, *DRIVES), on_legs)
+            ends = _ends(geometry, name)
+            shares = ((0, 3),) if ends is None else tuple((a, b - a) for a, b in pairwise(ends.tolist()))
+            size = 0 if name == "platform" else max(count for _, count in shares)
+            found[k] = InputColumns(name, start, size, shares, ends is None, on_legs)
             start += size
     return [found[k] for k in range(len(names))]
+
+
+def _ends(geometry: Geometry, name: str) -> NDArray[np.intp] | None:
+    """First of the numbers of each leg, and their end, (leg + 1,); None of what legs share."""
+    if name in PER_ROD:
+        return geometry.first_rod
+    if name in DRIVES:
+        return geometry.first_drive(name)
+    if name in COMPONENTS:
+        return np.asarray(geometry.first_rod * most_sections(geometry) * COMPONENTS[name])
+    return np.arange(len(geometry.legs) + 1) * POSE if name in PLACES else None
 
 
 class LegGroup:
@@ -274,6 +293,7 @@ class ParallelProblem(BoundaryProblem):
         direction_count: int = 0,
         leg_direction_count: int | None = None,
         lengths: bool = False,
+        design: bool = False,
         enabled: Sequence[str] = (),
         pieces: int = 1,
     ) -> None:
@@ -313,6 +333,7 @@ class ParallelProblem(BoundaryProblem):
             "device": device,
             "direction_count": self.leg_direction_count + int(inverse),
             "lengths": lengths,
+            "design": design,
             "enabled": [name for name in kernels.LEG_VECTORS if name in enabled or inputs.is_active(name)],
         }
         builds: dict[tuple[Any, ...], list[int]] = {}
@@ -322,6 +343,7 @@ class ParallelProblem(BoundaryProblem):
         self.rounding = self.groups[0].backbones.rounding
         self.measured = inputs.measured
         self._found: Closed | None = None
+        self._followed: tuple[str, ...] = ()  # what directions by inputs and unknowns are by
         self.robots = self._make_robots()
         self._launches = self._record()
         self.write("inputs", self.pack(inputs))
@@ -451,6 +473,10 @@ class ParallelProblem(BoundaryProblem):
         next(launches).set_dim(self.listed)
 
     def _integrate(self) -> None:
+        if self._followed:
+            for launch in self._launches[:-1:3]:
+                launch.launch()
+            self._aim(self._followed)
         for group in self.groups:
             group.backbones.stop = self.stop
         for launch in self._launches:
@@ -663,28 +689,64 @@ class ParallelProblem(BoundaryProblem):
 
     def aim(self, *names: str) -> None:
         """As said; what acts on one leg alone shares its column with the same of all other legs, and columns that touch legs
-        come first."""
+        come first. What depends on inputs and unknowns is found at each integration."""
+        self._followed = names if "base" in names or any(name in COMPONENTS for name in names) else ()
+        if not self._followed:
+            self._aim(names)
+
+    def _aim(self, names: Sequence[str]) -> None:
         directions = np.zeros(self.directions.shape)
-        for columns in input_columns(self.geometry, names):
-            start = self._places[columns.name].start
-            for first, count in columns.shares:
-                for k in range(count):
-                    directions[:, columns.start + k, start + first + k] = 1.0
+        every = input_columns(self.geometry, names)
+        for columns in every:
+            if columns.name == "base":
+                directions[:, columns.own] = turned_loads(self)
+            elif columns.name not in PARAMETERS:
+                start = self._places[columns.name].start
+                for first, count in columns.shares:
+                    for k in range(count):
+                        directions[:, columns.start + k, start + first + k] = 1.0
+        for group in self.groups:
+            self._aim_legs(group, [columns for columns in every if columns.name in COMPONENTS], directions)
         self.directions.assign(directions)
 
-    def aimed(self, *names: str) -> tuple[FloatArray, FloatArray]:  # noqa: D102
+    def _aim_legs(self, group: LegGroup, every: Sequence[InputColumns], directions: FloatArray) -> None:
+        """Along the legs' own numbers: in ``directions`` how they turn behind their plates, the rest to the legs themselves."""
+        own = group.backbones
+        width = own.directions.shape[2] - own.input_count
+        if not width:
+            return
+        rows = np.zeros((self.instance_count, len(group.members), *own.directions.shape[1:]))
+        turned = own.input_slice("rotation")
+        for columns in every:
+            found = design_rows(self, group, columns.name)
+            there = slice(columns.start, columns.start + found.shape[2])
+            rows[:, :, there, own.input_count :] = found[..., own.input_count :]
+            for place, leg in enumerate(group.members):
+                first = int(self.geometry.first_rod[leg])
+                directions[:, there, first : first + len(own.rods)] = found[:, place, :, turned]
+        own.directions.assign(rows.reshape(own.directions.shape))
+
+    def aimed(self, *names: str) -> tuple[FloatArray, FloatArray]:
+        """As said; by parameters too, the unknowns fixed."""
         found, given = super().aimed(*names)
         every = input_columns(self.geometry, names)
-        slopes = [self._slopes(columns, found) for columns in every]
-        moved = [
-            given[:, :, columns.own] if columns.shared else np.zeros((len(given), POSE, columns.numbers)) for columns in every
-        ]
-        return np.concatenate(slopes, axis=2), np.concatenate(moved, axis=2)
+        slopes = np.concatenate([self._slopes(columns, found) for columns in every], axis=2)
+        moved = np.concatenate(
+            [given[:, :, columns.own] if columns.shared else np.zeros((len(given), POSE, columns.numbers)) for columns in every],
+            axis=2,
+        )
+        if not self.eliminates and any(name in PARAMETERS for name in names):
+            rates, n = unknown_rates(self, every), self.unknown_count
+            slopes -= self.read("gamma").reshape(-1, n, n) @ rates
+            moved -= self.pose_columns.numpy()[:, :, :n] @ rates
+        return slopes, moved
 
     def _slopes(self, columns: "InputColumns", found: FloatArray) -> FloatArray:
         """Derivatives of the residual by each number of an input, shape (instance_count, n, numbers)."""
         if columns.shared:
             return found[:, :, columns.own]
+        if columns.name == "platform":
+            return Places(self).slopes("platform")
         count, legs = self.instance_count, len(self.geometry.legs)
         law = self.robots.law.numpy().reshape(count, legs, -1)[:, :, kernels.DIRECTIONS_AT :].reshape(count, legs, -1, 2, 3)
         # (8) of one leg's pull and twist on the platform
@@ -694,7 +756,7 @@ class ParallelProblem(BoundaryProblem):
             for k in range(size):
                 slopes[:, own, first + k] = found[:, own, columns.start + k]
                 slopes[:, self.platform, first + k] = (scale[:, :, None] * law[:, leg, columns.start + k]).reshape(count, POSE)
-        return slopes
+        return slopes + Places(self).slopes("base") if columns.name == "base" else slopes
 
     def to_legs(self) -> None:
         """Unknowns and inputs to the legs, without an integration."""

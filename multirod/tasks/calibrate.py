@@ -198,7 +198,9 @@ def _checked(robot: Assembly, parameters: Any) -> dict[str, Prior]:
         if not isinstance(name, str) or name not in PARAMETERS:
             hint = meant(name, PARAMETERS) if isinstance(name, str) else ""
             raise TypeError(f"calibrate(parameters=...) takes no {shown(name)}: it takes {', '.join(PARAMETERS)}{hint}")
-        if name not in robot.parameters or (name == "base" and getattr(robot, "base", np.zeros(0)).shape != (4, 4)):
+        if name == "base" and getattr(robot, "base", np.zeros(0)).shape != (4, 4):
+            raise NotImplementedError(f"calibrate() by base is for robots that have one: {type(robot).__name__} has not")
+        if name not in robot.parameters:
             raise NotImplementedError(f"{type(robot).__name__} does not give derivatives by {name}")
     if not isinstance(names, Mapping):
         return {name: Prior() for name in names}
