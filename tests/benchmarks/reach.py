@@ -89,9 +89,13 @@ class Rig:
         return result
 
     def solve(self, rotation: Any, translation: Any) -> tuple[Any, Any, Any]:
-        """Tips (b, 3), their frames, and which were found (b,)."""
+        """Tips (b, 3), their frames, and which were found (b,).
+
+        Not found is what has another sign of the determinant than nearly straight tubes without a load: past a fold, unstable.
+        """
         x = np.zeros((len(rotation), 5))
-        for part in (0.25, 0.5, 0.75, 1.0, 1.0):
+        signs = []
+        for part in (0.01, 0.25, 0.5, 0.75, 1.0, 1.0):
             for _ in range(6):
                 left, p, R = self.shoot(x, rotation, translation, part)
                 J = np.stack(
@@ -102,8 +106,10 @@ class Rig:
                 x = x - np.linalg.solve(J, left[..., None])[..., 0]
                 if np.abs(left).max() < 1e-9:
                     break
+            signs.append(np.sign(np.linalg.det(J)))
         left, p, R = self.shoot(x, rotation, translation, 1.0)
-        return p, R, np.abs(left).max(axis=1) < 1e-7
+        R = R @ (1.5 * np.eye(3) - 0.5 * np.swapaxes(R, 1, 2) @ R)  # off a rotation by 1e-8, as it was integrated
+        return p, R, (np.abs(left).max(axis=1) < 1e-7) & (signs[-1] == signs[0])
 
 
 def scattered(count: int, random: Any) -> tuple[Any, Any]:
