@@ -62,6 +62,9 @@ def test_pose_and_axis_are_followed_too(start):
 
 
 def test_the_jacobian_of_a_sample_is_that_of_its_equilibrium(start):
+    # where the bends of two tubes begin at one place, there are only derivatives of one side
+    apart = {"rotation": start.inputs.rotation, "translation": start.inputs.translation - (2e-3, 0, 0)}
+    start = mr.solve(TUBES, TUBES.inputs(**apart, tip_force=start.inputs.tip_force), solver=SOLVER).raise_if_failed()
     loop = loop_of(start, 200)
     command = loop.step(position=start.tip_position)
     expected = start.jacobian(*FREE)
@@ -114,6 +117,24 @@ def test_limits_and_singular_tasks_have_bounded_steps_and_say_so(start):
     assert "target_error 0.01 m, singular yes, residual" in repr(command)
     assert np.abs(command.inputs.rotation).max() < 0.3
     assert command.target_error == pytest.approx(0.01, rel=1e-6)
+
+
+def test_without_inputs_it_begins_as_near_to_the_default_as_limits_allow():
+    options = {"dt": 0.01, "free": FREE, "integrator": STEPS}
+    loop = mr.Controller(TUBES, limits=mr.Limits(translation=(-0.19, -0.01), rotation=((-1, 0.2, -1), 1), gap=2e-3), **options)
+    assert repr(loop).startswith("Controller(ConcentricTubes(")
+    assert repr(loop).endswith("rotation, translation free, dt 0.01 s)")
+    command = loop.step(position=(0.0, 0.03, 0.3))
+    assert not command.failed
+    begun = mr.solve(TUBES, TUBES.inputs(rotation=(0, 0.2, 0), translation=(-0.014, -0.012, -0.01)), solver=SOLVER)
+    same = mr.Controller(TUBES, guess=begun, **options).step(position=begun.tip_position).inputs
+    np.testing.assert_allclose(same.translation, (-0.014, -0.012, -0.01), atol=1e-9)
+    other = mr.Controller(TUBES, limits=mr.Limits(translation=(-0.19, -0.01), rotation=((-1, 0.2, -1), 1), gap=2e-3), **options)
+    still = other.step(position=begun.tip_position).inputs
+    np.testing.assert_allclose(still.translation, same.translation, atol=1e-8)
+    np.testing.assert_allclose(still.rotation, (0, 0.2, 0), atol=1e-7)
+    with pytest.raises(ValueError, match=r"must be from 0\.002"):
+        mr.Controller(TUBES, limits=mr.Limits(gap=2e-3), inputs=TUBES.inputs(), **options)
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from multirod.solvers.shooting import Shooting
 from multirod.status import Status
 from multirod.tasks.formulation import Evaluation, Task, freed, input_units, solved_each
 from multirod.tasks.gauss_newton import step
-from multirod.tasks.limits import Limits, freed_labels, limit_rows, refuse_start, told
+from multirod.tasks.limits import SAME, Limits, freed_labels, limit_rows, nearest, refuse_start, told
 from multirod.tasks.rows import Pose
 from multirod.types import Numbers
 from multirod.validation import Described, FloatArray, array, device_name, frozen, instance, positive_float, refuse, unknown_names
@@ -77,7 +77,8 @@ class Controller(Uncopied, Generic[Robot_co]):
         robot: The assembly; without leading axes.
         dt: Time between samples [s].
         free: Names of the inputs that it chooses.
-        inputs: Where it begins, and all that is not free.
+        inputs: Where it begins, and all that is not free. Without ``guess`` too: all by default, or as near to that as the limits
+            allow.
         limits: Of the freed inputs, kept at every sample.
         correction_time: Of the filter between measurement and correction [s]; five samples by default.
         guess: The equilibrium at ``inputs``.
@@ -116,13 +117,15 @@ class Controller(Uncopied, Generic[Robot_co]):
         given = robot.accept(guess.inputs if inputs is None and guess is not None else inputs)
         if given.batch_shape or robot.batch_shape:
             refuse("Controller.inputs", Described(f"leading axes {given.batch_shape}"), "there must be none")
-        start = solve(robot, given, solver=Shooting(integrator=method), device=device) if guess is None else guess
-        start.raise_if_failed()
         given = given.with_arrays({n: given.array(n) for n in given.given if n not in given.profiles} | self._zeros(given))
-        self._task = Task.of(robot, given, self.free, integrator=method, device=device)
-        problem = self._task.problem
         self._robot, self._unit, self._length = robot, input_units(robot, self.free), robot.longest
         self._rows = limit_rows(robot, limits, self.free)
+        if inputs is None and guess is None:
+            given = self._within(given)
+        start = solve(robot, given, solver=Shooting(integrator=method), device=device) if guess is None else guess
+        start.raise_if_failed()
+        self._task = Task.of(robot, given, self.free, integrator=method, device=device)
+        problem = self._task.problem
         self._x, self._p = np.array(problem.adopt(start.unknowns[None])), self._task.values()
         refuse_start("Controller.limits", self._rows, self._p, robot, self.free)
         self._scaled = self._rows.matrix * self._unit
@@ -147,6 +150,19 @@ class Controller(Uncopied, Generic[Robot_co]):
             if name in given.profiles:
                 refuse("Controller.free", self.free, f"{name} is a function of the arclength: it cannot be chosen")
         return {name: np.array(getattr(given, name)) for name in self.free if name not in given.given}
+
+    def _within(self, given: Inputs) -> Inputs:
+        """The inputs by default, those that are free as near to that as limits allow."""
+        p = np.concatenate([given.array(name) for name in self.free])
+        if not (self._rows.outside(p[None], self._unit) > SAME).any():
+            return given
+        near = nearest(self._rows, p, self._unit)
+        ends = np.cumsum([len(given.array(name)) for name in self.free])[:-1]
+        arrays = {name: given.array(name) for name in given.given if name not in given.profiles}
+        return given.with_arrays(arrays | dict(zip(self.free, np.split(near, ends), strict=True)))
+
+    def __repr__(self) -> str:
+        return f"Controller({self._robot!r}, {', '.join(self.free)} free, dt {self.dt:g} s)"
 
     @property
     def robot(self) -> Robot_co:

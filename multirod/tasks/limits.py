@@ -16,6 +16,8 @@ from multirod.tasks.formulation import input_units
 from multirod.validation import FloatArray, array, nonnegative_float, number, positive_float, refuse, unknown_names
 
 SHORTEST = 1e-3  # of its length, what of a rod stays in use
+ROUNDING = 1e-14  # in units (9)
+PROJECTIONS = 1000
 SAME = 1e-9  # of what counts as one, what a start may be beyond a limit by rounding
 
 
@@ -231,6 +233,29 @@ def refuse_start(field: str, rows: LimitRows, values: FloatArray, robot: Assembl
         at = float(values[instance] @ rows.matrix[row])
         allowed = f"{rows.names[row]} must be from {rows.low[row]:g} to {rows.high[row]:g} at the start too"
         refuse(f"{field} (instance {instance})" if len(values) > 1 else field, at, allowed)
+
+
+def nearest(rows: LimitRows, values: FloatArray, unit: FloatArray) -> FloatArray:
+    """The point within all limits that is nearest to ``p`` (k,) in units (9), shape (k,).
+
+    By Dykstra's alternating projections onto (10), by so much within them that rounding leads beyond none. Where there is no
+    such point, it is beyond some.
+    """
+    G, x = rows.matrix * unit, values / unit
+    square = (G**2).sum(axis=1)
+    inset = np.minimum(SAME * np.abs(G).sum(axis=1), 0.25 * (rows.high - rows.low))
+    low, high = rows.low + inset, rows.high - inset
+    shift = np.zeros_like(G)
+    for _ in range(PROJECTIONS):
+        before = x
+        for k, row in enumerate(G):
+            back = x + shift[k]
+            at = row @ back
+            x = back - row * (at - np.clip(at, low[k], high[k])) / square[k]
+            shift[k] = back - x
+        if np.abs(x - before).max(initial=0.0) <= ROUNDING and not rows.outside(unit * x[None], unit).any():
+            break
+    return np.asarray(unit * x)
 
 
 def middle(rows: LimitRows) -> FloatArray:

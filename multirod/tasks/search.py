@@ -17,6 +17,7 @@ from multirod.validation import FloatArray
 
 SOFTNESS = 1e-12  # of the largest number of J, squared: what moves the tip by less than a millionth of that is damped
 RADIUS = 1.0  # longest step of a freed input, in units (9)
+BEND = 5.0  # most that a step changes an unknown, in its scale of curvatures
 GROWTH = 10.0  # of what is left, from which a step is taken back
 LOST = 100.0  # of what was left when a part of the way began, from which it is given up
 SHORTENED = 0.25  # what is left of a step that was taken back, or of a part of the way
@@ -107,10 +108,10 @@ class Search:
         self.open, self.fresh = np.zeros((2, count), dtype=bool)
         self.done, self.part, self.goal, self.short = np.zeros((4, count))
         self.steps, self.settling = np.zeros((2, count), dtype=np.int32)
-        self.blocked = np.zeros(count, dtype=bool)
+        self.blocked, self.folded = np.zeros((2, count), dtype=bool)
         self.least = LEAST_PART
         # at ``last``
-        self.errors, self.first_errors, self.r = np.zeros((3, count, m))
+        self.errors, self.first_errors, self.base_errors, self.r = np.zeros((4, count, m))
         self.J = np.zeros((count, m, k))
         self.towards, self.by, self.residual = np.zeros((count, n)), np.zeros((count, n, k)), np.zeros(count)
         self.sign, self.first_sign = np.zeros((2, count))
@@ -125,14 +126,15 @@ class Search:
         """Bring the instances chosen from ``start`` to their targets: all the way at once, or by parts of it.
 
         Parts that fail are shortened, to no less than ``least``, others lengthened. ``status`` is then ``REACHED``, ``AT_LIMIT``,
-        ``UNREACHABLE``, ``SINGULAR_TASK`` or ``INTEGRATION_LIMIT``; nothing is said of stability.
+        ``UNREACHABLE``, ``SINGULAR_TASK`` or ``INTEGRATION_LIMIT``, or ``UNSTABLE`` if the only equilibrium found is past a fold.
         """
         for place in (self.last, self.base, self.here):
             place.put(chosen, self.start)
         self.open[:], self.fresh[chosen], self.least = chosen, True, least
         self.done[chosen], self.part[chosen], self.goal[chosen] = 0.0, part, part
         self.steps[chosen], self.settling[chosen], self.short[chosen] = 0, 0, 1.0
-        self.merit[chosen], self.blocked[chosen], self.status[chosen] = np.inf, False, Status.NOT_RUN
+        self.merit[chosen], self.status[chosen] = np.inf, Status.NOT_RUN
+        self.blocked[chosen], self.folded[chosen] = False, False
         begun = np.zeros(len(chosen), dtype=bool)
         allowed = self.integrations + self.goals.max_integrations
         while self.open.any():
@@ -143,7 +145,8 @@ class Search:
             self._retreat(rows[~kept])
             rows = rows[kept]
             new = rows[~begun[rows]]
-            self.first_errors[new], self.first_sign[new], begun[new] = self.errors[new], self.sign[new], True
+            self.first_errors[new], self.base_errors[new] = self.errors[new], self.errors[new]
+            self.first_sign[new], begun[new] = self.sign[new], True
             self._arrive(rows)
             self._step(rows[self.open[rows]])
             self._end(np.flatnonzero(self.open & (self.integrations >= allowed)), Status.INTEGRATION_LIMIT)
@@ -194,6 +197,7 @@ class Search:
         over = self.part[rows] < self.least
         ended = rows[over]
         self.last.put(ended, self.base)
+        self.errors[ended] = self.base_errors[ended]
         self._end(ended[self.blocked[ended]], Status.AT_LIMIT)
         self._lose(ended[~self.blocked[ended]])
         rows = rows[~over]
@@ -210,6 +214,8 @@ class Search:
         rows = rows[there]
         # past a fold: the sign of det Gamma is that of the start no more
         wrong = self.sign[rows] != self.first_sign[rows]
+        folded = rows[wrong & (self.goal[rows] == 1)]
+        self.folded[folded] = self.unstable(folded)
         if goals.of_shape is not None and not wrong.all():
             beyond = np.zeros(len(rows), dtype=bool)
             beyond[~wrong] = self.beyond(rows[~wrong])
@@ -224,6 +230,7 @@ class Search:
     def _on(self, rows: IntArray) -> None:
         """The next part of the way, from where instances are."""
         self.base.put(rows, self.last)
+        self.base_errors[rows] = self.errors[rows]
         self.done[rows] = self.goal[rows]
         self.part[rows] = np.minimum(1.0, 2 * self.part[rows])
         self.goal[rows] = np.minimum(1.0, self.done[rows] + self.part[rows])
@@ -238,7 +245,7 @@ class Search:
         self._end(rows, Status.REACHED)
 
     def _solved(self, rows: IntArray) -> FloatArray:
-        """(7) The step from ``last``, no longer than ``RADIUS``."""
+        """(7) The step from ``last``, no longer than ``RADIUS`` and ``BEND``."""
         goals, J = self.goals, self.J[rows]
         p = self.last.p[rows]
         # steps of least size converge as Newton's do, pulled ones by a rate
@@ -253,8 +260,9 @@ class Search:
             low=np.minimum(self.low - at, 0.0),
             high=np.maximum(self.high - at, 0.0),
         )
-        size = np.abs(found.change).max(axis=1, keepdims=True)
-        return np.asarray(found.change * np.minimum(1.0, RADIUS / np.maximum(size, 1e-300)))
+        size = np.abs(found.change).max(axis=1) / RADIUS
+        bend = np.abs(self.by[rows] @ found.change[..., None]).max(axis=(1, 2), initial=0.0) / (BEND * self.curvature[rows])
+        return np.asarray(found.change * np.minimum(1.0, 1 / np.maximum(np.maximum(size, bend), 1e-300))[:, None])
 
     def _step(self, rows: IntArray) -> None:
         """Take the next step, or come to rest where there is none."""
@@ -298,7 +306,9 @@ class Search:
         self.status[rows], self.open[rows] = status, False
 
     def _lose(self, rows: IntArray) -> None:
-        """Targets that are not reached: of a singular task, or not."""
+        """Targets that are not reached: past a fold only, of a singular task, or neither."""
+        self._end(rows[self.folded[rows]], Status.UNSTABLE)
+        rows = rows[~self.folded[rows]]
         values = np.linalg.svd(self.J[rows], compute_uv=False)
         singular = values[:, -1] <= SINGULAR * values[:, 0]
         self._end(rows[singular], Status.SINGULAR_TASK)
