@@ -245,3 +245,53 @@ def test_what_is_refused(wire):
     robot = mr.SingleRod(wire)
     with pytest.raises(AttributeError, match="nothing holds the end of SingleRod"):
         _ = mr.solve(robot, robot.inputs()).end_force
+
+
+NUMBERS = {
+    "length": np.array([0.3, 0.2]),
+    "bending_stiffness": np.array([(0.02, 0.03), (0.03, 0.03)]),
+    "torsional_stiffness": np.array([0.015, 0.02]),
+    "precurvature": np.array([(1, 0.5, 0.2), (2, -1, 0.5)]),
+}
+STEPS = {"length": 3e-4, "bending_stiffness": 1e-4, "torsional_stiffness": 1e-4, "precurvature": 3e-2}
+
+
+@pytest.mark.parametrize("held", [{"slide": (0, 0.3, 1)}, {"base_joint": "revolute"}], ids=["sliding", "turning base"])
+@pytest.mark.parametrize("name", NUMBERS)
+def test_derivatives_by_numbers_of_the_rod(name, held):
+    """Of the tip's pose, and of the residual at fixed unknowns, against differences of sixth order along one direction."""
+    nodes, weights = np.array([-3, -2, -1, 1, 2, 3]), np.array([-1, 9, -45, 45, -9, 1]) / 60
+    direction = np.random.default_rng(2).standard_normal(NUMBERS[name].shape)
+    end = np.array([[1.0, 0, 0, 0.05], [0, 1, 0, 0.02], [0, 0, 1, 0.44], [0, 0, 0, 1]])
+
+    def robot(change):
+        own = NUMBERS | {name: NUMBERS[name] + np.multiply.outer(change, direction)}
+        tails = {key: np.ndim(value) - np.ndim(change) * (key == name) - 1 for key, value in own.items()}
+        sections = [{key: np.take(value, k, axis=-1 - tails[key]) for key, value in own.items()} for k in range(2)]
+        rod = mr.Rod(sections=[mr.Section(**section) for section in sections])
+        return mr.HeldRod(rod, end=end, joint="spherical", **held)
+
+    precise = mr.Shooting(integrator=mr.RK45(rtol=1e-11, atol=1e-13), tolerance=1e-12)
+    given, step = {"rotation": 0.2, "tip_force": (0.1, 0.05, 0.1)}, STEPS[name]
+    alone, other = robot(0.0), robot(step * nodes)
+    solution = mr.solve(alone, alone.inputs(**given), solver=precise).raise_if_failed()
+    varied = mr.solve(other, other.inputs(**given), solver=precise, guess=solution).raise_if_failed()
+    turned = Rotation.from_matrix(varied.tip_rotation @ solution.tip_rotation.T).as_rotvec()
+    expected = weights @ np.concatenate([varied.tip_position, turned], axis=1) / step
+    found = solution.jacobian(name) @ direction.ravel()
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+    if name == "length":  # which scales the unknowns too
+        return
+    at = {"integrator": precise.integrator, "pose_sensitivities": True}
+    problem = alone.problem(solution.inputs, **at, **alone.input_directions(name))
+    problem.write("unknowns", solution.unknowns[None])
+    slopes, _ = problem.input_columns(name)
+    residual, _ = other.problem(varied.inputs, **at).evaluate(np.tile(solution.unknowns, (6, 1)))
+    expected = weights @ residual / step
+    np.testing.assert_allclose(slopes[0] @ direction.ravel(), expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+
+
+def test_derivatives_of_a_rod_whose_end_follows_it_are_refused():
+    robot = mr.HeldRod(BENT)
+    with pytest.raises(NotImplementedError, match="by length of a rod that is held where its end is at rest are not known"):
+        robot.input_directions("length")

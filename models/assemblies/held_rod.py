@@ -13,6 +13,7 @@ from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.integrators import RK45
 from multirod.models.assemblies.inputs import HeldRodInput, HeldRodInputs, listed
 from multirod.models.assemblies.single_rod import SingleRod
+from multirod.models.backbone.designs import COMPONENTS, parameter_size
 from multirod.models.backbone.inputs import DRIVE_INPUTS, drive_specs
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.problem import scene_features
@@ -147,7 +148,20 @@ class HeldRod(Assembly):
             name = next(iter(inputs.profiles))
             refuse(name, Described("a function of arclength"), "must be numbers where the base turns in a joint")
 
+    @property
+    def parameters(self) -> tuple[str, ...]:  # noqa: D102
+        return tuple(COMPONENTS)
+
+    def column_count(self, name: str) -> int:  # noqa: D102
+        return parameter_size(name, self.rods) if name in COMPONENTS else super().column_count(name)
+
     def input_directions(self, *names: str) -> dict[str, Any]:  # noqa: D102
+        own_numbers = [name for name in names if name in COMPONENTS]
+        if own_numbers and self.end is None:
+            raise NotImplementedError(
+                f"the derivatives by {', '.join(own_numbers)} of a rod that is held where its end is at rest are not known: that "
+                "moves too; give HeldRod an end"
+            )
         on_rod = [name for name in names if name not in POSE_INPUTS]
         own = self._free.input_directions(*on_rod) if on_rod else {}
         return own | super().input_directions(*names)

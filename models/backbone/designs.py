@@ -179,10 +179,8 @@ class Designs:
         x, slots, features = problem.read("unknowns"), problem.slots, problem.features
         material = problem.each(problem.arrays.material)[:, :, 0]
         unit = unit_stiffness(material)
-        larger = material[..., :2] == material[..., :2].max(axis=-1, keepdims=True)
-        larger = larger / larger.sum(axis=-1, keepdims=True)  # of both where they are the same, as where they change together
         bending = problem.each(self.bending)[..., 0, :]  # of the first pieces: (instance, direction, rod, 2)
-        largest = (bending * larger[:, None]).sum(axis=-1)
+        largest = self._largest()
         twisting = np.where(
             (material[..., 2] < material[..., :2].max(axis=-1))[:, None],
             -problem.each(self.softness)[..., 0, 2] * np.where(np.isfinite(material[..., 2]), material[..., 2], 0.0)[:, None],
@@ -213,3 +211,14 @@ class Designs:
             rates = largest[..., 0] / material[:, 0, :2].max(axis=-1)[:, None]
             result[:, place] = -x[:, place, None] * rates[:, None]
         return result
+
+    def _largest(self) -> FloatArray:
+        """How the larger bending stiffness of each rod's first piece changes, shape (instance_count, direction, rod)."""
+        material = self.problem.each(self.problem.arrays.material)[:, :, 0]
+        larger = material[..., :2] == material[..., :2].max(axis=-1, keepdims=True)
+        larger = larger / larger.sum(axis=-1, keepdims=True)  # of both where they are the same, as where they change together
+        return np.asarray((self.problem.each(self.bending)[..., 0, :] * larger[:, None]).sum(axis=-1))
+
+    def largest(self) -> FloatArray:
+        """The same of one rod, shape (instance_count, direction)."""
+        return self._largest()[..., 0]

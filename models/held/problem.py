@@ -16,6 +16,7 @@ from multirod.inputs import Inputs, InputSpec
 from multirod.integrators import Integrator
 from multirod.launch import record
 from multirod.models.backbone.clamps import ClampedBackbones
+from multirod.models.backbone.designs import COMPONENTS
 from multirod.models.backbone.inputs import BACKBONE_INPUTS, DRIVES
 from multirod.models.backbone.problem import BackboneAssembly, BackboneProblem
 from multirod.models.backbone.units import unit_stiffness
@@ -137,6 +138,7 @@ class HeldProblem(BoundaryProblem):
         pose_sensitivities: bool = False,
         direction_count: int = 0,
         lengths: bool = False,
+        design: bool = False,
         enabled: Sequence[str] = (),
         pieces: int = 1,
     ) -> None:
@@ -145,7 +147,7 @@ class HeldProblem(BoundaryProblem):
             direction_count = 3 * (pieces - 1)
         shape = np.broadcast_shapes(inputs.batch_shape, holders.batch_shape)
         self.turns = len(holders.base_axes)
-        self.rod = self._make_rod(inputs, shape, integrator, device, direction_count, lengths, enabled, pieces)
+        self.rod = self._make_rod(inputs, shape, integrator, device, direction_count, lengths, design, enabled, pieces)
         n = self.rod.unknown_count + self.turns
         super().__init__(
             unknown_count=n,
@@ -179,6 +181,7 @@ class HeldProblem(BoundaryProblem):
         device: str,
         direction_count: int,
         lengths: bool,
+        design: bool,
         enabled: Sequence[str],
         pieces: int,
     ) -> BackboneProblem:
@@ -198,6 +201,7 @@ class HeldProblem(BoundaryProblem):
             pose_sensitivities=True,
             direction_count=direction_count + self.turns,
             lengths=lengths,
+            design=design,
             enabled=[name for name in names if name in enabled or inputs.is_active(name)],
             held=True,
             arrays=holders.arrays,
@@ -356,6 +360,47 @@ class HeldProblem(BoundaryProblem):
             start = self.rod.input_count - 1 + 3 * POSE_INPUTS.index(name)
             return slice(start, start + 3)
         return self.rod.input_slice(name)
+
+    def aim(self, *names: str) -> None:
+        """As said; along the rod's own numbers too, of which the rod alone knows."""
+        super().aim(*names)
+        rod = self.rod
+        if rod.directions.shape[2] == rod.input_count:
+            return
+        rows, column = np.zeros(rod.directions.shape), 0
+        for name in names:
+            own = rod.designs(name).rows() if name in COMPONENTS else self.directions_by(name)
+            if name in COMPONENTS:
+                rows[:, column : column + own.shape[1], rod.input_count :] = own[..., rod.input_count :]
+            column += own.shape[1]
+        rod.directions.assign(rows)
+
+    def directions_by(self, name: str) -> FloatArray:
+        """As said; none along a number of the rod."""
+        if name in COMPONENTS:
+            return np.zeros((1, self.rod.designs(name).count, self.directions.shape[2]))
+        return super().directions_by(name)
+
+    def aimed(self, *names: str) -> tuple[FloatArray, FloatArray]:
+        """As said; by the rod's numbers too, the unknowns fixed."""
+        slopes, moved = super().aimed(*names)
+        if not self.eliminates and "bending_stiffness" in names:
+            rates, n = self._unknown_rates(names), self.unknown_count
+            slopes -= self.read("gamma").reshape(-1, n, n) @ rates
+            moved -= self.pose_columns.numpy()[:, :, :n] @ rates
+        return slopes, moved
+
+    def _unknown_rates(self, names: Sequence[str]) -> FloatArray:
+        """(D19) of ``docs/derivatives.md``: what leaves moment and force at the base as they are, (instance, n, k)."""
+        parts, x, n = [], self.read("unknowns"), self.rod.unknown_count
+        scaled = np.r_[0:3, n - 3 : n]
+        for name in names:
+            rates = np.zeros((self.instance_count, self.unknown_count, self.directions_by(name).shape[1]))
+            if name == "bending_stiffness":
+                relative = self.rod.designs(name).largest() / self.stiffness[:, None]
+                rates[:, scaled] = -x[:, scaled, None] * relative[:, None]
+            parts.append(rates)
+        return np.concatenate(parts, axis=2)
 
     def guess(self) -> FloatArray:
         """The rod at rest, its end where that is; where it is straight there and its end does not slide, a little bent.
