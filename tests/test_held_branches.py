@@ -1,5 +1,8 @@
 """Where branches of held rods and legs end: against the elastica, single columns, and what creeps (``docs/branches.md``)."""
 
+from contextlib import suppress
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from leg_energy import Leg, LegEnergy
@@ -8,6 +11,7 @@ from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
 
 import multirod as mr
+from multirod.solvers.following.journey import Journey, Judge
 
 EI, LENGTH = 0.02, 0.5
 STRIP = mr.Rod(length=LENGTH, bending_stiffness=(4 * EI, EI), torsional_stiffness=0.015)
@@ -181,3 +185,29 @@ def test_the_witness_of_legs_tells_stable_from_unstable(stool):
     assert buckled.settle() < 1e-6
     np.testing.assert_allclose(buckled.position[0], stool.tip_position[10, 0] / LENGTH, rtol=0, atol=5e-3)  # of 24 segments
     assert buckled.lowest() > 0
+
+
+@pytest.mark.parametrize(("before", "meant"), [(0, True), (1, False)])
+def test_a_branch_was_stable_if_it_was_a_little_before_modes_vanished_together(before, meant):
+    """Rounding may tell one of them as unstable where the branch ends."""
+    journey = Journey(np.zeros(1), 0.9, 1e-9, 100, 1.0, 1.0, 100, 1, False)
+    critical = SimpleNamespace(unknowns=np.zeros(1), level=0.9, size=0.0, gamma=np.eye(1), residual=np.zeros(1))
+    ends, levels, answer = [], [], None
+
+    def run():
+        ends.append((yield from journey._was_stable(critical, 0)))
+
+    asked = run()
+    with suppress(StopIteration):
+        while True:
+            request = asked.send(answer)
+            level = request.point.level if isinstance(request, Judge) else request.level
+            levels.append(level)
+            index = np.array([1 if level == 0.9 else before])
+            if isinstance(request, Judge):
+                modes = SimpleNamespace(known=np.array([True]), index=index, diverging=np.array([False]))
+                answer = SimpleNamespace(modes=modes)
+            else:
+                answer = SimpleNamespace(**vars(critical) | {"level": request.level})
+    assert ends == [meant]
+    assert set(levels) == {0.9, 0.9 * (1 - 1e-3)}

@@ -152,7 +152,7 @@ class Journey:
             found, _ = yield from self._correct(self.start, self.level, neutral)
         if found is not None:
             point = yield from self._along(found, neutral)
-        if self.doubtful and not (yield from self._was_stable(point)):
+        if self.doubtful and not (yield from self._was_stable(point, neutral)):
             return
         for _ in range(MOST_EVENTS):
             if point.level == 1:
@@ -215,9 +215,17 @@ class Journey:
             raise Spent
         self.integrations += integrations
 
-    def _was_stable(self, critical: Point) -> Run:
-        """Whether no mode is unstable where one vanishes."""
-        modes = (yield from self._judge(critical)).modes
+    def _was_stable(self, critical: Point, neutral: int) -> Run:
+        """Whether no mode is unstable where one vanishes; or a little before, where of several that vanish together one may have
+        done so already."""
+        if (yield from self._stands(critical)):
+            return True
+        found, _ = yield from self._correct(critical.unknowns, critical.level - self._overshoot(critical), neutral)
+        return found is not None and (yield from self._stands(found))
+
+    def _stands(self, point: Point) -> Run:
+        """Whether no mode is unstable."""
+        modes = (yield from self._judge(point)).modes
         return bool(modes.known[0] and modes.index[0] <= 0 and not modes.diverging[0])
 
     def _rests(self, point: Point, neutral: int) -> Run:
