@@ -317,7 +317,9 @@ class Controller(Uncopied, Generic[Robot_co]):
         """(8) The steps of this sample and of the next one where no limit holds, by one factorisation, each of shape (1, k)."""
         m, k = J.shape[1:]
         root = sqrt(_softness(J))
-        system, sides = np.diag(np.repeat([root, -root], [k, m])), np.zeros((k + m, 2))
+        system, sides = np.zeros((k + m, k + m)), np.zeros((k + m, 2))
+        diagonal = system.reshape(-1)[:: k + m + 1]
+        diagonal[:k], diagonal[k:] = root, -root
         system[:k, k:], system[k:, :k] = J[0].T, J[0]
         sides[k:, 0] = -r[0]
         if ahead is not None:

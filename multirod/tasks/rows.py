@@ -79,8 +79,10 @@ class Pose:
     @property
     def complete(self) -> NDArray[np.bool_]:
         """Whether all numbers are there, none NaN, shape (...)."""
-        sound = [np.isfinite(value).all(axis=tuple(range(-tail, 0))) for value, tail in self._parts()]
-        return np.broadcast_to(np.logical_and.reduce(np.broadcast_arrays(*sound)), self.batch_shape)
+        result = np.ones(self.batch_shape, dtype=bool)
+        for value, tail in self._parts():
+            result &= np.isfinite(value).all(axis=tuple(range(-tail, 0)))
+        return result
 
     def rows(self, length: float, batch_shape: tuple[int, ...] = (), instances: IntArray | None = None) -> "PoseRows":
         """The rows of some instances of a batch to whose leading axes this broadcasts.
