@@ -160,13 +160,14 @@ class Assembly(ABC):
 
         Raises:
             TypeError: If they are not made by ``inputs(...)``, or name inputs that this assembly does not take.
-            ValueError: If a value is out of range here.
+            ValueError: If a value is out of range here, or a robot made them that has more rods or lines, or fewer.
         """
         if inputs is None:
             return self.inputs()
         if not isinstance(inputs, Inputs):
             raise TypeError(f"{field} must be made by robot.inputs(...), not {type(inputs).__name__}")
         unknown_names("the robot", inputs.given, (spec.name for spec in self.input_specs))
+        inputs.refuse_others(field, type(self).__name__, self.input_specs, self.rod_count)
         self._check_axes(inputs)
         self.check(inputs)
         return inputs

@@ -115,7 +115,7 @@ class Inputs:
                     value if isinstance(value, Profile) and value.ends[-1] >= length else fit(name, value, length)
                 )
             elif spec.per_rod or spec.count is not None:
-                self._arrays[name] = one_each(name, value, spec.size(rod_count))
+                self._arrays[name] = one_each(name, value, spec.size(rod_count), " rods" if spec.per_rod else "")
             else:
                 self._arrays[name] = array(name, value, (3,))
         self.given = tuple(name for name in self._specs if name in self._arrays or name in self._profiles)
@@ -124,6 +124,23 @@ class Inputs:
         except ValueError:
             shapes = ", ".join(f"{name} {a.shape[:-1]}" for name, a in self._arrays.items())
             raise ValueError(f"the leading axes of the inputs do not broadcast: {shapes}") from None
+
+    def refuse_others(self, field: str, kind: str, specs: Sequence[InputSpec], rod_count: int) -> None:
+        """Refuse inputs that were made by a robot with another number of rods, or of lines, than this ``kind`` of robot has."""
+        said = "they were made by another robot"
+        own_calls = "make them by its own inputs(...)"
+        if self._rod_count != rod_count:
+            has = _counted(self._rod_count, "rod")
+            refuse(field, self, f"{said}, which has {has}: this {kind} has {rod_count}; {own_calls}")
+        for spec in specs:
+            size = spec.size(rod_count)
+            given = self._specs.get(spec.name, spec).size(rod_count)
+            if given != size:
+                refuse(
+                    field,
+                    self,
+                    f"{said}: its {spec.name} is {_counted(given, 'number')}, that of this {kind} {size}; {own_calls}",
+                )
 
     def __getattr__(self, name: str) -> FloatArray:
         specs = self.__dict__.get("_specs", {})
@@ -243,8 +260,15 @@ class Inputs:
         return f"{name} ({values}) {self.spec(name).unit}".rstrip()
 
 
-def one_each(name: str, value: Any, count: int) -> FloatArray:
-    """An input per rod, or per line, as (..., count): one number is the same for all, and one rod needs no axis of its own."""
+def _counted(count: int, what: str) -> str:
+    return f"{count} {what}{'s' * (count != 1)}"
+
+
+def one_each(name: str, value: Any, count: int, what: str = "") -> FloatArray:
+    """An input per rod, or per line, as (..., count): one number is the same for all, and one rod needs no axis of its own.
+
+    ``what`` these are, errors say.
+    """
     result = array(name, value)
     if result.ndim == 0:
         return np.broadcast_to(result, (count,))
@@ -252,6 +276,7 @@ def one_each(name: str, value: Any, count: int) -> FloatArray:
         return result
     if count == 1:
         return result[..., None]
-    if count == 3 and result.shape[-1] < 3 and result.size < 20:  # it is no vector
-        refuse(name, value, "must have shape (..., 3): one number for each of 3, or one for all")
+    transposed = result.ndim > 1 and result.shape[-2] == count
+    if count == 3 and result.size < 20 and not transposed:  # it is no vector
+        refuse(name, value, f"must have shape (..., 3): one number for each of 3{what}, or one for all")
     return array(name, value, (count,))

@@ -106,6 +106,10 @@ DEGREES = (10.0, 8 * math.pi)  # rad: beyond the first multiples of 5, beyond th
 PLATFORM_MASS = 20.0  # kg
 REACH = 2.0  # times the longest leg, that legs are apart or forces act beside the platform
 DT = 1.0  # s
+DEVIATION = (
+    0.1,
+    100.0,
+)  # m: no sensor of positions is off by more than the first; beyond the second nothing is measured on purpose
 FEW = 50  # numbers
 STRAIN = 0.08  # beyond which superelastic alloys yield too
 RUBBER_STRAIN, RUBBER = 0.5, 1e8  # the same of what is softer than so many Pa
@@ -371,6 +375,21 @@ def of_place(field: str, position: FloatArray | None) -> None:
         LENGTH.check(field, np.maximum(np.abs(position), LENGTH.low))
 
 
+def of_limits(field: str, name: str, values: FloatArray) -> None:
+    """Warn of limits of what tubes are moved and turned by, in other units; infinite ones are none."""
+    finite = values[np.isfinite(values)]
+    if name == "translation":
+        of_place(field, finite)
+    elif name == "rotation" and finite.size and np.any(finite):
+        _of_angles(field, finite, _largest(finite))
+
+
+def of_pose_sigma(sigma: FloatArray, position: bool) -> None:
+    """Warn of a standard deviation (2,) of positions that is no measurement's, where there are any."""
+    if position and DEVIATION[0] < sigma[0] < DEVIATION[1]:
+        say(f"Pose.sigma = {sigma[0]:.6g} m of a position says next to nothing of it; if it is in mm, give {1e-3 * sigma[0]:.6g}")
+
+
 def of_legs(base: FloatArray, platform: FloatArray, mass: float, rods: "tuple[Rod, ...]") -> None:
     """Warn of legs that are further apart than they are long, and of a heavy platform."""
     longest = max(float(np.max(rod.length)) for rod in rods)
@@ -412,7 +431,8 @@ def of_dt(field: str, dt: float) -> None:
 
 
 def of_inputs(robot: "Assembly", inputs: "Inputs") -> None:
-    """Warn of actuation and loads."""
+    """Warn of actuation and loads, and of pairs that may have been meant as a batch."""
+    _of_pairs(robot, inputs)
     for name in inputs.given:
         spec = inputs.spec(name)
         values = _values(inputs, name)
@@ -431,6 +451,22 @@ def of_inputs(robot: "Assembly", inputs: "Inputs") -> None:
             _of_place(name, most, robot)
         elif spec.power and name not in ("gravity", "magnetic_field"):
             _of_load(name, spec.load == "moment", most, spec.power, robot)
+
+
+def _of_pairs(robot: "Assembly", inputs: "Inputs") -> None:
+    batch_shape = np.broadcast_shapes(robot.batch_shape, inputs.batch_shape)
+    if batch_shape[-1:] != (2,):
+        return
+    for rod in robot.rods:
+        for section in rod.sections:
+            for name in section.flat_pairs:
+                first, second = (f"{value:.6g}" for value in getattr(section, name).tolist())
+                say(
+                    f"Rod.{name} = [{first}, {second}] is the pair about x and about y of each rod, beside a batch of "
+                    f"{batch_shape}; if it is one for each instance, give [[{first}], [{second}]], shape (2, 1); if it is "
+                    f"the pair, a tuple, ({first}, {second})"
+                )
+                return
 
 
 def _values(inputs: "Inputs", name: str) -> FloatArray:

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,12 @@ def _pair(name: str, value: Any, *, infinite: bool) -> FloatArray:
     if result.ndim == 0 or result.shape[-1] not in (1, 2):
         result = result[..., None]
     return np.broadcast_to(result, (*result.shape[:-1], 2))
+
+
+def _flat(value: Any) -> bool:
+    """Whether a pair was given as an array or a list, which may be a batch of two; a tuple is a pair."""
+    given = value.tolist() if isinstance(value, np.ndarray) and value.flags.writeable else value
+    return isinstance(given, list) and len(given) == 2 and not any(np.ndim(item) for item in given) and given[0] != given[1]
 
 
 def _foundation(name: str, value: Any) -> FloatArray:
@@ -103,6 +109,7 @@ class Section:
     linear_density: FloatArray = _NONE
     magnetisation: FloatArray = _ZERO
     foundation: FloatArray = _NONE
+    flat_pairs: ClassVar[tuple[str, ...]] = ()  # of which a batch of two may be meant, for warnings
 
     if TYPE_CHECKING:  # what is given; the fields are what it becomes
 
@@ -127,6 +134,7 @@ class Section:
         def put(name: str, value: Any) -> None:
             object.__setattr__(self, name, value)
 
+        put("flat_pairs", tuple(name for name in ("bending_stiffness", "shear_stiffness") if _flat(getattr(self, name))))
         put("length", positive_array(f"{owner}.length", self.length, smallest=SHORTEST_SECTION))
         put("bending_stiffness", _pair(f"{owner}.bending_stiffness", self.bending_stiffness, infinite=False))
         put("torsional_stiffness", positive_array(f"{owner}.torsional_stiffness", self.torsional_stiffness, infinite=True))
@@ -178,8 +186,8 @@ class Rod:
 
     Args:
         length: Arclength [m].
-        bending_stiffness: ``EI`` or ``(EI_x, EI_y)`` [N m^2]; a batch is given as (..., 1) or (..., 2), or (...,) of another
-            size.
+        bending_stiffness: ``EI`` or ``(EI_x, EI_y)`` [N m^2]; a batch is given as (..., 1) or (..., 2). Two numbers are always
+            ``(EI_x, EI_y)``; (...,) of another size is a batch too.
         torsional_stiffness: ``GJ`` [N m^2]; ``inf`` is rigid.
         precurvature: ``u*`` [1/m]: three numbers; a list of ``(section length, u*)`` pairs whose lengths add up to
             ``length``; or a function of the arclength [m] from the base that returns three numbers.

@@ -46,6 +46,16 @@ if TYPE_CHECKING:
     from multirod.studies.terms.simplify import Dropped
 
 DEFAULT_NODE_COUNT = 51
+_OTHER_NAMES = {
+    **dict.fromkeys(("tip", "pose", "tip_pose", "end_effector"), "tip_position and tip_rotation"),
+    **dict.fromkeys(
+        ("position", "shape", "shapes", "centreline", "arclength", "curvature"), "rod(0), which has position and more"
+    ),
+    "rotation": "tip_rotation, or rod(0).rotation along a rod",
+    **dict.fromkeys(("converged", "success", "ok"), "status, or failed"),
+    **dict.fromkeys(("message", "reason"), "status.message"),
+    "rods": "rod(0), rod(1), ..., or robot.rods",
+}  # what attributes of a solution are called elsewhere
 
 
 class SolveError(RuntimeError):
@@ -137,6 +147,19 @@ class Solution(Generic[Robot_co]):
     def assembly(self) -> Robot_co:
         """The robot."""
         return self._scene.assembly
+
+    @property
+    def robot(self) -> Robot_co:
+        """The robot, as ``assembly``."""
+        return self._scene.assembly
+
+    if not TYPE_CHECKING:  # which knows what there is
+
+        def __getattr__(self, name: str) -> Any:
+            if hasattr(type(self), name):  # it refused, and says why
+                return object.__getattribute__(self, name)
+            hint = f"; did you mean {_OTHER_NAMES[name]}?" if name in _OTHER_NAMES else ""
+            raise AttributeError(f"{type(self).__name__} has no {name!r}{hint}", name=name, obj=None if hint else self)
 
     @property
     def batch_shape(self) -> tuple[int, ...]:

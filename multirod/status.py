@@ -1,7 +1,7 @@
 """Why each instance of a solve ended."""
 
 from enum import IntEnum
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,10 +10,15 @@ IntArray = NDArray[np.integer[Any]]
 BoolArray = NDArray[np.bool_]
 
 
+def _refuse_text(name: str) -> NoReturn:
+    raise TypeError(f"a Status is compared with a Status, not with {name!r}: mr.Status.CONVERGED, or status.name == 'CONVERGED'")
+
+
 class Status(IntEnum):
     """Why an instance ended. Written by kernels and recordings: never renumbered.
 
-    ``failed`` says whether the instance's arrays hold NaN; ``message`` says what happened and what to try.
+    ``failed`` says whether the instance's arrays hold NaN; ``message`` says what happened and what to try. Its ``name`` is a
+    string; to be compared with one by ``==`` raises ``TypeError``, where Python would say that they differ.
     """
 
     NOT_RUN = 0
@@ -46,6 +51,18 @@ class Status(IntEnum):
 
     def __str__(self) -> str:
         return self.name
+
+    def __eq__(self, other: object) -> bool:
+        if isinstance(other, str):
+            _refuse_text(other)
+        return int.__eq__(self, other)
+
+    def __ne__(self, other: object) -> bool:
+        if isinstance(other, str):
+            _refuse_text(other)
+        return int.__ne__(self, other)
+
+    __hash__ = int.__hash__
 
     @property
     def failed(self) -> bool:

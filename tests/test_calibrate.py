@@ -106,7 +106,7 @@ def test_what_shapes_do_not_tell_keeps_its_prior(wire, shapes):
         ({"parameters": {"base": 0.1}}, TypeError, "must be a Prior"),
         ({"parameters": {"base": mr.Prior(0, sigma=1)}}, ValueError, "it is what the robot has"),
         ({"parameters": ("base", "precurvature")}, ValueError, "9 numbers without a prior.*at most as many as are measured, 6"),
-        ({"measured": mr.Pose(position=np.full(3, np.nan), sigma=1)}, ValueError, "NaN in all rows"),
+        ({"measured": mr.Pose(position=np.full(3, np.nan), sigma=1e-3)}, ValueError, "NaN in all rows"),
     ],
 )
 def test_bad_input(wire, options, error, message):

@@ -115,6 +115,29 @@ def test_what_is_missing_is_gone_without(robot, trials):
     assert found.observable["tip_force"][:3].all()
 
 
+def test_alone_as_in_a_batch_all_may_be_missing_where_there_is_a_prior(robot):
+    nothing = mr.Pose(position=(np.nan,) * 3, rotation=np.full((3, 3), np.nan), sigma=(POSITION, ANGLE))
+    found = mr.estimate(robot, unknown=PRIOR, measured=nothing)
+    assert found.status is mr.Status.CONVERGED
+    np.testing.assert_array_equal(found.value("tip_force"), 0)
+    np.testing.assert_allclose(found.covariance("tip_force"), SIGMA**2 * np.eye(3), rtol=1e-12)
+    assert found.dropped == ("sensor 0",)
+
+
+def test_what_is_missing_is_named(robot, trials):
+    _, position, rotation = (values[5].copy() for values in trials)
+    whole = mr.estimate(robot, unknown=PRIOR, measured=mr.Pose(position=position, rotation=rotation, sigma=(POSITION, ANGLE)))
+    assert whole.dropped == ()
+    assert "without" not in repr(whole)
+    position[1] = np.nan
+    some = mr.estimate(robot, unknown=PRIOR, measured=mr.Pose(position=position, rotation=rotation, sigma=(POSITION, ANGLE)))
+    assert some.dropped == ("y of sensor 0",)
+    assert repr(some).endswith("; without y of sensor 0)")
+    rotation[0] = np.nan
+    more = mr.estimate(robot, unknown=PRIOR, measured=mr.Pose(position=position, rotation=rotation, sigma=(POSITION, ANGLE)))
+    assert more.dropped == ("y and rotation of sensor 0",)
+
+
 def test_base_and_measurement_may_be_moved_together(robot, wire, trials, make_pose):
     moved = make_pose((0.4, -1.1, 0.3), (0.2, -0.1, 0.5))
     R = moved[:3, :3]
@@ -212,11 +235,15 @@ GOOD = mr.Pose(position=(0, 0, 0.1), sigma=1e-3)
             "3 of tip_force, 3 of tip_moment.*unobservable",
         ),
         ({"measured": mr.Pose(position=(0, 0, 0.1))}, ValueError, r"measured\[0\].sigma = None"),
-        ({"measured": mr.Pose(position=(np.nan,) * 3, sigma=1e-3)}, ValueError, "NaN in all rows"),
+        (
+            {"measured": mr.Pose(position=(np.nan,) * 3, sigma=1e-3), "unknown": {"tip_force": mr.Prior()}},
+            ValueError,
+            "NaN in all rows",
+        ),
         ({"measured": []}, TypeError, "must be measurements"),
         ({"measured": (0, 0, 0.1)}, TypeError, "must be measurements"),
         (
-            {"measured": mr.Pose(position=np.zeros((2, 3)), sigma=1.0), "unknown": {"tip_force": mr.Prior(np.zeros((3, 3)))}},
+            {"measured": mr.Pose(position=np.zeros((2, 3)), sigma=1e-3), "unknown": {"tip_force": mr.Prior(np.zeros((3, 3)))}},
             ValueError,
             "leading axes",
         ),

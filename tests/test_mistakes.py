@@ -1,7 +1,9 @@
 """Mistakes that people make: each is refused, or warned of, by a message that says what was probably meant."""
 
+import copy
 import math
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -148,3 +150,63 @@ def test_a_tracker_takes_a_time_step_where_it_is_used(wire: mr.Rod) -> None:
         assert not solver.needs_dt
     with pytest.raises(TypeError, match="Tracker needs dt, the time between samples .*: Observer goes by it"):
         mr.Tracker(robot, inputs=inputs, solver=mr.Observer())
+
+
+def test_a_pair_is_told_from_a_batch_of_two() -> None:
+    forces = np.zeros((2, 3))
+    with pytest.warns(mr.PlausibilityWarning, match=r"give \[\[0.2\], \[0.3\]\], shape \(2, 1\); if it is the pair, a tuple"):
+        pair(np.array([0.2, 0.3])).inputs(tip_force=forces)
+    for plain in ((0.2, 0.3), [[0.2], [0.3]], [0.2, 0.2], [[0.2, 0.3]]):
+        pair(plain).inputs(tip_force=forces)
+    pair([0.2, 0.3]).inputs(tip_force=np.zeros((3, 3)))
+    pair([0.2, 0.3]).inputs(tip_force=np.zeros(3))
+
+
+def pair(bending_stiffness: object) -> mr.SingleRod:
+    return mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=bending_stiffness, torsional_stiffness=0.1))
+
+
+def test_a_pair_of_a_file_is_one(tmp_path: Path) -> None:
+    for ending in ("toml", "npz"):
+        pair([0.2, 0.3]).save(tmp_path / f"robot.{ending}")
+        mr.load(tmp_path / f"robot.{ending}").inputs(tip_force=np.zeros((2, 3)))
+
+
+def test_inputs_of_as_many_rods_may_be_of_another_robot() -> None:
+    rod = mr.Rod(length=0.4, bending_stiffness=0.2, torsional_stiffness=0.1)
+    lines = [mr.Tendon((0.01, 0)), mr.Tendon((-0.01, 0))]
+    one, two = (mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.2, torsional_stiffness=0.1, lines=lines[:k])) for k in (1, 2))
+    given = mr.SingleRod(rod).inputs(tip_force=(1, 0, 0))
+    assert one.accept(given) is given
+    with pytest.raises(ValueError, match="its tension is 1 number, that of this SingleRod 2"):
+        two.accept(one.inputs(tension=1.0))
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("tip", "did you mean tip_position and tip_rotation"),
+        ("position", "did you mean rod\\(0\\)"),
+        ("converged", "did you mean status, or failed"),
+        ("tip_positon", "^Solution has no 'tip_positon'$"),
+        ("rates", "only an observer that tracks has closed-loop rates"),
+    ],
+)
+def test_a_solution_says_what_it_calls_things(thick: mr.SingleRod, name: str, message: str) -> None:
+    solution = mr.solve(thick, thick.inputs())
+    assert solution.robot is solution.assembly is thick
+    assert copy.deepcopy(solution).tip_position.tolist() == solution.tip_position.tolist()
+    with pytest.raises(AttributeError, match=message):
+        getattr(solution, name)
+
+
+def test_files_that_are_no_results_say_what_to_do(thick: mr.SingleRod, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"a picture is solution.plot\(\).figure.savefig\(path\)$"):
+        mr.solve(thick, thick.inputs()).save(tmp_path / "a.png")
+    with pytest.raises(ValueError, match=r"\.csv is written for other programs and not read back: save as \.npz too$"):
+        mr.load(tmp_path / "a.csv")
+
+
+def test_a_mean_without_a_deviation_is_where_to_begin_if_that_is_said() -> None:
+    assert np.isinf(mr.Prior(0.1, sigma=math.inf).sigma)
+    assert np.isinf(mr.Prior(0.0).sigma)

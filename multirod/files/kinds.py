@@ -343,6 +343,7 @@ def made(table: Any, part: Part, where: str) -> Any:
         if default is Parameter.empty and name not in given:
             raise ValueError(f"{at(where, name)} is not there: {kind} needs {name}")
     arguments = {name: _argument(value, parts.get(name), at(where, name)) for name, value in given.items()}
+    arguments |= {name: _meant_as_pair(arguments[name]) for name in EQUAL if name in arguments}
     try:
         return make(**arguments)
     except (TypeError, ValueError) as error:
@@ -362,6 +363,13 @@ def _argument(value: Any, part: Part | None, where: str) -> Any:
     if not isinstance(value, list):
         refuse(where, value, f"must be a list of tables, [[{where.rpartition(': ')[2]}]]")
     return [made(item, part, f"{where}[{k}]") for k, item in enumerate(value)]
+
+
+def _meant_as_pair(value: Any) -> Any:
+    """Two numbers as a tuple: in a file they are no batch."""
+    given = value.tolist() if isinstance(value, np.ndarray) else value
+    plain = isinstance(given, list) and len(given) == 2 and not any(isinstance(item, list) for item in given)
+    return tuple(given) if plain else value
 
 
 def profile(value: Any, where: str) -> Profile:

@@ -8,6 +8,7 @@ from multirod.inputs import Inputs
 from multirod.validation import choice, instance, path_of, refuse
 
 ENDINGS = (".npz", ".toml")
+WRITTEN = (".csv", ".nc", ".glb", ".obj", ".ply", ".stl", ".rrd")  # and not read
 RESULTS = ("Solution", "History")
 
 
@@ -38,7 +39,8 @@ def load(path: str | os.PathLike[str], *, robot: Assembly | None = None) -> Any:
     file = path_of("path", path)
     ending = file.suffix.lower()
     if ending not in ENDINGS:
-        refuse("path", str(file), f"must end in {' or '.join(ENDINGS)}")
+        only = f"; {ending} is written for other programs and not read back: save as .npz too" if ending in WRITTEN else ""
+        refuse("path", str(file), f"must end in {' or '.join(ENDINGS)}{only}")
     if robot is not None:
         instance("load.robot", robot, Assembly, "the robot of the inputs")
     table = text.parsed(file) if ending == ".toml" else archive.read(file)

@@ -19,6 +19,7 @@ from multirod.solution import Solution
 from multirod.validation import Described, file_path, refuse, unknown_names
 
 VERSION = 1  # of the tables: what is read may be of this one or of those before
+PICTURES = (".png", ".pdf", ".svg", ".jpg", ".jpeg")
 HEADING = """{what}, written by multirod {version}; read it by mr.load({how}).
 SI units, angles in rad; rotation matrices are body to world; a pose is 4 x 4."""
 
@@ -37,6 +38,8 @@ def save_result(path: str | os.PathLike[str], solution: Solution, options: Mappi
         refuse(
             "save.path", str(path), "a recording is of a History, as simulate() gives: or take a Recorder, and log(0.0, solution)"
         )
+    if str(path).lower().endswith(PICTURES):
+        refuse("save.path", str(path), f"must end in {' or '.join(kinds)}; a picture is solution.plot().figure.savefig(path)")
     file = file_path("save.path", path, *kinds)
     write = kinds[file.suffix.lower()]
     if write is not _recording:

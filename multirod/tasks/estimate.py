@@ -53,6 +53,7 @@ class Estimate(Generic[Robot_co]):
         misfit: (1) Sum of squares of what measurements and priors are off, in standard deviations, shape (...): where these are
             right it is ``degrees`` on average.
         degrees: Numbers measured, less those that are unknown without a prior, shape (...).
+        dropped: What was missing, in words, such as ``"y of sensor 0"``; of an estimate without leading axes.
     """
 
     def __init__(
@@ -65,8 +66,10 @@ class Estimate(Generic[Robot_co]):
         missing: NDArray[np.bool_],
         misfit: FloatArray,
         degrees: NDArray[np.intp],
+        dropped: tuple[str, ...] = (),
     ) -> None:
         self.solution = solution
+        self.dropped = dropped
         self.unknown = tuple(places)
         self._places, self._mean, self._covariance, self._prior = dict(places), mean, covariance, prior
         self.missing: NDArray[np.bool_] = frozen(missing)
@@ -76,6 +79,11 @@ class Estimate(Generic[Robot_co]):
     @property
     def assembly(self) -> Robot_co:
         """The robot."""
+        return self.solution.assembly
+
+    @property
+    def robot(self) -> Robot_co:
+        """The robot, as ``assembly``."""
         return self.solution.assembly
 
     @property
@@ -157,8 +165,7 @@ class Estimate(Generic[Robot_co]):
             return f"Estimate({self.status.name}: {self.status.message})"
         parts = [f"{name} {_numbers(self.value(name))} +- {_numbers(self.sigma(name))}" for name in self.unknown]
         parts += [f"unobservable: {said}" for name in self.unknown for said in [self._unseen(name)] if said]
-        dropped = np.flatnonzero(self.missing)
-        parts += [f"without sensor {', '.join(map(str, dropped))}"] if len(dropped) else []
+        parts += [f"without {', '.join(self.dropped)}"] if self.dropped else []
         return f"Estimate({self.status.name}; {'; '.join(parts)})"
 
     def _unseen(self, name: str) -> str:
@@ -205,7 +212,7 @@ def estimate(
 
     Raises:
         TypeError: If an unknown is no input of the robot, or a measurement none.
-        ValueError: If an argument is not what it must be, nothing is measured, or more is unknown without a prior than measured.
+        ValueError: If an argument is not what it must be, or more is unknown without a prior than measured.
     """
     method = as_solver(robot, solver)
     device = device_name("device", device)
@@ -215,7 +222,8 @@ def estimate(
     most = positive_int("max_iterations", max_iterations)
     whole = _axes(robot, given, priors, sensors)
     places = Places(robot, given, sensors)
-    refuse_nothing("measured", Measured(sensors, places, whole, None).known)
+    if _flat(priors, given):
+        refuse_nothing("measured", Measured(sensors, places, whole, None).known)
     _refuse_more(priors, given, sum(sensor.count for sensor in sensors))
     scene = Known(robot, at_means(robot, given, priors, whole), priors, sensors, places, whole, method, device, most, guess)
     count = prod(whole)
@@ -401,7 +409,8 @@ def _joined(scene: Known, pieces: Sequence[Part]) -> Estimate[Any]:
     flat = np.isinf(np.diagonal(prior, axis1=-2, axis2=-1)).sum(axis=-1)
     missing = np.concatenate([part.measured.missing for part in pieces])
     missing = missing.reshape((*shape, missing.shape[-1]))
-    return Estimate(solution, places, mean, covariance, prior, missing, misfit, rows - flat)
+    dropped = () if shape else first.measured.dropped()
+    return Estimate(solution, places, mean, covariance, prior, missing, misfit, rows - flat, dropped)
 
 
 def remarked(places: Mapping[str, slice], covariance: FloatArray, measured: Measured) -> Remarks:
@@ -450,11 +459,17 @@ def at_means(robot: Assembly, inputs: Inputs, priors: Mapping[str, Prior], whole
     return robot.accept(inputs.with_arrays(held), "the priors' means")
 
 
+def _flat(priors: Mapping[str, Prior], inputs: Inputs) -> dict[str, int]:
+    """How many numbers of each input have no prior, of those where any has none."""
+    counts = {name: prior.flat_count(name, getattr(inputs, name).shape[-1]) for name, prior in priors.items()}
+    return {name: count for name, count in counts.items() if count}
+
+
 def _refuse_more(priors: Mapping[str, Prior], inputs: Inputs, rows: int) -> None:
     """Refuse more numbers without a prior than are measured."""
-    flat = {name: prior.flat_count(name, getattr(inputs, name).shape[-1]) for name, prior in priors.items()}
+    flat = _flat(priors, inputs)
     if sum(flat.values()) > rows:
-        names = ", ".join(f"{count} of {name}" for name, count in flat.items() if count)
+        names = ", ".join(f"{count} of {name}" for name, count in flat.items())
         refuse(
             "unknown",
             Described(f"{sum(flat.values())} numbers without a prior ({names})"),

@@ -140,6 +140,7 @@ class Estimator(Uncopied, Generic[Robot_co]):
                 known.live.missing.reshape((*shape, -1)),
                 square.reshape(shape),
                 known.live.counted.reshape(shape),
+                () if shape else known.live.dropped(),
             )
         finally:
             self._lock.release()

@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from multirod import plausibility
 from multirod.assembly import Assembly
 from multirod.models.assemblies.concentric_tubes import ConcentricTubes
 from multirod.models.assemblies.parallel_rods import ParallelRods
 from multirod.remarks import Remarks
 from multirod.tasks.formulation import input_units
-from multirod.validation import FloatArray, array, nonnegative_float, number, positive_float, refuse, unknown_names
+from multirod.validation import FloatArray, array, nonnegative_float, number, positive_float, refuse, shown, unknown_names
 
 SHORTEST = 1e-3  # of its length, what of a rod stays in use
 ROUNDING = 1e-14  # in units (9)
@@ -32,11 +33,14 @@ class Limits:
             order too, the innermost furthest out [m]. None, the default, is the order of the bases alone.
         curvature: Largest bending ``|u_xy|`` of any rod [1/m].
         stability_margin: Least ``Solution.stability_margin``.
-        **inputs: Pairs ``(low, high)`` by the name of an input, each a number or one for each rod or line; ``inf`` is no
-            limit.
+        **inputs: Pairs ``(low, high)`` by the name of an input, each a number or one for each rod or line, such as
+            ``translation=([-0.2, -0.1], [0, 0])`` of two tubes; ``inf`` is no limit.
 
     Raises:
-        ValueError: If a pair is none, or empty, or a number is out of range.
+        ValueError: If a pair is none, or empty, or one for each that leaves none of them any range, or a number is out of range.
+
+    Warns:
+        PlausibilityWarning: Of lengths of more than 10 m, as in mm.
     """
 
     def __init__(
@@ -72,13 +76,26 @@ def _pair(name: str, value: Any) -> tuple[FloatArray, FloatArray]:
     field = f"Limits.{name}"
     pair = list(value) if isinstance(value, (list, tuple)) or (isinstance(value, np.ndarray) and value.ndim) else []
     if len(pair) != 2:
-        refuse(field, value, "must be a pair (low, high)")
+        refuse(field, value, f"must be a pair (low, high){_by_end(pair)}")
     low, high = (array(field, end, finite=False) for end in pair)
     if low.ndim > 1 or high.ndim > 1 or np.isnan(low).any() or np.isnan(high).any():
         refuse(field, value, "must be (low, high), each a number or one for each")
     if len({end.shape for end in (low, high) if end.ndim}) > 1 or (low > high).any():
         refuse(field, value, "must be (low, high) with low <= high, of the same length")
+    listed = isinstance(value, list) and all(isinstance(end, tuple) for end in value)  # as pairs are
+    if low.size > 1 and high.size > 1 and ((low == high).all() or (listed and (low == high).any())):
+        refuse(field, value, f"must be (low, high), all lows first; as it is, low = high{_by_end(pair)}")
+    plausibility.of_limits(field, name, np.concatenate([low.ravel(), high.ravel()]))
     return low, high
+
+
+def _by_end(pairs: list[Any]) -> str:
+    """How to write a list of pairs, one for each rod, as the end of a message."""
+    try:
+        lows, highs = zip(*((shown(low), shown(high)) for low, high in pairs), strict=True)
+    except (TypeError, ValueError):
+        return ""
+    return f"; of one pair for each give ([lows], [highs]): ([{', '.join(lows)}], [{', '.join(highs)}])"
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import numpy as np
 
 from multirod.batch import IntArray, take
 from multirod.types import Numbers
-from multirod.validation import Described, FloatArray, array, refuse
+from multirod.validation import Described, FloatArray, array, refuse, shown
 
 SYMMETRIC = 1e-9  # what a covariance may be off its transpose, of its largest entry
 
@@ -22,7 +22,8 @@ class Prior:
         covariance: In place of ``sigma``, shape (..., k, k): such as an earlier estimate's.
 
     Raises:
-        ValueError: If ``sigma`` is not > 0, ``covariance`` is not symmetric and positive definite, or both are given.
+        ValueError: If ``sigma`` is not > 0, ``covariance`` is not symmetric and positive definite, both are given, or neither
+            beside a mean that is not zero.
     """
 
     def __init__(self, mean: Numbers | None = None, *, sigma: Numbers | None = None, covariance: Numbers | None = None) -> None:
@@ -31,6 +32,13 @@ class Prior:
         self.covariance = None if covariance is None else _covariance(covariance)
         if sigma is not None and covariance is not None:
             refuse("Prior.sigma", sigma, "must not be given beside covariance, which says it")
+        if sigma is None and covariance is None and self.mean is not None and self.mean.any():
+            refuse(
+                "Prior.sigma",
+                None,
+                f"must be given beside mean = {shown(mean)}, how sure that is; a deviation alone is sigma={shown(mean)}, and "
+                "sigma=np.inf says that the mean is only where to begin",
+            )
 
     @property
     def batch_shape(self) -> tuple[int, ...]:

@@ -6,6 +6,7 @@ from typing import Any, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod import plausibility
 from multirod.assembly import is_rotation, not_turned
 from multirod.batch import IntArray, take
 from multirod.rotations import cross, cross_matrix, vectors
@@ -62,6 +63,8 @@ class Pose:
         self.rotation = None if rotation is None else _rotation(rotation)
         self.axis = None if axis is None else _direction(axis)
         self.sigma = None if sigma is None else _sigma(sigma, self.position is not None, self.position is None or self.count > 3)
+        if self.sigma is not None:
+            plausibility.of_pose_sigma(self.sigma, self.position is not None)
         try:
             self.batch_shape: tuple[int, ...] = np.broadcast_shapes(*(value.shape[:-tail] for value, tail in self._parts()))
         except ValueError:

@@ -58,6 +58,11 @@ class Measured:
     def _missing(self) -> NDArray[np.bool_]:
         return np.stack([~own.all(axis=1) for own in np.split(self.known, self.ends[:-1], axis=1)], axis=1)
 
+    def dropped(self) -> tuple[str, ...]:
+        """What the first instance is without, in words."""
+        own = np.split(self.known[0], self.ends[:-1])
+        return tuple(said for k, (rows, known) in enumerate(zip(self.rows, own, strict=True)) for said in _gone(k, rows, known))
+
     def take(self, instances: IntArray) -> "Measured":
         """Those of some instances."""
         result = copy(self)
@@ -78,6 +83,22 @@ class Measured:
         if known.all():
             return r, J
         return np.where(known, r, 0.0), np.where(known[..., None], J, 0.0)
+
+
+def _gone(k: int, rows: PoseRows | CurvatureRows, known: NDArray[np.bool_]) -> list[str]:
+    """What sensor ``k`` does not say, of its rows (m,) that are known."""
+    if known.all():
+        return []
+    if not known.any():
+        return [f"sensor {k}"]
+    if isinstance(rows, CurvatureRows):
+        return [f"{np.count_nonzero(~known)} of {len(known)} numbers of sensor {k}"]
+    missing = [name for name, there in zip("xyz", known[:3], strict=True) if not there] if rows.position is not None else []
+    if missing == ["x", "y", "z"]:
+        missing = ["position"]
+    if not known[3:].all():
+        missing.append("rotation" if rows.rotation is not None else "axis")
+    return [f"{' and '.join(missing)} of sensor {k}"]
 
 
 def checked(field: str, measured: Any) -> tuple[Sensor, ...]:
@@ -214,6 +235,10 @@ class Live(Measured):
             parts.append(part)
         joined = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
         return joined if self.missing is self._whole[0] else np.where(self.known[..., None], joined, 0.0)
+
+    def dropped(self) -> tuple[str, ...]:
+        """As of ``Measured``; at no cost where nothing dropped out."""
+        return () if self.missing is self._whole[0] else super().dropped()
 
     def put(self, values: object) -> None:
         """Take what each sensor says now; None, or NaN, where it dropped out.
