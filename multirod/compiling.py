@@ -116,7 +116,8 @@ class Compiler:
         if self._announced or sys.stderr is None or multiprocessing.parent_process() is not None:
             return
         self._announced = True
-        print(f"multirod: compiling kernels for this scene (some seconds, once; kept in {cache()})", file=sys.stderr, flush=True)
+        said = "several, some seconds each, once; kept in"
+        print(f"multirod: compiling kernels for this scene ({said} {cache()})", file=sys.stderr, flush=True)
 
 
 def cache() -> str:

@@ -699,12 +699,15 @@ def test_what_is_missing_is_said_with_how_to_get_it(module, extra, ask, history,
 def test_the_page_says_what_is_so(tmp_path):
     page = (Path(__file__).parent.parent / "docs" / "files.md").read_text(encoding="utf-8")
     blocks = [block.split("```")[0] for block in page.split("```toml\n")[1:]]
-    robot, inputs = blocks[:2]
+    robot, line, inputs = blocks[:3]
     (tmp_path / "robot.toml").write_text(robot, encoding="utf-8")
     (tmp_path / "inputs.toml").write_text(inputs, encoding="utf-8")
     there = mr.load(tmp_path / "robot.toml")
     assert isinstance(there, mr.ConcentricTubes)
     assert mr.load(tmp_path / "inputs.toml", robot=there).given == ("rotation", "translation", "tip_force")
+    rod = 'kind = "SingleRod"\n[rod]\nlength = 0.2\nbending_stiffness = 0.01\ntorsional_stiffness = 0.008\n'
+    (tmp_path / "pulled.toml").write_text(rod + line, encoding="utf-8")
+    assert isinstance(mr.load(tmp_path / "pulled.toml").rods[0].lines[0], mr.Tendon)
     for method in (mr.Solution.save, mr.History.save):
         assert "path" in inspect.signature(method).parameters
     for ending in (*meshes.ENDINGS, ".npz", ".toml", ".csv", ".nc", ".rrd"):
