@@ -42,6 +42,27 @@ def from_quaternions(quaternions: FloatArray) -> FloatArray:
     return np.asarray(np.eye(3) + 2 * (w * K + K @ K))
 
 
+def quaternion_product(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Of quaternions (count, 4), the scalar last: first ``b``, then ``a``."""
+    v, w = cross(a[:, :3], b[:, :3]), a[:, 3] * b[:, 3] - (a[:, :3] * b[:, :3]).sum(axis=1)
+    return np.concatenate([v + a[:, 3:] * b[:, :3] + b[:, 3:] * a[:, :3], w[:, None]], axis=1)
+
+
+def to_quaternions(vectors: FloatArray) -> FloatArray:
+    """Unit quaternions (count, 4), the scalar last, of rotation vectors (count, 3)."""
+    half = 0.5 * np.sqrt((vectors**2).sum(axis=1, keepdims=True))
+    return np.concatenate([0.5 * np.sinc(half / np.pi) * vectors, np.cos(half)], axis=1)
+
+
+def of_quaternions(quaternions: FloatArray) -> FloatArray:
+    """Rotation vectors (count, 3) of quaternions (count, 4) of any length but zero, the scalar last."""
+    q = np.where(quaternions[:, 3:] < 0, -quaternions, quaternions)
+    sine = np.sqrt((q[:, :3] ** 2).sum(axis=1))
+    none = sine == 0
+    scale = np.where(none, 0.0, 2 * np.arctan2(sine, q[:, 3]) / np.where(none, 1.0, sine))
+    return np.asarray(scale[:, None] * q[:, :3])
+
+
 def left_jacobian(vectors: FloatArray) -> FloatArray:
     """Rotation vectors, in the outer frame, of the changes of ``matrices(vectors)`` by those of the vectors, (count, 3, 3)."""
     square = (vectors**2).sum(axis=-1)

@@ -22,15 +22,15 @@ from multirod.models.backbone.passes import deal, own, threads, width
 from multirod.models.backbone.second_variation import MOST_NODES, CondensedForm, form_by_segments, segments_needed
 from multirod.models.backbone.units import unit_stiffness
 from multirod.problem import Shape
+from multirod.rotations import from_quaternions, of_quaternions, quaternion_product, to_quaternions
 from multirod.segments import Breakpoints, Cuts, Propagation, Segments
 from multirod.stability import Modes
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
-    from scipy.spatial.transform import Rotation
-
     from multirod.models.backbone.problem import BackboneProblem
 
+STEPS_ALLOWED = 16384  # of a segment: numbers that overflow on its equal steps would go on by ever shorter ones
 LOOKED_AT = 33  # nodes at which moments and forces are bounded
 TOTALS = ("total_moment", "total_force")  # where members carry a part
 WHOLE = ("instance", "at_tip", "steps", "fault")  # numbers of a segment
@@ -56,6 +56,8 @@ class Room:
         self.call, self.table = own(call), table
         device, lanes = problem.device, width("float64", problem.device)
         call = self.call
+        if call.node_count == 0:  # else a segment's steps are those of a whole rod
+            call.step_limit = min(call.step_limit, STEPS_ALLOWED)
         call.unknown_columns, call.direction_columns = columns, problem.direction_count if columns else 0
         memory = deal(call, features, problem.integrator, "float64", device, capacity, lanes, shared=call.node_count == 0)
         shapes: dict[str, tuple[tuple[int, ...], Any]] = {name: ((capacity,), wp.int32) for name in WHOLE}
@@ -139,17 +141,15 @@ class BackboneSegments(Segments):
     def difference(self, instances: IntArray, states: FloatArray, others: FloatArray) -> FloatArray:  # noqa: D102
         result = np.zeros((len(states), self.variation_size))
         result[:, :3] = (states[:, :3] - others[:, :3]) / self._stiffness[instances]
-        turn = _rotation(others).inv() * _rotation(states)
-        result[:, 3:6] = turn.as_rotvec() / self._scale[instances, None]
+        turn = quaternion_product(_quaternions(others) * (-1.0, -1.0, -1.0, 1.0), _quaternions(states))
+        result[:, 3:6] = of_quaternions(turn) / self._scale[instances, None]
         return result
 
     def moved(self, instances: IntArray, states: FloatArray, variations: FloatArray) -> FloatArray:  # noqa: D102
-        from scipy.spatial.transform import Rotation
-
         result = states.copy()
         result[:, :3] += self._stiffness[instances] * variations[:, :3]
-        turned = _rotation(states) * Rotation.from_rotvec(self._scale[instances, None] * variations[:, 3:6])
-        result[:, ROTATION_AT : ROTATION_AT + 4] = turned.as_quat()
+        turn = to_quaternions(self._scale[instances, None] * variations[:, 3:6])
+        result[:, ROTATION_AT : ROTATION_AT + 4] = quaternion_product(_quaternions(states), turn)
         return result
 
     def growth(self, found: Propagation) -> FloatArray:  # noqa: D102
@@ -220,7 +220,7 @@ class BackboneSegments(Segments):
     def tip_pose(self, cuts: Cuts, found: Propagation) -> tuple[FloatArray, FloatArray]:  # noqa: D102
         R, p = self._base(cuts.instances)
         moved = np.add.reduceat(found.displacement, cuts.first[:-1])
-        turned = _rotation(found.end[cuts.first[1:] - 1]).as_matrix()
+        turned = _matrices(found.end[cuts.first[1:] - 1])
         return p + (R @ moved[:, :, None])[..., 0], R @ turned
 
     def tip_pose_columns(self, cuts: Cuts, found: Propagation, variations: FloatArray) -> FloatArray:  # noqa: D102
@@ -228,7 +228,7 @@ class BackboneSegments(Segments):
         R = self._base(cuts.instances)[0][0]
         moved = found.displacement_columns[:, :, :d] @ variations + found.displacement_columns[:, :, d:]
         turned = found.transition[-1, 3:6, :d] @ variations[-1] + found.transition[-1, 3:6, d:]
-        tip = R @ _rotation(found.end[-1:]).as_matrix()[0]
+        tip = R @ _matrices(found.end[-1:])[0]
         return np.concatenate([R @ moved.sum(axis=0), self._scale[cuts.instances[0]] * tip @ turned])
 
     def shapes(self, points: dict[int, Breakpoints], node_count: int) -> tuple[tuple[Shape, ...], FloatArray, FloatArray]:  # noqa: D102
@@ -307,7 +307,7 @@ class BackboneSegments(Segments):
             cuts = cuts.halved(long, half, self.propagate(half, np.ones(len(half.instances))).end)
         found = self._propagate(cuts, np.ones(len(cuts.instances)), problem._twisting_table())
         base = self._base(cuts.instances)[0][cuts.owner]
-        frames, ends = (base @ _rotation(states).as_matrix() for states in (cuts.states, found.end))
+        frames, ends = (base @ _matrices(states) for states in (cuts.states, found.end))
         unit = self._stiffness[cuts.instances] / self._scale[cuts.instances, None]
         form.put(np.flatnonzero(few), form_by_segments(found.transition[:, :6, :6], frames, ends, cuts.first, unit))
         return form
@@ -340,11 +340,15 @@ def _added_up(values: FloatArray, cuts: Cuts) -> FloatArray:
     return result
 
 
-def _rotation(states: FloatArray) -> "Rotation":
-    from scipy.spatial.transform import Rotation
+def _quaternions(states: FloatArray) -> FloatArray:
+    """Frames of states as unit quaternions (count, 4)."""
+    q = states[:, ROTATION_AT : ROTATION_AT + 4]
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        size = np.sqrt((q**2).sum(axis=1, keepdims=True))
+        # no turn where an integration failed
+        return np.where((size > 0) & (size < np.inf), q / size, (0.0, 0.0, 0.0, 1.0))
 
-    q = np.array(states[:, ROTATION_AT : ROTATION_AT + 4])
-    with np.errstate(over="ignore"):
-        size = (q**2).sum(axis=1)
-    q[~((size > 0) & (size < np.inf))] = (0.0, 0.0, 0.0, 1.0)  # where an integration failed
-    return Rotation.from_quat(q)
+
+def _matrices(states: FloatArray) -> FloatArray:
+    """Frames of states as rotation matrices (count, 3, 3)."""
+    return from_quaternions(_quaternions(states))

@@ -38,6 +38,10 @@ class Step:
         """Each instance's by a factor of its own, (count,)."""
         return Step(factor[:, None] * self.own, factor[cuts.owner, None] * self.rows)
 
+    def plus(self, other: "Step") -> "Step":
+        """The sum, on the same segments."""
+        return Step(self.own + other.own, self.rows + other.rows)
+
     def chosen(self, cuts: Cuts, some: BoolArray) -> "Step":
         """Of some of the instances, (count,)."""
         return self if some.all() else Step(self.own[some], self.rows[some[cuts.owner]])

@@ -29,6 +29,8 @@ MOST_STEPS = 128
 MOST_SEGMENTS = 20_000
 MOST_ROUNDS = 10
 COLUMN_ERROR = 1e-6  # of a segment's transition, relative
+NEAR = 1e-3  # Newton steps no longer than this, relative to the last step of the load, are left on the way
+CHECKED = 1.25  # growth of the load after which the steps of segments are looked at again on the way
 COUNTED_AS_ONE = 128  # segments integrated
 LEAST_PART = 1e-6  # of a Newton step
 PROBE = 1e-4  # step in the load, relative to the present, by which the tangent is found
@@ -220,10 +222,17 @@ class SegmentedPaths:
         step = systems.solve(Step(-gaps.own, -gaps.rows))
         return systems, step, there, sound & ~systems.singular
 
-    def correct(self, cuts: Cuts, level: FloatArray) -> tuple[Place, BoolArray]:
-        """Undamped Newton steps that contract as they must: the equilibria, and which are."""
+    def correct(self, cuts: Cuts, level: FloatArray, near: FloatArray | None = None) -> tuple[Place, BoolArray]:
+        """Undamped Newton steps that contract as they must: the equilibria, and which are.
+
+        Args:
+            cuts: Where they start.
+            level: Of the load, shape (count,).
+            near: Norm of a Newton step that may be left [1/m], shape (count,); else it is the tolerance that counts.
+        """
         mine = self._of(cuts)
         self._contraction[mine], self._stalled[mine] = 0.0, False
+        near = np.zeros(len(mine)) if near is None else near
         result: Place | None = None
         reached = np.zeros(len(mine), dtype=bool)
         on, last = np.ones(len(mine), dtype=bool), np.full(len(mine), np.inf)
@@ -231,20 +240,22 @@ class SegmentedPaths:
             place = self.evaluate(cuts, level[on])
             result = place if result is None else result.put(on, place)
             _, step, there, able = self._linearised(place)
-            reached[np.flatnonzero(on)[there]] = True
             size = step.norm(cuts)
             slow = able & (size > CONTRACTION * last[on])
             rounding = ROUNDING * (1 + np.abs(cuts.unknowns).max(axis=1)) * np.sqrt(self._sizes(cuts))
             self._stalled[mine[on][slow]] = (size <= rounding)[slow]
             able &= ~slow
+            numbers = mine[on][able]
+            self._contraction[numbers] = np.maximum(self._contraction[numbers], size[able] / last[on][able])
+            there |= able & (size <= near[on])
+            able &= ~there
+            reached[np.flatnonzero(on)[there]] = True
             on[np.flatnonzero(on)[~able]] = False
             if not on.any():
                 break
-            numbers, size = mine[on], size[able]
-            self._contraction[numbers] = np.maximum(self._contraction[numbers], size / last[on])
-            last[on] = size
+            last[on] = size[able]
             cuts = self.moved(cuts.chosen(able), step.chosen(cuts, able))
-            self.iterations[numbers] += 1
+            self.iterations[mine[on]] += 1
         assert result is not None
         return result, reached
 
@@ -306,18 +317,22 @@ class SegmentedPaths:
 
     # ---- breakpoints ----
 
-    def refine(self, place: Place, level: FloatArray) -> tuple[Place, BoolArray]:
+    def refine(self, place: Place, level: FloatArray, checked: BoolArray | None = None) -> tuple[Place, BoolArray]:
         """Shorten the steps until they are short enough, then halve segments that amplify too much, until none does.
 
-        Returns the new place, and which instances have changed.
+        The steps of instances that are ``checked``, (count,), are left while their segments are. Returns the new place, and which
+        instances have changed.
         """
         count = len(place.cuts.instances)
+        checked = np.zeros(count, dtype=bool) if checked is None else checked
         on, changed = np.ones(count, dtype=bool), np.zeros(count, dtype=bool)
         while True:
             here = place.chosen(on)
             cuts = here.cuts
             mine, owner = self._of(cuts), cuts.owner
-            coarse = self._coarse(here, level[on])
+            coarse = np.zeros(len(cuts.steps), dtype=bool)
+            if (open_ := ~checked[on]).any():
+                coarse[open_[owner]] = self._coarse(here.chosen(open_), level[on][open_])
             finer = np.logical_or.reduceat(coarse, cuts.first[:-1])
             long = (self.segments.growth(here.found) > GROWTH) | (cuts.steps > MOST_STEPS)
             long &= ~finer[owner] & (self._fault[mine] == 0)[owner]
@@ -335,6 +350,7 @@ class SegmentedPaths:
                 cuts = cuts.halved(long, half, led.end)
             on[np.flatnonzero(on)[~goes_on]] = False
             changed |= on
+            checked = checked & ~on
             place = place.put(on, self.evaluate(cuts.chosen(goes_on), level[on]))
 
     def settle(self, cuts: Cuts, level: FloatArray) -> tuple[Place, BoolArray]:
@@ -430,7 +446,9 @@ class SegmentedPaths:
         place = results.place
         before = self.systems(place)
         count, d = len(place.cuts.start), self.segments.variation_size
-        rate = Step(np.zeros_like(place.cuts.unknowns), np.zeros((count, d)))
+        rate = bend = Step(np.zeros_like(place.cuts.unknowns), np.zeros((count, d)))
+        since = np.full(len(level), np.nan)  # levels of the last tangents
+        checked = level.copy()  # and at which steps were
         new = on.copy()  # whose tangents are not known yet
         for done in range(self.max_steps):
             on = on & (level < 1.0)
@@ -441,14 +459,19 @@ class SegmentedPaths:
             if (new := new & on).any():
                 here = place.chosen(new)
                 systems, own = self.tangent(here, level[new], safe[new])
+                change = _change(before.cuts.chosen(new), rate.chosen(before.cuts, new), here.cuts, own)
+                change = change.times(here.cuts, _inverse(level[new] - since[new]))
+                bend, since[new] = bend.put(before.cuts, new, here.cuts, change), level[new]
                 rate = rate.put(before.cuts, new, here.cuts, own)
                 before = before.put(new, systems) if not new.all() else systems
             passed = np.vstack([passed[-PACE:], level])
             goal = np.minimum(1.0, level + np.minimum(step, np.maximum(safe, LOAD_RATIO * level)))
             taken = goal - level
             here, cuts = place.chosen(on), before.cuts.chosen(on)
-            expected = self.moved(cuts, rate.chosen(before.cuts, on).times(cuts, taken[on]))
-            reached, good = self.correct(expected, goal[on])
+            way = rate.chosen(before.cuts, on).times(cuts, taken[on])
+            way = way.plus(bend.chosen(before.cuts, on).times(cuts, 0.5 * taken[on] ** 2))
+            expected = self.moved(cuts, way)
+            reached, good = self.correct(expected, goal[on], np.where(goal[on] < 1.0, NEAR * way.norm(cuts), 0.0))
             if good.any():
                 cut = {name: value.chosen(good) for name, value in (("now", reached), ("last", here))}
                 alike = before.chosen(_among(on, good)).same_branch(self.systems(cut["now"]))
@@ -456,10 +479,12 @@ class SegmentedPaths:
             new = _among(on, good)
             if new.any():
                 level[new] = goal[new]
-                refined, _ = self.refine(reached.chosen(good), level[new])
+                known = level[new] < CHECKED * checked[new]
+                refined, _ = self.refine(reached.chosen(good), level[new], known)
+                checked[_among(new, ~known)] = level[_among(new, ~known)]
                 place = results.place = place.put(new, refined)
                 contraction = np.maximum(self._contraction[new], 1e-6)
-                step[new] = taken[new] * np.minimum(3.0, np.maximum(0.5, (0.5 * CONTRACTION / contraction) ** 0.5))
+                step[new] = taken[new] * np.minimum(3.0, np.maximum(0.5, (0.5 * CONTRACTION / contraction) ** (1 / 3)))
                 on = on & self._end(results, ~new | (self._fault == 0), Status.STALLED)
             failed = on & ~new
             step[failed] = 0.5 * taken[failed]
@@ -501,11 +526,23 @@ class SegmentedPaths:
         if not some.any():
             return
         place, good = self.settle(results.place.cuts.chosen(some), results.level[some])
+        place = self._nearer(place, good, results.level[some])
         results.place = results.place.put(some, place)
         results.residual[some] = np.where(good, self.largest(place.cuts, self.gaps(place)), np.nan)
         results.status[_among(some, good)] = Status.MULTIPLE_SHOOTING
         lost = _among(some, ~good)
         results.status[lost] = self._why(lost, Status.STALLED)
+
+    def _nearer(self, place: Place, good: BoolArray, level: FloatArray) -> Place:
+        """One Newton step more where it leads nearer, as the tip may be far more sensitive than its gaps."""
+        if not good.any():
+            return place
+        here = place.chosen(good)
+        gaps = self.gaps(here)
+        step = self.systems(here).solve(Step(-gaps.own, -gaps.rows))
+        ahead = self.evaluate(self.moved(here.cuts, step), level[good])
+        better = self.largest(here.cuts, self.gaps(ahead)) < self.largest(here.cuts, gaps)
+        return place.put(_among(good, better), ahead.chosen(better)) if better.any() else place
 
     def _why(self, some: BoolArray, otherwise: Status) -> IntArray:
         """Status of those that ended, (count,)."""
@@ -522,6 +559,21 @@ def _among(some: BoolArray, good: BoolArray) -> BoolArray:
     result = some.copy()
     result[some] = good
     return result
+
+
+def _change(past: Cuts, before: Step, cuts: Cuts, now: Step) -> Step:
+    """From ``before`` to ``now``, of the same instances; zero where their segments are not the same."""
+    same = past.counts == cuts.counts
+    change = Step(np.zeros_like(now.own), np.zeros_like(now.rows))
+    mine = same[cuts.owner]
+    change.own[same] = now.own[same] - before.own[same]
+    change.rows[mine] = now.rows[mine] - before.rows[same[past.owner]]
+    return change
+
+
+def _inverse(steps: FloatArray) -> FloatArray:
+    """One over steps of the load; zero where there was none."""
+    return np.asarray(np.divide(1.0, steps, out=np.zeros_like(steps), where=steps > 0))
 
 
 def _hopeless(before: FloatArray, level: FloatArray, left: int) -> BoolArray:
