@@ -566,6 +566,11 @@ class BoundaryProblem(Uncopied, ABC):
         """Unknowns, by their numbers, at whose zero the residual has a kink at the full load, and none at less."""
         return np.zeros(0, dtype=np.intp)
 
+    @property
+    def kink_inputs(self) -> NDArray[np.intp]:
+        """Inputs, by their numbers, that let out what has ``kinks`` where they are lower."""
+        return np.zeros(0, dtype=np.intp)
+
     def mode_bounds(self) -> FloatArray:
         """As ``StabilityAnalysis.mode_bounds``; where that says nothing, what ``load_scale`` says of columns."""
         found = None if self.stability is None else self.stability.mode_bounds()

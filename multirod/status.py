@@ -133,7 +133,8 @@ _MESSAGES = {
     Status.LINE_LIMIT: "a line is where its law ends: pulled or bent to less than a tenth of its rod's length at some place, or "
     "so tight that lines together buckle the rod between its discs; or lines that do not stretch cannot all be as long as their "
     "displacements say; or another member's law has no strains for what the rod carries: lower tensions, displacements or "
-    "loads, let opposite lines out by negative displacements, or give lines an axial_stiffness (docs/lines.md)",
+    "loads, let opposite lines out by negative displacements, and all by a millionth of the rod's length more, or give lines an "
+    "axial_stiffness (docs/lines.md)",
     Status.LOWEST_ENERGY: "the residual is within the tolerance; raising loads (of tubes also precurvature and the angles "
     "between them) in proportion ends before the full load, so this is the stable equilibrium of lowest potential energy that "
     "was found from many starts (for a parallel robot whose loads have no potential, where raising these leads from "

@@ -145,6 +145,10 @@ class WrappedProblem(BoundaryProblem):
         return self.inner.kinks
 
     @property
+    def kink_inputs(self) -> NDArray[np.intp]:  # noqa: D102
+        return self.inner.kink_inputs
+
+    @property
     def starts(self) -> Starts | None:  # noqa: D102
         return self.inner.starts
 

@@ -16,6 +16,7 @@ from multirod.solvers.multiple_shooting import MultipleShooting
 from multirod.solvers.newton.iteration import Newton
 from multirod.solvers.newton.refinement import refine
 from multirod.solvers.starting.assembling import assemble
+from multirod.solvers.starting.letting_out import let_out, loosened, near_the_end
 from multirod.solvers.starting.multistart import lowest_stable, refuse_unstable
 from multirod.status import BoolArray, IntArray, Status, failures
 from multirod.validation import FloatArray, boolean, choice, positive_int
@@ -122,6 +123,7 @@ class Shooting(Solver):
             reached, ends = outcome.reached, problem.read("unknowns")
             newton.allow(self._left(outcome))
             refine(problem, newton, outcome, chosen)
+            unbounded = self._let_out(problem, newton, outcome, chosen)
             refuse_unstable(problem, outcome, chosen)
             newton.allow(self._left(outcome))
             lost, go_on = chosen & failures(outcome.status), None if self.at_fold == "stop" else self._go_on
@@ -142,7 +144,21 @@ class Shooting(Solver):
         lost = chosen & (outcome.status == Status.BRANCH_END)
         if lost.any() and reached is not None and not multistable:
             self._follow(problem, newton, outcome, lost, reached, ends)
+        if unbounded is not None:
+            outcome.status[unbounded & failures(outcome.status)] = Status.LINE_LIMIT
         return outcome
+
+    def _let_out(self, problem: BoundaryProblem, newton: Newton, outcome: Outcome, chosen: BoolArray) -> BoolArray | None:
+        """What ended beside a line at its kink, from where lines are longer; as ``let_out``, None where nothing did."""
+        at_end = near_the_end(problem, outcome, chosen)
+        if not at_end.any():
+            return None
+        newton.allow(self._left(outcome))
+        unbounded = let_out(
+            problem, newton, outcome, at_end, lambda some: natural_branch(problem, newton, self.max_continuation_steps, some)
+        )
+        outcome.status[unbounded] = Status.LINE_LIMIT  # no fold or bifurcation to be followed
+        return unbounded
 
     def _go_on(self, problem: BoundaryProblem, newton: Newton, outcome: Outcome) -> None:
         """From where a branch ended in a part of all that one solve does."""
@@ -328,6 +344,8 @@ class NewtonTrack(Track):
             # Gamma jumps there however short the steps are
             self.newton.allow(self.options._left(outcome))
             self._take_in(stuck, paths.change_inputs(stuck, before, *last, dip=DIP), outcome)
+            if len(self.problem.kink_inputs) and (stuck := stuck & failures(outcome.status)).any():
+                self._let_out(stuck, outcome, paths, before, last[0])
         # where many modes are soft, steps may become small just before one vanishes
         stalled = doubtful & (outcome.status == Status.STALLED)
         ended = stalled | (doubtful & (outcome.status == Status.BRANCH_END))
@@ -335,6 +353,28 @@ class NewtonTrack(Track):
             assert reached is not None  # by every path
             self.options._follow(self.problem, self.newton, outcome, ended, reached, ends, before)
             outcome.status[stalled & (outcome.status == Status.BRANCH_END)] = Status.STALLED
+
+    def _let_out(self, stuck: BoolArray, outcome: Outcome, paths: Paths, before: FloatArray, last: FloatArray) -> None:
+        """What is stuck beside a line at its kink, from the last good sample with all lines longer, on a way where they are."""
+        problem, newton, asked = self.problem, self.newton, self.problem.read("inputs")
+        newton.allow(self.options._left(outcome))
+
+        def find(some: BoolArray) -> Outcome:
+            longer = problem.read("inputs")
+            start = before + longer - asked
+            problem.write("inputs", start)
+            problem.write("unknowns", np.where(some[:, None], loosened(problem, last), problem.read("unknowns")))
+            newton.run(some)
+            first, ready = newton.outcome(), some & (newton.outcome().status == _CONVERGED)
+            problem.write("inputs", longer)
+            gamma = problem.read("gamma").reshape(problem.instance_count, problem.unknown_count, -1)
+            found = paths.change_inputs(ready, start, problem.read("unknowns"), gamma)
+            found.status[some & ~ready] = int(Status.STALLED)
+            found.iterations += first.iterations
+            found.integrations += first.integrations
+            return found
+
+        outcome.status[let_out(problem, newton, outcome, stuck, find)] = Status.LINE_LIMIT
 
     @staticmethod
     def _take_in(chosen: Any, again: Outcome, outcome: Outcome) -> None:

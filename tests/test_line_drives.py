@@ -428,6 +428,68 @@ def test_displacements_that_cannot_all_be_say_so() -> None:
     assert [status.name for status in map(mr.Status, found.status)] == ["LINE_LIMIT", "LINE_LIMIT", "CONVERGED", "LINE_LIMIT"]
 
 
+# ---- where all lines are exactly as long as the bent rod has them ----
+
+COMMANDS = np.linspace(0.0, 0.006, 5)[:, None]
+IN_PLANE, ACROSS = (0.05, 0.0, 0.0), (0.05, 0.02, 0.0)
+
+
+def around(count: int, turn: float = 0.0) -> tuple[mr.SingleRod, np.ndarray]:
+    """Tendons around a rod that do not stretch, and the law by which they bend it."""
+    angles = 2 * np.pi * np.arange(count) / count
+    lines = [mr.Tendon(offset=(R * np.cos(a), R * np.sin(a)), driven="displacement") for a in angles]
+    return mr.SingleRod(mr.Rod(**OWN, lines=lines)), COMMANDS * np.cos(angles - turn)
+
+
+@pytest.mark.parametrize("count", [2, 3, 4])
+@pytest.mark.parametrize("turn", [0.0, 0.4])
+def test_tendons_pulled_and_let_out_by_the_law_bend_in_arcs(count: int, turn: float) -> None:
+    robot, displacement = around(count, turn)
+    curvature = COMMANDS[:, 0] * (np.cos(turn) if count == 2 else 1.0) / (LENGTH * R)
+    inputs = robot.inputs(displacement=displacement)
+    solution = mr.solve(robot, inputs).raise_if_failed()
+    assert solution.integrations.max() < 200  # what creeps to the kink, and the way with a hair
+    motion = mr.simulate(robot, inputs, time=0.1 * np.arange(len(COMMANDS)))
+    loop = mr.Tracker(robot, dt=0.1, inputs=inputs[0])
+    steps = [loop.step(displacement=row) for row in displacement]
+    chord = LENGTH * np.sinc(curvature * LENGTH / 2 / np.pi)
+    for found in (solution, motion):
+        assert (found.status == mr.Status.CONVERGED).all()
+        np.testing.assert_allclose(np.linalg.norm(found.tip_position, axis=1), chord, rtol=1e-9)
+        # the least that hold it: no tension in all together
+        np.testing.assert_allclose(found.tension, solution.tension, atol=1e-6)
+        assert (found.tension.min(axis=1) < 1e-6).all()
+    assert [step.status for step in steps] == [mr.Status.CONVERGED] * len(COMMANDS)
+    np.testing.assert_allclose([step.tip_position for step in steps], solution.tip_position, atol=1e-9)
+
+
+@pytest.mark.parametrize("count", [2, 3, 4])
+def test_tendons_by_the_law_under_loads(count: int) -> None:
+    """In their plane there is an equilibrium; one that twists the rod wants a hair of slack, or no tensions are enough."""
+    robot, displacement = around(count)
+    loaded = mr.solve(robot, robot.inputs(displacement=displacement, tip_force=IN_PLANE)).raise_if_failed()
+    assert (loaded.status == mr.Status.CONVERGED).all()
+    np.testing.assert_allclose(loaded.line_length, LENGTH - displacement, atol=1e-10)
+    robot, displacement = around(count, 0.4)
+    hair = 1e-6 * LENGTH
+    exact = mr.solve(robot, robot.inputs(displacement=displacement[1:], tip_force=ACROSS))
+    looser = mr.solve(robot, robot.inputs(displacement=displacement[1:] - hair, tip_force=ACROSS)).raise_if_failed()
+    assert (exact.status == mr.Status.LINE_LIMIT).all()
+    assert (looser.status == mr.Status.CONVERGED).all()
+    assert looser.tension.max() < 10.0
+    assert (LENGTH - displacement[1:] + hair - looser.line_length > -1e-10).all()
+
+
+def test_commands_without_slack_at_rest() -> None:
+    """All at zero, or one pair pulled as the other: what loads leave of it, and what cannot be."""
+    robot, _ = around(4)
+    pulls = np.array([(0, 0, 0, 0), (0, 0, 0, 0), (0.001, 0.001, -0.001, -0.001), (-0.002, 0, -0.002, 0), (0.002, 0, 0.002, 0)])
+    forces = np.array([IN_PLANE, (0, 0, -0.2), (0, 0, 0), (0, 0, 0), (0, 0, 0)])
+    found = mr.solve(robot, robot.inputs(displacement=pulls, tip_force=forces))
+    assert [mr.Status(status).name for status in found.status] == ["CONVERGED"] * 4 + ["LINE_LIMIT"]
+    np.testing.assert_allclose(found.tension[1:4].max(axis=1), [0, EI * 0.001 / (LENGTH * R**2), 0], atol=1e-6)
+
+
 # ---- stability ----
 
 

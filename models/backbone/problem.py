@@ -38,7 +38,7 @@ from multirod.models.backbone.kernels.layout import arguments as kernels
 from multirod.models.backbone.kernels.layout.arguments import DesignOffsets
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.kernels.layout.layout import unknowns_of
-from multirod.models.backbone.members import drive_slices, drives, kinds
+from multirod.models.backbone.members import drive_places, drive_slices, drives, kinds
 from multirod.models.backbone.passes import LanePass
 from multirod.models.backbone.segments import TOTALS, BackboneSegments
 from multirod.models.backbone.shapes import BackboneShapes
@@ -397,6 +397,13 @@ class BackboneProblem(BoundaryProblem):
     def kinks(self) -> NDArray[np.intp]:  # noqa: D102
         slack = [kind.slackens for kind in self.features.members if kind.conditioned]
         return np.asarray(np.arange(self.unknown_count)[self.slots.places["drives"]][np.array(slack, dtype=bool)])
+
+    @property
+    def kink_inputs(self) -> NDArray[np.intp]:  # noqa: D102
+        laws = self.features.members
+        slack = [kind.conditioned and kind.slackens for kind in laws if kind.drive is not None]
+        places = self.first_drive + np.array(drive_places(laws), dtype=np.intp)
+        return np.asarray(places[np.array(slack, dtype=bool)])
 
     # ---- the interface ----
 

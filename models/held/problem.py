@@ -316,6 +316,10 @@ class HeldProblem(BoundaryProblem):
     def kinks(self) -> NDArray[np.intp]:  # noqa: D102
         return self.rod.kinks
 
+    @property
+    def kink_inputs(self) -> NDArray[np.intp]:  # noqa: D102
+        return self.rod.kink_inputs
+
     # ---- the interface ----
 
     def focus(self, instances: IntArray | None = None) -> None:  # noqa: D102

@@ -348,7 +348,8 @@ class Journey:
         moves = places[-1 if reach[-1] >= ALONG * reach.max() else int(np.argmax(reach > (1 - ALONG) * reach.max()))]
         size = np.linalg.norm(moves, axis=1)
         axis = int(np.argmax(size >= ALONG * size.max()))
-        return self.side * KICK * modes @ (moves[axis] / size[axis]), False
+        with np.errstate(invalid="ignore"):  # where no mode moves the tip there is no way out, and none is found
+            return self.side * KICK * modes @ (moves[axis] / size[axis]), False
 
     def _shrinks(self, critical: Point, level: float, landed: Point, first: FloatArray) -> Run:
         """Distance of where a quarter of the overshoot leads, over that of where all of it did."""

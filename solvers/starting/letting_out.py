@@ -1,0 +1,87 @@
+"""Lines at the kink between taut and slack: found from where all are a hair longer, (L8c) of ``docs/lines.md``."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from multirod.problem import BoundaryProblem
+from multirod.solver import Outcome
+from multirod.solvers.newton.iteration import Newton
+from multirod.status import BoolArray, Status, failures
+from multirod.validation import FloatArray
+
+NEAR_END = 1e-3  # of the load, from its end, on which a line at its kink ends a path
+HAIR = 1e-6  # by which lines are let out first, times one over the size of curvatures
+FINER = 1e-3  # of that, next
+AT_KINK = 1e-3  # unknown, beside the size of curvatures, of a line that is slack by a hair only
+LAST = 0.3  # of the tolerance, by which lines are loose at the end
+
+
+def near_the_end(problem: BoundaryProblem, outcome: Outcome, chosen: BoolArray) -> BoolArray:
+    """Those of the ``chosen`` whose path ended just before its load, where lines may be at their kinks; (instance_count,)."""
+    if not len(problem.kink_inputs) or outcome.reached is None:
+        return np.zeros(problem.instance_count, dtype=bool)
+    ended = np.isin(outcome.status, (Status.STALLED, Status.BRANCH_END, Status.LINE_LIMIT))
+    return np.asarray(chosen & ended & (outcome.reached > 1 - NEAR_END))
+
+
+def let_out(
+    problem: BoundaryProblem, newton: Newton, outcome: Outcome, chosen: BoolArray, find: Callable[[BoolArray], Outcome]
+) -> BoolArray:
+    """(L8c) Find those of the ``chosen`` where a line is at its kink: ``find`` leads to where lines are let out by a hair, and
+    Newton's method from there to where they are not.
+
+    Returns:
+        Which are at a kink but lead to no end: as the hair vanishes, their tensions rise without bound; (instance_count,).
+    """
+    scale, tolerance, before = problem.curvature_scale(), newton.tolerance(), problem.read("unknowns")
+    asked, kinks = problem.read("inputs"), problem.kinks
+    hair, allowed = HAIR / scale, newton.allowed()
+
+    def let(by: FloatArray) -> None:
+        longer = asked.copy()
+        longer[:, problem.kink_inputs] -= np.where(chosen, by, 0.0)[:, None]
+        problem.write("inputs", longer)
+
+    def spend(spent: Outcome) -> None:
+        outcome.iterations[:] += np.where(chosen, spent.iterations, 0)
+        outcome.integrations[:] += np.where(chosen, spent.integrations, 0)
+        allowed[:] = np.maximum(allowed - np.where(chosen, spent.integrations, 0), 0)
+        newton.allow(allowed)
+
+    def looseness() -> FloatArray:
+        """Of lines that are slack by a hair, the most; zero where there are none."""
+        z = -problem.read("unknowns")[:, kinks]
+        return np.asarray(np.where((z > 0) & (z < AT_KINK * scale[:, None]), z, 0.0).max(axis=1))
+
+    let(hair)
+    found = find(chosen)
+    spend(found)
+    here = chosen & (found.status == Status.CONVERGED) & (looseness() > 0)
+    going = here.copy()
+    for stage in range(3):
+        if not going.any():
+            break
+        if stage == 0:
+            hair = FINER * hair
+        else:
+            # in proportion, and then nothing is left to let out: what remains is within the tolerance
+            hair = hair * np.minimum(LAST * tolerance / np.maximum(looseness(), 1e-300), 1.0) if stage == 1 else 0.0 * hair
+        let(hair)
+        newton.run(going)
+        again = newton.outcome()
+        again.integrations[~going] = again.iterations[~going] = 0
+        spend(again)
+        going &= again.status == Status.CONVERGED
+    problem.write("inputs", asked)
+    problem.write("unknowns", np.where(going[:, None], problem.read("unknowns"), before))
+    outcome.status[going] = Status.CONVERGED
+    return here & failures(outcome.status)
+
+
+def loosened(problem: BoundaryProblem, unknowns: FloatArray) -> FloatArray:
+    """Unknowns (instance_count, n) with lines that are at their kinks slack by a hair, to start from."""
+    result, kinks, scale = unknowns.copy(), problem.kinks, problem.curvature_scale()[:, None]
+    z = unknowns[:, kinks]
+    result[:, kinks] = np.where(np.abs(z) < HAIR * scale, -HAIR * scale, z)
+    return result
