@@ -76,7 +76,7 @@ def let_out(
     problem.write("inputs", asked)
     problem.write("unknowns", np.where(going[:, None], problem.read("unknowns"), before))
     outcome.status[going] = Status.CONVERGED
-    return here & failures(outcome.status)
+    return np.asarray(here & failures(outcome.status))
 
 
 def loosened(problem: BoundaryProblem, unknowns: FloatArray) -> FloatArray:
