@@ -43,10 +43,10 @@ def _pair(name: str, value: Any, *, infinite: bool) -> FloatArray:
     return np.broadcast_to(result, (*result.shape[:-1], 2))
 
 
-def _flat(value: Any) -> bool:
-    """Whether a pair was given as an array or a list, which may be a batch of two; a tuple is a pair."""
-    given = value.tolist() if isinstance(value, np.ndarray) and value.flags.writeable else value
-    return isinstance(given, list) and len(given) == 2 and not any(np.ndim(item) for item in given) and given[0] != given[1]
+def _may_be_batch(given: Any, pair: FloatArray) -> bool:
+    """Whether two numbers were given as an array or a list, which may have been meant as a batch; a tuple is a pair."""
+    plain = isinstance(given, list) or (isinstance(given, np.ndarray) and given.flags.writeable)
+    return plain and pair.shape == (2,) and pair[0] != pair[1]
 
 
 def _foundation(name: str, value: Any) -> FloatArray:
@@ -134,11 +134,12 @@ class Section:
         def put(name: str, value: Any) -> None:
             object.__setattr__(self, name, value)
 
-        put("flat_pairs", tuple(name for name in ("bending_stiffness", "shear_stiffness") if _flat(getattr(self, name))))
+        given = {name: getattr(self, name) for name in ("bending_stiffness", "shear_stiffness")}
         put("length", positive_array(f"{owner}.length", self.length, smallest=SHORTEST_SECTION))
         put("bending_stiffness", _pair(f"{owner}.bending_stiffness", self.bending_stiffness, infinite=False))
         put("torsional_stiffness", positive_array(f"{owner}.torsional_stiffness", self.torsional_stiffness, infinite=True))
         put("shear_stiffness", _pair(f"{owner}.shear_stiffness", self.shear_stiffness, infinite=True))
+        put("flat_pairs", tuple(name for name, value in given.items() if _may_be_batch(value, getattr(self, name))))
         put("axial_stiffness", positive_array(f"{owner}.axial_stiffness", self.axial_stiffness, infinite=True))
         density = array(f"{owner}.linear_density", self.linear_density)
         if (density < 0).any():
