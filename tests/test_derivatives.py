@@ -30,12 +30,10 @@ def sections_of(rods, name=None, steps=0.0):
     for i, rod in enumerate(rods):
         own = []
         for m, numbers in enumerate(rod):
-            values = dict(
-                zip(("length", "bending_stiffness", "torsional_stiffness", "precurvature"), map(np.array, numbers), strict=True)
-            )
+            values = dict(zip(("length", "bending_stiffness", "torsional_stiffness", "precurvature"), numbers, strict=True))
             if name is not None:
-                scale = values[name] if "stiffness" in name else 1.0
-                values[name] = values[name] + scale * change[:, :, i, m]
+                at_rest = np.array(values[name])
+                values[name] = at_rest + (at_rest if "stiffness" in name else 1.0) * change[:, :, i, m]
             own.append(mr.Section(linear_density=0.01 * (i + m + 1), **values))
         made.append(mr.Rod(sections=own))
     return made
