@@ -56,7 +56,8 @@ def directive(name: str) -> str:
     module, _, last = f"multirod.{name}".rpartition(".")
     thing = getattr(import_module(module), last)
     if not isinstance(thing, type):
-        return f".. autofunction:: multirod.{name}\n"
+        kind, option = ("function", "") if callable(thing) else ("data", "   :no-value:\n")
+        return f".. auto{kind}:: multirod.{name}\n{option}"
     options = ["members"]
     options += ["undoc-members"] * issubclass(thing, IntEnum)
     options += ["show-inheritance"] * any(map(public, thing.__bases__))

@@ -9,7 +9,7 @@ from multirod.validation import Described, FloatArray, array, nonnegative_float,
 
 
 class Ground:
-    """What does not move: the world, or the ``base`` of a ``Network``. There is one, ``mr.ground``."""
+    """What does not move, the world or the ``base`` of a ``Network``. There is one, ``mr.ground``."""
 
     name = "ground"
 
