@@ -18,6 +18,7 @@ from multirod.stability import Stability
 from multirod.status import BoolArray, IntArray, Status, failures
 from multirod.validation import FloatArray, positive_int
 
+UNATTAINABLE = 1e-2  # of the rounding of the unknowns, that no gap comes below but where it is zero
 NOISY = 1e2  # norm of Gamma from which the integrator's noise may look like the end of a branch
 POLISH = 5  # iterations on the unknowns alone
 MAX_INTEGRATIONS = 4000  # some seconds; the hardest loads of docs/solvers.md take 700
@@ -85,11 +86,13 @@ class MultipleShooting(Solver):
 
         What is found goes into the problem's buffers and the outcome, and that a branch ends; all else stays as it was. An
         instance takes no more integrations than are ``left``, (instance_count,), nor than this solver may. What ``go_on`` has
-        ``tried``, statuses (instance_count,), is not tried again.
+        ``tried``, statuses (instance_count,), is not tried again, nor what has a tolerance that rounding does not allow.
         """
         if self.unsupported(problem) or problem.parts is None:
             return
-        lost, new = _ill_conditioned(problem, outcome), tried == Status.NOT_RUN
+        lost, vain = _ill_conditioned(problem, outcome), self._unattainable(problem)
+        tried = np.where(vain, int(Status.STALLED), tried)
+        new = tried == Status.NOT_RUN
         _say(outcome, np.flatnonzero(lost & ~new), tried[lost & ~new])
         places = np.flatnonzero(lost & new)
         if not len(places):
@@ -115,6 +118,10 @@ class MultipleShooting(Solver):
         result = np.full(problem.instance_count, int(Status.NOT_RUN))
         if self.unsupported(problem) or problem.parts is None or not ends:
             return result
+        vain = self._unattainable(problem)
+        ends = {k: end for k, end in ends.items() if not vain[k]}
+        if not ends:
+            return result
         places = np.array(list(ends))
         part = problem.parts.of(places, double=True)
         unknowns, level = (np.array(values) for values in zip(*ends.values(), strict=True))
@@ -129,6 +136,11 @@ class MultipleShooting(Solver):
         if outcome.reached is not None:
             outcome.reached[places[found]] = 1.0
         return result
+
+    def _unattainable(self, problem: BoundaryProblem) -> BoolArray:
+        """Whose tolerance lies below what the rounding of the unknowns leaves, however short segments are, (instance_count,)."""
+        size = np.minimum(np.abs(problem.read("unknowns")).max(axis=1, initial=0.0), problem.curvature_scale())
+        return np.asarray(problem.tolerance(self.tolerance) < UNATTAINABLE * np.finfo(float).eps * size)
 
     @staticmethod
     def _take_over(problem: BoundaryProblem, part: BoundaryProblem, places: Any, mine: Outcome) -> BoolArray:
