@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from test_parallel_rods import EXACT, FEW, HEAVY, INNER, LOADS, OUTER, ROD, SOFT, ring
 
 import multirod as mr
-from multirod.models.platform.designs import turned_loads
+from multirod.models.backbone.designs import turned_loads
 
 NODES, WEIGHTS = np.array([-3, -2, -1, 1, 2, 3]), np.array([-1, 9, -45, 45, -9, 1]) / 60  # a derivative, error O(h^6)
 TUBES = mr.ConcentricTubes([INNER, OUTER])
@@ -182,7 +182,7 @@ def test_what_is_not_known_is_refused():
     solution = mr.solve(robot, robot.inputs(**LOADS, **VALUES["every joint"]), solver=EXACT)
     loaded = SimpleNamespace(inputs_given=robot.inputs(distributed_force=lambda s: (0, 0, -s)))
     with pytest.raises(NotImplementedError, match="by base are not known where loads are functions of arclength"):
-        turned_loads(loaded)
+        turned_loads(loaded, ())
     with pytest.raises(NotImplementedError, match="does not give derivatives along its rods"):
         solution.jacobian("platform", of="position", at=0.1)
     with pytest.raises(NotImplementedError, match="calibrate.. by base is for robots that have one: ParallelRods has not"):

@@ -16,6 +16,7 @@ from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
     from multirod.models.backbone.problem import BackboneProblem
+    from multirod.models.platform.problem import ParallelProblem
     from multirod.rod import Rod
 
 COMPONENTS = {"precurvature": 3, "bending_stiffness": 2, "torsional_stiffness": 1, "length": 1}  # numbers of a section
@@ -56,13 +57,16 @@ def carried(lever: FloatArray) -> FloatArray:
     return result
 
 
-def turned_loads(problem: "BackboneProblem") -> FloatArray:
-    """(D10) Directions by the pose of the base: loads that are fixed in the world turn the other way, seen from it."""
+def turned_loads(problem: "BackboneProblem | ParallelProblem", loads: Sequence[str]) -> FloatArray:
+    """(D10) Directions by the pose of the base: ``loads``, that are fixed in the world, turn the other way, seen from it.
+
+    Shape (instance_count, 6, input_count).
+    """
     if problem.inputs_given.profiles:
         raise NotImplementedError("the derivatives by base are not known where loads are functions of arclength")
     inputs = problem.read("inputs")
     rows = np.zeros((problem.instance_count, POSE, problem.directions.shape[2]))
-    for place in map(problem.input_slice, DEAD):
+    for place in map(problem.input_slice, loads):
         rows[:, 3:, place] = np.swapaxes(cross_matrix(inputs[:, place]), 1, 2)
     return rows
 

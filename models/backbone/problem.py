@@ -22,6 +22,7 @@ from multirod.models.backbone.clamps import BackboneClamps, ClampedBackbones
 from multirod.models.backbone.conjugates import BackboneConjugates
 from multirod.models.backbone.designs import (
     COMPONENTS,
+    DEAD,
     PARAMETERS,
     POSE,
     Designs,
@@ -545,7 +546,7 @@ class BackboneProblem(BoundaryProblem):
         """As said, or along each number of a parameter."""
         if name in COMPONENTS:
             return self.designs(name).rows()
-        return turned_loads(self) if name == "base" else super().directions_by(name)
+        return turned_loads(self, DEAD) if name == "base" else super().directions_by(name)
 
     def aimed(self, *names: str) -> tuple[FloatArray, FloatArray]:
         """As said; by parameters too, the unknowns fixed."""

@@ -33,20 +33,6 @@ def parameter_size(name: str, geometry: "Geometry") -> int:
     return len(geometry.rods) * most_sections(geometry) * COMPONENTS[name]
 
 
-def turned_loads(problem: "ParallelProblem") -> FloatArray:
-    """(D10) Directions by the pose of a base: loads along the leg that are fixed in the world turn the other way, seen from it.
-
-    Shape (instance_count, 6, input_count).
-    """
-    if problem.inputs_given.profiles:
-        raise NotImplementedError("the derivatives by base are not known where loads are functions of arclength")
-    inputs = problem.read("inputs")
-    rows = np.zeros((problem.instance_count, POSE, problem.directions.shape[2]))
-    for place in map(problem.input_slice, kernels.LEG_VECTORS):
-        rows[:, 3:, place] = np.swapaxes(cross_matrix(inputs[:, place]), 1, 2)
-    return rows
-
-
 def design_rows(problem: "ParallelProblem", group: "LegGroup", name: str) -> FloatArray:
     """Directions of legs of one build along each of their own numbers, as many as if every rod had the most sections.
 

@@ -17,7 +17,7 @@ from multirod.capabilities import Lines, LineTest, Loading, Parts, ResultTest, S
 from multirod.inputs import Inputs, InputSpec
 from multirod.integrators import Integrator
 from multirod.launch import record
-from multirod.models.backbone.designs import COMPONENTS
+from multirod.models.backbone.designs import COMPONENTS, turned_loads
 from multirod.models.backbone.ends import move_ends, ways_back
 from multirod.models.backbone.inputs import BACKBONE_INPUTS, DRIVES
 from multirod.models.backbone.members import drive_slices
@@ -32,7 +32,6 @@ from multirod.models.platform.designs import (
     Places,
     design_rows,
     most_sections,
-    turned_loads,
     unknown_rates,
 )
 from multirod.models.platform.guess import (
@@ -699,7 +698,7 @@ class ParallelProblem(BoundaryProblem):
         every = input_columns(self.geometry, names)
         for columns in every:
             if columns.name == "base":
-                directions[:, columns.own] = turned_loads(self)
+                directions[:, columns.own] = turned_loads(self, kernels.LEG_VECTORS)
             elif columns.name not in PARAMETERS:
                 start = self._places[columns.name].start
                 for first, count in columns.shares:
