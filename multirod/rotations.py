@@ -75,6 +75,20 @@ def left_jacobian(vectors: FloatArray) -> FloatArray:
     return np.asarray(np.eye(3) + first[..., None, None] * K + second[..., None, None] * (K @ K))
 
 
+def inverse_left_jacobian(vectors: FloatArray) -> FloatArray:
+    """Changes of rotation vectors (..., 3) by rotation vectors, in the outer frame, of what they turn, (..., 3, 3).
+
+    In the inner frame it is that of ``-vectors``.
+    """
+    square = (vectors**2).sum(axis=-1)
+    half = 0.5 * np.sqrt(square)
+    small = half < 5e-3
+    safe = np.where(small, 1.0, half)
+    factor = np.where(small, 1 / 12 + square / 720, (1 - safe / np.tan(safe)) / np.where(small, 1.0, square))
+    K = cross_matrix(vectors)
+    return np.asarray(np.eye(3) - 0.5 * K + factor[..., None, None] * (K @ K))
+
+
 def vectors(matrices: FloatArray) -> FloatArray:
     """Rotation vectors (count, 3) of rotation matrices (count, 3, 3)."""
     # by sine and cosine, where the angle is not near half a turn
@@ -103,9 +117,4 @@ def _by_quaternion(matrices: FloatArray) -> FloatArray:
     Q[..., 3, 3] = 1 + trace
     largest = np.argmax(np.concatenate([diagonal, trace[..., None]], axis=-1), axis=-1)
     q = np.take_along_axis(Q, largest[..., None, None], axis=-2)[..., 0, :]
-    q = np.where(q[..., 3:] < 0, -q, q)
-    length = np.sqrt((q[..., :3] ** 2).sum(axis=-1))
-    angle = 2 * np.arctan2(length, q[..., 3])
-    small = length < 1e-9 * q[..., 3]
-    scale = np.where(small, 2 / np.where(small, q[..., 3], 1.0), angle / np.where(small, 1.0, length))
-    return np.asarray(scale[..., None] * q[..., :3])
+    return of_quaternions(q)

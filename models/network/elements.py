@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.models.network.joints import MOST, JointTable, Turns
-from multirod.rotations import cross, cross_matrix, vectors
+from multirod.rotations import cross, cross_matrix, inverse_left_jacobian, vectors
 from multirod.validation import FloatArray
 
-SMALL = 5e-3  # half an angle [rad], below which a quotient is a series, right to rounding
 OWN = 6  # unknowns of a rod: moment and force at its base
 POSE = 6  # of a body
 TURNING = 3  # directions in which the base of a rod may turn
@@ -185,7 +184,7 @@ class Equations:
         turn[..., POSES_AT[1]] -= self.back @ tip.body_turns
         self.residual[..., TURN_AT] = log / L
         inward = np.swapaxes(rods.rotation, -1, -2)
-        self.columns[..., TURN_AT, :] = inverse_right_jacobian(log) @ (inward @ turn) / L[..., None]
+        self.columns[..., TURN_AT, :] = inverse_left_jacobian(-log) @ (inward @ turn) / L[..., None]
 
     def leave(self, free: NDArray[np.intp], loads: FloatArray, load_directions: FloatArray) -> None:
         """(10) Of some rods, in their place: force, then moment on a tip that nothing holds.
@@ -274,14 +273,3 @@ class Equations:
 
 def _times(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
     return np.asarray((matrices @ vectors[..., None])[..., 0])
-
-
-def inverse_right_jacobian(vectors: FloatArray) -> FloatArray:
-    """(8) Change of the rotation vectors (..., 3) of rotations by the rotation vectors, in the inner frame, of theirs."""
-    square = (vectors**2).sum(axis=-1)
-    half = 0.5 * np.sqrt(square)
-    small = half < SMALL
-    safe = np.where(small, 1.0, half)
-    factor = np.where(small, 1 / 12 + square / 720, (1 - safe / np.tan(safe)) / np.where(small, 1.0, square))
-    K = cross_matrix(vectors)
-    return np.asarray(np.eye(3) + 0.5 * K + factor[..., None, None] * (K @ K))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from multirod import plausibility
 from multirod.assembly import is_rotation, not_turned
 from multirod.batch import IntArray, take
-from multirod.rotations import cross, cross_matrix, vectors
+from multirod.rotations import cross, inverse_left_jacobian, vectors
 from multirod.tasks.formulation import Evaluation
 from multirod.types import Numbers
 from multirod.validation import Described, FloatArray, array, refuse
@@ -154,17 +154,6 @@ class PoseRows:
             errors[:, row:] = self.weight[1] * tilt
             maps[:, row:, 3:] = self.weight[1] * change
         return errors, maps
-
-
-def inverse_left_jacobian(a: FloatArray) -> FloatArray:
-    """(5) Change of the rotation vector ``a`` (..., 3) by a rotation vector, in the outer frame, of what it turns."""
-    square = (a**2).sum(axis=-1)
-    angle = np.sqrt(square)
-    small = angle < 1e-2
-    half = 0.5 * np.where(small, 1.0, angle)
-    second = np.where(small, 1 / 12 + square / 720, (1 - half * np.cos(half) / np.sin(half)) / (4 * half**2))
-    K = cross_matrix(a)
-    return np.asarray(np.eye(3) - 0.5 * K + second[..., None, None] * (K @ K))
 
 
 def _tilt(tangent: FloatArray, axis: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from multirod import plausibility
 from multirod.batch import IntArray
 from multirod.problem import BoundaryProblem
-from multirod.rotations import vectors
+from multirod.rotations import inverse_left_jacobian, vectors
 from multirod.tasks.curvature import AlongTask, Curvature, CurvatureRows, Places
 from multirod.tasks.formulation import Evaluation, Task
-from multirod.tasks.rows import SMALLEST_AXIS, Pose, PoseRows, inverse_left_jacobian
+from multirod.tasks.rows import SMALLEST_AXIS, Pose, PoseRows
 from multirod.validation import Described, FloatArray, array, refuse
 
 Sensor = Pose | Curvature
