@@ -1,8 +1,9 @@
-"""Batches: which rows of an array belong to which instances, and how instances are shared out to threads."""
+"""Batches: which rows of an array belong to which instances, systems of each, and how instances are shared out to threads."""
 
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import suppress
 from itertools import pairwise
 from math import prod
 from threading import Event
@@ -11,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.validation import positive_int
+from multirod.validation import FloatArray, positive_int
 
 IntArray = NDArray[np.intp]
 
@@ -32,6 +33,18 @@ def take(values: Any, batch_shape: tuple[int, ...], instances: IntArray | None, 
     if instances is None or not batch_shape:
         return rows.reshape(prod(batch_shape), *rows.shape[len(batch_shape) :])
     return rows[np.unravel_index(instances, batch_shape)]
+
+
+def solved_each(matrices: FloatArray, sides: FloatArray) -> FloatArray:
+    """``matrices^-1 sides`` (b, n, k); NaN of an instance whose matrix is singular or not finite."""
+    try:
+        return np.asarray(np.linalg.solve(matrices, sides))
+    except np.linalg.LinAlgError:
+        result = np.full(sides.shape, np.nan)
+        for k in range(len(matrices)):
+            with suppress(np.linalg.LinAlgError):
+                result[k] = np.linalg.solve(matrices[k], sides[k])
+        return result
 
 
 LONGEST_PART = 8192  # instances: enough for each launch to take long against what Python adds, few enough to share out

@@ -1,13 +1,13 @@
 """Derivatives of solutions at equilibrium, by inputs and by the robot's own numbers; equations of ``docs/derivatives.md``."""
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod.batch import solved_each
 from multirod.problem import BoundaryProblem
 from multirod.rotations import cross_matrix
 from multirod.segment_system import pose_jacobian
@@ -190,19 +190,7 @@ def _by(solution: "Solution[Any]", names: list[str], rows: Rows, tail: tuple[int
 def _eliminated(slopes: FloatArray, rows: FloatArray, gamma: FloatArray) -> FloatArray:
     """(D1) What is left once the unknowns follow; NaN where they cannot be told."""
     n = gamma.shape[-1]
-    return np.asarray(rows[:, :, n:] - rows[:, :, :n] @ _solved(gamma, slopes))
-
-
-def _solved(matrices: FloatArray, sides: FloatArray) -> FloatArray:
-    """Solutions of many systems, NaN where a matrix is singular."""
-    try:
-        return np.asarray(np.linalg.solve(matrices, sides))
-    except np.linalg.LinAlgError:
-        result = np.full(sides.shape, np.nan)
-        for k in range(len(matrices)):
-            with suppress(np.linalg.LinAlgError):
-                result[k] = np.linalg.solve(matrices[k], sides[k])
-        return result
+    return np.asarray(rows[:, :, n:] - rows[:, :, :n] @ solved_each(gamma, slopes))
 
 
 def _kept(solution: "Solution[Any]", names: Sequence[object]) -> tuple[FloatArray, FloatArray, FloatArray] | None:
@@ -257,7 +245,7 @@ def vjp(solution: "Solution[Any]", cotangent: Numbers, of: str, wrt: object) -> 
     n = gamma.shape[-1]
     c = given.reshape(-1, rows, 1)
     carried = np.swapaxes(carried[:, part], 1, 2)
-    back = _solved(np.swapaxes(gamma, 1, 2), carried[:, :n] @ c)
+    back = solved_each(np.swapaxes(gamma, 1, 2), carried[:, :n] @ c)
     result = (carried[:, n:] @ c - np.swapaxes(slopes, 1, 2) @ back)[..., 0]
     result = solution._masked(result, result.shape[1:])
     pieces = split(solution, known, result)

@@ -101,7 +101,7 @@ class Equilibrium:
         for name, full in given.items():
             full[absent] = self._own(name)
         robot = self._robot({name: value for name, value in given.items() if name in PARAMETERS})
-        own: dict[str, Any] = {name: self.inputs.array(name) for name in self.inputs.given if name not in self.inputs.profiles}
+        own: dict[str, Any] = self.inputs.arrays
         own |= dict(self.inputs.profiles) | {name: value for name, value in given.items() if name not in PARAMETERS}
         inputs = robot.make_inputs(own)
         return solve(robot, inputs, solver=self.solver, guess=self.guess, progress=False), absent

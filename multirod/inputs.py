@@ -160,6 +160,11 @@ class Inputs:
         """Values of an input as they were given, their leading axes not broadcast."""
         return self._arrays[name]
 
+    @property
+    def arrays(self) -> dict[str, FloatArray]:
+        """All inputs that were given as numbers, as they were given; a new dictionary."""
+        return {name: self._arrays[name] for name in self.given if name not in self._profiles}
+
     def spec(self, name: str) -> InputSpec:
         """What the input of this name means."""
         return self._specs[name]

@@ -46,5 +46,5 @@ def stand_in(robot: Assembly, inputs: Inputs, **options: Any) -> BoundaryProblem
     """A problem of some instances in the place of one of none: what is empty has its shapes."""
     if prod(np.broadcast_shapes(inputs.batch_shape, robot.batch_shape)):
         return robot.problem(inputs, instances=np.zeros(1, dtype=np.intp), **options)
-    names = [name for name in inputs.given if name not in inputs.profiles]
-    return robot.problem(inputs.with_arrays({name: np.zeros(getattr(inputs, name).shape[-1]) for name in names}), **options)
+    zeros = {name: np.zeros(array.shape[-1]) for name, array in inputs.arrays.items()}
+    return robot.problem(inputs.with_arrays(zeros), **options)

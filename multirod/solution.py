@@ -179,7 +179,7 @@ class Solution(Generic[Robot_co]):
         if self._instances is None:
             return self._whole
         taken = self._whole.take(self._axes, self._instances)
-        arrays = {name: getattr(taken, name) for name in taken.given if name not in taken.profiles}
+        arrays = {name: getattr(taken, name) for name in taken.arrays}
         if not taken.batch_shape:
             return taken
         return taken.with_arrays({name: value.reshape(*self.batch_shape, value.shape[-1]) for name, value in arrays.items()})

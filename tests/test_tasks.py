@@ -8,6 +8,7 @@ import pytest
 from conftest import rodrigues
 
 import multirod as mr
+from multirod.batch import solved_each
 from multirod.rotations import matrices
 from multirod.tasks.formulation import Evaluation, Task, freed
 from multirod.tasks.gauss_newton import step
@@ -117,6 +118,21 @@ def test_a_step_alone_is_that_in_a_batch():
     for k in range(20):
         alone = step(J[k : k + 1], r[k : k + 1], softness=1e-12, limits=np.eye(4), low=low[:1], high=high[:1])
         np.testing.assert_allclose(batch.change[k], alone.change[0], atol=1e-12)
+
+
+def test_systems_beside_a_singular_one_are_solved_however_small_they_are():
+    matrices = np.stack([1e-150 * np.eye(3), np.zeros((3, 3)), np.diag([1.0, 2.0, np.nan]), np.eye(3)])  # 1e-450 is no number
+    solved = solved_each(matrices, np.ones((4, 3, 1)))
+    np.testing.assert_array_equal(solved[[0, 3], :, 0], [[1e150] * 3, [1.0] * 3])
+    assert np.isnan(solved[1:3]).any(axis=1).all()
+
+
+def test_what_was_given_as_numbers_is_offered_as_it_was_given(wire):
+    inputs = mr.SingleRod(wire).inputs(tip_force=np.ones((2, 3)), rotation=0.1, distributed_force=lambda s: (s, 0, 0))
+    arrays = inputs.arrays
+    assert {name: array.shape for name, array in arrays.items()} == {"rotation": (1,), "tip_force": (2, 3)}
+    arrays.clear()
+    assert len(inputs.arrays) == 2
 
 
 def test_without_limits_a_wide_step_is_the_least_and_a_tall_one_that_of_least_squares():

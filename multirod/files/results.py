@@ -98,7 +98,7 @@ def result_from(table: Mapping[str, Any], where: str) -> Solution:
     robot: Assembly = made(table["robot"], ROBOT, f"{where}robot")
     inputs = inputs_from(table["inputs"], robot, where)
     shape = tuple(table["inputs_batch_shape"])
-    arrays = {name: getattr(inputs, name) for name in inputs.given if name not in inputs.profiles}
+    arrays = {name: getattr(inputs, name) for name in inputs.arrays}
     inputs = inputs.with_arrays({name: np.broadcast_to(value, (*shape, value.shape[-1])) for name, value in arrays.items()})
     inputs.batch_shape = shape
     fields, start = {}, 0

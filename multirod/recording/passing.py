@@ -89,7 +89,7 @@ class Packer:
         if own:
             inputs = solution.inputs
             common = _Common(replace(solution._scene, unpack=None), inputs.with_arrays({}))
-            numbers = {name: _flat(inputs.array(name)) for name in inputs.given if name not in inputs.profiles}
+            numbers = {name: _flat(array) for name, array in inputs.arrays.items()}
         last = self._last.get(place)
         if last is not None and last.holds_for(common):
             return None, numbers

@@ -242,7 +242,7 @@ def load(inputs: Inputs, name: str) -> FloatArray:
 
 def given(block: History) -> tuple[InputSpec, ...]:
     """The inputs given as numbers: first what varies as far as is known, and among it the loads."""
-    numbers = set(block.inputs.given) - set(block.inputs.profiles)
+    numbers = set(block.inputs.arrays)
     specs = [spec for spec in block.assembly.input_specs if spec.name in numbers]
     return tuple(sorted(specs, key=lambda spec: (not _varies(block, spec.name), spec.name not in LOADS)))
 

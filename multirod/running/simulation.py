@@ -348,12 +348,11 @@ def _samples(
     for start in range(0, samples, block):
         present = inputs[start : start + block]
         rows = np.repeat(constant[None], present.batch_shape[0], axis=0)
-        for name in present.given:
-            if name not in present.profiles:
-                value = getattr(present, name)
-                own = value.reshape(len(value), *(1,) * (len(batch_shape) - value.ndim + 2), *value.shape[1:])
-                every = np.broadcast_to(own, (len(value), *batch_shape, value.shape[-1]))
-                rows[..., problem.input_slice(name)] = every.reshape(len(value), -1, value.shape[-1])[:, chosen]
+        for name in present.arrays:
+            value = getattr(present, name)
+            own = value.reshape(len(value), *(1,) * (len(batch_shape) - value.ndim + 2), *value.shape[1:])
+            every = np.broadcast_to(own, (len(value), *batch_shape, value.shape[-1]))
+            rows[..., problem.input_slice(name)] = every.reshape(len(value), -1, value.shape[-1])[:, chosen]
         yield from rows
 
 
@@ -361,9 +360,8 @@ def _with_time(inputs: Inputs, count: int, batch_shape: tuple[int, ...]) -> Inpu
     """The inputs with all axes, time first: what does not vary is repeated."""
     own = inputs.batch_shape or (1,)
     shape = (own[0], *(1,) * (len(batch_shape) - len(own) + 1), *own[1:])
-    names = [name for name in inputs.given if name not in inputs.profiles]
     arrays = {}
-    for name in names:
+    for name in inputs.arrays:
         value = getattr(inputs, name)
         arrays[name] = np.broadcast_to(value.reshape(*shape, value.shape[-1]), (count, *batch_shape, value.shape[-1]))
     return inputs.with_arrays(arrays)

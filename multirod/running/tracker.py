@@ -143,9 +143,8 @@ class Tracker(Uncopied, Generic[Robot_co]):
     def _rebind(self) -> None:
         """Make the checked inputs those that changes by name start from."""
         problem, inputs = self._problem, self._inputs
-        names = [name for name in inputs.given if name not in inputs.profiles]
-
-        unpack = Unpack(inputs, {name: problem.input_slice(name) for name in names}, self._batch_shape)
+        slices = {name: problem.input_slice(name) for name in inputs.arrays}
+        unpack = Unpack(inputs, slices, self._batch_shape)
         results = self._batch_shape, self._solver.integrator, self._device, problem.record_fields, unpack
         self._scene: Scene[Any] = Scene(self._robot, *results)
         self._unpack = unpack
@@ -154,7 +153,7 @@ class Tracker(Uncopied, Generic[Robot_co]):
         if view is None or self._batch_shape:
             return
         for spec in self._robot.input_specs:
-            writable = spec.name in inputs.given and spec.name not in inputs.profiles and problem.takes(spec.name)
+            writable = spec.name in slices and problem.takes(spec.name)
             if writable and not (spec.per_rod and inputs.profiles):
                 self._rows[spec.name] = view[0, problem.input_slice(spec.name)]
 
@@ -250,7 +249,7 @@ class Tracker(Uncopied, Generic[Robot_co]):
         else:
             unknown_names("Tracker.step()", changes, (spec.name for spec in self._robot.input_specs))
             present = self._present()
-            held: dict[str, Any] = {name: getattr(present, name) for name in present.given if name not in present.profiles}
+            held: dict[str, Any] = {name: getattr(present, name) for name in present.arrays}
             held |= dict(present.profiles)
             # named so, for editors that follow them from ``step`` on
             new = self._robot.inputs(**{**held, **KnownInputs(**changes)})  # type: ignore[typeddict-item]

@@ -250,6 +250,6 @@ def _chunks(guesses: list[FloatArray], count: int) -> Iterator[FloatArray]:
 
 def _repeated(inputs: Inputs, count: int) -> Inputs:
     """The same inputs for ``count`` instances."""
-    names = {"rotation", *(name for name in inputs.given if name not in inputs.profiles)}
+    names = {"rotation", *inputs.arrays}
     values = {name: np.asarray(getattr(inputs, name)) for name in names}
     return inputs.with_arrays({name: np.broadcast_to(value, (count, value.shape[-1])) for name, value in values.items()})

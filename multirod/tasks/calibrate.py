@@ -183,7 +183,7 @@ def calibrate(
 
 def _broadcast(inputs: Inputs, shape: tuple[int, ...]) -> Inputs:
     """The inputs, with all leading axes."""
-    arrays = {name: inputs.array(name) for name in inputs.given if name not in inputs.profiles}
+    arrays = inputs.arrays
     result = inputs.with_arrays({name: np.broadcast_to(value, (*shape, value.shape[-1])) for name, value in arrays.items()})
     result.batch_shape = shape
     return result

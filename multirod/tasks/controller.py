@@ -8,6 +8,7 @@ from typing import Any, Generic
 import numpy as np
 
 from multirod.assembly import Robot_co
+from multirod.batch import solved_each
 from multirod.exclusive import Uncopied
 from multirod.inputs import Inputs
 from multirod.integrators import RK45, Integrator
@@ -19,7 +20,7 @@ from multirod.solution import Solution
 from multirod.solver import Outcome
 from multirod.solvers.shooting import Shooting
 from multirod.status import Status
-from multirod.tasks.formulation import Evaluation, Task, freed, input_units, solved_each
+from multirod.tasks.formulation import Evaluation, Task, freed, input_units, with_values
 from multirod.tasks.gauss_newton import step
 from multirod.tasks.limits import SAME, Limits, freed_labels, limit_rows, nearest, refuse_start, told
 from multirod.tasks.rows import Pose
@@ -117,7 +118,7 @@ class Controller(Uncopied, Generic[Robot_co]):
         given = robot.accept(guess.inputs if inputs is None and guess is not None else inputs)
         if given.batch_shape or robot.batch_shape:
             refuse("Controller.inputs", Described(f"leading axes {given.batch_shape}"), "there must be none")
-        given = given.with_arrays({n: given.array(n) for n in given.given if n not in given.profiles} | self._zeros(given))
+        given = given.with_arrays(given.arrays | self._zeros(given))
         self._robot, self._unit, self._length = robot, input_units(robot, self.free), robot.longest
         self._rows = limit_rows(robot, limits, self.free)
         if inputs is None and guess is None:
@@ -129,8 +130,7 @@ class Controller(Uncopied, Generic[Robot_co]):
         self._x, self._p = np.array(problem.adopt(start.unknowns[None])), self._task.values()
         refuse_start("Controller.limits", self._rows, self._p, robot, self.free)
         self._scaled = self._rows.matrix * self._unit
-        names = [name for name in given.given if name not in given.profiles]
-        unpack = Unpack(given, {name: problem.input_slice(name) for name in names}, ())
+        unpack = Unpack(given, {name: problem.input_slice(name) for name in given.arrays}, ())
         self._given = given
         self._scene: Scene[Robot_co] = Scene(robot, (), method, device, problem.record_fields, unpack)
         self._none_held = np.zeros((1, len(self._rows.low)), dtype=np.int8)
@@ -156,10 +156,7 @@ class Controller(Uncopied, Generic[Robot_co]):
         p = np.concatenate([given.array(name) for name in self.free])
         if not (self._rows.outside(p[None], self._unit) > SAME).any():
             return given
-        near = nearest(self._rows, p, self._unit)
-        ends = np.cumsum([len(given.array(name)) for name in self.free])[:-1]
-        arrays = {name: given.array(name) for name in given.given if name not in given.profiles}
-        return given.with_arrays(arrays | dict(zip(self.free, np.split(near, ends), strict=True)))
+        return with_values(given, self.free, nearest(self._rows, p, self._unit))
 
     def __repr__(self) -> str:
         return f"Controller({self._robot!r}, {', '.join(self.free)} free, dt {self.dt:g} s)"

@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import accumulate
 from math import prod
 from threading import Event, Lock
 from typing import Any, Generic, Self
@@ -22,7 +21,7 @@ from multirod.solver import Outcome, Solver, refuse_unfit
 from multirod.stability import Stability, modes_of
 from multirod.status import Status, failures
 from multirod.tasks.curvature import Places
-from multirod.tasks.formulation import Evaluation, freed
+from multirod.tasks.formulation import Evaluation, freed, places_of, with_values
 from multirod.tasks.formulation import options as task_options
 from multirod.tasks.inference import kept, posterior, principal, roots, units
 from multirod.tasks.priors import Prior
@@ -396,10 +395,8 @@ def _joined(scene: Known, pieces: Sequence[Part]) -> Estimate[Any]:
     mean, covariance, misfit = (np.array(join(name)) for name in ("p", "covariance", "square"))
     for values in (mean, covariance, misfit):
         values[failed] = np.nan
-    inputs = scene.inputs
-    held = {name: inputs.array(name) for name in inputs.given if name not in inputs.profiles}
     known = np.where(failed[..., None], join("mean"), mean)  # an input cannot be NaN
-    inputs = inputs.with_arrays(held | {name: np.array(known[..., place]) for name, place in places.items()})
+    inputs = with_values(scene.inputs, tuple(scene.priors), known)
     results = Scene(scene.robot, shape, scene.solver.integrator, scene.device, first.task.problem.record_fields)
     solution: Solution[Any] = Solution(results, records, outcome, inputs)
     if not shape:
@@ -417,12 +414,6 @@ def remarked(places: Mapping[str, slice], covariance: FloatArray, measured: Meas
     """What a recording shows of an estimate without leading axes, ``covariance`` (k, k)."""
     forces = {name: covariance[place, place] for name, place in places.items() if name in FORCES}
     return Remarks(measured=measured.position(), covariances=forces)
-
-
-def places_of(inputs: Inputs, names: Sequence[str]) -> dict[str, slice]:
-    """Where the components of each input stand among all, one input after another."""
-    sizes = [getattr(inputs, name).shape[-1] for name in names]
-    return {name: slice(end - size, end) for name, end, size in zip(names, accumulate(sizes), sizes, strict=True)}
 
 
 def checked_priors(robot: Assembly, inputs: Inputs, unknown: Any) -> dict[str, Prior]:
@@ -452,7 +443,7 @@ def _axes(robot: Assembly, inputs: Inputs, priors: Mapping[str, Prior], sensors:
 
 def at_means(robot: Assembly, inputs: Inputs, priors: Mapping[str, Prior], whole: tuple[int, ...]) -> Inputs:
     """The inputs at the priors' means, of all leading axes."""
-    held = {name: inputs.array(name) for name in inputs.given if name not in inputs.profiles}
+    held = inputs.arrays
     for name, prior in priors.items():
         values = prior.means(name, getattr(inputs, name), whole, None)
         held[name] = values.reshape((*whole, values.shape[-1]))

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.assembly import Robot_co
+from multirod.batch import solved_each
 from multirod.exclusive import Uncopied
 from multirod.inputs import Inputs
 from multirod.integrators import RK45, Integrator
@@ -20,8 +21,8 @@ from multirod.solver import Outcome, Solver, Track
 from multirod.solvers.shooting import Shooting
 from multirod.status import Status, failures
 from multirod.tasks.curvature import Places
-from multirod.tasks.estimate import Estimate, Known, Part, at_means, block_diagonal, places_of, remarked
-from multirod.tasks.formulation import freed, options, solved_each
+from multirod.tasks.estimate import Estimate, Known, Part, at_means, block_diagonal, remarked
+from multirod.tasks.formulation import freed, options, places_of
 from multirod.tasks.priors import Prior, Walk
 from multirod.tasks.sensors import Live, Sensor, batch_of, checked
 from multirod.types import Numbers

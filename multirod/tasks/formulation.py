@@ -3,13 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import accumulate
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from multirod.assembly import Assembly
-from multirod.batch import IntArray
+from multirod.batch import IntArray, solved_each
 from multirod.inputs import Inputs
 from multirod.integrators import Integrator
 from multirod.problem import BoundaryProblem
@@ -59,18 +60,6 @@ class Evaluation:
         for ``p``, and how that varies."""
         towards, by = self.eliminated
         return errors + (by_unknowns @ towards[..., None])[..., 0], by_free + by_unknowns @ by
-
-
-def solved_each(matrices: FloatArray, sides: FloatArray) -> FloatArray:
-    """``matrices^-1 sides`` (b, n, k); NaN of an instance whose matrix is singular or not finite."""
-    try:
-        return np.asarray(np.linalg.solve(matrices, sides))
-    except np.linalg.LinAlgError:
-        result = np.full(sides.shape, np.nan)
-        with np.errstate(over="ignore", invalid="ignore"):
-            sound = np.linalg.det(np.nan_to_num(matrices)) != 0
-        result[sound] = np.linalg.solve(matrices[sound], sides[sound])
-        return result
 
 
 class Task:
@@ -190,6 +179,18 @@ def freed(field: str, robot: Assembly, free: object) -> tuple[str, ...]:
         if specs[name].measured:
             refuse(field, tuple(names), f"{name} is a measurement: it cannot be chosen")
     return tuple(names)
+
+
+def places_of(inputs: Inputs, names: Sequence[str]) -> dict[str, slice]:
+    """Where the components of each input stand among all, one input after another."""
+    sizes = [getattr(inputs, name).shape[-1] for name in names]
+    return {name: slice(end - size, end) for name, end, size in zip(names, accumulate(sizes), sizes, strict=True)}
+
+
+def with_values(inputs: Inputs, names: Sequence[str], values: FloatArray) -> Inputs:
+    """The inputs with other values of some, (..., k), one input after another."""
+    places = places_of(inputs, names)
+    return inputs.with_arrays(inputs.arrays | {name: np.array(values[..., place]) for name, place in places.items()})
 
 
 def input_units(robot: Assembly, free: Sequence[str]) -> FloatArray:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.tasks.formulation import solved_each
+from multirod.batch import solved_each
 from multirod.validation import FloatArray
 
 ROUNDED = 1e-12  # of the largest number of a row: what of a limit is rounding

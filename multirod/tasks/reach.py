@@ -21,7 +21,7 @@ from multirod.scene import Scene
 from multirod.solution import Solution
 from multirod.solver import Outcome, Solver
 from multirod.status import Status, failures
-from multirod.tasks.formulation import Task, freed, input_units, options
+from multirod.tasks.formulation import Task, freed, input_units, options, with_values
 from multirod.tasks.gauss_newton import step
 from multirod.tasks.limits import LimitRows, Limits, freed_labels, limit_rows, middle, refuse_start, told
 from multirod.tasks.redundancy import steadied
@@ -199,7 +199,8 @@ def reach(
         refuse("target", Described(f"leading axes {target.batch_shape}"), f"must broadcast with the inputs' {given.batch_shape}")
     rows = limit_rows(robot, limits, free)
     unit = input_units(robot, free)
-    begin = np.concatenate([np.broadcast_to(getattr(given, name), (*shape, _size(robot, name))) for name in free], axis=-1)
+    held = [getattr(given, name) for name in free]
+    begin = np.concatenate([np.broadcast_to(value, (*shape, value.shape[-1])) for value in held], axis=-1)
     refuse_start("limits", rows, begin.reshape(-1, begin.shape[-1]), robot, free)
     centre = middle(rows) if prefer == "middle" else None
     if centre is not None and np.isnan(centre).any():
@@ -209,7 +210,7 @@ def reach(
     work = _Work(
         robot=robot,
         target=target,
-        inputs=_spread(given, free, begin, shape),
+        inputs=with_values(given, free, begin),
         free=free,
         limits=rows,
         of_shape=limits if limits is not None and limits.of_shape else None,
@@ -229,21 +230,6 @@ def reach(
     if guess is None:
         spent += np.broadcast_to(first.integrations, shape).reshape(-1)
     return _run(work, status, spent, thread_count(threads))
-
-
-def _size(robot: Assembly, name: str) -> int:
-    return next(spec.size(robot.rod_count) for spec in robot.input_specs if spec.name == name)
-
-
-def _spread(inputs: Inputs, free: Sequence[str], begin: FloatArray, shape: tuple[int, ...]) -> Inputs:
-    """The inputs with all leading axes in what is freed, (..., k)."""
-    arrays = {name: inputs.array(name) for name in inputs.given if name not in inputs.profiles}
-    start = 0
-    for name in free:
-        size = getattr(inputs, name).shape[-1]
-        arrays[name] = np.array(np.broadcast_to(begin[..., start : start + size], (*shape, size)))
-        start += size
-    return inputs.with_arrays(arrays)
 
 
 def _run(work: _Work, status: NDArray[np.int32], spent: NDArray[np.int32], threads: int) -> Reached[Any]:
@@ -277,12 +263,7 @@ def _run(work: _Work, status: NDArray[np.int32], spent: NDArray[np.int32], threa
     run(one, pieces, threads)
     fields = {name: place for name, place in records["fields"].items() if name != "inputs"}
     scene = Scene(work.robot, work.batch_shape, work.method.integrator, work.device, fields, threads=threads)
-    begin, given = 0, {name: work.inputs.array(name) for name in work.inputs.given if name not in work.inputs.profiles}
-    for name in work.free:
-        size = given[name].shape[-1]
-        given[name] = values[:, begin : begin + size].reshape(*work.batch_shape, size)
-        begin += size
-    inputs = work.inputs.with_arrays(given)
+    inputs = with_values(work.inputs, work.free, values.reshape(*work.batch_shape, k))
     result = Reached(scene, records["all"], outcome, inputs, target=work.target, free=work.free, errors=errors, at_limit=at_limit)
     if not work.batch_shape:
         result._remarks = work.limits.remarks(values[0], work.target.position, float(result.target_error))
@@ -365,7 +346,7 @@ def _from_elsewhere(work: _Work, search: Search, piece: slice, sound: NDArray[np
 
 def _pool(work: _Work, search: Search, piece: slice) -> _Pool:
     """Scattered starts; one pool for all instances that differ in nothing but their targets."""
-    others = [name for name in work.inputs.given if name not in work.free and name not in work.inputs.profiles]
+    others = [name for name in work.inputs.arrays if name not in work.free]
     alike = not work.robot.batch_shape and all(work.inputs.array(name).ndim == 1 for name in others)
     origin = search.origin
     if not alike or np.ptp(origin, axis=0).any():
@@ -404,16 +385,11 @@ def _scattered(work: _Work, search: Search, origin: FloatArray, numbers: IntArra
     inwards = random.uniform(0.6, 1.0, size=(len(begin), 1)) ** (nearest.held != 0).any(axis=1, keepdims=True)
     values = (begin + inwards * nearest.change * work.unit).reshape(count, starts, k)
     arrays = {}
-    for name in work.inputs.given:
-        if name not in work.free and name not in work.inputs.profiles:
-            own = take(work.inputs.array(name), work.batch_shape, numbers, tail=1)
+    for name, given in work.inputs.arrays.items():
+        if name not in work.free:
+            own = take(given, work.batch_shape, numbers, tail=1)
             arrays[name] = np.repeat(own[:, None], starts, axis=1)
-    first = 0
-    for name in work.free:
-        size = work.inputs.array(name).shape[-1]
-        arrays[name] = values[..., first : first + size]
-        first += size
-    robot, sides = work.robot, work.inputs.with_arrays(arrays)
+    robot, sides = work.robot, with_values(work.inputs.with_arrays(arrays), work.free, values)
     if robot.batch_shape:
         raise NotImplementedError("starts need a robot whose parameters have no leading axes")
     found = solve(robot, sides, solver=work.method, device=work.device, threads=1, progress=False)

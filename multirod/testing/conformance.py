@@ -71,13 +71,13 @@ class Study:
 
     def repeated(self, count: int) -> Inputs:
         """The same inputs for several instances."""
-        plain = [name for name in self.inputs.given if name not in self.inputs.profiles] or [self.robot.input_specs[0].name]
+        plain = list(self.inputs.arrays) or [self.robot.input_specs[0].name]
         values = {name: np.asarray(getattr(self.inputs, name)) for name in plain}
         return self.inputs.with_arrays({name: np.broadcast_to(v, (count, v.shape[-1])) for name, v in values.items()})
 
     def changed(self, name: str, changes: FloatArray) -> Inputs:
         """One input by changes of its components, (k, size): a batch."""
-        plain = {given: getattr(self.inputs, given) for given in self.inputs.given if given not in self.inputs.profiles}
+        plain = {given: getattr(self.inputs, given) for given in self.inputs.arrays}
         plain[name] = np.asarray(getattr(self.inputs, name)) + changes
         return self.robot.make_inputs(plain | dict(self.inputs.profiles))
 
@@ -122,7 +122,7 @@ def check_assembly(
         raise ValueError("check_assembly takes one instance: neither the robot nor its inputs may have leading axes")
     registered = registered_solvers()
     chosen = {name: registered[name]() for name in (registered if solvers is None else solvers)}
-    names = [name for name in inputs.given if name not in inputs.profiles] if vary is None else vary
+    names = list(inputs.arrays) if vary is None else vary
     study = Study(robot, inputs, tuple(names), tip_rod, chosen)
     found: list[str] = []
     for name, check in CHECKS.items():
@@ -435,7 +435,7 @@ def _stability(study: Study) -> None:
     problem = study.problem()
     if problem.stability is None:
         return
-    names = [name for name in study.inputs.given if name not in study.inputs.profiles]
+    names = list(study.inputs.arrays)
     loads = [name for name in names if _specs(study)[name].load is not None]
     unloaded = study.solve(study.inputs.without([*loads, *study.inputs.profiles])).raise_if_failed()
     parity = []

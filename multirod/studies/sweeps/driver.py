@@ -142,7 +142,7 @@ def _keep(folder: Folder, study: Study, inputs: Inputs, k: int, arrays: Arrays) 
     if study.batch_shape:
         axes |= {f"axis_{axis}": places for axis, places in enumerate(np.unravel_index(instances, study.batch_shape))}
     own = inputs.take(study.batch_shape, instances)
-    given = {name: np.asarray(getattr(own, name)) for name in own.given if name not in own.profiles}
+    given = {name: np.asarray(getattr(own, name)) for name in own.arrays}
     table = to_table(axes, {**given, **arrays})
     content = pa.BufferOutputStream()
     pq.write_table(table, content)
