@@ -420,11 +420,11 @@ def of_offsets(offsets: FloatArray, rods: "tuple[Rod, ...]") -> None:
         )
 
 
-def of_dt(field: str, dt: float) -> None:
+def of_dt(field: str, dt: float, loop: str = "an observer") -> None:
     """Warn of a time step that is no step of a control loop."""
     if dt > DT:
         milli = f"if it is in ms, give {1e-3 * dt:.6g}"
-        say(f"{field} = {dt:.6g} s between samples is slow for an observer; {milli}, if a rate in Hz, {1 / dt:.6g}")
+        say(f"{field} = {dt:.6g} s between samples is slow for {loop}; {milli}, if a rate in Hz, {1 / dt:.6g}")
 
 
 # ---- inputs ----

@@ -682,6 +682,20 @@ GROUPS: dict[str, list[Mistake]] = {
             "metres, and radians",
         ),
         Mistake(
+            "two deviations for a position alone",
+            "mr.Pose(position=(0.05, 0, 0.28), sigma=(5e-4, 5e-3))",
+            ValueError,
+            "must be one number: of the position",
+            "sigma=5e-4, or a rotation too",
+        ),
+        Mistake(
+            "a time step of a loop in ms",
+            "mr.Controller(robot, dt=20, free='rotation')",
+            WARNING,
+            "if it is in ms, give 0.02",
+            "seconds",
+        ),
+        Mistake(
             "a deviation for the mean of a prior",
             "mr.Prior(0.1)",
             ValueError,

@@ -248,6 +248,11 @@ def test_bad_samples(make, measured, changes, error, message):
         make().step(measured, **changes)
 
 
+def test_a_time_step_in_milliseconds_is_warned_of(make):
+    with pytest.warns(mr.PlausibilityWarning, match=r"Estimator.dt = 20 s .* slow for an estimator; if it is in ms, give 0.02"):
+        make(dt=20)
+
+
 def test_nan_hides_nothing(wire, make):
     """What one instance lacks, another must still have right."""
     meter = make(inputs=mr.SingleRod(wire).inputs(rotation=np.zeros(2)))

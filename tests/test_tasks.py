@@ -181,6 +181,8 @@ def test_a_task_evaluates_both_with_one_integration_and_eliminates_the_unknowns(
         ({"position": (0, 0, np.inf)}, "Pose.position .* must be finite"),
         ({"position": (0, 0, 1), "sigma": 0.0}, "Pose.sigma .* must be finite and > 0"),
         ({"position": (0, 0, 1), "rotation": np.eye(3), "sigma": 0.1}, "Pose.sigma .* must be a pair"),
+        ({"position": (0, 0, 1), "sigma": (1e-3, 1e-2)}, "Pose.sigma .* must be one number: of the position"),
+        ({"rotation": np.eye(3), "sigma": (1e-3, 1e-2)}, "Pose.sigma .* must be one number: of the angles"),
         ({"position": np.zeros((2, 3)), "axis": np.ones((3, 3))}, "leading axes .* must broadcast"),
     ],
 )

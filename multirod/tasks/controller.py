@@ -7,6 +7,7 @@ from typing import Any, Generic
 
 import numpy as np
 
+from multirod import plausibility
 from multirod.assembly import Robot_co
 from multirod.batch import solved_each
 from multirod.exclusive import Uncopied
@@ -108,6 +109,7 @@ class Controller(Uncopied, Generic[Robot_co]):
         device: str = "cpu",
     ) -> None:
         self.dt = positive_float("Controller.dt", dt)
+        plausibility.of_dt("Controller.dt", self.dt, "a controller")
         self.free = freed("Controller.free", robot, free)
         lag = LAG * self.dt if correction_time is None else positive_float("Controller.correction_time", correction_time)
         if limits is not None:

@@ -9,6 +9,7 @@ from typing import Any, Generic
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod import plausibility
 from multirod.assembly import Robot_co
 from multirod.batch import solved_each
 from multirod.exclusive import Uncopied
@@ -65,6 +66,7 @@ class Estimator(Uncopied, Generic[Robot_co]):
         device: str = "cpu",
     ) -> None:
         step = positive_float("Estimator.dt", dt)
+        plausibility.of_dt("Estimator.dt", step, "an estimator")
         walks = _walks(robot, unknown)
         names, starts = tuple(walks), {name: walk.start for name, walk in walks.items()}
         given, parts = robot.accept(inputs), checked("sensors", sensors)

@@ -207,8 +207,9 @@ def _sigma(value: Any, position: bool, angles: bool) -> FloatArray:
     """Standard deviations of position and angles, (2,)."""
     result = array("Pose.sigma", value, finite=False)
     both = position and angles
-    if result.shape not in (((2,),) if both else ((), (1,), (2,))):
-        refuse("Pose.sigma", value, "must be a pair: of the position [m] and of the angles [rad]" if both else "must be a number")
+    if result.shape not in (((2,),) if both else ((), (1,))):
+        alone = "must be one number: of the position [m]" if position else "must be one number: of the angles [rad]"
+        refuse("Pose.sigma", value, "must be a pair: of the position [m] and of the angles [rad]" if both else alone)
     if not ((result > 0) & np.isfinite(result)).all():
         refuse("Pose.sigma", value, "must be finite and > 0")
     return np.broadcast_to(result, (2,))
