@@ -163,6 +163,7 @@ class BoundaryProblem(Uncopied, ABC):
         stop: Once it is set, ``integrate`` raises ``Interrupted``: how a batch on several threads is brought to an end.
     """
 
+    columns_in_place = True  # whether ``aimed``, by inputs, is what stands in ``residual_directions`` and ``pose_columns``
     eliminates = False  # whether columns by parameters may be at other fixed unknowns than its own: they are eliminated next
     instead = "ask the assembly for another problem"
     guess_integrations: int = 0

@@ -119,6 +119,41 @@ def test_limits_and_singular_tasks_have_bounded_steps_and_say_so(start):
     assert command.target_error == pytest.approx(0.01, rel=1e-6)
 
 
+def test_the_compiled_step_is_that_of_reach(start):
+    """(7) at the first sample's place: bounded, and at limits, as ``gauss_newton`` has it."""
+    from multirod.tasks.control_kernels import LONGEST, SOFTNESS
+    from multirod.tasks.formulation import Task, input_units
+    from multirod.tasks.gauss_newton import step
+    from multirod.tasks.limits import limit_rows
+
+    p = np.concatenate([getattr(start.inputs, name) for name in FREE])
+    near = mr.Limits(translation=(p[3:] - 2e-3, np.minimum(p[3:] + 1e-3, 0)), rotation=(p[:3] - 0.02, p[:3] + 0.05), gap=1e-3)
+    rows, unit = limit_rows(TUBES, near, FREE), input_units(TUBES, FREE)
+    task = Task.of(TUBES, start.inputs, FREE, integrator=STEPS)
+    found = task.evaluate(task.problem.adopt(start.unknowns[None]), p[None])
+    random, held = np.random.default_rng(3), set()
+    for size in (1e-5, 1e-4, 1e-3, 1e-2, 1e-2, 3e-2, 3e-2, 0.2):
+        loop = mr.Controller(TUBES, dt=0.01, free=FREE, limits=near, guess=start, integrator=STEPS)
+        y, R = start.tip_position + size * random.normal(size=3), matrices(size * random.normal(size=(1, 3)))[0]
+        told = {"rotation": R @ start.tip_rotation} if random.random() < 0.5 else {"axis": 3 * R @ start.tip_rotation[:, 2]}
+        pose = {"position": list(y)} | (told if random.random() < 0.7 else {})
+        command = loop.step(**pose)
+        r, J = found.condensed(*mr.Pose(**pose).rows(TUBES.longest).at(found))
+        J, at = J * unit, p @ rows.matrix.T
+        softness = SOFTNESS * (J**2).max()
+        low, high = np.minimum(rows.low - at, 0)[None], np.maximum(rows.high - at, 0)[None]
+        own = step(J, r, softness=softness, limits=rows.matrix * unit, low=low, high=high)
+        d = own.change[0] * min(1, LONGEST / np.abs(own.change).max())
+        chosen = np.concatenate([getattr(command.inputs, name) for name in FREE])
+        np.testing.assert_allclose((chosen - p) / unit, d, atol=1e-10)  # softness 1e-8: conditioned by 1e4
+        kept = ((own.held[0][:, None] != 0) & (rows.matrix != 0)).any(axis=0)
+        np.testing.assert_array_equal(command.at_limit, kept)
+        held.add(int(kept.sum()))
+        assert (rows.outside(chosen[None], unit) < 1e-12).all()
+    assert min(held) == 0
+    assert max(held) >= 4
+
+
 def test_without_inputs_it_begins_as_near_to_the_default_as_limits_allow():
     options = {"dt": 0.01, "free": FREE, "integrator": STEPS}
     loop = mr.Controller(TUBES, limits=mr.Limits(translation=(-0.19, -0.01), rotation=((-1, 0.2, -1), 1), gap=2e-3), **options)

@@ -277,6 +277,7 @@ class ParallelProblem(BoundaryProblem):
     translation of each leg is unknown in its place.
     """
 
+    columns_in_place = False
     guess_integrations = 1 + len(COMPLIANCES)
 
     def __init__(

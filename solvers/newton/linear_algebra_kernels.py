@@ -10,13 +10,14 @@ f64 = wp.float64
 
 
 @wp.func(inline=False)
-def eliminate(matrix: wp.array3d[wp.float64], values: wp.array3d[wp.float64], t: int):
+def eliminate(matrix: wp.array3d[wp.float64], values: wp.array3d[wp.float64], t: int) -> f64:
     """Right-hand sides (instance, n, sides) become solutions, by LU with partial pivoting in the place of the matrix
-    (instance, n, n); NaN if it is singular to rounding.
+    (instance, n, n); NaN if it is singular to rounding. Returns the sign of its determinant.
     """
     n = matrix.shape[1]
     sides = values.shape[2]
     size = f64(0.0)
+    sign = f64(1.0)
     for i in range(n):
         for j in range(n):
             size = wp.max(size, wp.abs(matrix[t, i, j]))
@@ -26,6 +27,7 @@ def eliminate(matrix: wp.array3d[wp.float64], values: wp.array3d[wp.float64], t:
             if wp.abs(matrix[t, i, k]) > wp.abs(matrix[t, p, k]):
                 p = i
         if p != k:
+            sign = -sign
             for j in range(k, n):
                 swap = matrix[t, k, j]
                 matrix[t, k, j] = matrix[t, p, j]
@@ -36,6 +38,7 @@ def eliminate(matrix: wp.array3d[wp.float64], values: wp.array3d[wp.float64], t:
                 values[t, p, j] = swap
         if wp.abs(matrix[t, k, k]) <= f64(1.0e-15) * size:
             matrix[t, k, k] = f64(0.0) / f64(0.0)
+        sign = sign * wp.sign(matrix[t, k, k])
         for i in range(k + 1, n):
             m = matrix[t, i, k] / matrix[t, k, k]
             if m != f64(0.0):
@@ -50,6 +53,7 @@ def eliminate(matrix: wp.array3d[wp.float64], values: wp.array3d[wp.float64], t:
             for k in range(i + 1, n):
                 total -= matrix[t, i, k] * values[t, k, j]
             values[t, i, j] = total / matrix[t, i, i]
+    return sign
 
 
 @cache

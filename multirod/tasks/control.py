@@ -1,0 +1,174 @@
+"""The compiled sample of a controller: its arrays, made once, and its launches."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from multirod.launch import expect, record
+from multirod.tasks.condensed_kernels import Condensed
+from multirod.tasks.control_kernels import FREE, Control, make_control
+from multirod.tasks.formulation import Task
+from multirod.tasks.limits import LimitRows
+from multirod.tasks.programme_kernels import Programme
+from multirod.validation import FloatArray
+
+POSE = 6
+Kind = tuple[int, int, int]  # whether a target has a position, a rotation, an axis
+
+
+class Given:
+    """An array that is written before a launch; on the CPU the kernel's own memory."""
+
+    def __init__(self, shape: tuple[int, ...], dtype: Any, device: str) -> None:
+        self.array: Any = wp.zeros(shape, dtype=dtype, device=device)
+        self._shared = wp.get_device(device).is_cpu
+        self.values = self.array.numpy()
+
+    def send(self) -> None:
+        """To the device, where that is another."""
+        if not self._shared:
+            self.array.assign(self.values)
+
+
+class Columns:
+    """Columns of a task as kernels read them: those of the integration, or what ``aimed`` makes of these.
+
+    Args:
+        task: Aimed at what is free.
+        target: Argument of a kernel, which gets them.
+    """
+
+    def __init__(self, task: Task, target: Any) -> None:
+        self._task = task
+        self._own: list[Given] = []
+        problem = task.problem
+        if problem.columns_in_place:
+            target.slopes, target.moved, target.first = problem.residual_directions, problem.pose_columns, problem.unknown_count
+            return
+        count, n, k = problem.instance_count, problem.unknown_count, task.count
+        self._own = [Given((count, rows, k), wp.float64, problem.device) for rows in (n, POSE)]
+        target.slopes, target.moved = (own.array for own in self._own)
+        target.first = 0
+
+    def update(self) -> None:
+        """After an integration."""
+        if self._own:
+            for own, values in zip(self._own, self._task.problem.aimed(*self._task.free), strict=True):
+                own.values[:] = values
+                own.send()
+
+
+def condensed(task: Task) -> tuple[Any, Columns]:
+    """The argument of kernels that begin at a task's integration, and what keeps its columns."""
+    problem, state = task.problem, Condensed()
+    problem.share(state, ("fault", "unknowns", "inputs", "residual", "gamma", "position", "rotation", "pose_columns"))
+    count, n, k = problem.instance_count, problem.unknown_count, task.count
+    state.places = wp.array(task.places.astype(np.int32), dtype=wp.int32, device=problem.device)
+    for name, shape in {"system": (n, n), "shift": (n, 1 + k), "carried": (POSE, 1 + k), "sign": ()}.items():
+        setattr(state, name, wp.zeros((count, *shape), dtype=wp.float64, device=problem.device))
+    return state, Columns(task, state)
+
+
+class ControlStep:
+    """All of a controller's sample that comes after its integration.
+
+    Args:
+        task: Aimed at what is free; without leading axes.
+        rows: Limits of what is free.
+        unit: (9), shape (k,).
+        weight: Of rows of the position and of angles, shape (2,).
+        gains: (15) Of the offset and of its drift.
+
+    Attributes:
+        given: By name what to write before ``launch``: ``position``, ``rotation``, ``axis``, ``seen_position``,
+            ``seen_rotation``, and ``seen``, of both 0, 1 for measured, -1 for missing.
+    """
+
+    def __init__(self, task: Task, rows: LimitRows, unit: FloatArray, weight: FloatArray, gains: tuple[float, float]) -> None:
+        problem = task.problem
+        self._problem, device = problem, problem.device
+        self._rows, self._unit, self._weight, self._gains = rows, unit, weight, gains
+        vectors = {"position": wp.vec3d, "rotation": wp.mat33d, "axis": wp.vec3d}
+        vectors |= {"seen_position": wp.vec3d, "seen_rotation": wp.mat33d}
+        self._given = {name: Given((1,), dtype, device) for name, dtype in vectors.items()}
+        self._given["seen"] = Given((1, 2), wp.int32, device)
+        self.given: dict[str, Any] = {name: each.values[0] for name, each in self._given.items()}
+        self._task, self._columns = condensed(task)
+        self._count = task.count
+        kept: dict[str, tuple[tuple[int, ...], Any]] = dict.fromkeys(("offset", "drift", "motion"), ((2,), wp.vec3d))
+        kept |= dict.fromkeys(("tip_position", "last_position", "last_axis"), ((), wp.vec3d))
+        kept |= dict.fromkeys(("tip_rotation", "last_rotation"), ((), wp.mat33d))
+        kept |= {"has_tip": ((), wp.int32), "last_kind": ((), wp.vec3i), "begun": ((), wp.float64), "status": ((), wp.int32)}
+        sizes = {"good_unknowns": problem.unknown_count, "good_values": task.count, "values": task.count}
+        sizes |= {"record": problem.records.shape[1], "told": FREE + 8 * task.count}
+        kept |= {name: ((size,), wp.float64) for name, size in sizes.items()}
+        self._kept: dict[str, Any] = {
+            name: wp.zeros((1, *shape), dtype=dtype, device=device) for name, (shape, dtype) in kept.items()
+        }
+        self._views = [self._kept[name].numpy() for name in ("record", "told", "status")]
+        self._shared = wp.get_device(device).is_cpu
+        self._launches: dict[Kind, Callable[[], None]] = {}
+        self._states: list[Any] = []  # whose arrays the launches work in
+        expect(make_control, device)
+
+    def start(self, unknowns: FloatArray, values: FloatArray) -> None:
+        """Begin at ``x`` (1, n) and ``p`` (1, k)."""
+        self._kept["good_unknowns"].assign(unknowns)
+        self._kept["good_values"].assign(values)
+
+    def launch(self, kind: Kind) -> tuple[FloatArray, FloatArray, int]:
+        """From an integration to the next one's place.
+
+        Returns:
+            The problem's records at the command, shape (1, size); what is told of it, as ``control_kernels`` says where, shape
+            (size,); its status.
+        """
+        self._columns.update()
+        if kind not in self._launches:
+            self._launches[kind] = self._made(kind)
+        if self._shared:
+            self._launches[kind]()
+            found, told, status = self._views
+            return found.copy(), told[0].copy(), int(status[0])
+        for each in self._given.values():
+            each.send()
+        self._launches[kind]()
+        found, told, status = (self._kept[name].numpy() for name in ("record", "told", "status"))
+        return found, told[0], int(status[0])
+
+    def _made(self, kind: Kind) -> Any:
+        state: Any = Control()
+        for name, each in self._given.items():
+            setattr(state, name, each.array)
+        for name, array in self._kept.items():
+            setattr(state, name, array)
+        m = 3 * kind[0] + 3 * kind[1] + 2 * kind[2]
+        state.task, state.step, state.records = self._task, self._programme(m), self._problem.records
+        for name in ("rows", "ahead"):
+            setattr(state, name, self._zeros(m))
+        constants = {"unit": self._unit, "low": self._rows.low, "high": self._rows.high, "limits": self._rows.matrix}
+        for name, values in constants.items():
+            setattr(state, name, self._constant(values))
+        state.weight, state.gain, state.kind = wp.vec2d(*self._weight), wp.vec2d(*self._gains), wp.vec3i(*kind)
+        self._states.append(state)
+        return record(make_control, 1, [state], self._problem.device).launch
+
+    def _programme(self, m: int) -> Any:
+        step: Any = Programme()
+        k, c = self._count, len(self._rows.low)
+        step.limits = self._constant(self._rows.matrix * self._unit)
+        sizes: dict[str, tuple[int, ...]] = {"J": (m, k), "r": (m,), "softness": (), "low": (c,), "high": (c,), "change": (k,)}
+        sizes |= {"system": (k + m, k + m), "sides": (k + m, 2)}
+        sizes |= {"bound_system": (k + m + c, k + m + c), "bound_sides": (k + m + c, 1)}
+        for name, shape in sizes.items():
+            setattr(step, name, self._zeros(*shape))
+        step.held = wp.zeros((1, c), dtype=wp.int32, device=self._problem.device)
+        return step
+
+    def _zeros(self, *shape: int) -> Any:
+        return wp.zeros((1, *shape), dtype=wp.float64, device=self._problem.device)
+
+    def _constant(self, values: FloatArray) -> Any:
+        return wp.array(np.ascontiguousarray(values), dtype=wp.float64, device=self._problem.device)

@@ -1,0 +1,337 @@
+# mypy: ignore-errors
+"""One sample of a controller, after its integration. Numbers in parentheses: ``docs/tasks.md``."""
+
+from functools import cache
+
+import warp as wp
+
+from multirod.models.rotation_kernels import rotation_from_vector, rotation_vector
+from multirod.solvers.newton.linear_algebra_kernels import eliminate
+from multirod.solvers.newton.newton_kernels import failure_of
+from multirod.status import Status
+from multirod.tasks.condensed_kernels import Condensed, across, axis_rows, condense, position_rows, rotation_rows, tilt
+from multirod.tasks.programme_kernels import Programme, keep_limits, place_rows
+
+f64 = wp.float64
+SOFTNESS = 1e-8  # of the largest number of J, squared: a ten thousandth of what moves the tip most is damped
+LONGEST = 0.3  # step of a sample, in units (9)
+NEAR = 1e-6  # of a target [1/m], within which a limit does not hold it back
+SHORT = 1e-3  # part of what is asked for that a step leaves over where nothing else holds it: the task is singular
+
+# where the numbers of a sample stand in ``told``
+ERROR, SINGULAR, HELD, OFFSET, TARGET, FREE = 0, 1, 2, 3, 6, 9  # p, the pose's columns by p, row by row, at_limit
+
+
+@wp.struct
+class Control:
+    """What a controller reads and writes; the first axis is the instance."""
+
+    task: Condensed
+    step: Programme
+    # constants
+    unit: wp.array[wp.float64]  # (9), (k,)
+    limits: wp.array2d[wp.float64]  # (10) G, (c, k); those of ``step`` are in units
+    low: wp.array[wp.float64]  # (10), (c,)
+    high: wp.array[wp.float64]
+    weight: wp.vec2d  # of positions, of angles
+    gain: wp.vec2d  # (15) of the offset, of its drift
+    kind: wp.vec3i  # whether there is a position, a rotation, an axis
+    # what is asked for and measured
+    position: wp.array[wp.vec3d]
+    rotation: wp.array[wp.mat33d]
+    axis: wp.array[wp.vec3d]
+    seen_position: wp.array[wp.vec3d]
+    seen_rotation: wp.array[wp.mat33d]
+    seen: wp.array2d[int]  # of each: 0 not measured, 1 measured, -1 missing
+    # kept from sample to sample
+    offset: wp.array2d[wp.vec3d]  # (15) of position and rotation
+    drift: wp.array2d[wp.vec3d]
+    tip_position: wp.array[wp.vec3d]  # of the model
+    tip_rotation: wp.array[wp.mat33d]
+    has_tip: wp.array[int]
+    last_kind: wp.array[wp.vec3i]  # none before the first sample
+    last_position: wp.array[wp.vec3d]
+    last_rotation: wp.array[wp.mat33d]
+    last_axis: wp.array[wp.vec3d]
+    motion: wp.array2d[wp.vec3d]  # (16) D
+    begun: wp.array[wp.float64]  # the sign of det Gamma at the start, 0 before
+    good_unknowns: wp.array2d[wp.float64]
+    good_values: wp.array2d[wp.float64]
+    # of the problem, and its copy for the sample
+    records: wp.array2d[wp.float64]
+    record: wp.array2d[wp.float64]
+    told: wp.array2d[wp.float64]
+    status: wp.array[int]
+    # room
+    rows: wp.array2d[wp.float64]  # r, (instance, m)
+    ahead: wp.array2d[wp.float64]  # by how much rows will be off in the next sample
+    values: wp.array2d[wp.float64]  # p, (instance, k)
+
+
+@wp.func
+def measure(s: Control, t: int):
+    """(15) The offset between robot and model, filtered."""
+    for part in range(2):
+        s.offset[t, part] = s.offset[t, part] + s.drift[t, part]
+        if s.seen[t, part] < 0:
+            s.drift[t, part] = wp.vec3d()
+        if s.seen[t, part] > 0 and s.has_tip[t] != 0:
+            off = s.seen_position[t] - s.tip_position[t]
+            if part == 1:
+                off = rotation_vector(s.seen_rotation[t] * wp.transpose(s.tip_rotation[t]))
+            surprise = off - s.offset[t, part]
+            s.offset[t, part] = s.offset[t, part] + s.gain[0] * surprise
+            s.drift[t, part] = s.drift[t, part] + s.gain[1] * surprise
+
+
+@wp.func
+def place_target(s: Control, t: int):
+    """(3) Rows of the target of the model, whose robot is off it."""
+    back = rotation_from_vector(-s.offset[t, 1])
+    row = int(0)
+    if s.kind[0] != 0:
+        position_rows(s.task, s.step.r, s.step.J, t, row, s.position[t] - s.offset[t, 0], s.weight[0])
+        row += 3
+    if s.kind[1] != 0:
+        rotation_rows(s.task, s.step.r, s.step.J, t, row, back * s.rotation[t], s.weight[1])
+    if s.kind[2] != 0:
+        axis_rows(s.task, s.step.r, s.step.J, t, row, back * s.axis[t], s.weight[1])
+
+
+@wp.func
+def judge(s: Control, t: int) -> int:
+    """Whether there is a stable equilibrium to go on from: the sign of det Gamma changes at a fold."""
+    total = f64(0.0)
+    for i in range(s.step.r.shape[1]):
+        total += s.step.r[t, i]
+    if not wp.isfinite(total):
+        return wp.static(int(Status.NONFINITE))
+    if s.begun[t] == f64(0.0):
+        s.begun[t] = s.task.sign[t]
+    return wp.where(s.task.sign[t] == s.begun[t], wp.static(int(Status.TRACKING)), wp.static(int(Status.UNSTABLE)))
+
+
+@wp.func
+def expect(s: Control, t: int) -> bool:
+    """(16) By how much the next sample's rows will be off, by the target's last change and what that changed by."""
+    move = wp.vec3d()
+    turn = wp.vec3d()
+    known = s.last_kind[t] == s.kind
+    if known:
+        if s.kind[0] != 0:
+            move = s.position[t] - s.last_position[t]
+        if s.kind[1] != 0:
+            turn = rotation_vector(s.rotation[t] * wp.transpose(s.last_rotation[t]))
+        if s.kind[2] != 0:
+            turn = wp.cross(s.last_axis[t], s.axis[t])
+    s.last_kind[t] = s.kind
+    s.last_position[t] = s.position[t]
+    s.last_rotation[t] = s.rotation[t]
+    s.last_axis[t] = s.axis[t]
+    to = f64(2.0) * move - s.motion[t, 0]
+    by = f64(2.0) * turn - s.motion[t, 1]
+    s.motion[t, 0] = move
+    s.motion[t, 1] = turn
+    row = int(0)
+    if s.kind[0] != 0:
+        for i in range(3):
+            s.ahead[t, i] = -s.weight[0] * to[i]
+        row = 3
+    if s.kind[1] != 0:
+        for i in range(3):
+            s.ahead[t, row + i] = -s.weight[1] * by[i]
+    if s.kind[2] != 0:
+        # how a still tip would be tilted from an axis that turns
+        turned = wp.transpose(rotation_from_vector(by)) * s.axis[t]
+        tilted = across(s.axis[t]) * tilt(turned, s.axis[t])
+        for i in range(2):
+            s.ahead[t, row + i] = s.weight[1] * tilted[i]
+    return known and wp.max(wp.length(to), wp.length(by)) > f64(0.0)
+
+
+@wp.func(inline=False)
+def factor(s: Control, t: int):
+    """(8) The steps of this sample and of the next one where no limit holds, into columns of ``sides``."""
+    m = s.step.J.shape[1]
+    k = s.step.J.shape[2]
+    largest = f64(1.0e-150)
+    for i in range(m):
+        s.rows[t, i] = s.step.r[t, i]
+        for j in range(k):
+            s.step.J[t, i, j] = s.step.J[t, i, j] * s.unit[j]
+            largest = wp.max(largest, wp.abs(s.step.J[t, i, j]))
+    s.step.softness[t] = f64(wp.static(SOFTNESS)) * largest * largest
+    place_rows(s.step, s.step.system, t)
+    for j in range(k):
+        for side in range(2):
+            s.step.sides[t, j, side] = f64(0.0)
+    for i in range(m):
+        s.step.sides[t, k + i, 0] = -s.rows[t, i]
+        s.step.sides[t, k + i, 1] = -s.ahead[t, i]
+    eliminate(s.step.system, s.step.sides, t)
+
+
+@wp.func(inline=False)
+def bounded(s: Control, t: int, side: int):
+    """(7) The step of a sample into ``change``, within limits, and no longer than it may be."""
+    k = s.unit.shape[0]
+    for i in range(s.low.shape[0]):
+        at = f64(0.0)
+        for j in range(k):
+            at += s.limits[i, j] * s.values[t, j]
+        s.step.low[t, i] = wp.min(s.low[i] - at, f64(0.0))
+        s.step.high[t, i] = wp.max(s.high[i] - at, f64(0.0))
+    for j in range(k):
+        s.step.change[t, j] = s.step.sides[t, j, side]
+    keep_limits(s.step, t)
+    longest = f64(0.0)
+    for j in range(k):
+        longest = wp.max(longest, wp.abs(s.step.change[t, j]))
+    if longest > f64(wp.static(LONGEST)):
+        for j in range(k):
+            s.step.change[t, j] = s.step.change[t, j] * (f64(wp.static(LONGEST)) / longest)
+
+
+@wp.func
+def place_start(s: Control, t: int, from_here: bool):
+    """(2) Unknowns and values of the problem after ``change``; from the integration's on, ``a`` belongs to it."""
+    k = s.unit.shape[0]
+    for i in range(s.task.unknowns.shape[1]):
+        x = s.task.unknowns[t, i]
+        if from_here:
+            x += s.task.shift[t, i, 0]
+        for j in range(k):
+            x += s.task.shift[t, i, 1 + j] * (s.unit[j] * s.step.change[t, j])
+        s.task.unknowns[t, i] = x
+    for j in range(k):
+        s.values[t, j] = s.values[t, j] + s.unit[j] * s.step.change[t, j]
+        s.task.inputs[t, s.task.places[j]] = s.values[t, j]
+
+
+@wp.func(inline=False)
+def move_tip(s: Control, t: int):
+    """Where the tip goes, to first order."""
+    move = wp.vec3d()
+    turn = wp.vec3d()
+    for i in range(3):
+        move[i] = s.task.carried[t, i, 0]
+        turn[i] = s.task.carried[t, 3 + i, 0]
+        for j in range(s.unit.shape[0]):
+            change = s.unit[j] * s.step.change[t, j]
+            move[i] = move[i] + s.task.carried[t, i, 1 + j] * change
+            turn[i] = turn[i] + s.task.carried[t, 3 + i, 1 + j] * change
+    s.tip_position[t] = s.task.position[t] + move
+    s.tip_rotation[t] = rotation_from_vector(turn) * s.task.rotation[t]
+    s.has_tip[t] = 1
+    s.task.position[t] = s.tip_position[t]
+    s.task.rotation[t] = s.tip_rotation[t]
+
+
+@wp.func(inline=False)
+def tell(s: Control, t: int):
+    """What the step leaves over, and what holds it."""
+    m = s.step.J.shape[1]
+    k = s.step.J.shape[2]
+    short = f64(0.0)
+    asked = f64(0.0)
+    square = f64(0.0)
+    for i in range(m):
+        left = s.rows[t, i]
+        asked = wp.max(asked, wp.abs(left))
+        for j in range(k):
+            left += s.step.J[t, i, j] * s.step.change[t, j]
+        short = wp.max(short, wp.abs(left))
+        if i < 3:
+            square += left * left
+    held = int(0)
+    for i in range(s.low.shape[0]):
+        if s.step.held[t, i] != 0:
+            held = 1
+            for j in range(k):
+                if s.step.limits[i, j] != f64(0.0):
+                    s.told[t, wp.static(FREE) + 7 * k + j] = f64(1.0)
+    near = f64(wp.static(NEAR))
+    s.told[t, wp.static(ERROR)] = wp.sqrt(square) / wp.where(s.kind[0] != 0, s.weight[0], s.weight[1])
+    if held == 0 and short > wp.max(near, f64(wp.static(SHORT)) * asked):
+        s.told[t, wp.static(SINGULAR)] = f64(1.0)
+    if held != 0 and short > near:
+        s.told[t, wp.static(HELD)] = f64(1.0)
+    for i in range(6):
+        for j in range(k):
+            s.told[t, wp.static(FREE) + (1 + i) * k + j] = s.task.carried[t, i, 1 + j]
+
+
+@wp.func
+def keep_record(s: Control, t: int):
+    """A copy of the problem's, before it goes on to the next sample."""
+    for i in range(s.records.shape[1]):
+        s.record[t, i] = s.records[t, i]
+
+
+@wp.func(inline=False)
+def fail(s: Control, t: int):
+    """The next sample starts from the last good one."""
+    keep_record(s, t)
+    k = s.unit.shape[0]
+    s.told[t, wp.static(ERROR)] = f64(wp.nan)
+    for i in range(6 * k):
+        s.told[t, wp.static(FREE) + k + i] = f64(wp.nan)
+    for i in range(s.task.unknowns.shape[1]):
+        s.task.unknowns[t, i] = s.good_unknowns[t, i]
+    for j in range(k):
+        s.values[t, j] = s.good_values[t, j]
+        s.task.inputs[t, s.task.places[j]] = s.values[t, j]
+    s.last_kind[t] = wp.vec3i()
+    s.motion[t, 0] = wp.vec3d()
+    s.motion[t, 1] = wp.vec3d()
+
+
+@cache
+def make_control():
+    """Kernel for one sample: from the integration at what was expected to its command, and to what is expected next."""
+
+    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+    def control(s: Control):
+        t = wp.tid()
+        k = s.unit.shape[0]
+        for i in range(s.told.shape[1]):
+            s.told[t, i] = f64(0.0)
+        for j in range(k):
+            s.values[t, j] = s.task.inputs[t, s.task.places[j]]
+        measure(s, t)
+        for i in range(3):
+            s.told[t, wp.static(OFFSET) + i] = s.offset[t, 0][i]
+            s.told[t, wp.static(TARGET) + i] = s.position[t][i]
+        status = int(wp.static(int(Status.TRACKING)))
+        if s.task.fault[t] != 0:
+            status = failure_of(s.task.fault[t])
+        else:
+            condense(s.task, t)
+            place_target(s, t)
+            status = judge(s, t)
+        if status != wp.static(int(Status.TRACKING)):
+            fail(s, t)
+        else:
+            moving = expect(s, t)
+            factor(s, t)
+            bounded(s, t, 0)
+            tell(s, t)
+            if s.told[t, wp.static(HELD)] != f64(0.0):
+                status = wp.static(int(Status.AT_LIMIT))
+            place_start(s, t, True)
+            move_tip(s, t)
+            keep_record(s, t)
+            for i in range(s.task.unknowns.shape[1]):
+                s.good_unknowns[t, i] = s.task.unknowns[t, i]
+            for j in range(k):
+                s.good_values[t, j] = s.values[t, j]
+            if moving:
+                for i in range(s.ahead.shape[1]):
+                    s.step.r[t, i] = s.ahead[t, i]
+                bounded(s, t, 1)
+                place_start(s, t, False)
+        for j in range(k):
+            s.told[t, wp.static(FREE) + j] = s.good_values[t, j]
+        s.status[t] = status
+
+    return control
