@@ -113,6 +113,31 @@ def test_a_target_out_of_reach_and_a_singular_one_say_so(start, wire):
     assert (np.abs(along.inputs.rotation) < 2 * np.pi).all()
 
 
+def test_no_search_ends_farther_off_than_it_began(start):
+    random = np.random.default_rng(0)
+    position = start.tip_position + random.uniform(-0.03, 0.03, (60, 3))
+    rotation = matrices(random.uniform(-0.6, 0.6, (60, 3))) @ start.tip_rotation
+    pose = mr.Pose(position=position, rotation=rotation)
+    found = mr.reach(TUBES, pose, free=FREE, guess=start, solver=SOLVER)
+
+    def off(distance, angle):
+        return np.hypot(distance / TUBES.longest, angle)  # as rows count
+
+    away = np.linalg.norm(start.tip_position - position, axis=1)
+    turned = np.linalg.norm(vectors(start.tip_rotation @ np.swapaxes(rotation, 1, 2)), axis=1)
+    # the search's kernel rounds its steps otherwise than that of the start
+    assert (off(found.target_error, found.target_angle) <= off(away, turned) * (1 + 1e-5)).all()
+    back = np.all([(getattr(found.inputs, name) == getattr(start.inputs, name)).all(axis=1) for name in FREE], axis=0)
+    limited = back & (found.status == mr.Status.AT_LIMIT)
+    assert limited.any()
+    assert (back & (found.status == mr.Status.UNREACHABLE)).any()
+    assert not (back & (found.status == mr.Status.REACHED)).any()
+    np.testing.assert_allclose(found.tip_position[limited], np.tile(start.tip_position, (limited.sum(), 1)), atol=1e-6)
+    assert (found.residual[limited] <= 1e-9).all()
+    assert (found.stability[~found.failed] == mr.Stability.STABLE).all()
+    assert np.isnan(found.tip_position[found.failed]).all()
+
+
 def test_a_target_whose_equilibrium_is_past_a_fold_is_unstable():
     data = [(0.00387, 0.00301, 0.431, 0.103, 9.0), (0.01717, 0.01402, 0.332, 0.113, 6.0), (0.03977, 0.05022, 0.174, 0.134, 3.5)]
     tubes = [

@@ -169,7 +169,8 @@ def reach(
 
     Returns:
         A solution with ``inputs``, ``target_error`` and ``at_limit``. Its status is ``REACHED``; ``AT_LIMIT`` where limits hold
-        it back: as near as it comes; else a failure: ``UNREACHABLE``, ``SINGULAR_TASK``, ``UNSTABLE``, or that of the start.
+        it back: as near as it comes; else a failure: ``UNREACHABLE``, ``SINGULAR_TASK``, ``UNSTABLE``, or that of the start. None
+        ends farther off than it began: then it is the start that is returned.
 
     Raises:
         TypeError: If an argument is not what it must be, or an input is not one of the robot's.
@@ -309,6 +310,7 @@ def _search(work: _Work, problem: BoundaryProblem, piece: slice, numbers: IntArr
         _from_elsewhere(work, search, piece, sound)
     if work.prefer == "stability":
         steadied(search)
+    search.returned()
     search.leave()
     return search
 

@@ -31,6 +31,7 @@ SINGULAR = 1e-5  # least over largest singular value of J, from which a target t
 NEAR_LIMIT = 1e-8  # in units (9)
 INSET = 1e-10  # likewise: limits are kept by so much, which rounding does not use up
 MOST_STEPS = 40  # towards one goal
+SETTLING = 4  # integrations that an equilibrium that was found by other kernels is brought to its tolerance by
 PLACES = 12  # steps that a target that is reached gets for what it leaves free
 CAREFUL = 0.125  # part of the way that is gone at once where all of it ended at an equilibrium that is not stable
 NODES = 33  # of each rod, where its curvature is looked at
@@ -96,7 +97,8 @@ class Search:
     def __init__(self, task: Task, goals: Goals, x: FloatArray, p: FloatArray) -> None:
         self.task, self.goals = task, goals
         (count, n), k, m = x.shape, p.shape[1], goals.rows.count
-        self.origin = np.array(p)
+        self.origin, self.origin_unknowns = np.array(p), np.array(x)
+        self.origin_errors = np.full((count, m), np.nan)  # NaN where the start is not known
         inset = np.minimum(INSET * np.abs(goals.limits.matrix) @ goals.unit, 0.25 * (goals.limits.high - goals.limits.low))
         self.low, self.high = goals.limits.low + inset, goals.limits.high - inset
         self.start = Place(np.array(x), np.array(p))
@@ -390,6 +392,45 @@ class Search:
         if unstable.any():
             self.drive(unstable, CAREFUL)
             self.status[self._not_stable(unstable)] = Status.UNSTABLE
+        sound = chosen & (self.first_sign != 0)
+        self.origin_errors[sound] = self.first_errors[sound]
+
+    def returned(self) -> None:
+        """Put those back to where they began that are not ``REACHED`` and ended farther off than that; statuses stay.
+
+        A result, ``AT_LIMIT``, only where that is stable and within the limits of shapes.
+        """
+        nearer = np.linalg.norm(self.origin_errors, axis=1) < np.linalg.norm(self.errors, axis=1)
+        rows = np.flatnonzero(nearer & (self.status != Status.REACHED))
+        if not len(rows):
+            return
+        ended, errors = self.last.copy(), self.errors.copy()
+        self.here.x[rows], self.here.p[rows] = self.origin_unknowns[rows], self.origin[rows]
+        settled = self._settled(rows)
+        self.last.put(settled, self.here)
+        results = settled[self.status[settled] == Status.AT_LIMIT]
+        unfit = np.setdiff1d(rows, settled)
+        if len(results):
+            unfit = np.union1d(unfit, results[self.unstable(results) | self.beyond(results)])
+        self.last.put(unfit, ended)
+        self.errors[unfit] = errors[unfit]
+
+    def _settled(self, rows: IntArray) -> IntArray:
+        """Newton's method on the unknowns alone, from ``here``, whose errors are then known; which of the rows converged."""
+        settled = np.zeros(len(self.status), dtype=bool)
+        for _ in range(SETTLING):
+            open_ = np.zeros(len(self.status), dtype=bool)
+            open_[rows] = True
+            found = self.task.evaluate(self.here.x, self.here.p, open_)
+            self.integrations[rows] += 1
+            there = np.abs(found.residual).max(axis=1, initial=0.0) <= self.goals.residual_tolerance[rows]
+            self.errors[rows] = self.goals.rows.take(rows).at(found)[0]
+            settled[rows[there]] = True
+            rows = rows[~there]
+            if not len(rows):
+                break
+            self.here.x[rows] += found.eliminated[0][~there]
+        return np.flatnonzero(settled)
 
     def _not_stable(self, chosen: BoolArray) -> BoolArray:
         result = np.zeros(len(chosen), dtype=bool)
