@@ -689,6 +689,14 @@ GROUPS: dict[str, list[Mistake]] = {
             "sigma=5e-4, or a rotation too",
         ),
         Mistake(
+            "a gate in standard deviations",
+            "mr.Estimator(robot, dt=1e-3, unknown={'tip_force': mr.Walk(0.3)}, "
+            "sensors=mr.Pose(position=(0.05, 0, 0.28), sigma=1e-3), gate=3)",
+            ValueError,
+            "must be the part of sound measurements that passes",
+            "a probability: 0.997",
+        ),
+        Mistake(
             "a time step of a loop in ms",
             "mr.Controller(robot, dt=20, free='rotation')",
             WARNING,

@@ -113,6 +113,55 @@ def test_a_sensor_that_drops_out_is_gone_without(make, wandering):
     assert (np.abs(sample.value("tip_force") - force[14]) < 5 * sample.sigma("tip_force")).all()
 
 
+def test_an_outlier_is_left_out_by_the_gate_and_moves_the_estimate_without_it(make, wandering):
+    force, position, rotation = wandering
+    off = position.copy()
+    off[40] += (0.02, 0, 0)
+    gated, open_, without = make(gate=0.9999), make(), make(gate=0.9999)
+    for k in range(46):
+        sample, moved = gated.step([(off[k], rotation[k])]), open_.step([(off[k], rotation[k])])
+        blind = without.step([(position[k], rotation[k]) if k != 40 else None])
+        assert bool(sample.rejected) == (k == 40)
+        assert not moved.rejected.any()
+        if k < 40:
+            np.testing.assert_array_equal(sample.value("tip_force"), moved.value("tip_force"))
+        else:
+            assert (np.abs(sample.value("tip_force") - force[k]) < 3 * sample.sigma("tip_force")).all()
+        if k == 40:
+            assert (np.abs(moved.value("tip_force") - force[k]) > 3 * moved.sigma("tip_force")).any()
+            assert not sample.missing.any()
+            assert sample.degrees == sample.misfit == 0
+            assert "without sensor 0, an outlier" in repr(sample)
+        # what is left out is as what dropped out
+        np.testing.assert_array_equal(sample.value("tip_force"), blind.value("tip_force"))
+        np.testing.assert_array_equal(sample.covariance(), blind.covariance())
+
+
+def test_the_gate_lets_through_as_many_as_it_says(make, wandering):
+    """By chi-square's distribution, of sensors with three and with two rows, each by itself."""
+    _, position, rotation = wandering
+    sensors = [mr.Pose(position=(0, 0, 0.4), sigma=POSITION), mr.Pose(axis=(0, 0, 1), sigma=ANGLE)]
+    meter = make(sensors=sensors, gate=0.9)
+    lost = np.array([meter.step([p, R[:, 2]]).rejected for p, R in zip(position, rotation, strict=True)])
+    # 250 samples of a tenth: a deviation is 0.019
+    assert (np.abs(lost.mean(axis=0) - 0.1) < 0.05).all()
+    assert meter.step([position[-1] + 0.02, rotation[-1, :, 2]]).rejected.tolist() == [True, False]
+    half = meter.step([position[-1] + (0.02, np.nan, np.nan), rotation[-1, :, 2]])
+    assert half.rejected.tolist() == [True, False]
+    assert half.degrees == 2
+
+
+def test_an_outlier_of_one_instance_leaves_the_others(wire, make, wandering):
+    _, position, rotation = wandering
+    both, alone = make(inputs=mr.SingleRod(wire).inputs(rotation=np.zeros(2)), gate=0.9999), make(gate=0.9999)
+    for k in range(6):
+        off = position[k] + np.array([[0.02 * (k == 4), 0, 0], [0, 0, 0]])
+        batch, one = both.step([(off, rotation[k])]), alone.step([(position[k], rotation[k])])
+        assert batch.rejected.tolist() == [[k == 4], [False]]
+        assert batch.degrees.tolist() == [0 if k == 4 else 6, 6]
+        np.testing.assert_allclose(batch.value("tip_force")[1], one.value("tip_force"), atol=1e-12)
+
+
 def test_what_is_known_moves_with_it(wire, make):
     """The base turns: the estimate does not take that for a force; a batch is as its instances alone."""
     robot = mr.SingleRod(wire)
@@ -225,6 +274,10 @@ def test_one_that_fails_leaves_the_others_as_they_are(wire, make):
         ({"unknown": {"tip_force": mr.Walk(1, start=mr.Prior())}}, ValueError, "a prior without sigma"),
         ({"sensors": mr.Pose(position=(0, 0, 1))}, ValueError, r"sensors\[0\].sigma"),
         ({"sensors": ()}, TypeError, "sensors must be measurements"),
+        ({"gate": 3.0}, ValueError, "Estimator.gate = 3.0 .* from 0.5 to below 1, or None"),
+        ({"gate": 1}, ValueError, "Estimator.gate = 1 .* from 0.5 to below 1"),
+        ({"gate": 0.05}, ValueError, "Estimator.gate = 0.05 .* the part of sound measurements that passes"),
+        ({"gate": "99 %"}, ValueError, "Estimator.gate = .99 %. .* must be a number"),
     ],
 )
 def test_bad_estimators(make, options, error, message):

@@ -51,8 +51,10 @@ class Estimate(Generic[Robot_co]):
         missing: Whether numbers of each sensor were missing, and it went on without them, shape (..., sensor_count).
         misfit: (1) Sum of squares of what measurements and priors are off, in standard deviations, shape (...): where these are
             right it is ``degrees`` on average.
-        degrees: Numbers measured, less those that are unknown without a prior, shape (...).
-        dropped: What was missing, in words, such as ``"y of sensor 0"``; of an estimate without leading axes.
+        degrees: Numbers measured and not rejected, less those that are unknown without a prior, shape (...).
+        dropped: What was missing or rejected, in words, such as ``"y of sensor 0"``; of an estimate without leading axes.
+        rejected: Whether what each sensor says was left out as an outlier, by the ``gate`` of an ``Estimator``, shape
+            (..., sensor_count).
     """
 
     def __init__(
@@ -66,9 +68,11 @@ class Estimate(Generic[Robot_co]):
         misfit: FloatArray,
         degrees: NDArray[np.intp],
         dropped: tuple[str, ...] = (),
+        rejected: NDArray[np.bool_] | None = None,
     ) -> None:
         self.solution = solution
         self.dropped = dropped
+        self.rejected: NDArray[np.bool_] = frozen(np.zeros_like(missing) if rejected is None else rejected)
         self.unknown = tuple(places)
         self._places, self._mean, self._covariance, self._prior = dict(places), mean, covariance, prior
         self.missing: NDArray[np.bool_] = frozen(missing)

@@ -42,6 +42,8 @@ class Estimator(Uncopied, Generic[Robot_co]):
         sensors: What is measured at each sample: ``Pose``, ``Curvature``, or several, each with ``sigma``; what was
             measured in them is not used.
         inputs: What is known of the others at the start; their batch axes are kept.
+        gate: What part of sound measurements is let through, from 0.5 to below 1, such as 0.999: what a sensor says that is
+            farther from what was expected than that is an outlier, and left out (``rejected``). None lets everything through.
         integrator: Of the spatial equations; ``RK4(50)`` takes the same time at each sample.
         guess: Where the first sample begins, as for ``estimate``.
         device: Warp device.
@@ -61,12 +63,16 @@ class Estimator(Uncopied, Generic[Robot_co]):
         unknown: Mapping[str, Walk],
         sensors: Sensor | Sequence[Sensor],
         inputs: Inputs | None = None,
+        gate: float | None = None,
         integrator: Integrator | None = None,
         guess: Solution | Numbers | None = None,
         device: str = "cpu",
     ) -> None:
         step = positive_float("Estimator.dt", dt)
         plausibility.of_dt("Estimator.dt", step, "an estimator")
+        passed = None if gate is None else positive_float("Estimator.gate", gate)
+        if passed is not None and not 0.5 <= passed < 1:
+            refuse("Estimator.gate", gate, "must be the part of sound measurements that passes, from 0.5 to below 1, or None")
         walks = _walks(robot, unknown)
         names, starts = tuple(walks), {name: walk.start for name, walk in walks.items()}
         given, parts = robot.accept(inputs), checked("sensors", sensors)
@@ -79,7 +85,7 @@ class Estimator(Uncopied, Generic[Robot_co]):
         method = RK45() if integrator is None else integrator
         places = Places(robot, given, parts)
         known = Known(robot, given, starts, parts, places, whole, Shooting(integrator=method), device, FIRST, guess)
-        self._filter = _Filter(known, Live(parts, places, whole), walked, block_diagonal(begin))
+        self._filter = _Filter(known, Live(parts, places, whole), walked, block_diagonal(begin), passed)
         self._filter.present = self._present
         self._robot, self._places = robot, places_of(given, names)
         self._whole, self._dt = whole, step
@@ -142,8 +148,9 @@ class Estimator(Uncopied, Generic[Robot_co]):
                 known.free.reshape((*shape, *covariance.shape[1:])),
                 known.live.missing.reshape((*shape, -1)),
                 square.reshape(shape),
-                known.live.counted.reshape(shape),
-                () if shape else known.live.dropped(),
+                known.counted.reshape(shape),
+                () if shape else known.live.dropped() + known.outliers(),
+                known.rejected.reshape((*shape, -1)),
             )
         finally:
             self._lock.release()
@@ -177,9 +184,11 @@ class _Filter(Solver):
         begun: Which instances go on from their last sample; the others are estimated by themselves, shape (b,).
         sound: Whether all do.
         sign: Of ``det Gamma`` where each began, shape (b,).
+        rejected: Whether what each sensor says now was left out as an outlier, shape (b, sensor_count).
+        counted: Rows that were not, and are not missing, shape (b,).
     """
 
-    def __init__(self, known: Known, live: Live, walked: FloatArray, start: FloatArray) -> None:
+    def __init__(self, known: Known, live: Live, walked: FloatArray, start: FloatArray, gate: float | None) -> None:
         self.known, self.live, self.walked, self.start = known, live, walked, start
         self.names = tuple(known.priors)
         self.integrator = known.solver.integrator
@@ -195,6 +204,13 @@ class _Filter(Solver):
         from scipy.linalg.lapack import dgesv
 
         self._solve_one = dgesv
+        self._none_rejected = np.zeros(live.missing.shape, dtype=bool)
+        self._most = None if gate is None else _largest_squares(live.known.shape[1], gate)
+        self.let_through()
+
+    def let_through(self) -> None:
+        """All that is measured, until it is looked at."""
+        self.rejected, self.counted = self._none_rejected, self.live.counted
 
     def solved(self, matrices: FloatArray, sides: FloatArray) -> FloatArray:
         """``matrices^-1 sides``, shape (b, n, k), NaN where singular: of one instance by LAPACK itself, sooner."""
@@ -202,6 +218,29 @@ class _Filter(Solver):
             return solved_each(matrices, sides)
         _, _, result, failed = self._solve_one(matrices[0], sides[0])
         return np.full(sides.shape, np.nan) if failed else np.asarray(result)[None]
+
+    def passed(self, told: FloatArray, before: FloatArray) -> FloatArray:
+        """(15) The rows (b, m, 1 + k) that are let through, zeros in the place of outliers; ``before`` is (10)."""
+        if self._most is None:
+            return told
+        live = self.live
+        kept, rejected = live.known.copy(), np.zeros_like(self._none_rejected)
+        for j, rows in enumerate(live.slices):
+            r, J = told[:, rows, :1], told[:, rows, 1:]
+            spread = np.eye(J.shape[1]) + J @ before @ np.swapaxes(J, 1, 2)
+            square = (np.swapaxes(r, 1, 2) @ self.solved(spread, r))[:, 0, 0]
+            rejected[:, j] = square > self._most[live.known[:, rows].sum(axis=1)]
+            kept[:, rows] &= ~rejected[:, j, None]
+        if not rejected.any():
+            return told
+        self.rejected, self.counted = rejected, kept.sum(axis=1)
+        return np.where(kept[..., None], told, 0.0)
+
+    def outliers(self) -> tuple[str, ...]:
+        """What of the first instance was left out, in words."""
+        if self.rejected is self._none_rejected:
+            return ()
+        return tuple(f"sensor {k}, an outlier" for k in np.flatnonzero(self.rejected[0]))
 
     def _solve(self, problem: BoundaryProblem, guess: FloatArray | None) -> Outcome:
         return Shooting(integrator=self.integrator).solve(problem, guess)
@@ -223,6 +262,7 @@ class _FilterTrack(Track):
         """What has begun goes on; what has not, or was lost, is estimated by itself."""
         known = self.known
         fresh = ~known.begun
+        known.let_through()
         outcome = self._go_on() if known.sound or known.begun.any() else Outcome.zeros(len(fresh))
         if not known.sound:
             self._begin(np.flatnonzero(fresh), outcome)
@@ -230,14 +270,14 @@ class _FilterTrack(Track):
         return outcome
 
     def _go_on(self) -> Outcome:
-        """(10) to (12): one integration at what is expected, and the step that the measurements ask for."""
+        """(10) to (12), (15): one integration at what is expected, and the step that the measurements ask for."""
         known = self.known
         found = self.task.evaluate(known.unknowns, known.mean)
         outcome = Outcome(known.tracking.copy(), known.once.copy(), known.once.copy())
         known.free = known.free + known.walked
         before = known.covariance + known.walked
         shift = known.solved(found.gamma, np.concatenate([-found.residual[..., None], -found.slopes], axis=2))
-        told = known.live.now(found, shift)
+        told = known.passed(known.live.now(found, shift), before)
         square = before @ (np.swapaxes(told[..., 1:], 1, 2) @ told)
         solved = known.solved(known.identity + square[..., 1:], np.concatenate([square[..., :1], before], axis=2))
         step, after = -solved[..., 0], solved[..., 1:]
@@ -276,12 +316,21 @@ class _FilterTrack(Track):
         ended = part.outcome
         known.mean[chosen], known.covariance[chosen], known.square[chosen] = part.p, part.covariance, part.square
         known.unknowns[chosen], known.free[chosen] = part.x, known.start[chosen]
+        if known.rejected.any():
+            known.rejected[chosen], known.counted[chosen] = False, known.live.counted[chosen]
         known.begun[chosen] = ~failures(ended.status)
         self.task.evaluate(known.unknowns, known.mean, np.isin(np.arange(len(known.begun)), chosen))
         gamma = self.problem.read("gamma")[chosen].reshape(len(chosen), *2 * (part.x.shape[1],))
         known.sign[chosen] = _signs(gamma)
         outcome.status[chosen], outcome.iterations[chosen] = ended.status, ended.iterations
         outcome.integrations[chosen] = ended.integrations + 1
+
+
+def _largest_squares(count: int, gate: float) -> FloatArray:
+    """(15) What the squares of 0 to ``count`` rows are at most, by the chi-square distribution; of none, anything."""
+    from scipy.special import gammaincinv
+
+    return np.concatenate([[np.inf], 2 * gammaincinv(0.5 * np.arange(1, count + 1), gate)])
 
 
 def _signs(gamma: FloatArray) -> FloatArray:

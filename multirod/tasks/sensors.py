@@ -205,12 +205,14 @@ class Live(Measured):
         known: Which rows there are, shape (b, m).
         missing: Whether a number of each sensor is missing, shape (b, sensor_count).
         counted: Rows that there are, shape (b,).
+        slices: Where those of each sensor stand.
     """
 
     def __init__(self, sensors: Sequence[Sensor], places: Places, batch_shape: tuple[int, ...]) -> None:
         super().__init__(sensors, places, batch_shape, None)
         self.sensors = tuple(sensors)
         self._batch_shape, self._count = batch_shape, len(self.known)
+        self.slices = [slice(end - sensor.count, end) for sensor, end in zip(sensors, self.ends.tolist(), strict=True)]
         self._weights = [1 / sensor.sigma for sensor in sensors if sensor.sigma is not None]
         self._whole = np.zeros((self._count, len(sensors)), dtype=bool), np.full(self._count, self.known.shape[1])
         self.known[:] = True
@@ -258,8 +260,8 @@ class Live(Measured):
                 self.known[:] = True
                 self.missing, self.counted = self._whole
             return
-        for sensor, end, (_, known) in zip(self.sensors, self.ends, found, strict=True):
-            self.known[:, end - sensor.count : end] = True if known is None else known
+        for own, (_, known) in zip(self.slices, found, strict=True):
+            self.known[:, own] = True if known is None else known
         self.missing, self.counted = self._missing(), self.known.sum(axis=1)
 
     def _one(self, k: int, sensor: Sensor, value: Any) -> tuple[PoseRows | CurvatureRows | None, NDArray[np.bool_] | None]:
