@@ -217,26 +217,48 @@ def test_unknowns_go_along_with_the_estimate(make, wire):
     assert sample.solution.residual < 1e-4
 
 
-@pytest.mark.parametrize("angle", [1e-6, 0.3, 1.4, 2.5])
-def test_one_instance_counts_as_many_do(angle):
-    """Rows of one, with fewer calls, are those of ``PoseRows``."""
-    from multirod.tasks.formulation import Evaluation
-    from multirod.tasks.rows import PoseRows
-    from multirod.tasks.sensors import _one_pose
+@pytest.mark.parametrize("off", [1e-6, 0.3, 1.4, 2.5])
+@pytest.mark.parametrize("told", ["rotation", "axis", "curvature"])
+def test_the_compiled_sample_is_that_of_estimate(wire, make, wandering, off, told):
+    """(10) to (12) by the rows that ``estimate`` has, of a measurement that is far off."""
+    from multirod.tasks.curvature import Places
+    from multirod.tasks.sensors import Measured
 
-    random = np.random.default_rng(4)
-    near = turned_by(random.normal(size=(1, 3)))
-    axis = random.normal(size=(1, 3))
-    far = turned_by(angle * axis / np.linalg.norm(axis)) @ near
-    x, p = random.normal(size=(1, 6, 3)), random.normal(size=(1, 6, 2))
-    gamma, slopes = random.normal(size=(1, 3, 3)), random.normal(size=(1, 3, 2))
-    found = Evaluation(random.normal(size=(1, 3)), gamma, slopes, random.normal(size=(1, 3)), far, x, p, np.zeros(1, dtype=bool))
-    rows = PoseRows(random.normal(size=(1, 3)), near, None, np.array([2.0, 3.0]))
-    towards, by = found.eliminated
-    told = _one_pose(rows, found, np.concatenate([towards[..., None], by], axis=2))
-    r, J = found.condensed(*rows.at(found))
-    np.testing.assert_allclose(told[..., 0], r, atol=1e-9 * np.abs(r).max())
-    np.testing.assert_allclose(told[..., 1:], J, atol=1e-9 * np.abs(J).max())
+    robot, sigma = mr.SingleRod(wire), (POSITION, ANGLE)
+    p, R = (values[0] for values in wandering[1:])
+    turned = turned_by(off * np.array([[0.6, 0.0, 0.8]]))[0] @ R
+
+    def sensors(p, R, bent):
+        if told == "curvature":
+            return [mr.Pose(position=p, sigma=POSITION), mr.Curvature(at=[0.1, 0.3], value=bent, sigma=0.05)]
+        return [
+            mr.Pose(position=p, rotation=R, sigma=sigma) if told == "rotation" else mr.Pose(position=p, axis=R[:, 2], sigma=sigma)
+        ]
+
+    def said(p, R, bent):
+        return {"curvature": [p, bent], "rotation": [(p, R)], "axis": [(p, R[:, 2])]}[told]
+
+    there = mr.solve(robot, robot.inputs(tip_force=wandering[0][0])).rod(0, nodes=5).curvature[[1, 3], :2]
+    meter = make(sensors=sensors(p, R, there))
+    first = meter.step(said(p, R, there))
+    sample = meter.step(said(list(p + 1e-3), turned, there + off))
+
+    mean = first.value("tip_force")
+    given = sensors(p + 1e-3, turned, there + off)
+    seen = Measured(given, Places(robot, robot.inputs(), given), (), None)
+    options = {"pose_sensitivities": True, **robot.input_directions("tip_force")}
+    task = seen.task(robot.problem(robot.inputs(tip_force=mean), integrator=STEPS, **options), ("tip_force",))
+    found = task.evaluate(first.solution.unknowns[None], mean[None])
+    r, J = (values[0] for values in seen.at(found, slice(None)))
+    before = first.covariance() + WALK**2 * DT * np.eye(3)
+    P = np.linalg.inv(np.linalg.inv(before) + J.T @ J)
+    step = -P @ J.T @ r
+    # inverses of a matrix whose condition is 1e5
+    np.testing.assert_allclose(sample.value("tip_force"), mean + step, rtol=1e-8, atol=1e-9 * np.abs(step).max())
+    np.testing.assert_allclose(sample.covariance(), P, atol=1e-8 * P.max())
+    np.testing.assert_allclose(sample.misfit, r @ (r + J @ step), rtol=1e-7)
+    towards, by = (values[0] for values in found.eliminated)
+    np.testing.assert_allclose(sample.solution.unknowns, first.solution.unknowns + towards + by @ step, rtol=1e-7)
 
 
 def test_one_that_fails_leaves_the_others_as_they_are(wire, make):

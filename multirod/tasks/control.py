@@ -10,26 +10,13 @@ from multirod.launch import expect, record
 from multirod.tasks.condensed_kernels import Condensed
 from multirod.tasks.control_kernels import FREE, Control, make_control
 from multirod.tasks.formulation import Task
+from multirod.tasks.given import Shared
 from multirod.tasks.limits import LimitRows
 from multirod.tasks.programme_kernels import Programme
 from multirod.validation import FloatArray
 
 POSE = 6
 Kind = tuple[int, int, int]  # whether a target has a position, a rotation, an axis
-
-
-class Given:
-    """An array that is written before a launch; on the CPU the kernel's own memory."""
-
-    def __init__(self, shape: tuple[int, ...], dtype: Any, device: str) -> None:
-        self.array: Any = wp.zeros(shape, dtype=dtype, device=device)
-        self._shared = wp.get_device(device).is_cpu
-        self.values = self.array.numpy()
-
-    def send(self) -> None:
-        """To the device, where that is another."""
-        if not self._shared:
-            self.array.assign(self.values)
 
 
 class Columns:
@@ -42,13 +29,13 @@ class Columns:
 
     def __init__(self, task: Task, target: Any) -> None:
         self._task = task
-        self._own: list[Given] = []
+        self._own: list[Shared] = []
         problem = task.problem
         if problem.columns_in_place:
             target.slopes, target.moved, target.first = problem.residual_directions, problem.pose_columns, problem.unknown_count
             return
         count, n, k = problem.instance_count, problem.unknown_count, task.count
-        self._own = [Given((count, rows, k), wp.float64, problem.device) for rows in (n, POSE)]
+        self._own = [Shared((count, rows, k), wp.float64, problem.device) for rows in (n, POSE)]
         target.slopes, target.moved = (own.array for own in self._own)
         target.first = 0
 
@@ -92,8 +79,8 @@ class ControlStep:
         self._rows, self._unit, self._weight, self._gains = rows, unit, weight, gains
         vectors = {"position": wp.vec3d, "rotation": wp.mat33d, "axis": wp.vec3d}
         vectors |= {"seen_position": wp.vec3d, "seen_rotation": wp.mat33d}
-        self._given = {name: Given((1,), dtype, device) for name, dtype in vectors.items()}
-        self._given["seen"] = Given((1, 2), wp.int32, device)
+        self._given = {name: Shared((1,), dtype, device) for name, dtype in vectors.items()}
+        self._given["seen"] = Shared((1, 2), wp.int32, device)
         self.given: dict[str, Any] = {name: each.values[0] for name, each in self._given.items()}
         self._task, self._columns = condensed(task)
         self._count = task.count

@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod import plausibility
-from multirod.assembly import ORTHOGONAL, Robot_co
+from multirod.assembly import Robot_co
 from multirod.exclusive import Uncopied
 from multirod.inputs import Inputs
 from multirod.integrators import RK45, Integrator
 from multirod.launch import expect
 from multirod.remarks import Remarks
 from multirod.running.simulation import solve
-from multirod.running.tracker import LARGEST, Unpack
+from multirod.running.tracker import Unpack
 from multirod.scene import Scene
 from multirod.solution import Solution
 from multirod.solver import Outcome
@@ -26,6 +26,7 @@ from multirod.status import Status
 from multirod.tasks.control import ControlStep, Kind
 from multirod.tasks.control_kernels import ERROR, FREE, OFFSET, SINGULAR, TARGET, make_control
 from multirod.tasks.formulation import Task, freed, input_units, with_values
+from multirod.tasks.given import plain, turned
 from multirod.tasks.limits import SAME, LimitRows, Limits, freed_labels, limit_rows, nearest, refuse_start, told
 from multirod.tasks.rows import Pose
 from multirod.types import Numbers
@@ -296,28 +297,3 @@ class Controller(Uncopied, Generic[Robot_co]):
         result.missing = -1 in seen
         result._free, result._told, result._rows, result._aims = self.free, told, self._rows, kind[0] == 1
         return result
-
-
-PLAIN = {float, int, np.float64}
-
-
-def plain(value: Any, shape: tuple[int, ...] = (3,)) -> bool:
-    """Whether these surely are numbers that may be, as an array of this shape, or three in a row."""
-    if type(value) is np.ndarray:
-        return value.dtype == np.float64 and value.shape == shape and -LARGEST < float(value.sum()) < LARGEST
-    if type(value) not in (tuple, list) or shape != (3,) or len(value) != 3:
-        return False
-    return all(type(number) in PLAIN and -LARGEST < number < LARGEST for number in value)
-
-
-def turned(rotation: Any) -> bool:
-    """Whether this surely is a rotation, as an array."""
-    if not plain(rotation, (3, 3)):
-        return False
-    rows = rotation.tolist()
-    (a, b, c), (d, e, f), (g, h, i) = rows
-    for k, (x, y, z) in enumerate(rows):
-        for m, (u, v, w) in enumerate(rows[k:]):
-            if not abs(x * u + y * v + z * w - (m == 0)) < 0.5 * ORTHOGONAL:
-                return False
-    return bool(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) > 0)

@@ -109,13 +109,17 @@ class CurvatureRows:
         return type(self)(self.value[instances], self.weight, self.rod, self.places)
 
     def at(self, found: Any) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """(14) As ``Rows`` say."""
-        count, n = found.residual.shape
-        part = slice(self.value.shape[2])
-        value = found.curvature[:, self.rod, self.places, part]
-        columns = found.curvature_columns[:, self.rod, self.places, part] * self.weight[:, None]
-        columns = columns.reshape(count, self.count, -1)
-        return (self.weight * (value - self.value)).reshape(count, -1), columns[..., :n], columns[..., n:]
+        """As ``Rows`` say."""
+        n = found.residual.shape[1]
+        errors, columns = self.of(found.curvature, found.curvature_columns)
+        return errors, columns[..., :n], columns[..., n:]
+
+    def of(self, curvature: FloatArray, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(14) ``W (h - y)`` (b, m) and its derivatives by unknowns and what is freed (b, m, n + k), of those of all places."""
+        count, part = len(curvature), slice(self.value.shape[2])
+        own = columns[:, self.rod, self.places, part] * self.weight[:, None]
+        value = curvature[:, self.rod, self.places, part]
+        return (self.weight * (value - self.value)).reshape(count, -1), own.reshape(count, self.count, -1)
 
 
 class Places:
@@ -172,7 +176,8 @@ class AlongTask(Task):
         self._places = places
         self._pass = self.problem.sensing(places.at) if places.rods else None
 
-    def _integrate(self) -> None:
+    def integrate(self) -> None:
+        """As said; of all places too."""
         if self._pass is None:
             self.problem.integrate()
             return
@@ -184,11 +189,16 @@ class AlongTask(Task):
         found = super().last(instances)
         if self._pass is None:
             return found
-        told = [self.problem.sensed(self._pass, self.free, rod) for rod in self._places.rods]
-        values, columns = (_stacked(part)[instances] for part in zip(*told, strict=True))
+        values, columns = (part[instances] for part in self.sensed())
         if found.failed.any():
             values[found.failed], columns[found.failed] = np.nan, np.nan
         return AlongEvaluation(**vars(found), curvature=values, curvature_columns=columns)
+
+    def sensed(self) -> tuple[FloatArray, FloatArray]:
+        """What the last integration said of the places, as of an ``AlongEvaluation``."""
+        told = [self.problem.sensed(self._pass, self.free, rod) for rod in self._places.rods]
+        values, columns = (_stacked(part) for part in zip(*told, strict=True))
+        return values, columns
 
 
 def _stacked(parts: Sequence[FloatArray]) -> FloatArray:

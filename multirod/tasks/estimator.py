@@ -2,32 +2,35 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from math import copysign, isfinite
 from threading import Lock
 from typing import Any, Generic
 
 import numpy as np
+import warp as wp
 from numpy.typing import NDArray
 
 from multirod import plausibility
 from multirod.assembly import Robot_co
-from multirod.batch import solved_each
 from multirod.exclusive import Uncopied
 from multirod.inputs import Inputs
 from multirod.integrators import RK45, Integrator
+from multirod.launch import expect, record
 from multirod.problem import BoundaryProblem
 from multirod.running.tracker import Tracker
 from multirod.solution import Solution
 from multirod.solver import Outcome, Solver, Track
 from multirod.solvers.shooting import Shooting
-from multirod.status import Status, failures
-from multirod.tasks.curvature import Places
+from multirod.status import failures
+from multirod.tasks.control import condensed
+from multirod.tasks.curvature import Curvature, Places
 from multirod.tasks.estimate import Estimate, Known, Part, at_means, block_diagonal, remarked
+from multirod.tasks.filter_kernels import Filter, make_filter
 from multirod.tasks.formulation import freed, options, places_of
+from multirod.tasks.given import Shared
 from multirod.tasks.priors import Prior, Walk
 from multirod.tasks.sensors import Live, Sensor, batch_of, checked
 from multirod.types import Numbers
-from multirod.validation import Described, FloatArray, instance, positive_float, refuse
+from multirod.validation import Described, FloatArray, device_name, frozen, instance, positive_float, refuse
 
 
 class Estimator(Uncopied, Generic[Robot_co]):
@@ -68,7 +71,7 @@ class Estimator(Uncopied, Generic[Robot_co]):
         guess: Solution | Numbers | None = None,
         device: str = "cpu",
     ) -> None:
-        step = positive_float("Estimator.dt", dt)
+        step, device = positive_float("Estimator.dt", dt), device_name("Estimator.device", device)
         plausibility.of_dt("Estimator.dt", step, "an estimator")
         passed = None if gate is None else positive_float("Estimator.gate", gate)
         if passed is not None and not 0.5 <= passed < 1:
@@ -85,7 +88,7 @@ class Estimator(Uncopied, Generic[Robot_co]):
         method = RK45() if integrator is None else integrator
         places = Places(robot, given, parts)
         known = Known(robot, given, starts, parts, places, whole, Shooting(integrator=method), device, FIRST, guess)
-        self._filter = _Filter(known, Live(parts, places, whole), walked, block_diagonal(begin), passed)
+        self._filter = _Filter(known, Live(parts, places, whole, device), walked, block_diagonal(begin), passed)
         self._filter.present = self._present
         self._robot, self._places = robot, places_of(given, names)
         self._whole, self._dt = whole, step
@@ -133,9 +136,9 @@ class Estimator(Uncopied, Generic[Robot_co]):
             known.live.put(measured)
             solution = self._tracker.step(**changes)
             shape = self._whole
-            mean, covariance, square = known.mean, known.covariance, known.square
+            mean, covariance, free, square = (own.copy() for own in (known.mean, known.covariance, known.free, known.square))
             if not known.sound:
-                kept = known.begun
+                kept = known.begun != 0
                 mean, covariance = np.where(kept[:, None], mean, np.nan), np.where(kept[:, None, None], covariance, np.nan)
                 square = np.where(kept, square, np.nan)
             if not shape:
@@ -145,7 +148,7 @@ class Estimator(Uncopied, Generic[Robot_co]):
                 self._places,
                 mean.reshape((*shape, -1)),
                 covariance.reshape((*shape, *covariance.shape[1:])),
-                known.free.reshape((*shape, *covariance.shape[1:])),
+                free.reshape((*shape, *covariance.shape[1:])),
                 known.live.missing.reshape((*shape, -1)),
                 square.reshape(shape),
                 known.counted.reshape(shape),
@@ -175,66 +178,50 @@ class _Filter(Solver):
     """The solver that a tracker steps; what it knows outlives the problem, which is made anew where another load comes in.
 
     Attributes:
-        mean: Of the unknowns, shape (b, k).
-        covariance: Theirs, shape (b, k, k).
-        free: What it would be had nothing been measured, shape (b, k, k).
-        walked: What a sample adds, shape (b, k, k).
-        square: Of what was measured and not expected, in its standard deviations, shape (b,).
+        state: What kernels and NumPy share, by the names of ``filter_kernels``; what NumPy has of it are attributes too.
         unknowns: Of the boundary problem, shape (b, n).
-        begun: Which instances go on from their last sample; the others are estimated by themselves, shape (b,).
-        sound: Whether all do.
-        sign: Of ``det Gamma`` where each began, shape (b,).
+        sound: Whether all instances go on from their last sample; the others are estimated by themselves.
         rejected: Whether what each sensor says now was left out as an outlier, shape (b, sensor_count).
         counted: Rows that were not, and are not missing, shape (b,).
     """
 
     def __init__(self, known: Known, live: Live, walked: FloatArray, start: FloatArray, gate: float | None) -> None:
-        self.known, self.live, self.walked, self.start = known, live, walked, start
+        self.known, self.live, self.start = known, live, start
         self.names = tuple(known.priors)
         self.integrator = known.solver.integrator
         self.pose_sensitivities = True
         self.present: Any = None
-        count, size = start.shape[:2]
-        self.free, self.covariance = np.array(start), np.array(start)
-        self.mean, self.square, self.sign = np.zeros((count, size)), np.zeros(count), np.zeros(count)
+        count, k = start.shape[:2]
+        sizes = dict.fromkeys(("walked", "covariance", "free"), (k, k)) | {"mean": (k,), "square": (), "sign": ()}
+        self.state = {name: Shared((count, *shape), wp.float64, known.device) for name, shape in sizes.items()}
+        self.state |= {name: Shared((count,), wp.int32, known.device) for name in ("begun", "status")}
+        for name, values in {"walked": walked, "covariance": start, "free": start}.items():
+            self.state[name].values[:] = values
+        self.mean, self.covariance, self.free, self.square, self.sign, self.begun, self.status = (
+            self.state[name].values for name in ("mean", "covariance", "free", "square", "sign", "begun", "status")
+        )
         self.unknowns = np.zeros((count, 0))
-        self.begun, self.sound = np.zeros(count, dtype=bool), False
-        self.identity, self.once = np.eye(size), np.ones(count, dtype=np.int32)
-        self.tracking = self.once * np.int32(Status.TRACKING)
-        from scipy.linalg.lapack import dgesv
-
-        self._solve_one = dgesv
+        self.sound = False
+        self.once: Any = frozen(np.ones(count, dtype=np.int32))
         self._none_rejected = np.zeros(live.missing.shape, dtype=bool)
-        self._most = None if gate is None else _largest_squares(live.known.shape[1], gate)
+        self.state["rejected"] = Shared(live.missing.shape, wp.int32, known.device)
+        self.most = None if gate is None else _largest_squares(live.known.shape[1], gate)
         self.let_through()
+        expect(make_filter, known.device)
 
     def let_through(self) -> None:
         """All that is measured, until it is looked at."""
         self.rejected, self.counted = self._none_rejected, self.live.counted
 
-    def solved(self, matrices: FloatArray, sides: FloatArray) -> FloatArray:
-        """``matrices^-1 sides``, shape (b, n, k), NaN where singular: of one instance by LAPACK itself, sooner."""
-        if len(matrices) > 1:
-            return solved_each(matrices, sides)
-        _, _, result, failed = self._solve_one(matrices[0], sides[0])
-        return np.full(sides.shape, np.nan) if failed else np.asarray(result)[None]
-
-    def passed(self, told: FloatArray, before: FloatArray) -> FloatArray:
-        """(15) The rows (b, m, 1 + k) that are let through, zeros in the place of outliers; ``before`` is (10)."""
-        if self._most is None:
-            return told
-        live = self.live
-        kept, rejected = live.known.copy(), np.zeros_like(self._none_rejected)
-        for j, rows in enumerate(live.slices):
-            r, J = told[:, rows, :1], told[:, rows, 1:]
-            spread = np.eye(J.shape[1]) + J @ before @ np.swapaxes(J, 1, 2)
-            square = (np.swapaxes(r, 1, 2) @ self.solved(spread, r))[:, 0, 0]
-            rejected[:, j] = square > self._most[live.known[:, rows].sum(axis=1)]
-            kept[:, rows] &= ~rejected[:, j, None]
+    def leave_out(self) -> None:
+        """(15) What the last sample found to be outliers."""
+        rejected = self.state["rejected"].values != 0
         if not rejected.any():
-            return told
+            return
+        kept = self.live.known.copy()
+        for j, rows in enumerate(self.live.slices):
+            kept[:, rows] &= ~rejected[:, j, None]
         self.rejected, self.counted = rejected, kept.sum(axis=1)
-        return np.where(kept[..., None], told, 0.0)
 
     def outliers(self) -> tuple[str, ...]:
         """What of the first instance was left out, in words."""
@@ -254,14 +241,39 @@ class _FilterTrack(Track):
 
     def __init__(self, known: _Filter, problem: BoundaryProblem) -> None:
         self.known, self.problem = known, problem
-        self.task = known.live.task(problem, known.names)
-        if not known.unknowns.shape[1]:
-            known.unknowns = np.zeros((len(known.begun), problem.unknown_count))
+        live = known.live
+        self.task = live.task(problem, known.names)
+        count, n, k, m = problem.instance_count, problem.unknown_count, self.task.count, live.known.shape[1]
+        if known.unknowns.shape[1] != n:
+            # what else is compiled in has other unknowns: as at the first sample
+            known.unknowns, known.begun[:], known.sound = np.zeros((count, n)), 0, False
+        state: Any = Filter()
+        state.task, self._columns = condensed(self.task)
+        shared = known.state | live.poses | {"known": live.there}
+        apart = not wp.get_device(problem.device).is_cpu
+        self._sent, self._fetched = (list(each.values()) if apart else [] for each in (shared, known.state))
+        self._bent = [(k, live.slices[k]) for k, sensor in enumerate(live.sensors) if isinstance(sensor, Curvature)]
+        self._told = Shared((count, m, 1 + n + k) if self._bent else (1, 1, 1), wp.float64, problem.device)
+        for name, each in (shared | {"told": self._told}).items():
+            setattr(state, name, each.array)
+        room = {"r": (m,), "J": (m, k), "normal": (k, 1 + k), "system": (k, k), "sides": (k, 1 + k), "unknowns": (n,)}
+        for name, shape in room.items():
+            setattr(state, name, wp.zeros((count, *shape), dtype=wp.float64, device=problem.device))
+        firsts = [own.start for own in live.slices]
+        state.kind = wp.array(np.array(live.kinds, dtype=np.int32), dtype=wp.vec3i, device=problem.device)
+        state.row = wp.array(np.array(firsts, dtype=np.int32), dtype=wp.int32, device=problem.device)
+        weights = [live.weights[i] if any(kind) else (1.0, 1.0) for i, kind in enumerate(live.kinds)]
+        state.weight = wp.array(np.array(weights), dtype=wp.vec2d, device=problem.device)
+        state.gated = int(known.most is not None)
+        state.most = wp.array(np.zeros(1) if known.most is None else known.most, dtype=wp.float64, device=problem.device)
+        self._state = state  # whose arrays the launch works in
+        self._launch = record(make_filter, count, [state], problem.device)
+        self._placed = False
 
     def step(self) -> Outcome:
         """What has begun goes on; what has not, or was lost, is estimated by itself."""
         known = self.known
-        fresh = ~known.begun
+        fresh = known.begun == 0
         known.let_through()
         outcome = self._go_on() if known.sound or known.begun.any() else Outcome.zeros(len(fresh))
         if not known.sound:
@@ -271,37 +283,37 @@ class _FilterTrack(Track):
 
     def _go_on(self) -> Outcome:
         """(10) to (12), (15): one integration at what is expected, and the step that the measurements ask for."""
-        known = self.known
-        found = self.task.evaluate(known.unknowns, known.mean)
-        outcome = Outcome(known.tracking.copy(), known.once.copy(), known.once.copy())
-        known.free = known.free + known.walked
-        before = known.covariance + known.walked
-        shift = known.solved(found.gamma, np.concatenate([-found.residual[..., None], -found.slopes], axis=2))
-        told = known.passed(known.live.now(found, shift), before)
-        square = before @ (np.swapaxes(told[..., 1:], 1, 2) @ told)
-        solved = known.solved(known.identity + square[..., 1:], np.concatenate([square[..., :1], before], axis=2))
-        step, after = -solved[..., 0], solved[..., 1:]
-        unknowns = known.unknowns + shift[..., 0] + (shift[..., 1:] @ step[..., None])[..., 0]
-        r, J = told[..., 0], told[..., 1:]
-        known.square = (r[:, None] @ (r[..., None] + J @ step[..., None]))[:, 0, 0]
-        sign = _signs(found.gamma)
-        if not (isfinite(unknowns.sum()) and (sign == known.sign).all()):
-            kept = np.isfinite(unknowns).all(axis=1) & (sign == known.sign)
-            self._lose(~kept, found.failed, sign, outcome)
-            step, after = np.where(kept[:, None], step, 0.0), np.where(kept[:, None, None], after, before)
-            unknowns = np.where(kept[:, None], unknowns, known.unknowns)
-        known.mean, known.unknowns = known.mean + step, unknowns
-        known.covariance = 0.5 * (after + np.swapaxes(after, 1, 2))
-        self.task.write(known.unknowns, known.mean)
-        return outcome
+        known, problem = self.known, self.problem
+        with problem.alone:
+            if not self._placed:
+                self.task.write(known.unknowns, known.mean)
+                self._placed = True
+            self.task.integrate()
+            self._tell()
+            for shared in self._sent:
+                shared.send()
+            self._launch.launch()
+            for shared in self._fetched:
+                shared.fetch()
+        known.unknowns = problem.read("unknowns")
+        if known.most is not None:
+            known.leave_out()
+        if not known.sound:  # what begins anew says otherwise
+            return Outcome(known.status.copy(), known.once.copy(), known.once.copy())
+        known.sound = bool(known.begun.all())
+        return Outcome(known.status.copy(), known.once, known.once)
 
-    def _lose(self, lost: NDArray[np.bool_], failed: NDArray[np.bool_], sign: FloatArray, outcome: Outcome) -> None:
-        """Say why some instances have no estimate: past a fold the sign of ``det Gamma`` is no more that of the start."""
-        known = self.known
-        reasons = np.where(sign == 0, Status.SINGULAR_JACOBIAN, Status.UNSTABLE)
-        reasons = np.where(failed | ~np.isfinite(sign) | (sign == known.sign), Status.NONFINITE, reasons)
-        outcome.status[lost] = reasons[lost]
-        known.begun, known.sound = known.begun & ~lost, False
+    def _tell(self) -> None:
+        """Rows that kernels do not know of; columns that they do not find."""
+        self._columns.update()
+        if not self._bent:
+            return
+        curvature, columns = self.task.sensed()
+        for rows, place in self._bent:
+            own: Any = self.known.live.rows[rows]
+            errors, slopes = own.of(curvature, columns)
+            self._told.values[:, place, 0], self._told.values[:, place, 1:] = errors, slopes
+        self._told.send()
 
     def _begin(self, chosen: NDArray[np.intp], outcome: Outcome) -> None:
         """The first sample of some instances, estimated by itself; the next is the first again where it fails."""
@@ -316,8 +328,6 @@ class _FilterTrack(Track):
         ended = part.outcome
         known.mean[chosen], known.covariance[chosen], known.square[chosen] = part.p, part.covariance, part.square
         known.unknowns[chosen], known.free[chosen] = part.x, known.start[chosen]
-        if known.rejected.any():
-            known.rejected[chosen], known.counted[chosen] = False, known.live.counted[chosen]
         known.begun[chosen] = ~failures(ended.status)
         self.task.evaluate(known.unknowns, known.mean, np.isin(np.arange(len(known.begun)), chosen))
         gamma = self.problem.read("gamma")[chosen].reshape(len(chosen), *2 * (part.x.shape[1],))
@@ -335,12 +345,8 @@ def _largest_squares(count: int, gate: float) -> FloatArray:
 
 def _signs(gamma: FloatArray) -> FloatArray:
     """Of the determinant of each matrix, shape (b,)."""
-    if gamma.shape != (1, 3, 3):
-        with np.errstate(invalid="ignore"):
-            return np.asarray(np.linalg.slogdet(gamma)[0])
-    (a, b, c), (d, e, f), (g, h, i) = gamma[0].tolist()  # of one rod's: by LAPACK as long as an integration's half
-    determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
-    return np.array([copysign(1.0, determinant) if determinant else 0.0])
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.linalg.slogdet(gamma)[0])
 
 
 def _walks(robot: Any, unknown: object) -> dict[str, Walk]:

@@ -126,13 +126,14 @@ class Task:
         with self.problem.alone:
             self.write(unknowns, values)
             if chosen is None or chosen.all():
-                self._integrate()
+                self.integrate()
                 return self.last()
             with self.problem.only(chosen):
-                self._integrate()
+                self.integrate()
             return self.last(np.flatnonzero(chosen))
 
-    def _integrate(self) -> None:
+    def integrate(self) -> None:
+        """One integration at what the problem holds."""
         self.problem.integrate()
 
     def last(self, instances: NDArray[np.intp] | slice = slice(None)) -> Evaluation:

@@ -1,26 +1,32 @@
 """Measurements as rows: what is measured of each instance, and what of it is missing."""
 
-import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from typing import Any
 
 import numpy as np
+import warp as wp
 from numpy.typing import NDArray
 
 from multirod import plausibility
 from multirod.batch import IntArray
 from multirod.problem import BoundaryProblem
-from multirod.rotations import inverse_left_jacobian, vectors
 from multirod.tasks.curvature import AlongTask, Curvature, CurvatureRows, Places
-from multirod.tasks.formulation import Evaluation, Task
+from multirod.tasks.formulation import Evaluation
+from multirod.tasks.given import Shared, plain, turned
 from multirod.tasks.rows import SMALLEST_AXIS, Pose, PoseRows
 from multirod.validation import Described, FloatArray, array, refuse
 
 Sensor = Pose | Curvature
-SMALL = 1e-4  # [rad]: an angle below which quotients are 1 and 1/12, to 1e-9
 EYE = np.eye(3)
 TURNED = 1e-4  # what a measured R R^T may be off the identity: sensors round
+PARTS = ("position", "rotation", "axis")
+# what surely is a measurement of each, of a sensor that did not drop out
+PLAINLY: dict[str, Callable[[Any], bool]] = {
+    "position": plain,
+    "rotation": lambda value: turned(value, TURNED),
+    "axis": lambda value: False,
+}
 
 
 class Measured:
@@ -70,7 +76,7 @@ class Measured:
         result.missing = self.missing[instances]
         return result
 
-    def task(self, problem: BoundaryProblem, free: Sequence[str]) -> Task:
+    def task(self, problem: BoundaryProblem, free: Sequence[str]) -> AlongTask:
         """A task whose integrations tell what the rows need."""
         return AlongTask(problem, free, self.places)
 
@@ -153,90 +159,43 @@ def batch_of(sensors: Sequence[Sensor]) -> tuple[int, ...]:
         refuse("measured", Described(f"leading axes {shapes}"), "must broadcast")
 
 
-def _one_pose(rows: PoseRows, found: Evaluation, shift: FloatArray) -> FloatArray:
-    """(3) ``r`` and ``J`` beside each other, (1, m, 1 + k), of one instance's position, rotation or both.
-
-    Rounded otherwise than ``PoseRows.at`` of many: a control loop has no time for arrays of one.
-    """
-    moved = found.pose_by_unknowns[0] @ shift[0]
-    moved[:, 1:] += found.pose_by_free[0]
-    weight, angles = rows.weight.tolist()
-    result = np.empty((1, rows.count, moved.shape[1]))
-    first = 0
-    if rows.position is not None:
-        moved[:3, 0] += found.position[0] - rows.position[0]
-        np.multiply(moved[:3], weight, out=result[0, :3])
-        first = 3
-    if rows.rotation is not None:
-        vector, turn = _turned(found.rotation[0] @ rows.rotation[0].T)
-        own = turn @ moved[3:]
-        own[:, 0] += vector
-        np.multiply(own, angles, out=result[0, first:])
-    return result
-
-
-def _turned(rotation: FloatArray) -> tuple[Any, Any]:
-    """The rotation vector of one matrix, and its change with what turns it: ``rotations.vectors``, ``inverse_left_jacobian``."""
-    (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
-    x, y, z = 0.5 * (h - f), 0.5 * (c - g), 0.5 * (d - b)
-    sine, cosine = math.sqrt(x * x + y * y + z * z), 0.5 * (a + e + i - 1)
-    if not cosine >= 0:  # far off, or no numbers: as of many
-        vector = vectors(rotation[None])
-        return vector[0], inverse_left_jacobian(vector)[0]
-    angle = math.atan2(sine, cosine)
-    scale = angle / sine if sine > SMALL else 1.0
-    x, y, z = scale * x, scale * y, scale * z
-    square, half = angle * angle, 0.5 * angle
-    second = (1 - half / math.tan(half)) / square if angle > SMALL else 1 / 12
-    m = 1 - second * square
-    turn = (
-        (m + second * x * x, second * x * y + 0.5 * z, second * x * z - 0.5 * y),
-        (second * x * y - 0.5 * z, m + second * y * y, second * y * z + 0.5 * x),
-        (second * x * z + 0.5 * y, second * y * z - 0.5 * x, m + second * z * z),
-    )
-    return (x, y, z), np.array(turn)
-
-
 class Live(Measured):
     """The rows of sensors whose measurements come one sample after another, in the place of those they were made with.
 
     Attributes:
-        rows: Of each sensor.
+        rows: Of each sensor; those of poses are of what is in ``poses``.
         known: Which rows there are, shape (b, m).
         missing: Whether a number of each sensor is missing, shape (b, sensor_count).
         counted: Rows that there are, shape (b,).
         slices: Where those of each sensor stand.
+        weights: One over the deviations of each sensor.
+        kinds: Whether each sensor has a position, a rotation, an axis; none of a curvature.
+        poses: What poses say, by these names, ``position`` and ``axis`` (b, sensor_count, 3), ``rotation``
+            (b, sensor_count, 3, 3), as kernels read it.
+        there: ``known``, as kernels read it.
     """
 
-    def __init__(self, sensors: Sequence[Sensor], places: Places, batch_shape: tuple[int, ...]) -> None:
+    def __init__(self, sensors: Sequence[Sensor], places: Places, batch_shape: tuple[int, ...], device: str) -> None:
         super().__init__(sensors, places, batch_shape, None)
         self.sensors = tuple(sensors)
         self._batch_shape, self._count = batch_shape, len(self.known)
         self.slices = [slice(end - sensor.count, end) for sensor, end in zip(sensors, self.ends.tolist(), strict=True)]
-        self._weights = [1 / sensor.sigma for sensor in sensors if sensor.sigma is not None]
+        self.weights = [1 / sensor.sigma for sensor in sensors if sensor.sigma is not None]
         self._whole = np.zeros((self._count, len(sensors)), dtype=bool), np.full(self._count, self.known.shape[1])
         self.known[:] = True
         self.missing, self.counted = self._whole
-
-    def now(self, found: Evaluation, shift: FloatArray) -> FloatArray:
-        """(3) ``r`` and ``J`` beside each other, shape (b, m, 1 + k), zeros in the place of rows that are missing.
-
-        Args:
-            found: Of all instances.
-            shift: (2) ``a`` and ``B`` beside each other, shape (b, n, 1 + k).
-        """
-        parts = []
-        for rows in self.rows:
-            if self._count == 1 and isinstance(rows, PoseRows) and rows.axis is None:
-                parts.append(_one_pose(rows, found, shift))
-                continue
-            errors, by_unknowns, by_free = rows.at(found)
-            part = by_unknowns @ shift
-            part[..., 1:] += by_free
-            part[..., 0] += errors
-            parts.append(part)
-        joined = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
-        return joined if self.missing is self._whole[0] else np.where(self.known[..., None], joined, 0.0)
+        shape = self._count, len(sensors)
+        types = {"position": wp.vec3d, "rotation": wp.mat33d, "axis": wp.vec3d}
+        self.poses = {name: Shared(shape, dtype, device) for name, dtype in types.items()}
+        self.poses["rotation"].values[:], self.poses["axis"].values[:] = EYE, EYE[2]
+        self.there = Shared(self.known.shape, wp.int32, device)
+        self.there.values[:] = 1
+        self._names = [[name for name in PARTS if getattr(sensor, name, None) is not None] for sensor in sensors]
+        self.kinds = [tuple(int(name in names) for name in PARTS) for names in self._names]
+        for k, sensor in enumerate(sensors):
+            if isinstance(sensor, Pose):
+                own: Any = [self.poses[name].values[:, k] if name in self._names[k] else None for name in PARTS]
+                self.rows[k] = PoseRows(own[0], own[1], own[2], self.weights[k])
 
     def dropped(self) -> tuple[str, ...]:
         """As of ``Measured``; at no cost where nothing dropped out."""
@@ -252,31 +211,33 @@ class Live(Measured):
         if not isinstance(values, (list, tuple)) or len(values) != len(self.sensors):
             refuse("measured", values, f"must be a list of {len(self.sensors)}, what each sensor says, None where it dropped out")
         found = [self._one(k, sensor, value) for k, (sensor, value) in enumerate(zip(self.sensors, values, strict=True))]
-        for k, (rows, _) in enumerate(found):
-            if rows is not None:
-                self.rows[k] = rows
-        if all(known is None for _, known in found):
+        if all(known is None for known in found):
             if self.missing is not self._whole[0]:
-                self.known[:] = True
+                self.known[:], self.there.values[:] = True, 1
                 self.missing, self.counted = self._whole
             return
-        for own, (_, known) in zip(self.slices, found, strict=True):
+        for own, known in zip(self.slices, found, strict=True):
             self.known[:, own] = True if known is None else known
+        self.there.values[:] = self.known
         self.missing, self.counted = self._missing(), self.known.sum(axis=1)
 
-    def _one(self, k: int, sensor: Sensor, value: Any) -> tuple[PoseRows | CurvatureRows | None, NDArray[np.bool_] | None]:
-        """Rows of what a sensor says, and which there are, None for all; no rows where it dropped out."""
+    def _one(self, k: int, sensor: Sensor, value: Any) -> NDArray[np.bool_] | None:
+        """Take what a sensor says; which rows there are, None for all."""
         if value is None:
-            return None, np.zeros(sensor.count, dtype=bool)
+            return np.zeros(sensor.count, dtype=bool)
         if isinstance(sensor, Curvature):
             tail = (len(sensor.at), sensor.components)
-            bent, known = self.places.filled(sensor, self._numbers(f"measured[{k}]", value, tail))
-            return bent, None if known.all() else known
-        names = [name for name in ("position", "rotation", "axis") if getattr(sensor, name) is not None]
+            self.rows[k], known = self.places.filled(sensor, self._numbers(f"measured[{k}]", value, tail))
+            return None if known.all() else known
+        names = self._names[k]
         parts = (value,) if len(names) == 1 else value
         if not isinstance(parts, (list, tuple)) or len(parts) != len(names):
             refuse(f"measured[{k}]", value, f"must be ({', '.join(names)})")
-        told: dict[str, FloatArray | None] = dict.fromkeys(("position", "rotation", "axis"))
+        if not self._batch_shape and all(PLAINLY[name](part) for name, part in zip(names, parts, strict=True)):
+            for name, part in zip(names, parts, strict=True):
+                self.poses[name].values[0, k] = part
+            return None
+        told: dict[str, FloatArray | None] = dict.fromkeys(PARTS)
         for name, part in zip(names, parts, strict=True):
             told[name] = self._numbers(f"measured[{k}], {name}", part, (3, 3) if name == "rotation" else (3,))
         axis, rotation = told["axis"], told["rotation"]
@@ -293,11 +254,10 @@ class Live(Measured):
                     parts[-1],
                     f"must be a rotation: R R^T is off the identity by {np.nanmax(off):.2g}",
                 )
-        rows = PoseRows(told["position"], told["rotation"], told["axis"], self._weights[k])
-        # a sum that is finite has no NaN in it
-        if all(math.isfinite(part.sum()) for part in told.values() if part is not None):
-            return rows, None
-        return _filled(rows)
+        rows, known = _filled(PoseRows(told["position"], told["rotation"], told["axis"], self.weights[k]))
+        for name in names:
+            self.poses[name].values[:, k] = getattr(rows, name)
+        return None if known.all() else known
 
     def _numbers(self, field: str, value: Any, tail: tuple[int, ...]) -> FloatArray:
         """(b, *tail), which may be NaN."""

@@ -1,0 +1,220 @@
+# mypy: ignore-errors
+"""One sample of an estimator, after its integration. Numbers in parentheses: ``docs/estimation.md``."""
+
+from functools import cache
+
+import warp as wp
+
+from multirod.solvers.newton.linear_algebra_kernels import eliminate
+from multirod.solvers.newton.newton_kernels import failure_of
+from multirod.status import Status
+from multirod.tasks.condensed_kernels import Condensed, axis_rows, condense, position_rows, rotation_rows
+
+f64 = wp.float64
+
+
+@wp.struct
+class Filter:
+    """What an estimator reads and writes; the first axis is the instance."""
+
+    task: Condensed
+    # sensors
+    kind: wp.array[wp.vec3i]  # of each, whether it is a pose with a position, a rotation, an axis; else its rows are ``told``
+    row: wp.array[int]  # the first of each
+    weight: wp.array[wp.vec2d]  # of positions, of angles
+    # what they say
+    position: wp.array2d[wp.vec3d]  # (instance, sensor)
+    rotation: wp.array2d[wp.mat33d]
+    axis: wp.array2d[wp.vec3d]
+    told: wp.array3d[wp.float64]  # rows, each its error, then its derivatives by x and by p, (instance, m, 1 + n + k)
+    known: wp.array2d[int]  # which rows there are, (instance, m)
+    gated: int
+    most: wp.array[wp.float64]  # (15) what the squares of 0, 1, ... rows are at most
+    rejected: wp.array2d[int]  # (instance, sensor)
+    # kept from sample to sample
+    begun: wp.array[int]  # whether it goes on from the last sample
+    sign: wp.array[wp.float64]  # of det Gamma where it began
+    walked: wp.array3d[wp.float64]  # Q dt, (instance, k, k)
+    mean: wp.array2d[wp.float64]
+    covariance: wp.array3d[wp.float64]
+    free: wp.array3d[wp.float64]  # the covariance had nothing been measured
+    square: wp.array[wp.float64]  # of what was measured and not expected
+    status: wp.array[int]
+    # room
+    r: wp.array2d[wp.float64]  # (3), (instance, m)
+    J: wp.array3d[wp.float64]
+    normal: wp.array3d[wp.float64]  # J^T r and J^T J beside each other, (instance, k, 1 + k)
+    system: wp.array3d[wp.float64]  # (instance, k, k)
+    sides: wp.array3d[wp.float64]  # the step and the covariance, (instance, k, 1 + k)
+    unknowns: wp.array2d[wp.float64]  # those of the next sample
+
+
+@wp.func(inline=False)
+def told_row(s: Filter, t: int, row: int):
+    """(3) A row that is no pose's."""
+    n = s.task.gamma.shape[1]
+    k = s.walked.shape[1]
+    for j in range(1 + k):
+        total = s.told[t, row, 0]
+        if j > 0:
+            total = s.told[t, row, n + j]
+        for l in range(n):
+            total += s.told[t, row, 1 + l] * s.task.shift[t, l, j]
+        if j == 0:
+            s.r[t, row] = total
+        else:
+            s.J[t, row, j - 1] = total
+
+
+@wp.func
+def end_of(s: Filter, i: int) -> int:
+    """Of the rows of a sensor."""
+    end = s.r.shape[1]
+    if i + 1 < s.row.shape[0]:
+        end = s.row[i + 1]
+    return end
+
+
+@wp.func
+def leave_out(s: Filter, t: int, row: int):
+    s.r[t, row] = f64(0.0)
+    for j in range(s.J.shape[2]):
+        s.J[t, row, j] = f64(0.0)
+
+
+@wp.func(inline=False)
+def place_rows(s: Filter, t: int):
+    """(3) Of all sensors; zeros in the place of those that are missing."""
+    for i in range(s.kind.shape[0]):
+        kind = s.kind[i]
+        row = s.row[i]
+        if kind[0] != 0:
+            position_rows(s.task, s.r, s.J, t, row, s.position[t, i], s.weight[i][0])
+            row += 3
+        if kind[1] != 0:
+            rotation_rows(s.task, s.r, s.J, t, row, s.rotation[t, i], s.weight[i][1])
+        if kind[2] != 0:
+            axis_rows(s.task, s.r, s.J, t, row, s.axis[t, i], s.weight[i][1])
+        if kind[0] + kind[1] + kind[2] == 0:
+            for own in range(row, end_of(s, i)):
+                told_row(s, t, own)
+    for row in range(s.r.shape[1]):
+        if s.known[t, row] == 0:
+            leave_out(s, t, row)
+
+
+@wp.func(inline=False)
+def step_by(s: Filter, t: int, first: int, end: int) -> f64:
+    """(11) By some rows: the step and the covariance into ``sides``; returns ``r^T (r + J dp)``, the left side of (15)."""
+    k = s.walked.shape[1]
+    for i in range(k):
+        for j in range(1 + k):
+            total = f64(0.0)
+            for row in range(first, end):
+                if j == 0:
+                    total += s.J[t, row, i] * s.r[t, row]
+                else:
+                    total += s.J[t, row, i] * s.J[t, row, j - 1]
+            s.normal[t, i, j] = total
+    for i in range(k):
+        for j in range(1 + k):
+            total = f64(0.0)
+            for l in range(k):
+                total += s.covariance[t, i, l] * s.normal[t, l, j]
+            if j == 0:
+                s.sides[t, i, 0] = -total
+            else:
+                s.system[t, i, j - 1] = total
+        s.system[t, i, i] = s.system[t, i, i] + f64(1.0)
+        for j in range(k):
+            s.sides[t, i, 1 + j] = s.covariance[t, i, j]
+    eliminate(s.system, s.sides, t)
+    square = f64(0.0)
+    for row in range(first, end):
+        left = s.r[t, row]
+        for j in range(k):
+            left += s.J[t, row, j] * s.sides[t, j, 0]
+        square += s.r[t, row] * left
+    return square
+
+
+@wp.func(inline=False)
+def gate(s: Filter, t: int):
+    """(15) Zeros in the place of outliers."""
+    for i in range(s.kind.shape[0]):
+        first = s.row[i]
+        end = end_of(s, i)
+        there = int(0)
+        for row in range(first, end):
+            there += s.known[t, row]
+        if step_by(s, t, first, end) > s.most[there]:
+            s.rejected[t, i] = 1
+            for row in range(first, end):
+                leave_out(s, t, row)
+
+
+@wp.func(inline=False)
+def update(s: Filter, t: int):
+    """(11), (12): the step and the covariance into ``sides``, the unknowns that go along."""
+    s.square[t] = step_by(s, t, 0, s.r.shape[1])
+    for i in range(s.unknowns.shape[1]):
+        x = s.task.unknowns[t, i] + s.task.shift[t, i, 0]
+        for j in range(s.walked.shape[1]):
+            x += s.task.shift[t, i, 1 + j] * s.sides[t, j, 0]
+        s.unknowns[t, i] = x
+
+
+@wp.func(inline=False)
+def judge(s: Filter, t: int) -> int:
+    """Past a fold the sign of ``det Gamma`` is no more that of the start."""
+    if s.task.fault[t] != 0:
+        return failure_of(s.task.fault[t])
+    total = f64(0.0)
+    for i in range(s.unknowns.shape[1]):
+        total += s.task.shift[t, i, 0]
+    if not wp.isfinite(total):
+        return wp.static(int(Status.SINGULAR_JACOBIAN))
+    if s.task.sign[t] != s.sign[t]:
+        return wp.static(int(Status.UNSTABLE))
+    for i in range(s.unknowns.shape[1]):
+        total += s.unknowns[t, i]
+    return wp.where(wp.isfinite(total), wp.static(int(Status.TRACKING)), wp.static(int(Status.NONFINITE)))
+
+
+@cache
+def make_filter():
+    """Kernel for one sample: from the integration at what is expected to the estimate, and to the next integration's place."""
+
+    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+    def advance(s: Filter):
+        t = wp.tid()
+        k = s.walked.shape[1]
+        for i in range(k):
+            for j in range(k):
+                s.free[t, i, j] = s.free[t, i, j] + s.walked[t, i, j]
+                s.covariance[t, i, j] = s.covariance[t, i, j] + s.walked[t, i, j]
+        for i in range(s.rejected.shape[1]):
+            s.rejected[t, i] = 0
+        if s.begun[t] == 0:
+            return
+        if s.task.fault[t] == 0:
+            condense(s.task, t)
+            place_rows(s, t)
+            if s.gated != 0:
+                gate(s, t)
+            update(s, t)
+        status = judge(s, t)
+        s.status[t] = status
+        if status != wp.static(int(Status.TRACKING)):
+            s.begun[t] = 0
+            s.square[t] = f64(wp.nan)
+            return
+        for i in range(s.unknowns.shape[1]):
+            s.task.unknowns[t, i] = s.unknowns[t, i]
+        for i in range(k):
+            s.mean[t, i] = s.mean[t, i] + s.sides[t, i, 0]
+            s.task.inputs[t, s.task.places[i]] = s.mean[t, i]
+            for j in range(k):
+                s.covariance[t, i, j] = f64(0.5) * (s.sides[t, i, 1 + j] + s.sides[t, j, 1 + i])
+
+    return advance

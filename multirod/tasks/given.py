@@ -1,0 +1,57 @@
+"""What a loop is given at each sample: arrays that it shares with kernels, and checks that cost it little."""
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from multirod.assembly import ORTHOGONAL
+from multirod.running.tracker import LARGEST
+
+PLAIN = {float, int, np.float64}
+
+
+class Shared:
+    """An array of kernels that NumPy reads and writes too; on the CPU it is the same memory.
+
+    Attributes:
+        array: The kernels'.
+        values: NumPy's.
+    """
+
+    def __init__(self, shape: tuple[int, ...], dtype: Any, device: str) -> None:
+        self.array: Any = wp.zeros(shape, dtype=dtype, device=device)
+        self._same = wp.get_device(device).is_cpu
+        self.values: Any = self.array.numpy()
+
+    def send(self) -> None:
+        """What NumPy wrote to the device, where that is another."""
+        if not self._same:
+            self.array.assign(self.values)
+
+    def fetch(self) -> None:
+        """What kernels wrote from the device."""
+        if not self._same:
+            self.values[:] = self.array.numpy()
+
+
+def plain(value: Any, shape: tuple[int, ...] = (3,)) -> bool:
+    """Whether these surely are numbers that may be, as an array of this shape, or three in a row."""
+    if type(value) is np.ndarray:
+        return value.dtype == np.float64 and value.shape == shape and -LARGEST < float(value.sum()) < LARGEST
+    if type(value) not in (tuple, list) or shape != (3,) or len(value) != 3:
+        return False
+    return all(type(number) in PLAIN and -LARGEST < number < LARGEST for number in value)
+
+
+def turned(rotation: Any, off: float = 0.5 * ORTHOGONAL) -> bool:
+    """Whether this surely is a rotation, as an array, whose ``R R^T`` is less than ``off`` from the identity."""
+    if not plain(rotation, (3, 3)):
+        return False
+    rows = rotation.tolist()
+    (a, b, c), (d, e, f), (g, h, i) = rows
+    for k, (x, y, z) in enumerate(rows):
+        for m, (u, v, w) in enumerate(rows[k:]):
+            if not abs(x * u + y * v + z * w - (m == 0)) < off:
+                return False
+    return bool(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) > 0)
