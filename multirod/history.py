@@ -1,5 +1,7 @@
 """Results over time."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 from os import PathLike
 from typing import TYPE_CHECKING, Any, Unpack
@@ -15,7 +17,7 @@ from multirod.solution import Solution
 from multirod.solver import Outcome
 from multirod.status import failures
 from multirod.types import AxesGiven, AxesOrArray, HistoryOptions, Numbers, QuantityOverTime, ShowOptions
-from multirod.validation import FloatArray, frozen, names_checked
+from multirod.validation import FloatArray, array, frozen, names_checked, refuse, sequence
 
 
 class History(Solution[Robot_co]):
@@ -45,6 +47,44 @@ class History(Solution[Robot_co]):
             outcome.events = timed_events(outcome.events, self.time, failed)
         self.step_time: FloatArray = frozen(step_time)
         self.description = description
+
+    @staticmethod
+    def of(
+        samples: Sequence[Solution[Robot_co]],
+        *,
+        time: Numbers,
+        step_time: Numbers | None = None,
+        description: str = "",
+    ) -> "History[Robot_co]":
+        """Samples of a loop as one history, as ``simulate`` gives it: of a ``Tracker``, a ``Controller`` or an ``Estimator``.
+
+        What a ``Command`` or an ``Estimate`` says beyond a ``Solution`` stays with the samples.
+
+        Args:
+            samples: Solutions of one robot, of the same inputs by name; of an ``Estimate`` its ``solution``.
+            time: Of each [s], increasing, shape (sample_count,).
+            step_time: That each took [s], shape (sample_count,); NaN by default.
+            description: Of what was run, for tables and recordings.
+
+        Raises:
+            TypeError: If a sample is no ``Solution``.
+            ValueError: If there are none, they are not of one kind, or times are not as many, or do not increase.
+        """
+        several = sequence("History.of.samples", samples, Solution, "Solutions, such as a Tracker's samples")
+        if not several:
+            refuse("History.of.samples", samples, "must be one or more")
+        first = several[0]
+        for k, sample in enumerate(several):
+            same_robot = sample.assembly is first.assembly and sample.batch_shape == first.batch_shape
+            if not (same_robot and alike(first, sample)):
+                said = "must be of the same robot, leading axes and inputs by name as the first"
+                refuse(f"History.of.samples[{k}]", sample, f"{said}; a load that comes later must be named at the start")
+        count = (len(several),)
+        times = array("History.of.time", time, count)
+        if not (np.diff(times) > 0).all():
+            refuse("History.of.time", time, "must increase from each sample to the next")
+        took = np.full(count, np.nan) if step_time is None else array("History.of.step_time", step_time, count, finite=False)
+        return stack(several, times, took, description)
 
     if TYPE_CHECKING:  # time is an axis
 
@@ -159,3 +199,31 @@ class History(Solution[Robot_co]):
             "loads": loads,
         }
         return plot_history(self, quantity, ax=ax, rod=rod, instance=instance, **options)
+
+
+def alike(one: Solution[Any], other: Solution[Any]) -> bool:
+    """Whether two samples of a robot can be part of one history: the same records, the same inputs by name."""
+    return one._scene is other._scene or (
+        one._scene.fields == other._scene.fields
+        and one.inputs.given == other.inputs.given
+        and all(other.inputs.profile(name) is profile for name, profile in one.inputs.profiles.items())
+    )
+
+
+def stack(
+    samples: Sequence[Solution[Robot_co]], times: FloatArray, durations: FloatArray, description: str = ""
+) -> History[Robot_co]:
+    """Samples that are ``alike`` as a history, so that all their shapes are integrated in one batch."""
+    first = samples[0]
+    arrays: dict[str, FloatArray] = {}
+    for name in first.inputs.arrays:
+        rows = [getattr(sample.inputs, name) for sample in samples]
+        arrays[name] = np.stack([np.broadcast_to(row, (*first.batch_shape, row.shape[-1])) for row in rows])
+    outcome = Outcome.joined([sample._outcome for sample in samples])
+    records = np.concatenate([sample._records for sample in samples])
+    batch_shape = (len(samples), *first.batch_shape)
+    inputs = first.inputs.with_arrays(arrays)
+    if not arrays:
+        inputs = inputs[np.newaxis][np.zeros(batch_shape, dtype=int)]
+    scene = replace(first._scene, batch_shape=batch_shape)
+    return History(scene, records, outcome, inputs, time=times, step_time=durations, description=description)

@@ -58,6 +58,54 @@ def test_step_equals_simulate_bitwise(name: str, named: bool) -> None:
             assert np.array_equal(getattr(solution, field), getattr(history, field)[k]), (k, field)
 
 
+def test_samples_make_the_history_that_simulate_gives(wire: mr.Rod, tmp_path: Any) -> None:
+    study = experiment.motion(duration=0.2)
+    simulated = mr.simulate(study.robot, study.inputs, time=study.time, solver=NEWTON)
+    tracker = mr.Tracker(study.robot, solver=NEWTON, dt=0.005, inputs=study.inputs[0])
+    samples = [tracker.step(study.inputs[k]) for k in range(len(study.time))]
+    history = mr.History.of(samples, time=study.time, description="by hand")
+    assert same(history, simulated)
+    for name in ("status", "residual", "integrations", "time", "tip_position"):
+        np.testing.assert_array_equal(getattr(history, name), getattr(simulated, name))
+    for name in study.inputs.arrays:
+        np.testing.assert_array_equal(getattr(history.inputs, name), getattr(simulated.inputs, name))
+    assert np.isnan(history.step_time).all()
+    assert history.description == "by hand"
+    history.save(tmp_path / "run.npz")
+    assert same(mr.load(tmp_path / "run.npz"), simulated)
+    # of a robot without inputs, and one sample
+    still = mr.solve(mr.SingleRod(wire), solver=NEWTON)
+    assert mr.History.of([still], time=[0.0], step_time=[1e-3]).tip_position.shape == (1, 3)
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "message"),
+    [
+        ({"samples": ()}, ValueError, "History.of.samples .* must be one or more"),
+        ({"samples": [3]}, TypeError, "History.of.samples .* must be a list of Solutions"),
+        ({"time": [0, 1, 1]}, ValueError, "History.of.time .* must increase"),
+        ({"time": [0, 1]}, ValueError, "History.of.time .* must have shape"),
+        ({"step_time": [1e-3]}, ValueError, "History.of.step_time .* must have shape"),
+    ],
+)
+def test_what_is_no_history_is_refused(tracker: mr.Tracker, changes: dict[str, Any], error: type, message: str) -> None:
+    samples = [tracker.step() for _ in range(3)]
+    with pytest.raises(error, match="(?s)" + message):
+        mr.History.of(**{"samples": samples, "time": [0, 1, 2], **changes})
+
+
+def test_samples_of_another_kind_are_refused(wire: mr.Rod, robot: mr.SingleRod, tracker: mr.Tracker) -> None:
+    first = tracker.step()
+    others = [
+        mr.solve(mr.SingleRod(wire), tracker.inputs, solver=NEWTON),
+        mr.solve(robot, robot.inputs(tip_force=(FORCE, FORCE)), solver=NEWTON),
+        tracker.step(tip_moment=(0, 0, 0.01)),
+    ]
+    for other in others:
+        with pytest.raises(ValueError, match=r"(?s)History.of.samples\[1\] .* must be of the same robot, .* named at the start"):
+            mr.History.of([first, other], time=[0, 1])
+
+
 def test_guess_is_where_the_first_step_starts(robot: mr.SingleRod) -> None:
     inputs = robot.inputs(tip_force=FORCE)
     truth = mr.solve(robot, inputs, solver=NEWTON)
