@@ -113,6 +113,14 @@ def test_a_target_out_of_reach_and_a_singular_one_say_so(start, wire):
     assert (np.abs(along.inputs.rotation) < 2 * np.pi).all()
 
 
+def test_a_tight_tolerance_is_met_where_steps_are_short_already(start):
+    target = mr.Pose(position=start.tip_position + np.random.default_rng(0).uniform(-0.02, 0.02, (20, 3)))
+    found = mr.reach(TUBES, target, free=FREE, guess=start, solver=SOLVER, tolerance=1e-9)
+    assert (found.status == mr.Status.REACHED).all()
+    assert found.integrations.max() <= 8
+    assert found.target_error.max() <= 1e-9 * TUBES.longest**2
+
+
 def test_no_search_ends_farther_off_than_it_began(start):
     random = np.random.default_rng(0)
     position = start.tip_position + random.uniform(-0.03, 0.03, (60, 3))

@@ -282,7 +282,7 @@ class Search:
         self.change[rows] = d
         self.steps[rows] += 1
         rest = (np.abs(d).max(axis=1, initial=0.0) <= AT_REST) & (bent <= AT_REST)
-        rest &= np.linalg.norm(left, axis=1) > self.goals.tolerance
+        rest &= np.linalg.norm(left + (self.J[rows] @ d[..., None])[..., 0], axis=1) > self.goals.tolerance
         stuck = rest | (self.steps[rows] > MOST_STEPS)
         # what is as near to a place on the way as it comes goes for the target itself, or on if a limit of the shape lies ahead
         short = self.goal[rows] < 1
