@@ -463,7 +463,7 @@ class BoundaryProblem(Uncopied, ABC):
         raise NotImplementedError(f"{type(self).__name__} does not give derivatives along its rods")
 
     def sensed(self, made: Any, names: Sequence[str], rod: int) -> tuple[FloatArray, FloatArray]:
-        """What the last launch of ``sensing(...)`` said of a rod, after ``aim(*names)``.
+        """What the last launch of ``sensing(...)`` said of a rod, after ``aim(*names)``; to be read at once.
 
         Returns:
             Curvatures in its frame [1/m], shape (instance_count, count, 3), and their derivatives by the unknowns, then by each

@@ -3,15 +3,16 @@
 Numbers in parentheses are those of ``docs/derivatives.md``.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import warp as wp
 
+from multirod.launch import record
+from multirod.models.backbone.along_kernels import curvatures
 from multirod.models.backbone.kernels.layout.layout import Layout
-from multirod.rotations import cross, cross_matrix
+from multirod.rotations import cross
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -20,24 +21,6 @@ if TYPE_CHECKING:
 QUANTITIES = ("position", "rotation", "curvature")
 SHARED = ("residual", "gamma", "residual_directions", "pose_columns")
 NODE_GAP = 1e-12  # of the length: a place this close to the end of a section is just before it
-
-
-def _linear(matrix: Callable[[FloatArray], FloatArray], size: int) -> FloatArray:
-    """What a vector of so many numbers is multiplied by, from the right, to give the numbers of a matrix that is linear in it."""
-    return np.stack([matrix(unit).reshape(-1) for unit in np.eye(size)])
-
-
-def _by_inverse(q: FloatArray) -> FloatArray:
-    """Of the vector part of ``q^-1`` times a quaternion, scalar last, ``q`` of unit length."""
-    return np.concatenate([q[3] * np.eye(3) - cross_matrix(q[:3]), -q[:3, None]], axis=1)
-
-
-def _by_curvature(u: FloatArray) -> FloatArray:
-    """Of half a quaternion times ``u``."""
-    return 0.5 * np.block([[-cross_matrix(u), u[:, None]], [-u, np.zeros(1)]])
-
-
-BY_INVERSE, BY_CURVATURE = _linear(_by_inverse, 4), _linear(_by_curvature, 3)
 
 
 class AlongPass:
@@ -76,7 +59,7 @@ class AlongPass:
         if not shared:
             self._call.position = wp.zeros(batch, dtype=wp.vec3d, device=device)
             self._call.rotation = wp.zeros(batch, dtype=wp.mat33d, device=device)
-        self._found: FloatArray | None = None
+        self._bending: dict[int, tuple[Any, Any, FloatArray | None]] = {}
         self._launch = problem._record(features, self._call, columns=(n, problem.direction_count))
 
     def at(self, places: FloatArray, rod: int) -> tuple[dict[str, FloatArray], FloatArray]:
@@ -95,28 +78,21 @@ class AlongPass:
         self._launch.launch()
 
     def curvature(self, rod: int) -> tuple[FloatArray, FloatArray]:
-        """Of the last launch: ``u`` of a rod (instance_count, count, 3), and its columns as of ``at``, by few products."""
-        if self._found is None or not wp.get_device(self.problem.device).is_cpu:
-            self._found = self._call.node_columns.numpy()
-        found, layout, size = self._found[:, 1:], self.layout.column, self.layout.column.size
-        first = layout["frame"]
-        frame, rate = found[:, :, first : first + 4], found[:, :, size + first : size + first + 4]
-        q = frame[..., -1]
-        by_inverse = ((q * (2 / (q**2).sum(axis=-1, keepdims=True))) @ BY_INVERSE).reshape(*q.shape[:2], 3, 4)
-        u = (by_inverse @ rate[..., -1:])[..., 0]
-        columns = by_inverse @ (rate[..., :-1] - (u @ BY_CURVATURE).reshape(*q.shape[:2], 4, 4) @ frame[..., :-1])
-        if rod == 0:
-            return u, columns
-        place = layout["angles"] + rod - 1
-        angle, turning = found[:, :, place, -1], found[:, :, size + place]
-        turn = np.zeros((*q.shape[:2], 3, 3))
-        c, s = np.cos(angle), np.sin(angle)
-        turn[..., 0, 0], turn[..., 0, 1], turn[..., 1, 0], turn[..., 1, 1], turn[..., 2, 2] = c, s, -s, c, 1.0
-        columns = columns + np.stack([u[..., 1], -u[..., 0], 0 * c], axis=-1)[..., None] * found[:, :, place, None, :-1]
-        columns, u = turn @ columns, (turn @ u[..., None])[..., 0]
-        u[..., 2] += turning[..., -1]
-        columns[..., 2, :] += turning[..., :-1]
-        return u, columns
+        """Of the last launch: ``u`` of a rod (instance_count, count, 3), and its columns as of ``at``; to be read at once."""
+        if rod not in self._bending:
+            self._bending[rod] = self._bends(rod)
+        launch, bent, values = self._bending[rod]
+        launch.launch()
+        told = values if values is not None else bent.numpy()
+        return told[..., 0], told[..., 1:]
+
+    def _bends(self, rod: int) -> tuple[Any, Any, FloatArray | None]:
+        """What finds ``curvature``: its launch, the array it writes, on the CPU as NumPy sees it in place."""
+        found, layout, device = self._call.node_columns, self.layout.column, self.problem.device
+        bent: Any = wp.zeros((found.shape[0], found.shape[1] - 1, 3, found.shape[3]), dtype=wp.float64, device=device)
+        angle = layout["angles"] + rod - 1 if rod else -1
+        launch = record(lambda: curvatures, len(bent), [found, layout["frame"], layout.size, angle, bent], device)
+        return launch, bent, bent.numpy() if wp.get_device(device).is_cpu else None
 
     def _quantities(self, found: FloatArray, rod: int) -> tuple[dict[str, FloatArray], FloatArray]:
         """(D11), (D12)"""

@@ -91,13 +91,13 @@ class CurvatureRows:
         value: Shape (b, count, components).
         weight: One over the deviations, shape (components,).
         rod: Its place among the rods that have sensors.
-        places: Which of all sensors' places are its own, shape (count,).
+        places: Which of all sensors' places are its own, indices (count,), or a slice where they follow each other.
     """
 
     value: FloatArray
     weight: FloatArray
     rod: int
-    places: NDArray[np.intp]
+    places: NDArray[np.intp] | slice
 
     @property
     def count(self) -> int:
@@ -140,7 +140,7 @@ class Places:
         self.rods = tuple(sorted(set(index.values())))
         every = {id(sensor): places_on(robot, inputs, sensor.at, index[id(sensor)]) for sensor in own}
         self.at: FloatArray = np.unique(np.concatenate([np.zeros(0), *every.values()]))
-        self._found = {key: (self.rods.index(index[key]), np.searchsorted(self.at, at)) for key, at in every.items()}
+        self._found = {key: (self.rods.index(index[key]), _followed(np.searchsorted(self.at, at))) for key, at in every.items()}
 
     def rows(
         self, sensor: Curvature, batch_shape: tuple[int, ...], instances: IntArray | None
@@ -163,6 +163,12 @@ def rod_index(robot: Assembly, rod: int | str) -> int:
     if isinstance(index, bool) or not isinstance(index, (int, np.integer)) or not 0 <= index < len(names):
         refuse("Curvature.rod", rod, f"must be an index below {len(names)} or one of the names {[n for n in names if n]}")
     return int(index)
+
+
+def _followed(places: NDArray[np.intp]) -> NDArray[np.intp] | slice:
+    """Rising indices as a slice, which is read sooner, where they follow each other."""
+    first, last = int(places[0]), int(places[-1])
+    return slice(first, last + 1) if last - first + 1 == len(places) else places
 
 
 class AlongTask(Task):
@@ -189,13 +195,13 @@ class AlongTask(Task):
         found = super().last(instances)
         if self._pass is None:
             return found
-        values, columns = (part[instances] for part in self.sensed())
+        values, columns = (np.array(part[instances]) for part in self.sensed())
         if found.failed.any():
             values[found.failed], columns[found.failed] = np.nan, np.nan
         return AlongEvaluation(**vars(found), curvature=values, curvature_columns=columns)
 
     def sensed(self) -> tuple[FloatArray, FloatArray]:
-        """What the last integration said of the places, as of an ``AlongEvaluation``."""
+        """What the last integration said of the places, as of an ``AlongEvaluation``; to be read at once."""
         told = [self.problem.sensed(self._pass, self.free, rod) for rod in self._places.rods]
         values, columns = (_stacked(part) for part in zip(*told, strict=True))
         return values, columns

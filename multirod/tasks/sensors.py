@@ -196,6 +196,8 @@ class Live(Measured):
             if isinstance(sensor, Pose):
                 own: Any = [self.poses[name].values[:, k] if name in self._names[k] else None for name in PARTS]
                 self.rows[k] = PoseRows(own[0], own[1], own[2], self.weights[k])
+            else:
+                self.rows[k], _ = places.filled(sensor, np.zeros((self._count, len(sensor.at), sensor.components)))
 
     def dropped(self) -> tuple[str, ...]:
         """As of ``Measured``; at no cost where nothing dropped out."""
@@ -226,7 +228,10 @@ class Live(Measured):
         if value is None:
             return np.zeros(sensor.count, dtype=bool)
         if isinstance(sensor, Curvature):
-            tail = (len(sensor.at), sensor.components)
+            tail, bent = (len(sensor.at), sensor.components), self.rows[k]
+            if not self._batch_shape and isinstance(bent, CurvatureRows) and plain(value, tail):
+                bent.value[0] = value
+                return None
             self.rows[k], known = self.places.filled(sensor, self._numbers(f"measured[{k}]", value, tail))
             return None if known.all() else known
         names = self._names[k]
