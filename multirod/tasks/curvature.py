@@ -110,16 +110,18 @@ class CurvatureRows:
 
     def at(self, found: Any) -> tuple[FloatArray, FloatArray, FloatArray]:
         """As ``Rows`` say."""
-        n = found.residual.shape[1]
-        errors, columns = self.of(found.curvature, found.curvature_columns)
-        return errors, columns[..., :n], columns[..., n:]
+        count, n = found.residual.shape
+        told = np.empty((count, *self.value.shape[1:], 1 + found.curvature_columns.shape[-1]))
+        self.put(found.curvature, found.curvature_columns, told)
+        told = told.reshape(count, self.count, -1)
+        return told[..., 0], told[..., 1 : 1 + n], told[..., 1 + n :]
 
-    def of(self, curvature: FloatArray, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(14) ``W (h - y)`` (b, m) and its derivatives by unknowns and what is freed (b, m, n + k), of those of all places."""
-        count, part = len(curvature), slice(self.value.shape[2])
-        own = columns[:, self.rod, self.places, part] * self.weight[:, None]
-        value = curvature[:, self.rod, self.places, part]
-        return (self.weight * (value - self.value)).reshape(count, -1), own.reshape(count, self.count, -1)
+    def put(self, curvature: FloatArray, columns: FloatArray, told: FloatArray) -> None:
+        """(14) ``W (h - y)`` and its derivatives by unknowns and by what is freed, of those of all places, beside each other into
+        ``told``, (b, count, components, 1 + n + k)."""
+        part = slice(self.value.shape[2])
+        np.multiply(self.weight, curvature[:, self.rod, self.places, part] - self.value, out=told[..., 0])
+        np.multiply(self.weight[:, None], columns[:, self.rod, self.places, part], out=told[..., 1:])
 
 
 class Places:

@@ -252,8 +252,12 @@ class _FilterTrack(Track):
         shared = known.state | live.poses | {"known": live.there}
         apart = not wp.get_device(problem.device).is_cpu
         self._sent, self._fetched = (list(each.values()) if apart else [] for each in (shared, known.state))
-        self._bent = [(k, live.slices[k]) for k, sensor in enumerate(live.sensors) if isinstance(sensor, Curvature)]
-        self._told = Shared((count, m, 1 + n + k) if self._bent else (1, 1, 1), wp.float64, problem.device)
+        bent = [(k, sensor) for k, sensor in enumerate(live.sensors) if isinstance(sensor, Curvature)]
+        self._told = Shared((count, m, 1 + n + k) if bent else (1, 1, 1), wp.float64, problem.device)
+        self._bent = [
+            (index, self._told.values[:, live.slices[index]].reshape(count, len(sensor.at), sensor.components, -1))
+            for index, sensor in bent
+        ]
         for name, each in (shared | {"told": self._told}).items():
             setattr(state, name, each.array)
         room = {"r": (m,), "J": (m, k), "normal": (k, 1 + k), "system": (k, k), "sides": (k, 1 + k), "unknowns": (n,)}
@@ -309,10 +313,9 @@ class _FilterTrack(Track):
         if not self._bent:
             return
         curvature, columns = self.task.sensed()
-        for rows, place in self._bent:
-            own: Any = self.known.live.rows[rows]
-            errors, slopes = own.of(curvature, columns)
-            self._told.values[:, place, 0], self._told.values[:, place, 1:] = errors, slopes
+        for index, told in self._bent:
+            rows: Any = self.known.live.rows[index]
+            rows.put(curvature, columns, told)
         self._told.send()
 
     def _begin(self, chosen: NDArray[np.intp], outcome: Outcome) -> None:
