@@ -87,6 +87,7 @@ class LanePass:
         portion = max(1, min(longest, count))
         lanes = width(precision, device)
         call.unknown_columns, call.direction_columns = columns
+        refuse_narrow(call, features)
         self._arrays = deal(
             call, features, integrator, precision, device, portion, lanes, shared=call.node_count == 0 or features.along
         )
@@ -127,6 +128,26 @@ class LanePass:
             self._heed()
             self._aim(order)
             self._launch.launch()
+
+
+def refuse_narrow(call: Any, features: Features) -> None:
+    """See that what a launch writes by rows and columns fits into its arrays: a kernel does not look."""
+    m, unknowns, directions = features.unknown_count, call.unknown_columns, call.direction_columns
+    columns, lengths = unknowns + directions, Layout(features).LENGTHS
+    needed = {"residual": (m,), "gamma": (m, unknowns), "residual_directions": (m, directions), "line_length": (lengths,)}
+    needed["line_length_columns"] = (lengths, columns)
+    if features.pose_sensitivities:
+        needed["pose_columns"] = (6, columns)
+    if features.held:
+        needed |= {"tip_wrench": (6,), "wrench_columns": (6, columns)}
+    if features.node_columns and call.node_count:
+        needed |= {"node_columns": (1, m, unknowns), "tip_columns": (m, unknowns)}
+    for name, least in needed.items():
+        if 0 in least:
+            continue
+        room = getattr(call, name).shape[1:]
+        if any(has < needs for has, needs in zip(room, least, strict=True)):
+            raise AssertionError(f"{name} of a launch has room for {room} numbers of an instance, and {least} are written")
 
 
 def threads(call: Any, count: int) -> int:

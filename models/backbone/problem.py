@@ -778,6 +778,7 @@ class BackboneProblem(BoundaryProblem):
             call.tip_columns = wp.zeros((count, m, m), dtype=wp.float64, device=self.device)
             call.gamma = wp.zeros((count, m, m), dtype=wp.float64, device=self.device)
             call.pose_columns = wp.zeros((count, 6, m), dtype=wp.float64, device=self.device)
+            call.line_length_columns = wp.zeros((count, self.drive_count, m), dtype=wp.float64, device=self.device)
         table = self._twisting_table() if columns else None
         launch = self._record(features, call, table, columns=(m if columns else 0, 0))
         return NodePass(call, launch, columns, bool(features.members), self._host is not None)
