@@ -8,13 +8,19 @@ CPU ?=
 CORES ?=
 AS_MACHINE := $(if $(CPU)$(CORES),PYTHONPATH="$(CURDIR)/tests/machine" MULTIROD_TEST_CPU=$(CPU) MULTIROD_TEST_CORES=$(CORES) )
 
-.PHONY: demo test lint docs bench clean
+.PHONY: demo test heap lint docs bench clean
 
 demo: $(VENV)/.installed
 	$(BIN)/multirod demo $(ARGS)
 
 test: $(VENV)/.installed-test
 	$(AS_MACHINE)$(BIN)/pytest --numprocesses auto --dist loadfile $(ARGS)
+
+# the tests with guards around every block of the heap: which kernel writes past its array?
+heap: $(VENV)/.installed-test
+	mkdir -p build
+	$(CC) -O2 -fPIC -shared -o build/heap.so tests/machine/heap.c
+	OMP_NUM_THREADS=1 PYTHONPATH="$(CURDIR)/tests/machine" LD_PRELOAD="$(CURDIR)/build/heap.so" $(BIN)/pytest -p heap_watch $(ARGS)
 
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check .
