@@ -13,6 +13,8 @@ AS_MACHINE := $(if $(CPU)$(CORES),PYTHONPATH="$(CURDIR)/tests/machine" MULTIROD_
 demo: $(VENV)/.installed
 	$(BIN)/multirod demo $(ARGS)
 
+# a process a core, each of which needs but its own: threads of BLAS would wait for their turn, at a tenth of all time
+test: export OPENBLAS_NUM_THREADS ?= 1
 test: $(VENV)/.installed-test
 	$(AS_MACHINE)$(BIN)/pytest --numprocesses auto --dist loadfile $(ARGS)
 

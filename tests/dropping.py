@@ -16,7 +16,7 @@ import multirod as mr
 from multirod.studies.terms import simplified
 
 BOUNDS = (1e-2, 1e-3, 1e-4, 1e-6)
-SOLVER = mr.Shooting(integrator=mr.RK4(50), tolerance=1e-11)
+SOLVER = mr.Shooting(integrator=mr.RK45(steps=30), tolerance=1e-11)  # equal steps, by kernels that other tests need too
 
 
 @dataclass(frozen=True)
