@@ -119,6 +119,24 @@ def test_limits_and_singular_tasks_have_bounded_steps_and_say_so(start):
     assert command.target_error == pytest.approx(0.01, rel=1e-6)
 
 
+@pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")
+def test_after_a_failure_it_goes_on_from_the_last_good_sample(start):
+    loop, path, force = loop_of(start, 200), figure_of_eight(start, 200), np.array(start.inputs.tip_force)
+    for y in path[:5]:
+        good = loop.step(position=y)
+    for heavy in (1e3, 1e9):  # past a fold, and where numbers overflow
+        lost = loop.step(position=path[5], tip_force=heavy * np.array([1.0, 0, 0]))
+        assert lost.failed
+        assert np.isnan(lost.target_error)
+        assert np.isnan(lost.jacobian(*FREE)).all()
+        assert not lost.at_limit.any()
+        again = loop.step(position=path[5], tip_force=force)
+        assert again.status is mr.Status.TRACKING
+        assert np.isnan(lost.tip_position).all()
+        assert np.abs(again.inputs.rotation - good.inputs.rotation).max() < 0.02
+        np.testing.assert_allclose(solved(again.inputs, again).tip_position, path[5], atol=1e-6)
+
+
 def test_the_compiled_step_is_that_of_reach(start):
     """(7) at the first sample's place: bounded, and at limits, as ``gauss_newton`` has it."""
     from multirod.tasks.control_kernels import LONGEST, SOFTNESS
