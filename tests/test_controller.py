@@ -119,7 +119,6 @@ def test_limits_and_singular_tasks_have_bounded_steps_and_say_so(start):
     assert command.target_error == pytest.approx(0.01, rel=1e-6)
 
 
-@pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")
 def test_after_a_failure_it_goes_on_from_the_last_good_sample(start):
     loop, path, force = loop_of(start, 200), figure_of_eight(start, 200), np.array(start.inputs.tip_force)
     for y in path[:5]:

@@ -15,15 +15,13 @@ from multirod.derivatives import Columns, known_names, twins_of
 from multirod.exclusive import Uncopied
 from multirod.inputs import Inputs
 from multirod.models.assemblies.inputs import KnownInputs
+from multirod.running.plain import PlainInputs
 from multirod.running.simulation import Runner, as_solver
 from multirod.scene import Scene
 from multirod.solution import Solution
 from multirod.solver import Solver
 from multirod.types import Numbers, P, Takes
 from multirod.validation import Described, FloatArray, device_name, positive_float, refuse, unknown_names
-
-_PLAIN_NUMBERS = (float, int, np.float64)
-LARGEST = 1e300  # an integer may be larger than any float
 
 
 def _broadcasts(shape: tuple[int, ...], target: tuple[int, ...]) -> bool:
@@ -148,14 +146,7 @@ class Tracker(Uncopied, Generic[Robot_co]):
         results = self._batch_shape, self._solver.integrator, self._device, problem.record_fields, unpack
         self._scene: Scene[Any] = Scene(self._robot, *results)
         self._unpack = unpack
-        self._rows: dict[str, Any] = {}
-        view = problem.input_view()
-        if view is None or self._batch_shape:
-            return
-        for spec in self._robot.input_specs:
-            writable = spec.name in slices and problem.takes(spec.name)
-            if writable and not (spec.per_rod and inputs.profiles):
-                self._rows[spec.name] = view[0, problem.input_slice(spec.name)]
+        self._plain = PlainInputs(self._robot, problem, inputs)
 
     def __repr__(self) -> str:
         said = [repr(self._robot), repr(self._solver), *([] if math.isnan(self._dt) else [f"dt {self._dt:g} s"])]
@@ -206,7 +197,7 @@ class Tracker(Uncopied, Generic[Robot_co]):
             raise TypeError("Tracker.step takes inputs, or inputs by name")
         self._take()
         try:
-            if inputs is not None or not self._write(changes):
+            if inputs is not None or not self._plain.write(changes):
                 self._apply(inputs, **changes)
             restored = self._problem.restored
             outcome = self._track.step()
@@ -217,28 +208,6 @@ class Tracker(Uncopied, Generic[Robot_co]):
             return sample
         finally:
             self._lock.release()
-
-    def _write(self, changes: dict[str, Any]) -> bool:
-        """Write finite numbers straight into the kernel's inputs; False where a change needs to be checked or compiled in."""
-        staged = []
-        for name, value in changes.items():
-            row = self._rows.get(name)
-            if row is None:
-                return False
-            listed = type(value) in (tuple, list) or (type(value) is np.ndarray and value.ndim == 1)
-            numbers = value if listed else (value,)
-            if len(numbers) != len(row):
-                return False
-            for number in numbers:
-                # not a plain number, NaN, infinite or out of range: the checked path says so
-                if type(number) not in _PLAIN_NUMBERS or not -LARGEST < number < LARGEST:
-                    return False
-            if not self._robot.surely_takes(name, numbers):
-                return False
-            staged.append((row, value))
-        for row, value in staged:
-            row[:] = value
-        return True
 
     def _apply(self, inputs: Inputs | None, **changes: Any) -> None:
         """Check new inputs, and compile in what they need."""

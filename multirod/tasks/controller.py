@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from functools import cached_property
-from math import exp, nan
+from math import exp, hypot, nan
 from threading import Lock
 from typing import Any, Generic
 
@@ -16,6 +16,7 @@ from multirod.inputs import Inputs
 from multirod.integrators import RK45, Integrator
 from multirod.launch import expect
 from multirod.remarks import Remarks
+from multirod.running.plain import PlainInputs
 from multirod.running.simulation import solve
 from multirod.running.tracker import Unpack
 from multirod.scene import Scene
@@ -28,7 +29,7 @@ from multirod.tasks.control_kernels import ERROR, FREE, OFFSET, SINGULAR, TARGET
 from multirod.tasks.formulation import Task, freed, input_units, with_values
 from multirod.tasks.given import plain, turned
 from multirod.tasks.limits import SAME, LimitRows, Limits, freed_labels, limit_rows, nearest, refuse_start, told
-from multirod.tasks.rows import Pose
+from multirod.tasks.rows import SMALLEST_AXIS, Pose
 from multirod.types import Numbers
 from multirod.validation import Described, FloatArray, array, device_name, frozen, instance, positive_float, refuse, unknown_names
 
@@ -166,6 +167,7 @@ class Controller(Uncopied, Generic[Robot_co]):
         unpack = Unpack(given, {name: problem.input_slice(name) for name in given.arrays}, ())
         self._given = given
         self._scene: Scene[Robot_co] = Scene(robot, (), method, device, problem.record_fields, unpack)
+        self._plain, self._names = PlainInputs(robot, problem, given, self.free), {spec.name for spec in robot.input_specs}
         keep = exp(-self.dt / lag)
         weight = np.array([1 / self._length**2, 1 / self._length])
         self._step = ControlStep(self._task, self._rows, self._unit, weight, (1 - keep**2, (1 - keep) ** 2))
@@ -226,14 +228,14 @@ class Controller(Uncopied, Generic[Robot_co]):
             ValueError: If a value is out of range, or no target is given.
             RuntimeError: If another thread is in ``step``.
         """
-        if changes:
+        if changes and not changes.keys() <= self._names:
             unknown_names("Controller.step()", changes, [*OWN, *(spec.name for spec in self._robot.input_specs)])
         if not self._lock.acquire(False):
             raise RuntimeError("this Controller is in use on another thread: make a Controller for each thread")
         try:
             seen = self._seen(measured_position, measured_rotation)
             kind = self._aim(position, rotation, axis)
-            if changes:
+            if changes and not self._plain.write(changes):
                 self._change(changes)
             return self._sample(kind, seen)
         finally:
@@ -242,11 +244,15 @@ class Controller(Uncopied, Generic[Robot_co]):
     def _aim(self, position: Any, rotation: Any, axis: Any) -> Kind:
         """Take the present target; what is not plainly right is checked at length."""
         given = self._step.given
-        if axis is None and plain(position) and (rotation is None or turned(rotation)):
-            given["position"][:] = position
-            if rotation is not None:
-                given["rotation"][:] = rotation
-            return 1, int(rotation is not None), 0
+        if plain(position) and (rotation is None or (turned(rotation) and axis is None)) and (axis is None or plain(axis)):
+            size = 1.0 if axis is None else hypot(*axis)
+            if size > SMALLEST_AXIS:
+                given["position"][:] = position
+                if rotation is not None:
+                    given["rotation"][:] = rotation
+                if axis is not None:
+                    given["axis"][:] = [value / size for value in axis]
+                return 1, int(rotation is not None), int(axis is not None)
         target = Pose(position=position, rotation=rotation, axis=axis)
         if target.batch_shape or not target.complete.all():
             refuse("Controller.step(target)", target, "must be finite, without leading axes")

@@ -6,9 +6,7 @@ import numpy as np
 import warp as wp
 
 from multirod.assembly import ORTHOGONAL
-from multirod.running.tracker import LARGEST
-
-PLAIN = {float, int, np.float64}
+from multirod.running.plain import LARGEST, plain_numbers
 
 
 class Shared:
@@ -39,9 +37,7 @@ def plain(value: Any, shape: tuple[int, ...] = (3,)) -> bool:
     """Whether these surely are numbers that may be, as an array of this shape, or three in a row."""
     if type(value) is np.ndarray:
         return value.dtype == np.float64 and value.shape == shape and -LARGEST < float(value.sum()) < LARGEST
-    if type(value) not in (tuple, list) or shape != (3,) or len(value) != 3:
-        return False
-    return all(type(number) in PLAIN and -LARGEST < number < LARGEST for number in value)
+    return type(value) in (tuple, list) and shape == (3,) and len(value) == 3 and plain_numbers(value)
 
 
 def turned(rotation: Any, off: float = 0.5 * ORTHOGONAL) -> bool:
