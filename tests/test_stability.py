@@ -32,7 +32,11 @@ def test_unloaded_straight_rods_and_tubes_are_stable():
     soft = column(shear_stiffness=50.0, axial_stiffness=80.0)
     # beside another that is loaded: a kernel that other tests need too
     assert straight(soft, tip_force=[(0, 0, 0), (0, 0, 0.1)]).stability.tolist() == [STABLE] * 2
-    for count in (1, 2, 3):
+    one = mr.ConcentricTubes([mr.Rod(length=0.3, **tube)])
+    loads = {"tip_force": [(0, 0, 0), (0, 0, 0.1)], "tip_moment": [(0, 0, 0), (0, 0, 0.001)]}  # likewise
+    alone = mr.solve(one, one.inputs(translation=[-0.05], **loads))[0]
+    assert (alone.index, alone.stability) == (0, STABLE)
+    for count in (2, 3):
         robot = mr.ConcentricTubes([mr.Rod(length=0.3 - 0.1 * k, **tube) for k in range(count)])
         solution = mr.solve(robot, robot.inputs(translation=[-0.05 + 0.02 * k for k in range(count)]))
         assert (solution.index, solution.stability) == (0, STABLE)
@@ -138,14 +142,16 @@ def test_a_fold_is_told_from_either_side():
 
 
 def test_loads_without_a_potential_are_not_judged(wire):
+    """Each in an instance of its own, beside one that has none of them; in batches whose kernels other tests need too."""
     robot = mr.SingleRod(wire)
-    for load in ("tip_moment", "distributed_moment", "follower_force", "follower_moment"):
-        # beside a force that has one, but for what only this test looks at
-        beside = {} if load == "distributed_moment" else {"tip_force": (0.1, 0.0, 0.05)}
-        solution = mr.solve(robot, robot.inputs(**{load: (0.01, 0.02, 0.0)}, **beside)).raise_if_failed()
-        assert solution.stability is UNKNOWN
-        assert solution.index == -1
-        assert np.isnan(solution.potential)
+    load, none = (0.01, 0.02, 0.0), (0.0, 0.0, 0.0)
+    dead = {"tip_moment": [load, none, none], "distributed_moment": [none, load, none], "distributed_force": (0.0, 0.0, 0.01)}
+    following = {"follower_force": [load, none, none], "follower_moment": [none, load, none]}
+    for loads in (dead, following):
+        solution = mr.solve(robot, robot.inputs(tip_force=(0.1, 0.0, 0.05), **loads)).raise_if_failed()
+        assert solution.stability.tolist() == [UNKNOWN, UNKNOWN, STABLE]
+        assert solution.index.tolist() == [-1, -1, 0]
+        assert np.isnan(solution.potential).tolist() == [True, True, False]
 
 
 @pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")
