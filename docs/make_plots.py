@@ -31,6 +31,7 @@ EXAMPLES = (
     "paper_rod",
     "surgical_tubes",
     "six_legs",
+    "fluidic_segment",
     "silicone_segment",
     "parallel_tubes",
     "stacked_platforms",

@@ -1,8 +1,8 @@
 """A fluidic segment of silicone, with weight and a load, against the least energy over polynomials.
 
-Three chambers in a cylinder, two of them filled: they bend and lengthen it. No publication was found that prints all numbers of
-such a segment and a result. So the numbers are this example's own, and the checks are: in free space, the arc that chambers bend
-a rod to, in closed form; with weight and a force, another method, which knows no differential equation.
+Three chambers in a cylinder, two of them filled: they bend and lengthen it. The numbers are this example's own; those of others
+are in fluidic_segment.py. The checks are: in free space, the arc that chambers bend a rod to, in closed form; with weight and a
+force, another method, which knows no differential equation.
 """
 
 import argparse

@@ -140,6 +140,15 @@ def test_a_segment_of_silicone_is_where_its_energy_is_least(example, tmp_path):
     assert (tmp_path / "segment.png").stat().st_size > 10_000
 
 
+def test_fluidic_segments_are_near_what_was_published(example, tmp_path):
+    volume, strain, published, fitted = example("fluidic_segment.py").main(["--out", str(tmp_path / "segment.png")])
+    assert abs(volume - 2.65e-6) < 0.01e-6  # printed with three figures
+    assert abs(strain - 0.12) < 0.005  # with two
+    assert 4e-3 < published < 5e-3  # the measured arm bends more than in proportion to the pressure
+    assert fitted < 3e-3  # of 58.5 mm
+    assert (tmp_path / "segment.png").stat().st_size > 10_000
+
+
 def test_tubes_that_share_a_platform_are_where_its_energy_has_them(example, tmp_path):
     compliance, gap = example("parallel_tubes.py").main(["--out", str(tmp_path / "tubes.png")])
     assert compliance < 1e-9
