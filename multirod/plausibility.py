@@ -208,26 +208,29 @@ def _of_diameter(rod: "Rod", length: float) -> bool:
 
 def _of_stiffness(rod: "Rod", material: Material | None) -> None:
     EI = np.array([float(np.max(section.bending_stiffness)) for section in rod.sections])
-    largest, outer = float(EI.max()), rod.outer_diameter
+    outer = rod.outer_diameter
     if material is None:
         if outer is not None:
             I = math.pi / 64 * (outer**4 - (rod.inner_diameter or 0.0) ** 4)
             found = YOUNG.odd(EI / I) if I > 0 else None
             if found is not None:
                 what = YOUNG.above if found > YOUNG.high else YOUNG.below
-                mm = f"; if EI is in N mm^2, give {1e-6 * largest:.6g}" if YOUNG.odd(1e-6 * EI / I) is None else ""
-                of = f"Rod.bending_stiffness = {largest:.6g} N m^2 at outer_diameter = {outer:.6g} m"
+                own = found * I
+                mm = f"; if EI is in N mm^2, give {1e-6 * own:.6g}" if YOUNG.odd(1e-6 * EI / I) is None else ""
+                of = f"Rod.bending_stiffness = {own:.6g} N m^2 at outer_diameter = {outer:.6g} m"
                 say(f"{of} means a Young's modulus of {found:.3g} Pa, which {what}{mm}")
                 return
         if _twists_too_little(rod):
             return
-    force = EI / float(np.max(rod.length)) ** 2
+    square = float(np.max(rod.length)) ** 2
+    force = EI / square
     odd = SOFT.odd(force)
     if odd is not None:
         what = f"is bent by a force of about EI/L^2 = {odd:.3g} N"
         if material is None:
-            mm = f"if EI is in N mm^2, give {1e-6 * largest:.6g}" if SOFT.odd(1e-6 * force) is None else "it is in N m^2"
-            say(f"Rod.bending_stiffness = {largest:.6g} N m^2 at length = {_length(rod)} {what}; {mm}")
+            own = odd * square
+            mm = f"if EI is in N mm^2, give {1e-6 * own:.6g}" if SOFT.odd(1e-6 * force) is None else "it is in N m^2"
+            say(f"Rod.bending_stiffness = {own:.6g} N m^2 at length = {_length(rod)} {what}; {mm}")
         else:
             made = f"young_modulus = {_largest(material.young):.6g} Pa, outer_diameter = {outer:.6g} m, length = {_length(rod)}"
             say(f"Rod of {made} {what}; are diameters and length in m, moduli in Pa?")

@@ -210,3 +210,9 @@ def test_files_that_are_no_results_say_what_to_do(thick: mr.SingleRod, tmp_path:
 def test_a_mean_without_a_deviation_is_where_to_begin_if_that_is_said() -> None:
     assert np.isinf(mr.Prior(0.1, sigma=math.inf).sigma)
     assert np.isinf(mr.Prior(0.0).sigma)
+
+
+def test_a_stiffness_stands_beside_the_modulus_that_it_means() -> None:
+    sections = [mr.Section(length=0.1, bending_stiffness=EI, torsional_stiffness=EI) for EI in (5.0, 1e-3)]
+    with pytest.warns(mr.PlausibilityWarning, match=r"bending_stiffness = 0.001 N m\^2 .* modulus of 5.22e\+04 Pa"):
+        mr.Rod(sections=sections, outer_diameter=0.025)
