@@ -16,7 +16,7 @@ demo: $(VENV)/.installed
 # a process a core, each of which needs but its own: threads of BLAS would wait for their turn, at a tenth of all time
 test: export OPENBLAS_NUM_THREADS ?= 1
 test: $(VENV)/.installed-test
-	$(AS_MACHINE)$(BIN)/pytest --numprocesses auto --dist loadfile $(ARGS)
+	$(AS_MACHINE)$(BIN)/pytest --numprocesses auto --dist loadfile --no-loadscope-reorder $(ARGS)
 
 # the tests with guards around every block of the heap: which kernel writes past its array?
 heap: $(VENV)/.installed-test
