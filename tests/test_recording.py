@@ -1011,3 +1011,13 @@ def test_ellipsoids_hold_as_much_of_a_force_as_they_say():
     axes = Rotation.from_quat(turn).as_matrix()
     inside = (((drawn @ axes) / half) ** 2).sum(axis=1) <= 1
     assert abs(inside.mean() - 0.95) < 0.006  # four deviations of the share
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_node_where_values_jump_is_drawn_on_one_side_whichever_it_was_of(side: int) -> None:
+    s = np.linspace(0, 1, 11)[None]
+    values = np.where(s < 0.5 - 1e-9 * side, 1 + s, 3 - s)[..., None]
+    every, heights = stepped(s, values, np.array([[0.5, 1.0]]))
+    inside = every[0] < 1
+    expected = [*(1 + s[0, :6]), 1.5, 2.5, *(3 - s[0, 6:10])]
+    np.testing.assert_allclose(heights[0, inside, 0], expected, atol=1e-12)

@@ -63,8 +63,8 @@ def breaks(rod: Rod) -> FloatArray:
 def stepped(arclength: FloatArray, values: FloatArray, places: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Two nodes more at each place where values jump, so that a line through all of them is vertical there.
 
-    A node on such a place has the value before it. What is on either side is continued as a straight line, or as it is where
-    another place is near.
+    What is on either side is continued as a straight line, or as it is where another place is near: also to a node on such a
+    place, whose own value is of one side or the other, by rounding. It gets the one before.
 
     Args:
         arclength: Evenly spaced, axes (row, node).
@@ -79,9 +79,10 @@ def stepped(arclength: FloatArray, values: FloatArray, places: FloatArray) -> tu
         places = np.where(np.abs(places - nearest) < 1e-6 * step, nearest, places)
         arclength = start + np.arange(count) * step  # places on nodes are them, to the last digit
         within = (places > start + 1e-9 * step) & (places < end - 1e-9 * step)
-        before = np.clip(np.nan_to_num(np.floor((places - start) / step + 1e-6)).astype(int), 0, count - 2)
-    added, heights = [arclength], [values]
-    for first, second in ((before, before - 1), (before + 1, before + 2)):
+        at = np.nan_to_num((places - start) / step)
+    last, after = (np.clip(nodes.astype(int), 0, count - 1) for nodes in (np.ceil(at - 1e-6) - 1, np.floor(at + 1e-6) + 1))
+    added, heights = [arclength], [np.array(values)]
+    for first, second in ((last, last - 1), (after, after + 1)):
         second = np.clip(second, 0, count - 1)
         near, far = (np.take_along_axis(arclength, nodes, axis=1) for nodes in (first, second))
         low, high = np.minimum(near, far), np.maximum(near, far)
@@ -94,6 +95,8 @@ def stepped(arclength: FloatArray, values: FloatArray, places: FloatArray) -> tu
         height = near_value + slope * (places - near)[..., None]
         added.append(np.where(within, places, end))
         heights.append(np.where(within[..., None], height, values[:, -1:]))
+    row, place = np.nonzero(within & (after - last == 2))
+    heights[0][row, last[row, place] + 1] = heights[1][row, place]
     every, every_height = np.concatenate(added, axis=1), np.concatenate(heights, axis=1)
     side = np.repeat([0, 1, 2], [count, places.shape[1], places.shape[1]])
     order = np.lexsort((np.broadcast_to(side, every.shape), every), axis=1)
