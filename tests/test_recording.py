@@ -500,7 +500,8 @@ def test_tubes_are_entities_that_nest(tmp_path):
     np.testing.assert_allclose(radii, [0.75**2 * 0.0012, 0.75 * 0.0012, 0.0012], rtol=1e-6)
     assert len(set(colors)) == 3
     assert "/world/platform" not in recording.paths
-    assert "/error/blocks" in recording.paths  # of each tube
+    (parts,) = recording.column("/error/blocks", "SeriesLines:names", static=True)
+    assert parts == names[::-1]  # the innermost couples the others
     (labels,) = recording.column("/inputs/rotation", "SeriesLines:names", static=True)
     assert labels == names
 

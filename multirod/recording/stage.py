@@ -327,7 +327,10 @@ def _blocks(block: History, rods: Sequence[DrawnRod]) -> list[DrawnBlock]:
         taken = {drawn.color for drawn in found}
         if color in taken:  # a line's, beside its rod's
             color = next((other for other in PALETTE[::-1] if other not in taken), color)
-        found.append(DrawnBlock(part.name, color, part.residuals))
+        name = part.name
+        if part.rod is not None and name == f"tube {part.rod + 1}":
+            name = rods[part.rod].name
+        found.append(DrawnBlock(name, color, part.residuals))
     return found
 
 
