@@ -21,7 +21,7 @@ from multirod.solution import Solution
 from multirod.solver import Outcome, Solver, Track
 from multirod.solvers.shooting import Shooting
 from multirod.status import failures
-from multirod.tasks.control import condensed
+from multirod.tasks.condensed import condensed
 from multirod.tasks.curvature import Curvature, Places
 from multirod.tasks.estimate import Estimate, Known, Part, at_means, block_diagonal, remarked
 from multirod.tasks.filter_kernels import Filter, make_filter
