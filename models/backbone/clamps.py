@@ -12,7 +12,7 @@ import warp as wp
 from multirod.batch import IntArray
 from multirod.capabilities import Clamps, Conjugates
 from multirod.launch import record
-from multirod.models.backbone.kernels.layout.layout import unknowns_of
+from multirod.models.backbone.kernels.layout.layout import Layout, unknowns_of
 from multirod.models.backbone.kernels.segments import (
     BASE_FORCE_AT,
     POSITION_AT,
@@ -67,7 +67,7 @@ class ClampedBackbones:
             setattr(self._call, name, wp.zeros((count, *shape), dtype=wp.float64, device=device))
         self._call.unknown_columns, self._call.direction_columns = d, 0
         lanes = width("float64", device)
-        memory = deal(self._call, self._features, problem.integrator, "float64", device, count, lanes, shared=True)
+        memory = deal(self._call, Layout(self._features), problem.integrator, "float64", device, count, lanes, shared=True)
         segment: Any = SegmentCall()
         segment.instance = wp.array(np.arange(count), dtype=wp.int32, device=device)
         segment.steps = wp.zeros(count, dtype=wp.int32, device=device)

@@ -87,9 +87,10 @@ class LanePass:
         portion = max(1, min(longest, count))
         lanes = width(precision, device)
         call.unknown_columns, call.direction_columns = columns
-        refuse_narrow(call, features)
+        layout = Layout(features)
+        refuse_narrow(call, features, layout)
         self._arrays = deal(
-            call, features, integrator, precision, device, portion, lanes, shared=call.node_count == 0 or features.along
+            call, layout, integrator, precision, device, portion, lanes, shared=call.node_count == 0 or features.along
         )
         launch_arguments = [table, call, self._arrays]
 
@@ -130,12 +131,12 @@ class LanePass:
             self._launch.launch()
 
 
-def refuse_narrow(call: Any, features: Features) -> None:
+def refuse_narrow(call: Any, features: Features, layout: Layout) -> None:
     """See that what a launch writes by rows and columns fits into its arrays: a kernel does not look."""
     m, unknowns, directions = features.unknown_count, call.unknown_columns, call.direction_columns
-    columns, lengths = unknowns + directions, Layout(features).LENGTHS
-    needed = {"residual": (m,), "gamma": (m, unknowns), "residual_directions": (m, directions), "line_length": (lengths,)}
-    needed["line_length_columns"] = (lengths, columns)
+    columns, lengths = unknowns + directions, layout.LENGTHS
+    needed = {"residual": (m,), "gamma": (m, unknowns), "residual_directions": (m, directions)}
+    needed |= {"line_length": (lengths,), "line_length_columns": (lengths, columns)}
     if features.pose_sensitivities:
         needed["pose_columns"] = (6, columns)
     if features.held:
@@ -156,7 +157,7 @@ def threads(call: Any, count: int) -> int:
 
 
 def deal(
-    call: Any, features: Features, integrator: Integrator, precision: str, device: str, count: int, lanes: int, *, shared: bool
+    call: Any, layout: Layout, integrator: Integrator, precision: str, device: str, count: int, lanes: int, *, shared: bool
 ) -> Any:
     """Set what ``call`` says of lanes, for ``count`` instances at most in a launch; returns the memory of the threads."""
     columns = call.unknown_columns + call.direction_columns
@@ -164,5 +165,5 @@ def deal(
     call.part_columns = -(-columns // call.parts)
     call.chunk = call.parts * (CHUNK if lanes > 1 else 1)
     call.lane = wp.zeros((threads(call, count) * lanes, LANE_SIZE), dtype=wp.float64, device=device)
-    rows = Layout(features).memory(len(integrator.tableau.b)).rows(call.part_columns)
+    rows = layout.memory(len(integrator.tableau.b)).rows(call.part_columns)
     return wp.zeros((threads(call, count), lanes * rows), dtype=SCALARS[precision], device=device)

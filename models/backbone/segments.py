@@ -9,7 +9,7 @@ import warp as wp
 from multirod.batch import IntArray
 from multirod.launch import record
 from multirod.models.backbone.kernels.layout.features import Features
-from multirod.models.backbone.kernels.layout.layout import unknowns_of
+from multirod.models.backbone.kernels.layout.layout import Layout, unknowns_of
 from multirod.models.backbone.kernels.segments import (
     BASE_FORCE_AT,
     POSITION_AT,
@@ -59,7 +59,7 @@ class Room:
         if call.node_count == 0:  # else a segment's steps are those of a whole rod
             call.step_limit = min(call.step_limit, STEPS_ALLOWED)
         call.unknown_columns, call.direction_columns = columns, problem.direction_count if columns else 0
-        memory = deal(call, features, problem.integrator, "float64", device, capacity, lanes, shared=call.node_count == 0)
+        memory = deal(call, Layout(features), problem.integrator, "float64", device, capacity, lanes, shared=call.node_count == 0)
         shapes: dict[str, tuple[tuple[int, ...], Any]] = {name: ((capacity,), wp.int32) for name in WHOLE}
         shapes |= {name: ((capacity,), wp.float64) for name in ("start", "end", "energy", "work")}
         shapes |= {name: ((capacity, STATE_SIZE), wp.float64) for name in ("state", "end_state")}
