@@ -219,6 +219,13 @@ class Inputs:
         result.batch_shape = np.broadcast_shapes(*(a.shape[:-1] for a in arrays.values()))
         return result
 
+    def broadcast_to(self, batch_shape: tuple[int, ...]) -> "Inputs":
+        """The same, each with all of these leading axes."""
+        arrays = {name: np.broadcast_to(value, (*batch_shape, value.shape[-1])) for name, value in self.arrays.items()}
+        result = self.with_arrays(arrays)
+        result.batch_shape = batch_shape
+        return result
+
     def without(self, names: Sequence[str]) -> "Inputs":
         """The same, with some of the inputs zero; leading axes stay."""
         zero = {name: np.zeros_like(self._arrays[name]) for name in names if name in self._arrays}

@@ -96,11 +96,7 @@ def result_from(table: Mapping[str, Any], where: str) -> Solution:
         ValueError: If it is of another version, or does not hold together.
     """
     robot: Assembly = made(table["robot"], ROBOT, f"{where}robot")
-    inputs = inputs_from(table["inputs"], robot, where)
-    shape = tuple(table["inputs_batch_shape"])
-    arrays = {name: getattr(inputs, name) for name in inputs.arrays}
-    inputs = inputs.with_arrays({name: np.broadcast_to(value, (*shape, value.shape[-1])) for name, value in arrays.items()})
-    inputs.batch_shape = shape
+    inputs = inputs_from(table["inputs"], robot, where).broadcast_to(tuple(table["inputs_batch_shape"]))
     fields, start = {}, 0
     for name, values in table["records"].items():
         fields[name] = slice(start, start + values.shape[1])

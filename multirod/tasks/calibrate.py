@@ -172,21 +172,13 @@ def calibrate(
             f"must be at most as many as are measured, {rows.known.sum()}: the others are unobservable; give them priors, or "
             "measure more shapes",
         )
-    whole = _broadcast(given, shape)
+    whole = given.broadcast_to(shape)
     begin = solve(robot, whole, solver=method, guess=guess, device=device, progress=False)
     begin.raise_if_failed()
     fit = _Fit(robot, whole, numbers, rows, method, begin, device)
     fit.degrees = int(rows.known.sum()) - flat
     fit.run(most)
     return Calibration(numbers, fit)
-
-
-def _broadcast(inputs: Inputs, shape: tuple[int, ...]) -> Inputs:
-    """The inputs, with all leading axes."""
-    arrays = inputs.arrays
-    result = inputs.with_arrays({name: np.broadcast_to(value, (*shape, value.shape[-1])) for name, value in arrays.items()})
-    result.batch_shape = shape
-    return result
 
 
 def _checked(robot: Assembly, parameters: Any) -> dict[str, Prior]:
