@@ -321,16 +321,14 @@ def _blocks(block: History, rods: Sequence[DrawnRod]) -> list[DrawnBlock]:
         blocks = problem.blocks
     if len(blocks) == 1:
         return []
+    called = {f"tube {k + 1}": rod.name for k, rod in enumerate(rods)}
     found: list[DrawnBlock] = []
     for part in blocks:
         color = PLATFORM_COLOR if part.rod is None else rods[part.rod].color
         taken = {drawn.color for drawn in found}
         if color in taken:  # a line's, beside its rod's
             color = next((other for other in PALETTE[::-1] if other not in taken), color)
-        name = part.name
-        if part.rod is not None and name == f"tube {part.rod + 1}":
-            name = rods[part.rod].name
-        found.append(DrawnBlock(name, color, part.residuals))
+        found.append(DrawnBlock(called.get(part.name, part.name), color, part.residuals))
     return found
 
 
