@@ -110,6 +110,11 @@ class Network(Assembly):
             self._refuse_effector(given)
         return self.load_places.index(str(name))
 
+    @property
+    def end_effector(self) -> str:
+        """Name of the body that is the end effector, or of the rod whose tip is."""
+        return self.load_places[self._end_effector]
+
     def _refuse_effector(self, given: object) -> int:
         free = ", ".join(map(repr, self.load_places)) or "there is none: add a body"
         refuse("Network.end_effector", given, f"must be a body, or a rod whose tip is free: {free}")
@@ -221,7 +226,7 @@ class Network(Assembly):
             f"{count} {name}" + ("y" * (count == 1) + "ies" * (count != 1) if name == "bod" else "s" * (count != 1))
             for name, count in kinds
         ]
-        return f"Network({', '.join(counts)}, end effector {self.load_places[self._end_effector]!r})"
+        return f"Network({', '.join(counts)}, end effector {self.end_effector!r})"
 
 
 def _refuse_rod(name: str, rod: Rod) -> None:

@@ -9,6 +9,7 @@ import multirod
 from multirod.files.optional import optional
 from multirod.files.whole import written
 from multirod.history import History
+from multirod.models.assemblies.network import Network
 from multirod.recording.figure import drawn_lines, drawn_rods
 from multirod.solution import Solution
 from multirod.status import Status
@@ -67,7 +68,7 @@ def dataset(solution: Solution, nodes: int | None) -> Any:
         if solution._outcome.rates is not None:
             rates = {"units": "1/s", "long_name": "closed-loop rates of the observer"}
             variables["rates"] = (("time", *axes[1:], "mode"), solution.rates, rates)
-    variables |= _lines(solution, axes) | _inputs(solution, axes)
+    variables |= _lines(solution, axes) | _bodies(solution, axes) | _inputs(solution, axes)
     if nodes is not None:
         variables["energy"] = (axes, solution.energy, {"units": "J", "long_name": "elastic energy of all rods"})
         if any(rod.outer_diameter is not None for rod in solution.assembly.rods):
@@ -117,10 +118,32 @@ def _inputs(solution: Solution, axes: tuple[str, ...]) -> dict[str, Any]:
             continue
         spec, value = inputs.specs[name], getattr(inputs, name)
         counted = f"line_by_{name}" if spec.acts == "lines" else f"number_of_{name}"
-        own = "rod" if spec.per_rod else "component" if spec.count is None else counted
+        own: tuple[str, ...] = ("rod" if spec.per_rod else "component" if spec.count is None else counted,)
         every = np.broadcast_to(value, (*solution.batch_shape, value.shape[-1]))
-        found[f"input_{name}"] = ((*axes, own), every, {"units": spec.unit, "long_name": spec.description})
+        if isinstance(solution.assembly, Network) and spec.count is not None:
+            own = ("load_place", "component")
+            every = every.reshape(*solution.batch_shape, -1, 3)
+        found[f"input_{name}"] = ((*axes, *own), every, {"units": spec.unit, "long_name": spec.description})
     return found
+
+
+def _bodies(solution: Solution, axes: tuple[str, ...]) -> dict[str, Any]:
+    """Where the bodies of a network are."""
+    robot = solution.assembly
+    if not isinstance(robot, Network) or not robot.bodies:
+        return {}
+    names, place = [body.name for body in robot.bodies], len(axes)
+    position = np.stack([solution.body_position(name) for name in names], axis=place)
+    rotation = np.stack([solution.body_rotation(name) for name in names], axis=place)
+    turned = {"units": "1", "long_name": "rotation of the bodies, body to world: their directors in the world"}
+    return {
+        "body_position": (
+            (*axes, "body", "component"),
+            position,
+            {"units": "m", "long_name": "position of the bodies, world frame"},
+        ),
+        "body_rotation": ((*axes, "body", "component", "director"), rotation, turned),
+    }
 
 
 def _along(solution: Solution, axes: tuple[str, ...], nodes: int) -> dict[str, Any]:
@@ -141,6 +164,8 @@ def _coordinates(solution: Solution) -> dict[str, Any]:
     rods = drawn_rods(assembly)
     lines = [line.name for line in drawn_lines(assembly, rods)]
     names = {"component": COMPONENTS, "director": DIRECTORS, "rod": [rod.name for rod in rods], "line": lines}
+    if isinstance(assembly, Network):
+        names |= {"body": [body.name for body in assembly.bodies], "load_place": list(assembly.load_places)}
     for spec in solution.inputs.specs.values():
         if spec.count is not None and spec.acts == "lines":
             driven = [line.drive is not None and line.drive[0] == spec.name for _, line in assembly.lines]

@@ -16,6 +16,7 @@ from multirod.integrators import RK4, RK23, RK45
 from multirod.models.assemblies.concentric_tubes import ConcentricTubes
 from multirod.models.assemblies.eccentric_tubes import EccentricTubes
 from multirod.models.assemblies.held_rod import HeldRod
+from multirod.models.assemblies.network import Network
 from multirod.models.assemblies.parallel_rods import InverseParallelRods, ParallelRods
 from multirod.models.assemblies.single_rod import SingleRod
 from multirod.models.backbone.lines import (
@@ -29,18 +30,20 @@ from multirod.models.backbone.lines import (
     Tendon,
 )
 from multirod.models.joint_kernels import JOINTS
+from multirod.models.network.bodies import Body, ground
+from multirod.models.network.joints import Joint
 from multirod.profile import Profile
 from multirod.rod import Rod, Section
-from multirod.validation import Described, choice, refuse
+from multirod.validation import Described, FloatArray, choice, refuse
 
 CLASSES: dict[str, type] = {
     made.__name__: made
     for made in (
-        *(SingleRod, ConcentricTubes, EccentricTubes, ParallelRods, InverseParallelRods, HeldRod),
-        *(Rod, Section, Tendon, PushRod, Chamber, RK4, RK23, RK45),
+        *(SingleRod, ConcentricTubes, EccentricTubes, ParallelRods, InverseParallelRods, HeldRod, Network),
+        *(Body, Joint, Rod, Section, Tendon, PushRod, Chamber, RK4, RK23, RK45),
     )
 }
-ROBOTS = ("SingleRod", "ConcentricTubes", "EccentricTubes", "ParallelRods", "InverseParallelRods", "HeldRod")
+ROBOTS = ("SingleRod", "ConcentricTubes", "EccentricTubes", "ParallelRods", "InverseParallelRods", "HeldRod", "Network")
 LINES = ("Tendon", "PushRod", "Chamber")
 INTEGRATORS = ("RK4", "RK23", "RK45")
 KINDS: dict[type, str] = {made: name for name, made in CLASSES.items()} | {
@@ -76,8 +79,15 @@ UNITS = {
     "platform_mass": "kg",
     "platform_centre": "m",
     "limits": "m",
+    "mass": "kg",
+    "mass_centre": "m",
+    "pose": "pose: rotation, position in m",
+    "stiffness": "N m/rad",
+    "rest": "rad",
 }
 EQUAL = ("bending_stiffness", "shear_stiffness", "foundation")  # one number for all their axes will do
+OF_A_KIND = ("Joint",)  # that has an argument of this name: its table needs no class, which goes without saying
+NO_IDENTITY = {"HeldRod": "end", "Body": "pose"}  # poses that are none by default, where others are the identity
 
 
 @dataclass(frozen=True)
@@ -103,6 +113,7 @@ PARTS: dict[str, dict[str, Part]] = {
     "ParallelRods": {"legs": Part(("Rod", "ConcentricTubes"))},
     "InverseParallelRods": {"robot": Part(("ParallelRods",), many=False)},
     "HeldRod": {"rod": Part(("Rod",), many=False)},
+    "Network": {"rods": Part(("Rod",)), "bodies": Part(("Body",)), "joints": Part(("Joint",))},
 }
 
 
@@ -126,6 +137,15 @@ def _joint_axes(robot: ParallelRods) -> Any:
     return axes[0] if (axes == axes[0]).all() else axes
 
 
+def _axis(joint: Joint) -> Any:
+    return {"revolute": joint.axes[0:1].reshape(-1), "universal": joint.axes}.get(joint.kind)
+
+
+def _each(values: FloatArray) -> Any:
+    """One number where it is the same about all axes of a joint."""
+    return values if (values != values[:1]).any() else float(values[:1].sum())
+
+
 # arguments that an object does not keep as an attribute of the same name
 READERS: dict[str, dict[str, Callable[[Any], Any]]] = {
     "SingleRod": {"rod": lambda robot: robot.rods[0]},
@@ -140,6 +160,13 @@ READERS: dict[str, dict[str, Callable[[Any], Any]]] = {
         "platform_centre": lambda robot: robot.geometry.mass_centre,
     },
     "HeldRod": {"rod": lambda robot: robot.rods[0]},
+    "Network": {"end_effector": lambda robot: robot.end_effector},
+    "Joint": {
+        "to": lambda joint: joint.to.name,
+        "axis": _axis,
+        "stiffness": lambda joint: _each(joint.stiffness),
+        "rest": lambda joint: _each(joint.rest),
+    },
     "InverseParallelRods": {"limits": lambda robot: robot.limits if np.isfinite(robot.limits).any() else None},
     "Tendon": {
         "route": _route,
@@ -218,7 +245,7 @@ def described(thing: Any, where: str, *, functions: bool) -> dict[str, Any]:
             refuse(field, list(value), "a file holds only the lines of multirod itself, and no members of other classes")
         else:
             plain = _plain(field, name, value, functions)
-            if not _is(plain, default) or (name, default) == ("end", None) and value is not None:
+            if not _is(plain, default) or NO_IDENTITY.get(kind) == name and value is not None:
                 result[name] = plain
     return result
 
@@ -333,9 +360,11 @@ def made(table: Any, part: Part, where: str) -> Any:
     if not isinstance(table, dict):
         refuse(where, table, "must be a table")
     options = constructors(part.kinds)
-    kind = choice(at(where, "kind"), table.get("kind", None if part.named else part.kinds[0]), options)
+    kind, given = part.kinds[0], dict(table)
+    if kind not in OF_A_KIND:
+        kind = choice(at(where, "kind"), given.pop("kind", None if part.named else kind), options)
     make, parts = options[kind], PARTS.get(kind.partition(".")[0], {})
-    known, given = parameters(make), {name: value for name, value in table.items() if name != "kind"}
+    known = parameters(make)
     for name, value in given.items():
         if name not in known:
             refuse(at(where, name), value, f"there is no such key: {kind} takes {', '.join(known)}")
@@ -344,10 +373,31 @@ def made(table: Any, part: Part, where: str) -> Any:
             raise ValueError(f"{at(where, name)} is not there: {kind} needs {name}")
     arguments = {name: _argument(value, parts.get(name), at(where, name)) for name, value in given.items()}
     arguments |= {name: _meant_as_pair(arguments[name]) for name in EQUAL if name in arguments}
+    if make is Joint:
+        return arguments  # until there are bodies
     try:
-        return make(**arguments)
+        return _network(arguments) if make is Network else make(**arguments)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{where}{'' if where.endswith(': ') else ': '}{error}") from error
+
+
+def _network(given: dict[str, Any]) -> Network:
+    """A network from its rods, which have their names, its bodies, and the arguments of its joints."""
+    rods: dict[str, Rod] = {}
+    for k, rod in enumerate(given["rods"]):
+        if not rod.name or rod.name in rods:
+            refuse(f"rods[{k}].name", rod.name, "each rod of a Network needs a name of its own")
+        rods[rod.name] = rod
+    bodies = {body.name: body for body in given.get("bodies", ())}
+    holders = {ground.name: ground, **bodies}
+    joints = []
+    for k, arguments in enumerate(given["joints"]):
+        to = holders[choice(f"joints[{k}].to", arguments["to"], holders)]
+        try:
+            joints.append(Joint(**{**arguments, "to": to}))
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"joints[{k}]: {error}") from error
+    return Network(**{**given, "rods": rods, "bodies": list(given.get("bodies", ())), "joints": joints})
 
 
 def at(where: str, name: str) -> str:

@@ -15,6 +15,8 @@ from multirod.events import joined_events, separate_events
 from multirod.files.kinds import INTEGRATORS, ROBOTS, Part, described, made, profile
 from multirod.history import History
 from multirod.inputs import Inputs
+from multirod.models.assemblies.network import Network
+from multirod.models.network.problem import LOADED, PER_ROD
 from multirod.scene import Scene
 from multirod.segments import Breakpoints
 from multirod.solution import Solution
@@ -55,7 +57,11 @@ def inputs_from(table: Mapping[str, Any], robot: Assembly, where: str) -> Inputs
     Raises:
         ValueError: If there is an input that the robot does not take, or a value that it does not take.
     """
-    values = {name: profile(value, f"{where}{name}") if isinstance(value, dict) else value for name, value in table.items()}
+    by_name = (*PER_ROD, *LOADED) if isinstance(robot, Network) else ()  # which a network takes as mappings
+    values = {
+        name: profile(value, f"{where}{name}") if isinstance(value, dict) and name not in by_name else value
+        for name, value in table.items()
+    }
     try:
         return robot.inputs(**values)
     except (TypeError, ValueError) as error:
