@@ -112,7 +112,8 @@ def rod(own: "Rod") -> str:
 
 def robot(assembly: "Assembly") -> str:
     """A row for each rod, and the inputs that it takes."""
-    from multirod.recording.figure import drawn_rods
+    from multirod.models.assemblies.network import Network
+    from multirod.recording.figure import bodies_in_words, drawn_rods, joined_to
 
     rows: list[Cells] = []
     for drawn, own in zip(drawn_rods(assembly), assembly.rods, strict=True):
@@ -122,11 +123,17 @@ def robot(assembly: "Assembly") -> str:
         count = len(own.sections)
         rows.append([drawn.name, _range(own.length), diameter, *stiffness, count, len(own.lines)])
     header = ["rod", "length [m]", "diameter [mm]", "EI [N m²]", "GJ [N m²]", "sections", "lines"]
+    if isinstance(assembly, Network):
+        header += ["base on", "tip on"]
+        rows = [[*row, *held] for row, held in zip(rows, joined_to(assembly), strict=True)]
     batch = f", batch {assembly.batch_shape}" if assembly.batch_shape else ""
     takes = ", ".join(f"{spec.name} [{spec.unit}]" for spec in assembly.input_specs)
     notes = [f"takes {takes}"]
     if any(len(own.sections) > 1 for own in assembly.rods):
         notes.insert(0, "stiffnesses are those of the first section")
+    if isinstance(assembly, Network):
+        said = f"bodies: {bodies_in_words(assembly)}; " if assembly.bodies else ""
+        notes.insert(0, f"{said}end effector: {assembly.end_effector}")
     count = assembly.rod_count
     return table(f"{type(assembly).__name__} of {count} rod{'s' * (count > 1)}{batch}", header, rows, notes)
 

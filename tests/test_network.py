@@ -387,11 +387,20 @@ def test_plots_have_bodies_and_what_acts_on_them():
 
     axes = mr.solve(robot, robot.inputs(**GIVEN), solver=EXACT).plot()
     assert len(bodies(axes)) == 2
+    marked = {line.get_label(): len(line.get_data_3d()[0]) for line in axes.lines}
+    expected = {"clamped": 0, "revolute joint": 2, "universal joint": 2, "spherical joint": 2}
+    assert {name: marked.get(name, 0) for name in expected} == expected
     said = [text.get_text() for text in axes.get_legend().get_texts()]
     for expected in ("force on plate 0.412 N", "force on feeler 0.15 N", "moment on top 0.0374 N m"):
         assert expected in said
     batch = mr.solve(robot, robot.inputs(gravity=np.outer([1, 2, 3], GRAVITY / 9.81)), solver=EXACT)
     assert len(bodies(batch.plot())) == 2 * 3
+    force = np.zeros((3, 3, 3))
+    force[:, 1, 0] = 0.1, 0.2, 0.3
+    history = mr.simulate(robot, robot.inputs(force=force), time=0.1 * np.arange(3), solver=mr.Shooting(integrator=RK4))
+    panel = history.plot("inputs")
+    assert panel.get_ylabel() == "force on top\n[N]"
+    assert [line.get_ydata().tolist() for line in panel.lines if line.get_label() == "x"] == [[0.1, 0.2, 0.3]]
 
 
 @pytest.fixture

@@ -94,6 +94,17 @@ def test_robots_and_inputs(robot):
     assert page(robot.inputs()).text == ["Inputs", "all are zero"]
 
 
+def test_a_network_says_what_its_rods_are_joined_to(robot):
+    plate = mr.Body("plate", mass=0.05)
+    ends = [mr.Joint("leg", "base", to=mr.ground), mr.Joint("leg", "tip", to=plate, kind="revolute", stiffness=1.0)]
+    joints = [*ends, mr.Joint("mast", "base", to=plate)]
+    network = mr.Network(rods={"leg": robot.rods[0], "mast": robot.rods[0]}, bodies=[plate], joints=joints, end_effector="mast")
+    shown = page(network)
+    assert [row[0] for row in shown.rows[1:]] == ["leg", "mast"]
+    assert [row[-2:] for row in shown.rows[1:]] == [["ground, clamped", "plate, revolute"], ["plate, clamped", "free"]]
+    assert "bodies: plate (0.05 kg); end effector: mast" in shown.text
+
+
 def test_solutions_batches_and_histories(robot):
     one = mr.solve(robot, robot.inputs(tip_force=(0.3, 0.1, 0)), solver=SOLVER)
     rows = {row[0]: row[1] for row in page(one).rows}

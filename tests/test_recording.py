@@ -709,6 +709,119 @@ def test_inverse_problem_is_recorded_as_its_robot(tmp_path):
     np.testing.assert_array_equal(recording.scalars("/inputs/platform_position")[0], (0.005, 0, 0.19))
 
 
+def make_network(base=None):
+    """Two struts hold a plate; a feeler that stands on it has a free tip; an object is held from both sides."""
+    plate, held = mr.Body("plate", mass=0.02), mr.Body("held/up")
+    places = triangle(0.03)
+    side = np.eye(4)
+    side[:3, :3] = Rotation.from_euler("y", 90, degrees=True).as_matrix()
+    left, right = side.copy(), side.copy()
+    left[0, 3], right[0, 3] = -0.01, 0.01
+    right[:3, :3] = side[:3, :3].T
+    joints = [mr.Joint(f"strut {k}", "base", to=mr.ground, pose=triangle(0.05)[k]) for k in range(3)]
+    joints += [mr.Joint(f"strut {k}", "tip", to=plate, pose=places[k], kind="spherical") for k in range(3)]
+    joints += [mr.Joint(name, "base", to=plate, pose=pose) for name, pose in (("west", left), ("east", right))]
+    joints += [mr.Joint(name, "tip", to=held, pose=pose) for name, pose in (("west", left), ("east", right))]
+    joints += [mr.Joint("feeler", "base", to=held)]
+    bowed = {
+        name: mr.Rod(length=0.1, bending_stiffness=0.02, torsional_stiffness=0.015, precurvature=(0, sign * 10 * np.pi, 0))
+        for name, sign in (("west", 1), ("east", -1))
+    }
+    rods = {f"strut {k}": ROD for k in range(3)} | bowed | {"feeler": ROD}
+    return mr.Network(rods=rods, bodies=[plate, held], joints=joints, end_effector="feeler", base=base)
+
+
+def network_inputs(robot, time):
+    force, moment = np.zeros((len(time), 3, 3)), np.zeros((len(time), 3, 3))
+    force[:, 0, 0], force[:, 2, 1], moment[:, 1, 2] = 0.3 + time, 0.1, 0.02
+    return robot.inputs(force=force, moment=moment, gravity=(0, 0, -9.81))
+
+
+@pytest.fixture(scope="module")
+def network_history():
+    robot, time = make_network(), 0.1 * np.arange(3)
+    solver = mr.Shooting(integrator=mr.RK4(12))
+    return mr.simulate(robot, network_inputs(robot, time), time=time, solver=solver).raise_if_failed()
+
+
+def test_a_network_has_its_bodies_and_what_acts_on_them(network_history, tmp_path):
+    history = network_history
+    history.save(tmp_path / "run.rrd", nodes=11, force_scale=0.1)
+    recording = Recording(tmp_path / "run.rrd")
+    names = [rod.name for rod in history.assembly.rods]
+    escaped = [name.replace(" ", "\\ ") for name in names]
+    for name, path in zip(names, escaped, strict=True):
+        found = starts_of(recording, f"/world/rods/{path}")
+        np.testing.assert_allclose(found, history.rod(name, nodes=11).position[:, :-1], atol=1e-7)
+    for k in range(3):
+        (origin,) = recording.column(f"/world/base/{escaped[k]}", "Transform3D:translation", static=True)
+        np.testing.assert_allclose(origin[0], triangle(0.05)[k, :3, 3], atol=1e-8)
+    for body, path in (("plate", "plate"), ("held/up", r"held\/up")):
+        entity = f"/world/bodies/{path}"
+        places = np.array(recording.column(entity, "Transform3D:translation"))[:, 0]
+        np.testing.assert_allclose(places, history.body_position(body), atol=1e-7)
+        turns = Rotation.from_quat(np.array(recording.column(entity, "Transform3D:quaternion"))[:, 0])
+        np.testing.assert_allclose(turns.as_matrix(), history.body_rotation(body), atol=1e-6)
+        (mesh,) = [row for row in recording.column(entity, "Mesh3D:vertex_positions") if row]
+        (triangles,) = [row for row in recording.column(entity, "Mesh3D:triangle_indices") if row]
+        (normals,) = [row for row in recording.column(entity, "Mesh3D:vertex_normals") if row]
+        corners = np.array(mesh)[np.array(triangles)]
+        area = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        np.testing.assert_allclose(area.sum(axis=0), 0, atol=1e-9)  # closed, and faces outwards
+        assert np.einsum("ij,ij->", area, corners.mean(axis=1)) > 0
+        assert (np.einsum("ij,icj->ic", area, np.array(normals)[np.array(triangles)]) > -1e-12).all()
+        assert np.abs(np.array(mesh)[:, 0]).max() >= (0.03 if body == "plate" else 0.01)  # it reaches what it holds
+        assert len([row for row in recording.column(entity, "TransformAxes3D:axis_length") if row]) == 3
+        (label,) = recording.column(f"{entity}/name", "Points3D:labels", static=True)
+        assert label == [body]
+    inputs = history.inputs
+    arrows, origins = arrows_of(recording, "force/plate")
+    np.testing.assert_allclose(arrows, 0.1 * inputs.force[:, :3], atol=1e-7)
+    np.testing.assert_allclose(origins, history.body_position("plate"), atol=1e-7)
+    arrows, origins = arrows_of(recording, "force/feeler")
+    np.testing.assert_allclose(origins, history.tip_position, atol=1e-7)
+    arrows, origins = arrows_of(recording, r"moment/held\/up")
+    np.testing.assert_allclose(origins, history.body_position("held/up"), atol=1e-7)
+    assert not [row for row in recording.column(r"/world/loads/force/held\/up", "Arrows3D:vectors") if row]
+    (text,) = recording.column("/description", "TextDocument:text", static=True)
+    for row in ("| strut 0, strut 1, strut 2 | ground, clamped | plate, spherical |", "| feeler | held/up, clamped | free |"):
+        assert row in text[0]
+    assert "**Bodies** plate (0.02 kg), held/up. **End effector** feeler" in text[0]
+    (legend,) = recording.column("/legend", "TextDocument:text", static=True)
+    scale = arrows[0, 2] / 0.02  # a moment of 0.02 N m
+    assert "arrows: yellow `force`, 1 N is 100 mm" in legend[0]
+    assert f"arrows: violet `moment`, 1 N m is {1e3 * scale:.4g} mm" in legend[0]
+    (labels,) = recording.column("/inputs/force", "SeriesLines:names", static=True)
+    assert labels[:4] == ["plate x", "plate y", "plate z", "held/up x"]
+    (parts,) = recording.column("/error/blocks", "SeriesLines:names", static=True)
+    assert parts == [*names, "bodies"]
+
+
+def test_a_network_is_recorded_as_it_comes_and_in_a_batch(network_history, tmp_path):
+    """Arrows of both kinds fit what comes; a batch of bases has bodies where they are."""
+    moved = np.tile(np.eye(4), (2, 1, 1))
+    moved[1, 0, 3] = 0.3
+    robot = make_network(base=moved)
+    time = 0.1 * np.arange(3)
+    inputs = network_inputs(make_network(), time)
+    solver = mr.Shooting(integrator=mr.RK4(12))
+    solutions = [
+        mr.solve(robot, robot.inputs(force=f, moment=m), solver=solver) for f, m in zip(inputs.force, inputs.moment, strict=True)
+    ]
+    with Recorder(tmp_path / "run.rrd", flush_every=1) as recorder:
+        for t, solution in zip(time, solutions, strict=True):
+            recorder.log(t, solution)
+    recording = Recording(tmp_path / "run.rrd")
+    for k in range(2):
+        places = np.array(recording.column(f"/world/instance_{k}/bodies/plate", "Transform3D:translation"))[:, 0]
+        np.testing.assert_allclose(places, [solution.body_position("plate")[k] for solution in solutions], atol=1e-7)
+        for kind in ("force/plate", r"moment/held\/up"):
+            assert [row for row in recording.column(f"/world/instance_{k}/loads/{kind}", "Arrows3D:vectors") if row]
+    np.testing.assert_allclose(
+        solutions[0].body_position("plate")[1], solutions[0].body_position("plate")[0] + [0.3, 0, 0], atol=1e-8
+    )
+
+
 @pytest.fixture(scope="module")
 def lined_history():
     """Two tendons that pull in turn, a chamber, and discs."""

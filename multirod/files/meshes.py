@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from multirod.files.optional import optional
 from multirod.files.whole import written
-from multirod.recording.figure import PLATFORM_COLOR, Plate, drawn_rods, platforms
+from multirod.recording.bodies import drawn_bodies, poses_of
+from multirod.recording.figure import PLATFORM_COLOR, Plate, drawn_rods
 from multirod.solution import Solution
 from multirod.validation import Described, FloatArray, positive_int, refuse
 
@@ -51,12 +52,12 @@ def scene(solution: Solution, nodes: int | None, corners: int) -> Any:
         inner = 0.0 if rod.outer_diameter is None else 0.5 * (rod.inner_diameter or 0.0)
         for k in np.flatnonzero(sound):
             add(drawn.name, int(k), *tube(position[k], rotation[k, :, :, 2], drawn.radius, inner, corners), drawn.color)
-    plates = platforms(solution.assembly, solution.batch_shape, count)
-    if plates:
-        origin, turn = solution.tip_position.reshape(-1, 3), solution.tip_rotation.reshape(-1, 3, 3)
+    for body in drawn_bodies(solution.assembly, solution.batch_shape, count):
+        position, rotation = poses_of(body, solution)
+        origin, turn = position.reshape(-1, 3), rotation.reshape(-1, 3, 3)
         for k in np.flatnonzero(sound):
-            vertices, triangles = _closed(plates[k])
-            add("platform", int(k), origin[k] + vertices @ turn[k].T, triangles, PLATFORM_COLOR)
+            vertices, triangles = _closed(body.solids[k])
+            add("/".join(body.path), int(k), origin[k] + vertices @ turn[k].T, triangles, PLATFORM_COLOR)
     return result
 
 

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from multirod.history import History
+from multirod.inputs import InputSpec
+from multirod.models.assemblies.network import Network
 from multirod.plotting.canvas import COMPONENTS, FAILED, FEW, column_of_axes, legend, style_of, title
 from multirod.plotting.family import Family, numbers
 from multirod.recording.figure import drawn_lines, drawn_rods
@@ -79,10 +81,21 @@ def _inputs(history: History) -> list[Panel]:
         ]
         own = names if spec.per_rod else driven if spec.count is not None else ["x", "y", "z"]
         vector = not spec.per_rod and spec.count is None
+        if isinstance(history.assembly, Network) and spec.count is not None:
+            panels += _on_places(history.assembly, spec, every)
+            continue
         panels.append(Panel(f"{spec.name}\n[{spec.unit}]", every, tuple(own) if len(own) > 1 else (), vector))
     if not panels:
         refuse("quantity", "inputs", "no input was given as numbers: there is nothing to plot")
     return panels
+
+
+def _on_places(robot: Network, spec: InputSpec, values: FloatArray) -> list[Panel]:
+    """An axes for each body or tip that a load acts on."""
+    axes = ("x", "y", "z")
+    own = {place: values[..., 3 * k : 3 * k + 3] for k, place in enumerate(robot.load_places)}
+    acting = {place: value for place, value in own.items() if value.any()} or own
+    return [Panel(f"{spec.name} on {place}\n[{spec.unit}]", value, axes, vector=True) for place, value in acting.items()]
 
 
 def _of_lines(name: str, label: str) -> Callable[[History], list[Panel]]:

@@ -13,8 +13,9 @@ from multirod.models.network.bodies import Body
 from multirod.plotting.canvas import COMPONENTS, STYLES, colors_of, in_space, legend, matplotlib
 from multirod.plotting.family import Family
 from multirod.problem import Shape
+from multirod.recording.bodies import body_through, least_around
 from multirod.recording.columns import circles
-from multirod.recording.figure import DrawnRod, bases, discs, drawn_lines, drawn_rods, plate_through
+from multirod.recording.figure import DrawnRod, Plate, bases, discs, drawn_lines, drawn_rods, plate_through
 from multirod.solution import Solution
 from multirod.validation import FloatArray
 
@@ -25,7 +26,7 @@ _BODY = 0.25  # opacity of a rod with chambers, which are within it
 _ARROW = 0.25  # of the robot's size: the longest arrow of a kind
 _TRIAD = 0.09  # of the same: axes of a frame
 _ALONG = 9  # arrows of what acts along a rod
-_MARKERS = {"clamped": "s", "revolute": "D", "spherical": "o"}
+_MARKERS = {"clamped": "s", "revolute": "D", "spherical": "o", "universal": "P"}
 _LINES = ("#5C5C5C", "#8C564B", "#7F7FFF", "#2E7D6B", "#B0902F", "#9A4FA0")
 _FORCE, _MOMENT, _FIELD = "#C1121F", "#6A3D9A", "#444444"
 _GREY = "#8A929C"
@@ -60,7 +61,7 @@ def draw(
     shapes = {k: solution.rod(k, nodes=nodes) for k in rods}
     plates = _plates(solution) if len(family) else []
     origins = [pose[:3, 3] for pose in bases(solution.assembly).values()]
-    points = [np.array(origins), *(shape.position for shape in shapes.values()), *plates]
+    points = [np.array(origins), *(shape.position for shape in shapes.values()), *(face for plate in plates for face in plate)]
     if path is not None:
         points.append(path)
     robot = _finite(points)
@@ -158,8 +159,8 @@ def _rods(ax: Any, family: Family, drawn: list[DrawnRod], shapes: dict[int, Shap
             ax.plot(*nodes.T, color=color, lw=min(widths[k], 2.5), **style)
 
 
-def _plates(solution: Solution) -> list[FloatArray]:
-    """Outlines of the platforms in the world (vertex_count, 3), one an instance, or of one body after another; none where there
+def _plates(solution: Solution) -> list[list[FloatArray]]:
+    """Polygons (vertex_count, 3) of the platforms in the world, one an instance, or of one body after another; none where there
     is no platform."""
     assembly = solution.assembly
     if isinstance(assembly, Network):
@@ -170,34 +171,36 @@ def _plates(solution: Solution) -> list[FloatArray]:
     attachments = solution._parameter(assembly.geometry.platform, 3)
     least = 2 * max(rod.radius for rod in drawn_rods(assembly))
     if attachments.ndim == 3:
-        outlines = [plate_through(attachments, least).outline] * len(positions)
+        solids = [plate_through(attachments, least)] * len(positions)
     else:
-        outlines = [plate_through(poses, least).outline for poses in attachments.reshape(-1, *attachments.shape[-3:])]
-    return [corners @ R.T + p for corners, p, R in zip(outlines, positions, rotations, strict=True)]
+        solids = [plate_through(poses, least) for poses in attachments.reshape(-1, *attachments.shape[-3:])]
+    return _placed(solids, positions, rotations)
 
 
-def _body_plates(solution: Solution, robot: Network, body: Body) -> list[FloatArray]:
-    """Outlines of a body, one an instance: of a plate through the places where it holds rods."""
-    least = 2 * max(rod.radius for rod in drawn_rods(robot))
+def _placed(solids: list[Plate], positions: FloatArray, rotations: FloatArray) -> list[list[FloatArray]]:
+    return [[corners @ R.T + p for corners in solid.faces] for solid, p, R in zip(solids, positions, rotations, strict=True)]
+
+
+def _body_plates(solution: Solution, robot: Network, body: Body) -> list[list[FloatArray]]:
+    """Polygons of a body, one list an instance: of what spans the places where it holds rods."""
     held = [solution._parameter(joint.pose, 2) for joint in robot.joints if joint.to is body]
     positions = solution.body_position(body.name).reshape(-1, 3)
     rotations = solution.body_rotation(body.name).reshape(-1, 3, 3)
     poses = np.stack([np.broadcast_to(pose, (len(positions), 4, 4)) for pose in held], axis=1)
-    outlines = (
-        [plate_through(poses[0], least).outline] * len(positions)
-        if all(pose.ndim == 2 for pose in held) and len(positions)
-        else [plate_through(own, least).outline for own in poses]
-    )
-    return [corners @ R.T + p for corners, p, R in zip(outlines, positions, rotations, strict=True)]
+    least = least_around(robot, len(held))
+    same = all(pose.ndim == 2 for pose in held) and len(positions)
+    solids = [body_through(poses[0], least)] * len(positions) if same else [body_through(own, least) for own in poses]
+    return _placed(solids, positions, rotations)
 
 
-def _platforms(ax: Any, family: Family, plates: list[FloatArray]) -> None:
+def _platforms(ax: Any, family: Family, plates: list[list[FloatArray]]) -> None:
     if not plates:
         return
     colors = [_GREY] * len(plates) if family.single else [*family.colors()] * (len(plates) // len(family))
     for plate, color in zip(plates, colors, strict=True):
         alpha = 0.35 if family.single else 0.12
-        ax.add_collection3d(in_space("art3d").Poly3DCollection([plate], facecolor=color, edgecolor=color, alpha=alpha, lw=1.0))
+        lw = 1.0 if len(plate) == 1 else 0.0  # of a solid the edges of triangles
+        ax.add_collection3d(in_space("art3d").Poly3DCollection(plate, facecolor=color, edgecolor=color, alpha=alpha, lw=lw))
 
 
 def _triad(ax: Any, place: FloatArray, rotation: FloatArray, length: float, *, letters: bool) -> None:
@@ -211,15 +214,33 @@ def _triad(ax: Any, place: FloatArray, rotation: FloatArray, length: float, *, l
 
 def _joints(ax: Any, solution: Solution) -> None:
     assembly = solution.assembly
-    if not isinstance(assembly, (ParallelRods, InverseParallelRods)):
-        return
-    attachments = solution._parameter(assembly.geometry.platform, 3)[:, :3, 3]
-    places = attachments @ solution.tip_rotation.T + solution.tip_position
-    for name, code in JOINTS.items():
-        own = places[assembly.geometry.joints == code]
+    places: dict[str, FloatArray] = {}
+    if isinstance(assembly, (ParallelRods, InverseParallelRods)):
+        attachments = solution._parameter(assembly.geometry.platform, 3)[:, :3, 3]
+        every = attachments @ solution.tip_rotation.T + solution.tip_position
+        places = {name: every[assembly.geometry.joints == code] for name, code in JOINTS.items()}
+    elif isinstance(assembly, Network):
+        places = _joints_of_bodies(solution, assembly)
+    for name, own in places.items():
         if len(own):
             label = name if name == "clamped" else f"{name} joint"
-            ax.plot(*own.T, _MARKERS[name], color="k", mfc="w", ms=4.5, lw=0, label=label, zorder=4)
+            ax.plot(*own.T, _MARKERS.get(name, "v"), color="k", mfc="w", ms=4.5, lw=0, label=label, zorder=4)
+
+
+def _joints_of_bodies(solution: Solution, robot: Network) -> dict[str, FloatArray]:
+    """Where joints of each kind are on bodies, and on the ground where they give way, shapes (count, 3)."""
+    found: dict[str, list[FloatArray]] = {}
+    for joint in robot.joints:
+        place = solution._parameter(joint.pose, 2)[:3, 3]
+        if isinstance(joint.to, Body):
+            place = solution.body_position(joint.to.name) + solution.body_rotation(joint.to.name) @ place
+        elif joint.kind == "clamped":
+            continue
+        else:
+            base = solution._parameter(robot.base, 2)
+            place = base[:3, 3] + base[:3, :3] @ place
+        found.setdefault(joint.kind, []).append(place)
+    return {kind: np.array(places) for kind, places in found.items()}
 
 
 def _discs(ax: Any, solution: Solution, shapes: dict[int, Shape]) -> None:

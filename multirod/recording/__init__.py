@@ -5,15 +5,18 @@ Entities (``[instance_k]`` only where there is a batch axis). ``ROD`` is a rod's
 
 =========================================  ==============================================================================
 ``/description``                           what was run, units and scales, as Markdown
-``/world/base[_k][/LEG]``                  base frames
+``/world/base[_k][/LEG]``                  base frames; of a ``Network`` those of the rods that stand on the ground
 ``/world/[instance_k/]rods/ROD``           shape: one capsule between two nodes
 ``/world/[instance_k/]tip``                frame of the end effector, which may be a platform's
 ``/world/[instance_k/]tip_path``           a stroke a sample, from the tip before
 ``/world/[instance_k/]platform``           a plate through the attachments, for robots that have a platform
-``/world/[instance_k/]loads/NAME``         ``tip_force`` and ``follower_force``, arrows in newtons, from where they act
+``/world/[instance_k/]bodies/BODY``        the same of each body of a ``Network``, with its frame; below it its ``name``
+``/world/[instance_k/]loads/NAME``         ``tip_force`` and ``follower_force``, arrows in newtons, from where they act; of a
+                                           ``Network`` ``force/BODY``, ``moment/BODY``, or of the rod whose tip is free
 ``/world/[instance_k/]reference/...``      shape and tip path of the reference
 ``/error/boundary[_log10][/instance_k]``   ``residual`` [1/m]
-``/error/blocks[_log10][/instance_k]``     the same of each leg and of the platform, a series each, where there are several
+``/error/blocks[_log10][/instance_k]``     the same of each leg and of the platform, a series each, where there are several; of
+                                           a ``Network`` of each rod and of all bodies
 ``/error/tip_mm[_log10][/instance_k]``     distance of the tip from the reference's [mm]
 ``/conditioning/...[/instance_k]``         ``condition[_log10]``, ``smallest_singular_value[_log10]``
 ``/solver/...[/instance_k]``               ``step_time_ms[_log10]``, ``iterations``, ``integrations``

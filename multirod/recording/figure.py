@@ -9,9 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.assembly import Assembly
+from multirod.models.assemblies.network import Network
 from multirod.models.assemblies.parallel_rods import InverseParallelRods, ParallelRods
 from multirod.models.backbone.lines import Chamber, Line
 from multirod.models.backbone.problem import BackboneAssembly
+from multirod.models.network.bodies import ground
+from multirod.models.network.graph import ENDS
 from multirod.rod import Rod
 from multirod.validation import FloatArray
 
@@ -82,22 +85,25 @@ class DrawnLine:
 
 @dataclass(frozen=True)
 class Plate:
-    """A flat body with rounded corners, as triangles.
+    """A flat body with rounded corners, or a solid, as triangles.
 
     Attributes:
         vertices: [m], shape (vertex_count, 3).
         normals: Of the surface at each vertex, shape (vertex_count, 3).
         triangles: Indices of vertices, shape (triangle_count, 3).
+        flat: Whether it is a plate, and no solid.
     """
 
     vertices: FloatArray
     normals: FloatArray
     triangles: NDArray[np.uint32]
 
+    flat: bool = True
+
     @property
-    def outline(self) -> FloatArray:
-        """Corners of one of its faces [m], shape (corner_count, 3)."""
-        return self.vertices[: len(self.vertices) // _COPIES]
+    def faces(self) -> list[FloatArray]:
+        """Polygons that show it [m], shapes (corner_count, 3): of a flat one its outline."""
+        return [self.vertices[: len(self.vertices) // _COPIES]] if self.flat else list(self.vertices[self.triangles])
 
 
 def drawn_rods(assembly: Assembly) -> list[DrawnRod]:
@@ -136,12 +142,28 @@ def bases(assembly: Assembly) -> dict[tuple[str, ...], FloatArray]:
     if isinstance(assembly, (ParallelRods, InverseParallelRods)):
         names = [(leg,) for leg in _leg_names(assembly)]
         poses = assembly.geometry.base
+    if isinstance(assembly, Network):
+        standing = [joint for joint in assembly.joints if joint.to is ground and joint.end == "base"]
+        names = [(joint.rod,) for joint in standing] or names
+        own = [assembly.base @ joint.pose for joint in standing]
+        poses = np.stack(np.broadcast_arrays(*own), axis=-3) if own else poses
     robots = poses.reshape(-1, *poses.shape[-3:])[:16]
     return {
         ("base" if len(robots) == 1 else f"base_{k}", *name): pose
         for k, robot in enumerate(robots)
         for name, pose in zip(names, robot, strict=True)
     }
+
+
+def joined_to(robot: Network) -> list[tuple[str, ...]]:
+    """What the base and the tip of each rod are on, and how, in words."""
+    at = {(joint.rod, joint.end): f"{joint.to.name}, {joint.kind}" for joint in robot.joints}
+    return [tuple(at.get((rod.name, end), "free") for end in ENDS) for rod in robot.rods]
+
+
+def bodies_in_words(robot: Network) -> str:
+    """The bodies of a network, with their masses."""
+    return ", ".join(f"{body.name} ({body.mass:g} kg)" if body.mass else body.name for body in robot.bodies)
 
 
 def drawn_lines(assembly: Assembly, rods: Sequence[DrawnRod]) -> list[DrawnLine]:
@@ -179,16 +201,6 @@ def discs(rod: Rod) -> tuple[FloatArray, float]:
     return places, _RIM * (reach or 2 * _THICKNESS * length)
 
 
-def platforms(assembly: Assembly, batch_shape: tuple[int, ...], count: int) -> list[Plate]:
-    """The platforms of the first ``count`` instances, each in its own frame; none where the assembly has no platform."""
-    if not isinstance(assembly, (ParallelRods, InverseParallelRods)):
-        return []
-    attachments = assembly.geometry.platform
-    every = np.broadcast_to(attachments, (*batch_shape, *attachments.shape[-3:])).reshape(-1, *attachments.shape[-3:])
-    least = 2 * max(rod.radius for rod in drawn_rods(assembly))
-    return [plate_through(poses, least) for poses in every[:count]]
-
-
 def plate_through(attachments: FloatArray, least: float) -> Plate:
     """A plate through the attachments (leg_count, 4, 4), ``least`` or more around each [m].
 
@@ -196,11 +208,7 @@ def plate_through(attachments: FloatArray, least: float) -> Plate:
     """
     from scipy.spatial import ConvexHull
 
-    centre = attachments[:, :3, 3]
-    margin = max(_MARGIN * float(np.linalg.norm(centre - centre.mean(axis=0), axis=1).max()), least)
-    angle = 2 * np.pi * np.arange(_CORNERS) / _CORNERS
-    disc = margin * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    points = (centre[:, None] + np.einsum("lij,cj->lci", attachments[:, :3, :2], disc)).reshape(-1, 3)
+    points, margin = _around(attachments, least)
     middle = points.mean(axis=0)
     x, y, z = np.linalg.svd(points - middle)[2]
     x = np.cross(y, z)  # right-handed
@@ -218,6 +226,32 @@ def plate_through(attachments: FloatArray, least: float) -> Plate:
     sides = 2 * count + 4 * np.arange(count)[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])
     triangles = np.concatenate([fan, count + fan[:, ::-1], sides.reshape(-1, 3)]).astype(np.uint32)
     return Plate(vertices, normals, triangles)
+
+
+def solid_through(attachments: FloatArray, least: float) -> Plate:
+    """A solid with flat faces through attachments that are in no plane, or whose rods are along it, as for ``plate_through``."""
+    from scipy.spatial import ConvexHull
+
+    points, margin = _around(attachments, least)
+    count = len(attachments)
+    depth = 0.15 * margin * np.repeat(attachments[:, :3, 2], len(points) // count, axis=0)
+    points = np.concatenate([points - depth, points + depth])
+    hull = ConvexHull(points)
+    corners = points[hull.simplices]
+    normals = hull.equations[:, :3]
+    turned = np.einsum("ti,ti->t", np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), normals) < 0
+    corners[turned] = corners[turned][:, ::-1]
+    triangles = np.arange(3 * len(corners)).reshape(-1, 3).astype(np.uint32)
+    return Plate(corners.reshape(-1, 3), np.repeat(normals, 3, axis=0), triangles, flat=False)
+
+
+def _around(attachments: FloatArray, least: float) -> tuple[FloatArray, float]:
+    """Points on a disc about each attachment, square to its rod, shape (point_count, 3), and the radius of these discs."""
+    centre = attachments[:, :3, 3]
+    margin = max(_MARGIN * float(np.linalg.norm(centre - centre.mean(axis=0), axis=1).max()), least)
+    angle = 2 * np.pi * np.arange(_CORNERS) / _CORNERS
+    disc = margin * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    return (centre[:, None] + np.einsum("lij,cj->lci", attachments[:, :3, :2], disc)).reshape(-1, 3), margin
 
 
 def _legs(robot: ParallelRods | InverseParallelRods) -> list[tuple[Rod, ...]]:

@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from multirod.models.assemblies.network import Network
 from multirod.recording.columns import rgba
+from multirod.recording.figure import bodies_in_words, joined_to
 from multirod.recording.stage import Stage
 
 # Plots along the arclength in their own units: 2D views keep the aspect ratio, so both axes are scaled to fit.
 PLOT_WIDTH, PLOT_HEIGHT = 4.0, 1.0
-SHADES = {"tip_force": "yellow", "follower_force": "orange"}
 _LOWEST = -20.0  # decade from which on residuals are nothing
 _DECADES = 4  # that the viewer numbers in a small plot
 _LANES = 4  # instances whose status has room below the shape
@@ -30,6 +31,7 @@ def description(stage: Stage, title: str, solver: str, total: int, compared: str
         "|---|---|---|---|---|---|",
         *_table(stage),
         "",
+        *_graph(stage),
         f"**Shape** {legend(stage)}  ",
         "",
         "**Plots** "
@@ -57,9 +59,10 @@ def description(stage: Stage, title: str, solver: str, total: int, compared: str
 def legend(stage: Stage) -> str:
     """What is drawn, and to what scale, in a line."""
     parts = [f"grid {1e3 * stage.grid:g} mm", "frames x red, y green, z blue", "white: path of the tip"]
-    arrows = [f"{shade} `{name}`" for name, shade in SHADES.items() if any(spec.name == name for spec in stage.given)]
-    if arrows:
-        parts.append(f"arrows: {', '.join(arrows)}, 1 N is {1e3 * stage.force_scale:.4g} mm")
+    for kind, unit in (("force", "N"), ("moment", "N m")):
+        arrows = dict.fromkeys(f"{load.shade} `{load.name}`" for load in stage.loads if load.kind == kind)
+        if arrows:
+            parts.append(f"arrows: {', '.join(arrows)}, 1 {unit} is {1e3 * stage.scales[kind]:.4g} mm")
     if stage.lines:
         parts.append(f"lines: red pulls, blue pushes, in full at {stage.strongest:g} N; grey hangs loose")
     if stage.thinner:
@@ -83,7 +86,23 @@ def _told(stage: Stage, name: str) -> bool:
 
 
 def _balance(stage: Stage) -> str:
+    if isinstance(stage.assembly, Network):
+        return ", light grey the balance of the bodies"
     return ", light grey the platform's balance" if stage.kind == "leg" else ""
+
+
+def _graph(stage: Stage) -> list[str]:
+    """Of a network what each rod stands on and what its tip is joined to, a row for those that are alike; and its bodies."""
+    robot = stage.assembly
+    if not isinstance(robot, Network):
+        return []
+    rows: dict[tuple[str, ...], list[str]] = {}
+    for rod, held in zip(robot.rods, joined_to(robot), strict=True):
+        rows.setdefault(held, []).append(rod.name)
+    lines = ["| rods | base on | tip on |", "|---|---|---|"]
+    lines += [f"| {', '.join(names)} | {base} | {tip} |" for (base, tip), names in rows.items()]
+    said = f"**Bodies** {bodies_in_words(robot)}. " if robot.bodies else ""
+    return [*lines, "", f"{said}**End effector** {robot.end_effector}  ", ""]
 
 
 def _table(stage: Stage) -> list[str]:

@@ -10,27 +10,26 @@ from numpy.typing import NDArray
 
 from multirod.assembly import Assembly
 from multirod.history import History
-from multirod.inputs import Inputs, InputSpec
+from multirod.inputs import InputSpec
+from multirod.recording.bodies import DrawnBody, around, drawn_bodies
 from multirod.recording.coloring import Coloring
 from multirod.recording.figure import (
     PALETTE,
     PLATFORM_COLOR,
     DrawnLine,
     DrawnRod,
-    Plate,
     bases,
     beside_lines,
     drawn_lines,
     drawn_rods,
     kind,
-    platforms,
 )
 from multirod.recording.framing import ARROW, Extent, Frame, halved, radian_force, round_down, round_up
+from multirod.recording.loads import DrawnLoad, arrow_ends, drawn_loads, largest
 from multirod.recording.profiles import Profile, profiles
 from multirod.remarks import Remarks
 from multirod.validation import FloatArray
 
-LOADS = {"tip_force": 0xFFD43B, "follower_force": 0xFF922B}
 TIP_AXES = 0.1  # length of the tip's axes over what is in view
 _LABELLED = 4  # instances that have room for labels
 _NAMED = 12  # names that can be told apart in the scene
@@ -74,12 +73,13 @@ class Stage:
         profiles: What is drawn along the arclength.
         coloring: What colours the instances; None where their numbers do.
         bases: Poses by entity path.
-        platforms: Of each instance; empty where there is none.
+        bodies: The platform, or the bodies of a network.
         centre: Middle of what is in view [m], shape (3,).
         eye: Where it is seen from [m], shape (3,).
         size: Of what is in view [m].
         grid: Spacing of the grid [m].
         force_scale: Length of force arrows [m/N].
+        moment_scale: Length of those of moments [m/(N m)].
         remarks: What a task says of the first sample; None where there is none.
     """
 
@@ -100,12 +100,13 @@ class Stage:
     profiles: tuple[Profile, ...]
     coloring: Coloring | None
     bases: dict[str, FloatArray]
-    platforms: tuple[Plate, ...]
+    bodies: tuple[DrawnBody, ...]
     centre: FloatArray
     eye: FloatArray
     size: float
     grid: float
     force_scale: float
+    moment_scale: float
     remarks: Remarks | None = None
 
     @classmethod
@@ -129,20 +130,21 @@ class Stage:
         origins = np.array(list(base_poses.values()))
         reach = _largest([shape.arclength for shape in shapes]) or max(float(np.max(rod.length)) for rod in assembly.rods)
         count = min(instances, math.prod(block.batch_shape[1:]))
-        plates = platforms(assembly, block.batch_shape[1:], count)
+        held = drawn_bodies(assembly, block.batch_shape[1:], count)
         extent = Extent(origins[:, :3, 3])
         for shape in shapes:
             extent.add(shape.position)
         extent.add(targets(remarks))
-        extent.add(around_platform(block.tip_position, plates))
+        extent.add(around(held, block))
         size = max(extent.size, 0.2 * reach)
         extent.add(frame_ends(block, TIP_AXES * size))
         if live:
-            frame, size = Frame.of_reach(origins, extent.points, reach, bool(plates)), max(size, 1.5 * reach)
+            frame, size = Frame.of_reach(origins, extent.points, reach, bool(held)), max(size, 1.5 * reach)
             scale = round_down(ARROW * reach / radian_force(assembly.rods, reach))
+            moment_scale = round_down(ARROW / radian_force(assembly.rods, reach))
         else:
-            scale = final_scale(largest_force(block), size)
-            extent.add(arrow_ends(block, scale if force_scale is None else force_scale))
+            scale, moment_scale = (final_scale(largest(block, load), size) for load in ("force", "moment"))
+            extent.add(arrow_ends(block, {"force": scale if force_scale is None else force_scale, "moment": moment_scale}))
             frame = Frame(extent.points)
         whole = drawn_rods(assembly)
         part = beside_lines(assembly.rods, whole)
@@ -166,12 +168,13 @@ class Stage:
             profiles=profiles(assembly.rods, compared=0 < len(reference_rods) == len(rods)),
             coloring=coloring,
             bases={"/world" + _entity(path): pose for path, pose in base_poses.items()},
-            platforms=tuple(plates),
+            bodies=tuple(held),
             centre=frame.centre,
             eye=frame.eye,
             size=size,
             grid=round_down(0.2 * size),
             force_scale=scale if force_scale is None else force_scale,
+            moment_scale=moment_scale,
             remarks=remarks[0] if remarks else None,
         )
 
@@ -192,6 +195,17 @@ class Stage:
     def labelled(self) -> bool:
         """Whether there is room for names, and for what arrows are worth."""
         return self.count <= _LABELLED
+
+    @property
+    def scales(self) -> dict[str, float]:
+        """Length of arrows, by kind [m/N], [m/(N m)]."""
+        return {"force": self.force_scale, "moment": self.moment_scale}
+
+    @property
+    def loads(self) -> list[DrawnLoad]:
+        """Those that are drawn, as far as is known."""
+        names = {spec.name for spec in self.given}
+        return [own for own in drawn_loads(self.assembly) if own.name in names]
 
     @property
     def split(self) -> str:
@@ -218,6 +232,14 @@ class Stage:
         rods = self.reference_rods if group.startswith("reference") else self.rods
         return self.world(group, k) + _entity(rods[rod].path)
 
+    def load(self, k: int, load: DrawnLoad) -> str:
+        """Entity of a load's arrow in the scene."""
+        return self.world("loads", k) + _entity(load.path)
+
+    def body(self, k: int, body: DrawnBody) -> str:
+        """Entity of a body in the scene."""
+        return self.world(_entity(body.path).lstrip("/"), k)
+
     def line(self, k: int, line: int) -> str:
         """Entity of a line in the scene."""
         return self.world("lines", k) + _entity(self.lines[line].path)
@@ -235,24 +257,12 @@ class Stage:
         return self.scalar(f"/{name}", k) + _entity(self.rods[rod].path)
 
 
-def load(inputs: Inputs, name: str) -> FloatArray:
-    """A vector of the inputs, zero where it was not given or the assembly takes none."""
-    return getattr(inputs, name) if name in inputs.given else np.zeros(3)
-
-
 def given(block: History) -> tuple[InputSpec, ...]:
     """The inputs given as numbers: first what varies as far as is known, and among it the loads."""
     numbers = set(block.inputs.arrays)
     specs = [spec for spec in block.assembly.input_specs if spec.name in numbers]
-    return tuple(sorted(specs, key=lambda spec: (not _varies(block, spec.name), spec.name not in LOADS)))
-
-
-def around_platform(tips: FloatArray, plates: Sequence[Plate]) -> FloatArray:
-    """Points about the tips (..., 3) as far as a platform reaches: of the tips alone where there is none."""
-    if not plates:
-        return tips.reshape(-1, 3)
-    around = np.abs(plates[0].vertices).max() * np.array([[-1.0], [1.0], [0.0]])
-    return np.asarray(tips.reshape(-1, 1, 3) + around).reshape(-1, 3)
+    loads = {own.name for own in drawn_loads(block.assembly)}
+    return tuple(sorted(specs, key=lambda spec: (not _varies(block, spec.name), spec.name not in loads)))
 
 
 def frame_ends(block: History, length: float) -> FloatArray:
@@ -266,31 +276,14 @@ def targets(remarks: Sequence[Remarks]) -> FloatArray:
     return np.reshape([said.target for said in remarks if said.target is not None], (-1, 3))
 
 
-def largest_force(block: History) -> float:
-    """The largest force that is drawn [N]."""
-    return max(float(np.linalg.norm(load(block.inputs, name), axis=-1).max()) for name in LOADS)
-
-
 def final_scale(largest: float, size: float) -> float:
-    """Of arrows, where all forces are known: a quarter of the size for the largest [m/N]."""
+    """Of arrows, where all loads are known: a quarter of the size for the largest [m/N]."""
     return round_down(0.25 * size / largest) if largest > 0 else 1.0
 
 
 def live_scale(scale: float, largest: float, stage: Stage) -> float:
-    """Of arrows, where larger forces may come [m/N]: no arrow is longer than a part of the robot's size."""
+    """Of arrows, where larger loads may come [m/N]: no arrow is longer than a part of the robot's size."""
     return halved(scale, largest, ARROW * stage.size / 1.5)
-
-
-def arrow_ends(block: History, scale: float) -> FloatArray:
-    """Where the arrows of all samples end [m], shape (count, 3)."""
-    tips, rotations = block.tip_position.reshape(-1, 3), block.tip_rotation.reshape(-1, 3, 3)
-
-    def vectors(name: str) -> FloatArray:
-        return np.broadcast_to(load(block.inputs, name), (*block.batch_shape, 3)).reshape(-1, 3)
-
-    origins = tips + np.einsum("tij,tj->ti", rotations, vectors("force_point"))
-    followers = np.einsum("tij,tj->ti", rotations, vectors("follower_force"))
-    return np.concatenate([origins, origins + scale * vectors("tip_force"), origins + scale * followers])
 
 
 def _entity(parts: tuple[str, ...]) -> str:

@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod.models.assemblies.network import Network
 from multirod.recording.columns import rgba
 from multirod.recording.figure import PALETTE, PLATFORM_COLOR
 from multirod.recording.layout import PLOT_HEIGHT, PLOT_WIDTH, legend
 from multirod.recording.profiles import Profile
-from multirod.recording.stage import LOADS, Stage
+from multirod.recording.stage import Stage
 from multirod.status import Status
 
 _AXIS_COLORS = (0xFF6B6B, 0x69DB7C, 0x74A9FF)
@@ -85,16 +86,15 @@ def scales(stage: Stage) -> Styled:
 
     yield "/legend", [rr.TextDocument(legend(stage), media_type=rr.MediaType.MARKDOWN)]
     for k in range(stage.count):
-        for name, color in LOADS.items():
-            if any(spec.name == name for spec in stage.given):
-                arrow = rr.Arrows3D.from_fields(radii=rr.Radius.ui_points(3.0), colors=rgba(color))
-                scale = rr.InstancePoses3D(scales=[[stage.force_scale] * 3])
-                yield stage.world(f"loads/{name}", k), [arrow, scale]
-                if stage.remarks is not None and name in stage.remarks.covariances:
-                    shown = rr.Ellipsoids3D.from_fields(
-                        fill_mode=rr.components.FillMode.TransparentFillMajorWireframe, colors=rgba(color, 0x50)
-                    )
-                    yield stage.world(f"loads/{name}/spread", k), [shown, scale]
+        for load in stage.loads:
+            arrow = rr.Arrows3D.from_fields(radii=rr.Radius.ui_points(3.0), colors=rgba(load.color))
+            scale = rr.InstancePoses3D(scales=[[stage.scales[load.kind]] * 3])
+            yield stage.load(k, load), [arrow, scale]
+            if stage.remarks is not None and load.name in stage.remarks.covariances:
+                shown = rr.Ellipsoids3D.from_fields(
+                    fill_mode=rr.components.FillMode.TransparentFillMajorWireframe, colors=rgba(load.color, 0x50)
+                )
+                yield f"{stage.load(k, load)}/spread", [shown, scale]
 
 
 def _scene(stage: Stage, k: int) -> Styled:
@@ -130,8 +130,12 @@ def _scene(stage: Stage, k: int) -> Styled:
         if carrier.discs:
             rim = rr.LineStrips3D.from_fields(radii=0.5 * stroke, colors=rgba(PLATFORM_COLOR))
             yield stage.rod("discs", k, index), [rim]
-    if stage.platforms:
-        yield stage.world("platform", k), [rr.Mesh3D.from_fields(albedo_factor=rgba(PLATFORM_COLOR, 0xB0))]
+    for body in stage.bodies:
+        yield stage.body(k, body), [rr.Mesh3D.from_fields(albedo_factor=rgba(PLATFORM_COLOR, 0xB0))]
+        if body.name:
+            said = body.name if stage.labelled and len(stage.bodies) <= _NAMED else ""
+            words = rr.Points3D.from_fields(radii=0.0, colors=rgba(PLATFORM_COLOR), labels=said)
+            yield f"{stage.body(k, body)}/name", [words]
 
 
 def _series(stage: Stage, k: int) -> Styled:
@@ -155,7 +159,11 @@ def _series(stage: Stage, k: int) -> Styled:
         if spec.per_rod:
             labels = [rod.name for rod in stage.rods]
             shades = [rod.color for rod in stage.rods]
-        if spec.count is not None:
+        if isinstance(stage.assembly, Network) and spec.count is not None:
+            places = stage.assembly.load_places
+            labels = [f"{place} {axis}" for place in places for axis in "xyz"] if len(places) > 1 else labels
+            shades = [PALETTE[i % len(PALETTE)] for i in range(len(labels))] if len(places) > 1 else shades
+        elif spec.count is not None:
             labels = [line.name for line in stage.driven_by(spec.name)]
             shades = [PALETTE[stage.lines.index(line) % len(PALETTE)] for line in stage.driven_by(spec.name)]
         names = [f"{who}{label}" for label in labels]

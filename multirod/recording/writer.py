@@ -12,23 +12,12 @@ from numpy.typing import NDArray
 from multirod.history import History
 from multirod.recording import columns, layout
 from multirod.recording.along import AlongPlots
+from multirod.recording.bodies import around, poses_of
 from multirod.recording.coloring import Coloring
 from multirod.recording.figure import discs
 from multirod.recording.framing import Extent, Frame
-from multirod.recording.stage import (
-    LOADS,
-    TIP_AXES,
-    Stage,
-    around_platform,
-    arrow_ends,
-    final_scale,
-    frame_ends,
-    given,
-    largest_force,
-    live_scale,
-    load,
-    targets,
-)
+from multirod.recording.loads import DrawnLoad, acting, arrow_ends, largest
+from multirod.recording.stage import TIP_AXES, Stage, final_scale, frame_ends, given, live_scale, targets
 from multirod.recording.style import scales, styles
 from multirod.remarks import Remarks
 from multirod.status import Status, failures
@@ -36,6 +25,7 @@ from multirod.strains import strains
 from multirod.validation import FloatArray
 
 _ROWS = 1000
+_BEYOND = 1.15  # length of a body's axes over how far it reaches
 
 
 class Writer:
@@ -73,7 +63,7 @@ class Writer:
         self._last_value: dict[str, Any] = {}
         self._last_sound: dict[int, list[FloatArray]] = {}
         self._extent = Extent(np.zeros((0, 3)))
-        self._largest = 0.0
+        self._largest = {"force": 0.0, "moment": 0.0}
         self._ranges: dict[str, tuple[float, float]] = {}  # of what is plotted by its logarithm
 
     def prepare(
@@ -148,7 +138,11 @@ class Writer:
         self._breathe()
         scalars = _scalars(stage, block, tips) | _told(remarks)
         self._breathe()
-        loads = _loads(block, tips[""], rotations)
+        loads = acting(block)
+        bodies = [
+            (position.reshape(samples, -1, 3), rotation.reshape(samples, -1, 3, 3))
+            for position, rotation in (poses_of(body, block) for body in stage.bodies)
+        ]
         statuses = np.reshape(np.asarray(block.status), (samples, -1))
         self._breathe()
         along = self._along.curves(shapes[""])
@@ -172,16 +166,18 @@ class Writer:
                 for i, circles in enumerate(rims):
                     if circles.size:
                         self._send(stage.rod("discs", k, i), index, columns.strips(circles[rows, k]))
-                self._write_tip(k, steps[rows], block.time[rows], tips[""][rows, k], rotations[rows, k])
+                self._write_tip(k, index, tips[""][rows, k], rotations[rows, k])
+                for i, (position, rotation) in enumerate(bodies):
+                    self._write_body(k, i, steps[rows], block.time[rows], position[rows, k], rotation[rows, k])
                 for kind, positions in tips.items():
                     self._write_path(stage.world(f"{kind}tip_path", k), index, positions[rows, k])
-                for name, (origins, force) in loads.items():
-                    self._write_arrows(stage.world(f"loads/{name}", k), index, origins[rows, k], force[rows, k])
-                    if remarks and name in remarks[0].covariances:
-                        spread = np.array([said.covariances[name] for said in remarks[rows]])
-                        if name == "follower_force":
+                for load, (origins, force) in loads.items():
+                    self._write_arrows(k, load, index, origins[rows, k], force[rows, k])
+                    if remarks and load.name in remarks[0].covariances:
+                        spread = np.array([said.covariances[load.name] for said in remarks[rows]])
+                        if load.name == "follower_force":
                             spread = rotations[rows, k] @ spread @ rotations[rows, k].swapaxes(1, 2)
-                        self._write_spread(stage.world(f"loads/{name}/spread", k), index, force[rows, k], spread)
+                        self._write_spread(f"{stage.load(k, load)}/spread", index, force[rows, k], spread)
                 if remarks and remarks[0].target is not None:
                     self._write_points(stage.world("target", k), index, targets(remarks[rows]))
                     self._write_path(stage.world("target_path", k), index, targets(remarks[rows]))
@@ -196,22 +192,22 @@ class Writer:
     def _widen(self, block: History, shapes: Sequence[dict[str, FloatArray]], remarks: Sequence[Remarks]) -> None:
         """Fit scale, frame and plots to what was not known when the stage was set."""
         before = self.stage
-        self._largest = max(self._largest, largest_force(block))
-        scale = before.force_scale
-        if self._force_scale is None:
-            scale = live_scale(scale, self._largest, before)
+        self._largest = {kind: max(known, largest(block, kind)) for kind, known in self._largest.items()}
+        wanted = {kind: live_scale(scale, self._largest[kind], before) for kind, scale in before.scales.items()}
+        if self._force_scale is not None:
+            wanted["force"] = before.force_scale
         for shape in shapes:
             self._extent.add(shape["position"])
         self._extent.add(targets(remarks))
-        self._extent.add(around_platform(block.tip_position, before.platforms))
+        self._extent.add(around(before.bodies, block))
         self._extent.add(frame_ends(block, TIP_AXES * before.size))
-        self._extent.add(arrow_ends(block, scale))
+        self._extent.add(arrow_ends(block, wanted))
         more = tuple(spec for spec in given(block) if spec not in before.given)
-        self.stage = replace(before, force_scale=scale, given=(*before.given, *more))
+        self.stage = replace(before, **_scales(wanted), given=(*before.given, *more))
         frame = Frame.between(before.centre, before.eye)
         if not frame.shows(self._extent.points):
             self.stage = self.stage.seen_from(frame.widened(self._extent.points))
-        if more or scale != before.force_scale:
+        if more or wanted != before.scales:
             self._log(scales(self.stage))
             self._describe()
         if more or self.stage.eye is not before.eye:
@@ -222,8 +218,11 @@ class Writer:
     def finish(self) -> Any:
         """Fit the scale of arrows to all that came, and return the layout that shows it."""
         size = max(self._extent.size, 0.5 * self.stage.size)
-        if self._force_scale is None and self._largest > 0:
-            self.stage = replace(self.stage, force_scale=final_scale(self._largest, size))
+        fitted = {kind: final_scale(known, size) for kind, known in self._largest.items() if known > 0}
+        if self._force_scale is not None:
+            fitted.pop("force", None)
+        if fitted:
+            self.stage = replace(self.stage, **_scales(self.stage.scales | fitted))
             self._log(scales(self.stage))
             self._describe()
         bases = np.array([pose[:3, 3] for pose in self.stage.bases.values()])
@@ -283,34 +282,49 @@ class Writer:
             pieces = np.stack([nodes[:, :-1], nodes[:, 1:]], axis=2)
             self._send(path, index, columns.strips(pieces, shades))
 
-    def _write_tip(self, k: int, steps: NDArray[np.int64], times: FloatArray, position: FloatArray, rotation: FloatArray) -> None:
+    def _write_tip(self, k: int, index: Any, position: FloatArray, rotation: FloatArray) -> None:
         import rerun as rr
 
-        index = columns.index(steps, times)
         frames, sound = columns.poses(position, rotation)
         axes = rr.TransformAxes3D.columns(
             axis_length=np.where(sound, (TIP_AXES if self.stage.labelled else 0.3 * TIP_AXES) * self.stage.size, 0.0)
         )
         self._send(self.stage.world("tip", k), index, [*frames, *axes])
-        if self.stage.platforms:
-            path = self.stage.world("platform", k)
-            self._send(path, index, frames)
-            changed = self._changed(path, sound)
-            if changed.any():
-                mesh = columns.plates(self.stage.platforms[k], sound[changed])
-                self._send(path, columns.index(steps[changed], times[changed]), mesh)
+
+    def _write_body(
+        self, k: int, body: int, steps: NDArray[np.int64], times: FloatArray, position: FloatArray, rotation: FloatArray
+    ) -> None:
+        """A platform or a body, with its frame where it is not the end effector, whose frame is the tip's."""
+        import rerun as rr
+
+        drawn, index = self.stage.bodies[body], columns.index(steps, times)
+        path = self.stage.body(k, drawn)
+        frames, sound = columns.poses(position, rotation)
+        axes: list[Any] = []
+        if drawn.name and drawn.name != getattr(self.stage.assembly, "end_effector", ""):
+            length = max(0.6 * TIP_AXES * self.stage.size, _BEYOND * drawn.reach)  # so that they end outside of it
+            axes = [*rr.TransformAxes3D.columns(axis_length=np.where(sound, length, 0.0))]
+        self._send(path, index, [*frames, *axes])
+        if drawn.name:
+            place = np.tile(drawn.corner(k), (int(sound.sum()), 1))
+            self._send(f"{path}/name", index, rr.Points3D.columns(positions=place).partition(sound.astype(int)))
+        changed = self._changed(path, sound)
+        if changed.any():
+            mesh = columns.plates(drawn.solids[k], sound[changed])
+            self._send(path, columns.index(steps[changed], times[changed]), mesh)
 
     def _write_path(self, path: str, index: Any, positions: FloatArray) -> None:
         before = np.concatenate([self._last_tip.get(path, positions[:1]).reshape(1, 3), positions[:-1]])
         self._last_tip[path] = positions[-1]
         self._send(path, index, columns.strips(np.stack([before, positions], axis=1)))
 
-    def _write_arrows(self, path: str, index: Any, origins: FloatArray, force: FloatArray) -> None:
+    def _write_arrows(self, k: int, load: DrawnLoad, index: Any, origins: FloatArray, force: FloatArray) -> None:
         """Arrows in newtons, each from the origin of a frame whose scale may yet change."""
         import rerun as rr
 
+        path = self.stage.load(k, load)
         sound = np.isfinite(origins).all(axis=1) & np.isfinite(force).all(axis=1) & (np.abs(force).max(axis=1) > 0)
-        labels = [f"{value:.3g} N" for value in np.linalg.norm(force[sound], axis=1)]
+        labels = [f"{value:.3g} {load.unit}" for value in np.linalg.norm(force[sound], axis=1)]
         arrows = rr.Arrows3D.columns(vectors=force[sound], labels=labels if self.stage.labelled else None)
         places = rr.Transform3D.columns(translation=origins[sound])
         self._send(path, index, [*arrows.partition(sound.astype(int)), *places.partition(sound.astype(int))])
@@ -407,6 +421,11 @@ class Writer:
         self._send(path, index, rr.Scalars.columns(scalars=np.ascontiguousarray(values)))
 
 
+def _scales(found: dict[str, float]) -> dict[str, Any]:
+    """As fields of a stage."""
+    return {f"{kind}_scale": scale for kind, scale in found.items()}
+
+
 def _sender(streams: Sequence[Any], breathe: Callable[[], None]) -> Callable[[str, Any, Any], None]:
     """Sends columns to an entity; it does not hold the writer, which would keep streams open until garbage is collected."""
 
@@ -492,16 +511,3 @@ def _scalars(stage: Stage, block: History, tips: dict[str, FloatArray]) -> dict[
             width = value.shape[-1]
             values[f"/inputs/{name}"] = split(np.broadcast_to(value, (*block.batch_shape, width)), width)
     return values
-
-
-def _loads(block: History, tips: FloatArray, rotations: FloatArray) -> dict[str, tuple[FloatArray, FloatArray]]:
-    """Where each force that was given acts, and the force, both in the world, axes (sample, instance, 3)."""
-
-    def vectors(name: str) -> FloatArray:
-        return np.broadcast_to(load(block.inputs, name), (*block.batch_shape, 3)).reshape(tips.shape)
-
-    origins = tips + np.einsum("tkij,tkj->tki", rotations, vectors("force_point"))
-    loads = {name: (origins, vectors(name)) for name in LOADS if name in block.inputs.given}
-    if "follower_force" in loads:
-        loads["follower_force"] = origins, np.einsum("tkij,tkj->tki", rotations, loads["follower_force"][1])
-    return loads

@@ -1,0 +1,118 @@
+"""Forces and moments as arrows: of the end effector, or of the bodies and free tips of a network."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from multirod.assembly import Assembly
+from multirod.history import History
+from multirod.inputs import Inputs
+from multirod.models.assemblies.network import Network
+from multirod.validation import FloatArray
+
+
+@dataclass(frozen=True)
+class DrawnLoad:
+    """How a load is drawn.
+
+    Attributes:
+        name: Of the input.
+        path: Parts of its entity path, below ``loads``.
+        color: ``0xRRGGBB``.
+        shade: The colour in words.
+        kind: Arrows of a kind have one scale.
+        place: Which of a network's ``load_places`` it acts on.
+    """
+
+    name: str
+    path: tuple[str, ...]
+    color: int
+    shade: str
+    kind: Literal["force", "moment"] = "force"
+    place: int = 0
+
+    @property
+    def unit(self) -> str:
+        """Of the arrow's length."""
+        return "N" if self.kind == "force" else "N m"
+
+
+FORCE, FOLLOWER, MOMENT = (0xFFD43B, "yellow"), (0xFF922B, "orange"), (0xB197FC, "violet")
+TIP_LOADS = (
+    DrawnLoad("tip_force", ("tip_force",), *FORCE),
+    DrawnLoad("follower_force", ("follower_force",), *FOLLOWER),
+)
+
+
+def drawn_loads(assembly: Assembly) -> tuple[DrawnLoad, ...]:
+    """All that there may be of an assembly."""
+    if not isinstance(assembly, Network):
+        return TIP_LOADS
+    forces = [DrawnLoad("force", ("force", name), *FORCE, "force", k) for k, name in enumerate(assembly.load_places)]
+    moments = [DrawnLoad("moment", ("moment", name), *MOMENT, "moment", k) for k, name in enumerate(assembly.load_places)]
+    return (*forces, *moments)
+
+
+def largest(block: History, kind: str) -> float:
+    """The largest of a kind that is drawn [N] or [N m]."""
+    loads = [own for own in drawn_loads(block.assembly) if own.kind == kind]
+    return max((float(np.linalg.norm(_given(block.inputs, own), axis=-1).max()) for own in loads), default=0.0)
+
+
+def acting(block: History) -> dict[DrawnLoad, tuple[FloatArray, FloatArray]]:
+    """Where each load that was given acts, and the load, both in the world, axes (sample, instance, 3)."""
+    shape = (len(block.time), -1, 3)
+    found = {}
+    point = None
+    for own in drawn_loads(block.assembly):
+        if own.name not in block.inputs.given:
+            continue
+        vector = _vectors(block, _given(block.inputs, own))
+        if isinstance(block.assembly, Network):
+            origin = _place(block, block.assembly, own.place)
+        else:
+            if point is None:
+                by_arm = _turned(block, block.inputs.force_point) if "force_point" in block.inputs.given else 0.0
+                point = block.tip_position + by_arm
+            origin = point
+            if own.name == "follower_force":
+                vector = _turned(block, vector)
+        found[own] = origin.reshape(shape), vector.reshape(shape)
+    return found
+
+
+def arrow_ends(block: History, scales: dict[str, float]) -> FloatArray:
+    """Where the arrows of all samples begin and end [m], shape (count, 3)."""
+    found = [
+        values.reshape(-1, 3)
+        for own, (origin, vector) in acting(block).items()
+        for values in (origin, origin + scales[own.kind] * vector)
+    ]
+    return np.concatenate(found) if found else block.tip_position.reshape(-1, 3)
+
+
+def _given(inputs: Inputs, load: DrawnLoad) -> FloatArray:
+    """A load, zero where it was not given."""
+    if load.name not in inputs.given:
+        return np.zeros(3)
+    value = getattr(inputs, load.name)
+    return np.asarray(value[..., 3 * load.place : 3 * load.place + 3])
+
+
+def _vectors(block: History, value: FloatArray) -> FloatArray:
+    return np.broadcast_to(value, (*block.batch_shape, 3))
+
+
+def _turned(block: History, value: FloatArray) -> FloatArray:
+    return np.asarray(np.einsum("...ij,...j->...i", block.tip_rotation, _vectors(block, value)))
+
+
+def _place(block: History, robot: Network, place: int) -> FloatArray:
+    """Origin of a body, or where a free tip is."""
+    name = robot.load_places[place]
+    if name == robot.end_effector:
+        return block.tip_position
+    if place < len(robot.bodies):
+        return block.body_position(name)
+    return np.asarray(block.rod(name, nodes=2).position[..., -1, :])
