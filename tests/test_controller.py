@@ -137,10 +137,11 @@ def test_after_a_failure_it_goes_on_from_the_last_good_sample(start):
 
 
 def test_the_compiled_step_is_that_of_reach(start):
-    """(7) at the first sample's place: bounded, and at limits, as ``gauss_newton`` has it."""
+    """(7) at the first sample's place: bounded, and at limits, as ``constrained_step`` has it."""
+    from constrained_step import step
+
     from multirod.tasks.control_kernels import LONGEST, SOFTNESS
     from multirod.tasks.formulation import Task, input_units
-    from multirod.tasks.gauss_newton import step
     from multirod.tasks.limits import limit_rows
 
     p = np.concatenate([getattr(start.inputs, name) for name in FREE])

@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from constrained_step import step
 from observer_scenes import three_tubes
 
 import multirod as mr
 from multirod.rotations import matrices, vectors
-from multirod.tasks.formulation import input_units
+from multirod.tasks.formulation import Task, input_units
 from multirod.tasks.limits import limit_rows, middle
-from multirod.tasks.search import Search
+from multirod.tasks.search import Goals, Search
 
 SOLVER = mr.Shooting(integrator=mr.RK4(30))
 TUBES, MOTION = three_tubes()
@@ -33,18 +34,19 @@ def goals(start, count, turn=0.5, push=0.02):
 
 def test_positions_are_reached_in_six_integrations_within_limits_at_every_step(start, monkeypatch):
     tried = []
-    accept = Search._accept
+    integrate = Task.integrate
 
-    def looked_at(self, rows, found):
-        tried.append(self.here.p[rows].copy())
-        return accept(self, rows, found)
+    def looked_at(self):
+        tried.append(self.values())
+        integrate(self)
 
-    monkeypatch.setattr(Search, "_accept", looked_at)
+    monkeypatch.setattr(Task, "integrate", looked_at)
     there = goals(start, 12)
     found = mr.reach(TUBES, mr.Pose(position=there.tip_position), free=FREE, limits=LIMITS, guess=start, solver=SOLVER)
     assert (found.status == mr.Status.REACHED).all()
     assert found.integrations.max() <= 6
     assert (found.stability == mr.Stability.STABLE).all()
+    assert len(tried) == found.integrations.max()
     for p in tried:
         bases = p[:, 3:]
         assert bases.max() <= 0
@@ -56,6 +58,54 @@ def test_positions_are_reached_in_six_integrations_within_limits_at_every_step(s
     np.testing.assert_allclose(again.tip_position, there.tip_position, atol=1e-7)
     np.testing.assert_allclose(found.target_error, 0, atol=1e-7)
     assert np.isnan(found.target_angle).all()
+
+
+@pytest.mark.parametrize("pulled", [False, True])
+def test_the_compiled_step_is_that_of_the_programme_in_numpy(start, pulled):
+    """(7) of a drive's first evaluation: free, at limits, bounded, and pulled to the middle; at targets near and far."""
+    random, count = np.random.default_rng(7), 40
+    values = np.concatenate([getattr(start.inputs, name) for name in FREE])
+    p = values + np.concatenate(
+        [random.uniform(-0.4, 0.4, (count, 3)), np.repeat(random.uniform(-0.01, 0, (count, 1)), 3, 1)], axis=1
+    )
+    near = mr.Limits(translation=(values[3:] - 0.02, values[3:] + 5e-3), rotation=(values[:3] - 0.5, values[:3] + 4), gap=2e-3)
+    rows, unit, length = limit_rows(TUBES, near, FREE), input_units(TUBES, FREE), TUBES.longest
+    inputs = TUBES.inputs(rotation=p[:, :3], translation=p[:, 3:], tip_force=start.inputs.tip_force)
+    task = Task.of(TUBES, inputs, FREE, integrator=mr.RK4(30))
+    x = task.problem.adopt(np.tile(start.unknowns, (count, 1)))
+    size = 10.0 ** random.uniform(-4, -1, (count, 1))
+    pose = mr.Pose(position=start.tip_position + size * random.normal(size=(count, 3)))
+    centre = middle(rows) if pulled else None
+    target = pose.rows(length, (count,))
+    found = task.evaluate(x, p)
+    errors, by_x, by_p = target.at(found)
+    r, J = found.condensed(errors, by_x, by_p)
+    J, at = J * unit, p @ rows.matrix.T
+    inset = 1e-10 * np.abs(rows.matrix) @ unit
+    own = step(
+        J,
+        r,
+        softness=1e-12 * (J**2).max(axis=(1, 2)),
+        pull=(centre - p) / unit if pulled else 0.0,
+        limits=rows.matrix * unit,
+        low=np.minimum(rows.low + inset - at, 0),
+        high=np.maximum(rows.high - inset - at, 0),
+    )
+    bend = np.abs(found.eliminated[1] * unit @ own.change[..., None])[..., 0].max(axis=1) / (5 * task.problem.curvature_scale())
+    wanted = own.change / np.maximum(1, np.maximum(np.abs(own.change).max(axis=1), bend))[:, None]
+    tolerance = task.problem.tolerance(None)
+    search = Search(task, Goals(target, rows, None, unit, length, 1e-6, tolerance, centre, max_integrations=1), x, p)
+    search.drive(np.ones(count, dtype=bool))
+    assert (search.status == mr.Status.INTEGRATION_LIMIT).all()
+    np.testing.assert_allclose(search.errors, errors, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(search.J, J, atol=1e-11 * np.abs(J).max())
+    # softness 1e-12: conditioned by 1e6
+    np.testing.assert_allclose((search.here.p - p) / unit, wanted, atol=1e-8)
+    np.testing.assert_allclose(search.here.x - x, found.eliminated[0] + (search.by @ wanted[..., None])[..., 0], atol=1e-6)
+    held = (own.held != 0).sum(axis=1)
+    assert held.min() == 0 or pulled
+    assert held.max() >= 3
+    assert (np.abs(wanted).max(axis=1) < np.abs(own.change).max(axis=1)).any()
 
 
 def test_a_batch_is_what_its_instances_are_alone(start):

@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import rodrigues
+from constrained_step import step
 
 import multirod as mr
 from multirod.batch import solved_each
 from multirod.rotations import matrices
 from multirod.tasks.formulation import Evaluation, Task, freed
-from multirod.tasks.gauss_newton import step
 from multirod.tasks.rows import Pose
 
 RANDOM = np.random.default_rng(16)

@@ -138,3 +138,32 @@ def axis_rows(s: Condensed, r: wp.array2d[wp.float64], J: wp.array3d[wp.float64]
     by = frame * change
     for i in range(2):
         place_row(s, r, J, t, row + i, error[i], wp.vec3d(by[i, 0], by[i, 1], by[i, 2]), 3, weight)
+
+
+@wp.func(inline=False)
+def place_errors(
+    s: Condensed,
+    errors: wp.array2d[wp.float64],
+    t: int,
+    kind: wp.vec3i,
+    position: wp.vec3d,
+    rotation: wp.mat33d,
+    axis: wp.vec3d,
+    weight: wp.vec2d,
+):
+    """``W (h - y)`` alone, as (4), (5) and (6) have it, of what a target has: a position, a rotation, an axis."""
+    row = int(0)
+    if kind[0] != 0:
+        error = s.position[t] - position
+        for i in range(3):
+            errors[t, i] = weight[0] * error[i]
+        row = 3
+    if kind[1] != 0:
+        turn = rotation_vector(s.rotation[t] * wp.transpose(rotation))
+        for i in range(3):
+            errors[t, row + i] = weight[1] * turn[i]
+    if kind[2] != 0:
+        R = s.rotation[t]
+        tilted = across(axis) * tilt(wp.vec3d(R[0, 2], R[1, 2], R[2, 2]), axis)
+        for i in range(2):
+            errors[t, row + i] = weight[1] * tilted[i]

@@ -105,8 +105,8 @@ class ControlStep:
         step: Any = Programme()
         k, c = self._count, len(self._rows.low)
         step.limits = self._constant(self._rows.matrix * self._unit)
-        sizes: dict[str, tuple[int, ...]] = {"J": (m, k), "r": (m,), "softness": (), "low": (c,), "high": (c,), "change": (k,)}
-        sizes |= {"system": (k + m, k + m), "sides": (k + m, 2)}
+        sizes: dict[str, tuple[int, ...]] = {"J": (m, k), "r": (m,), "softness": (), "pull": (k,), "low": (c,), "high": (c,)}
+        sizes |= {"change": (k,), "system": (k + m, k + m), "sides": (k + m, 2)}
         sizes |= {"bound_system": (k + m + c, k + m + c), "bound_sides": (k + m + c, 1)}
         for name, shape in sizes.items():
             setattr(step, name, self._zeros(*shape))

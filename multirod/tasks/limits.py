@@ -253,26 +253,26 @@ def refuse_start(field: str, rows: LimitRows, values: FloatArray, robot: Assembl
 
 
 def nearest(rows: LimitRows, values: FloatArray, unit: FloatArray) -> FloatArray:
-    """The point within all limits that is nearest to ``p`` (k,) in units (9), shape (k,).
+    """The points within all limits that are nearest to ``p`` (..., k) in units (9), of that shape.
 
     By Dykstra's alternating projections onto (10), by so much within them that rounding leads beyond none. Where there is no
     such point, it is beyond some.
     """
-    G, x = rows.matrix * unit, values / unit
+    G, x = rows.matrix * unit, np.atleast_2d(values / unit)
     square = (G**2).sum(axis=1)
     inset = np.minimum(SAME * np.abs(G).sum(axis=1), 0.25 * (rows.high - rows.low))
     low, high = rows.low + inset, rows.high - inset
-    shift = np.zeros_like(G)
+    shift = np.zeros((len(G), *x.shape))
     for _ in range(PROJECTIONS):
         before = x
         for k, row in enumerate(G):
             back = x + shift[k]
-            at = row @ back
-            x = back - row * (at - np.clip(at, low[k], high[k])) / square[k]
+            at = back @ row
+            x = back - ((at - np.clip(at, low[k], high[k])) / square[k])[:, None] * row
             shift[k] = back - x
-        if np.abs(x - before).max(initial=0.0) <= ROUNDING and not rows.outside(unit * x[None], unit).any():
+        if np.abs(x - before).max(initial=0.0) <= ROUNDING and not rows.outside(unit * x, unit).any():
             break
-    return np.asarray(unit * x)
+    return np.asarray(unit * x).reshape(values.shape)
 
 
 def middle(rows: LimitRows) -> FloatArray:

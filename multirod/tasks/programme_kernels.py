@@ -1,21 +1,22 @@
 # mypy: ignore-errors
-"""The step of one sample, compiled: that of ``gauss_newton``, one programme a thread. Numbers: ``docs/tasks.md``."""
+"""The step of all tasks: a small quadratic programme, one a thread. Numbers in parentheses: ``docs/tasks.md``."""
 
 import warp as wp
 
 from multirod.solvers.newton.linear_algebra_kernels import eliminate
-from multirod.tasks.gauss_newton import ROUNDED
 
 f64 = wp.float64
+ROUNDED = 1e-12  # of the largest number of a row: what of a limit is rounding
 
 
 @wp.struct
 class Programme:
-    """(7) with weights 1 and no pull, and room to solve it; the first axis is the instance."""
+    """(7) with weights 1, and room to solve it; the first axis is the instance."""
 
     J: wp.array3d[wp.float64]  # (instance, m, k)
     r: wp.array2d[wp.float64]
     softness: wp.array[wp.float64]
+    pull: wp.array2d[wp.float64]  # d_0, (instance, k)
     limits: wp.array2d[wp.float64]  # G, (c, k), of all instances
     low: wp.array2d[wp.float64]
     high: wp.array2d[wp.float64]
@@ -47,10 +48,21 @@ def place_rows(q: Programme, system: wp.array3d[wp.float64], t: int):
 
 
 @wp.func
-def along_limit(q: Programme, i: int, values: wp.array2d[wp.float64], t: int) -> f64:
+def place_sides(q: Programme, sides: wp.array3d[wp.float64], t: int):
+    """(8) Its right side: of the step and of the rows."""
+    k = q.J.shape[2]
+    root = wp.sqrt(q.softness[t])
+    for j in range(k):
+        sides[t, j, 0] = root * q.pull[t, j]
+    for i in range(q.J.shape[1]):
+        sides[t, k + i, 0] = -q.r[t, i]
+
+
+@wp.func
+def along_limit(limits: wp.array2d[wp.float64], i: int, values: wp.array2d[wp.float64], t: int) -> f64:
     total = f64(0.0)
-    for j in range(q.limits.shape[1]):
-        total += q.limits[i, j] * values[t, j]
+    for j in range(limits.shape[1]):
+        total += limits[i, j] * values[t, j]
     return total
 
 
@@ -77,7 +89,7 @@ def keep_limits(q: Programme, t: int):
     outside = bool(False)
     for i in range(c):
         q.held[t, i] = 0
-        moved = along_limit(q, i, q.change, t)
+        moved = along_limit(q.limits, i, q.change, t)
         rounded = slack(q, i, t)
         if not (moved >= q.low[t, i] - rounded and moved <= q.high[t, i] + rounded):
             outside = True
@@ -87,10 +99,7 @@ def keep_limits(q: Programme, t: int):
         q.change[t, j] = f64(0.0)
     for _pass in range(3 * c + 2):
         place_rows(q, q.bound_system, t)
-        for j in range(k):
-            q.bound_sides[t, j, 0] = f64(0.0)
-        for i in range(m):
-            q.bound_sides[t, k + i, 0] = -q.r[t, i]
+        place_sides(q, q.bound_sides, t)
         for i in range(c):
             row = k + m + i
             q.bound_sides[t, row, 0] = f64(0.0)
@@ -113,7 +122,7 @@ def keep_limits(q: Programme, t: int):
             return
         for i in range(c):
             if q.held[t, i] == 0:
-                at = along_limit(q, i, q.change, t)
+                at = along_limit(q.limits, i, q.change, t)
                 rate = -at
                 for j in range(k):
                     rate += q.limits[i, j] * q.bound_sides[t, j, 0]

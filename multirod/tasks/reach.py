@@ -14,6 +14,7 @@ from multirod import plausibility
 from multirod.assembly import Assembly, Robot, Robot_co
 from multirod.batch import IntArray, parts, run, take, thread_count
 from multirod.inputs import Inputs
+from multirod.launch import expect
 from multirod.problem import BoundaryProblem
 from multirod.reuse import borrowed
 from multirod.running.simulation import as_solver, solve
@@ -22,11 +23,11 @@ from multirod.solution import Solution
 from multirod.solver import Outcome, Solver
 from multirod.status import Status, failures
 from multirod.tasks.formulation import Task, freed, input_units, options, with_values
-from multirod.tasks.gauss_newton import step
-from multirod.tasks.limits import LimitRows, Limits, freed_labels, limit_rows, middle, refuse_start, told
+from multirod.tasks.limits import LimitRows, Limits, freed_labels, limit_rows, middle, nearest, refuse_start, told
 from multirod.tasks.redundancy import steadied
 from multirod.tasks.rows import Pose
 from multirod.tasks.search import Goals, Place, Prefer, Search
+from multirod.tasks.search_kernels import make_search
 from multirod.types import Index
 from multirod.validation import (
     Described,
@@ -178,6 +179,8 @@ def reach(
         NotImplementedError: If the derivatives by a freed input are not known.
     """
     method = as_solver(robot, solver)
+    device = device_name("device", device)
+    expect(make_search, device)
     instance("target", target, Pose, "a Pose, such as Pose(position=(0.1, 0, 0.2))")
     plausibility.of_place("target.position", target.position)
     if not target.complete.all():
@@ -222,7 +225,7 @@ def reach(
         method=method,
         tolerance=positive_float("tolerance", tolerance),
         max_integrations=positive_int("max_integrations", max_integrations),
-        device=device_name("device", device),
+        device=device,
         batch_shape=shape,
         unknowns=unknowns,
     )
@@ -373,19 +376,12 @@ def _scattered(work: _Work, search: Search, origin: FloatArray, numbers: IntArra
             high[:, own[0]] = np.minimum(high[:, own[0]], most) if np.isinf(least) or np.isinf(most) else most
     wanted = low[:, None] + random.uniform(size=(count, starts, k)) * (high - low)[:, None]
     begin = np.repeat(origin, starts, axis=0)
-    at = begin @ limits.matrix.T
-    nearest = step(
-        np.zeros((len(begin), 1, k)),
-        np.zeros((len(begin), 1)),
-        softness=1.0,
-        pull=(wanted.reshape(-1, k) - begin) / work.unit,
-        limits=limits.matrix * work.unit,
-        low=np.minimum(limits.low - at, 0.0),
-        high=np.maximum(limits.high - at, 0.0),
-    )
+    wanted = wanted.reshape(-1, k)
+    drawn = nearest(limits, wanted, work.unit)
     # what was outside is drawn in from the border that it was put on
-    inwards = random.uniform(0.6, 1.0, size=(len(begin), 1)) ** (nearest.held != 0).any(axis=1, keepdims=True)
-    values = (begin + inwards * nearest.change * work.unit).reshape(count, starts, k)
+    outside = (limits.outside(wanted, work.unit) > 0).any(axis=1, keepdims=True)
+    inwards = random.uniform(0.6, 1.0, size=(len(begin), 1)) ** outside
+    values = (begin + inwards * (drawn - begin)).reshape(count, starts, k)
     arrays = {}
     for name, given in work.inputs.arrays.items():
         if name not in work.free:

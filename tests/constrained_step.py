@@ -1,4 +1,4 @@
-"""The step of all tasks: a small quadratic programme of each instance, many at once. Numbers: ``docs/tasks.md``."""
+"""The step of all tasks in NumPy, what the compiled one is compared with. Numbers in parentheses: ``docs/tasks.md``."""
 
 from dataclasses import dataclass
 
