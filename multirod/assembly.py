@@ -10,6 +10,7 @@ import numpy as np
 
 from multirod import plausibility
 from multirod.batch import IntArray
+from multirod.elimination import Elimination
 from multirod.inputs import Inputs, InputSpec
 from multirod.problem import BoundaryProblem
 from multirod.rod import Rod
@@ -53,6 +54,11 @@ class Assembly(ABC):
     def lines(self) -> "list[tuple[int, Line]]":
         """Lines of all rods in their order, each with the index of its rod."""
         return [(k, line) for k, rod in enumerate(self.rods) for line in rod.lines]
+
+    @property
+    def elimination(self) -> Elimination | None:
+        """How ``Gamma`` is eliminated by its problems on the CPU, where it is mostly zeros."""
+        return None
 
     @property
     @abstractmethod

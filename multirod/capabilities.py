@@ -89,6 +89,11 @@ class Parts(ABC):
         """A problem of these instances, (k,), at their present inputs and unknowns; with ``double`` in double precision, with
         ``poses`` with the columns of the pose."""
 
+    @property
+    def may_be_finer(self) -> bool:
+        """Whether ``finer`` is offered."""
+        return type(self).finer is not Parts.finer
+
     def finer(self, instances: IntArray, *, poses: bool = False) -> "BoundaryProblem | None":
         """The same, its integration as exact as rounding lets it be; None where that is not offered, or it is so already."""
         return None

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from multirod.batch import IntArray, Interrupted
 from multirod.capabilities import Clamps, Conjugates, Joints, Lines, Parts, ResultTest, Shapes, Starts
 from multirod.compiling import start_warp
+from multirod.elimination import Elimination
 from multirod.exclusive import Exclusive, Uncopied
 from multirod.inputs import Inputs
 from multirod.segments import Breakpoints, Segments
@@ -149,7 +150,8 @@ class BoundaryProblem(Uncopied, ABC):
             ``stability`` are of these states.
         fault: Why an evaluation failed, by the numbers of ``status.Fault``, shape (instance_count,).
         residual: ``eps`` [1/m], shape (instance_count, n).
-        gamma: ``Gamma``, shape (instance_count, n, n).
+        elimination: How ``Gamma`` is eliminated that is mostly zeros, on the CPU: records then hold its numbers that may differ
+            from zero. None where it is dense or an arrow.
         residual_directions: d(eps)/d(direction), shape (instance_count, n, direction_count).
         position: Of the end effector in the world [m], (instance_count,) of vec3d.
         rotation: Of the end effector, body to world, (instance_count,) of mat33d.
@@ -179,6 +181,7 @@ class BoundaryProblem(Uncopied, ABC):
         direction_count: int = 0,
         pose_sensitivities: bool = False,
         device: str = "cpu",
+        elimination: Elimination | None = None,
     ) -> None:
         start_warp()
         self.unknown_count = n = unknown_count
@@ -192,12 +195,14 @@ class BoundaryProblem(Uncopied, ABC):
         self.device = device
         self.blocks = tuple(blocks)
         self.arrow: tuple[int, ...] = ()
+        self.elimination = elimination
         self.breakpoints: dict[int, Breakpoints] = {}
         self.measured: tuple[str, ...] = ()
         self.rounding = DOUBLE_ROUNDING
         self._tools: dict[Any, Any] = {}
         # One record an instance holds all that a sample of a time series keeps, so that keeping it is one copy.
-        sizes = {"unknowns": n, "residual": n, "gamma": n * n, "position": 3, "rotation": 9, "inputs": input_count}
+        numbers = n * n if elimination is None else elimination.count
+        sizes = {"unknowns": n, "residual": n, "gamma": numbers, "position": 3, "rotation": 9, "inputs": input_count}
         self.record_fields: dict[str, slice] = {}
         offset = 0
         for name, size in sizes.items():
@@ -206,7 +211,6 @@ class BoundaryProblem(Uncopied, ABC):
         self.records: Any = wp.zeros((count, offset), dtype=wp.float64, device=device)
         self.unknowns = self._field("unknowns", (n,))
         self.residual = self._field("residual", (n,))
-        self.gamma = self._field("gamma", (n, n))
         self.position = self._field("position", (), wp.vec3d)
         self.rotation = self._field("rotation", (), wp.mat33d)
         self.order: Any = wp.array(np.arange(count, dtype=np.int32), dtype=wp.int32, device=device)
@@ -222,6 +226,15 @@ class BoundaryProblem(Uncopied, ABC):
         self.residual_directions: Any = wp.zeros((count, n, max(direction_count, 1)), dtype=wp.float64, device=device)
         columns = n + direction_count if pose_sensitivities else 1
         self.pose_columns: Any = wp.zeros((count, 6, columns), dtype=wp.float64, device=device)
+
+    @cached_property
+    def gamma(self) -> Any:
+        """``Gamma``, shape (instance_count, n, n); where records hold its numbers alone, whoever asks has it filled by every
+        integration from then on."""
+        n = self.unknown_count
+        if self.elimination is None:
+            return self._field("gamma", (n, n))
+        return wp.zeros((self.instance_count, n, n), dtype=wp.float64, device=self.device)
 
     def _field(self, name: str, tail: tuple[int, ...], dtype: Any = wp.float64) -> Any:
         width = self.records.shape[1] * 8
@@ -597,10 +610,18 @@ class BoundaryProblem(Uncopied, ABC):
         gamma[failed] = np.nan
         return residual, gamma
 
+    def numbers_of_gamma(self, instances: IntArray) -> FloatArray:
+        """Those of ``Gamma`` that may differ from zero, of some instances (k,), in the order of ``elimination``."""
+        assert self.elimination is not None  # or nobody knows which these are
+        values = self.records.numpy() if self._host is None else self._host
+        return np.asarray(values[instances, self.record_fields["gamma"]])
+
     def read(self, name: str) -> FloatArray:
         """A copy of one field of the records, shape (instance_count, size): ``unknowns``, ``residual``, ``gamma``,
         ``position``, ``rotation`` or ``inputs``.
         """
+        if name == "gamma" and self.elimination is not None:
+            return self.elimination.dense(self.numbers_of_gamma(np.arange(self.instance_count))).reshape(self.instance_count, -1)
         return np.array((self.records.numpy() if self._host is None else self._host)[:, self.record_fields[name]])
 
     def buffer(self, name: str) -> NDArray[Any]:
@@ -617,12 +638,22 @@ class BoundaryProblem(Uncopied, ABC):
         return {name: getattr(self, name).numpy() for name in ("fault", "residual_directions", "pose_columns")}
 
     def write(self, name: str, values: FloatArray) -> None:
-        """Set one field of the records from an array that broadcasts to (instance_count, size)."""
+        """Set one field of the records from an array that broadcasts to (instance_count, size); of ``gamma`` that is what records
+        hold of it."""
         if self._host is not None:
             self._host[:, self.record_fields[name]] = values
         else:
             target = getattr(self, name)
             target.assign(np.ascontiguousarray(np.broadcast_to(values, target.shape), dtype=np.float64))
+
+    def put(self, name: str, instances: IntArray, values: FloatArray) -> None:
+        """The same of some instances, (k,), from an array (k, size)."""
+        if self._host is not None:
+            self._host[instances, self.record_fields[name]] = values
+            return
+        kept = np.array(self.records.numpy()[:, self.record_fields[name]])
+        kept[instances] = values
+        self.write(name, kept)
 
     def snapshot(self) -> FloatArray:
         """A copy of the records, shape (instance_count, record size)."""

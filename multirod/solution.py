@@ -282,8 +282,10 @@ class Solution(Generic[Robot_co]):
     @cached_property
     def gamma(self) -> FloatArray:
         """``Gamma = d(residual)/d(unknowns)``, shape (..., n, n)."""
-        n = self.unknown_count
-        return self._record("gamma", (n, n))
+        n, field, elimination = self.unknown_count, self._scene.fields["gamma"], self.assembly.elimination
+        if field.stop - field.start == n * n or elimination is None:
+            return self._record("gamma", (n, n))
+        return self._masked(elimination.dense(self._records[:, field]).reshape(len(self._records), -1), (n, n))
 
     @cached_property
     def _singular_values(self) -> FloatArray:

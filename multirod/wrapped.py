@@ -180,6 +180,11 @@ class WrappedParts(Parts):
         assert self.problem.inner.parts is not None
         return self._around(self.problem.inner.parts.of(instances, double=double, poses=poses), instances)
 
+    @property
+    def may_be_finer(self) -> bool:  # noqa: D102
+        inner = self.problem.inner.parts
+        return inner is not None and inner.may_be_finer
+
     def finer(self, instances: IntArray, *, poses: bool = False) -> BoundaryProblem | None:  # noqa: D102
         assert self.problem.inner.parts is not None
         part = self.problem.inner.parts.finer(instances, poses=poses)

@@ -331,11 +331,10 @@ class NewtonTrack(Track):
 
     def _continue(self, doubtful: Any, outcome: Outcome, before: FloatArray) -> None:
         """Solve the doubtful instances again, from the last good sample, in steps of the inputs."""
-        n = self.problem.unknown_count
         self.newton.allow(self.options._left(outcome))
         paths = Paths(self.problem, self.newton, self.options.max_continuation_steps)
         safe = np.where(self.fresh, FRESH, 1.0)
-        last = self.history[0], self.newton.reference().reshape(-1, n, n)
+        last = self.history[0], self.newton.reference()
         again = paths.change_inputs(doubtful, before, *last, safe_step=safe)
         self._take_in(doubtful, again, outcome)
         reached, ends = again.reached, self.problem.read("unknowns")
@@ -367,8 +366,7 @@ class NewtonTrack(Track):
             newton.run(some)
             first, ready = newton.outcome(), some & (newton.outcome().status == _CONVERGED)
             problem.write("inputs", longer)
-            gamma = problem.read("gamma").reshape(problem.instance_count, problem.unknown_count, -1)
-            found = paths.change_inputs(ready, start, problem.read("unknowns"), gamma)
+            found = paths.change_inputs(ready, start, problem.read("unknowns"), newton.gamma())
             found.status[some & ~ready] = int(Status.STALLED)
             found.iterations += first.iterations
             found.integrations += first.integrations

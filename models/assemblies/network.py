@@ -9,6 +9,7 @@ import numpy as np
 
 from multirod.assembly import Assembly, pose
 from multirod.batch import IntArray
+from multirod.elimination import Elimination
 from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.models.assemblies.inputs import NetworkInput, NetworkInputs, listed
 from multirod.models.assemblies.single_rod import SingleRod
@@ -123,6 +124,10 @@ class Network(Assembly):
     def batch_shape(self) -> tuple[int, ...]:
         """Leading axes of the rods' parameters and of the poses."""
         return self.graph.batch_shape
+
+    @property
+    def elimination(self) -> Elimination | None:  # noqa: D102
+        return self.graph.entries.elimination
 
     if TYPE_CHECKING:
         _input_name: NetworkInput

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from copy import copy
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 from multirod.batch import IntArray, take
 from multirod.models.backbone.problem import BackboneAssembly
 from multirod.models.network.bodies import Body, Ground
+from multirod.models.network.entries import Entries
 from multirod.models.network.joints import Joint, JointTable
 from multirod.models.network.placing import Placing, placed
 from multirod.rod import RodArrays
@@ -86,6 +88,11 @@ class Graph:
     def load_places(self) -> tuple[str, ...]:
         """Names of what forces act on: the bodies, then the rods whose tips nothing holds."""
         return (*(body.name for body in self.bodies), *(self.names[k] for k in self.free))
+
+    @cached_property
+    def entries(self) -> Entries:
+        """Where elements stand in residual and ``Gamma``."""
+        return Entries(self)
 
     def take(self, batch_shape: tuple[int, ...], instances: IntArray) -> "Graph":
         """That of some instances of a batch to whose leading axes this broadcasts, along one axis."""

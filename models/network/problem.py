@@ -2,7 +2,7 @@
 
 Numbers in parentheses are those of ``docs/networks.md``. Each rod is integrated in the frame of its base by the backbone kernels;
 what its ends say of the bodies is an element (``elements.py``), and residual and ``Gamma`` are the sums of the elements. They are
-put together by NumPy, as dense arrays; an elimination along the graph would take the elements instead.
+put together by NumPy; ``entries.py`` says where they stand, and how ``Gamma`` is eliminated along the graph.
 """
 
 from collections.abc import Iterator, Sequence
@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import warp as wp
 from numpy.typing import NDArray
 
 from multirod.batch import IntArray
@@ -31,6 +32,7 @@ from multirod.models.network.elements import (
     Holding,
     Integrated,
 )
+from multirod.models.network.entries import Sums
 from multirod.models.network.graph import GROUND, Graph
 from multirod.models.network.groups import ALONG, RodGroup, builds, put
 from multirod.models.network.placing import placed
@@ -44,29 +46,6 @@ SOFT = 0.01  # L^3/EI by which rods give way along themselves while the network 
 GAP_LOAD = 12.0  # EI/L^3: what a rod resists with where its tip is moved across
 
 
-class Sums:
-    """Sums of numbers that belong to the same place.
-
-    Args:
-        places: Of each number; negative of those that belong nowhere, shape (k,).
-        size: Places.
-    """
-
-    def __init__(self, places: NDArray[np.intp], size: int) -> None:
-        kept = np.flatnonzero(places >= 0)
-        self._order = kept[np.argsort(places[kept], kind="stable")]
-        ordered = places[self._order]
-        self._starts = np.flatnonzero(np.concatenate([[True], ordered[1:] != ordered[:-1]]))
-        self._places = ordered[self._starts]
-        self._size = size
-
-    def __call__(self, values: FloatArray) -> FloatArray:
-        """Of numbers (..., k), shape (..., size)."""
-        result = np.zeros((*values.shape[:-1], self._size))
-        result[..., self._places] = np.add.reduceat(values[..., self._order], self._starts, axis=-1)
-        return result
-
-
 @dataclass(frozen=True)
 class Apart:
     """The network taken apart, at certain inputs.
@@ -75,13 +54,13 @@ class Apart:
         inputs: Those that are no loads on bodies, (instance_count, k).
         unknowns: [1/m], shape (instance_count, n).
         residual: There, without loads [1/m], shape (instance_count, n).
-        singular_value: Smallest of ``Gamma`` there, 1 at most, shape (instance_count,).
+        gamma: The numbers of ``Gamma`` there that are kept, shape (instance_count, k).
     """
 
     inputs: FloatArray
     unknowns: FloatArray
     residual: FloatArray
-    singular_value: FloatArray
+    gamma: FloatArray
 
 
 class State:
@@ -146,8 +125,8 @@ class NetworkProblem(BoundaryProblem):
     ) -> None:
         self.graph, self.end_effector = graph, end_effector
         self.rod_count, self.body_count = len(graph.rods), len(graph.bodies)
-        self.places, self.first_pose = _places(graph)  # of each element, among unknowns and residuals
-        n = self.first_pose + POSE * self.body_count
+        self.entries = entries = graph.entries
+        self.places, self.first_pose, n = entries.variables, entries.first_pose, entries.size
         self._slices = input_places(self.rod_count, len(graph.load_places))
         super().__init__(
             unknown_count=n,
@@ -157,6 +136,7 @@ class NetworkProblem(BoundaryProblem):
             direction_count=direction_count,
             pose_sensitivities=pose_sensitivities,
             device=device,
+            elimination=entries.elimination if wp.get_device(device).is_cpu else None,
         )
         self.integrator = integrator
         self.inputs_given = inputs
@@ -179,9 +159,6 @@ class NetworkProblem(BoundaryProblem):
         self.length, self.stiffness = (scale.reshape(count, size) for scale in scales)
         self.attachments = graph.attachments(count, shape)
         self.reference = graph.reference(self.length[:, : self.rod_count], shape)
-        rows, columns = self.places[:, :, None], self.places[:, None]
-        self._sum_rows = Sums(self.places.reshape(-1), n)
-        self._sum_entries = Sums(np.where((rows < 0) | (columns < 0), -1, rows * n + columns).reshape(-1), n * n)
         self.opening = np.zeros((count, n))
         self.opened_at = np.zeros((count, n))
         self.soft = np.zeros(count)
@@ -283,8 +260,9 @@ class NetworkProblem(BoundaryProblem):
         order = np.argsort(np.concatenate([group.members for group in self.groups]))
         return Integrated(*(np.concatenate(values, axis=1)[:, order] for values in zip(*map(_fields, parts), strict=True)))
 
-    def _assemble(self, state: State) -> None:
-        """(5) to (12) Residual, ``Gamma``, columns and pose of the instances of a state, their rods integrated."""
+    def _assemble(self, state: State) -> FloatArray:
+        """(5) to (12) Residual, ``Gamma``, columns and pose of the instances of a state, their rods integrated; the numbers of
+        ``Gamma`` that are kept, (k, count)."""
         rows, equations = state.rows, self.equations(state)
         residual, gamma, directions = self.summed(state, equations)
         left = 1.0 - state.load_factor[:, None]
@@ -292,14 +270,16 @@ class NetworkProblem(BoundaryProblem):
         residual -= left * self.opening[rows]
         position, rotation, columns = self._end_effector(state, equations)
         self._keep(rows, residual, gamma, directions, position, rotation, columns)
+        return gamma
 
     def summed(self, state: State, equations: Equations) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """(5) to (11) Residual, ``Gamma`` and the derivative of the residual along directions, of the network put together."""
-        count, n, d = len(state.rows), self.unknown_count, self.direction_count
-        residual = self._sum_rows(equations.residual.reshape(count, -1))
+        """(5) to (11) Residual, the numbers of ``Gamma`` that are kept, and the derivative of the residual along directions, of
+        the network put together."""
+        count, d, sums = len(state.rows), self.direction_count, self.entries
+        residual = sums.residual(equations.residual.reshape(count, -1))
         matrix, along = equations.columns[..., :SIZE], equations.columns[..., SIZE:]
-        gamma = self._sum_entries(np.ascontiguousarray(matrix).reshape(count, -1)).reshape(count, n, n)
-        directions = np.moveaxis(self._sum_rows(np.moveaxis(along.reshape(count, self.rod_count * SIZE, d), 1, 2)), 1, 2)
+        gamma = sums.gamma(np.ascontiguousarray(matrix).reshape(count, -1))
+        directions = np.moveaxis(sums.residual(np.moveaxis(along.reshape(count, self.rod_count * SIZE, d), 1, 2)), 1, 2)
         self._add_loads(state, residual, gamma, directions)
         return residual, gamma, directions
 
@@ -366,18 +346,17 @@ class NetworkProblem(BoundaryProblem):
         def told(push: FloatArray, turn: FloatArray) -> FloatArray:
             """Columns of force and moment as rows of the balances."""
             both = np.concatenate([pull * (inward @ push), twist * (inward @ turn)], axis=-2)
-            return np.asarray(both.reshape(count, POSE * self.body_count, -1))
+            return np.asarray(both)
 
         own = slice(self.first_pose, None)
-        residual[:, own] -= told((force + weight)[..., None], (moment + cross(centre, weight))[..., None])[..., 0]
+        residual[:, own] -= told((force + weight)[..., None], (moment + cross(centre, weight))[..., None]).reshape(count, -1)
         by_turn = cross_matrix(weight) @ cross_matrix(centre) @ frames.turns[:, bodies]
         columns = told(np.zeros_like(by_turn), by_turn)
-        for k in range(self.body_count):
-            at, turn = POSE * k, self.first_pose + POSE * k + 3
-            gamma[:, self.first_pose + at : self.first_pose + at + POSE, turn : turn + 3] -= columns[:, at : at + POSE]
+        gamma[:, self.entries.turns] -= columns
         by_force, by_moment = (self._on_places(state, name, True)[:, : self.body_count] for name in LOADED)
         heave = mass[:, None] * np.swapaxes(state.take(self, "gravity", True), 1, 2)[:, None]
-        directions[:, own] -= told(by_force + heave, by_moment + cross_matrix(centre) @ heave)
+        by_all = told(by_force + heave, by_moment + cross_matrix(centre) @ heave)
+        directions[:, own] -= by_all.reshape(count, POSE * self.body_count, -1)
 
     def _soften(self, gamma: FloatArray, residual: FloatArray, state: State, left: FloatArray) -> None:
         """(12) Rods whose tips are held give way along themselves while the network is put together."""
@@ -386,7 +365,7 @@ class NetworkProblem(BoundaryProblem):
             return
         held = self.graph.ends[1].held
         row, unknown = (self.places[held, at] for at in (GAP_AT.stop - 1, OWN - 1))
-        gamma[:, row, unknown] += soft
+        gamma[:, self.entries.yielding] += soft
         residual[:, row] += soft * (state.x[:, unknown] - self.opened_at[state.rows][:, unknown])
 
     def _end_effector(self, state: State, equations: Equations) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -419,13 +398,14 @@ class NetworkProblem(BoundaryProblem):
         for group in self.groups:
             worst, taken = group.faults(rows)
             fault, steps = np.maximum(fault, worst), steps + taken
-        finite = np.isfinite(residual).all(axis=1) & np.isfinite(gamma).all(axis=(1, 2))
+        finite = np.isfinite(residual).all(axis=1) & np.isfinite(gamma).all(axis=1)
         fault[(fault == 0) & ~finite] = int(Fault.NONFINITE)
-        values = {"residual": residual, "gamma": gamma, "position": position, "rotation": rotation}
+        numbers = gamma if self.elimination is not None else self.entries.dense(gamma)
+        if self.elimination is not None and "gamma" in vars(self):  # asked for whole
+            put(self.gamma, rows, self.entries.dense(gamma))
+        values = {"residual": residual, "gamma": numbers, "position": position, "rotation": rotation}
         for name, found in values.items():
-            kept = self.read(name)
-            kept[rows] = found.reshape(len(rows), -1)
-            self.write(name, kept)
+            self.put(name, rows, found.reshape(len(rows), -1))
         put(self.fault, rows, fault)
         put(self.step_count, rows, steps)
         if self.direction_count:
@@ -485,8 +465,14 @@ class NetworkProblem(BoundaryProblem):
 
     @property
     def natural_singular_value(self) -> FloatArray:
-        """That at ``guess``."""
-        return self.apart().singular_value
+        """That at ``guess``, 1 at most."""
+        gamma, least, own = self.apart().gamma, np.ones(self.instance_count), self.entries
+        for k in np.flatnonzero(np.isfinite(gamma).all(axis=1)).tolist():
+            if own.elimination is not None:
+                least[k] = own.elimination.least_singular_value(gamma[k])
+            else:
+                least[k] = np.linalg.svd(own.dense(gamma[k]), compute_uv=False)[-1]
+        return np.minimum(least, 1.0)
 
     def apart(self) -> Apart:
         """The network taken apart at the present inputs; found once for all who ask."""
@@ -505,12 +491,8 @@ class NetworkProblem(BoundaryProblem):
                 self._place(x)
                 self.write("unknowns", x)
                 self.opened_at[:] = x
-                self._assemble(self.state())
-                gamma = self.read("gamma").reshape(self.instance_count, self.unknown_count, -1)
-                sound = np.isfinite(gamma).all(axis=(1, 2))
-                least = np.ones(self.instance_count)
-                least[sound] = np.minimum(1.0, np.linalg.svd(gamma[sound], compute_uv=False)[:, -1])
-                self._found = Apart(inputs, x, self.read("residual"), least)
+                gamma = self._assemble(self.state())
+                self._found = Apart(inputs, x, self.read("residual"), gamma)
         return self._found
 
     def state(self) -> State:
@@ -588,25 +570,6 @@ def input_places(rod_count: int, load_places: int) -> dict[str, slice]:
     sizes = {name: rod_count for name in PER_ROD} | {name: 3 * load_places for name in LOADED} | {name: 3 for name in ALONG}
     ends = np.cumsum([0, *sizes.values()]).tolist()
     return {name: slice(ends[k], ends[k + 1]) for k, name in enumerate(sizes)}
-
-
-def _places(graph: Graph) -> tuple[NDArray[np.intp], int]:
-    """Where the variables of each element stand among the unknowns, and its rows among the residuals, -1 of what there is not,
-    shape (rod_count, SIZE); and where the poses of bodies begin."""
-    places = np.full((len(graph.rods), SIZE), -1, dtype=np.intp)
-    first = 0
-    for rod in range(len(graph.rods)):
-        places[rod, OWN_AT] = range(first, first + OWN)
-        first += OWN
-        for at, end in zip(ANGLES_AT, graph.ends, strict=True):
-            count = int(end.table.count[rod])
-            places[rod, at.start : at.start + count] = range(first, first + count)
-            first += count
-    for at, end in zip(POSES_AT, graph.ends, strict=True):
-        for rod, frame in enumerate(end.frame):
-            if frame > GROUND:
-                places[rod, at] = first + POSE * (frame - 1) + np.arange(POSE)
-    return places, first
 
 
 def _blocks(graph: Graph, places: NDArray[np.intp], first_pose: int, n: int) -> list[Block]:

@@ -64,7 +64,7 @@ class NetworkStability(StabilityAnalysis):
         rounding lets it be found."""
         problem, rods, n = self.problem, self.problem.rod_count, self.problem.unknown_count
         count, held = problem.instance_count, self.problem.graph.ends[1].held
-        _, gamma, _ = problem.summed(state, equations)
+        gamma = problem.entries.dense(problem.summed(state, equations)[1])
         # what fixes the six unknowns of each rod: how its tip is turned, and the force on it
         turn, force = equations.tip_in_base()
         fixing = np.concatenate([equations.columns[..., TURN_AT, : turn.shape[-1]], force], axis=-2)

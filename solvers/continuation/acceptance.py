@@ -13,6 +13,9 @@ CONTRACTION = 0.3  # largest ratio of successive Newton steps
 SMALLEST_RATIO = 0.25  # all eigenvalues of Gamma_new Gamma_old^-1 lie in the disc from this
 LARGEST_RATIO = 4.0  # to this
 RATIO_POWERS = 64.0  # powers by which that is told
+RATIO_CENTRE, RATIO_RADIUS = 0.5 * (SMALLEST_RATIO + LARGEST_RATIO), 0.5 * (LARGEST_RATIO - SMALLEST_RATIO)
+# centre, radius and powers of the discs that one of is enough: about 1, told at once, and the whole
+RATIO_TESTS = ((1.0, 1.0 - SMALLEST_RATIO, 1.0), (RATIO_CENTRE, RATIO_RADIUS, RATIO_POWERS))
 SURPRISE = 0.5  # largest distance of an equilibrium from its extrapolation, relative to its distance from the last
 MIN_STEP = 1e-7  # of the load
 
@@ -25,11 +28,10 @@ def same_branch(gamma: FloatArray, before: FloatArray) -> NDArray[np.bool_]:
     n = gamma.shape[-1]
     regular = np.linalg.det(before) != 0
     start = np.where(regular[:, None, None], before, np.eye(n))
-    centre, radius = 0.5 * (SMALLEST_RATIO + LARGEST_RATIO), 0.5 * (LARGEST_RATIO - SMALLEST_RATIO)
     power, bound = 1.0, np.full(len(gamma), np.inf)
     with np.errstate(all="ignore"):
-        E = gamma @ np.linalg.inv(start) - centre * np.eye(n)
+        E = gamma @ np.linalg.inv(start) - RATIO_CENTRE * np.eye(n)
         while power <= RATIO_POWERS:
             bound = np.fmin(bound, np.linalg.norm(E, axis=(1, 2)) ** (1 / power))
             E, power = E @ E, 2 * power
-    return np.asarray(regular & (bound < radius))
+    return np.asarray(regular & (bound < RATIO_RADIUS))

@@ -68,13 +68,13 @@ class PathState:
 
 
 @cache
-def make_path(block: int = 0, border: int = 0):
+def make_path(block: int = 0, border: int = 0, told: bool = False):
     """Kernel that takes each active instance from an integration to the next on its path, or to its end, and puts those that are
     ``departing`` from a known equilibrium on their way.
 
     The arguments say what ``Gamma`` is like, as for ``make_iteration``.
     """
-    iteration = make_iteration(block, border)
+    iteration = make_iteration(block, border, told)
     iterate, spectral_radius, newton_step = iteration.iterate, iteration.spectral_radius, iteration.aim
     CENTRE = 0.5 * (SMALLEST_RATIO + LARGEST_RATIO)
     RADIUS = 0.5 * (LARGEST_RATIO - SMALLEST_RATIO)
@@ -88,13 +88,14 @@ def make_path(block: int = 0, border: int = 0):
         test = int(0)
         while test < 2 * others:
             other = state.reference
-            if test > 1:
+            which = test // 2
+            if which > 0:
                 other = state.halfway
             centre, enough, most = f64(1.0), f64(wp.static(1.0 - SMALLEST_RATIO)), f64(1.0)
             if test % 2 == 1:
                 centre, enough, most = f64(wp.static(CENTRE)), f64(wp.static(RADIUS)), f64(wp.static(RATIO_POWERS))
             test += 1
-            if spectral_radius(state.newton, t, other, centre, enough, most) < enough:
+            if spectral_radius(state.newton, t, other, which, centre, enough, most) < enough:
                 test += test % 2
             elif test % 2 == 0:
                 return False
@@ -135,7 +136,8 @@ def make_path(block: int = 0, border: int = 0):
         state.levels[t, 0] = level
         for i in range(n):
             state.points[t, 0, i] = state.newton.unknowns[t, i]
-            for j in range(n):
+        for i in range(state.reference.shape[1]):
+            for j in range(state.reference.shape[2]):
                 state.reference[t, i, j] = state.newton.gamma[t, i, j]
         state.known[t] = wp.min(state.known[t] + 1, 3)
 
@@ -221,7 +223,8 @@ def make_path(block: int = 0, border: int = 0):
             state.newton.unknowns[t, i] = x
             moved += (x - state.points[t, 0, i]) * (x - state.points[t, 0, i])
             size += x * x
-            for j in range(n):
+        for i in range(state.halfway.shape[1]):
+            for j in range(state.halfway.shape[2]):
                 state.halfway[t, i, j] = state.newton.gamma[t, i, j]
         most = wp.where(state.known[t] > 1, f64(wp.static(HALFWAY)), f64(wp.static(HALFWAY_FIRST)))
         put(state, t, state.goal[t])
@@ -253,7 +256,8 @@ def make_path(block: int = 0, border: int = 0):
         largest = f64(0.0)
         for i in range(n):
             largest = wp.max(largest, wp.abs(state.points[t, 0, i]))
-            for j in range(n):
+        for i in range(state.reference.shape[1]):
+            for j in range(state.reference.shape[2]):
                 size += state.reference[t, i, j] * state.reference[t, i, j]
         if f64(2.0e-15) * state.newton.rounding * wp.sqrt(size) * largest > state.newton.tolerance[t]:
             return wp.static(int(Status.STALLED))

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from multirod.launch import expect, record
 from multirod.problem import FEW, BoundaryProblem
 from multirod.solver import Outcome
+from multirod.solvers.continuation.acceptance import RATIO_TESTS
 from multirod.solvers.continuation.continuation_kernels import PathState, make_path
 from multirod.solvers.newton.iteration import Newton, leave
 from multirod.status import Status, failures
@@ -59,11 +60,11 @@ class Paths:
             setattr(state, name, wp.zeros(count, dtype=wp.float64, device=device))
         state.points = wp.zeros((count, 3, n), dtype=wp.float64, device=device)
         state.levels = wp.zeros((count, 3), dtype=wp.float64, device=device)
-        state.reference = wp.zeros((count, n, n), dtype=wp.float64, device=device)
+        state.reference = wp.zeros(newton.state.gamma.shape, dtype=wp.float64, device=device)
         state.expected = wp.zeros((count, n), dtype=wp.float64, device=device)
         state.surprise = wp.zeros((count, n), dtype=wp.float64, device=device)
         state.trial = wp.zeros((count, n), dtype=wp.float64, device=device)
-        state.halfway = wp.zeros((count, n, n), dtype=wp.float64, device=device)
+        state.halfway = wp.zeros(newton.state.gamma.shape, dtype=wp.float64, device=device)
         state.max_steps = max_steps
         state.remaining = wp.zeros(1, dtype=wp.int32, device=device)
         self._remaining = state.remaining.numpy() if wp.get_device(device).is_cpu else None
@@ -81,6 +82,7 @@ class Paths:
                 "step",
             )
             self._in_place = {name: getattr(state, name).numpy() for name in names} | {"active": problem.active.numpy()}
+        self._newton = newton
         self._tolerance = newton.tolerance
         self.handed: BoolArray | None = None  # which crept and were given up; None where that is not asked for
         self._launch: Any = None
@@ -238,6 +240,7 @@ class Paths:
             else:
                 state.remaining.zero_()
             problem.integrate()
+            self._eliminate()
             if dim != problem.listed:
                 dim = problem.listed
                 launch.set_dim(dim)
@@ -258,10 +261,21 @@ class Paths:
             counts["status"][failed & (last > RUNAWAY * problem.curvature_scale())] = Status.LINE_LIMIT
         return Outcome(**counts, reached=self._get("levels")[:, 0].copy())
 
+    def _eliminate(self) -> None:
+        """Have what the kernel asks of ``Gamma`` found, where the problem offers ``elimination``."""
+        if self._newton.eliminated is None:
+            return
+        state = self.state
+        others = [
+            (state.reference.numpy(), state.known.numpy() > 0),
+            (state.halfway.numpy(), state.goal.numpy() > state.sure_level.numpy()),
+        ]
+        self._newton.eliminated.find(state.probed.numpy() == 1, others, RATIO_TESTS)
+
     def _amplification(self) -> FloatArray:
         """By how much a change of the unknowns is multiplied at most, about: Frobenius norm of ``Gamma``, (instance_count,)."""
         with np.errstate(over="ignore"):
-            return np.asarray(np.linalg.norm(self.problem.read("gamma"), axis=1))
+            return np.asarray(np.linalg.norm(self._newton.gamma(), axis=1))
 
     def _give_up(self, unloaded: FloatArray) -> int:
         """End those that creep towards where rounding ends them: whose steps are short, and whose ``Gamma``, of the norm
@@ -294,7 +308,7 @@ class Paths:
         """Where no mode of ``Gamma`` is near zero, it is no fold and no bifurcation that steps became small at."""
         ended = np.flatnonzero(status == Status.BRANCH_END)
         if len(ended):
-            least = np.linalg.svd(self.state.reference.numpy()[ended], compute_uv=False)[:, -1]
+            least = self._newton.least_singular_values(self.state.reference.numpy()[ended])
             status[ended[least > SINGULAR * self.problem.natural_singular_value[ended]]] = Status.STALLED
             if self.state.by_inputs:
                 integrations[ended] += self.problem.guess_integrations  # which what is natural here takes

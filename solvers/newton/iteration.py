@@ -10,7 +10,8 @@ from multirod.launch import expect, record
 from multirod.problem import DOUBLE_ROUNDING, BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.newton.bordered_kernels import front_width
-from multirod.solvers.newton.newton_kernels import LARGE_CHANGE, PROBES, NewtonState, make_newton
+from multirod.solvers.newton.eliminated import Eliminated
+from multirod.solvers.newton.newton_kernels import CHANGE_POWERS, LARGE_CHANGE, PROBES, NewtonState, make_newton
 from multirod.status import IntArray, Status
 from multirod.validation import FloatArray
 
@@ -52,7 +53,7 @@ class Newton:
         state: Any = NewtonState()
         self.state = state
         self._rooms: list[Any] = []
-        problem.share(state, ("order", "active", "fault", "unknowns", "residual", "gamma"))
+        problem.share(state, ("order", "active", "fault", "unknowns", "residual"))
         self._counters = wp.zeros((len(COUNTERS), count), dtype=wp.int32, device=device)
         self._measures = wp.zeros((len(MEASURES), count), dtype=wp.float64, device=device)
         for k, name in enumerate(COUNTERS):
@@ -63,8 +64,14 @@ class Newton:
         state.damping = wp.zeros(count, dtype=wp.float64, device=device)
         state.accepted = wp.zeros((count, n), dtype=wp.float64, device=device)
         state.step = wp.zeros((count, n), dtype=wp.float64, device=device)
-        state.direction = self._room(n, 1)
-        state.reference = wp.zeros((count, n, n), dtype=wp.float64, device=device)
+        self.eliminated: Eliminated | None = None
+        if problem.elimination is not None:
+            self.eliminated = Eliminated(problem, problem.elimination, problem.tolerance(tolerance))
+            for name in ("gamma", "direction", "told"):
+                setattr(state, name, getattr(self.eliminated, name))
+        else:
+            state.gamma, state.direction = problem.gamma, self._room(n, 1)
+        state.reference = wp.zeros(state.gamma.shape, dtype=wp.float64, device=device)
         self.shape = self._shape()
         self._dim = count
         self._first_values: Any = None
@@ -81,7 +88,7 @@ class Newton:
         self._starting = (self._counters.numpy(), self._measures.numpy(), problem.active.numpy()) if on_cpu else None
         self._counts = list(self._counters.numpy()) if on_cpu else None
         self._doubts = (state.change.numpy(), state.contraction.numpy()) if on_cpu else None
-        self._reference = state.reference.numpy().reshape(count, n * n) if on_cpu else None
+        self._reference = state.reference.numpy().reshape(count, -1) if on_cpu else None
         self._has_reference = state.has_reference.numpy() if on_cpu else None
         self._allowed = state.allowed.numpy() if on_cpu else None
         self.paths: Any = None  # of ``continuation.natural``, kept for the next
@@ -98,8 +105,11 @@ class Newton:
         self.allow(UNLIMITED)
 
     def _shape(self) -> tuple[int, ...]:
-        """Largest block and border of ``Gamma`` where it is an arrow, with its room to work; nothing where it is dense."""
+        """Largest block and border of ``Gamma`` where it is an arrow, with its room to work; nothing where it is dense; and
+        whether it is eliminated elsewhere."""
         problem, arrow, n = self.problem, self.state.arrow, self.problem.unknown_count
+        if self.eliminated is not None:
+            return 0, 0, True
         if not problem.arrow:
             self.state.factor, self.state.quotient = self._room(n, n), self._room(n, n)
             return ()
@@ -180,13 +190,28 @@ class Newton:
         (instance_count,)."""
         return self.state.contraction.numpy() > LARGE_CHANGE
 
+    def gamma(self) -> FloatArray:
+        """``Gamma`` of all instances as it is kept here: dense, or its numbers where the problem offers ``elimination``; shape
+        (instance_count, k)."""
+        problem = self.problem
+        if self.eliminated is None:
+            return problem.read("gamma")
+        return problem.numbers_of_gamma(np.arange(problem.instance_count))
+
+    def least_singular_values(self, matrices: FloatArray) -> FloatArray:
+        """Of some matrices like those of ``gamma()``, (k, ..., ...), shape (k,)."""
+        elimination = self.problem.elimination
+        if self.eliminated is None or elimination is None:
+            return np.asarray(np.linalg.svd(matrices, compute_uv=False)[:, -1])
+        return np.array([elimination.least_singular_value(own.reshape(-1)) for own in matrices])
+
     def reference(self) -> FloatArray:
-        """``Gamma`` of the last sample that was kept, shape (instance_count, n, n)."""
-        return np.array(self.state.reference.numpy())
+        """``Gamma`` of the last sample that was kept, as ``gamma()``, shape (instance_count, k)."""
+        return np.array(self.state.reference.numpy()).reshape(self.problem.instance_count, -1)
 
     def set_reference(self, kept: Any = None) -> None:
         """Keep the present ``Gamma`` of the instances ``kept``, all by default, to compare the next with."""
-        gamma = self.problem.read("gamma")
+        gamma = self.gamma()
         if self._reference is not None and self._has_reference is not None:
             chosen = slice(None) if kept is None else kept
             self._reference[chosen] = gamma[chosen]
@@ -226,6 +251,9 @@ class Newton:
         else:
             self.state.remaining.zero_()
         self.problem.integrate()
+        if self.eliminated is not None:
+            others = [(self.state.reference.numpy(), self.state.has_reference.numpy() != 0)]
+            self.eliminated.find(None, others, [(1.0, LARGE_CHANGE, CHANGE_POWERS)])
         if self._dim != self.problem.listed:
             self._dim = self.problem.listed
             self._launch.set_dim(self._dim)

@@ -40,6 +40,7 @@ class NewtonState:
     probes: wp.array3d[wp.float64]  # (instance, n, PROBES): to estimate it, where Gamma is an arrow
     probed: wp.array3d[wp.float64]
     arrow: Arrow
+    told: wp.array2d[wp.float64]  # (instance, TOLD): what ``eliminated`` says of it, where Gamma is mostly zeros
     remaining: wp.array[int]  # (1,): instances still active
     # options
     tolerance: wp.array[wp.float64]  # (instance,)
@@ -51,6 +52,9 @@ class NewtonState:
 
 
 PROBES = 4
+TOLD = 4  # bounds on eigenvalues: two tests of two matrices
+UNLIKE = 1.0e30
+CHANGE_POWERS = 8.0
 LARGE_CHANGE = 0.5  # of Gamma: no mode has vanished or changed sign where the change is less than 1
 f64 = wp.float64
 
@@ -94,7 +98,7 @@ def make_dense() -> SimpleNamespace:
 
     @wp.func(inline=False)
     def spectral_radius(
-        state: wp.ref[NewtonState], t: int, reference: wp.array3d[wp.float64], centre: f64, enough: f64, most: f64
+        state: wp.ref[NewtonState], t: int, reference: wp.array3d[wp.float64], which: int, centre: f64, enough: f64, most: f64
     ) -> f64:
         """Bound on the distance from ``centre`` of the eigenvalues of Gamma reference^-1, by the Frobenius norm of
         E = Gamma reference^-1 - centre I and its powers, up to ``most`` or until it is ``enough``.
@@ -126,7 +130,7 @@ def make_dense() -> SimpleNamespace:
                     total += product * product
             power *= f64(2.0)
             bound = wp.min(bound, wp.pow(total, f64(0.5) / power))
-        return wp.where(wp.isfinite(bound), bound, f64(1.0e30))
+        return wp.where(wp.isfinite(bound), bound, f64(wp.static(UNLIKE)))
 
     return SimpleNamespace(aim=aim, spectral_radius=spectral_radius)
 
@@ -158,14 +162,14 @@ def make_arrow(block: int, border: int) -> SimpleNamespace:
 
     @wp.func(inline=False)
     def spectral_radius(
-        state: wp.ref[NewtonState], t: int, reference: wp.array3d[wp.float64], centre: f64, enough: f64, most: f64
+        state: wp.ref[NewtonState], t: int, reference: wp.array3d[wp.float64], which: int, centre: f64, enough: f64, most: f64
     ) -> f64:
         """The same, with estimates of the norms: the mean of |E z|^2 over vectors z of random signs is the norm's square."""
         n = state.residual.shape[1]
         for i in range(n):
             for k in range(wp.static(PROBES)):
                 state.probed[t, i, k] = sign(i, k)
-        bound = f64(1.0e30)
+        bound = f64(wp.static(UNLIKE))
         power = f64(0.0)
         while bound > enough and power < most:
             for i in range(n):
@@ -180,19 +184,41 @@ def make_arrow(block: int, border: int) -> SimpleNamespace:
                     total += lack * lack
             power += f64(1.0)
             bound = wp.min(bound, wp.pow(total / f64(wp.static(PROBES)), f64(0.5) / power))
-        return wp.where(wp.isfinite(bound), bound, f64(1.0e30))
+        return wp.where(wp.isfinite(bound), bound, f64(wp.static(UNLIKE)))
 
     return SimpleNamespace(aim=aim, spectral_radius=spectral_radius)
 
 
 @cache
-def make_iteration(block: int = 0, border: int = 0) -> SimpleNamespace:
+def make_told() -> SimpleNamespace:
+    """The same where ``eliminated`` has said it before the launch."""
+
+    @wp.func(inline=False)
+    def aim(state: wp.ref[NewtonState], t: int) -> f64:
+        """Length of the Newton step, which stands in ``state.direction``; not finite if Gamma is singular."""
+        total = f64(0.0)
+        for i in range(state.residual.shape[1]):
+            total += state.direction[t, i, 0] * state.direction[t, i, 0]
+        return wp.sqrt(total)
+
+    @wp.func(inline=False)
+    def spectral_radius(
+        state: wp.ref[NewtonState], t: int, reference: wp.array3d[wp.float64], which: int, centre: f64, enough: f64, most: f64
+    ) -> f64:
+        """The bound on the distance from ``centre``, 1 in the first test of the matrix ``which``."""
+        return state.told[t, 2 * which + wp.where(centre == f64(1.0), 0, 1)]
+
+    return SimpleNamespace(aim=aim, spectral_radius=spectral_radius)
+
+
+@cache
+def make_iteration(block: int = 0, border: int = 0, told: bool = False) -> SimpleNamespace:
     """``iterate``, from one integration to the next, ``spectral_radius``, how unlike two ``Gamma`` are, and ``aim``, the step.
 
-    ``aim`` is the Newton step. Gamma is dense, or, with a ``border``, an arrow of blocks of at most ``block`` rows. The number of
-    unknowns is that of the arrays.
+    ``aim`` is the Newton step. Gamma is dense, or, with a ``border``, an arrow of blocks of at most ``block`` rows, or what it
+    leads to is ``told``. The number of unknowns is that of the arrays.
     """
-    linear = make_arrow(block, border) if border else make_dense()
+    linear = make_told() if told else make_arrow(block, border) if border else make_dense()
     aim, spectral_radius = linear.aim, linear.spectral_radius
 
     @wp.func
@@ -220,7 +246,9 @@ def make_iteration(block: int = 0, border: int = 0) -> SimpleNamespace:
             if size <= state.tolerance[t]:
                 status = int(wp.static(int(Status.CONVERGED)))
                 if state.has_reference[t] != 0:
-                    state.change[t] = spectral_radius(state, t, state.reference, f64(1.0), f64(wp.static(LARGE_CHANGE)), f64(8.0))
+                    state.change[t] = spectral_radius(
+                        state, t, state.reference, 0, f64(1.0), f64(wp.static(LARGE_CHANGE)), f64(wp.static(CHANGE_POWERS))
+                    )
             else:
                 length = aim(state, t)
                 before = f64(0.0)
@@ -266,9 +294,9 @@ def make_iteration(block: int = 0, border: int = 0) -> SimpleNamespace:
 
 
 @cache
-def make_newton(block: int = 0, border: int = 0):
+def make_newton(block: int = 0, border: int = 0, told: bool = False):
     """Kernel that takes each active instance from an integration to its next trial, or to its end."""
-    iterate = make_iteration(block, border).iterate
+    iterate = make_iteration(block, border, told).iterate
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
     def newton(state: NewtonState):

@@ -18,10 +18,12 @@ def refine(problem: BoundaryProblem, newton: Newton, outcome: Outcome, chosen: N
     What is not found again on its side of the fold, or only by steps that do not contract at once, is lost within the error of
     the integration: its status is ``BRANCH_END``.
     """
+    if problem.parts is None or not problem.parts.may_be_finer:
+        return
     gamma = problem.read("gamma").reshape(problem.instance_count, problem.unknown_count, -1)
     places = np.flatnonzero(chosen & ~failures(outcome.status))
     places = places[_amplify(gamma[places])]
-    part = problem.parts.finer(places) if len(places) and problem.parts is not None else None
+    part = problem.parts.finer(places) if len(places) else None
     if part is None:
         return
     again = newton.of(part, places)

@@ -193,7 +193,7 @@ def _search_unloaded(problem: BoundaryProblem, newton: Newton, *, max_steps: int
         return Outcome.zeros(problem.instance_count)
     problem.write("inputs", before)
     outcome = _search(problem, newton)
-    unknowns, gamma = problem.read("unknowns"), problem.read("gamma")
+    unknowns, gamma = problem.read("unknowns"), newton.gamma()
     problem.write("inputs", after)
     resting = outcome.status == Status.CONVERGED
     newton.allow(np.maximum(newton.allowed() - outcome.integrations - 2, 0))
