@@ -20,15 +20,10 @@ def circle(degrees: list[int], radius: float) -> np.ndarray:
     return poses
 
 
-def legs(name: str, length: float) -> dict[str, mr.Rod]:
-    steel = {"outer_diameter": 2e-3, "young_modulus": 200e9, "shear_modulus": 80e9, "density": 7850.0}
-    return {f"{name} {k}": mr.Rod.tube(length=length, **steel) for k in range(6)}
-
-
-def hexapod(name: str, base: mr.Body, platform: mr.Body, radius: float) -> list[mr.Joint]:
-    at_base, at_platform = circle(BASE_ANGLES, radius), circle(PLATFORM_ANGLES, radius)
-    joints = [mr.Joint(f"{name} {k}", "base", to=base, pose=at_base[k]) for k in range(6)]
-    return joints + [mr.Joint(f"{name} {k}", "tip", to=platform, pose=at_platform[k]) for k in range(6)]
+def hexapod(length: float, radius: float, mass: float) -> mr.ParallelRods:
+    leg = mr.Rod.tube(length=length, outer_diameter=2e-3, young_modulus=200e9, shear_modulus=80e9, density=7850.0)
+    base, platform = circle(BASE_ANGLES, radius), circle(PLATFORM_ANGLES, radius)
+    return mr.ParallelRods(legs=[leg] * 6, base=base, platform=platform, platform_mass=mass)
 
 
 def balance(solution: mr.Solution, body: mr.Body, load: np.ndarray) -> float:
@@ -45,28 +40,23 @@ def main(arguments: Sequence[str] | None = None) -> tuple[float, float]:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", default="stacked_platforms.png")
     options = parser.parse_args(arguments)
-    middle, top = mr.Body("middle", mass=0.15), mr.Body("top", mass=0.05)
-    robot = mr.Network(
-        rods=legs("lower", 0.4) | legs("upper", 0.25),
-        bodies=[middle, top],
-        joints=hexapod("lower", mr.ground, middle, LOWER) + hexapod("upper", middle, top, UPPER),
-        end_effector=top,
-    )
+    robot = mr.stacked(hexapod(0.4, LOWER, mass=0.15), hexapod(0.25, UPPER, mass=0.05))
+    lower, upper = robot.bodies
     push, gravity = np.array([2.0, 0.0, -3.0]), np.array([0.0, 0.0, -9.81])
     turned = {f"lower {k}": 0.02 * np.cos(np.radians(BASE_ANGLES[k])) for k in range(6)}  # pushed out: the lower hexapod tilts
-    inputs = robot.inputs(force={"top": push}, translation=turned, gravity=gravity)
+    inputs = robot.inputs(force={"upper": push}, translation=turned, gravity=gravity)
     solution = mr.solve(robot, inputs).raise_if_failed()
 
     def tilt(name: str) -> float:
         return float(np.degrees(np.arccos(solution.body_rotation(name)[2, 2])))
 
     print(f"{robot}: {solution.integrations} integrations")
-    for body in (middle, top):
+    for body in (lower, upper):
         x, _, z = 1e3 * solution.body_position(body.name)
-        print(f"{body.name:6} is {z:.1f} mm high and {x:.1f} mm aside, and tilts by {tilt(body.name):.1f} deg")
+        print(f"{body.name} platform is {z:.1f} mm high and {x:.1f} mm aside, and tilts by {tilt(body.name):.1f} deg")
     compliance = 1e3 * np.diag(solution.jacobian("force")[:3, 3:])
     print(f"a newton on the top moves it by {compliance[0]:.2f}, {compliance[1]:.2f}, {compliance[2]:.3f} mm along x, y, z")
-    left = max(balance(solution, top, push + top.mass * gravity), balance(solution, middle, middle.mass * gravity))
+    left = max(balance(solution, upper, push + upper.mass * gravity), balance(solution, lower, lower.mass * gravity))
     print(f"forces on both bodies balance within {left:.1e} N")
     assert left < 1e-6
     axes = solution.plot()
@@ -74,7 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> tuple[float, float]:
     axes.figure.savefig(options.out, dpi=80, bbox_inches="tight", metadata={"Software": None})
     plt.close(axes.figure)
     print(f"drawn to {options.out}")
-    return left, tilt("top")
+    return left, tilt("upper")
 
 
 if __name__ == "__main__":

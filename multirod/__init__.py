@@ -39,6 +39,7 @@ if _typing.TYPE_CHECKING:
     from multirod.models.assemblies.network import Network
     from multirod.models.assemblies.parallel_rods import InverseParallelRods, ParallelRods
     from multirod.models.assemblies.single_rod import SingleRod
+    from multirod.models.assemblies.stacked import stacked
     from multirod.models.backbone.lines import Chamber, PushRod, Tendon
     from multirod.models.backbone.members import Member
     from multirod.models.network.bodies import Body, ground
@@ -154,6 +155,7 @@ __all__ = [
     "registered_solvers",
     "simulate",
     "solve",
+    "stacked",
     "sweep",
     "tradeoff",
     "tune",
@@ -180,6 +182,7 @@ _PUBLIC = {
     "models.network.joints": "Joint",
     "models.assemblies.parallel_rods": "InverseParallelRods ParallelRods",
     "models.assemblies.single_rod": "SingleRod",
+    "models.assemblies.stacked": "stacked",
     "plausibility": "PlausibilityWarning",
     "problem": "Block BoundaryProblem Shape",
     "recording": "Recorder",

@@ -411,6 +411,64 @@ def no_display(monkeypatch):
     pyplot.close("all")
 
 
+# ---- parallel robots on top of each other ----
+
+
+def parallel(count, radius, length=0.4, **more):
+    leg = mr.Rod.tube(length=length, outer_diameter=2e-3, young_modulus=200e9, shear_modulus=80e9, density=7850.0)
+    degrees = 360 / count * np.arange(count)
+    return mr.ParallelRods(legs=[leg] * count, base=circle(degrees, radius), platform=circle(degrees + 20, 0.8 * radius), **more)
+
+
+def test_stacked_robots_stand_on_each_others_platforms():
+    """As the joints said one by one; and a single robot is itself."""
+    below = parallel(3, 0.08, joints="revolute", joint_axes=(1, 0, 0), platform_mass=0.1, platform_centre=(0.01, 0, 0.02))
+    above = parallel(4, 0.05, length=0.2, joints=["clamped", "spherical", "clamped", "clamped"])
+    alone = mr.stacked(below, names=["plate"])
+    force = np.array([0.1, 0.2, -0.3])
+    expected = mr.solve(below, below.inputs(tip_force=force, translation=(0.01, 0, 0), gravity=GRAVITY), solver=EXACT)
+    found = mr.solve(alone, alone.inputs(force=force, translation={"plate 0": 0.01}, gravity=GRAVITY), solver=EXACT)
+    np.testing.assert_allclose(found.tip_position, expected.tip_position, atol=1e-10)
+    np.testing.assert_allclose(found.rod("plate 2").moment, expected.rod(2).moment, rtol=1e-8, atol=1e-9)
+    plate, top = mr.Body("lower", mass=0.1, mass_centre=(0.01, 0, 0.02)), mr.Body("upper")
+    joints, rods = [], {}
+    for name, robot, base, body in (("lower", below, mr.ground, plate), ("upper", above, plate, top)):
+        for k, leg in enumerate(robot.legs):
+            kind = "revolute" if name == "lower" else "spherical" if k == 1 else "clamped"
+            axis = (1, 0, 0) if kind == "revolute" else None
+            joints.append(mr.Joint(f"{name} {k}", "base", to=base, pose=robot.geometry.base[k]))
+            joints.append(mr.Joint(f"{name} {k}", "tip", to=body, pose=robot.geometry.platform[k], kind=kind, axis=axis))
+            rods[f"{name} {k}"] = leg
+    by_hand, short = mr.Network(rods=rods, bodies=[plate, top], joints=joints), mr.stacked(below, above)
+    assert repr(short) == repr(by_hand)
+    given = {"force": {"upper": force}, "rotation": {"upper 3": 0.1}, "gravity": GRAVITY}
+    one, two = (mr.solve(robot, robot.inputs(**given), solver=mr.Shooting(integrator=RK4)) for robot in (by_hand, short))
+    assert one.status is mr.Status.CONVERGED
+    np.testing.assert_array_equal(one.unknowns, two.unknowns)
+    three = mr.stacked(below, above, parallel(3, 0.04, length=0.1), end_effector="level 1", base=pose(position=(1, 0, 0)))
+    assert [body.name for body in three.bodies] == ["level 1", "level 2", "level 3"]
+    assert three.end_effector == "level 1"
+    assert three.rod_count == 10
+
+
+def test_what_cannot_be_stacked_is_named():
+    robot = parallel(3, 0.08)
+    tubes = mr.ParallelRods(
+        legs=[LEG, mr.ConcentricTubes([LEG]), LEG], base=circle((0, 120, 240), 0.08), platform=circle((0, 120, 240), 0.05)
+    )
+    for match, robots, more in (
+        ("stacked.robots = none", (), {}),
+        (r"stacked\.robots\[1\]\.legs\[1\] = ConcentricTubes", (robot, tubes), {}),
+        (r"stacked\.names = \['a'\] is not allowed: must be 2", (robot, robot), {"names": ["a"]}),
+        (r"stacked\.names .* 'a' is there twice", (robot, robot), {"names": ["a", "a"]}),
+        (r"Network\.end_effector = 'top'", (robot, robot), {"end_effector": "top"}),
+    ):
+        with pytest.raises(ValueError, match=match):
+            mr.stacked(*robots, **more)
+    with pytest.raises(TypeError, match=r"stacked\.robots\[0\] = .* must be ParallelRods, not SingleRod"):
+        mr.stacked(mr.SingleRod(LEG))
+
+
 # ---- what is refused ----
 
 
