@@ -5,7 +5,7 @@ import pytest
 
 import multirod as mr
 from multirod.elimination import LANCZOS, Elimination
-from multirod.models.network import entries
+from multirod.models.network import entries, stability
 from multirod.solvers.newton.eliminated import Eliminated
 
 WIRE = mr.Rod.wire(length=0.1, diameter=2e-3, young_modulus=60e9, shear_modulus=23e9, density=6450)
@@ -108,3 +108,40 @@ def test_batches_and_trackers_are_eliminated_instance_by_instance():
     for force in forces[::-1]:
         sample = tracker.step(force={"b3": force})
     np.testing.assert_allclose(sample.tip_position, many.tip_position[0], rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize(("push", "expected"), [(0.5, mr.Stability.STABLE), (1.5, mr.Stability.UNSTABLE)])
+def test_a_column_of_pieces_is_told_by_the_eigenvalues_next_to_zero(monkeypatch, push, expected):
+    """Straight, below and above Euler's load of a column that is clamped at its base."""
+    robot, _ = chain(4)
+    length = 4 * WIRE.length
+    load = np.pi**2 * 60e9 * np.pi * 2e-3**4 / 64 / (4 * length**2)
+    problem = robot.problem(robot.inputs(force={"b3": (0, 0, -push * load)}), integrator=mr.RK45())
+    x = problem.guess()
+    problem.joints.shut()
+    for _ in range(4):
+        residual, gamma = problem.evaluate(x)
+        x = x - np.linalg.solve(gamma[0], residual[0])
+    assert np.abs(problem.evaluate(x)[0]).max() < 1e-9
+    whole = problem.stability.modes()
+    monkeypatch.setattr(stability, "SPARSE", 1)
+    sparse = problem.stability.modes()
+    assert whole.values.shape[1] > sparse.values.shape[1]
+    assert whole.stability == sparse.stability == expected
+    for k in range(3):
+        np.testing.assert_allclose(sparse.eigenvalue(k), whole.eigenvalue(k), rtol=1e-8, atol=1e-12)
+
+
+def test_a_long_chain_is_as_stable_as_the_rod_in_one_piece():
+    """Its margin does not vanish as pieces become short, in the length of the whole."""
+    rod = mr.Rod.wire(length=0.4, diameter=2e-3, young_modulus=60e9, shear_modulus=23e9, density=6450)
+    alone = mr.Network(
+        rods={"r": rod},
+        bodies=[(body := mr.Body("b"))],
+        joints=[mr.Joint("r", "base", to=mr.ground), mr.Joint("r", "tip", to=body)],
+    )
+    whole = mr.solve(alone, alone.inputs(force={"b": (0.4, 0, 0)})).raise_if_failed()
+    robot, _ = chain(4)
+    pieces = mr.solve(robot, robot.inputs(force={"b3": (0.4, 0, 0)})).raise_if_failed()
+    # more bodies make each a smaller part of a mode
+    assert 0.2 * whole.stability_margin < pieces.stability_margin < whole.stability_margin

@@ -90,6 +90,21 @@ class Graph:
         return (*(body.name for body in self.bodies), *(self.names[k] for k in self.free))
 
     @cached_property
+    def depth(self) -> int:
+        """Rods on the way from the ground to what is furthest from it."""
+        steps = np.full(len(self.bodies) + 1, len(self.names) + 1)
+        steps[GROUND] = 0
+        base, tip = (end.frame for end in self.ends)
+        joined = tip != FREE
+        while True:
+            before = steps.copy()
+            for near, far in ((base[joined], tip[joined]), (tip[joined], base[joined])):
+                np.minimum.at(steps, far, steps[near] + 1)
+            if np.array_equal(before, steps):
+                break
+        return int(max(steps.max(), 1 + steps[base[~joined]].max(initial=0)))
+
+    @cached_property
     def entries(self) -> Entries:
         """Where elements stand in residual and ``Gamma``."""
         return Entries(self)

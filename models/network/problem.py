@@ -283,6 +283,14 @@ class NetworkProblem(BoundaryProblem):
         self._add_loads(state, residual, gamma, directions)
         return residual, gamma, directions
 
+    def of_loads(self, state: State) -> FloatArray:
+        """(11) What dead loads on bodies add to their balances by how they turn, shape (instance, body, 6, 3)."""
+        count = len(state.rows)
+        residual, directions = np.zeros((count, self.unknown_count)), np.zeros((count, self.unknown_count, self.direction_count))
+        gamma = np.zeros((count, self.entries.count))
+        self._add_loads(state, residual, gamma, directions)
+        return gamma[:, self.entries.turns]
+
     def integrated_state(self) -> State:
         """All instances at their unknowns, their rods integrated; nothing that solvers read is changed."""
         state = self.hand_over(np.arange(self.instance_count))

@@ -3,14 +3,15 @@
 Numbers in parentheses are those of ``docs/networks.md``.
 """
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from multirod.models.backbone.second_variation import WORST_CONDITION, certain_determinant, symmetric_eigenvalues
-from multirod.models.network.elements import ANGLES_AT, GAP_AT, OWN, OWN_AT, POSE, TURN_AT, Equations
+from multirod.models.network.elements import ANGLES_AT, GAP_AT, OWN, OWN_AT, POSE, SIZE, TURN_AT, Equations
 from multirod.models.network.joints import MOST
+from multirod.models.network.spectrum import NEAREST, SPARSE, block_diagonal, nearest_to_zero
 from multirod.stability import Modes, StabilityAnalysis
 from multirod.validation import FloatArray
 
@@ -32,20 +33,28 @@ class NetworkStability(StabilityAnalysis):
             equations = problem.equations(state)
             form, sound = self._form(state, equations)
             hidden, known = self._of_rods()
-        length, stiffness = (scale[:, : problem.rod_count].mean(axis=1) for scale in (problem.length, problem.stiffness))
-        unit = self._units(length, stiffness)
-        form *= unit[:, :, None] * unit[:, None] * (length / stiffness)[:, None, None]
-        known &= sound & np.isfinite(form).all(axis=(1, 2))
+        known &= sound & np.array([np.isfinite(own.data).all() for own in form])
         potential = self.has_potential
-        values, uncertainty = symmetric_eigenvalues(form, known & potential)
-        if not form.shape[1]:  # rods between fixed places have nothing that is free
-            values, uncertainty = np.full((count, 1), np.inf), np.zeros((count, 1))
+        held = problem.graph.ends[1].held
         # the tip of each rod is held where it is by three constraints
-        hidden = hidden - 3 * int(problem.graph.ends[1].held.sum())
+        hidden = hidden - 3 * int(held.sum())
+        if form[0].shape[0] >= SPARSE:
+            values, uncertainty = np.full((2, count, NEAREST), np.nan)
+            multipliers = np.repeat(held, 3)
+            for k in np.flatnonzero(known & potential).tolist():
+                found = nearest_to_zero(form[k], np.flatnonzero(multipliers), NEAREST)
+                known[k] = found is not None
+                if found is not None:
+                    values[k], uncertainty[k], below = found
+                    hidden[k] += below
+        else:
+            values, uncertainty = symmetric_eigenvalues(np.stack([own.toarray() for own in form]), known & potential)
+        if not form[0].shape[0]:  # rods between fixed places have nothing that is free
+            values, uncertainty = np.full((count, 1), np.inf), np.zeros((count, 1))
         diverging = known & ~potential
         if diverging.any():
-            sign = np.sign(certain_determinant(form[diverging]))
-            diverging[diverging] = sign * (-1.0) ** hidden[diverging] < 0
+            matrices = np.stack([form[k].toarray() for k in np.flatnonzero(diverging).tolist()])
+            diverging[diverging] = np.sign(certain_determinant(matrices)) * (-1.0) ** hidden[diverging] < 0
         return Modes(values, hidden.astype(np.int32), uncertainty, known & potential, diverging)
 
     def _of_rods(self) -> tuple[NDArray[np.int_], NDArray[np.bool_]]:
@@ -59,80 +68,108 @@ class NetworkStability(StabilityAnalysis):
             known &= group.backbones.lines.stays_stiff().reshape(count, -1).all(axis=1)
         return hidden, known
 
-    def _form(self, state: "State", equations: Equations) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """(16) By a force on each tip that is held, or the turn of one that is free, then angles of joints, then poses; and where
-        rounding lets it be found."""
-        problem, rods, n = self.problem, self.problem.rod_count, self.problem.unknown_count
+    def _form(self, state: "State", equations: Equations) -> tuple[list[Any], NDArray[np.bool_]]:
+        """(16) By a force on each tip that is held, or the turn of one that is free, then angles of joints, then poses, in units
+        of energy; and where rounding lets it be found. A sparse matrix of each instance."""
+        problem = self.problem
         count, held = problem.instance_count, self.problem.graph.ends[1].held
-        gamma = problem.entries.dense(problem.summed(state, equations)[1])
         # what fixes the six unknowns of each rod: how its tip is turned, and the force on it
         turn, force = equations.tip_in_base()
-        fixing = np.concatenate([equations.columns[..., TURN_AT, : turn.shape[-1]], force], axis=-2)
-        free = np.concatenate([turn, equations.columns[..., GAP_AT, : turn.shape[-1]]], axis=-2)
-        fixing = np.where(held[:, None, None], fixing, free)
+        columns = equations.columns[..., :SIZE]
+        fixing = np.concatenate([columns[..., TURN_AT, :], force], axis=-2)
+        fixing = np.where(held[:, None, None], fixing, np.concatenate([turn, columns[..., GAP_AT, :]], axis=-2))
         own = fixing[..., OWN_AT]
         sound = np.isfinite(fixing).all(axis=(1, 2, 3))
         own = np.where(sound[:, None, None, None], own, np.eye(OWN))
         sound &= (np.linalg.cond(own) < WORST_CONDITION).all(axis=1)
         inverse = np.linalg.inv(np.where(sound[:, None, None, None], own, np.eye(OWN)))
-        # unknowns by what is free: the rods' own follow
-        others = np.setdiff1d(np.arange(n), problem.places[:, OWN_AT])
-        by = np.zeros((count, n, 3 * rods + len(others)))
-        by[:, others, 3 * rods + np.arange(len(others))] = 1.0
-        for rod in range(rods):
-            rows, at = problem.places[rod, OWN_AT], slice(3 * rod, 3 * rod + 3)
-            own_rows = inverse[:, rod]
-            by[:, rows, at] += own_rows[..., 3:] if held[rod] else own_rows[..., :3]
-            for variable, place in enumerate(problem.places[rod][OWN:], OWN):
-                if place >= 0:
-                    by[:, rows, 3 * rods + int(np.searchsorted(others, place))] -= (own_rows @ fixing[:, rod, :, variable, None])[
-                        ..., 0
-                    ]
-        kept = np.concatenate([problem.places[rod, GAP_AT if held[rod] else TURN_AT] for rod in range(rods)] + [others])
-        form = gamma[:, kept] @ by
-        return self._in_units_of_energy(form, state, others), sound
+        # of each element, what is left once its own six are eliminated
+        free = np.where(held[:, None, None], inverse[..., 3:], inverse[..., :3])
+        gap = np.where(held[:, None, None], columns[..., GAP_AT, :], columns[..., TURN_AT, :])
+        rows = np.concatenate([gap, columns[..., OWN:, :]], axis=-2)
+        by_own = rows[..., OWN_AT] @ np.concatenate([free, -inverse @ fixing[..., OWN:]], axis=-1)
+        by_own[..., 3:] += rows[..., OWN:]
+        numbers = by_own.reshape(count, -1)
+        loads = problem.of_loads(state).reshape(count, -1)
+        places, of_loads, size = self._places()
+        left, right = self._in_units_of_energy(state, size)
+        from scipy.sparse import csc_matrix
 
-    def _in_units_of_energy(self, form: FloatArray, state: "State", others: NDArray[np.intp]) -> FloatArray:
-        """(17) Rows as derivatives of the energy, by displacements that are not scaled."""
-        problem, rods = self.problem, self.problem.rod_count
+        result = []
+        for k in range(count):
+            values = np.concatenate([numbers[k][places[0] >= 0], loads[k]])
+            row, column = (np.concatenate([own[places[0] >= 0], more]) for own, more in zip(places[1:], of_loads, strict=True))
+            whole = csc_matrix((values, (row, column)), shape=(size, size))
+            result.append(csc_matrix(left[k] @ whole @ right[k]))
+        return result, sound
+
+    def _places(self) -> tuple[NDArray[np.intp], tuple[NDArray[np.intp], NDArray[np.intp]], int]:
+        """Of the numbers of the elements: whether they belong anywhere (not negative), row and column; those of loads on bodies;
+        and how many are free."""
+        problem, rods, entries = self.problem, self.problem.rod_count, self.problem.entries
+        rest = entries.variables[:, OWN:]
+        others = self._others()
+        first = 3 * np.arange(rods)[:, None] + np.arange(3)
+        own = np.concatenate([first, np.where(rest < 0, -1, 3 * rods + np.searchsorted(others, rest))], axis=1)
+        row, column = np.broadcast_arrays(own[:, :, None], own[:, None])
+        size = 3 * rods + len(others)
+        poses = size - POSE * problem.body_count + np.arange(POSE * problem.body_count).reshape(-1, POSE)
+        by_turn = np.broadcast_arrays(poses[:, :, None], poses[:, None, 3:])
+        return (
+            np.stack([np.minimum(row, column).reshape(-1), row.reshape(-1), column.reshape(-1)]),
+            (by_turn[0].reshape(-1), by_turn[1].reshape(-1)),
+            size,
+        )
+
+    def _others(self) -> NDArray[np.intp]:
+        """Unknowns that are no rod's own."""
+        return np.setdiff1d(np.arange(self.problem.unknown_count), self.problem.places[:, OWN_AT])
+
+    def _in_units_of_energy(self, state: "State", size: int) -> tuple[list[Any], list[Any]]:
+        """(17) What makes rows derivatives of the energy, by displacements that are not scaled but in units of what is one:
+        matrices on the left and on the right of the form, of each instance."""
+        problem, rods, others = self.problem, self.problem.rod_count, self._others()
         held = problem.graph.ends[1].held
         L, EI = problem.length, problem.stiffness
-        rows, columns = np.ones(form.shape[:2]), np.ones(form.shape[:2])
-        for rod in range(rods):
-            rows[:, 3 * rod : 3 * rod + 3] = (-(L[:, rod] ** 2) if held[rod] else EI[:, rod])[:, None]
-        first = 3 * rods
-        for rod in range(rods):
-            for angles, sense in zip(ANGLES_AT, (-1.0, 1.0), strict=True):
-                own = problem.places[rod, angles]
-                places = first + np.searchsorted(others, own[own >= 0])
-                rows[:, places] = sense * EI[:, rod, None]
-                columns[:, places] = 1 / L[:, rod, None]
-        poses = [form.shape[1] - POSE * (problem.body_count - body) for body in range(problem.body_count)]
-        for body, at in enumerate(poses):
-            length, stiffness = L[:, rods + body, None], EI[:, rods + body, None]
-            rows[:, at : at + 3], rows[:, at + 3 : at + POSE] = stiffness / length, stiffness
-            columns[:, at : at + 3] = 1 / length**2
-        form = rows[:, :, None] * form * columns[:, None]
-        for body, at in enumerate(poses):
-            turns = np.swapaxes(state.frames.axes[:, body + 1], 1, 2) @ state.frames.turns[:, body + 1]
-            form[:, :, at + 3 : at + POSE] = form[:, :, at + 3 : at + POSE] @ np.linalg.inv(turns)
+        count, first = problem.instance_count, 3 * problem.rod_count
+        rows, columns = np.ones((count, size)), np.ones((count, size))
+        rows[:, :first] = np.repeat(np.where(held, -(L[:, :rods] ** 2), EI[:, :rods]), 3, axis=1)
+        for angles, sense in zip(ANGLES_AT, (-1.0, 1.0), strict=True):
+            at = problem.places[:, angles]
+            rod, which = np.nonzero(at >= 0)
+            places = first + np.searchsorted(others, at[rod, which])
+            rows[:, places], columns[:, places] = sense * EI[:, rod], 1 / L[:, rod]
+        poses = size - POSE * problem.body_count + np.arange(POSE * problem.body_count).reshape(-1, POSE)
+        length, stiffness = L[:, rods:, None], EI[:, rods:, None]
+        rows[:, poses[:, :3]], rows[:, poses[:, 3:]] = stiffness / length, stiffness
+        columns[:, poses[:, :3]] = 1 / length**2
+        unit, mean = self._units()
+        rows, columns = rows * unit * mean[:, None], columns * unit
+        turns = np.swapaxes(state.frames.axes[:, 1:], -1, -2) @ state.frames.turns[:, 1:]
+        turns = np.linalg.inv(turns) * unit[:, poses[:, 3:]][..., None, :] / unit[:, poses[:, 3:]][..., :, None]
         # torques of a ball are told about fixed axes: about those of its coordinates they are the derivatives
+        balls, blocks = [np.zeros((0, 3), dtype=np.intp)], [np.zeros((count, 0, 3, 3))]
         for end, angles in enumerate(ANGLES_AT):
-            turns = state.ends[end].joints.turns
-            for rod in np.flatnonzero(problem.graph.ends[end].table.count == MOST).tolist():
-                places = first + np.searchsorted(others, problem.places[rod, angles])
-                form[:, places] = np.swapaxes(turns[:, rod], 1, 2) @ form[:, places]
-        return form
+            spherical = np.flatnonzero(problem.graph.ends[end].table.count == MOST)
+            balls.append(first + np.searchsorted(others, problem.places[spherical, angles]))
+            blocks.append(np.swapaxes(state.ends[end].joints.turns[:, spherical], -1, -2))
+        at, ball = np.concatenate(balls), np.concatenate(blocks, axis=1)
+        return (
+            [block_diagonal(rows[k], at, ball[k] * rows[k][at][:, None, :]) for k in range(count)],
+            [block_diagonal(columns[k], poses[:, 3:], turns[k] * columns[k][poses[:, 3:]][:, :, None]) for k in range(count)],
+        )
 
-    def _units(self, length: FloatArray, stiffness: FloatArray) -> FloatArray:
-        """What counts as one in each variable, shape (instance_count, size)."""
+    def _units(self) -> tuple[FloatArray, FloatArray]:
+        """What counts as one in each variable, (instance_count, size), and one over the stiffness that values are told in."""
         problem, held = self.problem, self.problem.graph.ends[1].held
+        length, stiffness = (scale[:, : problem.rod_count].mean(axis=1) for scale in (problem.length, problem.stiffness))
+        length = length * problem.graph.depth
         force = (stiffness / length**2)[:, None]
         one = np.ones_like(force)
         parts = [force if own else one for own in np.repeat(held, 3)]
         parts += [one] * (problem.first_pose - OWN * problem.rod_count)
         parts += [length[:, None] * one, *[length[:, None]] * 2, one, one, one] * problem.body_count
-        return np.concatenate(parts, axis=1)
+        return np.concatenate(parts, axis=1), length / stiffness
 
     @property
     def has_potential(self) -> NDArray[np.bool_]:
