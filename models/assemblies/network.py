@@ -21,6 +21,7 @@ from multirod.models.network.bodies import Body, name_of
 from multirod.models.network.freedom import refuse_mechanism, refuse_unheld
 from multirod.models.network.graph import ENDS, Graph
 from multirod.models.network.groups import ALONG
+from multirod.models.network.joints import ALONG as ALONG_ROD
 from multirod.models.network.joints import Joint
 from multirod.models.network.problem import LOADED, PER_ROD, NetworkProblem
 from multirod.models.platform.problem import LEG_INPUTS
@@ -52,7 +53,8 @@ class Network(Assembly):
     ``rods``.
 
     Args:
-        rods: The rods by name. None has lines, members that are driven, or a foundation.
+        rods: The rods by name. None has lines, members that are driven, or a foundation; one that slides through holes is the
+            same all along.
         bodies: The bodies.
         joints: One for every base of a rod, and one for every tip that is not free.
         end_effector: A body, or the name of a rod whose tip is free; by default the last body, or where there is none, the first
@@ -92,9 +94,9 @@ class Network(Assembly):
                 refuse("Network.bodies", name, "must have a name of its own among rods and bodies")
         self.rods = tuple(_named(rod, name) for name, rod in rods.items())
         self.base = pose("Network.base", base)
-        self.graph = Graph(
-            [SingleRod(rod) for rod in self.rods], list(rods), self.bodies, _by_end(self.joints, rods, self.bodies), self.base
-        )
+        joined = _by_end(self.joints, rods, self.bodies)
+        holes = _holes(self.joints, rods)
+        self.graph = Graph([SingleRod(rod) for rod in self.rods], list(rods), self.bodies, joined, self.base, holes)
         refuse_unheld(self.graph)
         refuse_mechanism(self.graph)
         self.load_places = self.graph.load_places
@@ -165,7 +167,7 @@ class Network(Assembly):
     def make_inputs(self, values: Mapping[str, Any]) -> Inputs:  # noqa: D102
         plain = dict(values)
         for name, size, places in (
-            *((name, 1, self.graph.names) for name in PER_ROD),
+            *((name, 1, self.graph.whole_names) for name in PER_ROD),
             *((name, 3, self.load_places) for name in LOADED),
         ):
             if name in plain:
@@ -174,12 +176,12 @@ class Network(Assembly):
 
     def check(self, inputs: Inputs) -> None:  # noqa: D102
         if not (inputs.batch_shape == () and self.surely_takes("translation", inputs.translation.tolist())):
-            for k, rod in enumerate(self.graph.rods):
+            for k, rod in enumerate(self.graph.whole):
                 own = {"translation": inputs.translation[..., k : k + 1]}
                 try:
                     rod.check(Inputs(rod.input_specs, 1, own))
                 except ValueError as error:
-                    raise ValueError(f"rod {self.graph.names[k]!r}: {error}") from None
+                    raise ValueError(f"rod {self.graph.whole_names[k]!r}: {error}") from None
         if inputs.is_active("gravity") and not (self.graph.mass.any() or any(rod.has_mass for rod in self.rods)):
             refuse("gravity", inputs.gravity.tolist(), "must be zero: no rod has a linear_density, and no body a mass")
         if inputs.is_active("magnetic_field") and not any(rod.is_magnetised for rod in self.rods):
@@ -187,7 +189,7 @@ class Network(Assembly):
 
     def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102
         if name == "translation":
-            return all(rod.surely_takes(name, values[k : k + 1]) for k, rod in enumerate(self.graph.rods))
+            return all(rod.surely_takes(name, values[k : k + 1]) for k, rod in enumerate(self.graph.whole))
         return name not in BY_MATERIAL
 
     @reusable
@@ -205,9 +207,10 @@ class Network(Assembly):
 
     def with_rods(self, rods: Sequence[Rod]) -> Self:  # noqa: D102
         result = copy(self)
-        result.rods = tuple(_named(rod, name) for rod, name in zip(rods, self.graph.names, strict=True))
+        result.rods = tuple(_named(rod, name) for rod, name in zip(rods, self.graph.whole_names, strict=True))
         robots = [SingleRod(rod) for rod in result.rods]
-        result.graph = Graph(robots, self.graph.names, self.bodies, self.graph.joints, self.base)
+        own = self.graph
+        result.graph = Graph(robots, own.whole_names, self.bodies, own.joints, self.base, own.holes)
         for name in ("longest", "stiffest"):
             result.__dict__.pop(name, None)
         return result
@@ -258,6 +261,8 @@ def _by_end(joints: Sequence[Joint], rods: Mapping[str, Rod], bodies: Sequence[B
             refuse("Network.joints", joint, f"there is no rod {joint.rod!r}{meant(joint.rod, rods)}")
         if isinstance(joint.to, Body) and joint.to not in bodies:
             refuse("Network.joints", joint, f"body {joint.to.name!r} is not among bodies")
+        if joint.end == ALONG_ROD:
+            continue
         if (joint.rod, joint.end) in found:
             refuse("Network.joints", joint, f"the {joint.end} of rod {joint.rod!r} is held already")
         found[joint.rod, joint.end] = joint
@@ -267,6 +272,32 @@ def _by_end(joints: Sequence[Joint], rods: Mapping[str, Rod], bodies: Sequence[B
         shapes = [joint.pose.shape[:-2] for joint in joints]
         refuse("Network.joints", Described(f"leading axes {shapes}"), "those of their poses must broadcast")
     assert {end for _, end in found} <= set(ENDS)
+    return found
+
+
+def _holes(joints: Sequence[Joint], rods: Mapping[str, Rod]) -> dict[str, list[Joint]]:
+    """Holes by the rods that slide through them, from the base to the tip."""
+    found: dict[str, list[Joint]] = {}
+    for joint in joints:
+        if joint.end == ALONG_ROD:
+            found.setdefault(joint.rod, []).append(joint)
+    for name, holes in found.items():
+        rod = rods[name]
+        holes.sort(key=lambda hole: float(hole.at or 0.0))
+        places = [float(hole.at or 0.0) for hole in holes]
+        for hole, place, before in zip(holes, places, [0.0, *places], strict=False):
+            if place >= float(np.min(rod.length)):
+                refuse("Joint.at", place, f"must be less than the length of rod {name!r}, {float(np.min(rod.length)):g} m")
+            if place == before:
+                refuse("Joint.at", place, f"another hole of rod {name!r} is there: {hole}")
+        if (
+            len(rod.sections) > 1
+            or callable(rod.sections[0].precurvature)
+            or not isinstance(rod.sections[0].precurvature, np.ndarray)
+        ):
+            refuse(f"Network.rods[{name!r}]", rod, "must be the same all along, of one section: it slides through holes")
+        if rod.carried:
+            refuse(f"Network.rods[{name!r}]", rod, "must have no members: it slides through holes")
     return found
 
 

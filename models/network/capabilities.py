@@ -50,28 +50,44 @@ class NetworkShapes(Shapes):
 
     def at_nodes(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:
         """As said; the energy is that of the rods and of the springs in joints."""
-        problem, count = self.problem, self.problem.instance_count
+        problem, count, slides = self.problem, self.problem.instance_count, self.problem.graph.slides
         with problem.everyone():
             state = problem.hand_over(np.arange(count))
-            found: dict[int, Shape] = {}
+            found: dict[int, dict[int, dict[str, FloatArray]]] = {rod: {} for rod in range(problem.rod_count)}
             energy = self.of_springs(state.angles)
             for group in problem.groups:
-                (shape,), own = group.backbones.shapes.at_nodes(node_count)
+                pieces = int(slides.pieces[group.members[0]])
+                for nodes in {max(2, node_count // pieces), max(2, -(-node_count // pieces))}:
+                    (shape,), own = group.backbones.shapes.at_nodes(nodes)
+                    for place, rod in enumerate(group.members.tolist()):
+                        values = {name: v.reshape(count, -1, *v.shape[1:])[:, place] for name, v in vars(shape).items()}
+                        base = state.ends[0]
+                        R = base.rotation[:, rod, None]
+                        values["position"] = base.position[:, rod, None] + (R @ values["position"][..., None])[..., 0]
+                        values["rotation"] = R @ values["rotation"]
+                        found[rod][nodes] = values
                 energy += own.reshape(count, -1).sum(axis=1)
-                for place, rod in enumerate(group.members.tolist()):
-                    values = {name: v.reshape(count, -1, *v.shape[1:])[:, place] for name, v in vars(shape).items()}
-                    base = state.ends[0]
-                    R = base.rotation[:, rod, None]
-                    values["position"] = base.position[:, rod, None] + (R @ values["position"][..., None])[..., 0]
-                    values["rotation"] = R @ values["rotation"]
-                    found[rod] = Shape(**values)
-        return tuple(found[rod] for rod in range(problem.rod_count)), energy
+        return tuple(_joined([found[k] for k in slides.of(rod)], node_count) for rod in range(len(problem.graph.whole))), energy
 
     def of_springs(self, angles: list[FloatArray]) -> FloatArray:
         """Energy of the springs in the joints [J], shape (instance_count,)."""
         tables = [end.table for end in self.problem.graph.ends]
         parts = [0.5 * (t.stiffness * (a - t.rest) ** 2).sum(axis=(1, 2)) for t, a in zip(tables, angles, strict=True)]
         return np.asarray(parts[0] + parts[1])
+
+
+def _joined(pieces: list[dict[int, dict[str, FloatArray]]], node_count: int) -> Shape:
+    """The shape of a rod by those of its pieces, each at one or two counts of nodes: two nodes stand at each hole."""
+    if len(pieces) == 1:
+        return Shape(**pieces[0][node_count])
+    fewest, most = min(pieces[0]), max(pieces[0])
+    more = node_count - fewest * len(pieces)
+    parts = [dict(own[most if k < more else fewest]) for k, own in enumerate(pieces)]
+    whole = np.cumsum([np.zeros_like(parts[0]["arclength"][:, 0]), *(part["arclength"][:, -1] for part in parts)], axis=0)
+    for part, below in zip(parts, whole, strict=False):
+        part["arclength"] = part["arclength"] + below[:, None]
+    kept = slice(None) if more >= 0 else np.linspace(0, fewest * len(pieces) - 1, node_count).round().astype(int)
+    return Shape(**{name: np.concatenate([part[name] for part in parts], axis=1)[:, kept] for name in parts[0]})
 
 
 class NetworkStarts(Starts):

@@ -123,6 +123,7 @@ class Equations:
         angles: Their coordinates [rad], (instance, rod, 3).
         length: Scale of each rod [m], (instance, rod).
         stiffness: Likewise [N m^2].
+        shared: Whether the joint at a base is that at the tip of the rod below, (rod,): then the torques there are added up.
     """
 
     def __init__(
@@ -133,7 +134,9 @@ class Equations:
         angles: Sequence[FloatArray],
         length: FloatArray,
         stiffness: FloatArray,
+        shared: NDArray[np.bool_],
     ) -> None:
+        self.shared = shared[:, None]
         self.rods, self.ends, self.tables, self.angles = rods, ends, tables, angles
         self.length, self.stiffness = length[..., None], stiffness[..., None]
         base = ends[0]
@@ -151,7 +154,7 @@ class Equations:
         self.by_force = self.frame @ self._carried(rods.force, rods.wrench_columns[..., :3, :])
         self.by_moment = self.frame @ self._carried(rods.moment, rods.wrench_columns[..., 3:, :])
 
-    def _spread(self, columns: FloatArray) -> FloatArray:
+    def spread(self, columns: FloatArray) -> FloatArray:
         """(5) Columns of a rod as integrated, as columns by the variables of the element, then along directions."""
         result = np.zeros((*columns.shape[:-1], SIZE + self.direction_count))
         by_turn = columns[..., OWN : OWN + TURNING]
@@ -165,13 +168,13 @@ class Equations:
         """(5) The same of a vector that turns with the base, or of a rotation where there is none, in the frame of the base."""
         turned = np.array(columns)
         turned[..., OWN : OWN + TURNING] += np.eye(3) if vector is None else -cross_matrix(vector)
-        return self._spread(turned)
+        return self.spread(turned)
 
     def join(self) -> None:
         """(7), (8) The gap between tip and body, in the frame of the base, and their mismatch."""
         rods, (base, tip), L = self.rods, self.ends, self.length
         apart = _times(self.back, base.position - tip.position)
-        gap = self._spread(rods.pose_columns[..., :3, :])
+        gap = self.spread(rods.pose_columns[..., :3, :])
         gap[..., ANGLES_AT[0]] += cross_matrix(apart) @ self.by_angles
         gap[..., POSES_AT[0]] += cross_matrix(apart) @ self.by_pose + self.back @ base.moves
         gap[..., POSES_AT[1]] -= self.back @ tip.moves
@@ -199,10 +202,10 @@ class Equations:
             part = slice(3 * k, 3 * k + 3)
             back = self.back[:, free]
             given = _times(back, loads[..., part])
-            change = self._spread(self.rods.wrench_columns[..., part, :])[:, free]
+            change = self.spread(self.rods.wrench_columns[..., part, :])[:, free]
             change[..., ANGLES_AT[0]] -= cross_matrix(given) @ self.by_angles[:, free]
             change[..., POSES_AT[0]] -= cross_matrix(given) @ self.by_pose[:, free]
-            change[..., SIZE:] -= back @ load_directions[..., part, :]
+            change[..., SIZE : SIZE + load_directions.shape[-1]] -= back @ load_directions[..., part, :]
             unit = np.broadcast_to(unit, (self.count, self.size, 1))[:, free]
             self.residual[:, free, rows] = unit * (own[k][:, free] - given)
             self.columns[:, free, rows] = unit[..., None] * change
@@ -213,7 +216,7 @@ class Equations:
         if not any(table.count.any() for table in self.tables):
             return
         moment = _times(base.joints.rotation, rods.base_moment)
-        by_all = base.joints.rotation @ self._spread(rods.base_columns[..., 3:, :])
+        by_all = base.joints.rotation @ self.spread(rods.base_columns[..., 3:, :])
         by_all[..., ANGLES_AT[0]] -= self.length[..., None] * (cross_matrix(moment) @ base.joints.turns)
         self._torques(0, moment, by_all, -1.0)
         inward = np.swapaxes(tip.frame, -1, -2)
@@ -230,6 +233,8 @@ class Equations:
         columns = np.swapaxes(joints.axes, -1, -2) @ by_all
         by_angles = joints.torques_by_angles(moment) + spring[:, :, None] * np.eye(3)
         columns[..., ANGLES_AT[end]] += self.length[..., None] * by_angles
+        if end == 0 and self.shared.any():  # (18) what the rod above turns the hole with is the other way
+            torque, columns = np.where(self.shared, -torque, torque), np.where(self.shared[..., None], -columns, columns)
         self.residual[..., rows] = torque / EI
         self.columns[..., rows, :] = columns / EI[..., None]
 
@@ -257,9 +262,9 @@ class Equations:
 
     def tip_in_base(self) -> tuple[FloatArray, FloatArray]:
         """How the tips turn and how the force on them changes in the world, told in the axes of the bases, by the variables,
-        shapes (instance, rod, 3, SIZE)."""
+        then along directions, shapes (instance, rod, 3, SIZE + direction_count)."""
         force = self._carried(self.rods.force, self.rods.wrench_columns[..., :3, :])
-        return self.tip_turn[..., :SIZE], force[..., :SIZE]
+        return self.tip_turn, force
 
     def tips(self) -> tuple[FloatArray, FloatArray]:
         """(6) Where the tips are in the world, and position and rotation vector by the variables, then along directions, shape

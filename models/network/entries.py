@@ -50,6 +50,7 @@ class Entries:
     Attributes:
         variables: Where the variables of each element stand among the unknowns, and its rows among the residuals, -1 of what
             there is not, shape (rod_count, SIZE).
+        first_hole: Where the unknowns of holes begin, through which rods slide, and their rows.
         first_pose: Where the poses of bodies begin.
         size: Unknowns.
         elimination: How ``Gamma`` is eliminated; None where it is small, and eliminated whole.
@@ -57,11 +58,15 @@ class Entries:
         residual: Sums of the rows of the elements, (rod_count * SIZE,) of them.
         gamma: Sums of their matrices, (rod_count * SIZE * SIZE,) numbers.
         turns: Where the balance of each body stands by how it turns, among the numbers, shape (body_count, 6, 3).
+        sliding: Sums of what pieces that end at holes and then those that begin there say of these, twice piece_count of them.
+        slid: Sums of numbers: rows of the elements by the lengths of pieces, as holes at their tips and their bases change these,
+            then what slides at tips and at bases, by the variables of the elements, and by the holes at tip and base.
         yielding: Where the gap of each rod whose tip is held stands by the force, along its base both, shape (k,).
     """
 
     def __init__(self, graph: "Graph") -> None:
-        self.variables, self.first_pose = _variables(graph)
+        self.variables, self.first_hole = _variables(graph)
+        self.first_pose = self.first_hole + graph.slides.count
         bodies = len(graph.bodies)
         self.size = n = self.first_pose + POSE * bodies
         rows, columns = self.variables[:, :, None], self.variables[:, None]
@@ -70,16 +75,20 @@ class Entries:
         turns = poses[:, :, None] * n + poses[:, None, 3:]
         held = graph.ends[1].held
         yielding = self.variables[held, GAP_AT.stop - 1] * n + self.variables[held, OWN - 1]
+        ends = [np.where(end < 0, -1, self.first_hole + end) for end in (graph.slides.upper, graph.slides.lower)]
+        slid = _slid(self.variables, ends, n)
         self.elimination: Elimination | None = None
         self.count = n * n
         if n >= ELIMINATED:
-            self.elimination = own = Elimination(np.concatenate([entries[entries >= 0], turns.reshape(-1)]), n)
+            self.elimination = own = Elimination(np.concatenate([entries[entries >= 0], turns.reshape(-1), slid[slid >= 0]]), n)
             self.count = own.count
-            entries = np.where(entries < 0, -1, own.index(np.maximum(entries, own.places[0])))
+            entries, slid = (np.where(e < 0, -1, own.index(np.maximum(e, own.places[0]))) for e in (entries, slid))
             turns, yielding = own.index(turns), own.index(yielding)
         self.turns, self.yielding = turns, yielding
         self.residual = Sums(self.variables.reshape(-1), n)
         self.gamma = Sums(entries, self.count)
+        if graph.slides.count:
+            self.sliding, self.slid = Sums(np.concatenate(ends), n), Sums(slid, self.count)
 
     def dense(self, numbers: FloatArray) -> FloatArray:
         """``Gamma`` (..., n, n) of its numbers (..., count)."""
@@ -95,11 +104,24 @@ def _variables(graph: "Graph") -> tuple[NDArray[np.intp], int]:
         places[rod, OWN_AT] = range(first, first + OWN)
         first += OWN
         for at, end in zip(ANGLES_AT, graph.ends, strict=True):
+            if at is ANGLES_AT[0] and graph.slides.shared[rod]:
+                places[rod, at] = places[rod - 1, ANGLES_AT[1]]
+                continue
             count = int(end.table.count[rod])
             places[rod, at.start : at.start + count] = range(first, first + count)
             first += count
     for at, end in zip(POSES_AT, graph.ends, strict=True):
         for rod, frame in enumerate(end.frame):
             if frame > 0:  # a body
-                places[rod, at] = first + POSE * (frame - 1) + np.arange(POSE)
+                places[rod, at] = first + graph.slides.count + POSE * (frame - 1) + np.arange(POSE)
     return places, first
+
+
+def _slid(variables: NDArray[np.intp], ends: list[NDArray[np.intp]], n: int) -> NDArray[np.intp]:
+    """Entries of ``Entries.slid``, -1 of those in no row or column, by the places of the holes at tips and at bases."""
+    holes = np.stack(ends, axis=1)
+    both = np.concatenate(ends)[:, None]
+    pairs = [(variables, end[:, None]) for end in ends]
+    pairs += [(both, np.concatenate([variables] * 2)), (both, np.concatenate([holes] * 2))]
+    found = [np.where((rows < 0) | (columns < 0), -1, rows * n + columns) for rows, columns in pairs]
+    return np.concatenate([entries.reshape(-1) for entries in found])

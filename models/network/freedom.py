@@ -6,6 +6,7 @@ Numbers in parentheses are those of ``docs/networks.md``.
 import numpy as np
 
 from multirod.models.network.graph import GROUND, Graph
+from multirod.models.network.joints import KINDS
 from multirod.rotations import cross, cross_matrix, matrices
 from multirod.validation import FloatArray, refuse
 
@@ -45,9 +46,11 @@ def refuse_mechanism(graph: Graph) -> None:
     arms = [own.pose.reshape(-1, *own.pose.shape[-3:])[0] for own in graph.ends]
     size = max(float(np.abs(arm[:, :3, 3]).max()) for arm in arms) or 1.0
     wrenches: list[FloatArray] = []
-    for rod, name in enumerate(graph.names):
+    slides = graph.slides
+    for whole, name in enumerate(graph.whole_names):
+        pieces = slides.of(whole)
         free = []
-        for own, arm in zip(graph.ends, arms, strict=True):
+        for own, arm, rod in zip(graph.ends, arms, (pieces[0], pieces[-1]), strict=True):
             holder, count = own.frame[rod], int(own.table.count[rod])
             if holder < GROUND:
                 # nothing holds the tip: the rod passes on no wrench at all
@@ -59,9 +62,23 @@ def refuse_mechanism(graph: Graph) -> None:
             angles = rng.standard_normal((1, len(graph.names), 3)) * (np.arange(3) < own.table.count[:, None])
             axes = (frame @ own.table.at(angles).axes[0, rod])[:, :count][:, loose].T
             free.append(np.concatenate([cross(axes, np.broadcast_to(-place, axes.shape)), axes], axis=1))
-        conditions = np.concatenate(free)
-        held = graph.ends[1].held[rod]
+        held = graph.ends[1].held[pieces[-1]]
         turning = len(free[0])
+        conditions = np.zeros((len(free[0]) + len(free[1]), SIX * len(pieces)))
+        conditions[:turning, :SIX], conditions[turning:, -SIX:] = free
+        # (14) what a hole passes on to its body is neither along the rod nor about an axis about which the rod turns there
+        for k, rod in enumerate(pieces[:-1]):
+            own, arm = graph.ends[1], arms[1]
+            frame = rotation[own.frame[rod]] @ arm[rod, :3, :3]
+            place = position[own.frame[rod]] + rotation[own.frame[rod]] @ arm[rod, :3, 3] / size
+            count = int(own.table.count[rod])
+            axes = (frame @ own.table.inner[rod])[:, :count].T
+            along = frame[:, 2] if count < KINDS["spherical"] else rng.standard_normal(3)
+            jump = [np.concatenate([along, np.zeros(3)])]
+            jump += [np.concatenate([np.cross(axis, -place), axis]) for axis in axes]
+            rows = np.zeros((len(jump), SIX * len(pieces)))
+            rows[:, SIX * k : SIX * k + SIX], rows[:, SIX * k + SIX : SIX * k + 2 * SIX] = jump, -np.array(jump)
+            conditions = np.concatenate([conditions, rows])
         if (not held and turning) or (held and _rank(conditions) < len(conditions)):
             how = "its base turns, and nothing holds its tip" if not held else "its joints let it turn about itself"
             refuse("Network.joints", name, f"rod {name!r} is free to move: {how}; clamp an end, or give a joint stiffness")
@@ -69,14 +86,16 @@ def refuse_mechanism(graph: Graph) -> None:
     if not bodies:
         return
     columns = []
-    for rod, passed in enumerate(wrenches):
+    for whole, passed in enumerate(wrenches):
         column = np.zeros((SIX * bodies, passed.shape[1]))
-        for own, sense in zip(graph.ends, (-1.0, 1.0), strict=True):
-            k = own.frame[rod] - 1
-            if k >= 0:
-                about = np.eye(SIX)
-                about[3:, :3] = -cross_matrix(position[k + 1])
-                column[SIX * k : SIX * k + SIX] += sense * about @ passed
+        for place_in_rod, rod in enumerate(slides.of(whole)):
+            by_piece = passed[SIX * place_in_rod : SIX * place_in_rod + SIX]
+            for own, sense in zip(graph.ends, (-1.0, 1.0), strict=True):
+                k = own.frame[rod] - 1
+                if k >= 0:
+                    about = np.eye(SIX)
+                    about[3:, :3] = -cross_matrix(position[k + 1])
+                    column[SIX * k : SIX * k + SIX] += sense * about @ by_piece
         columns.append(column)
     balance = np.concatenate(columns, axis=1)
     if _rank(balance) == SIX * bodies:

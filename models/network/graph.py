@@ -13,6 +13,7 @@ from multirod.models.network.bodies import Body, Ground
 from multirod.models.network.entries import Entries
 from multirod.models.network.joints import Joint, JointTable
 from multirod.models.network.placing import Placing, placed
+from multirod.models.network.sliding import Slides, piece
 from multirod.rod import RodArrays
 from multirod.validation import FloatArray
 
@@ -44,7 +45,7 @@ class Ends:
 
 
 class Graph:
-    """A network in numbers.
+    """A network in numbers: its rods are pieces of those given, which are cut at the holes through which they slide.
 
     Args:
         rods: Each as a robot of its own.
@@ -52,9 +53,13 @@ class Graph:
         joints: What holds each end of a rod, by name and end.
         names: Of the rods.
         base: Pose of the ground in the world, shape (..., 4, 4).
+        holes: Through which rods slide, by name, from the base to the tip.
 
     Attributes:
-        arrays: The rods as kernels read them.
+        whole, whole_names: The rods as given.
+        slides: How they are cut.
+        rods, names: The pieces.
+        arrays: The pieces as kernels read them.
         ends: Their bases, then their tips.
         base: As given.
         mass, mass_centre: Of the bodies, shapes (body_count,), (body_count, 3).
@@ -69,25 +74,37 @@ class Graph:
         bodies: Sequence[Body],
         joints: Mapping[tuple[str, str], Joint],
         base: FloatArray,
+        holes: Mapping[str, Sequence[Joint]],
     ) -> None:
-        self.rods = tuple(rods)
-        self.names = tuple(names)
+        self.whole, self.whole_names = tuple(rods), tuple(names)
+        self.slides = Slides(names, [float(np.min(rod.rods[0].length)) for rod in rods], holes)
+        counts = np.bincount(self.slides.owner)
+        whole = [rods[owner] for owner in self.slides.owner]
+        self.rods: tuple[BackboneAssembly, ...] = tuple(
+            rod if counts[owner] == 1 else type(rod)(piece(rod.rods[0], int(counts[owner])))
+            for rod, owner in zip(whole, self.slides.owner.tolist(), strict=True)
+        )
+        self.names = self.slides.names(names)
         self.bodies = tuple(bodies)
-        self.joints = dict(joints)
+        self.joints, self.holes = dict(joints), dict(holes)
         self.base = base
-        self.arrays: tuple[RodArrays, ...] = tuple(rod.arrays for rod in rods)
+        self.arrays: tuple[RodArrays, ...] = tuple(rod.arrays for rod in self.rods)
         frames = {Ground.name: GROUND} | {body.name: k + 1 for k, body in enumerate(bodies)}
-        self.ends = tuple(Ends([self.joints.get((name, end)) for name in names], frames) for end in ENDS)
+        self.ends = tuple(Ends([self._joint(k, end) for k in range(len(self.rods))], frames) for end in ENDS)
         self.mass = np.array([body.mass for body in bodies])
         self.mass_centre = np.array([body.mass_centre for body in bodies]).reshape(-1, 3)
         self.free: NDArray[np.intp] = np.flatnonzero(~self.ends[1].held)
         shapes = [own.batch_shape for own in self.arrays]
         self.batch_shape = np.broadcast_shapes(*shapes, base.shape[:-2], *(end.pose.shape[:-3] for end in self.ends))
 
+    def _joint(self, rod: int, end: str) -> Joint | None:
+        given = self.joints.get((self.whole_names[self.slides.owner[rod]], end))
+        return self.slides.joint(rod, end, given)
+
     @property
     def load_places(self) -> tuple[str, ...]:
         """Names of what forces act on: the bodies, then the rods whose tips nothing holds."""
-        return (*(body.name for body in self.bodies), *(self.names[k] for k in self.free))
+        return (*(body.name for body in self.bodies), *(self.whole_names[self.slides.owner[k]] for k in self.free))
 
     @cached_property
     def depth(self) -> int:

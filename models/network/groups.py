@@ -37,6 +37,7 @@ class RodGroup:
 
     Attributes:
         turns: Whether columns say what turning a base does to what acts along the rod: not where nothing acts, or no base turns.
+        slides: Whether columns say, last, what a change of the length of a piece does.
     """
 
     def __init__(
@@ -52,6 +53,7 @@ class RodGroup:
         moving = (base.frame[self.members] != 0) | (base.table.count[self.members] > 0)
         self.turns = bool(options["enabled"]) and bool(moving.any())
         self.direction_count = direction_count
+        self.slides, self.any_slides = bool(graph.slides.cut[self.members].any()), bool(graph.slides.count)
         arrays = stack([graph.arrays[k].repeated(batch_shape) for k in members], batch_shape)
         first = graph.rods[members[0]]
         self.backbones = BackboneProblem(
@@ -61,7 +63,7 @@ class RodGroup:
             pose_sensitivities=True,
             held=True,
             arrays=arrays,
-            direction_count=direction_count + TURNING * self.turns,
+            direction_count=direction_count + TURNING * self.turns + self.slides,
             **options,
         )
         start = self.backbones.input_slice(ALONG[0]).start
@@ -123,9 +125,12 @@ class RodGroup:
             by_turn = cross(local[:, :, None], np.eye(3)[:, None])  # (6) rod, axis, vector
             ways[:, :, :first, self.along] = level[:, None, None, None] * by_turn.reshape(len(rows), size, TURNING, -1)
         if self.direction_count:
-            ways[:, :, first:, :2] = directions[:, self.members]
+            last = first + self.direction_count
+            ways[:, :, first:last, :2] = directions[:, self.members]
             turned = np.einsum("brij,bdvj->brdvi", back, along_directions)
-            ways[:, :, first:, self.along] = turned.reshape(len(rows), size, self.direction_count, -1)
+            ways[:, :, first:last, self.along] = turned.reshape(len(rows), size, self.direction_count, -1)
+        if self.slides:
+            ways[:, :, -1, 1] = 1.0
         put(own.directions, places, ways.reshape(len(places), own.direction_count, -1))
 
     def leave_out(self, rows: IntArray) -> None:
@@ -158,10 +163,13 @@ class RodGroup:
         )
 
     def _whole(self, columns: FloatArray) -> FloatArray:
-        """With columns by turns of the base, where these do nothing."""
-        if self.turns:
-            return columns
-        return np.concatenate([columns[..., :OWN], np.zeros((*columns.shape[:-1], TURNING)), columns[..., OWN:]], axis=-1)
+        """With columns by turns of the base and by the length, where these do nothing."""
+        parts = [columns]
+        if not self.turns:
+            parts = [columns[..., :OWN], np.zeros((*columns.shape[:-1], TURNING)), columns[..., OWN:]]
+        if self.any_slides and not self.slides:
+            parts.append(np.zeros((*columns.shape[:-1], 1)))
+        return np.concatenate(parts, axis=-1) if len(parts) > 1 else columns
 
     def _at_base(
         self, places: IntArray, angle: FloatArray, angle_directions: FloatArray
@@ -174,12 +182,13 @@ class RodGroup:
         pull = self.force_unit[places].reshape(*shape, 1)
         moment = (turned @ (unit * (x[..., :3] - self.at_rest[places].reshape(*shape, 3)))[..., None])[..., 0]
         force = (turned @ (pull * x[..., 3:])[..., None])[..., 0]
-        columns = np.zeros((*shape, 6, OWN + TURNING + self.direction_count))
+        last = OWN + TURNING + self.direction_count
+        columns = np.zeros((*shape, 6, last + self.any_slides))
         columns[..., 3:, :3] = turned * unit[..., None, :]
         columns[..., :3, 3:OWN] = turned * pull[..., None]
         rates = angle_directions[:, self.members][..., None, :]
-        columns[..., :3, OWN + TURNING :] = cross(AXIS, force)[..., None] * rates
-        columns[..., 3:, OWN + TURNING :] = cross(AXIS, moment)[..., None] * rates
+        columns[..., :3, OWN + TURNING : last] = cross(AXIS, force)[..., None] * rates
+        columns[..., 3:, OWN + TURNING : last] = cross(AXIS, moment)[..., None] * rates
         return force, moment, columns
 
     def faults(self, rows: IntArray) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
@@ -190,10 +199,10 @@ class RodGroup:
 
 
 def builds(graph: Graph) -> list[list[int]]:
-    """Rods by their build: what one kernel integrates."""
+    """Rods by their build, what one kernel integrates, and by how many pieces they are cut into."""
     found: dict[Any, list[int]] = {}
     for k, arrays in enumerate(graph.arrays):
-        found.setdefault((arrays.members, arrays.member_rods), []).append(k)
+        found.setdefault((arrays.members, arrays.member_rods, int(graph.slides.pieces[k])), []).append(k)
     return list(found.values())
 
 

@@ -3,6 +3,7 @@
 Numbers in parentheses are those of ``docs/networks.md``.
 """
 
+from copy import copy
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -13,10 +14,12 @@ from multirod.assembly import pose as checked_pose
 from multirod.models.network.bodies import Body, Ground, name_of
 from multirod.rotations import cross, left_jacobian, matrices, vectors
 from multirod.types import Numbers
-from multirod.validation import FloatArray, array, choice, frozen, refuse
+from multirod.validation import FloatArray, array, choice, frozen, positive_float, refuse
 
 MOST = 3  # coordinates of a joint
+ALONG = "along"  # the end that is none: a hole
 KINDS = {"clamped": 0, "revolute": 1, "universal": 2, "spherical": 3}  # coordinates of each
+HOLES = {"prismatic": "clamped", "cylindrical": "revolute", "spherical": "spherical"}  # how each lets a rod turn
 AXES: dict[str, Any] = {"revolute": (1.0, 0.0, 0.0), "universal": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))}  # where none are given
 PERPENDICULAR = 1e-8  # that the axes of a universal joint may be off a right angle
 SMALLEST_AXIS = 1e-100  # whose square still is a number
@@ -25,20 +28,23 @@ FITTING = 8  # steps in which the coordinates of a joint are found that fit a ro
 
 
 class Joint:
-    """One end of a rod, and what holds it there.
+    """One end of a rod, and what holds it there; or a hole through which the rod slides without friction.
 
     Args:
         rod: Name of the rod.
-        end: ``"base"`` or ``"tip"``.
+        end: ``"base"``, ``"tip"`` or ``"along"``: through a hole.
         to: The body that holds it, or ``mr.ground``.
         pose: Where on it: the pose that the end takes where the joint is not turned, in the frame of the body, shape (..., 4, 4);
             the identity by default.
         kind: ``"clamped"``; ``"revolute"``, free to turn about ``axis``; ``"universal"``, about the first of two axes, that stays
-            with the body, and the second, that goes with the rod; ``"spherical"``, free to turn.
+            with the body, and the second, that goes with the rod; ``"spherical"``, free to turn. Of a hole ``"prismatic"``, a
+            long one along z of its ``pose``, in which the rod does not turn; ``"cylindrical"``, in which it turns about itself;
+            and ``"spherical"``, a ring.
         axis: In the frame of ``pose``, shape (3,); of a universal joint two that are perpendicular, shape (2, 3). By default x,
             or x and y.
         stiffness: Of a spring in the joint [N m/rad], about each of its axes; of a spherical joint one number. None by default.
         rest: Angle about each axis at which that spring is without torque [rad]. Of a spherical joint it is where ``pose`` says.
+        at: Of a hole, about where along the rod it is, from the base [m]: there the search begins. Holes stand in this order.
 
     Raises:
         ValueError: If a name is no name, a pose is none, or an axis is zero.
@@ -48,22 +54,29 @@ class Joint:
     def __init__(
         self,
         rod: str,
-        end: Literal["base", "tip"],
+        end: Literal["base", "tip", "along"],
         *,
         to: Body | Ground,
         pose: Numbers | None = None,
-        kind: Literal["clamped", "revolute", "universal", "spherical"] = "clamped",
+        kind: Literal["clamped", "revolute", "universal", "spherical", "prismatic", "cylindrical"] = "clamped",
         axis: Numbers | None = None,
         stiffness: Numbers = 0.0,
         rest: Numbers = 0.0,
+        at: float | None = None,
     ) -> None:
         self.rod = name_of("Joint.rod", rod)
-        self.end = choice("Joint.end", end, ("base", "tip"))
+        self.end = choice("Joint.end", end, ("base", "tip", ALONG))
         if not isinstance(to, (Body, Ground)):
             raise TypeError(f"Joint.to = {to!r} is not allowed: must be a Body or mr.ground, not {type(to).__name__}")
         self.to = to
         self.pose = checked_pose("Joint.pose", pose)
-        self.kind = choice("Joint.kind", kind, KINDS)
+        self.kind = choice("Joint.kind", kind, HOLES if self.end == ALONG else KINDS)
+        self.at = None if at is None else positive_float("Joint.at", at)
+        if self.end == ALONG:
+            self._be_hole(axis, stiffness, rest)
+            return
+        if at is not None:
+            refuse("Joint.at", at, f"must not be given: the joint is at the {self.end}")
         self.axes = _axes(self.kind, axis)
         self.stiffness = _each("Joint.stiffness", stiffness, self.kind)
         if (self.stiffness < 0).any():
@@ -74,10 +87,30 @@ class Joint:
         if self.kind == "spherical" and self.rest.any():
             refuse("Joint.rest", rest, "must be 0 of a spherical joint: turn its pose instead")
 
+    def _be_hole(self, axis: object, stiffness: object, rest: object) -> None:
+        if self.at is None:
+            refuse("Joint.at", None, "must say about where along the rod the hole is")
+        for name, value, none in (("axis", axis, None), ("stiffness", stiffness, 0.0), ("rest", rest, 0.0)):
+            if value is not none and value != none:
+                refuse(
+                    f"Joint.{name}",
+                    value,
+                    "must not be given: of a hole, z of its pose is where the rod goes, and it has no spring",
+                )
+        turns = HOLES[self.kind]
+        self.axes = _axes(turns, (0.0, 0.0, 1.0) if turns in AXES else None)
+        self.stiffness, self.rest = (frozen(np.zeros(KINDS[turns])) for _ in range(2))
+
     @property
     def count(self) -> int:
         """Its coordinates."""
-        return KINDS[self.kind]
+        return KINDS[HOLES[self.kind] if self.end == ALONG else self.kind]
+
+    def around(self, end: Literal["base", "tip"]) -> "Joint":
+        """Of a hole: what it is to the end of the piece of the rod on one side of it."""
+        result = copy(self)
+        result.end, result.kind = end, HOLES[self.kind]
+        return result
 
     def __repr__(self) -> str:
         kind = "" if self.kind == "clamped" else f", {self.kind}"

@@ -36,6 +36,7 @@ from multirod.models.network.entries import Sums
 from multirod.models.network.graph import GROUND, Graph
 from multirod.models.network.groups import ALONG, RodGroup, builds, put
 from multirod.models.network.placing import placed
+from multirod.models.network.sliding import Sliding
 from multirod.models.network.stability import NetworkStability
 from multirod.problem import Block, BoundaryProblem
 from multirod.rotations import cross, cross_matrix, left_jacobian, matrices, vectors
@@ -64,7 +65,13 @@ class Apart:
 
 
 class State:
-    """Bodies and ends of rods of some instances at their unknowns and inputs; axes (instance, rod, ...)."""
+    """Bodies and ends of rods of some instances at their unknowns and inputs; axes (instance, rod, ...).
+
+    Attributes:
+        rotation, translation: Of the pieces of rods, shape (instance, rod).
+        rotation_directions, translation_directions: How they change, shape (instance, direction, rod).
+        short: Where a piece has no length: a rod is pulled out of a hole, shape (instance,).
+    """
 
     def __init__(self, problem: "NetworkProblem", rows: IntArray) -> None:
         own = problem
@@ -78,6 +85,20 @@ class State:
         length = own.length[rows, : own.rod_count]
         padded = np.concatenate([self.x, np.zeros((len(rows), 1))], axis=1)
         self.own = padded[:, own.places[:, OWN_AT]]
+        slides = own.graph.slides
+        self.rotation, self.rotation_directions = (
+            np.where(slides.first, self.take(own, "rotation", along)[..., slides.owner], 0.0) for along in (False, True)
+        )
+        self.translation = self.take(own, "translation")
+        self.translation_directions = self.take(own, "translation", True)
+        self.short = np.zeros(len(rows), dtype=bool)
+        if own.sliding:
+            given, ways = self.translation, self.translation_directions
+            self.translation = own.sliding.translations(self.x[:, own.first_hole : own.first_pose], given, rows)
+            self.translation_directions = slides.share * ways[..., slides.owner]
+            short = self.translation <= -length
+            self.translation[short] = 0.0
+            self.short = np.asarray(short.any(axis=1))
         self.angles = [length[..., None] * padded[:, own.places[:, at]] for at in ANGLES_AT]
         self.ends = [
             Holding(
@@ -99,8 +120,9 @@ class State:
 class NetworkProblem(BoundaryProblem):
     """Rods joined to bodies and the ground.
 
-    Unknowns are, rod by rod, moment and force at its base, then the angles of the joints at its base and its tip; then the pose
-    of each body. Residuals in the same order: what joins the tip, or is free there, torques of joints, balances of bodies.
+    Unknowns are, rod by rod, moment and force at its base, then the angles of the joints at its base and its tip; then where
+    rods are in holes; then the pose of each body. Residuals in the same order: what joins the tip, or is free there, torques of
+    joints, what slides, balances of bodies. Of a rod that slides through holes, each piece is a rod.
 
     Args:
         graph: The network.
@@ -126,13 +148,13 @@ class NetworkProblem(BoundaryProblem):
         self.graph, self.end_effector = graph, end_effector
         self.rod_count, self.body_count = len(graph.rods), len(graph.bodies)
         self.entries = entries = graph.entries
-        self.places, self.first_pose, n = entries.variables, entries.first_pose, entries.size
-        self._slices = input_places(self.rod_count, len(graph.load_places))
+        self.places, self.first_hole, self.first_pose, n = entries.variables, entries.first_hole, entries.first_pose, entries.size
+        self._slices = input_places(len(graph.whole), len(graph.load_places))
         super().__init__(
             unknown_count=n,
             batch_shape=np.broadcast_shapes(inputs.batch_shape, graph.batch_shape),
             input_count=max(place.stop for place in self._slices.values()),
-            blocks=_blocks(graph, self.places, self.first_pose, n),
+            blocks=_blocks(graph, self.places, self.first_hole, n),
             direction_count=direction_count,
             pose_sensitivities=pose_sensitivities,
             device=device,
@@ -157,6 +179,10 @@ class NetworkProblem(BoundaryProblem):
         size = self.rod_count + self.body_count
         scales = [np.broadcast_to(scale.reshape(*graph.batch_shape, size), (*shape, size)) for scale in graph.scales()]
         self.length, self.stiffness = (scale.reshape(count, size) for scale in scales)
+        self.sliding: Sliding | None = None
+        if graph.slides.count:
+            scales = [scale[:, : self.rod_count] for scale in (self.length, self.stiffness)]
+            self.sliding = Sliding(graph, scales[0], scales[1], shape)
         self.attachments = graph.attachments(count, shape)
         self.reference = graph.reference(self.length[:, : self.rod_count], shape)
         self.opening = np.zeros((count, n))
@@ -234,8 +260,11 @@ class NetworkProblem(BoundaryProblem):
     def hand_over(self, rows: IntArray) -> State:
         """Unknowns and inputs of the instances ``rows``, (k,), to their rods, without an integration."""
         state = State(self, rows)
-        taken = {name: (state.take(self, name), state.take(self, name, True)) for name in (*PER_ROD, *ALONG)}
-        per_rod = [np.stack([taken[name][k] for name in PER_ROD], axis=-1) for k in (0, 1)]
+        taken = {name: (state.take(self, name), state.take(self, name, True)) for name in ALONG}
+        per_rod = [
+            np.stack([state.rotation, state.translation], axis=-1),
+            np.stack([state.rotation_directions, state.translation_directions], axis=-1),
+        ]
         along = [np.stack([taken[name][k] for name in ALONG], axis=-2) for k in (0, 1)]
         to_base = np.swapaxes(state.ends[0].rotation, -1, -2)
         for group in self.groups:
@@ -253,8 +282,8 @@ class NetworkProblem(BoundaryProblem):
 
     def integrated(self, state: State) -> Integrated:
         """What the last integration says of all rods."""
-        angle, rates = state.take(self, "rotation"), state.take(self, "rotation", True)
-        parts = [group.read(state.rows, angle, np.swapaxes(rates, 1, 2)) for group in self.groups]
+        rates = np.swapaxes(state.rotation_directions, 1, 2)
+        parts = [group.read(state.rows, state.rotation, rates) for group in self.groups]
         if len(parts) == 1:
             return parts[0]
         order = np.argsort(np.concatenate([group.members for group in self.groups]))
@@ -268,6 +297,7 @@ class NetworkProblem(BoundaryProblem):
         left = 1.0 - state.load_factor[:, None]
         self._soften(gamma, residual, state, left)
         residual -= left * self.opening[rows]
+        residual[state.short] = np.nan
         position, rotation, columns = self._end_effector(state, equations)
         self._keep(rows, residual, gamma, directions, position, rotation, columns)
         return gamma
@@ -277,10 +307,12 @@ class NetworkProblem(BoundaryProblem):
         the network put together."""
         count, d, sums = len(state.rows), self.direction_count, self.entries
         residual = sums.residual(equations.residual.reshape(count, -1))
-        matrix, along = equations.columns[..., :SIZE], equations.columns[..., SIZE:]
+        matrix, along = equations.columns[..., :SIZE], equations.columns[..., SIZE : SIZE + d]
         gamma = sums.gamma(np.ascontiguousarray(matrix).reshape(count, -1))
         directions = np.moveaxis(sums.residual(np.moveaxis(along.reshape(count, self.rod_count * SIZE, d), 1, 2)), 1, 2)
         self._add_loads(state, residual, gamma, directions)
+        if self.sliding:
+            self.sliding.add(equations, rows=state.rows, residual=residual, gamma=gamma, directions=directions)
         return residual, gamma, directions
 
     def of_loads(self, state: State) -> FloatArray:
@@ -319,7 +351,7 @@ class NetworkProblem(BoundaryProblem):
         rods, rows, graph = self.integrated(state), state.rows, self.graph
         tables, holders = [end.table for end in graph.ends], [end.frame for end in graph.ends]
         length, stiffness = (scale[rows, : self.rod_count] for scale in (self.length, self.stiffness))
-        equations = Equations(rods, state.ends, tables, state.angles, length, stiffness)
+        equations = Equations(rods, state.ends, tables, state.angles, length, stiffness, graph.slides.shared)
         equations.join()
         if len(graph.free):
             force, moment = (self._on_places(state, name)[:, self.body_count :] for name in LOADED)
@@ -388,7 +420,9 @@ class NetworkProblem(BoundaryProblem):
         position, by_all = equations.tips()
         places = self.places[rod]
         columns[..., : self.unknown_count] = Sums(places, self.unknown_count)(by_all[:, rod, :, :SIZE])
-        columns[..., self.unknown_count :] = by_all[:, rod, :, SIZE:]
+        columns[..., self.unknown_count :] = by_all[:, rod, :, SIZE : SIZE + d]
+        if self.sliding:
+            columns[..., : self.unknown_count] += self.sliding.by_unknowns(by_all[:, rod], rod, state.rows)
         return position[:, rod], equations.tip_rotation[:, rod], columns
 
     def _keep(
@@ -580,8 +614,8 @@ def input_places(rod_count: int, load_places: int) -> dict[str, slice]:
     return {name: slice(ends[k], ends[k + 1]) for k, name in enumerate(sizes)}
 
 
-def _blocks(graph: Graph, places: NDArray[np.intp], first_pose: int, n: int) -> list[Block]:
-    """One block a rod, then one of all bodies.
+def _blocks(graph: Graph, places: NDArray[np.intp], first: int, n: int) -> list[Block]:
+    """One block a rod, then one of all bodies and of the holes through which rods slide.
 
     A straight inextensible rod does not answer a force along itself: where its tip is held, that force and the gap along the base
     stand with the bodies, and what is left of each rod is regular by itself.
@@ -589,18 +623,25 @@ def _blocks(graph: Graph, places: NDArray[np.intp], first_pose: int, n: int) -> 
     blocks: list[Block] = []
     forces: list[int] = []
     gaps: list[int] = []
-    held = graph.ends[1].held
+    held, slides = graph.ends[1].held, graph.slides
+    turns: list[int] = []  # of holes: they belong to two pieces
     for k, name in enumerate(graph.names):
-        own = places[k][: POSES_AT[0].start]
+        own = places[k][: POSES_AT[0].start].copy()
+        if slides.shared[k]:
+            own[ANGLES_AT[0]] = -1
+        if slides.upper[k] >= 0:
+            turns += [place for place in own[ANGLES_AT[1]].tolist() if place >= 0]
+            own[ANGLES_AT[1]] = -1
         own = own[own >= 0]
         force, gap = int(places[k, OWN - 1]), int(places[k, GAP_AT.stop - 1])
-        if held[k] and graph.bodies:
-            blocks.append(Block(name, own[own != force], own[own != gap], k))
+        rod = int(slides.owner[k])
+        if held[k] and first < n:
+            blocks.append(Block(name, own[own != force], own[own != gap], rod))
             forces, gaps = [*forces, force], [*gaps, gap]
         else:
-            blocks.append(Block(name, own, own, k))
-    if graph.bodies:
-        poses = np.arange(first_pose, n)
-        unknowns, residuals = (np.array([*along, *poses], dtype=np.intp) for along in (forces, gaps))
+            blocks.append(Block(name, own, own, rod))
+    if first < n:
+        rest = [*turns, *range(first, n)]
+        unknowns, residuals = (np.array([*along, *rest], dtype=np.intp) for along in (forces, gaps))
         blocks.append(Block("bodies", unknowns, residuals))
     return blocks

@@ -75,7 +75,12 @@ class NetworkStability(StabilityAnalysis):
         count, held = problem.instance_count, self.problem.graph.ends[1].held
         # what fixes the six unknowns of each rod: how its tip is turned, and the force on it
         turn, force = equations.tip_in_base()
-        columns = equations.columns[..., :SIZE]
+        columns = equations.columns
+        if problem.sliding is None:
+            turn, force, columns = (own[..., :SIZE] for own in (turn, force, columns))
+        else:  # (19) the length of the piece is a variable more
+            kept = [*range(SIZE), -1]
+            turn, force, columns = (own[..., kept] for own in (turn, force, columns))
         fixing = np.concatenate([columns[..., TURN_AT, :], force], axis=-2)
         fixing = np.where(held[:, None, None], fixing, np.concatenate([turn, columns[..., GAP_AT, :]], axis=-2))
         own = fixing[..., OWN_AT]
@@ -87,8 +92,15 @@ class NetworkStability(StabilityAnalysis):
         free = np.where(held[:, None, None], inverse[..., 3:], inverse[..., :3])
         gap = np.where(held[:, None, None], columns[..., GAP_AT, :], columns[..., TURN_AT, :])
         rows = np.concatenate([gap, columns[..., OWN:, :]], axis=-2)
+        if problem.sliding is not None:
+            force_along, gravity = (state.level[:, None] * state.take(problem, name) for name in ("distributed_force", "gravity"))
+            slid = problem.sliding.slid(equations, state, gap, (force_along, gravity))
+            rows = np.concatenate([rows, slid], axis=-2)
         by_own = rows[..., OWN_AT] @ np.concatenate([free, -inverse @ fixing[..., OWN:]], axis=-1)
         by_own[..., 3:] += rows[..., OWN:]
+        if problem.sliding is not None:
+            by_length = by_own[..., -1:] * problem.length[:, : problem.rod_count, None, None] ** 2
+            by_own = np.concatenate([by_own[..., :-1], by_length, -by_length], axis=-1)
         numbers = by_own.reshape(count, -1)
         loads = problem.of_loads(state).reshape(count, -1)
         places, of_loads, size = self._places()
@@ -111,6 +123,10 @@ class NetworkStability(StabilityAnalysis):
         others = self._others()
         first = 3 * np.arange(rods)[:, None] + np.arange(3)
         own = np.concatenate([first, np.where(rest < 0, -1, 3 * rods + np.searchsorted(others, rest))], axis=1)
+        if problem.sliding is not None:
+            holes = 3 * rods + np.searchsorted(others, entries.first_hole)
+            ends = [problem.graph.slides.upper, problem.graph.slides.lower]
+            own = np.concatenate([own, *(np.where(end < 0, -1, holes + end)[:, None] for end in ends)], axis=1)
         row, column = np.broadcast_arrays(own[:, :, None], own[:, None])
         size = 3 * rods + len(others)
         poses = size - POSE * problem.body_count + np.arange(POSE * problem.body_count).reshape(-1, POSE)
@@ -139,6 +155,10 @@ class NetworkStability(StabilityAnalysis):
             rod, which = np.nonzero(at >= 0)
             places = first + np.searchsorted(others, at[rod, which])
             rows[:, places], columns[:, places] = sense * EI[:, rod], 1 / L[:, rod]
+        slides = problem.graph.slides
+        below = np.flatnonzero(slides.upper >= 0)
+        holes = first + np.searchsorted(others, problem.first_hole) + slides.upper[below]
+        rows[:, holes], columns[:, holes] = -EI[:, below] / L[:, below], 1 / L[:, below] ** 2
         poses = size - POSE * problem.body_count + np.arange(POSE * problem.body_count).reshape(-1, POSE)
         length, stiffness = L[:, rods:, None], EI[:, rods:, None]
         rows[:, poses[:, :3]], rows[:, poses[:, 3:]] = stiffness / length, stiffness
@@ -150,12 +170,15 @@ class NetworkStability(StabilityAnalysis):
         # torques of a ball are told about fixed axes: about those of its coordinates they are the derivatives
         balls, blocks = [np.zeros((0, 3), dtype=np.intp)], [np.zeros((count, 0, 3, 3))]
         for end, angles in enumerate(ANGLES_AT):
-            spherical = np.flatnonzero(problem.graph.ends[end].table.count == MOST)
+            ball = problem.graph.ends[end].table.count == MOST
+            if end == 0:
+                ball = ball & ~slides.shared  # those are at the tips of the pieces below
+            spherical = np.flatnonzero(ball)
             balls.append(first + np.searchsorted(others, problem.places[spherical, angles]))
             blocks.append(np.swapaxes(state.ends[end].joints.turns[:, spherical], -1, -2))
-        at, ball = np.concatenate(balls), np.concatenate(blocks, axis=1)
+        at, block = np.concatenate(balls), np.concatenate(blocks, axis=1)
         return (
-            [block_diagonal(rows[k], at, ball[k] * rows[k][at][:, None, :]) for k in range(count)],
+            [block_diagonal(rows[k], at, block[k] * rows[k][at][:, None, :]) for k in range(count)],
             [block_diagonal(columns[k], poses[:, 3:], turns[k] * columns[k][poses[:, 3:]][:, :, None]) for k in range(count)],
         )
 
@@ -167,7 +190,8 @@ class NetworkStability(StabilityAnalysis):
         force = (stiffness / length**2)[:, None]
         one = np.ones_like(force)
         parts = [force if own else one for own in np.repeat(held, 3)]
-        parts += [one] * (problem.first_pose - OWN * problem.rod_count)
+        parts += [one] * (problem.first_hole - OWN * problem.rod_count)
+        parts += [length[:, None] * one] * problem.graph.slides.count
         parts += [length[:, None] * one, *[length[:, None]] * 2, one, one, one] * problem.body_count
         return np.concatenate(parts, axis=1), length / stiffness
 
@@ -194,7 +218,10 @@ class NetworkStability(StabilityAnalysis):
                 for part in group.backbones.shapes.stored_and_lost():
                     total += part.reshape(count, -1).sum(axis=1)
         zero = problem.reference_state()
-        moved = state.ends[0].position - zero.ends[0].position
+        # of a rod in pieces, whose weights change, from where its first piece begins
+        slides = graph.slides
+        first = np.array([slides.of(rod)[0] for rod in slides.owner.tolist()])
+        moved = state.ends[0].position - zero.ends[0].position[:, first]
         along = (state.ends[0].rotation @ equations.rods.base_force[..., None])[..., 0] - equations.force
         total -= (along * moved).sum(axis=(1, 2))
         force, weight = problem.forces(state)
