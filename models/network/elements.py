@@ -233,7 +233,7 @@ class Equations:
         columns = np.swapaxes(joints.axes, -1, -2) @ by_all
         by_angles = joints.torques_by_angles(moment) + spring[:, :, None] * np.eye(3)
         columns[..., ANGLES_AT[end]] += self.length[..., None] * by_angles
-        if end == 0 and self.shared.any():  # (18) what the rod above turns the hole with is the other way
+        if end == 0 and self.shared.any():  # (19) what the rod above turns the hole with is the other way
             torque, columns = np.where(self.shared, -torque, torque), np.where(self.shared[..., None], -columns, columns)
         self.residual[..., rows] = torque / EI
         self.columns[..., rows, :] = columns / EI[..., None]

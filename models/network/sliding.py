@@ -38,7 +38,7 @@ class Slides:
         owner: The rod of each piece, shape (piece_count,).
         holes: All of them, in the order of the pieces below them.
         lower, upper: The hole at the base and at the tip of each piece, ``NONE`` where there is none, shape (piece_count,).
-        share: (19) Part of its rod that each piece has where unknowns are zero, shape (piece_count,).
+        share: (20) Part of its rod that each piece has where unknowns are zero, shape (piece_count,).
         pieces: How many its rod has, shape (piece_count,).
     """
 
@@ -114,7 +114,7 @@ def piece(rod: Rod, count: int) -> Rod:
 
 
 class Sliding:
-    """(18) to (22) The equations of the holes of a network; axes (instance, piece, ...).
+    """(19) to (23) The equations of the holes of a network; axes (instance, piece, ...).
 
     Args:
         graph: The network.
@@ -139,7 +139,7 @@ class Sliding:
         self.at_rest = np.stack([own.precurvature[:, 0, 0, :3] for own in arrays], axis=1)
 
     def translations(self, x: FloatArray, given: FloatArray, rows: NDArray[np.intp]) -> FloatArray:
-        """(19) How much longer pieces are than they are taken to be, by the unknowns of the holes ``x`` (k, hole) and the
+        """(20) How much longer pieces are than they are taken to be, by the unknowns of the holes ``x`` (k, hole) and the
         translation of each rod ``given`` (k, rod), shape (k, piece)."""
         own, L = self.slides, self.length[rows]
         padded = np.concatenate([x, np.zeros((len(x), 1))], axis=1)
@@ -147,7 +147,7 @@ class Sliding:
         return np.asarray((own.share * own.pieces - 1) * L + own.share * given[:, own.owner] + moved)
 
     def slid(self, equations: Equations, state: "State", gap: FloatArray, loads: tuple[FloatArray, FloatArray]) -> FloatArray:
-        """(22) Of each element, how what it says of the hole at its tip and of that at its base varies, by its variables, then by
+        """(23) Of each element, how what it says of the hole at its tip and of that at its base varies, by its variables, then by
         its length, by rows of its gap ``gap`` (instance, piece, 3, SIZE + 1); shape (instance, piece, 2, SIZE + 1).
 
         ``loads`` are force per length and gravity, (instance, 3).
@@ -162,7 +162,7 @@ class Sliding:
         return (L / EI)[..., None, None] * np.stack([tip, -base], axis=-2)
 
     def by_unknowns(self, columns: FloatArray, piece: int, rows: NDArray[np.intp]) -> FloatArray:
-        """(19) Columns (k, 6, ...) of a tip, the last by the length of its piece, as columns by the unknowns (k, 6, n)."""
+        """(20) Columns (k, 6, ...) of a tip, the last by the length of its piece, as columns by the unknowns (k, 6, n)."""
         result = np.zeros((*columns.shape[:-1], self.unknown_count))
         hole = self.slides.lower[piece]
         if hole != NONE:
@@ -178,7 +178,7 @@ class Sliding:
         gamma: FloatArray,
         directions: FloatArray,
     ) -> None:
-        """(19), (21) What elements say by the lengths of pieces, and the rows of the holes."""
+        """(20), (22) What elements say by the lengths of pieces, and the rows of the holes."""
         count, d = len(rows), directions.shape[-1]
         L, EI = self.length[rows], self.stiffness[rows]
         square, unit = L[..., None] ** 2, (L / EI)[..., None]
@@ -195,7 +195,7 @@ class Sliding:
     def tension(
         self, equations: Equations, instances: NDArray[np.intp]
     ) -> tuple[tuple[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]:
-        """(21) What slides at the tips, then at the bases of pieces [N], (instance, piece), and by the variables of the
+        """(22) What slides at the tips, then at the bases of pieces [N], (instance, piece), and by the variables of the
         elements, then along directions, (instance, piece, SIZE + k)."""
         rods = equations.rods
         back = np.swapaxes(rods.rotation, -1, -2)
@@ -212,7 +212,7 @@ class Sliding:
     def _of(
         self, force: FloatArray, moment: FloatArray, instances: NDArray[np.intp]
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """(21) By force and moment in the frame of the section; and the strains there."""
+        """(22) By force and moment in the frame of the section; and the strains there."""
         softness, at_rest = self.softness[instances], self.at_rest[instances]
         bent, stretched = softness[..., :3] * moment, softness[..., 3:] * force
         u, v = at_rest + bent, AXIS + stretched

@@ -78,7 +78,7 @@ class NetworkStability(StabilityAnalysis):
         columns = equations.columns
         if problem.sliding is None:
             turn, force, columns = (own[..., :SIZE] for own in (turn, force, columns))
-        else:  # (19) the length of the piece is a variable more
+        else:  # (20) the length of the piece is a variable more
             kept = [*range(SIZE), -1]
             turn, force, columns = (own[..., kept] for own in (turn, force, columns))
         fixing = np.concatenate([columns[..., TURN_AT, :], force], axis=-2)
