@@ -269,6 +269,9 @@ class BoundaryProblem(Uncopied, ABC):
         """Buffers that are zero at first."""
         return [self.records, self.fault, self.step_count, self.directions, self.residual_directions, self.pose_columns]
 
+    def expect_judging(self) -> None:
+        """Be told that ``stability`` will be asked for often: what takes a kernel of its own may pay from here on."""
+
     def tool(self, key: Any, make: Callable[[], Any]) -> Any:
         """What a solver works with on this problem: made anew, or, for a problem of few instances, kept with it under ``key``."""
         if self.instance_count > FEW:

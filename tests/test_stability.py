@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 from discrete_energy import DiscreteEnergy, DiscretePlatform, Tube
+from observer_scenes import three_tubes
 from scipy.spatial.transform import Rotation
 from test_parallel_rods import LOADS, SCENES, actuation, ring
 
 import multirod as mr
+from multirod.models.backbone.second_variation import condensed_form
 from multirod.solvers.continuation.natural import natural_branch
 
 STABLE, UNSTABLE, UNKNOWN, FOLD = mr.Stability.STABLE, mr.Stability.UNSTABLE, mr.Stability.UNKNOWN, mr.Stability.FOLD
@@ -196,6 +198,36 @@ def test_tubes_rigid_in_torsion_are_not_judged():
     tube = {"bending_stiffness": 0.01, "torsional_stiffness": np.inf}
     robot = mr.ConcentricTubes([mr.Rod(length=0.3 - 0.1 * k, **tube) for k in range(2)])
     assert mr.solve(robot, robot.inputs(tip_force=(0.01, 0, 0))).raise_if_failed().stability is UNKNOWN
+
+
+@pytest.mark.parametrize("scene", ["tubes", "tubes that end together", "rod"])
+def test_the_compiled_form_is_that_of_numpy(scene):
+    """Form, conjugate points and what is known, wherever the shooting stands: few of these states are stable."""
+    random, count = np.random.default_rng(4), 60
+    tubes, motion = three_tubes()
+    robot, inputs = tubes, motion[:1].broadcast_to((count,))
+    if scene == "rod":
+        robot = mr.SingleRod(tubes.rods[0])
+        inputs = robot.inputs(tip_force=random.normal(size=(count, 3)))
+    elif scene == "tubes that end together":
+        ends = np.array([rod.length for rod in tubes.rods])
+        inputs = robot.inputs(translation=np.tile(ends[2] - ends, (count, 1)), tip_force=random.normal(size=(count, 3)))
+    problem = robot.problem(inputs, integrator=mr.RK4(30))
+    problem.write("unknowns", problem.guess() + 10 * random.normal(size=(count, problem.unknown_count)))
+    every, unit = np.ones(count, dtype=bool), problem.stiffness_over_length()
+    stability, call = problem.stability, problem.node_pass(17, every, columns=True)
+    ends = stability._column_ends()
+    found = call.form(stability._free(), ends.shape[1], "cpu").of(every, ends, unit)
+    finite = np.isfinite(call.read("tip_columns")).all(axis=(1, 2))  # the last steps of some overflow
+    own = condensed_form(stability._node_columns(call, finite, np.arange(stability._free())), unit[finite])
+    assert own.known.sum() > 40
+    np.testing.assert_array_equal(np.flatnonzero(found.known), np.flatnonzero(finite)[own.known])
+    np.testing.assert_array_equal(found.conjugate[found.known], own.conjugate[own.known])
+    assert len(np.unique(own.conjugate[own.known])) >= 3
+    size = np.abs(own.matrix).max(axis=(1, 2))[own.known]
+    # rounding, carried by columns whose condition may be 1e6 here
+    off = np.abs(found.matrix[found.known] - own.matrix[own.known]).max(axis=(1, 2)) / size
+    assert off.max() < 1e-8
 
 
 def test_single_rod_cases(reference_cases, make_pose):

@@ -16,7 +16,7 @@ from multirod.batch import IntArray, take
 from multirod.capabilities import LineTest, Parts
 from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.integrators import AdaptiveIntegrator, Integrator
-from multirod.launch import LONGEST
+from multirod.launch import LONGEST, expect
 from multirod.models.backbone.along import AlongPass
 from multirod.models.backbone.clamps import BackboneClamps, ClampedBackbones
 from multirod.models.backbone.conjugates import BackboneConjugates
@@ -33,6 +33,8 @@ from multirod.models.backbone.designs import (
 )
 from multirod.models.backbone.driven import DrivenLines
 from multirod.models.backbone.ends import move_ends, ways_back
+from multirod.models.backbone.form_kernels import make_form
+from multirod.models.backbone.forms import CompiledForm
 from multirod.models.backbone.influence import Influence, influences
 from multirod.models.backbone.inputs import BACKBONE_INPUTS, DRIVES, LOADS
 from multirod.models.backbone.kernels.layout import arguments as kernels
@@ -142,6 +144,13 @@ class NodePass:
         if columns:
             self._outputs += ["node_columns", "tip_columns", "gamma", "pose_columns", "column_arclength"]
         self._seen: dict[str, Any] = {}
+        self._form: CompiledForm | None = None
+
+    def form(self, size: int, rods: int, device: str) -> CompiledForm:
+        """What condenses its columns to the tip."""
+        if self._form is None:
+            self._form = CompiledForm(self.call, size, rods, device)
+        return self._form
 
     def read(self, name: str) -> Any:
         """An output, as it is until the next launch."""
@@ -251,6 +260,7 @@ class BackboneProblem(BoundaryProblem):
         self.measured = inputs.measured
         self.table = self._make_table(inputs)
         self.write("inputs", self.pack(inputs))
+        self.judged_often = False  # whether the second variation is condensed by a kernel of its own
         self._passes: dict[Any, NodePass] = {}
         self._designs: dict[str, Designs] = {}
         self._followed: tuple[str, ...] = ()  # what directions by inputs and unknowns are by
@@ -416,8 +426,14 @@ class BackboneProblem(BoundaryProblem):
         self.write("inputs", self.pack(inputs))
         return True
 
+    def expect_judging(self) -> None:  # noqa: D102
+        if not self.held and not self.features.condition_count:
+            self.judged_often = True
+            expect(make_form, self.device)
+
     def _clear(self) -> None:
         super()._clear()
+        self.judged_often = False
         self._followed = ()
         for name in ("cut", "conjugates"):
             self.__dict__.pop(name, None)
@@ -836,6 +852,7 @@ class BackboneParts(Parts):
             options |= {"pose_sensitivities": True, "direction_count": 1 if pieces == 1 else 3 * (pieces - 1), "pieces": pieces}
         result = BackboneProblem(whole.rods, base, inputs, enabled=tuple(whole.enabled), arrays=arrays, **options)
         result.stop = whole.stop
+        result.judged_often = whole.judged_often
         for name in ("inputs", "unknowns"):
             result.write(name, whole.read(name)[instances])
         result.breakpoints = taken(whole.breakpoints, instances)

@@ -102,7 +102,7 @@ class BackboneStability(StabilityAnalysis):
             needed = self._segments_of(call)
             done = chosen & (needed < node_count)
             if done.any():
-                form.put(done, self._form(call, done, unit[done]))
+                form.put(done, self._form(call, done, unit))
                 if not self.problem.held:
                     determinant[done] = certain_determinant(call.read("gamma")[done])
             more = chosen & ~done & (needed < MOST_NODES - 1)
@@ -115,15 +115,18 @@ class BackboneStability(StabilityAnalysis):
         return 3 + self.problem.features.turning_count
 
     def _form(self, call: "NodePass", chosen: NDArray[np.bool_], unit: FloatArray) -> CondensedForm:
-        """(4) to (6), (18) by what a pass over nodes says of the instances ``chosen``; ``unit`` is ``K/L`` [N m] of these."""
+        """(4) to (6), (18) by what a pass over nodes says of the instances ``chosen``; ``unit`` is ``K/L`` [N m] of all."""
         problem, drives = self.problem, self.problem.slots.places["drives"]
         by_tensions = np.arange(drives.start, drives.stop)
+        if problem.judged_often:
+            ends = self._column_ends()
+            return call.form(self._free(), ends.shape[1], problem.device).of(chosen, ends, unit)
         # base forces that follow a load are no variations that keep the forces, and those of unloaded tubes carry a moment here
         others = np.arange(self._free())
         if problem.held:
             others = np.delete(np.arange(problem.unknown_count), by_tensions)
         columns = self._node_columns(call, chosen, others)
-        form = condensed_form(columns, unit)
+        form = condensed_form(columns, unit[chosen])
         if not len(by_tensions):
             return form
         rows = by_tensions + (3 if problem.held else 0)
@@ -135,9 +138,7 @@ class BackboneStability(StabilityAnalysis):
     def _node_columns(self, call: "NodePass", chosen: NDArray[np.bool_], columns: NDArray[np.intp]) -> NodeColumns:
         """What a pass over nodes says of variations of the instances ``chosen`` by some of the unknowns."""
         rows = self._free()
-        ends = self.problem.ends()[chosen]
-        if self.problem.features.eccentric:  # the line is what ends at the tip, as the longest rod does
-            ends = np.concatenate([ends.max(axis=1, keepdims=True), ends], axis=1)
+        ends = self._column_ends()[chosen]
         arclength = call.read("column_arclength")[chosen]
         configuration = call.read("node_columns")[chosen, :, :rows][..., columns]
         momenta = call.read("tip_columns")[chosen, :rows][..., columns]
@@ -147,6 +148,13 @@ class BackboneStability(StabilityAnalysis):
         momenta = np.concatenate([wrench[:, 3:], momenta[:, 3:]], axis=1)
         position = call.read("pose_columns")[chosen, :3][..., columns]
         return NodeColumns(arclength, configuration, momenta, ends, wrench[:, :3], position)
+
+    def _column_ends(self) -> FloatArray:
+        """Where rods end [m], shape (instance_count, n or more)."""
+        ends = self.problem.ends()
+        if self.problem.features.eccentric:  # the line is what ends at the tip, as the longest rod does
+            ends = np.concatenate([ends.max(axis=1, keepdims=True), ends], axis=1)
+        return ends
 
     def _segments_expected(self) -> FloatArray:
         """(7) by what the moments cannot exceed."""

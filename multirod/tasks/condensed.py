@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from multirod.shared import Shared
 from multirod.tasks.condensed_kernels import Condensed
 from multirod.tasks.formulation import Task
-from multirod.tasks.given import Shared
 
 POSE = 6
 

@@ -7,10 +7,10 @@ import numpy as np
 import warp as wp
 
 from multirod.launch import record
+from multirod.shared import Shared
 from multirod.tasks.condensed import condensed
 from multirod.tasks.control_kernels import FREE, Control, make_control
 from multirod.tasks.formulation import Task
-from multirod.tasks.given import Shared
 from multirod.tasks.limits import LimitRows
 from multirod.tasks.programme_kernels import Programme
 from multirod.validation import FloatArray

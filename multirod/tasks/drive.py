@@ -5,10 +5,10 @@ from typing import Any
 import warp as wp
 
 from multirod.launch import record
+from multirod.shared import Shared
 from multirod.tasks.condensed import condensed
 from multirod.tasks.drive_kernels import SETTINGS, Drive
 from multirod.tasks.formulation import Task
-from multirod.tasks.given import Shared
 from multirod.tasks.programme_kernels import Programme
 from multirod.tasks.search_kernels import make_search
 

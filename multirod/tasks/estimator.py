@@ -17,6 +17,7 @@ from multirod.integrators import RK45, Integrator
 from multirod.launch import expect, record
 from multirod.problem import BoundaryProblem
 from multirod.running.tracker import Tracker
+from multirod.shared import Shared
 from multirod.solution import Solution
 from multirod.solver import Outcome, Solver, Track
 from multirod.solvers.shooting import Shooting
@@ -26,7 +27,6 @@ from multirod.tasks.curvature import Curvature, Places
 from multirod.tasks.estimate import Estimate, Known, Part, at_means, block_diagonal, remarked
 from multirod.tasks.filter_kernels import Filter, make_filter
 from multirod.tasks.formulation import freed, options, places_of
-from multirod.tasks.given import Shared
 from multirod.tasks.priors import Prior, Walk
 from multirod.tasks.sensors import Live, Sensor, batch_of, checked
 from multirod.types import Numbers

@@ -1,36 +1,11 @@
-"""What a loop is given at each sample: arrays that it shares with kernels, and checks that cost it little."""
+"""What a loop is given at each sample: checks that cost it little."""
 
 from typing import Any
 
 import numpy as np
-import warp as wp
 
 from multirod.assembly import ORTHOGONAL
 from multirod.running.plain import LARGEST, plain_numbers
-
-
-class Shared:
-    """An array of kernels that NumPy reads and writes too; on the CPU it is the same memory.
-
-    Attributes:
-        array: The kernels'.
-        values: NumPy's.
-    """
-
-    def __init__(self, shape: tuple[int, ...], dtype: Any, device: str) -> None:
-        self.array: Any = wp.zeros(shape, dtype=dtype, device=device)
-        self._same = wp.get_device(device).is_cpu
-        self.values: Any = self.array.numpy()
-
-    def send(self) -> None:
-        """What NumPy wrote to the device, where that is another."""
-        if not self._same:
-            self.array.assign(self.values)
-
-    def fetch(self) -> None:
-        """What kernels wrote from the device."""
-        if not self._same:
-            self.values[:] = self.array.numpy()
 
 
 def plain(value: Any, shape: tuple[int, ...] = (3,)) -> bool:

@@ -91,6 +91,7 @@ class Search:
         key = ("search", task.free, kind, len(limits.low))
         self._arrays: DriveArrays = problem.tool(key, lambda: DriveArrays(task, kind, len(limits.low)))
         self._arrays.clear()
+        problem.expect_judging()
         self._values = values = self._arrays.values
         self.origin, self.origin_unknowns = np.array(p), np.array(x)
         self.origin_errors = np.full((len(x), rows.count), np.nan)  # NaN where the start is not known

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from multirod import plausibility
 from multirod.batch import IntArray
 from multirod.problem import BoundaryProblem
+from multirod.shared import Shared
 from multirod.tasks.curvature import AlongTask, Curvature, CurvatureRows, Places
 from multirod.tasks.formulation import Evaluation
-from multirod.tasks.given import Shared, plain, turned
+from multirod.tasks.given import plain, turned
 from multirod.tasks.rows import SMALLEST_AXIS, Pose, PoseRows
 from multirod.validation import Described, FloatArray, array, refuse
 
