@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,6 +72,10 @@ class Modes:
         """Take the instances ``chosen`` from ``other``."""
         for name, mine in vars(self).items():
             mine[chosen] = getattr(other, name)[chosen]
+
+    def take(self, instances: Any) -> "Modes":
+        """Those of some instances, by an index of the first axis."""
+        return Modes(*(values[instances] for values in vars(self).values()))
 
     @property
     def _soft(self) -> NDArray[np.bool_]:

@@ -48,7 +48,7 @@ class DriveArrays:
             self._share(self._state, name, (size,))
         self._share(self._state, "limits", (c, k))
         self._share(self._state, "count", (2,), wp.int32)
-        for place in ("start", "last", "base", "here"):
+        for place in ("start", "last", "base", "here", "fold"):
             self._share(self._state, f"{place}_x", (count, n))
             self._share(self._state, f"{place}_p", (count, k))
         for name, dtype in {"position": wp.vec3d, "rotation": wp.mat33d, "axis": wp.vec3d}.items():

@@ -51,6 +51,8 @@ class Drive:
     base_p: wp.array2d[wp.float64]
     here_x: wp.array2d[wp.float64]
     here_p: wp.array2d[wp.float64]
+    fold_x: wp.array2d[wp.float64]
+    fold_p: wp.array2d[wp.float64]
     # of a drive
     phase: wp.array[int]
     asked: wp.array[int]
@@ -65,7 +67,7 @@ class Drive:
     steps: wp.array[int]  # towards this goal
     settling: wp.array[int]
     blocked: wp.array[int]  # whether a limit of the shape lies ahead
-    folded: wp.array[int]  # whether the target was found past a fold, and unstable
+    folded: wp.array[int]  # whether the target was found past a fold, at ``fold``
     done: wp.array[wp.float64]  # part of the way
     part: wp.array[wp.float64]  # the next
     goal: wp.array[wp.float64]  # its end

@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.batch import IntArray
-from multirod.stability import Stability, modes_of
+from multirod.stability import Modes, Stability, modes_of
 from multirod.status import Status
 from multirod.tasks.drive import DriveArrays
 from multirod.tasks.drive_kernels import ANGLE_WEIGHT, LEAST, LENGTH, PART, POSITION_WEIGHT, PULLED, RESUMED, SHAPED, TOLERANCE
 from multirod.tasks.formulation import Task
 from multirod.tasks.limits import LimitRows, Limits
 from multirod.tasks.rows import PoseRows
-from multirod.tasks.search_kernels import BEGINNING, ENDED, FOLDED, NOT_REACHED
+from multirod.tasks.search_kernels import BEGINNING, ENDED, NOT_REACHED
 from multirod.validation import FloatArray
 
 LEAST_PART = 0.01  # of the way
@@ -115,8 +115,8 @@ class Search:
         settings[[LENGTH, TOLERANCE]] = goals.length, goals.tolerance
         settings[[POSITION_WEIGHT, ANGLE_WEIGHT]] = rows.weight
         settings[[SHAPED, PULLED]] = goals.of_shape is not None, goals.centre is not None
-        self.start, self.last, self.base, self.here = (
-            Place(values[f"{name}_x"], values[f"{name}_p"]) for name in ("start", "last", "base", "here")
+        self.start, self.last, self.here, self._fold = (
+            Place(values[f"{name}_x"], values[f"{name}_p"]) for name in ("start", "last", "here", "fold")
         )
         for place in (self.start, self.last, self.here):
             place.x[:], place.p[:] = x, p
@@ -171,19 +171,23 @@ class Search:
         return left
 
     def _answer(self) -> None:
-        """Look at the equilibria of those that asked."""
-        asked, verdict = self._values["asked"], self._values["verdict"]
-        folded = np.flatnonzero(asked == FOLDED)
-        verdict[folded] = self.unstable(folded)
-        shaped = np.flatnonzero(asked > FOLDED)
-        verdict[shaped] = self.beyond(shaped)
+        """Look at the shapes of those that asked."""
+        rows = np.flatnonzero(self._values["asked"])
+        self._values["verdict"][rows] = self.beyond(rows)
 
     def _say_why(self, rows: IntArray) -> None:
-        """Targets that are not reached: of a singular task, or not."""
-        if len(rows):
-            values = np.linalg.svd(self.J[rows], compute_uv=False)
-            singular = values[:, -1] <= SINGULAR * values[:, 0]
-            self.status[rows] = np.where(singular, Status.SINGULAR_TASK, Status.UNREACHABLE)
+        """Targets that are not reached: of an unstable equilibrium past a fold, of a singular task, or neither."""
+        if not len(rows):
+            return
+        folded = rows[self._values["folded"][rows] != 0]
+        last = Place(self.last.x[folded], self.last.p[folded])
+        self.last.put(folded, self._fold)
+        unstable = folded[self.unstable(folded)]
+        self.last.x[folded], self.last.p[folded] = last.x, last.p
+        values = np.linalg.svd(self.J[rows], compute_uv=False)
+        singular = values[:, -1] <= SINGULAR * values[:, 0]
+        self.status[rows] = np.where(singular, Status.SINGULAR_TASK, Status.UNREACHABLE)
+        self.status[unstable] = Status.UNSTABLE
 
     # ---- what is judged ----
 
@@ -194,17 +198,21 @@ class Search:
         near = (at - limits.low <= NEAR_LIMIT * size) | (limits.high - at <= NEAR_LIMIT * size)
         return np.asarray((near[:, :, None] & (limits.matrix != 0)).any(axis=1))
 
-    def stability(self, rows: IntArray) -> tuple[NDArray[np.int32], FloatArray]:
-        """Values of ``Stability`` of the equilibria at ``last``, and their margins, shapes (len(rows),)."""
+    def modes(self, rows: IntArray) -> Modes:
+        """Of the equilibria at ``last``."""
         problem = self.task.problem
         part = problem.parts
         self.task.write(self.last.x, self.last.p)
-        if part is not None and len(rows) < problem.instance_count:
-            problem = part.of(rows)
-            modes = modes_of(problem)
-            return modes.stability, modes.eigenvalue(0)
-        modes = modes_of(problem)
-        return modes.stability[rows], modes.eigenvalue(0)[rows]
+        if len(rows) == problem.instance_count:
+            return modes_of(problem)
+        if part is not None:
+            return modes_of(part.of(rows))
+        return modes_of(problem).take(rows)
+
+    def stability(self, rows: IntArray) -> tuple[NDArray[np.int32], FloatArray]:
+        """Values of ``Stability`` of the equilibria at ``last``, and their margins, shapes (len(rows),)."""
+        modes = self.modes(rows)
+        return modes.stability, modes.eigenvalue(0)
 
     def bending(self, rows: IntArray) -> FloatArray:
         """Largest curvature of any rod [1/m], shape (len(rows),)."""
@@ -233,8 +241,8 @@ class Search:
         """Whether the equilibria at ``last`` are not stable, as far as that can be said, shape (len(rows),)."""
         if not len(rows):
             return np.zeros(0, dtype=bool)
-        stability, _ = self.stability(rows)
-        return np.asarray(np.isin(stability, (Stability.UNSTABLE, Stability.FOLD)))
+        stability = self.modes(rows).stability
+        return np.asarray((stability == Stability.UNSTABLE) | (stability == Stability.FOLD))
 
     def tried(self, chosen: BoolArray) -> None:
         """Drive the instances chosen from where they begin now, at once or not at all.
@@ -302,17 +310,21 @@ class Search:
             self.here.x[rows] += found.eliminated[0][~there]
         return np.flatnonzero(settled)
 
+    def _found(self) -> BoolArray:
+        """Which are results."""
+        return np.asarray((self.status == Status.REACHED) | (self.status == Status.AT_LIMIT))
+
     def _not_stable(self, chosen: BoolArray) -> BoolArray:
         result = np.zeros(len(chosen), dtype=bool)
-        rows = np.flatnonzero(chosen & np.isin(self.status, (Status.REACHED, Status.AT_LIMIT)))
+        rows = np.flatnonzero(chosen & self._found())
         result[rows] = self.unstable(rows)
         return result
 
     def leave(self) -> None:
         """Leave the problem's buffers at ``last``, and what its own test refuses as failed."""
-        rows = np.flatnonzero(np.isin(self.status, (Status.REACHED, Status.AT_LIMIT)))
+        rows = np.flatnonzero(self._found())
         self.status[rows[self.beyond(rows)]] = Status.OUT_OF_LIMITS  # of another start
-        problem, found = self.task.problem, np.isin(self.status, (Status.REACHED, Status.AT_LIMIT))
+        problem, found = self.task.problem, self._found()
         differ = (problem.read("unknowns") != self.last.x).any(axis=1) | (self.here.x != self.last.x).any(axis=1)
         stale = found & (differ | (self.here.p != self.last.p).any(axis=1))
         self.here.put(stale, self.last)

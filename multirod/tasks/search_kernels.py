@@ -36,9 +36,9 @@ PLACES = 12  # steps that a target that is reached gets for what it leaves free
 
 # of an instance: ended; under way; to begin
 ENDED, OPEN, BEGINNING = 0, 1, 2
-# what only the host can tell, before an instance goes on: nothing; whether what is past a fold is unstable; whether the shape is
-# beyond its limits at the end of a part of the way, where a limit holds, at rest on the way
-NOTHING, FOLDED, ARRIVED, HELD, AHEAD = 0, 1, 2, 3, 4
+# what only the host can tell, before an instance goes on: nothing; whether the shape is beyond its limits at the end of a part of
+# the way, where a limit holds, at rest on the way
+NOTHING, ARRIVED, HELD, AHEAD = 0, 1, 2, 3
 NOT_REACHED = -1  # a status that the host makes another of
 
 
@@ -53,12 +53,6 @@ def end(s: wp.ref[Drive], t: int, status: int):
     s.phase[t] = wp.static(ENDED)
 
 
-@wp.func
-def lose(s: wp.ref[Drive], t: int):
-    """A target that is not reached: past a fold only, or by what ``J`` says."""
-    end(s, t, wp.where(s.folded[t] != 0, wp.static(int(Status.UNSTABLE)), wp.static(NOT_REACHED)))
-
-
 @wp.func(inline=False)
 def shorten(s: wp.ref[Drive], t: int):
     """Try a shorter part of the way, from where the last one ended."""
@@ -66,10 +60,7 @@ def shorten(s: wp.ref[Drive], t: int):
     if s.part[t] < s.settings[wp.static(LEAST)]:
         put_place(s.last_x, s.last_p, s.base_x, s.base_p, t)
         put(s.errors, s.base_errors, t)
-        if s.blocked[t] != 0:
-            end(s, t, wp.static(int(Status.AT_LIMIT)))
-        else:
-            lose(s, t)
+        end(s, t, wp.where(s.blocked[t] != 0, wp.static(int(Status.AT_LIMIT)), wp.static(NOT_REACHED)))
     else:
         put_place(s.here_x, s.here_p, s.base_x, s.base_p, t)
         s.goal[t] = wp.min(f64(1.0), s.done[t] + s.part[t])
@@ -126,13 +117,11 @@ def arrive(s: wp.ref[Drive], t: int, asked: int) -> bool:
     wrong = s.sign[t] != s.first_sign[t]
     if asked == wp.static(NOTHING):
         if wrong and final:
-            s.asked[t] = wp.static(FOLDED)
+            s.folded[t] = 1
+            put_place(s.fold_x, s.fold_p, s.last_x, s.last_p, t)
         if not wrong and s.settings[wp.static(SHAPED)] != f64(0.0):
             s.asked[t] = wp.static(ARRIVED)
-        if s.asked[t] != wp.static(NOTHING):
             return False
-    if asked == wp.static(FOLDED):
-        s.folded[t] = s.verdict[t]
     if asked == wp.static(ARRIVED):
         s.blocked[t] = s.verdict[t]
         wrong = s.verdict[t] != 0
@@ -166,7 +155,7 @@ def rest_at_target(s: wp.ref[Drive], t: int, asked: int):
     """Steps towards the target itself have come to rest and it is not reached."""
     if asked == wp.static(NOTHING):
         if not at_limit(s, t):
-            lose(s, t)
+            end(s, t, wp.static(NOT_REACHED))
             return
         if s.settings[wp.static(SHAPED)] != f64(0.0):
             s.asked[t] = wp.static(HELD)
@@ -264,7 +253,7 @@ def proceed(s: wp.ref[Drive], t: int):
             retreat(s, t)
         elif arrive(s, t, asked):
             advance(s, t)
-    elif asked == wp.static(FOLDED) or asked == wp.static(ARRIVED):
+    elif asked == wp.static(ARRIVED):
         if arrive(s, t, asked):
             advance(s, t)
     else:
