@@ -143,11 +143,12 @@ class Systems:
             result = sound.copy()
             result[sound] = self.chosen(sound).same_branch(after.chosen(sound))
             return result
-        most, device = VECTORS, self.device
+        most = VECTORS
         space: Any = Krylov()
         space.own = self._zeros(self.count, most + 1, self.n)
         space.rows = self._zeros(len(self.cuts.start), most + 1, self.d)
-        space.projected, space.left = self._zeros(self.count, most, most), wp.zeros(self.count, dtype=wp.float64, device=device)
+        space.projected, space.left = self._zeros(self.count, most, most), self._zeros(self.count)
+        space.along = self._zeros(self.count, most)
         self._launch(change, self.band, after.band, space, self._sides(), self._sides())
         return _near_one(np.array(space.projected.numpy()), np.array(space.left.numpy()))
 

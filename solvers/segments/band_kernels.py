@@ -239,30 +239,58 @@ class Krylov:
     rows: wp.array3d[wp.float64]  # (segment, vector, d)
     projected: wp.array3d[wp.float64]  # (instance, vector, vector): the operator in that space
     left: wp.array[wp.float64]  # (instance,): size of what leads out of it
+    along: wp.array2d[wp.float64]  # (instance, vector): room for what lies along each
 
 
 @wp.func(inline=False)
-def product(band: wp.ref[Band], space: wp.ref[Krylov], t: int, a: int, b: int) -> f64:
-    """Of two vectors of the space."""
-    end = band.first[t + 1] - 1
+def size_of(band: wp.ref[Band], space: wp.ref[Krylov], t: int, a: int) -> f64:
+    """Of a vector of the space."""
     total = f64(0.0)
     for i in range(space.own.shape[2]):
-        total += space.own[t, a, i] * space.own[t, b, i]
-    for s in range(band.first[t], end):
+        total += space.own[t, a, i] * space.own[t, a, i]
+    for s in range(band.first[t], band.first[t + 1] - 1):
         for i in range(space.rows.shape[2]):
-            total += space.rows[s, a, i] * space.rows[s, b, i]
-    return total
+            total += space.rows[s, a, i] * space.rows[s, a, i]
+    return wp.sqrt(total)
 
 
 @wp.func(inline=False)
-def add(band: wp.ref[Band], space: wp.ref[Krylov], t: int, factor: f64, a: int, b: int, keep: f64):
-    """Vector b becomes ``keep`` times itself and ``factor`` times vector a."""
-    end = band.first[t + 1] - 1
+def scale(band: wp.ref[Band], space: wp.ref[Krylov], t: int, a: int, factor: f64):
+    """A vector of the space becomes so many times itself."""
     for i in range(space.own.shape[2]):
-        space.own[t, b, i] = keep * space.own[t, b, i] + factor * space.own[t, a, i]
-    for s in range(band.first[t], end):
+        space.own[t, a, i] = factor * space.own[t, a, i]
+    for s in range(band.first[t], band.first[t + 1] - 1):
         for i in range(space.rows.shape[2]):
-            space.rows[s, b, i] = keep * space.rows[s, b, i] + factor * space.rows[s, a, i]
+            space.rows[s, a, i] = factor * space.rows[s, a, i]
+
+
+@wp.func(inline=False)
+def leave(band: wp.ref[Band], space: wp.ref[Krylov], t: int, k: int):
+    """Take from vector k + 1 what lies along those before it, all in one sweep over the segments: they do not fit the cache."""
+    end = band.first[t + 1] - 1
+    own = space.own
+    rows = space.rows
+    alongs = space.along
+    for j in range(k + 1):
+        along = f64(0.0)
+        for i in range(own.shape[2]):
+            along += own[t, j, i] * own[t, k + 1, i]
+        alongs[t, j] = along
+    for s in range(band.first[t], end):
+        for j in range(k + 1):
+            along = f64(0.0)
+            for i in range(rows.shape[2]):
+                along += rows[s, j, i] * rows[s, k + 1, i]
+            alongs[t, j] = alongs[t, j] + along
+    for j in range(k + 1):
+        space.projected[t, j, k] = space.projected[t, j, k] + alongs[t, j]
+        for i in range(own.shape[2]):
+            own[t, k + 1, i] = own[t, k + 1, i] - alongs[t, j] * own[t, j, i]
+    for s in range(band.first[t], end):
+        for j in range(k + 1):
+            along = alongs[t, j]
+            for i in range(rows.shape[2]):
+                rows[s, k + 1, i] = rows[s, k + 1, i] - along * rows[s, j, i]
 
 
 @wp.kernel
@@ -293,13 +321,10 @@ def change(before: Band, after: Band, space: Krylov, right: Sides, x: Sides):
         for s in range(before.first[t], before.first[t + 1] - 1):
             for i in range(d):
                 space.rows[s, k + 1, i] = right.rows[s, i] - space.rows[s, k, i]
-        whole = wp.sqrt(product(before, space, t, k + 1, k + 1))
-        for _again in range(2):
-            for j in range(k + 1):
-                h = product(before, space, t, j, k + 1)
-                space.projected[t, j, k] = space.projected[t, j, k] + h
-                add(before, space, t, -h, j, k + 1, f64(1.0))
-        norm = wp.sqrt(product(before, space, t, k + 1, k + 1))
+        whole = size_of(before, space, t, k + 1)
+        for _again in range(2):  # once leaves rounding, by which vectors are not square to each other
+            leave(before, space, t, k)
+        norm = size_of(before, space, t, k + 1)
         if k == wp.min(most, size) - 1:
             if most < size:
                 space.left[t] = norm
@@ -307,4 +332,4 @@ def change(before: Band, after: Band, space: Krylov, right: Sides, x: Sides):
         if norm <= f64(1.0e-12) * whole or norm == f64(0.0):
             return
         space.projected[t, k + 1, k] = norm
-        add(before, space, t, f64(0.0), k, k + 1, f64(1.0) / norm)
+        scale(before, space, t, k + 1, f64(1.0) / norm)
