@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from conftest import rodrigues
+from random_networks import draw, state_of, violation
 from test_check_assembly import check_assembly
 
 import multirod as mr
@@ -563,3 +564,23 @@ def test_inputs_are_given_by_name():
     with pytest.raises(AttributeError, match="SingleRod has no bodies"):
         mr.solve(single, single.inputs(), solver=EXACT).body_rotation("plate")
     assert repr(robot) == "Network(2 rods, 2 bodies, 4 joints, end effector 'disc 1')"
+
+
+@pytest.mark.parametrize("seed", [0, 4])
+def test_drawn_networks_are_where_their_energy_has_them(seed):
+    """Chains of rigid segments, written anew, brought to rest from beside it; ``benchmarks/random_networks.py`` has more."""
+    drawn = draw(seed, most_rods=4, most_bodies=2)
+    solution = mr.solve(drawn.robot, drawn.inputs).raise_if_failed()
+    assert violation(drawn, solution) < 1e-6  # of lengths and forces: what the default integrator promises
+    own = np.array([solution.body_position(body.name) for body in drawn.robot.bodies])
+    rods, state = state_of(drawn, solution, 6, aside=0.01)
+    errors = []
+    for _ in range(2):
+        state, index, _ = rods.settled(state)
+        assert index == 0
+        errors.append(np.array(state[2]) - own)
+        rods, state = rods.refined(state)
+    # of the second order: half the segments' length leaves a quarter of the error, and extrapolation little of that
+    assert np.abs(errors[1]).max() < 0.01 * rods.rods[0]["length"]
+    assert np.abs(4 * errors[1] - errors[0]).max() / 3 < 0.2 * np.abs(errors[1]).max()
+    assert solution.stability in (mr.Stability.STABLE, mr.Stability.UNKNOWN)
