@@ -35,6 +35,7 @@ EXAMPLES = (
     "silicone_segment",
     "parallel_tubes",
     "stacked_platforms",
+    "braced_tower",
     "design_tubes_by_gradient",
 )
 DPI = 80

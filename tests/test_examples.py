@@ -265,6 +265,26 @@ def test_a_broken_solver_of_another_package_is_named_and_the_others_are_listed(t
     sys.modules.pop("broken_solver", None)
 
 
+def test_a_braced_tower_bears_what_books_say(example, tmp_path):
+    """But for what its wires give way along themselves, some parts in a thousand."""
+    found = example("braced_tower.py").main(["--storeys", "1", "--out", str(tmp_path / "tower.png")])
+    sways, bears = found["books"]
+    assert found["without braces"][0] == pytest.approx(sways, rel=2e-3)
+    assert found["without braces"][1] == pytest.approx(bears, rel=2e-3)  # halved to 1e-3
+    assert found["with braces"][0] < 0.01 * sways
+    assert found["with braces"][1] == pytest.approx(4 * bears, rel=0.01)  # no sway: a whole wave in place of half a one
+    assert (tmp_path / "tower.png").stat().st_size > 10_000
+
+
+def test_two_arms_carry_what_hangs_between_them(example, tmp_path, capsys):
+    out = ["--out", str(tmp_path / "carry.rrd"), "--plot", str(tmp_path / "carry.png")]
+    unbalanced, tilt, _ = example("two_arms_carry.py").main(["--samples", "13", *out])
+    assert unbalanced < 1e-9  # of some tenths of a newton
+    assert tilt > 5
+    assert "the bar is" in capsys.readouterr().out
+    assert (tmp_path / "carry.rrd").stat().st_size > 10_000
+
+
 def test_stacked_platforms_balance(example, tmp_path):
     left, tilt = example("stacked_platforms.py").main(["--out", str(tmp_path / "stacked.png")])
     assert left < 1e-9  # of some newtons

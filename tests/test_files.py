@@ -61,7 +61,7 @@ def hexapod():
     return mr.ParallelRods(legs=[ROD] * 6, base=base, platform=platform).inverse(limits=(-0.05, [0.01 * k for k in range(6)]))
 
 
-def network(rod=ROD, **more):
+def network(rod=ROD, holes=(), **more):
     """All that bodies and joints can be made of, no two alike."""
     plate = mr.Body("plate", mass=0.05, mass_centre=(0.01, 0, 1 / 3), pose=TURNED)
     top = mr.Body(UNUSUAL, pose=np.eye(4))
@@ -75,6 +75,9 @@ def network(rod=ROD, **more):
         mr.Joint("feeler", "base", to=top, pose=TURNED),
     ]
     rods = {"left": TUBES[0], "right": rod, "upper": rod, "feeler": ROD}
+    if holes:
+        rods["thread"] = ROD
+        joints += [mr.Joint("thread", "base", to=mr.ground), *(mr.Joint("thread", "along", to=plate, **hole) for hole in holes)]
     return mr.Network(rods=rods, bodies=[plate, top], joints=joints, **more)
 
 
@@ -129,6 +132,9 @@ ROBOTS = {
         base_joint_axis=(0, 1, 1),
     ),
     "network": lambda: network(end_effector="feeler"),
+    "network with holes": lambda: network(
+        holes=[{"at": 0.05, "kind": "prismatic", "pose": TURNED}, {"at": 0.1, "kind": "cylindrical"}, {"at": 0.15, "kind": "spherical"}]
+    ),
     "network in a batch": lambda: network(base=[TURNED, np.eye(4)]),
 }
 

@@ -96,12 +96,16 @@ def test_robots_and_inputs(robot):
 
 def test_a_network_says_what_its_rods_are_joined_to(robot):
     plate = mr.Body("plate", mass=0.05)
+    rods = dict.fromkeys(("leg", "mast", "thread"), robot.rods[0])
     ends = [mr.Joint("leg", "base", to=mr.ground), mr.Joint("leg", "tip", to=plate, kind="revolute", stiffness=1.0)]
-    joints = [*ends, mr.Joint("mast", "base", to=plate)]
-    network = mr.Network(rods={"leg": robot.rods[0], "mast": robot.rods[0]}, bodies=[plate], joints=joints, end_effector="mast")
+    joints = [*ends, mr.Joint("mast", "base", to=plate), mr.Joint("thread", "base", to=mr.ground)]
+    joints.append(mr.Joint("thread", "along", to=plate, kind="spherical", at=0.2))
+    network = mr.Network(rods=rods, bodies=[plate], joints=joints, end_effector="mast")
     shown = page(network)
-    assert [row[0] for row in shown.rows[1:]] == ["leg", "mast"]
-    assert [row[-2:] for row in shown.rows[1:]] == [["ground, clamped", "plate, revolute"], ["plate, clamped", "free"]]
+    assert [row[0] for row in shown.rows[1:]] == ["leg", "mast", "thread"]
+    tips = ["plate, revolute", "free", "free; through plate, spherical"]
+    bases = [f"{where}, clamped" for where in ("ground", "plate", "ground")]
+    assert [row[-2:] for row in shown.rows[1:]] == [list(pair) for pair in zip(bases, tips, strict=True)]
     assert "bodies: plate (0.05 kg); end effector: mast" in shown.text
 
 

@@ -84,6 +84,7 @@ UNITS = {
     "pose": "pose: rotation, position in m",
     "stiffness": "N m/rad",
     "rest": "rad",
+    "at": "m",
 }
 EQUAL = ("bending_stiffness", "shear_stiffness", "foundation")  # one number for all their axes will do
 OF_A_KIND = ("Joint",)  # that has an argument of this name: its table needs no class, which goes without saying

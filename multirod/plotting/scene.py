@@ -26,7 +26,7 @@ _BODY = 0.25  # opacity of a rod with chambers, which are within it
 _ARROW = 0.25  # of the robot's size: the longest arrow of a kind
 _TRIAD = 0.09  # of the same: axes of a frame
 _ALONG = 9  # arrows of what acts along a rod
-_MARKERS = {"clamped": "s", "revolute": "D", "spherical": "o", "universal": "P"}
+_MARKERS = {"clamped": "s", "revolute": "D", "spherical": "o", "universal": "P", "prismatic": "^", "cylindrical": "v"}
 _LINES = ("#5C5C5C", "#8C564B", "#7F7FFF", "#2E7D6B", "#B0902F", "#9A4FA0")
 _FORCE, _MOMENT, _FIELD = "#C1121F", "#6A3D9A", "#444444"
 _GREY = "#8A929C"
@@ -224,7 +224,7 @@ def _joints(ax: Any, solution: Solution) -> None:
     for name, own in places.items():
         if len(own):
             label = name if name == "clamped" else f"{name} joint"
-            ax.plot(*own.T, _MARKERS.get(name, "v"), color="k", mfc="w", ms=4.5, lw=0, label=label, zorder=4)
+            ax.plot(*own.T, _MARKERS[name], color="k", mfc="w", ms=4.5, lw=0, label=label, zorder=4)
 
 
 def _joints_of_bodies(solution: Solution, robot: Network) -> dict[str, FloatArray]:

@@ -155,10 +155,15 @@ def bases(assembly: Assembly) -> dict[tuple[str, ...], FloatArray]:
     }
 
 
-def joined_to(robot: Network) -> list[tuple[str, ...]]:
-    """What the base and the tip of each rod are on, and how, in words."""
-    at = {(joint.rod, joint.end): f"{joint.to.name}, {joint.kind}" for joint in robot.joints}
-    return [tuple(at.get((rod.name, end), "free") for end in ENDS) for rod in robot.rods]
+def joined_to(robot: Network) -> list[tuple[str, str]]:
+    """What the base and the tip of each rod are on, and how, in words; with the tip what the rod slides through."""
+    at = {(joint.rod, joint.end): f"{joint.to.name}, {joint.kind}" for joint in robot.joints if joint.end in ENDS}
+    found = []
+    for rod in robot.rods:
+        base, tip = (at.get((rod.name, end), "free") for end in ENDS)
+        holes = [f"; through {joint.to.name}, {joint.kind}" for joint in robot.joints if joint.rod == rod.name and joint.end not in ENDS]
+        found.append((base, tip + "".join(holes)))
+    return found
 
 
 def bodies_in_words(robot: Network) -> str:

@@ -96,7 +96,7 @@ def _graph(stage: Stage) -> list[str]:
     robot = stage.assembly
     if not isinstance(robot, Network):
         return []
-    rows: dict[tuple[str, ...], list[str]] = {}
+    rows: dict[tuple[str, str], list[str]] = {}
     for rod, held in zip(robot.rods, joined_to(robot), strict=True):
         rows.setdefault(held, []).append(rod.name)
     lines = ["| rods | base on | tip on |", "|---|---|---|"]
