@@ -133,7 +133,11 @@ ROBOTS = {
     ),
     "network": lambda: network(end_effector="feeler"),
     "network with holes": lambda: network(
-        holes=[{"at": 0.05, "kind": "prismatic", "pose": TURNED}, {"at": 0.1, "kind": "cylindrical"}, {"at": 0.15, "kind": "spherical"}]
+        holes=[
+            {"at": 0.05, "kind": "prismatic", "pose": TURNED},
+            {"at": 0.1, "kind": "cylindrical"},
+            {"at": 0.15, "kind": "spherical"},
+        ]
     ),
     "network in a batch": lambda: network(base=[TURNED, np.eye(4)]),
 }

@@ -161,7 +161,11 @@ def joined_to(robot: Network) -> list[tuple[str, str]]:
     found = []
     for rod in robot.rods:
         base, tip = (at.get((rod.name, end), "free") for end in ENDS)
-        holes = [f"; through {joint.to.name}, {joint.kind}" for joint in robot.joints if joint.rod == rod.name and joint.end not in ENDS]
+        holes = [
+            f"; through {joint.to.name}, {joint.kind}"
+            for joint in robot.joints
+            if joint.rod == rod.name and joint.end not in ENDS
+        ]
         found.append((base, tip + "".join(holes)))
     return found
 
