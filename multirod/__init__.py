@@ -36,6 +36,7 @@ if _typing.TYPE_CHECKING:
     from multirod.models.assemblies.concentric_tubes import ConcentricTubes
     from multirod.models.assemblies.eccentric_tubes import EccentricTubes
     from multirod.models.assemblies.held_rod import HeldRod
+    from multirod.models.assemblies.multibackbone import multibackbone
     from multirod.models.assemblies.network import Network
     from multirod.models.assemblies.parallel_rods import InverseParallelRods, ParallelRods
     from multirod.models.assemblies.single_rod import SingleRod
@@ -151,6 +152,7 @@ __all__ = [
     "explain",
     "ground",
     "load",
+    "multibackbone",
     "reach",
     "registered_solvers",
     "simulate",
@@ -177,6 +179,7 @@ _PUBLIC = {
     "history": "History",
     "integrators": "RK4 RK23 RK45 AdaptiveIntegrator FixedStepIntegrator Integrator Tableau",
     "models.assemblies.held_rod": "HeldRod",
+    "models.assemblies.multibackbone": "multibackbone",
     "models.assemblies.network": "Network",
     "models.network.bodies": "Body ground",
     "models.network.joints": "Joint",

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from multirod.models.network.problem import NetworkProblem, State
 
 
+STRESS = 100.0  # EI/L^2 that forces are told in where rods slide: side by side they hardly give way to what they hold among them
+
+
 class NetworkStability(StabilityAnalysis):
     """Of a ``NetworkProblem``: rods that hold each other have several equilibria."""
 
@@ -188,6 +191,8 @@ class NetworkStability(StabilityAnalysis):
         length, stiffness = (scale[:, : problem.rod_count].mean(axis=1) for scale in (problem.length, problem.stiffness))
         length = length * problem.graph.depth
         force = (stiffness / length**2)[:, None]
+        if self.problem.sliding is not None:
+            force = STRESS * force
         one = np.ones_like(force)
         parts = [force if own else one for own in np.repeat(held, 3)]
         parts += [one] * (problem.first_hole - OWN * problem.rod_count)
