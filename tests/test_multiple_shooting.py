@@ -15,7 +15,7 @@ from scipy.special import ellipeinc, ellipkinc, ellipkm1
 import multirod as mr
 from multirod import batch
 from multirod.models.backbone.problem import POSES_APART
-from multirod.models.backbone.segments import BackboneSegments
+from multirod.models.backbone.segments import BackboneSegments, largest_singular_value
 from multirod.recording.samples import first_instances
 from multirod.segment_system import System
 from multirod.segments import Breakpoints, Cuts, Propagation
@@ -716,3 +716,13 @@ def test_cuts():
     second = cuts.chosen(~first)
     assert second.instances.tolist() == [5]
     assert cuts.put(~first, second).start.tolist() == cuts.start.tolist()
+
+
+def test_growth_is_the_largest_singular_value_and_none_where_numbers_are_lost():
+    """A segment whose columns have overflowed is one that says nothing, without a warning."""
+    blocks = np.random.default_rng(0).normal(size=(6, 3, 3)) * np.logspace(-200, 200, 6)[:, None, None]
+    blocks[4, 0, 0], blocks[5, 1, 2] = np.inf, np.nan
+    expected = np.linalg.norm(blocks[:4], ord=2, axis=(1, 2))
+    found = largest_singular_value(blocks)
+    np.testing.assert_allclose(found[:4], expected, rtol=1e-7)  # the root of a cubic: half of the digits where two are alike
+    assert np.isnan(found[4:]).all()

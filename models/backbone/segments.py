@@ -155,7 +155,7 @@ class BackboneSegments(Segments):
     def growth(self, found: Propagation) -> FloatArray:  # noqa: D102
         # rotation to moment and back may each be scaled at the cost of the other: their geometric mean is what is left
         T = found.transition
-        norm = [[_largest_singular_value(T[:, i : i + 3, j : j + 3]) for j in (0, 3)] for i in (0, 3)]
+        norm = [[largest_singular_value(T[:, i : i + 3, j : j + 3]) for j in (0, 3)] for i in (0, 3)]
         with np.errstate(over="ignore"):
             return np.asarray(np.maximum(np.maximum(norm[0][0], norm[1][1]), np.sqrt(norm[0][1] * norm[1][0])))
 
@@ -313,10 +313,14 @@ class BackboneSegments(Segments):
         return form
 
 
-def _largest_singular_value(blocks: FloatArray) -> FloatArray:
-    """Of matrices (count, 3, 3), shape (count,): by the largest root of the characteristic polynomial of ``A^T A``."""
+def largest_singular_value(blocks: FloatArray) -> FloatArray:
+    """Of matrices (count, 3, 3), shape (count,): by the largest root of the characteristic polynomial of ``A^T A``.
+
+    NaN where one has numbers that are not finite.
+    """
     scale = np.abs(blocks).max(axis=(1, 2))
-    A = blocks / np.where(scale > 0, scale, 1.0)[:, None, None]
+    sound = np.isfinite(scale)
+    A = np.where(sound[:, None, None], blocks, np.nan) / np.where(sound & (scale > 0), scale, 1.0)[:, None, None]
     B = A.swapaxes(1, 2) @ A
     mean = np.trace(B, axis1=1, axis2=2) / 3
     B[:, range(3), range(3)] -= mean[:, None]
