@@ -287,3 +287,19 @@ def test_a_multibackbone_is_checked():
     refused(r"multibackbone.rods\[0\] = 3 is not allowed: must be a Rod", TypeError, rods=[3])
     robot = mr.multibackbone(rod, [rod] * 2, offsets=[(0.004, 0), (0, 0.004)], discs=3, disc_mass=0.001)
     assert repr(robot) == "Network(5 rods, 3 bodies, 14 joints, end effector 'disc 3')"
+
+
+def test_gamma_of_rods_that_stretch(difference):
+    """What they store by that slides with them."""
+    rod = mr.Rod.wire(length=0.1, diameter=1e-3, young_modulus=60e9, shear_modulus=23e9)
+    stretching = mr.Rod(length=0.1, bending_stiffness=1e-3, torsional_stiffness=8e-4, axial_stiffness=2.0)
+    robot = mr.multibackbone(rod, [stretching] * 2, offsets=[(0.004, 0), (0, 0.004)], discs=3)
+    problem = robot.problem(robot.inputs(force={"disc 3": (0.3, 0.1, -0.2)}), integrator=mr.RK4(40))
+    rng = np.random.default_rng(3)
+    x = problem.guess() + rng.standard_normal(problem.unknown_count)
+    with problem.at_load(1.0):
+        _, gamma = problem.evaluate(x)
+        for _ in range(3):
+            way = rng.standard_normal(problem.unknown_count)
+            by_difference = difference(lambda t, way=way: problem.evaluate(x + t * way)[0][0], 1e-2)
+            np.testing.assert_allclose(gamma[0] @ way, by_difference, atol=1e-8)
