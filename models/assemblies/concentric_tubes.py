@@ -1,6 +1,7 @@
 """Concentric tubes: one backbone, all tubes share its bending."""
 
 from collections.abc import Sequence
+from functools import cached_property
 from itertools import combinations
 from math import inf
 from typing import TYPE_CHECKING, Any, Self, Unpack
@@ -84,6 +85,10 @@ class ConcentricTubes(BackboneAssembly):
 
     @property
     def input_specs(self) -> tuple[InputSpec, ...]:  # noqa: D102
+        return self._specs
+
+    @cached_property
+    def _specs(self) -> InputSpecs:
         return InputSpecs((*TUBE_INPUTS, *drive_specs(self.rods)))
 
     def check(self, inputs: Inputs) -> None:  # noqa: D102

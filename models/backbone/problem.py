@@ -723,10 +723,18 @@ class BackboneProblem(BoundaryProblem):
 
     def least_stiffness(self) -> FloatArray:
         """The least of all that a rod resists bending or twisting with [N m^2], shape (instance_count,)."""
+        return self._least_stiffness
+
+    @cached_property
+    def _least_stiffness(self) -> FloatArray:
         return self.each(self.arrays.material[..., :3].min(axis=(1, 2, 3)))
 
     def by_section(self) -> tuple[FloatArray, FloatArray]:
         """Larger ``EI`` [N m^2] and a bound of ``|u*_xy|`` [1/m] of each section, shape (instance_count, n, section)."""
+        return self._by_section
+
+    @cached_property
+    def _by_section(self) -> tuple[FloatArray, FloatArray]:
         coefficients = self.arrays.precurvature.reshape(*self.arrays.precurvature.shape[:3], -1, 3)
         kappa = np.linalg.norm(coefficients[..., :2], axis=-1).sum(axis=-1)
         return self.each(self.arrays.material[..., :2].max(axis=-1)), self.each(kappa)
@@ -939,7 +947,7 @@ class BackboneAssembly(Assembly):
     def with_rods(self, rods: Sequence[Rod]) -> Self:  # noqa: D102
         result = copy(self)
         result.rods = tuple(rods)
-        for name in ("arrays", "longest", "stiffest"):
+        for name in ("arrays", "longest", "stiffest", "_specs"):
             result.__dict__.pop(name, None)
         return result
 
