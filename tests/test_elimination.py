@@ -145,3 +145,8 @@ def test_a_long_chain_is_as_stable_as_the_rod_in_one_piece():
     pieces = mr.solve(robot, robot.inputs(force={"b3": (0.4, 0, 0)})).raise_if_failed()
     # more bodies make each a smaller part of a mode
     assert 0.2 * whole.stability_margin < pieces.stability_margin < whole.stability_margin
+
+
+def test_what_is_kept_of_gamma_grows_linearly_with_a_chain():
+    counts = [chain(pieces)[0].elimination.count for pieces in (8, 16, 24)]
+    assert counts[2] - counts[1] == counts[1] - counts[0] < 8 * 24**2  # an element of each rod at most
