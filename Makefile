@@ -6,6 +6,8 @@ ARGS ?=
 # make test CPU=x86-64-v3 CORES=1: as on another machine (tests/machine), by the names of LLVM; native and all cores by default
 CPU ?=
 CORES ?=
+# make test WORKERS=3: so many processes; as many as there are cores by default
+WORKERS ?= auto
 AS_MACHINE := $(if $(CPU)$(CORES),PYTHONPATH="$(CURDIR)/tests/machine" MULTIROD_TEST_CPU=$(CPU) MULTIROD_TEST_CORES=$(CORES) )
 
 .PHONY: demo test heap lint docs bench clean
@@ -16,7 +18,7 @@ demo: $(VENV)/.installed
 # a process a core, each of which needs but its own: threads of BLAS would wait for their turn, at a tenth of all time
 test: export OPENBLAS_NUM_THREADS ?= 1
 test: $(VENV)/.installed-test
-	$(AS_MACHINE)$(BIN)/pytest --numprocesses auto --dist loadfile --no-loadscope-reorder $(ARGS)
+	$(AS_MACHINE)$(BIN)/pytest --numprocesses $(WORKERS) --dist loadfile --no-loadscope-reorder $(ARGS)
 
 # the tests with guards around every block of the heap: which kernel writes past its array?
 heap: $(VENV)/.installed-test
