@@ -442,7 +442,7 @@ def of_inputs(robot: "Assembly", inputs: "Inputs") -> None:
         most = _largest(values)
         if not most:
             continue
-        if name in ("rotation", "platform_rotation"):
+        if name in ("rotation", "platform_rotation", "angle"):
             _of_angles(name, values, most)
         elif name == "gravity":
             _of_gravity(values, most, robot)

@@ -124,6 +124,9 @@ class NetworkInputs(Fields, total=False):
     """Angle of the base of rods about their axes [rad]: by name, or shape (..., rod_count)."""
     translation: ByName
     """How far rods are pushed out of their bases [m]: by name, or shape (..., rod_count)."""
+    angle: ByName
+    """Where joints are driven: their coordinates [rad], by name, or shape (..., coordinate_count), in the order of
+    ``driven_joints``."""
     force: ByName
     """Dead force on bodies, at their origins, and on tips that nothing holds, world frame [N]: by name, or shape (...,
     place_count, 3)."""
@@ -142,6 +145,8 @@ class NetworkInputs(Fields, total=False):
 class KnownInputs(InverseParallelRodsInputs, total=False):
     """Those of all robots: which of them a tracker's robot takes, editors that read no types do not know."""
 
+    angle: ByName
+    """As for ``Network``."""
     force: ByName
     """As for ``Network``."""
     moment: ByName
@@ -187,6 +192,7 @@ HeldRodInput: TypeAlias = Literal[
 NetworkInput: TypeAlias = Literal[
     "rotation",
     "translation",
+    "angle",
     "force",
     "moment",
     "distributed_force",

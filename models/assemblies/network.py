@@ -42,6 +42,7 @@ LOAD_INPUTS = (
     ),
     InputSpec(name="moment", unit="N m", acts="tip", load="moment", description="dead moment on the same, world frame"),
 )
+ANGLE = InputSpec(name="angle", unit="rad", count=0, description="coordinates of the joints that are driven, from their poses")
 
 
 class Network(Assembly):
@@ -102,7 +103,9 @@ class Network(Assembly):
         self.load_places = self.graph.load_places
         self._end_effector = self._place_of_effector(end_effector)
         count = 3 * len(self.load_places)
-        self._specs = InputSpecs((*INPUTS[:2], *(replace(spec, count=count) for spec in LOAD_INPUTS), *INPUTS[2:]))
+        driven = sum(self.graph.driven.values())
+        angle = (replace(ANGLE, count=driven),) if driven else ()
+        self._specs = InputSpecs((*INPUTS[:2], *angle, *(replace(spec, count=count) for spec in LOAD_INPUTS), *INPUTS[2:]))
 
     def _place_of_effector(self, given: object) -> int:
         """Its number among what loads act on."""
@@ -123,6 +126,12 @@ class Network(Assembly):
         refuse("Network.end_effector", given, f"must be a body, or a rod whose tip is free: {free}")
 
     @property
+    def driven_joints(self) -> tuple[str, ...]:
+        """Names of the joints that are driven, ``"arm base"`` of that at the base of the rod ``"arm"``, in the order of the
+        numbers of ``angle``."""
+        return tuple(self.graph.driven)
+
+    @property
     def batch_shape(self) -> tuple[int, ...]:
         """Leading axes of the rods' parameters and of the poses."""
         return self.graph.batch_shape
@@ -134,12 +143,13 @@ class Network(Assembly):
     if TYPE_CHECKING:
         _input_name: NetworkInput
 
-    @listed(*INPUTS[:2], *LOAD_INPUTS, *INPUTS[2:])
+    @listed(*INPUTS[:2], ANGLE, *LOAD_INPUTS, *INPUTS[2:])
     def inputs(self, **values: Unpack[NetworkInputs]) -> Inputs:  # type: ignore[override]  # these, and no others
         """Actuation and loads by name, all optional: numbers or arrays, whose leading axes ``...`` broadcast.
 
         ``rotation`` and ``translation`` are also taken by names of rods, ``{"leg 0": 0.1}``, and ``force`` and ``moment`` by
-        those of ``load_places``, ``{"plate": (0, 0, -2)}``; as arrays these have the shape (..., place_count, 3). What is not
+        those of ``load_places``, ``{"plate": (0, 0, -2)}``; as arrays these have the shape (..., place_count, 3). Where joints are
+        driven, ``angle`` is taken by those of ``driven_joints``, ``{"arm base": 0.3}``: one number, two or three each. What is not
         named is zero. A leading axis makes a batch, an instance for each entry.
 
         Args:
@@ -172,7 +182,27 @@ class Network(Assembly):
         ):
             if name in plain:
                 plain[name] = _in_order(name, plain[name], size, places)
+        if "angle" in plain:
+            plain["angle"] = self._angles(plain["angle"])
         return super().make_inputs(plain)
+
+    def _angles(self, value: Any) -> Any:
+        """Angles by the names of joints as an array (..., k); an array of them as it is."""
+        driven = self.graph.driven
+        if not driven:
+            refuse("angle", value, "must not be given: no joint is driven, mr.Joint(..., driven=True)")
+        if not isinstance(value, Mapping):
+            return value
+        parts: list[FloatArray] = [np.zeros(count) for count in driven.values()]
+        for key, part in value.items():
+            if key not in driven:
+                hint = meant(key, driven) if isinstance(key, str) else ""
+                refuse("angle", key, f"must be by name, one of {', '.join(map(repr, driven))}{hint}")
+            count = driven[key]
+            own = array(f"angle[{key!r}]", part, (count,) if count > 1 else ())
+            parts[list(driven).index(key)] = own if count > 1 else own[..., None]
+        shape = np.broadcast_shapes(*(part.shape[:-1] for part in parts))
+        return np.concatenate([np.broadcast_to(part, (*shape, part.shape[-1])) for part in parts], axis=-1)
 
     def check(self, inputs: Inputs) -> None:  # noqa: D102
         if not (inputs.batch_shape == () and self.surely_takes("translation", inputs.translation.tolist())):

@@ -137,6 +137,7 @@ class Equations:
         shared: NDArray[np.bool_],
     ) -> None:
         self.shared = shared[:, None]
+        self.rates: list[FloatArray] = []
         self.rods, self.ends, self.tables, self.angles = rods, ends, tables, angles
         self.length, self.stiffness = length[..., None], stiffness[..., None]
         base = ends[0]
@@ -162,6 +163,23 @@ class Equations:
         result[..., ANGLES_AT[0]] = by_turn @ self.by_angles
         result[..., POSES_AT[0]] = by_turn @ self.by_pose
         result[..., SIZE:] = columns[..., OWN + TURNING :]
+        return result
+
+    def drive(self, rates: Sequence[FloatArray]) -> None:
+        """(24) What is driven, once all rows are there: how the angles at bases, then at tips change along directions [rad],
+        (instance, rod, 3, k)."""
+        scaled = [own / self.length[..., None] for own in rates]
+        if any(own.any() for own in scaled):
+            self.rates = scaled
+            self.columns = self.driven(self.columns)
+
+    def driven(self, columns: FloatArray) -> FloatArray:
+        """(24) Columns (instance, rod, ..., SIZE + k) with those along directions by the angles that are driven."""
+        if not self.rates:
+            return columns
+        result = np.array(columns)
+        for at, rates in zip(ANGLES_AT, self.rates, strict=True):
+            result[..., SIZE : SIZE + rates.shape[-1]] += columns[..., at] @ rates
         return result
 
     def _carried(self, vector: FloatArray | None, columns: FloatArray) -> FloatArray:
@@ -273,7 +291,7 @@ class Equations:
         move = self.frame @ self._carried(rods.position, rods.pose_columns[..., :3, :])
         move[..., POSES_AT[0]] += base.moves
         columns = np.concatenate([move, self.frame @ self.tip_turn], axis=-2)
-        return base.position + _times(self.frame, rods.position), columns
+        return base.position + _times(self.frame, rods.position), self.driven(columns)
 
 
 def _times(matrices: FloatArray, vectors: FloatArray) -> FloatArray:

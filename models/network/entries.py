@@ -49,7 +49,7 @@ class Entries:
 
     Attributes:
         variables: Where the variables of each element stand among the unknowns, and its rows among the residuals, -1 of what
-            there is not, shape (rod_count, SIZE).
+            there is not, and of angles that are inputs, shape (rod_count, SIZE).
         first_hole: Where the unknowns of holes begin, through which rods slide, and their rows.
         first_pose: Where the poses of bodies begin.
         size: Unknowns.
@@ -107,7 +107,7 @@ def _variables(graph: "Graph") -> tuple[NDArray[np.intp], int]:
             if at is ANGLES_AT[0] and graph.slides.shared[rod]:
                 places[rod, at] = places[rod - 1, ANGLES_AT[1]]
                 continue
-            count = int(end.table.count[rod])
+            count = int(end.table.free[rod])
             places[rod, at.start : at.start + count] = range(first, first + count)
             first += count
     for at, end in zip(POSES_AT, graph.ends, strict=True):

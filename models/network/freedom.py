@@ -58,7 +58,7 @@ def refuse_mechanism(graph: Graph) -> None:
                 continue
             frame = rotation[holder] @ arm[rod, :3, :3]
             place = position[holder] + rotation[holder] @ arm[rod, :3, 3] / size
-            loose = own.table.stiffness[rod, :count] == 0
+            loose = (own.table.stiffness[rod, :count] == 0) & ~own.table.driven[rod]
             angles = rng.standard_normal((1, len(graph.names), 3)) * (np.arange(3) < own.table.count[:, None])
             axes = (frame @ own.table.at(angles).axes[0, rod])[:, :count][:, loose].T
             free.append(np.concatenate([cross(axes, np.broadcast_to(-place, axes.shape)), axes], axis=1))

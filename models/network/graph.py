@@ -11,7 +11,7 @@ from multirod.batch import IntArray, take
 from multirod.models.backbone.problem import BackboneAssembly
 from multirod.models.network.bodies import Body, Ground
 from multirod.models.network.entries import Entries
-from multirod.models.network.joints import Joint, JointTable
+from multirod.models.network.joints import MOST, Joint, JointTable
 from multirod.models.network.placing import Placing, placed
 from multirod.models.network.sliding import Slides, piece
 from multirod.rod import RodArrays
@@ -64,6 +64,9 @@ class Graph:
         base: As given.
         mass, mass_centre: Of the bodies, shapes (body_count,), (body_count, 3).
         free: Rods whose tips nothing holds, by their numbers.
+        driven: Names of the joints whose angles are inputs, ``"arm base"``, and how many coordinates each has, rod by rod.
+        driven_at: Which of these coordinates those of the joints at bases, then at tips are, -1 of those that are no inputs, each
+            of shape (rod_count, 3).
         batch_shape: Leading axes of all of it.
     """
 
@@ -94,6 +97,14 @@ class Graph:
         self.mass = np.array([body.mass for body in bodies])
         self.mass_centre = np.array([body.mass_centre for body in bodies]).reshape(-1, 3)
         self.free: NDArray[np.intp] = np.flatnonzero(~self.ends[1].held)
+        self.driven: dict[str, int] = {}
+        self.driven_at = tuple(np.full((len(self.rods), MOST), -1, dtype=np.intp) for _ in ENDS)
+        for rod in range(len(self.rods)):
+            for end, own, at in zip(ENDS, self.ends, self.driven_at, strict=True):
+                if own.table.driven[rod]:
+                    first, count = sum(self.driven.values()), int(own.table.count[rod])
+                    at[rod, :count] = range(first, first + count)
+                    self.driven[f"{self.whole_names[self.slides.owner[rod]]} {end}"] = count
         shapes = [own.batch_shape for own in self.arrays]
         self.batch_shape = np.broadcast_shapes(*shapes, base.shape[:-2], *(end.pose.shape[:-3] for end in self.ends))
 
@@ -161,12 +172,20 @@ class Graph:
             found.append((np.ascontiguousarray(poses[..., :3, 3]), np.ascontiguousarray(poses[..., :3, :3])))
         return found
 
-    def placing(self, count: int, batch_shape: tuple[int, ...]) -> Placing:
-        """What placing the bodies needs."""
+    def placing(self, count: int, batch_shape: tuple[int, ...], driven: FloatArray | None = None) -> Placing:
+        """What placing the bodies needs, at angles ``driven`` (count, k) of the joints that are driven, or all at rest."""
         base = np.broadcast_to(self.base, (*batch_shape, 4, 4)).reshape(count, 4, 4)
         given = [None if body.pose is None else base @ body.pose for body in self.bodies]
         frames = [end.frame for end in self.ends]
-        return Placing(frames, self.attachments(count, batch_shape), [end.table for end in self.ends], given)
+        angles = [end.table.rest[None] for end in self.ends]
+        if driven is not None:
+            angles = [own + at for own, at in zip(angles, self.driven_angles(driven), strict=True)]
+        return Placing(frames, self.attachments(count, batch_shape), [end.table for end in self.ends], angles, given)
+
+    def driven_angles(self, driven: FloatArray) -> list[FloatArray]:
+        """(24) Coordinates that are inputs (..., k) at bases, then at tips, zero elsewhere, shapes (..., rod_count, 3)."""
+        padded = np.concatenate([driven, np.zeros((*driven.shape[:-1], 1))], axis=-1)
+        return [padded[..., at] for at in self.driven_at]
 
     def reference(self, length: FloatArray, batch_shape: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
         """Position [m] and rotation of the bodies where their unknowns are zero, shapes (count, body_count, 3), (count,

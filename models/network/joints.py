@@ -44,6 +44,8 @@ class Joint:
             or x and y.
         stiffness: Of a spring in the joint [N m/rad], about each of its axes; of a spherical joint one number. None by default.
         rest: Angle about each axis at which that spring is without torque [rad]. Of a spherical joint it is where ``pose`` says.
+        driven: Whether its coordinates are the input ``angle``, ``robot.inputs(angle={"arm base": 0.3})``, of the base of the rod
+            ``"arm"``: what drives it holds it there. Then it has no spring.
         at: Of a hole, about where along the rod it is, from the base [m]: there the search begins. Holes stand in this order.
 
     Raises:
@@ -62,6 +64,7 @@ class Joint:
         axis: Numbers | None = None,
         stiffness: Numbers = 0.0,
         rest: Numbers = 0.0,
+        driven: bool = False,
         at: float | None = None,
     ) -> None:
         self.rod = name_of("Joint.rod", rod)
@@ -72,6 +75,9 @@ class Joint:
         self.pose = checked_pose("Joint.pose", pose)
         self.kind = choice("Joint.kind", kind, HOLES if self.end == ALONG else KINDS)
         self.at = None if at is None else positive_float("Joint.at", at)
+        if not isinstance(driven, (bool, np.bool_)):
+            raise TypeError(f"Joint.driven = {driven!r} is not allowed: must be True or False")
+        self.driven = bool(driven)
         if self.end == ALONG:
             self._be_hole(axis, stiffness, rest)
             return
@@ -86,8 +92,20 @@ class Joint:
         self.rest = _each("Joint.rest", rest, self.kind)
         if self.kind == "spherical" and self.rest.any():
             refuse("Joint.rest", rest, "must be 0 of a spherical joint: turn its pose instead")
+        if self.driven:
+            self._be_driven(stiffness, rest)
+
+    def _be_driven(self, stiffness: object, rest: object) -> None:
+        if not self.count:
+            refuse("Joint.driven", True, "must not be given: a clamped joint has no angle")
+        if self.stiffness.any():
+            refuse("Joint.stiffness", stiffness, "must be 0: the joint is driven, and held at its angle")
+        if self.rest.any():
+            refuse("Joint.rest", rest, "must be 0: the joint is driven, and its angle is an input")
 
     def _be_hole(self, axis: object, stiffness: object, rest: object) -> None:
+        if self.driven:
+            refuse("Joint.driven", True, "must not be given: in a hole a rod turns as it likes, or not at all")
         if self.at is None:
             refuse("Joint.at", None, "must say about where along the rod the hole is")
         for name, value, none in (("axis", axis, None), ("stiffness", stiffness, 0.0), ("rest", rest, 0.0)):
@@ -113,7 +131,7 @@ class Joint:
         return result
 
     def __repr__(self) -> str:
-        kind = "" if self.kind == "clamped" else f", {self.kind}"
+        kind = "" if self.kind == "clamped" else f", {self.kind}{', driven' * self.driven}"
         return f"Joint({self.rod!r}, {self.end!r}, to={self.to.name!r}{kind})"
 
 
@@ -186,11 +204,15 @@ class JointTable:
         outer: (2) ``A_2``, of the second.
         stiffness: Of springs, zero where there is none, shape (joint, 3).
         rest: [rad], shape (joint, 3).
+        driven: Whether its coordinates are inputs, shape (joint,).
+        free: Coordinates of each that are unknowns, shape (joint,).
     """
 
     def __init__(self, joints: "list[Joint | None]") -> None:
         size = len(joints)
         self.count: NDArray[np.intp] = np.array([0 if joint is None else joint.count for joint in joints], dtype=np.intp)
+        self.driven: NDArray[np.bool_] = np.array([joint is not None and joint.driven for joint in joints], dtype=bool)
+        self.free: NDArray[np.intp] = np.where(self.driven, 0, self.count)
         self.inner, self.outer = np.zeros((size, 3, 3)), np.zeros((size, 3, 3))
         self.stiffness, self.rest = np.zeros((size, MOST)), np.zeros((size, MOST))
         for k, joint in enumerate(joints):

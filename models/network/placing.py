@@ -23,18 +23,20 @@ class Placing:
         frames: What holds each end: 0 the ground, from 1 on the bodies, -1 nothing, shape (rod_count,).
         attachments: Positions (instance, rod, 3) and rotations (instance, rod, 3, 3) on that.
         tables: The joints.
+        angles: At which they are, (instance or 1, rod, 3): those that are driven where they are, others at rest.
         given: Pose of each body in the world, (instance, 4, 4), where it is given.
     """
 
     frames: list[NDArray[np.intp]]
     attachments: list[tuple[FloatArray, FloatArray]]
     tables: list[JointTable]
+    angles: list[FloatArray]
     given: list[FloatArray | None]
 
 
 def placed(at: Placing, tip: FloatArray, turn: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(13) Position and rotation of the ground, then of every body, that fit rods best whose tips are at ``tip`` (instance, rod,
-    3) and turned by ``turn`` (instance, rod, 3, 3) in the frames of their bases, joints at rest.
+    3) and turned by ``turn`` (instance, rod, 3, 3) in the frames of their bases, joints at rest, or where they are driven to.
 
     A body is placed by the rods that lead to it from what is placed already.
     """
@@ -72,13 +74,13 @@ def _fitted(
     turn: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     """Pose of a body that rods reach by some of their ends, ``(end, rod)``, from what is placed."""
-    rest = [table.at(table.rest[None]).rotation[0] for table in at.tables]
+    rest = [table.at(angles).rotation for table, angles in zip(at.tables, at.angles, strict=True)]
     places, frames = [], []
     for end, rod in reached:
         other = 1 - end
         holder = at.frames[other][rod]
         arm, frame = (values[:, rod] for values in at.attachments[other])
-        here, there = (rest[k][rod] for k in (end, other))
+        here, there = (rest[k][:, rod] for k in (end, other))
         p = position[:, holder] + np.einsum("bij,bj->bi", rotation[:, holder], arm)
         R = rotation[:, holder] @ frame @ there
         if end == 1:  # from the base to the tip
@@ -87,8 +89,8 @@ def _fitted(
             R = R @ np.swapaxes(turn[:, rod], 1, 2)
             p = p - np.einsum("bij,bj->bi", R, tip[:, rod])
         places.append(p)
-        frames.append(R @ here.T)
+        frames.append(R @ np.swapaxes(here, 1, 2))
     arm, frame = (np.stack([at.attachments[end][k][:, rod] for end, rod in reached], axis=1) for k in (0, 1))
     few = len(reached) < POINTS
-    framed = np.array([few or at.tables[end].count[rod] < KINDS["spherical"] for end, rod in reached])
+    framed = np.array([few or at.tables[end].free[rod] < KINDS["spherical"] for end, rod in reached])
     return fitted_pose(np.stack(places, axis=1), np.stack(frames, axis=1), arm, frame, framed)

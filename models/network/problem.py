@@ -68,6 +68,8 @@ class State:
     """Bodies and ends of rods of some instances at their unknowns and inputs; axes (instance, rod, ...).
 
     Attributes:
+        angles: Of the joints at bases, then at tips [rad], shape (instance, rod, 3).
+        rates: How those that are driven change along directions, shape (instance, rod, 3, direction_count).
         rotation, translation: Of the pieces of rods, shape (instance, rod).
         rotation_directions, translation_directions: How they change, shape (instance, direction, rod).
         short: Where a piece has no length: a rod is pulled out of a hole, shape (instance,).
@@ -100,6 +102,11 @@ class State:
             self.translation[short] = 0.0
             self.short = np.asarray(short.any(axis=1))
         self.angles = [length[..., None] * padded[:, own.places[:, at]] for at in ANGLES_AT]
+        self.rates: list[FloatArray] = []
+        if own.graph.driven:  # (24)
+            driven = own.graph.driven_angles(self.take(own, "angle"))
+            self.angles = [free + given for free, given in zip(self.angles, driven, strict=True)]
+            self.rates = [np.moveaxis(way, 1, -1) for way in own.graph.driven_angles(self.take(own, "angle", True))]
         self.ends = [
             Holding(
                 self.frames,
@@ -149,7 +156,7 @@ class NetworkProblem(BoundaryProblem):
         self.rod_count, self.body_count = len(graph.rods), len(graph.bodies)
         self.entries = entries = graph.entries
         self.places, self.first_hole, self.first_pose, n = entries.variables, entries.first_hole, entries.first_pose, entries.size
-        self._slices = input_places(len(graph.whole), len(graph.load_places))
+        self._slices = input_places(len(graph.whole), len(graph.load_places), sum(graph.driven.values()))
         super().__init__(
             unknown_count=n,
             batch_shape=np.broadcast_shapes(inputs.batch_shape, graph.batch_shape),
@@ -362,6 +369,7 @@ class NetworkProblem(BoundaryProblem):
         equations.turn()
         if self.body_count:
             equations.balance(state.frames, holders)
+        equations.drive(state.rates)
         return equations
 
     def _on_places(self, state: State, name: str, directions: bool = False) -> FloatArray:
@@ -550,7 +558,9 @@ class NetworkProblem(BoundaryProblem):
     def _place(self, x: FloatArray) -> None:
         """(13) Bodies by the rods as they were integrated, and the angles of joints at tips by both."""
         rods = self.integrated(self.state())
-        position, rotation = placed(self.graph.placing(self.instance_count, self.batch_shape), rods.position, rods.rotation)
+        driven = self.read("inputs")[:, self.input_slice("angle")] if self.graph.driven else None
+        placing = self.graph.placing(self.instance_count, self.batch_shape, driven)
+        position, rotation = placed(placing, rods.position, rods.rotation)
         x[:, self.first_pose :] = self.pose_unknowns(position[:, 1:], rotation[:, 1:])
         self.write("unknowns", x)
         base, tip = self.state().ends
@@ -607,9 +617,10 @@ PER_ROD = ("rotation", "translation")
 LOADED = ("force", "moment")  # of bodies and tips
 
 
-def input_places(rod_count: int, load_places: int) -> dict[str, slice]:
-    """Where each input stands in a row."""
-    sizes = {name: rod_count for name in PER_ROD} | {name: 3 * load_places for name in LOADED} | {name: 3 for name in ALONG}
+def input_places(rod_count: int, load_places: int, angles: int) -> dict[str, slice]:
+    """Where each input stands in a row; those before ``LOADED`` are no loads."""
+    sizes = {name: rod_count for name in PER_ROD} | ({"angle": angles} if angles else {})
+    sizes |= {name: 3 * load_places for name in LOADED} | {name: 3 for name in ALONG}
     ends = np.cumsum([0, *sizes.values()]).tolist()
     return {name: slice(ends[k], ends[k + 1]) for k, name in enumerate(sizes)}
 

@@ -206,7 +206,7 @@ class Sliding:
         by_tip += _along(cross(v, n) + cross(u, m), turn)
         base = self._of(rods.base_force, rods.base_moment, instances)
         by_base = _along(base[1], rods.base_columns[..., :3, :]) + _along(base[2], rods.base_columns[..., 3:, :])
-        by_all = [equations.spread(columns[..., None, :])[..., 0, :] for columns in (by_tip, by_base)]
+        by_all = [equations.driven(equations.spread(columns[..., None, :]))[..., 0, :] for columns in (by_tip, by_base)]
         return (tip[0], by_all[0]), (base[0], by_all[1])
 
     def _of(

@@ -173,7 +173,7 @@ class NetworkStability(StabilityAnalysis):
         # torques of a ball are told about fixed axes: about those of its coordinates they are the derivatives
         balls, blocks = [np.zeros((0, 3), dtype=np.intp)], [np.zeros((count, 0, 3, 3))]
         for end, angles in enumerate(ANGLES_AT):
-            ball = problem.graph.ends[end].table.count == MOST
+            ball = problem.graph.ends[end].table.free == MOST
             if end == 0:
                 ball = ball & ~slides.shared  # those are at the tips of the pieces below
             spherical = np.flatnonzero(ball)

@@ -120,7 +120,7 @@ def _inputs(solution: Solution, axes: tuple[str, ...]) -> dict[str, Any]:
         counted = f"line_by_{name}" if spec.acts == "lines" else f"number_of_{name}"
         own: tuple[str, ...] = ("rod" if spec.per_rod else "component" if spec.count is None else counted,)
         every = np.broadcast_to(value, (*solution.batch_shape, value.shape[-1]))
-        if isinstance(solution.assembly, Network) and spec.count is not None:
+        if isinstance(solution.assembly, Network) and spec.load and spec.count is not None:
             own = ("load_place", "component")
             every = every.reshape(*solution.batch_shape, -1, 3)
         found[f"input_{name}"] = ((*axes, *own), every, {"units": spec.unit, "long_name": spec.description})
