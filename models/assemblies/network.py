@@ -148,9 +148,9 @@ class Network(Assembly):
         """Actuation and loads by name, all optional: numbers or arrays, whose leading axes ``...`` broadcast.
 
         ``rotation`` and ``translation`` are also taken by names of rods, ``{"leg 0": 0.1}``, and ``force`` and ``moment`` by
-        those of ``load_places``, ``{"plate": (0, 0, -2)}``; as arrays these have the shape (..., place_count, 3). Where joints are
-        driven, ``angle`` is taken by those of ``driven_joints``, ``{"arm base": 0.3}``: one number, two or three each. What is not
-        named is zero. A leading axis makes a batch, an instance for each entry.
+        those of ``load_places``, ``{"plate": (0, 0, -2)}``; as arrays these have the shape (..., place_count, 3). Where joints
+        are driven, ``angle`` is taken by those of ``driven_joints``, ``{"arm base": 0.3}``: one number, two or three each. What
+        is not named is zero. A leading axis makes a batch, an instance for each entry.
 
         Args:
             **values: Those of ``NetworkInputs``.
