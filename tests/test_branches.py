@@ -69,6 +69,26 @@ def test_a_batch_is_its_instances_and_the_others_do_not_notice():
     np.testing.assert_array_equal(stops.integrations[~stops.failed], both.integrations[~stops.failed])
 
 
+def test_an_end_that_is_unstable_by_the_equations_of_the_solver_is_no_result(monkeypatch):
+    """It is found by finer ones, which near a fold may not agree."""
+    from multirod.solvers.following.follow import _Together
+
+    judge = _Together._judge
+
+    def otherwise(self, asked):
+        found = judge(self, asked)
+        if self.tip is None:  # the solver's own equations, at the end
+            for judgement in found.values():
+                judgement.modes.values[:] = -1.0
+        return found
+
+    monkeypatch.setattr(_Together, "_judge", otherwise)
+    found = mr.solve(robot := column(2.0), robot.inputs(tip_force=(0, 0, -2 * CRITICAL)), solver=PRECISE)
+    assert found.status is mr.Status.UNSTABLE
+    assert np.isnan(found.tip_position).all()
+    assert found.events == ()
+
+
 def test_what_cannot_be_decided_is_no_result():
     robot = column(2.0)
     press = (0, 0, -1.5 * CRITICAL)

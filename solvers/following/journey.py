@@ -184,16 +184,22 @@ class Journey:
         return next((status for status in (Status.SNAPPED, Status.BIFURCATED) if status in statuses), Status.CONVERGED)
 
     def polish(self) -> Run:
-        """The end again, by the equations and the tolerance of the problem that this is done for."""
+        """The end again, by the equations and the tolerance of the problem that this is done for.
+
+        Near a fold their error may be what makes it unstable: it is not given then.
+        """
         assert self.end is not None  # or there is nothing to be polished
+        end, self.end = self.end, None
         try:
-            found, _ = yield from self._correct(self.end.unknowns, 1.0, self.neutral)
+            found, _ = yield from self._correct(end.unknowns, 1.0, self.neutral)
+            if found is None:
+                self.status = Status.BRANCH_END
+            elif (yield from self._judge(found)).modes.index[0] > 0:
+                self.status = Status.UNSTABLE
+            else:
+                self.end = found
         except Spent:
-            found = None
             self.status = Status.INTEGRATION_LIMIT
-        else:
-            self.status = Status.BRANCH_END if found is None else self.status
-        self.end = found
 
     # ---- evaluation ----
 
