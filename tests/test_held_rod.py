@@ -247,6 +247,46 @@ def test_what_is_refused(wire):
         _ = mr.solve(robot, robot.inputs()).end_force
 
 
+BY_STEPS = {"rotation": 3e-3, "end_position": 1e-3, "end_rotation": 3e-3, "tip_force": 3e-2, "gravity": 3e-2}
+
+
+@pytest.mark.parametrize("name", HELD)
+def test_columns_along_the_rod(name):
+    """(D20) Against differences of sixth order of the shape's middle; at the end those of the tip's pose."""
+    nodes, weights = np.array([-3, -2, -1, 1, 2, 3]), np.array([-1, 9, -45, 45, -9, 1]) / 60
+    robot = mr.HeldRod(BENT, end=PLACE, **HELD[name])
+    precise = mr.Shooting(integrator=mr.RK45(rtol=1e-11, atol=1e-13), tolerance=1e-12)
+    solution = mr.solve(robot, robot.inputs(**GIVEN), solver=precise).raise_if_failed()
+    found = {of: solution.jacobian(*BY_STEPS, of=of, at=0.2) for of in ("position", "curvature")}
+    expected = {of: [] for of in found}
+    for given, step in BY_STEPS.items():
+        at = np.atleast_1d(GIVEN[given])
+        varied = GIVEN | {given: at + step * nodes[:, None] * np.eye(len(at))[:, None]}
+        rod = mr.solve(robot, robot.inputs(**varied), solver=precise, guess=solution).raise_if_failed().rod(nodes=3)
+        for of, columns in expected.items():
+            columns.append(np.einsum("n,knc->ck", weights, getattr(rod, of)[:, :, 1]) / step)
+    for of, columns in expected.items():
+        each = np.concatenate(columns, axis=1)
+        np.testing.assert_allclose(found[of], each, rtol=0, atol=1e-8 * np.abs(each).max())
+    end = [solution.jacobian(*BY_STEPS, of=of, at=0.4) for of in ("position", "rotation")]
+    pose = solution.jacobian(*BY_STEPS)
+    np.testing.assert_allclose(np.concatenate(end), pose, rtol=0, atol=1e-9 * np.abs(pose).max())
+
+
+def test_columns_along_a_batch_are_those_of_each():
+    robot = mr.HeldRod(BENT, end=PLACE, **HELD["spherical, revolute base"])
+    moved = np.array([GIVEN["end_position"], (0.01, -0.02, -0.01)])
+    at = {"of": "curvature", "at": [0.1, 0.3]}
+    precise = mr.Shooting(tolerance=1e-12)
+    both = mr.solve(robot, robot.inputs(**(GIVEN | {"end_position": moved})), solver=precise)
+    found = both.jacobian("gravity", "rotation", **at)
+    for k in range(2):
+        inputs = robot.inputs(**(GIVEN | {"end_position": moved[k]}))
+        alone = mr.solve(robot, inputs, solver=precise, guess=both[k]).jacobian("gravity", "rotation", **at)
+        # from the same place: what a step within the tolerance moves
+        np.testing.assert_allclose(found[k], alone, rtol=0, atol=1e-9 * np.abs(alone).max())
+
+
 NUMBERS = {
     "length": np.array([0.3, 0.2]),
     "bending_stiffness": np.array([(0.02, 0.03), (0.03, 0.03)]),
@@ -280,8 +320,11 @@ def test_derivatives_by_numbers_of_the_rod(name, held):
     expected = weights @ np.concatenate([varied.tip_position, turned], axis=1) / step
     found = solution.jacobian(name) @ direction.ravel()
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
-    if name == "length":  # which scales the unknowns too
+    if name == "length":  # which scales the unknowns too, and moves the nodes of a shape
         return
+    expected = weights @ varied.rod(nodes=3).curvature[:, 1] / step
+    found = solution.jacobian(name, of="curvature", at=0.25) @ direction.ravel()
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8 * np.abs(expected).max())
     at = {"integrator": precise.integrator, "pose_sensitivities": True}
     problem = alone.problem(solution.inputs, **at, **alone.input_directions(name))
     problem.write("unknowns", solution.unknowns[None])

@@ -10,6 +10,7 @@ from test_parallel_rods import EXACT, FEW, HEAVY, INNER, LOADS, OUTER, ROD, SOFT
 
 import multirod as mr
 from multirod.models.backbone.designs import turned_loads
+from multirod.models.platform.along import refuse_inverse
 
 NODES, WEIGHTS = np.array([-3, -2, -1, 1, 2, 3]), np.array([-1, 9, -45, 45, -9, 1]) / 60  # a derivative, error O(h^6)
 TUBES = mr.ConcentricTubes([INNER, OUTER])
@@ -177,14 +178,64 @@ def test_columns_by_numbers_of_legs(name):
         np.testing.assert_allclose(slopes[0] @ (scale * direction).ravel(), expected, rtol=0, atol=1e-8 * np.abs(expected).max())
 
 
+ALONG = {"rotation": 3e-2, "tip_force": 3e-2, "gravity": 3e-1}
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_columns_along_legs(scene):
+    """(D20) Of the middle of each rod, by inputs; at their tips those of the platform where it holds them, by numbers too."""
+    robot = made(scene)
+    given = LOADS | VALUES[scene]
+    solution = mr.solve(robot, robot.inputs(**given), solver=EXACT).raise_if_failed()
+    for name, step in ALONG.items():
+        at = np.atleast_1d(given[name]).astype(float)
+        values = at + step * NODES[:, None] * np.eye(len(at))[:, None]
+        moved = mr.solve(robot, robot.inputs(**(given | {name: values})), solver=EXACT, guess=solution).raise_if_failed()
+        for rod in range(len(robot.rods)):
+            shape = moved.rod(rod, nodes=3)
+            middle = float(shape.arclength.reshape(-1, 3)[0, 1])
+            for of in ("position", "curvature"):
+                expected = np.einsum("n,knc->ck", WEIGHTS, getattr(shape, of)[:, :, 1]) / step
+                found = solution.jacobian(name, of=of, at=middle, rod=rod)
+                np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8 * np.abs(expected).max())
+    names = ("tip_force", "rotation", "base", "precurvature")
+    pose = solution.jacobian(*names)
+    outermost = {"every joint": (0, 1, 2), "rod and tubes": (0, 1, 3)}[scene]  # inner ones, which reach the platform
+    for rod in outermost:
+        shape = solution.rod(rod)
+        found = solution.jacobian(*names, of="position", at=float(shape.arclength[-1]), rod=rod)
+        lever = shape.position[-1] - solution.tip_position
+        expected = pose[:3] + np.cross(pose[3:].T, lever).T
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+
+
+def test_a_force_on_a_platform_is_read_from_curvatures_of_its_legs():
+    """Alone and in a loop, from bending that was solved for another force."""
+    robot = made("every joint")
+    given = {"translation": VALUES["every joint"]["translation"]}
+    force = np.array([0.6, -0.4, 0.5])
+    at = np.array([0.05, 0.12])
+    real = mr.solve(robot, robot.inputs(tip_force=force, **given), solver=EXACT)
+    bent = []
+    for rod in range(3):
+        shape = real.rod(rod, nodes=401)
+        bent.append(np.array([np.interp(at, shape.arclength, shape.curvature[:, k]) for k in range(2)]).T)
+    sensors = [mr.Curvature(at=at, value=value, sigma=1e-3, rod=rod) for rod, value in enumerate(bent)]
+    unknown = {"tip_force": mr.Prior(0, sigma=3.0)}
+    found = mr.estimate(robot, robot.inputs(**given), unknown=unknown, measured=sensors).raise_if_failed()
+    spread = np.sqrt(np.diag(found.covariance("tip_force")))
+    assert (spread < 0.3).all()
+    # curvatures between nodes are off by far less than their sigma
+    assert (np.abs(found.value("tip_force") - force) < spread).all()
+
+
 def test_what_is_not_known_is_refused():
     robot = made("every joint")
-    solution = mr.solve(robot, robot.inputs(**LOADS, **VALUES["every joint"]), solver=EXACT)
     loaded = SimpleNamespace(inputs_given=robot.inputs(distributed_force=lambda s: (0, 0, -s)))
     with pytest.raises(NotImplementedError, match="by base are not known where loads are functions of arclength"):
         turned_loads(loaded, ())
-    with pytest.raises(NotImplementedError, match="does not give derivatives along its rods"):
-        solution.jacobian("platform", of="position", at=0.1)
+    with pytest.raises(NotImplementedError, match="the inverse problem does not give derivatives along its rods"):
+        refuse_inverse(SimpleNamespace(inverse=True))
     with pytest.raises(NotImplementedError, match="calibrate.. by base is for robots that have one: ParallelRods has not"):
         mr.calibrate(robot, robot.inputs(), parameters="base", measured=mr.Pose(position=(0, 0, 0.3), sigma=1e-3))
 

@@ -59,6 +59,9 @@ class AlongPass:
         if not shared:
             self._call.position = wp.zeros(batch, dtype=wp.vec3d, device=device)
             self._call.rotation = wp.zeros(batch, dtype=wp.mat33d, device=device)
+            if problem.held:
+                self._call.tip_wrench = wp.zeros((batch, 6), dtype=wp.float64, device=device)
+                self._call.wrench_columns = wp.zeros((batch, 6, columns), dtype=wp.float64, device=device)
         self._bending: dict[int, tuple[Any, Any, FloatArray | None]] = {}
         self._launch = problem._record(features, self._call, columns=(n, problem.direction_count))
 

@@ -615,10 +615,7 @@ class BackboneProblem(BoundaryProblem):
     def along(self, names: Sequence[str], rod: int, places: FloatArray) -> dict[str, FloatArray]:
         """Derivatives of ``along.QUANTITIES`` at ``places`` (instance_count, count), rising arclengths of a rod, by the unknowns,
         then, these fixed, by each number that the problem is aimed at, each (instance_count, count, 3, n + k)."""
-        if self.features.eccentric:
-            raise NotImplementedError("derivatives along rods side by side are not known: their frames are not the line's")
-        made: AlongPass = self.tool(("along", places.shape[1]), lambda: AlongPass(self, places.shape[1]))
-        found, lever = made.at(places, rod)
+        found, lever = self.along_itself(rod, places)
         rates, n = self.unknown_rates(names), self.unknown_count
         if rates is not None:
             for values in found.values():
@@ -627,11 +624,20 @@ class BackboneProblem(BoundaryProblem):
             rigid = carried(lever.reshape(-1, 3)).reshape(*lever.shape[:2], 2, 3, -1)
             for k, name in enumerate(("position", "rotation")):
                 found[name][..., n + own.start : n + own.stop] += rigid[:, :, k]
-        return dict(found)
+        return found
 
-    def sensing(self, places: FloatArray) -> AlongPass:  # noqa: D102
+    def along_itself(self, rod: int, places: FloatArray) -> tuple[dict[str, FloatArray], FloatArray]:
+        """``AlongPass.at`` of the last integration's unknowns, inputs and directions."""
+        self._refuse_side_by_side()
+        made: AlongPass = self.tool(("along", places.shape[1]), lambda: AlongPass(self, places.shape[1]))
+        return made.at(places, rod)
+
+    def _refuse_side_by_side(self) -> None:
         if self.features.eccentric:
             raise NotImplementedError("derivatives along rods side by side are not known: their frames are not the line's")
+
+    def sensing(self, places: FloatArray) -> AlongPass:  # noqa: D102
+        self._refuse_side_by_side()
         made = AlongPass(self, len(places), shared=True)
         made.place(np.broadcast_to(places, (self.instance_count, len(places))))
         return made

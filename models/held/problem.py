@@ -21,6 +21,7 @@ from multirod.models.backbone.inputs import BACKBONE_INPUTS, DRIVES
 from multirod.models.backbone.problem import BackboneAssembly, BackboneProblem
 from multirod.models.backbone.units import unit_stiffness
 from multirod.models.held import held_kernels as kernels
+from multirod.models.held.along import HeldSensing, by_own_unknowns, columns_along
 from multirod.models.held.clamps import HeldClamps
 from multirod.models.held.stability import HeldStability
 from multirod.models.held.start import bent_rods
@@ -388,14 +389,17 @@ class HeldProblem(BoundaryProblem):
     def aimed(self, *names: str) -> tuple[FloatArray, FloatArray]:
         """As said; by the rod's numbers too, the unknowns fixed."""
         slopes, moved = super().aimed(*names)
-        if not self.eliminates and "bending_stiffness" in names:
-            rates, n = self._unknown_rates(names), self.unknown_count
+        rates, n = self.unknown_rates(names), self.unknown_count
+        if rates is not None:
             slopes -= self.read("gamma").reshape(-1, n, n) @ rates
             moved -= self.pose_columns.numpy()[:, :, :n] @ rates
         return slopes, moved
 
-    def _unknown_rates(self, names: Sequence[str]) -> FloatArray:
-        """(D19) of ``docs/derivatives.md``: what leaves moment and force at the base as they are, (instance, n, k)."""
+    def unknown_rates(self, names: Sequence[str]) -> FloatArray | None:
+        """(D19) of ``docs/derivatives.md``: what leaves moment and force at the base as they are, (instance, n, k); None where
+        nothing need be."""
+        if self.eliminates or "bending_stiffness" not in names:
+            return None
         parts, x, n = [], self.read("unknowns"), self.rod.unknown_count
         scaled = np.r_[0:3, n - 3 : n]
         for name in names:
@@ -405,6 +409,15 @@ class HeldProblem(BoundaryProblem):
                 rates[:, scaled] = -x[:, scaled, None] * relative[:, None]
             parts.append(rates)
         return np.concatenate(parts, axis=2)
+
+    def along(self, names: Sequence[str], rod: int, places: FloatArray) -> dict[str, FloatArray]:  # noqa: D102
+        return columns_along(self, names, places)
+
+    def sensing(self, places: FloatArray) -> HeldSensing:  # noqa: D102
+        return HeldSensing(self, places, self._launches)
+
+    def sensed(self, made: HeldSensing, names: Sequence[str], rod: int) -> tuple[FloatArray, FloatArray]:  # noqa: D102
+        return made.curvature(names)
 
     def guess(self) -> FloatArray:
         """The rod at rest, its end where that is; where it is straight there and its end does not slide, a little bent.
@@ -576,21 +589,8 @@ class HeldLines(Lines):
         return self._of_rod().left(node_count)
 
     def length_columns(self, *names: str) -> FloatArray:
-        """As said; the rod's columns by its base's angles come last."""
-        problem = self.problem
-        found = self._of_rod().length_columns(*names)
-        m, d, unit = problem.rod.unknown_count, problem.direction_count, problem.table.moment_unit.numpy()
-        x, angle = problem.read("unknowns"), problem.read("inputs")[:, :1] * [0.0, 0.0, 1.0]
-        turned = matrices(angle)
-        by_moment, by_force = found[..., :3] * unit[:, None], found[..., m - 3 : m]
-        along = found[..., m : m + d]
-        for by, value in ((by_moment, x[:, :3] * problem.stiffness[:, None]), (by_force, x[:, m - 3 : m])):
-            local = np.einsum("bji,bj->bi", turned, value)
-            change = by[..., 0] * local[:, None, 1] - by[..., 1] * local[:, None, 0]
-            along = along + change[..., None] * problem.directions.numpy()[:, None, :d, 0]
-        by_moment = np.einsum("bij,blj->bli", turned, by_moment) * problem.stiffness[:, None, None]
-        by_force = np.einsum("bij,blj->bli", turned, by_force)
-        return np.concatenate([by_moment, found[..., 3 : m - 3], by_force, found[..., m + d :], along], axis=-1)
+        """As said."""
+        return by_own_unknowns(self.problem, self._of_rod().length_columns(*names))
 
 
 _DESCRIPTIONS = {

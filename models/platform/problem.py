@@ -24,6 +24,7 @@ from multirod.models.backbone.members import drive_slices
 from multirod.models.backbone.members import drives as drive_names
 from multirod.models.backbone.problem import BackboneAssembly, BackboneProblem
 from multirod.models.platform import platform_kernels as kernels
+from multirod.models.platform.along import LegSensing, columns_along
 from multirod.models.platform.clamps import PlatformClamps
 from multirod.models.platform.conjugates import PlatformConjugates
 from multirod.models.platform.designs import (
@@ -178,6 +179,11 @@ class InputColumns:
     def own(self) -> slice:
         """Its directions."""
         return slice(self.start, self.start + self.size)
+
+    @property
+    def is_parameter(self) -> bool:
+        """Whether it is no input."""
+        return self.name in PARAMETERS
 
 
 def input_columns(geometry: Geometry, names: Sequence[str]) -> list[InputColumns]:
@@ -473,13 +479,19 @@ class ParallelProblem(BoundaryProblem):
         next(launches).set_dim(self.listed)
 
     def _integrate(self) -> None:
+        self.integrate_by([group.backbones.launch for group in self.groups])
+
+    def integrate_by(self, legs: Sequence[Any]) -> None:
+        """An integration in which these launches integrate the legs of each build."""
         if self._followed:
             for launch in self._launches[:-1:3]:
                 launch.launch()
             self._aim(self._followed)
         for group in self.groups:
             group.backbones.stop = self.stop
-        for launch in self._launches:
+        launches = list(self._launches)
+        launches[1:-1:3] = legs
+        for launch in launches:
             launch.launch()
 
     def renew(self, inputs: Inputs) -> bool:  # noqa: D102
@@ -757,6 +769,15 @@ class ParallelProblem(BoundaryProblem):
                 slopes[:, own, first + k] = found[:, own, columns.start + k]
                 slopes[:, self.platform, first + k] = (scale[:, :, None] * law[:, leg, columns.start + k]).reshape(count, POSE)
         return slopes + Places(self).slopes("base") if columns.name == "base" else slopes
+
+    def along(self, names: Sequence[str], rod: int, places: FloatArray) -> dict[str, FloatArray]:  # noqa: D102
+        return columns_along(self, input_columns(self.geometry, names), rod, places)
+
+    def sensing(self, places: FloatArray) -> LegSensing:  # noqa: D102
+        return LegSensing(self, places)
+
+    def sensed(self, made: LegSensing, names: Sequence[str], rod: int) -> tuple[FloatArray, FloatArray]:  # noqa: D102
+        return made.curvature(input_columns(self.geometry, names), rod)
 
     def to_legs(self) -> None:
         """Unknowns and inputs to the legs, without an integration."""

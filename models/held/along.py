@@ -1,0 +1,79 @@
+"""How a held rod varies along itself. Numbers in parentheses are those of ``docs/derivatives.md``."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from multirod.rotations import cross, matrices
+from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.models.held.problem import HeldProblem
+
+
+def by_own_unknowns(problem: "HeldProblem", found: FloatArray) -> FloatArray:
+    """Columns of the rod (instance_count, ..., m + k + turns), k along the directions that are named, as (..., n + k): by the
+    unknowns of what is held, equation (6) of ``docs/held.md``, then by those directions."""
+    tail, d, m = found.shape[1:-1], problem.direction_count, problem.rod.unknown_count
+    found = found.reshape(len(found), -1, found.shape[-1])
+    unit = problem.table.moment_unit.numpy()
+    x, angle = problem.read("unknowns"), problem.read("inputs")[:, :1] * [0.0, 0.0, 1.0]
+    turned = matrices(angle)
+    by_moment, by_force = found[..., :3] * unit[:, None], found[..., m - 3 : m]
+    along = found[..., m : m + d]
+    for by, value in ((by_moment, x[:, :3] * problem.stiffness[:, None]), (by_force, x[:, m - 3 : m])):
+        local = np.einsum("bji,bj->bi", turned, value)
+        change = by[..., 0] * local[:, None, 1] - by[..., 1] * local[:, None, 0]
+        along = along + change[..., None] * problem.directions.numpy()[:, None, :d, 0]
+    by_moment = np.einsum("bij,blj->bli", turned, by_moment) * problem.stiffness[:, None, None]
+    by_force = np.einsum("bij,blj->bli", turned, by_force)
+    parts = [by_moment, found[..., 3 : m - 3], by_force, found[..., m + d :], along]
+    return np.concatenate(parts, axis=-1).reshape(len(found), *tail, -1)
+
+
+def columns_along(problem: "HeldProblem", names: Sequence[str], places: FloatArray) -> dict[str, FloatArray]:
+    """(D20) What ``HeldProblem.along`` returns."""
+    problem.to_rod()
+    found, lever = problem.rod.along_itself(0, places)
+    m, d, n = problem.rod.unknown_count, problem.direction_count, problem.unknown_count
+    for j, axis in enumerate(np.moveaxis(problem.turn_axes(), 2, 0)):
+        found["position"][..., m + d + j] += cross(axis[:, None], lever)
+        found["rotation"][..., m + d + j] += axis[:, None]
+    result = {name: by_own_unknowns(problem, values) for name, values in found.items()}
+    rates = problem.unknown_rates(names)
+    if rates is not None:
+        for values in result.values():
+            values[..., n:] -= values[..., :n] @ rates[:, None]
+    return result
+
+
+class HeldSensing:
+    """A ``HeldProblem``'s integration that tells its rod's curvature at some places too.
+
+    Args:
+        problem: The problem.
+        places: Rising arclengths (count,).
+        launches: Of its own integration: what stands before the rod's, the rod's, what stands after it.
+    """
+
+    def __init__(self, problem: "HeldProblem", places: FloatArray, launches: Sequence[Any]) -> None:
+        self.problem = problem
+        self._rod = problem.rod.sensing(places)
+        self._launches = (launches[0], self._rod, launches[2])
+
+    def launch(self) -> None:
+        """Integrate."""
+        self.problem.rod.stop = self.problem.stop
+        for launch in self._launches:
+            launch.launch()
+
+    def curvature(self, names: Sequence[str]) -> tuple[FloatArray, FloatArray]:
+        """Of the last launch, as ``BoundaryProblem.sensed`` says; a turn of the base leaves it as it is."""
+        problem, n = self.problem, self.problem.unknown_count
+        curvature, found = self._rod.curvature(0)
+        columns = by_own_unknowns(problem, found)
+        rates = problem.unknown_rates(names)
+        if rates is not None:
+            columns[..., n:] -= columns[..., :n] @ rates[:, None]
+        return curvature, columns

@@ -1,0 +1,109 @@
+"""How legs that hold a platform vary along themselves. Numbers in parentheses are those of ``docs/derivatives.md``."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multirod.models.backbone.along import AlongPass
+from multirod.models.backbone.designs import carried
+from multirod.models.platform.designs import unknown_rates
+from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.models.platform.problem import InputColumns, LegGroup, ParallelProblem
+
+
+def refuse_inverse(problem: "ParallelProblem") -> None:
+    """Where the translations of legs are unknown there is no such derivative."""
+    if problem.inverse:
+        raise NotImplementedError("the inverse problem does not give derivatives along its rods")
+
+
+def find_rod(problem: "ParallelProblem", rod: int) -> tuple["LegGroup", int, int]:
+    """Of a rod, counted leg by leg: the legs built as its own is, where among them that is, and which of its rods it is."""
+    first = problem.geometry.first_rod
+    leg = int(np.searchsorted(first, rod, side="right")) - 1
+    group = next(group for group in problem.groups if leg in group.members)
+    return group, group.members.index(leg), rod - int(first[leg])
+
+
+def columns_along(
+    problem: "ParallelProblem", every: Sequence["InputColumns"], rod: int, places: FloatArray
+) -> dict[str, FloatArray]:
+    """(D20) What ``ParallelProblem.along`` returns; ``every`` is what the problem is aimed at."""
+    refuse_inverse(problem)
+    group, place, own = find_rod(problem, rod)
+    count, legs = problem.instance_count, len(group.members)
+    problem.to_legs()
+    # legs of other lengths are asked at the same part of theirs
+    ends = group.backbones.ends()[:, own].reshape(count, legs)
+    each = places[:, None] * (ends / ends[:, place, None])[..., None]
+    each[:, place] = places
+    found, lever = group.backbones.along_itself(own, each.reshape(count * legs, -1))
+    leg, n = group.members[place], problem.unknown_count
+    rigid = carried(lever.reshape(count, legs, -1, 3)[:, place].reshape(-1, 3)).reshape(count, -1, 2, 3, 6)
+    result = {}
+    for name, values in found.items():
+        result[name] = by_robot(problem, every, leg, values.reshape(count, legs, *values.shape[1:])[:, place])
+    start = n
+    for columns in every:
+        if columns.name == "base":
+            there = slice(start + columns.shares[leg][0], start + sum(columns.shares[leg]))
+            result["position"][..., there] += rigid[:, :, 0]
+            result["rotation"][..., there] += rigid[:, :, 1]
+        start += columns.numbers
+    for values in result.values():
+        at_rates(problem, every, values)
+    return result
+
+
+def by_robot(problem: "ParallelProblem", every: Sequence["InputColumns"], leg: int, found: FloatArray) -> FloatArray:
+    """(D20) Columns of a leg (instance_count, ..., m + k), as columns (..., n + numbers) by the robot's unknowns, then by each
+    number that is named: neither the platform nor other legs touch it."""
+    n, m = problem.unknown_count, problem.own[leg].stop - problem.own[leg].start
+    result = np.zeros((*found.shape[:-1], n + sum(columns.numbers for columns in every)))
+    result[..., problem.own[leg]] = found[..., :m]
+    start = n
+    for columns in every:
+        if columns.on_legs:
+            begin, size = columns.shares[0 if columns.shared else leg]
+            result[..., start + begin : start + begin + size] = found[..., m + columns.start :][..., :size]
+        start += columns.numbers
+    return result
+
+
+def at_rates(problem: "ParallelProblem", every: Sequence["InputColumns"], values: FloatArray) -> None:
+    """(D9), (D18) In place: columns (..., 3, n + k) by numbers at fixed unknowns, not at what the unknowns stand for."""
+    if not problem.eliminates and any(columns.is_parameter for columns in every):
+        n = problem.unknown_count
+        values[..., n:] -= values[..., :n] @ unknown_rates(problem, every)[:, None]
+
+
+class LegSensing:
+    """A ``ParallelProblem``'s integration that tells its legs' curvatures at some places too.
+
+    Args:
+        problem: The problem.
+        places: Rising arclengths (count,); of a leg, those past its end are not.
+    """
+
+    def __init__(self, problem: "ParallelProblem", places: FloatArray) -> None:
+        refuse_inverse(problem)
+        self.problem = problem
+        self._passes: list[AlongPass] = [group.backbones.sensing(places) for group in problem.groups]
+
+    def launch(self) -> None:
+        """Integrate."""
+        self.problem.integrate_by(self._passes)
+
+    def curvature(self, every: Sequence["InputColumns"], rod: int) -> tuple[FloatArray, FloatArray]:
+        """Of the last launch, as ``BoundaryProblem.sensed`` says."""
+        problem = self.problem
+        group, place, own = find_rod(problem, rod)
+        found = self._passes[problem.groups.index(group)].curvature(own)
+        shape = (problem.instance_count, len(group.members))
+        curvature, columns = (values.reshape(*shape, *values.shape[1:])[:, place] for values in found)
+        columns = by_robot(problem, every, group.members[place], columns)
+        at_rates(problem, every, columns)
+        return curvature, columns
