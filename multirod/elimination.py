@@ -39,6 +39,10 @@ class Elimination:
         self._rows = self.rows.astype(np.int32)
         self._kept: list[tuple[FloatArray, Any]] = []
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the factors, which SciPy can neither copy nor pickle, and which are found again."""
+        return self.__dict__ | {"_kept": []}
+
     @property
     def count(self) -> int:
         """Numbers that may differ from zero."""

@@ -1,5 +1,8 @@
 """Gamma eliminated by its pattern, against dense arrays, and the networks that are solved by it."""
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 
@@ -150,3 +153,12 @@ def test_a_long_chain_is_as_stable_as_the_rod_in_one_piece():
 def test_what_is_kept_of_gamma_grows_linearly_with_a_chain():
     counts = [chain(pieces)[0].elimination.count for pieces in (8, 16, 24)]
     assert counts[2] - counts[1] == counts[1] - counts[0] < 8 * 24**2  # an element of each rod at most
+
+
+def test_a_network_that_was_solved_can_be_copied_and_pickled():
+    """SciPy's factors can be neither: they are found again."""
+    robot = chain(8)
+    solution = mr.solve(robot, robot.inputs(force={"b7": (0.1, 0, 0)}))
+    for again in (copy.deepcopy(robot), pickle.loads(pickle.dumps(robot))):
+        found = mr.solve(again, again.inputs(force={"b7": (0.1, 0, 0)}))
+        np.testing.assert_array_equal(found.unknowns, solution.unknowns)
