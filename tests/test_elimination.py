@@ -157,8 +157,7 @@ def test_what_is_kept_of_gamma_grows_linearly_with_a_chain():
 
 def test_a_network_that_was_solved_can_be_copied_and_pickled():
     """SciPy's factors can be neither: they are found again."""
-    robot = chain(8)
-    solution = mr.solve(robot, robot.inputs(force={"b7": (0.1, 0, 0)}))
+    robot, inputs = chain(8)
+    solution = mr.solve(robot, inputs)
     for again in (copy.deepcopy(robot), pickle.loads(pickle.dumps(robot))):
-        found = mr.solve(again, again.inputs(force={"b7": (0.1, 0, 0)}))
-        np.testing.assert_array_equal(found.unknowns, solution.unknowns)
+        np.testing.assert_array_equal(mr.solve(again, inputs).unknowns, solution.unknowns)
