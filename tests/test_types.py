@@ -154,7 +154,10 @@ def robots() -> dict[str, list[mr.Assembly]]:
         "ParallelRods": [six, with_lines],
         "InverseParallelRods": [six.inverse(), pressed.inverse()],
         "HeldRod": [mr.HeldRod(plain), mr.HeldRod(lined)],
-        "Network": [mr.Network(rods={"wire": plain}, joints=[mr.Joint("wire", "base", to=mr.ground)])],
+        "Network": [
+            mr.Network(rods={"wire": plain}, joints=[mr.Joint("wire", "base", to=mr.ground, **how)])
+            for how in ({}, {"kind": "revolute", "driven": True})
+        ],
     }
 
 
