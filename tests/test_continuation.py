@@ -18,7 +18,7 @@ def spectral_radius(before, after, centre, enough, most):
     @wp.kernel(module="unique", enable_backward=False)
     def probe(state: NewtonState, bound: wp.array[wp.float64], centre: wp.float64, enough: wp.float64, most: wp.float64):
         t = wp.tid()
-        bound[t] = of(state, t, state.reference, centre, enough, most)
+        bound[t] = of(state, t, state.reference, 0, centre, enough, most)
 
     state = NewtonState()
     state.gamma = wp.array(after, dtype=wp.float64)
