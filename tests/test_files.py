@@ -72,7 +72,7 @@ def network(rod=ROD, holes=(), **more):
         mr.Joint("right", "tip", to=plate, pose=poses(0.03)[1], kind="spherical", stiffness=0.1),
         mr.Joint("upper", "base", to=plate),
         mr.Joint("upper", "tip", to=top, kind="universal", axis=[(0, 0, 3), (0.7, 0.1, 0)], stiffness=0.1, rest=(0.1, -0.2)),
-        mr.Joint("feeler", "base", to=top, pose=TURNED),
+        mr.Joint("feeler", "base", to=top, pose=TURNED, kind="revolute", axis=(0, 1, 2), driven=True),
     ]
     rods = {"left": TUBES[0], "right": rod, "upper": rod, "feeler": ROD}
     if holes:
