@@ -178,11 +178,9 @@ def test_derivatives(end_effector):
     check_assembly(robot, robot.inputs(**given), tip_rod=tip_rod, vary=vary, solvers=("shooting",))
 
 
-@pytest.mark.parametrize("level", [1.0, 0.4])
-def test_gamma_by_differences_of_the_sixth_order(difference, level):
-    """Off the equilibrium, and on the way there, while the network is put together."""
-    robot = mixed()
-    problem = robot.problem(robot.inputs(**GIVEN), integrator=mr.RK4(20))
+def hold_gamma_against_differences(robot, given, level, difference):
+    """By six ways from a place off the equilibrium."""
+    problem = robot.problem(robot.inputs(**given), integrator=mr.RK4(20))
     rng = np.random.default_rng(3)
     x = problem.guess() + rng.standard_normal(problem.unknown_count)
     with problem.at_load(level):
@@ -192,6 +190,12 @@ def test_gamma_by_differences_of_the_sixth_order(difference, level):
             by_difference = difference(lambda t, way=way: problem.evaluate(x + t * way)[0][0], 1e-2)
             # what rounding leaves of differences of 1e-2, and their sixth order
             np.testing.assert_allclose(gamma[0] @ way, by_difference, atol=1e-8)
+
+
+@pytest.mark.parametrize("level", [1.0, 0.4])
+def test_gamma_by_differences_of_the_sixth_order(difference, level):
+    """Off the equilibrium, and on the way there, while the network is put together."""
+    hold_gamma_against_differences(mixed(), GIVEN, level, difference)
 
 
 def test_every_body_is_in_equilibrium():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq, minimize
 from test_check_assembly import check_assembly, example
-from test_network import BENT, EXACT, RK4, pose
+from test_network import BENT, EXACT, RK4, hold_gamma_against_differences, pose
 
 import multirod as mr
 
@@ -46,17 +46,7 @@ def through(kind, tip=None, at=0.15, place=None, rod=STRAIGHT):
 @pytest.mark.parametrize("level", [1.0, 0.4])
 def test_gamma_by_differences_of_the_sixth_order(difference, level):
     """Off the equilibrium, and on the way there, by all unknowns: those of holes among them."""
-    robot = threaded()
-    problem = robot.problem(robot.inputs(**GIVEN), integrator=mr.RK4(20))
-    rng = np.random.default_rng(3)
-    x = problem.guess() + rng.standard_normal(problem.unknown_count)
-    with problem.at_load(level):
-        _, gamma = problem.evaluate(x)
-        for _ in range(6):
-            way = rng.standard_normal(problem.unknown_count)
-            by_difference = difference(lambda t, way=way: problem.evaluate(x + t * way)[0][0], 1e-2)
-            # what rounding leaves of differences of 1e-2, and their sixth order
-            np.testing.assert_allclose(gamma[0] @ way, by_difference, atol=1e-8)
+    hold_gamma_against_differences(threaded(), GIVEN, level, difference)
 
 
 def test_derivatives():

@@ -7,7 +7,7 @@ import numpy as np
 from multirod.models.assemblies.network import Network
 from multirod.models.network.bodies import Body, Ground, ground
 from multirod.models.network.joints import HOLES, Joint
-from multirod.models.network.sliding import piece
+from multirod.models.network.sliding import piece, uniform
 from multirod.rod import Rod
 from multirod.types import Numbers
 from multirod.validation import FloatArray, array, choice, nonnegative_float, positive_int, refuse
@@ -57,7 +57,7 @@ def multibackbone(
             refuse(f"multibackbone.rods[{k - 1}]", rod, f"must be as long as the backbone, {float(np.min(backbone.length)):g} m")
     if not rods:
         refuse("multibackbone.rods", rods, "give one at least")
-    if len(backbone.sections) > 1 or backbone.carried or not isinstance(backbone.sections[0].precurvature, np.ndarray):
+    if not uniform(backbone) or backbone.carried:
         refuse("multibackbone.backbone", backbone, "must be the same all along, of one section, without members or lines")
     at = _offsets(offsets, len(rods))
     kind = choice("multibackbone.hole", hole, HOLES)

@@ -24,6 +24,7 @@ from multirod.models.network.groups import ALONG
 from multirod.models.network.joints import ALONG as ALONG_ROD
 from multirod.models.network.joints import Joint
 from multirod.models.network.problem import LOADED, PER_ROD, NetworkProblem
+from multirod.models.network.sliding import uniform
 from multirod.models.platform.problem import LEG_INPUTS
 from multirod.reuse import reusable
 from multirod.rod import Rod
@@ -191,18 +192,7 @@ class Network(Assembly):
         driven = self.graph.driven
         if not driven:
             refuse("angle", value, "must not be given: no joint is driven, mr.Joint(..., driven=True)")
-        if not isinstance(value, Mapping):
-            return value
-        parts: list[FloatArray] = [np.zeros(count) for count in driven.values()]
-        for key, part in value.items():
-            if key not in driven:
-                hint = meant(key, driven) if isinstance(key, str) else ""
-                refuse("angle", key, f"must be by name, one of {', '.join(map(repr, driven))}{hint}")
-            count = driven[key]
-            own = array(f"angle[{key!r}]", part, (count,) if count > 1 else ())
-            parts[list(driven).index(key)] = own if count > 1 else own[..., None]
-        shape = np.broadcast_shapes(*(part.shape[:-1] for part in parts))
-        return np.concatenate([np.broadcast_to(part, (*shape, part.shape[-1])) for part in parts], axis=-1)
+        return _by_name("angle", value, driven) if isinstance(value, Mapping) else value
 
     def check(self, inputs: Inputs) -> None:  # noqa: D102
         if not (inputs.batch_shape == () and self.surely_takes("translation", inputs.translation.tolist())):
@@ -320,11 +310,7 @@ def _holes(joints: Sequence[Joint], rods: Mapping[str, Rod]) -> dict[str, list[J
                 refuse("Joint.at", place, f"must be less than the length of rod {name!r}, {float(np.min(rod.length)):g} m")
             if place == before:
                 refuse("Joint.at", place, f"another hole of rod {name!r} is there: {hole}")
-        if (
-            len(rod.sections) > 1
-            or callable(rod.sections[0].precurvature)
-            or not isinstance(rod.sections[0].precurvature, np.ndarray)
-        ):
+        if not uniform(rod):
             refuse(f"Network.rods[{name!r}]", rod, "must be the same all along, of one section: it slides through holes")
         if rod.carried:
             refuse(f"Network.rods[{name!r}]", rod, "must have no members: it slides through holes")
@@ -337,12 +323,17 @@ def _in_order(name: str, value: Any, size: int, places: Sequence[str]) -> Any:
         given = np.asarray(value) if isinstance(value, (np.ndarray, list, tuple)) else None
         stacked = given is not None and size > 1 and len(places) > 1 and given.shape[-2:] == (len(places), size)
         return given.reshape(*given.shape[:-2], -1) if stacked and given is not None else value
-    parts: list[FloatArray] = [np.zeros(size)] * len(places)
+    return _by_name(name, value, dict.fromkeys(places, size))
+
+
+def _by_name(name: str, value: Mapping[str, Any], sizes: Mapping[str, int]) -> FloatArray:
+    """The same of values by name, as many numbers each as ``sizes`` says, which are in order; zero what is not named."""
+    parts: dict[str, FloatArray] = {place: np.zeros(size) for place, size in sizes.items()}
     for key, part in value.items():
-        if key not in places:
-            hint = meant(key, places) if isinstance(key, str) else ""
-            refuse(name, key, f"must be by name, one of {', '.join(map(repr, places))}{hint}")
-        own = array(f"{name}[{key!r}]", part, (size,) if size > 1 else ())
-        parts[places.index(key)] = own if size > 1 else own[..., None]
-    shape = np.broadcast_shapes(*(part.shape[:-1] for part in parts))
-    return np.concatenate([np.broadcast_to(part, (*shape, size)) for part in parts], axis=-1)
+        if key not in sizes:
+            hint = meant(key, sizes) if isinstance(key, str) else ""
+            refuse(name, key, f"must be by name, one of {', '.join(map(repr, sizes))}{hint}")
+        own = array(f"{name}[{key!r}]", part, (sizes[key],) if sizes[key] > 1 else ())
+        parts[key] = own if sizes[key] > 1 else own[..., None]
+    shape = np.broadcast_shapes(*(part.shape[:-1] for part in parts.values()))
+    return np.concatenate([np.broadcast_to(part, (*shape, part.shape[-1])) for part in parts.values()], axis=-1)

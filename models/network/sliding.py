@@ -103,6 +103,11 @@ class Slides:
         return ~self.first
 
 
+def uniform(rod: Rod) -> bool:
+    """Whether a rod is the same all along: of one section, whose precurvature is no function of arclength."""
+    return len(rod.sections) == 1 and isinstance(rod.sections[0].precurvature, np.ndarray)
+
+
 def piece(rod: Rod, count: int) -> Rod:
     """One of ``count`` equal pieces of a uniform rod."""
     if count == 1:

@@ -12,7 +12,7 @@ from multirod.tasks.condensed import condensed
 from multirod.tasks.control_kernels import FREE, Control, make_control
 from multirod.tasks.formulation import Task
 from multirod.tasks.limits import LimitRows
-from multirod.tasks.programme_kernels import Programme
+from multirod.tasks.programme import programme
 from multirod.validation import FloatArray
 
 Kind = tuple[int, int, int]  # whether a target has a position, a rotation, an axis
@@ -102,16 +102,9 @@ class ControlStep:
         return record(make_control, 1, [state], self._problem.device).launch
 
     def _programme(self, m: int) -> Any:
-        step: Any = Programme()
-        k, c = self._count, len(self._rows.low)
-        step.limits = self._constant(self._rows.matrix * self._unit)
-        sizes: dict[str, tuple[int, ...]] = {"J": (m, k), "r": (m,), "softness": (), "pull": (k,), "low": (c,), "high": (c,)}
-        sizes |= {"change": (k,), "system": (k + m, k + m), "sides": (k + m, 2)}
-        sizes |= {"bound_system": (k + m + c, k + m + c), "bound_sides": (k + m + c, 1)}
-        for name, shape in sizes.items():
-            setattr(step, name, self._zeros(*shape))
-        step.held = wp.zeros((1, c), dtype=wp.int32, device=self._problem.device)
-        return step
+        result = programme(1, m, self._count, len(self._rows.low), self._problem.device, sides=2)
+        result.limits = self._constant(self._rows.matrix * self._unit)
+        return result
 
     def _zeros(self, *shape: int) -> Any:
         return wp.zeros((1, *shape), dtype=wp.float64, device=self._problem.device)

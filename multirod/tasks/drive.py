@@ -9,7 +9,7 @@ from multirod.shared import Shared
 from multirod.tasks.condensed import condensed
 from multirod.tasks.drive_kernels import SETTINGS, Drive
 from multirod.tasks.formulation import Task
-from multirod.tasks.programme_kernels import Programme
+from multirod.tasks.programme import programme
 from multirod.tasks.search_kernels import make_search
 
 Kind = tuple[int, int, int]  # whether a target has a position, a rotation, an axis
@@ -68,7 +68,8 @@ class DriveArrays:
             self._share(self._state, name, (count, *shape))
         self._state.kind = wp.vec3i(*kind)
         self._state.task, self._columns = condensed(task)
-        self._state.step = self._programme(count, m, k, c)
+        self._state.step = programme(count, m, k, c, device)
+        self._share(self._state.step, "limits", (c, k), key="step_limits")
         self.values = {name: each.values for name, each in self._shared.items()}
         self._launch = record(make_search, count, [self._state], device)
         self._same = wp.get_device(device).is_cpu
@@ -77,18 +78,6 @@ class DriveArrays:
     def _share(self, target: Any, name: str, shape: tuple[int, ...], dtype: Any = wp.float64, key: str = "") -> None:
         self._shared[key or name] = shared = Shared(shape, dtype, self._task.problem.device)
         setattr(target, name, shared.array)
-
-    def _programme(self, count: int, m: int, k: int, c: int) -> Any:
-        step: Any = Programme()
-        self._share(step, "limits", (c, k), key="step_limits")
-        sizes: dict[str, tuple[int, ...]] = {"J": (m, k), "r": (m,), "softness": (), "pull": (k,), "low": (c,), "high": (c,)}
-        sizes |= {"change": (k,), "system": (k + m, k + m), "sides": (k + m, 1)}
-        sizes |= {"bound_system": (k + m + c, k + m + c), "bound_sides": (k + m + c, 1)}
-        device = self._task.problem.device
-        for name, shape in sizes.items():
-            setattr(step, name, wp.zeros((count, *shape), dtype=wp.float64, device=device))
-        step.held = wp.zeros((count, c), dtype=wp.int32, device=device)
-        return step
 
     def clear(self) -> None:
         """All as at first."""
@@ -115,10 +104,8 @@ class DriveArrays:
     def launch(self) -> tuple[int, int]:
         """Go on; how many instances are under way then, and how many asked."""
         self._count.fill(0)
-        if not self._same:
-            self._shared["count"].send()
+        self._shared["count"].send()
         self._launch.launch()
-        if not self._same:
-            self._shared["count"].fetch()
+        self._shared["count"].fetch()
         under_way, asked = self._count.tolist()
         return under_way, asked

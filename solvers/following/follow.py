@@ -13,7 +13,6 @@ from multirod.solver import Outcome
 from multirod.solvers.continuation.natural import SAFE_LOAD, TURN
 from multirod.solvers.following.descent import ClampedTurns, Point, Turns
 from multirod.solvers.following.journey import NOISY, At, Clamp, Journey, Judge, Judgement, Run
-from multirod.stability import Modes
 from multirod.status import failures
 from multirod.validation import FloatArray
 
@@ -208,7 +207,7 @@ class _Together:
         self._place(self.part, {k: judge.point.level for k, judge in asked.items()})
         with self.part.everyone():
             modes, potential = stability.modes(), stability.potential()
-        return {k: Judgement(Modes(*(value[[k]] for value in vars(modes).values())), float(potential[k])) for k in asked}
+        return {k: Judgement(modes.take([k]), float(potential[k])) for k in asked}
 
 
 def _point(unknowns: FloatArray, level: float, forces: IntArray, *fields: Any) -> Point:
