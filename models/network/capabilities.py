@@ -7,7 +7,7 @@ import numpy as np
 from multirod.batch import IntArray
 from multirod.capabilities import Joints, Loading, Parts, Shapes, Starts
 from multirod.models.backbone.inputs import LOADS
-from multirod.models.network.elements import GAP_AT, OWN, OWN_AT
+from multirod.models.network.elements import GAP_AT
 from multirod.models.platform.starting import crowded
 from multirod.problem import Shape
 from multirod.validation import FloatArray
@@ -52,7 +52,7 @@ class NetworkShapes(Shapes):
         """As said; the energy is that of the rods and of the springs in joints."""
         problem, count, slides = self.problem, self.problem.instance_count, self.problem.graph.slides
         with problem.everyone():
-            state = problem.hand_over(np.arange(count))
+            state = problem.handed_over()
             found: dict[int, dict[int, dict[str, FloatArray]]] = {rod: {} for rod in range(problem.rod_count)}
             energy = self.of_springs(state.angles)
             for group in problem.groups:
@@ -115,9 +115,9 @@ class NetworkStarts(Starts):
         problem = self.problem
         residual, gamma = problem.evaluate(x)
         for rod in range(problem.rod_count):
-            own = problem.places[rod, OWN_AT]
+            own = problem.places[rod, : problem.graph.own[rod]]
             answer = gamma[:, own[:, None], own]
-            answer[:, GAP_AT.stop - 1, OWN - 1] += BENDING
+            answer[:, GAP_AT.stop - 1, problem.graph.along[rod]] += BENDING
             sound = np.isfinite(answer).all(axis=(1, 2)) & (np.linalg.det(np.nan_to_num(answer)) != 0)
             x[np.ix_(sound, own)] -= np.linalg.solve(answer[sound], residual[np.ix_(sound, own)][..., None])[..., 0]
         return x

@@ -185,15 +185,6 @@ class Turns:
     second: FloatArray
     first: FloatArray
 
-    def torques(self, moment: FloatArray) -> FloatArray:
-        """(9) Those of a moment (..., 3) about the axes, shape (..., 3)."""
-        return np.asarray(np.einsum("...ik,...i->...k", self.axes, moment))
-
-    def torques_by_angles(self, moment: FloatArray) -> FloatArray:
-        """(9) How they change with the coordinates, the moment fixed, shape (..., 3, 3)."""
-        turned = cross(np.swapaxes(self.second, -1, -2), moment[..., None, :])
-        return np.asarray(turned @ self.first)
-
 
 class JointTable:
     """Several joints in numbers; the first axis is the joint.
