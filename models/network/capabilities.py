@@ -52,7 +52,8 @@ class NetworkShapes(Shapes):
         """As said; the energy is that of the rods and of the springs in joints."""
         problem, count, slides = self.problem, self.problem.instance_count, self.problem.graph.slides
         with problem.everyone():
-            state = problem.handed_over()
+            problem.hand_over()
+            state = problem.state()
             found: dict[int, dict[int, dict[str, FloatArray]]] = {rod: {} for rod in range(problem.rod_count)}
             energy = self.of_springs(state.angles)
             for group in problem.groups:

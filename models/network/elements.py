@@ -1,7 +1,7 @@
 """A rod as an element of a network: its variables and rows, what stands at its ends, and what the kernels say of it.
 
-Numbers in parentheses are those of ``docs/networks.md``. Arrays have the axes (instance, rod, ...). An element has the variables of
-``Layout`` and as many rows; its matrix is that of the rows by the variables. ``network_kernels.py`` forms it.
+Numbers in parentheses are those of ``docs/networks.md``. Arrays have the axes (instance, rod, ...). An element has the variables
+of ``Layout`` and as many rows; its matrix is that of the rows by the variables. ``element_kernels.py`` forms it.
 """
 
 from dataclasses import dataclass
@@ -110,8 +110,8 @@ class Elements:
         problem: Of which all instances were integrated.
 
     Attributes:
-        columns: (5) to (11), (22) Of the rows, by the variables, then along directions, then, where there are holes, by the length
-            of the piece, shape (instance, rod, size, k).
+        columns: (5) to (11), (22) Of the rows, by the variables, then along directions, then, where there are holes, by the
+            length of the piece, shape (instance, rod, size, k).
         tip_turn: (5) How the tips turn, told in the axes of the bases, by the same, shape (instance, rod, 3, k).
         tip_force: Likewise how the force on them changes in the world.
         tension: (22) What slides at tips and bases [N], by the same, shape (instance, rod, 2, k); only where there are holes.

@@ -15,7 +15,8 @@ from multirod.validation import FloatArray
 if TYPE_CHECKING:
     from multirod.models.network.graph import Graph
 
-ELIMINATED = 36  # unknowns from which Gamma is eliminated along the graph, instead of whole
+WHOLE = 36  # unknowns below which Gamma is eliminated whole
+BORDER = 24  # unknowns of bodies and holes up to which it is as an arrow, rod by rod; of more along the graph
 
 
 class Sums:
@@ -51,7 +52,9 @@ class Entries:
         first_hole: Where the unknowns of holes begin, through which rods slide, and their rows.
         first_pose: Where the poses of bodies begin.
         size: Unknowns.
-        elimination: How ``Gamma`` is eliminated; None where it is small, and eliminated whole.
+        arrow: Where the unknowns of each rod begin, those of bodies and holes, and ``size``, if ``Gamma`` is eliminated rod by
+            rod, as ``BoundaryProblem.arrow``; else empty.
+        elimination: How ``Gamma`` is eliminated along the graph; None where it is small, or an arrow.
         count: Numbers that are kept of ``Gamma``: those that ``elimination`` names, or all.
         rows: Sums of the rows of the elements, (rod_count * size,) of them.
         numbers: Sums of their matrices, (rod_count * size * size,) numbers.
@@ -71,9 +74,13 @@ class Entries:
         turns = poses[:, :, None] * n + poses[:, None, 3:]
         held = graph.ends[1].held
         yielding = self.variables[held, GAP_AT.stop - 1] * n + self.variables[held, graph.along[held]]
+        self.arrow: tuple[int, ...] = ()
         self.elimination: Elimination | None = None
         self.count = n * n
-        if n >= ELIMINATED:
+        if WHOLE <= n and n - self.first_hole <= BORDER:
+            firsts = self.variables[np.flatnonzero(graph.slides.first), 0].tolist()
+            self.arrow = (*firsts, self.first_hole, n) if n > self.first_hole else ()
+        elif WHOLE <= n:
             self.elimination = own = Elimination(np.concatenate([entries[entries >= 0], turns.reshape(-1)]), n)
             self.count = own.count
             entries = np.where(entries < 0, -1, own.index(np.maximum(entries, own.places[0])))

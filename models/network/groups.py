@@ -96,7 +96,7 @@ class RodGroup:
         self.backbones.focus(None if rows is None else (rows[:, None] * size + np.arange(size)).reshape(-1))
 
     def tips(self) -> tuple[FloatArray, FloatArray]:
-        """Position (instance, rod, 3) and rotation (instance, rod, 3, 3) of the tips in the frames of the bases, as integrated."""
+        """Position (instance, rod, 3) and rotation (instance, rod, 3, 3) of the tips in the frames of the bases, integrated."""
         own, size = self.backbones, len(self.members)
         return own.read("position").reshape(-1, size, 3), own.read("rotation").reshape(-1, size, 3, 3)
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from multirod.assembly import pose as checked_pose
 from multirod.models.network.bodies import Body, Ground, name_of
-from multirod.rotations import cross, left_jacobian, matrices, vectors
+from multirod.rotations import left_jacobian, matrices, vectors
 from multirod.types import Numbers
 from multirod.validation import FloatArray, array, choice, frozen, positive_float, refuse
 

@@ -122,6 +122,7 @@ class NetworkProblem(BoundaryProblem):
             device=device,
             elimination=entries.elimination if wp.get_device(device).is_cpu else None,
         )
+        self.arrow = entries.arrow
         self.integrator = integrator
         self.inputs_given = inputs
         self.options: dict[str, Any] = {
@@ -311,17 +312,17 @@ class NetworkProblem(BoundaryProblem):
             numbers = self.numbers_of_gamma(np.arange(self.instance_count))
             self.gamma.assign(self.entries.dense(numbers))
 
-    def handed_over(self) -> State:
-        """The state of all instances, their unknowns and inputs handed to their rods without an integration."""
-        self._launch([self._launches[0], *self._launches[1:-1:3]])
-        return self.state()
+    def hand_over(self) -> None:
+        """Unknowns and inputs of all instances to their rods, without an integration."""
+        with self.everyone():
+            self._launch([self._launches[0], *self._launches[1:-1:3]])
 
-    def integrated_state(self) -> State:
-        """All instances at their unknowns, their rods integrated; nothing that solvers read is changed."""
+    def integrate_rods(self) -> None:
+        """Integrate the rods of all instances at their unknowns; nothing that solvers read is changed."""
         for group in self.groups:
             group.backbones.stop = self.stop
-        self._launch(self._launches[:-1])
-        return self.state()
+        with self.everyone():
+            self._launch(self._launches[:-1])
 
     def _assemble(self) -> None:
         """(5) to (12) Residual, ``Gamma``, columns and pose of all instances, their rods integrated."""
@@ -472,8 +473,7 @@ class NetworkProblem(BoundaryProblem):
 
     def load_scale(self) -> FloatArray:
         """What acts on rods, bodies and tips, and how far tips are from where they are to be: a turn is a moment in ``EI/L``."""
-        with self.everyone():
-            self.handed_over()
+        self.hand_over()
         own = [group.backbones.load_scale().reshape(self.instance_count, -1).max(axis=1) for group in self.groups]
         total = np.sum(own, axis=0)
         inputs, L, EI = self.read("inputs"), self.length, self.stiffness

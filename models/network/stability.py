@@ -33,7 +33,8 @@ class NetworkStability(StabilityAnalysis):
         """(15) to (17) Modes of the whole network, counted in the mean stiffness over the mean length of the rods."""
         problem, count = self.problem, self.problem.instance_count
         with problem.everyone(), np.errstate(all="ignore"):
-            state = problem.integrated_state()
+            problem.integrate_rods()
+            state = problem.state()
             form, sound = self._form(state, Elements(problem))
             hidden, known = self._of_rods()
         known &= sound & np.array([np.isfinite(own.data).all() for own in form])
@@ -208,8 +209,7 @@ class NetworkStability(StabilityAnalysis):
         """Whether the loads derive from one, shape (instance_count,)."""
         inputs, count = self.problem.read("inputs"), self.problem.instance_count
         result = ~inputs[:, self.problem.input_slice("moment")].any(axis=1)
-        with self.problem.everyone():
-            self.problem.handed_over()
+        self.problem.hand_over()
         for group in self.problem.groups:
             result &= group.backbones.stability.has_potential.reshape(count, -1).all(axis=1)
         return np.asarray(result)
@@ -219,7 +219,8 @@ class NetworkStability(StabilityAnalysis):
         from where their bases are there."""
         problem, count, graph = self.problem, self.problem.instance_count, self.problem.graph
         with problem.everyone(), np.errstate(all="ignore"):
-            state = problem.integrated_state()
+            problem.integrate_rods()
+            state = problem.state()
             elements = Elements(problem)
             carried, tip_position = np.array(elements.carried), np.array(elements.tip_position)
             total = problem.shapes.of_springs(state.angles)
