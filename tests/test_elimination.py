@@ -14,6 +14,12 @@ from multirod.solvers.newton.eliminated import Eliminated
 WIRE = mr.Rod.wire(length=0.1, diameter=2e-3, young_modulus=60e9, shear_modulus=23e9, density=6450)
 
 
+@pytest.fixture(autouse=True)
+def along_the_graph(monkeypatch):
+    """However few bodies there are."""
+    monkeypatch.setattr(entries, "BORDER", 0)
+
+
 def banded(size, seed=0):
     """A pattern of a band with a full last row and column, and a matrix of it whose diagonal is partly zero."""
     rng = np.random.default_rng(seed)
@@ -75,13 +81,17 @@ def test_eigenvalues_are_bounded_as_those_of_dense_matrices():
         assert 0.9 * largest <= found <= 1.2 * largest
 
 
-def test_a_chain_is_the_same_eliminated_or_whole(monkeypatch):
+@pytest.mark.parametrize(("border", "arrow"), [(0, ()), (24, (0, 6, 12, 18, 24, 48))])
+def test_a_chain_is_the_same_eliminated_or_whole(monkeypatch, border, arrow):
+    monkeypatch.setattr(entries, "BORDER", border)
     robot, inputs = chain(4)
-    assert robot.elimination is not None
+    assert (robot.elimination is None) == bool(arrow)
+    assert robot.graph.entries.arrow == arrow
     solution = mr.solve(robot, inputs).raise_if_failed()
-    monkeypatch.setattr(entries, "ELIMINATED", 1000)
+    monkeypatch.setattr(entries, "WHOLE", 1000)
     whole, inputs = chain(4)
     assert whole.elimination is None
+    assert not whole.graph.entries.arrow
     expected = mr.solve(whole, inputs).raise_if_failed()
     assert solution.integrations == expected.integrations
     np.testing.assert_allclose(

@@ -458,12 +458,8 @@ def test_stacked_robots_stand_on_each_others_platforms():
 
 def test_what_cannot_be_stacked_is_named():
     robot = parallel(3, 0.08)
-    tubes = mr.ParallelRods(
-        legs=[LEG, mr.ConcentricTubes([LEG]), LEG], base=circle((0, 120, 240), 0.08), platform=circle((0, 120, 240), 0.05)
-    )
     for match, robots, more in (
         ("stacked.robots = none", (), {}),
-        (r"stacked\.robots\[1\]\.legs\[1\] = ConcentricTubes", (robot, tubes), {}),
         (r"stacked\.names = \['a'\] is not allowed: must be 2", (robot, robot), {"names": ["a"]}),
         (r"stacked\.names .* 'a' is there twice", (robot, robot), {"names": ["a", "a"]}),
         (r"Network\.end_effector = 'top'", (robot, robot), {"end_effector": "top"}),
@@ -514,8 +510,8 @@ def test_what_nothing_holds_or_moves_freely_is_named():
     mr.Network(rods=rods, bodies=[plate], joints=[base, mr.Joint("leg", "tip", to=plate, kind="spherical", stiffness=0.1)])
     with pytest.raises(TypeError, match="Network.rods must be a mapping of names to Rod"):
         mr.Network(rods=[LEG], joints=[base])
-    tendon = mr.Rod(length=0.2, bending_stiffness=0.01, torsional_stiffness=0.008, lines=[mr.Tendon(offset=(0.005, 0))])
-    refused(r"Network.rods\['leg'\].* must have no lines", rods={"leg": tendon})
+    medium = mr.Rod(length=0.2, bending_stiffness=0.01, torsional_stiffness=0.008, foundation=60.0)
+    refused(r"Network.rods\['leg'\].* must have no foundation", rods={"leg": medium})
 
 
 def test_joints_and_bodies_are_checked():

@@ -140,6 +140,12 @@ class NetworkInputs(Fields, total=False):
     """Acceleration, world frame [m/s^2], shape (..., 3); acts on ``linear_density`` of rods and mass of bodies."""
     magnetic_field: Numbers
     """Uniform magnetic field, world frame [T], shape (..., 3); acts on ``magnetisation``, which must be given."""
+    tension: ByName
+    """Tension of each line that is driven by it [N], >= 0: by the names of rods, or shape (..., line_count)."""
+    pressure: ByName
+    """Pressure in each chamber [Pa]: by the names of rods, or shape (..., chamber_count)."""
+    displacement: ByName
+    """How far each line that is driven by it is pulled out of the base [m]: by the names of rods, or shape (..., line_count)."""
 
 
 class KnownInputs(InverseParallelRodsInputs, total=False):
@@ -199,6 +205,9 @@ NetworkInput: TypeAlias = Literal[
     "distributed_moment",
     "gravity",
     "magnetic_field",
+    "tension",
+    "pressure",
+    "displacement",
 ]
 InverseParallelRodsInput: TypeAlias = Literal[ParallelRodsInput, "platform_position", "platform_rotation"]
 

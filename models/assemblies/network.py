@@ -1,9 +1,10 @@
 """Networks: rods and bodies joined in a graph."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Self, Unpack
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, ClassVar, Self, Unpack
 
 import numpy as np
 
@@ -11,12 +12,12 @@ from multirod.assembly import Assembly, pose
 from multirod.batch import IntArray
 from multirod.elimination import Elimination
 from multirod.inputs import Inputs, InputSpec, InputSpecs
+from multirod.models.assemblies.concentric_tubes import ConcentricTubes
 from multirod.models.assemblies.inputs import NetworkInput, NetworkInputs, listed
 from multirod.models.assemblies.single_rod import SingleRod
-from multirod.models.backbone.inputs import BY_MATERIAL
+from multirod.models.backbone.inputs import BY_MATERIAL, DRIVE_INPUTS, DRIVES, drive_specs
 from multirod.models.backbone.kernels.layout.features import Features
-from multirod.models.backbone.members import drives
-from multirod.models.backbone.problem import scene_features
+from multirod.models.backbone.problem import BackboneAssembly, check_drives, scene_features, surely_driven
 from multirod.models.network.bodies import Body, name_of
 from multirod.models.network.freedom import refuse_mechanism, refuse_unheld
 from multirod.models.network.graph import ENDS, Graph
@@ -55,8 +56,8 @@ class Network(Assembly):
     ``rods``.
 
     Args:
-        rods: The rods by name. None has lines, members that are driven, or a foundation; one that slides through holes is the
-            same all along.
+        rods: The rods by name, each a ``Rod`` or a ``ConcentricTubes`` (whose own base is not used). None has a foundation; one
+            that slides through holes is the same all along, and has no lines.
         bodies: The bodies.
         joints: One for every base of a rod, and one for every tip that is not free.
         end_effector: A body, or the name of a rod whose tip is free; by default the last body, or where there is none, the first
@@ -74,17 +75,20 @@ class Network(Assembly):
         TypeError: If an argument is of another type.
     """
 
+    length_columns: ClassVar[bool] = True
+
     def __init__(
         self,
         *,
-        rods: Mapping[str, Rod],
+        rods: Mapping[str, Rod | ConcentricTubes],
         bodies: Sequence[Body] = (),
         joints: Sequence[Joint],
         end_effector: Body | str | None = None,
         base: Numbers | None = None,
     ) -> None:
-        if not isinstance(rods, Mapping) or not rods or not all(isinstance(rod, Rod) for rod in rods.values()):
-            raise TypeError("Network.rods must be a mapping of names to Rod, and hold one at least")
+        kinds = (Rod, ConcentricTubes)
+        if not isinstance(rods, Mapping) or not rods or not all(isinstance(rod, kinds) for rod in rods.values()):
+            raise TypeError("Network.rods must be a mapping of names to Rod or ConcentricTubes, and hold one at least")
         for name, rod in rods.items():
             name_of("Network.rods", name)
             _refuse_rod(name, rod)
@@ -94,11 +98,12 @@ class Network(Assembly):
         for name in names:
             if names.count(name) > 1:
                 refuse("Network.bodies", name, "must have a name of its own among rods and bodies")
-        self.rods = tuple(_named(rod, name) for name, rod in rods.items())
+        robots = [_robot(rod, name) for name, rod in rods.items()]
+        self.rods = tuple(rod for robot in robots for rod in robot.rods)
         self.base = pose("Network.base", base)
         joined = _by_end(self.joints, rods, self.bodies)
         holes = _holes(self.joints, rods)
-        self.graph = Graph([SingleRod(rod) for rod in self.rods], list(rods), self.bodies, joined, self.base, holes)
+        self.graph = Graph(robots, list(rods), self.bodies, joined, self.base, holes)
         refuse_unheld(self.graph)
         refuse_mechanism(self.graph)
         self.load_places = self.graph.load_places
@@ -106,7 +111,8 @@ class Network(Assembly):
         count = 3 * len(self.load_places)
         driven = sum(self.graph.driven.values())
         angle = (replace(ANGLE, count=driven),) if driven else ()
-        self._specs = InputSpecs((*INPUTS[:2], *angle, *(replace(spec, count=count) for spec in LOAD_INPUTS), *INPUTS[2:]))
+        loads = (replace(spec, count=count) for spec in LOAD_INPUTS)
+        self._specs = InputSpecs((*INPUTS[:2], *angle, *loads, *INPUTS[2:], *drive_specs(self.rods)))
 
     def _place_of_effector(self, given: object) -> int:
         """Its number among what loads act on."""
@@ -144,11 +150,12 @@ class Network(Assembly):
     if TYPE_CHECKING:
         _input_name: NetworkInput
 
-    @listed(*INPUTS[:2], ANGLE, *LOAD_INPUTS, *INPUTS[2:])
+    @listed(*INPUTS[:2], ANGLE, *LOAD_INPUTS, *INPUTS[2:], *DRIVE_INPUTS)
     def inputs(self, **values: Unpack[NetworkInputs]) -> Inputs:  # type: ignore[override]  # these, and no others
         """Actuation and loads by name, all optional: numbers or arrays, whose leading axes ``...`` broadcast.
 
-        ``rotation`` and ``translation`` are also taken by names of rods, ``{"leg 0": 0.1}``, and ``force`` and ``moment`` by
+        ``rotation`` and ``translation`` are also taken by names of rods, ``{"leg 0": 0.1}``, of tubes one number each, and so is
+        what drives lines, ``tension={"arm": (1, 0)}``; ``force`` and ``moment`` by
         those of ``load_places``, ``{"plate": (0, 0, -2)}``; as arrays these have the shape (..., place_count, 3). Where joints
         are driven, ``angle`` is taken by those of ``driven_joints``, ``{"arm base": 0.3}``: one number, two or three each. What
         is not named is zero. A leading axis makes a batch, an instance for each entry.
@@ -177,12 +184,14 @@ class Network(Assembly):
 
     def make_inputs(self, values: Mapping[str, Any]) -> Inputs:  # noqa: D102
         plain = dict(values)
-        for name, size, places in (
-            *((name, 1, self.graph.whole_names) for name in PER_ROD),
-            *((name, 3, self.load_places) for name in LOADED),
-        ):
+        names, graph = self.graph.whole_names, self.graph
+        per_rod = {name: robot.rod_count for name, robot in zip(names, graph.whole, strict=True)}
+        sizes = dict.fromkeys(PER_ROD, per_rod) | dict.fromkeys(LOADED, dict.fromkeys(self.load_places, 3))
+        for name in DRIVES:
+            sizes[name] = {rod: own.count(name) for rod, own in zip(names, graph.drives, strict=False) if own.count(name)}
+        for name, own in sizes.items():
             if name in plain:
-                plain[name] = _in_order(name, plain[name], size, places)
+                plain[name] = _in_order(name, plain[name], own)
         if "angle" in plain:
             plain["angle"] = self._angles(plain["angle"])
         return super().make_inputs(plain)
@@ -196,12 +205,13 @@ class Network(Assembly):
 
     def check(self, inputs: Inputs) -> None:  # noqa: D102
         if not (inputs.batch_shape == () and self.surely_takes("translation", inputs.translation.tolist())):
-            for k, rod in enumerate(self.graph.whole):
-                own = {"translation": inputs.translation[..., k : k + 1]}
+            for name, rod, own in self._each():
+                values = {"translation": inputs.translation[..., own]}
                 try:
-                    rod.check(Inputs(rod.input_specs, 1, own))
+                    rod.check(Inputs(rod.input_specs, rod.rod_count, values))
                 except ValueError as error:
-                    raise ValueError(f"rod {self.graph.whole_names[k]!r}: {error}") from None
+                    raise ValueError(f"rod {name!r}: {error}") from None
+        check_drives(inputs, self.rods)
         if inputs.is_active("gravity") and not (self.graph.mass.any() or any(rod.has_mass for rod in self.rods)):
             refuse("gravity", inputs.gravity.tolist(), "must be zero: no rod has a linear_density, and no body a mass")
         if inputs.is_active("magnetic_field") and not any(rod.is_magnetised for rod in self.rods):
@@ -209,8 +219,19 @@ class Network(Assembly):
 
     def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102
         if name == "translation":
-            return all(rod.surely_takes(name, values[k : k + 1]) for k, rod in enumerate(self.graph.whole))
+            return all(rod.surely_takes(name, values[own]) for _, rod, own in self._each())
+        if name in DRIVES:
+            return surely_driven(name, values, self.rods)
         return name not in BY_MATERIAL
+
+    def _each(self) -> Iterator[tuple[str, BackboneAssembly, slice]]:
+        """Each rod as given: its name, as a robot of its own, and where its tubes stand among ``rods``."""
+        graph = self.graph
+        for name, rod, (first, end) in zip(graph.whole_names, graph.whole, pairwise(graph.first_tube.tolist()), strict=True):
+            yield name, rod, slice(first, end)
+
+    def input_directions(self, *names: str) -> dict[str, int]:  # noqa: D102
+        return super().input_directions(*names) | ({"lengths": True} if any(self.graph.drives) else {})
 
     @reusable
     def problem(self, inputs: Inputs, *, instances: IntArray | None = None, **options: Any) -> NetworkProblem:  # noqa: D102
@@ -222,13 +243,16 @@ class Network(Assembly):
 
     def features(self, inputs: Inputs, *, enabled: Iterable[str] = ()) -> tuple[Features, ...]:  # noqa: D102
         active = [name for name in ALONG if name in enabled or inputs.is_active(name)]
-        options: dict[str, Any] = {"rod_count": 1, "transmission": False, "held": True}
-        return tuple(scene_features(rod.arrays, active, inputs.profiles, **options) for rod in self.graph.rods)
+        found = []
+        for rod in self.graph.rods:
+            options: dict[str, Any] = {"rod_count": rod.rod_count, "transmission": rod.transmission, "held": True}
+            found.append(scene_features(rod.arrays, active, inputs.profiles, **options))
+        return tuple(found)
 
     def with_rods(self, rods: Sequence[Rod]) -> Self:  # noqa: D102
         result = copy(self)
-        result.rods = tuple(_named(rod, name) for rod, name in zip(rods, self.graph.whole_names, strict=True))
-        robots = [SingleRod(rod) for rod in result.rods]
+        robots = [_renamed(robot.with_rods(rods[at]), name) for name, robot, at in self._each()]
+        result.rods = tuple(rod for robot in robots for rod in robot.rods)
         own = self.graph
         result.graph = Graph(robots, own.whole_names, self.bodies, own.joints, self.base, own.holes)
         for name in ("longest", "stiffest"):
@@ -257,13 +281,21 @@ class Network(Assembly):
         return f"Network({', '.join(counts)}, end effector {self.end_effector!r})"
 
 
-def _refuse_rod(name: str, rod: Rod) -> None:
-    if rod.is_embedded:
+def _refuse_rod(name: str, rod: Rod | ConcentricTubes) -> None:
+    if isinstance(rod, Rod) and rod.is_embedded:
         refuse(f"Network.rods[{name!r}]", rod, "must have no foundation: it is modelled for one backbone with a free tip")
-    if rod.lines or drives(SingleRod(rod).arrays.members):
-        refuse(
-            f"Network.rods[{name!r}]", rod, "must have no lines and no members that are driven: networks do not drive them yet"
-        )
+
+
+def _robot(rod: Rod | ConcentricTubes, name: str) -> BackboneAssembly:
+    """A rod as a robot of its own, by the name that it has in the network."""
+    return _renamed(SingleRod(rod) if isinstance(rod, Rod) else rod, name)
+
+
+def _renamed(robot: BackboneAssembly, name: str) -> BackboneAssembly:
+    """The same with rods of that name; several are counted from 0."""
+    if robot.rod_count == 1:
+        return robot.with_rods([_named(robot.rods[0], name)])
+    return robot.with_rods([_named(rod, f"{name} {k}") for k, rod in enumerate(robot.rods)])
 
 
 def _named(rod: Rod, name: str) -> Rod:
@@ -273,7 +305,7 @@ def _named(rod: Rod, name: str) -> Rod:
     return result
 
 
-def _by_end(joints: Sequence[Joint], rods: Mapping[str, Rod], bodies: Sequence[Body]) -> dict[tuple[str, str], Joint]:
+def _by_end(joints: Sequence[Joint], rods: Mapping[str, Any], bodies: Sequence[Body]) -> dict[tuple[str, str], Joint]:
     """Joints by rod and end."""
     found: dict[tuple[str, str], Joint] = {}
     for joint in joints:
@@ -295,7 +327,7 @@ def _by_end(joints: Sequence[Joint], rods: Mapping[str, Rod], bodies: Sequence[B
     return found
 
 
-def _holes(joints: Sequence[Joint], rods: Mapping[str, Rod]) -> dict[str, list[Joint]]:
+def _holes(joints: Sequence[Joint], rods: Mapping[str, Rod | ConcentricTubes]) -> dict[str, list[Joint]]:
     """Holes by the rods that slide through them, from the base to the tip."""
     found: dict[str, list[Joint]] = {}
     for joint in joints:
@@ -303,6 +335,8 @@ def _holes(joints: Sequence[Joint], rods: Mapping[str, Rod]) -> dict[str, list[J
             found.setdefault(joint.rod, []).append(joint)
     for name, holes in found.items():
         rod = rods[name]
+        if not isinstance(rod, Rod):
+            refuse(f"Network.rods[{name!r}]", rod, "must be a Rod: it slides through holes")
         holes.sort(key=lambda hole: float(hole.at or 0.0))
         places = [float(hole.at or 0.0) for hole in holes]
         for hole, place, before in zip(holes, places, [0.0, *places], strict=False):
@@ -313,17 +347,17 @@ def _holes(joints: Sequence[Joint], rods: Mapping[str, Rod]) -> dict[str, list[J
         if not uniform(rod):
             refuse(f"Network.rods[{name!r}]", rod, "must be the same all along, of one section: it slides through holes")
         if rod.carried:
-            refuse(f"Network.rods[{name!r}]", rod, "must have no members: it slides through holes")
+            refuse(f"Network.rods[{name!r}]", rod, "must have no members and no lines: it slides through holes")
     return found
 
 
-def _in_order(name: str, value: Any, size: int, places: Sequence[str]) -> Any:
-    """Values by name as an array (..., size * place_count), in the order of ``places``; an array of them likewise."""
+def _in_order(name: str, value: Any, sizes: Mapping[str, int]) -> Any:
+    """Values by name as an array (..., numbers of all), in the order of ``sizes``; an array of them likewise."""
     if not isinstance(value, Mapping):
         given = np.asarray(value) if isinstance(value, (np.ndarray, list, tuple)) else None
-        stacked = given is not None and size > 1 and len(places) > 1 and given.shape[-2:] == (len(places), size)
+        stacked = given is not None and name in LOADED and len(sizes) > 1 and given.shape[-2:] == (len(sizes), 3)
         return given.reshape(*given.shape[:-2], -1) if stacked and given is not None else value
-    return _by_name(name, value, dict.fromkeys(places, size))
+    return _by_name(name, value, sizes)
 
 
 def _by_name(name: str, value: Mapping[str, Any], sizes: Mapping[str, int]) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from multirod.models.assemblies.concentric_tubes import ConcentricTubes
 from multirod.models.assemblies.network import Network
 from multirod.models.assemblies.parallel_rods import ParallelRods
 from multirod.models.joint_kernels import JOINTS
@@ -22,7 +23,7 @@ def stacked(
     Platforms are bodies by ``names``, and the legs of ``"lower"`` are the rods ``"lower 0"``, ``"lower 1"``, ...
 
     Args:
-        *robots: From the ground up, their legs each a ``Rod``. ``base`` of the first is in the frame of the ground, of each other
+        *robots: From the ground up. ``base`` of the first is in the frame of the ground, of each other
             one in that of the platform below it.
         names: Of their platforms, as many; ``"lower"`` and ``"upper"`` by default, of more or less than two ``"level 1"``,
             ``"level 2"``, ...
@@ -35,7 +36,7 @@ def stacked(
 
     Raises:
         TypeError: If a robot is not ``ParallelRods``.
-        ValueError: If there is none, a leg is of ``ConcentricTubes`` or one that ``Network`` refuses, or names are not as many or
+        ValueError: If there is none, a leg is one that ``Network`` refuses, or names are not as many or
             not different.
     """
     if not robots:
@@ -43,12 +44,9 @@ def stacked(
     for k, robot in enumerate(robots):
         if not isinstance(robot, ParallelRods):
             raise TypeError(f"stacked.robots[{k}] = {robot!r} is not allowed: must be ParallelRods, not {type(robot).__name__}")
-        for i, leg in enumerate(robot.legs):
-            if not isinstance(leg, Rod):
-                refuse(f"stacked.robots[{k}].legs[{i}]", leg, "must be a Rod: networks do not hold tubes in each other yet")
     called = _names(names, len(robots))
     kinds = {code: kind for kind, code in JOINTS.items()}
-    rods: dict[str, Rod] = {}
+    rods: dict[str, Rod | ConcentricTubes] = {}
     bodies: list[Body] = []
     joints: list[Joint] = []
     below: Body | Ground = ground
@@ -56,7 +54,6 @@ def stacked(
         geometry = robot.geometry
         platform = Body(name, mass=geometry.mass, mass_centre=geometry.mass_centre)
         for k, leg in enumerate(robot.legs):
-            assert isinstance(leg, Rod)
             own, kind = f"{name} {k}", kinds[int(geometry.joints[k])]
             rods[own] = leg
             axis = geometry.axes[k] if kind == "revolute" else None

@@ -43,18 +43,18 @@ class DrivenLines(Lines):
             found = problem.cut.line_length(problem.breakpoints)
             for k in problem.breakpoints:
                 result[k] = found[k]
-        return result / self._weights()
+        return result / self.weights()
 
     def length_columns(self, *names: str) -> FloatArray:
         """As said; by the directions that there are, whatever they are of."""
-        return self._at_unknowns(names, self.problem.line_length_columns.numpy() / self._weights()[..., None])
+        return self._at_unknowns(names, self.problem.line_length_columns.numpy() / self.weights()[..., None])
 
     def tension_columns(self, *names: str) -> FloatArray:  # noqa: D102
         problem, n = self.problem, self.problem.unknown_count
         result = np.zeros((problem.instance_count, len(self._driven), n + problem.direction_count))
         drives = slice(problem.first_drive, problem.first_drive + problem.drive_count)
         along = problem.directions.numpy()[:, : problem.direction_count, drives][:, :, drive_places(problem.features.members)]
-        result[:, :, n:] = np.swapaxes(along, 1, 2) * self._weights()[..., None]
+        result[:, :, n:] = np.swapaxes(along, 1, 2) * self.weights()[..., None]
         first = problem.slots.places["drives"].start
         for j, (k, (lever, unknown)) in enumerate(self._conditions().items()):
             unit = problem.each(problem.arrays.material[:, self._driven_rods[k], 0, :2].max(axis=-1) / lever)
@@ -71,7 +71,7 @@ class DrivenLines(Lines):
         return np.asarray(columns)
 
     def tension(self) -> FloatArray:  # noqa: D102
-        result = self._inputs() * self._weights() + 0.0  # what is not filled pulls with 0, not with -0
+        result = self._inputs() * self.weights() + 0.0  # what is not filled pulls with 0, not with -0
         for k, (lever, unknown) in self._conditions().items():
             unit = self.problem.each(self.problem.arrays.material[:, self._driven_rods[k], 0, :2].max(axis=-1) / lever)
             slackens = self._driven[k][0].slackens
@@ -134,7 +134,7 @@ class DrivenLines(Lines):
     def load_by_rod(self) -> FloatArray:
         """The same of each rod, shape (instance_count, n)."""
         problem, members, inputs = self.problem, self.problem.features.members, self._inputs()
-        weights = np.abs(self._weights())
+        weights = np.abs(self.weights())
         by_rod, first, k = np.zeros((problem.instance_count, len(problem.rods))), 0, 0
         for rod, kind in zip(self._rods, members, strict=True):
             material, total = problem.arrays.material[:, rod], by_rod[:, rod]
@@ -177,7 +177,7 @@ class DrivenLines(Lines):
         with np.errstate(divide="ignore"):
             stiffness[..., range(3), range(3)] = here[..., :3]
             stiffness[..., range(3, 6), range(3, 6)] = 1 / here[..., 6:9]
-        drives, k = self.tension() / self._weights(), 0
+        drives, k = self.tension() / self.weights(), 0
         for j, kind in enumerate(members):
             if kind.drive is None:
                 continue
@@ -218,7 +218,7 @@ class DrivenLines(Lines):
         places = [self.problem.first_drive + place for place in drive_places(self.problem.features.members)]
         return np.asarray(self.problem.read("inputs")[:, places])
 
-    def _weights(self) -> FloatArray:
+    def weights(self) -> FloatArray:
         """What the length of each is multiplied by in what its drive works on, shape (instance_count, count)."""
         found = np.ones((self.problem.instance_count, len(self._driven)))
         for k, (kind, own) in enumerate(self._driven):

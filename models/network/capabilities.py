@@ -1,12 +1,16 @@
 """What the boundary problem of a network offers beside its equations."""
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from itertools import product
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from multirod.batch import IntArray
-from multirod.capabilities import Joints, Loading, Parts, Shapes, Starts
+from multirod.capabilities import Joints, Lines, Loading, Parts, Shapes, Starts
 from multirod.models.backbone.inputs import LOADS
+from multirod.models.network import records
 from multirod.models.network.elements import GAP_AT
 from multirod.models.platform.starting import crowded
 from multirod.problem import Shape
@@ -54,21 +58,22 @@ class NetworkShapes(Shapes):
         with problem.everyone():
             problem.hand_over()
             state = problem.state()
-            found: dict[int, dict[int, dict[str, FloatArray]]] = {rod: {} for rod in range(problem.rod_count)}
+            found: dict[tuple[int, int], dict[int, dict[str, FloatArray]]] = {}
             energy = self.of_springs(state.angles)
+            base = state.ends[0]
             for group in problem.groups:
                 pieces = int(slides.pieces[group.members[0]])
                 for nodes in {max(2, node_count // pieces), max(2, -(-node_count // pieces))}:
-                    (shape,), own = group.backbones.shapes.at_nodes(nodes)
-                    for place, rod in enumerate(group.members.tolist()):
+                    shapes, own = group.backbones.shapes.at_nodes(nodes)
+                    for (place, rod), (tube, shape) in product(enumerate(group.members.tolist()), enumerate(shapes)):
                         values = {name: v.reshape(count, -1, *v.shape[1:])[:, place] for name, v in vars(shape).items()}
-                        base = state.ends[0]
                         R = base.rotation[:, rod, None]
                         values["position"] = base.position[:, rod, None] + (R @ values["position"][..., None])[..., 0]
                         values["rotation"] = R @ values["rotation"]
-                        found[rod][nodes] = values
+                        found.setdefault((rod, tube), {})[nodes] = values
                 energy += own.reshape(count, -1).sum(axis=1)
-        return tuple(_joined([found[k] for k in slides.of(rod)], node_count) for rod in range(len(problem.graph.whole))), energy
+        tubes = [(rod, tube) for rod, whole in enumerate(problem.graph.whole) for tube in range(whole.rod_count)]
+        return tuple(_joined([found[k, tube] for k in slides.of(rod)], node_count) for rod, tube in tubes), energy
 
     def of_springs(self, angles: list[FloatArray]) -> FloatArray:
         """Energy of the springs in the joints [J], shape (instance_count,)."""
@@ -169,3 +174,55 @@ class NetworkJoints(Joints):
             if name in self.problem._slices:
                 rows[:, self.problem.input_slice(name)] = 0.0
         return rows
+
+
+class NetworkLines(Lines):
+    """Of a ``NetworkProblem``: those of its rods."""
+
+    def __init__(self, problem: "NetworkProblem") -> None:
+        self.problem = problem
+
+    def _of_rods(self, ask: Callable[[Lines], NDArray[Any]], *tail: int) -> FloatArray:
+        problem, drives = self.problem, self.problem.graph.drives
+        problem.hand_over()
+        first = np.cumsum([0, *map(len, drives)])
+        result = np.zeros((problem.instance_count, int(first[-1]), *tail))
+        for group in problem.groups:
+            if group.backbones.drive_count:
+                found = ask(group.backbones.lines)
+                found = found.reshape(problem.instance_count, len(group.members), *found.shape[1:])
+                for place, rod in enumerate(group.members.tolist()):
+                    result[:, first[rod] : first[rod + 1]] = found[:, place]
+        return result
+
+    def length(self) -> FloatArray:  # noqa: D102
+        return self._of_rods(lambda lines: lines.length())
+
+    def tension(self) -> FloatArray:  # noqa: D102
+        return self._of_rods(lambda lines: lines.tension())
+
+    def slack(self) -> NDArray[np.bool_]:  # noqa: D102
+        return np.asarray(self._of_rods(lambda lines: lines.slack()) != 0)
+
+    def length_columns(self, *names: str) -> FloatArray:
+        """As said; a rod whose base turns is bent by what acts along it, and so its lines are longer."""
+        problem, n, size = self.problem, self.problem.unknown_count, self.problem.layout.size
+        element, counts = problem.networks.element.numpy(), [len(own) for own in problem.graph.drives]
+        first = np.cumsum([0, *counts])
+        columns = sum(problem.input_slice(name).stop - problem.input_slice(name).start for name in names)
+        result = np.zeros((problem.instance_count, int(first[-1]), n + columns))
+        for group in problem.groups:
+            weights = group.backbones.lines.weights().reshape(problem.instance_count, len(group.members), -1)
+            for place, rod in enumerate(group.members.tolist()):
+                lines = slice(int(first[rod]), int(first[rod + 1]))
+                own = element[:, rod, size + records.MORE :][:, : counts[rod]] / weights[:, place, :, None]
+                there = np.flatnonzero(problem.places[rod] >= 0)
+                result[:, lines, problem.places[rod, there]] = own[..., there]
+                result[:, lines, n:] = own[..., size : size + columns]
+        return result
+
+    def beyond(self) -> NDArray[np.bool_]:  # noqa: D102
+        return np.asarray(self._of_rods(lambda lines: lines.beyond()) != 0)
+
+    def left(self, node_count: int) -> FloatArray:  # noqa: D102
+        return self._of_rods(lambda lines: lines.left(node_count), node_count)

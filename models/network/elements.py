@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.models.network import network_kernels as kernels
+from multirod.models.network import records
 from multirod.models.network.joints import MOST, Turns
 from multirod.validation import FloatArray
 
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from multirod.models.network.problem import NetworkProblem
 
 OWN = 6  # unknowns of a rod at least: moment and force at its base
-POSE = kernels.POSE  # of a body
-TURNING = kernels.TURNING  # directions in which the base of a rod may turn
+POSE = records.POSE  # of a body
+TURNING = records.TURNING  # directions in which the base of a rod may turn
 # rows of an element: gap and mismatch of the tip, or what is free there; what else is the rod's own; torques of the joints; the
 # balances of both bodies; what slides through the holes at tip and base
 GAP_AT, TURN_AT = slice(0, 3), slice(3, 6)
@@ -123,10 +123,10 @@ class Elements:
         size, element, value = problem.layout.size, problem.networks.element.numpy(), problem.networks.value.numpy()
         more = element[:, :, size:]
         self.columns: FloatArray = element[:, :, :size]
-        self.tip_turn: FloatArray = more[:, :, kernels.TIP_TURN_AT : kernels.TIP_TURN_AT + 3]
-        self.tip_force: FloatArray = more[:, :, kernels.TIP_FORCE_AT : kernels.TIP_FORCE_AT + 3]
-        self.tension: FloatArray = more[:, :, kernels.TENSION_AT : kernels.TENSION_AT + 2]
-        self.carried: FloatArray = value[:, :, size + kernels.CARRIED_AT :][:, :, :3]
+        self.tip_turn: FloatArray = more[:, :, records.TIP_TURN_AT : records.TIP_TURN_AT + 3]
+        self.tip_force: FloatArray = more[:, :, records.TIP_FORCE_AT : records.TIP_FORCE_AT + 3]
+        self.tension: FloatArray = more[:, :, records.TENSION_AT : records.TENSION_AT + 2]
+        self.carried: FloatArray = value[:, :, size + records.CARRIED_AT :][:, :, :3]
         self.tip_position: FloatArray = problem.networks.tip_position.numpy()
 
 

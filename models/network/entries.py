@@ -77,10 +77,10 @@ class Entries:
         self.arrow: tuple[int, ...] = ()
         self.elimination: Elimination | None = None
         self.count = n * n
-        if WHOLE <= n and n - self.first_hole <= BORDER:
+        if n >= WHOLE and n - self.first_hole <= BORDER:
             firsts = self.variables[np.flatnonzero(graph.slides.first), 0].tolist()
             self.arrow = (*firsts, self.first_hole, n) if n > self.first_hole else ()
-        elif WHOLE <= n:
+        elif n >= WHOLE:
             self.elimination = own = Elimination(np.concatenate([entries[entries >= 0], turns.reshape(-1)]), n)
             self.count = own.count
             entries = np.where(entries < 0, -1, own.index(np.maximum(entries, own.places[0])))

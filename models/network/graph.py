@@ -8,9 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.batch import IntArray, take
+from multirod.models.backbone.members import drive_slices
+from multirod.models.backbone.members import drives as drive_names
 from multirod.models.backbone.problem import BackboneAssembly
 from multirod.models.network.bodies import Body, Ground
-from multirod.models.network.elements import OWN, Layout
+from multirod.models.network.elements import Layout
 from multirod.models.network.entries import Entries
 from multirod.models.network.joints import MOST, Joint, JointTable
 from multirod.models.network.placing import Placing, placed
@@ -63,6 +65,9 @@ class Graph:
         arrays: The pieces as kernels read them.
         own: Unknowns of each, shape (rod_count,).
         along: Which of them is the force at its base along that, shape (rod_count,).
+        first_tube: The first of the tubes of each rod as given, and their number, shape (whole_count + 1,).
+        drives: What drives the lines of each, by the names of inputs.
+        drive: Which of all numbers that drive lines that of each line is, in the order of ``drive_slices``, shape (rod_count, k).
         layout: Of their elements.
         ends: Their bases, then their tips.
         base: As given.
@@ -96,8 +101,12 @@ class Graph:
         self.joints, self.holes = dict(joints), dict(holes)
         self.base = base
         self.arrays: tuple[RodArrays, ...] = tuple(rod.arrays for rod in self.rods)
-        self.own: NDArray[np.intp] = np.array([OWN for _ in self.rods])
-        self.along: NDArray[np.intp] = np.array([OWN - 1 for _ in self.rods])
+        conditions = [sum(kind.conditioned for kind in arrays.members) for arrays in self.arrays]
+        self.own: NDArray[np.intp] = np.array([r.rod_count + 5 + c for r, c in zip(self.rods, conditions, strict=True)])
+        self.along: NDArray[np.intp] = self.own - 1
+        self.first_tube: NDArray[np.intp] = np.cumsum([0, *(rod.rod_count for rod in self.whole)])
+        self.drives = [drive_names(arrays.members) for arrays in self.arrays]
+        self.drive = _places_of(self.drives)
         self.layout = Layout(int(self.own.max()), self.slides.count > 0)
         frames = {Ground.name: GROUND} | {body.name: k + 1 for k, body in enumerate(bodies)}
         self.ends = tuple(Ends([self._joint(k, end) for k in range(len(self.rods))], frames) for end in ENDS)
@@ -161,8 +170,8 @@ class Graph:
         """Length and bending stiffness of each rod, then of each body: the mean and the sum of those of the rods that it holds;
         shapes (batch or 1, rod_count + body_count)."""
         arrays = [own.repeated(self.batch_shape) for own in self.arrays]
-        length = np.stack([a.end[:, 0, -1] for a in arrays], axis=1)
-        stiffness = np.stack([a.material[:, 0, 0, :2].max(axis=1) for a in arrays], axis=1)
+        length = np.stack([a.end[:, :, -1].max(axis=1) for a in arrays], axis=1)
+        stiffness = np.stack([a.material[:, :, 0, :2].max(axis=2).sum(axis=1) for a in arrays], axis=1)
         by_body = [np.any([end.frame == k + 1 for end in self.ends], axis=0) for k in range(len(self.bodies))]
         lengths = [length[:, own].mean(axis=1, keepdims=True) for own in by_body]
         stiffnesses = [stiffness[:, own].sum(axis=1, keepdims=True) for own in by_body]
@@ -202,3 +211,16 @@ class Graph:
         tips[..., 2] = length
         position, rotation = placed(self.placing(count, batch_shape), tips, np.broadcast_to(np.eye(3), (*length.shape, 3, 3)))
         return position[:, 1:], rotation[:, 1:]
+
+
+def _places_of(drives: Sequence[Sequence[str]]) -> NDArray[np.intp]:
+    """Which of the numbers that drive lines, input by input, that of each line of each rod is, -1 where there is none."""
+    whole = drive_slices([name for own in drives for name in own])
+    taken = {name: at.start for name, at in whole.items()}
+    places = np.full((len(drives), max(map(len, drives), default=0)), -1, dtype=np.intp)
+    for rod, own in enumerate(drives):
+        for name, at in drive_slices(own).items():
+            count = at.stop - at.start
+            places[rod, at] = range(taken[name], taken[name] + count)
+            taken[name] += count
+    return places

@@ -14,7 +14,7 @@ from multirod.batch import IntArray
 from multirod.inputs import Inputs
 from multirod.models.backbone.problem import BackboneProblem
 from multirod.models.backbone.units import unit_stiffness
-from multirod.models.network import network_kernels as kernels
+from multirod.models.network import records
 from multirod.models.network.elements import TURNING
 from multirod.models.network.graph import Graph
 from multirod.models.platform.platform_kernels import LEG_VECTORS
@@ -33,6 +33,7 @@ class RodGroup:
         members: Which of its rods.
         batch_shape: Of the instances.
         direction_count: Directions of inputs.
+        first_drive: Where what drives lines begins among the inputs.
         options: Of ``BackboneProblem``.
 
     Attributes:
@@ -47,6 +48,7 @@ class RodGroup:
         members: Sequence[int],
         batch_shape: tuple[int, ...],
         direction_count: int,
+        first_drive: int,
         options: dict[str, Any],
     ) -> None:
         self.members: NDArray[np.intp] = np.array(members)
@@ -56,10 +58,12 @@ class RodGroup:
         self.slides = bool(graph.slides.cut[self.members].any())
         arrays = stack([graph.arrays[k].repeated(batch_shape) for k in members], batch_shape)
         first = graph.rods[members[0]]
+        self.drive = first_drive + graph.drive[self.members, : len(graph.drives[members[0]])]
         self.backbones = BackboneProblem(
             first.rods,
             np.eye(4),
             Inputs(LEG_INPUTS, first.rod_count, {}),
+            transmission=first.transmission,
             pose_sensitivities=True,
             held=True,
             arrays=arrays,
@@ -70,25 +74,37 @@ class RodGroup:
 
     def _make_table(self, device: str) -> Any:
         own = self.backbones
-        table: Any = kernels.RodGroup()
-        m, arrays = own.unknown_count, own.arrays
+        table: Any = records.RodGroup()
+        m = own.unknown_count
         table.count, table.unknown_count, table.direction_count = len(self.members), m, own.direction_count
         table.turns, table.slides = int(self.turns), int(self.slides)
         table.along_at = own.input_slice(ALONG[0]).start
         table.rod = wp.array(self.members.astype(np.int32), dtype=wp.int32, device=device)
-        # (5b) by what unknowns the moment and the force at the base are
-        moment_by = np.zeros((own.instance_count, 3, m))
-        units = unit_stiffness(arrays.material[:, 0, 0])
-        moment_by[:, range(3), range(3)] = units
+        table.rods, table.transmission, table.table = len(own.rods), int(own.transmission), own.table
+        table.drive_count, table.drives_at = own.drive_count, own.first_drive
+        table.drive = wp.array(self.drive.astype(np.int32), dtype=wp.int32, device=device)
+        table.lengths, table.length_columns = int(own.line_length_columns.shape[2] > 0), own.line_length_columns
         table.first_force = own.slots.places["force"].start
+        moment_by, rest, force_unit = self._base_units()
         table.moment_by = wp.array(moment_by, dtype=wp.float64, device=device)
-        rest = units * arrays.precurvature[:, 0, 0, :3]
-        table.moment_rest = wp.array(np.ascontiguousarray(rest), dtype=wp.vec3d, device=device)
-        force_unit = arrays.material[:, 0, 0, :2].max(axis=1) / arrays.end[:, 0, -1]
-        table.force_unit = wp.array(np.ascontiguousarray(force_unit), dtype=wp.float64, device=device)
+        table.moment_rest = wp.array(rest, dtype=wp.vec3d, device=device)
+        table.force_unit = wp.array(force_unit, dtype=wp.float64, device=device)
         own.share(table)
         table.wrench, table.wrench_columns = own.tip_wrench, own.wrench_columns
         return table
+
+    def _base_units(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """(5b) Moment at the base by the unknowns, (rod of all instances, 3, m), and less what, (..., 3); unit of the force."""
+        own, arrays = self.backbones, self.backbones.arrays
+        moment_by = np.zeros((own.instance_count, 3, own.unknown_count))
+        units, stiffness = unit_stiffness(arrays.material[:, :, 0]), arrays.material[:, :, 0, :2].max(axis=2)
+        force_unit = np.ascontiguousarray(own.each(stiffness[:, 0] / arrays.end[:, 0, -1]))
+        if len(own.rods) == 1:
+            moment_by[:, range(3), range(3)] = own.each(units[:, 0])
+            return moment_by, np.ascontiguousarray(own.each(units[:, 0] * arrays.precurvature[:, 0, 0, :3])), force_unit
+        moment_by[:, range(2), range(2)] = own.each(stiffness.sum(axis=1, keepdims=True))
+        moment_by[:, 2, 2 : 2 + len(own.rods)] = own.each(units[..., 2])
+        return moment_by, np.zeros((own.instance_count, 3)), force_unit
 
     def focus(self, rows: IntArray | None) -> None:
         """Let launches pass over the rods of these instances alone."""
@@ -104,6 +120,7 @@ class RodGroup:
 def builds(graph: Graph) -> list[list[int]]:
     """Rods by their build, what one kernel integrates, and by how many pieces they are cut into."""
     found: dict[Any, list[int]] = {}
-    for k, arrays in enumerate(graph.arrays):
-        found.setdefault((arrays.members, arrays.member_rods, int(graph.slides.pieces[k])), []).append(k)
+    for k, (rod, arrays) in enumerate(zip(graph.rods, graph.arrays, strict=True)):
+        key = (rod.rod_count, rod.transmission, arrays.members, arrays.member_rods, int(graph.slides.pieces[k]))
+        found.setdefault(key, []).append(k)
     return list(found.values())

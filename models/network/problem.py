@@ -15,12 +15,15 @@ import warp as wp
 from numpy.typing import NDArray
 
 from multirod.batch import IntArray
-from multirod.capabilities import Loading
+from multirod.capabilities import LineTest, Loading, ResultTest
 from multirod.inputs import Inputs
 from multirod.integrators import Integrator
 from multirod.launch import record
+from multirod.models.backbone.members import drive_slices
 from multirod.models.network import network_kernels as kernels
-from multirod.models.network.capabilities import NetworkJoints, NetworkParts, NetworkShapes, NetworkStarts
+from multirod.models.network import records
+from multirod.models.network.capabilities import NetworkJoints, NetworkLines, NetworkParts, NetworkShapes, NetworkStarts
+from multirod.models.network.element_kernels import form
 from multirod.models.network.elements import GAP_AT, POSE, Frames, Holding
 from multirod.models.network.graph import Graph
 from multirod.models.network.groups import ALONG, RodGroup, builds
@@ -90,7 +93,7 @@ class NetworkProblem(BoundaryProblem):
         graph: The network.
         end_effector: Number of the body, or, after the bodies, of the rod among those whose tips nothing holds.
         inputs: The inputs.
-        integrator, device, pose_sensitivities, direction_count, enabled: As for ``Assembly.problem``.
+        integrator, device, pose_sensitivities, direction_count, lengths, enabled: As for ``Assembly.problem``.
     """
 
     guess_integrations = 1
@@ -105,13 +108,19 @@ class NetworkProblem(BoundaryProblem):
         device: str = "cpu",
         pose_sensitivities: bool = False,
         direction_count: int = 0,
+        lengths: bool = False,
         enabled: Sequence[str] = (),
     ) -> None:
         self.graph, self.end_effector = graph, end_effector
         self.rod_count, self.body_count = len(graph.rods), len(graph.bodies)
         self.entries = entries = graph.entries
         self.places, self.first_hole, self.first_pose, n = entries.variables, entries.first_hole, entries.first_pose, entries.size
-        self._slices = input_places(len(graph.whole), len(graph.load_places), sum(graph.driven.values()))
+        self._slices = input_places(
+            int(graph.first_tube[-1]),
+            len(graph.load_places),
+            sum(graph.driven.values()),
+            [name for own in graph.drives for name in own],
+        )
         super().__init__(
             unknown_count=n,
             batch_shape=np.broadcast_shapes(inputs.batch_shape, graph.batch_shape),
@@ -129,16 +138,19 @@ class NetworkProblem(BoundaryProblem):
             "device": device,
             "pose_sensitivities": pose_sensitivities,
             "direction_count": direction_count,
+            "lengths": lengths,
             "enabled": tuple(enabled),
         }
         options = {
             "integrator": integrator,
             "device": device,
+            "lengths": lengths,
             "enabled": [name for name in ALONG if name in enabled or inputs.is_active(name)],
         }
         count, shape = self.instance_count, self.batch_shape
         self.layout = graph.layout
-        self.groups = [RodGroup(graph, members, shape, direction_count, options) for members in builds(graph)]
+        drives = self._slices[ALONG[-1]].stop
+        self.groups = [RodGroup(graph, members, shape, direction_count, drives, options) for members in builds(graph)]
         self.rounding = self.groups[0].backbones.rounding
         size = self.rod_count + self.body_count
         scales = [np.broadcast_to(scale.reshape(*graph.batch_shape, size), (*shape, size)) for scale in graph.scales()]
@@ -158,10 +170,11 @@ class NetworkProblem(BoundaryProblem):
     def _make_networks(self) -> Any:
         graph, entries, layout, device, count = self.graph, self.entries, self.layout, self.device, self.instance_count
         rods, bodies, d = self.rod_count, self.body_count, self.direction_count
-        own: Any = kernels.Networks()
+        own: Any = records.Networks()
         own.rod_count, own.body_count, own.unknown_count, own.direction_count = rods, bodies, self.unknown_count, d
         own.first_pose, own.own, own.size, own.holes = self.first_pose, layout.own, layout.size, int(layout.holes)
-        own.width, own.height = layout.size + d + layout.holes, layout.size + kernels.MORE
+        own.width = layout.size + d + layout.holes
+        own.height = layout.size + records.MORE + max(map(len, graph.drives))
         own.effector = self.end_effector + 1 if self.end_effector < bodies else 0
         own.effector_rod = -1 if own.effector else int(graph.free[self.end_effector - bodies]) if len(graph.free) else -1
         names = ("order", "active", "load_factor", "unknowns", "inputs", "directions", "fault", "step_count", "residual")
@@ -193,7 +206,7 @@ class NetworkProblem(BoundaryProblem):
         own.load_place = array(places, wp.int32)
         own.length, own.stiffness = array(self.length), array(self.stiffness)
         slides = graph.slides
-        own.owner, own.pieces = array(slides.owner, wp.int32), array(slides.pieces, wp.int32)
+        own.owner, own.pieces = array(graph.first_tube[slides.owner], wp.int32), array(slides.pieces, wp.int32)
         own.share, own.shared = array(slides.share), array(slides.shared, wp.int32)
         sections = [arrays.repeated(self.batch_shape) for arrays in graph.arrays]
         own.softness = array(np.stack([a.material[:, 0, 0, 3:9] for a in sections], axis=1))
@@ -209,7 +222,7 @@ class NetworkProblem(BoundaryProblem):
         own.body_turns = zeros(count, bodies + 1, dtype=wp.mat33d)
         own.load, own.load_turns = zeros(count, POSE * bodies), zeros(count, bodies, POSE, 3)
         own.load_directions = zeros(count, POSE * bodies, d)
-        own.value = zeros(count, rods, layout.size + kernels.MORE_VALUES)
+        own.value = zeros(count, rods, layout.size + records.MORE_VALUES)
         own.element = zeros(count, rods, own.height, own.width)
         own.tip_position, own.tip_rotation = zeros(count, rods, dtype=wp.vec3d), zeros(count, rods, dtype=wp.mat33d)
         own.rod_fault, own.rod_steps = zeros(count, rods, dtype=wp.int32), zeros(count, rods, dtype=wp.int32)
@@ -236,7 +249,7 @@ class NetworkProblem(BoundaryProblem):
             dim = group.backbones.instance_count
             launches.append(recorded(kernels.hand_over, dim, self.networks, group.table))
             launches.append(group.backbones.launch)
-            launches.append(recorded(kernels.form, dim, self.networks, group.table))
+            launches.append(recorded(form, dim, self.networks, group.table))
         launches.append(recorded(kernels.add_up, self.instance_count, self.networks))
         return launches
 
@@ -249,6 +262,20 @@ class NetworkProblem(BoundaryProblem):
     @property
     def stability(self) -> NetworkStability:  # noqa: D102
         return NetworkStability(self)
+
+    @property
+    def lines(self) -> NetworkLines:  # noqa: D102
+        return NetworkLines(self)
+
+    @property
+    def result_test(self) -> ResultTest | None:  # noqa: D102
+        between_discs = any(group.backbones.features.discs and group.backbones.features.condition_count for group in self.groups)
+        return LineTest(self.lines) if between_discs else None
+
+    @property
+    def kinks(self) -> NDArray[np.intp]:  # noqa: D102
+        own = [self.places[rod, group.backbones.kinks] for group in self.groups for rod in group.members.tolist()]
+        return np.sort(np.concatenate(own))
 
     @property
     def parts(self) -> NetworkParts:  # noqa: D102
@@ -495,12 +522,12 @@ PER_ROD = ("rotation", "translation")
 LOADED = ("force", "moment")  # of bodies and tips
 
 
-def input_places(rod_count: int, load_places: int, angles: int) -> dict[str, slice]:
-    """Where each input stands in a row; those before ``LOADED`` are no loads."""
+def input_places(rod_count: int, load_places: int, angles: int, drives: Sequence[str] = ()) -> dict[str, slice]:
+    """Where each input stands in a row; those before ``LOADED`` are no loads, and what drives lines, ``drives``, is last."""
     sizes = {name: rod_count for name in PER_ROD} | ({"angle": angles} if angles else {})
     sizes |= {name: 3 * load_places for name in LOADED} | {name: 3 for name in ALONG}
     ends = np.cumsum([0, *sizes.values()]).tolist()
-    return {name: slice(ends[k], ends[k + 1]) for k, name in enumerate(sizes)}
+    return {name: slice(ends[k], ends[k + 1]) for k, name in enumerate(sizes)} | drive_slices(drives, ends[-1])
 
 
 def _blocks(graph: Graph, places: NDArray[np.intp], first: int, n: int) -> list[Block]:

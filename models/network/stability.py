@@ -70,6 +70,11 @@ class NetworkStability(StabilityAnalysis):
             hidden += form.conjugate.reshape(count, -1).sum(axis=1)
             known &= form.known.reshape(count, -1).all(axis=1)
             known &= group.backbones.lines.stays_stiff().reshape(count, -1).all(axis=1)
+            if len(group.backbones.rods) > 1:  # tubes whose tips turn against the first are free to
+                free = form.matrix[:, 3:-3, 3:-3]
+                values, uncertainty = symmetric_eigenvalues(free, form.known)
+                hidden += (values < 0).sum(axis=1).reshape(count, -1).sum(axis=1)
+                known &= (np.abs(values) > uncertainty).all(axis=1).reshape(count, -1).all(axis=1)
         return hidden, known
 
     def _form(self, state: "State", elements: Elements) -> tuple[list[Any], NDArray[np.bool_]]:

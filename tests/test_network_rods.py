@@ -1,0 +1,170 @@
+"""Rods of a network that have lines, and tubes in each other: against the robots that are such a rod, and statics."""
+
+import numpy as np
+import pytest
+
+import multirod as mr
+
+EXACT = mr.Shooting(tolerance=1e-11, integrator=mr.RK4(50))
+FINE = mr.Shooting(tolerance=1e-11, integrator=mr.RK4(200))  # of whose steps statics of tubes notice less than 1e-12 N m
+FORCE, GRAVITY = (0.02, 0.03, 0.1), (0, 0, -9.81)
+LINED = mr.Rod(
+    length=0.2,
+    bending_stiffness=0.01,
+    torsional_stiffness=0.0077,
+    axial_stiffness=100.0,
+    linear_density=0.02,
+    lines=[
+        mr.Tendon(offset=(0.008, 0)),
+        mr.Tendon(offset=(-0.004, 0.007), driven="displacement", axial_stiffness=200.0),
+        mr.Chamber(offset=(0, -0.0055), area=2e-5),
+    ],
+)
+DRIVEN = {"tension": 0.8, "displacement": 0.001, "pressure": 1e4}
+
+
+def tube(length, curvature, stiffness):
+    return mr.Rod(
+        length=length,
+        bending_stiffness=stiffness,
+        torsional_stiffness=0.75 * stiffness,
+        linear_density=0.02,
+        precurvature=(curvature, 0, 0.5),
+    )
+
+
+TUBES = mr.ConcentricTubes([tube(0.3, 8, 0.02), tube(0.2, 5, 0.04)])
+MOVED = {"rotation": (0.4, -0.2), "translation": (-0.0513, -0.0217)}  # lengths at which no number of steps is about to change
+
+
+def at(x=0.0, y=0.0, z=0.0, turn=0.0):
+    pose = np.eye(4)
+    pose[:3, 3] = x, y, z
+    c, s = np.cos(turn), np.sin(turn)
+    pose[:3, :3] = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+    return pose
+
+
+@pytest.mark.parametrize(
+    ("rod", "single", "given"), [(LINED, mr.SingleRod(LINED), DRIVEN), (TUBES, TUBES, MOVED)], ids=["lines", "tubes"]
+)
+def test_one_rod_with_a_free_tip_is_the_robot_that_is_it(rod, single, given):
+    """Both integrate the same rod by the same steps."""
+    expected = mr.solve(single, single.inputs(tip_force=FORCE, gravity=GRAVITY, **given), solver=EXACT).raise_if_failed()
+    robot = mr.Network(rods={"arm": rod}, joints=[mr.Joint("arm", "base", to=mr.ground)])
+    by_name = {name: {"arm": value} for name, value in given.items()}
+    found = mr.solve(robot, robot.inputs(force={"arm": FORCE}, gravity=GRAVITY, **by_name), solver=EXACT).raise_if_failed()
+    # the base force is unknown here: other rounding, and 1e-11 that is left of the residual [1/m] by a length of 0.2 m
+    np.testing.assert_allclose(found.tip_position, expected.tip_position, rtol=0, atol=1e-11)
+    assert found.stability == expected.stability == mr.Stability.STABLE
+    np.testing.assert_allclose(found.potential, expected.potential, rtol=1e-10, atol=1e-12)
+    for name in (*given, "gravity"):
+        np.testing.assert_allclose(found.jacobian(name), expected.jacobian(name), rtol=1e-9, atol=1e-11)
+    if rod is LINED:
+        np.testing.assert_allclose(found.tension, expected.tension, rtol=1e-10)
+        np.testing.assert_array_equal(found.slack, expected.slack)
+        for name in given:
+            own, other = (solution.jacobian(name, of="line_length") for solution in (found, expected))
+            np.testing.assert_allclose(own, other, rtol=1e-9, atol=1e-11 * np.abs(other).max())
+
+
+@pytest.mark.parametrize("joints", ["clamped", "spherical"])
+def test_legs_with_lines_and_of_tubes_are_those_of_parallel_rods(joints):
+    feet = np.array([at(0.05), at(-0.03, 0.04), at(-0.03, -0.04)])
+    plate = np.array([at(0.04), at(-0.024, 0.032), at(-0.024, -0.032)])
+    parallel = mr.ParallelRods(legs=[TUBES, LINED, TUBES], base=feet, platform=plate, platform_mass=0.01, joints=joints)
+    given = {"rotation": (0.1, 0.2, 0, 0.3, 0.1), "translation": (-0.02, -0.01, 0, -0.02, 0), "gravity": GRAVITY, **DRIVEN}
+    robot = mr.stacked(parallel, names=["plate"])
+    assert [rod.name for rod in robot.rods] == ["plate 0 0", "plate 0 1", "plate 1", "plate 2 0", "plate 2 1"]
+    found = mr.solve(robot, robot.inputs(force={"plate": FORCE}, **given), solver=EXACT).raise_if_failed()
+    inputs = parallel.inputs(tip_force=FORCE, **given)
+    # both have the same unknowns but for angles: the plate begins where it is not turned
+    places = robot.graph.entries.variables[:, : robot.graph.layout.own]
+    start = np.concatenate([found.unknowns[places[places >= 0]], found.unknowns[-6:]])
+    expected = mr.solve(parallel, inputs, solver=EXACT, guess=start).raise_if_failed()
+    np.testing.assert_allclose(found.tip_position, expected.tip_position, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found.tension, expected.tension, rtol=1e-9)
+    assert found.stability == expected.stability
+    assert found.index == expected.index
+    for name in given:
+        own, other = found.jacobian(name), expected.jacobian(name)
+        np.testing.assert_allclose(own, other, rtol=0, atol=1e-9 * np.abs(other).max())
+
+
+def tower(rod, kind="clamped", foot=None):
+    """Such a rod on a body that a wire carries."""
+    wire = mr.Rod.wire(length=0.2, diameter=3e-3, young_modulus=60e9, shear_modulus=23e9)
+    body = mr.Body("body")
+    more = {"kind": kind, "stiffness": 0.3} if kind == "revolute" else {"kind": kind}
+    joints = [
+        mr.Joint("wire", "base", to=mr.ground),
+        mr.Joint("wire", "tip", to=body),
+        mr.Joint("arm", "base", to=body, pose=at(0.02, 0.01, 0.005, 0.7) if foot is None else foot, **more),
+    ]
+    return mr.Network(rods={"wire": wire, "arm": rod}, bodies=[body], joints=joints, end_effector="arm")
+
+
+@pytest.mark.parametrize(("rod", "given"), [(LINED, DRIVEN), (TUBES, MOVED)], ids=["lines", "tubes"])
+def test_what_carries_such_a_rod_bears_what_acts_at_its_tip(rod, given):
+    """The force and its moment about the body, whatever lines and tubes do between: what drives them stands on the body."""
+    robot = tower(rod)
+    inputs = robot.inputs(force={"arm": FORCE}, **{name: {"arm": value} for name, value in given.items()})
+    solution = mr.solve(robot, inputs, solver=FINE).raise_if_failed()
+    below = solution.rod("wire")
+    R = below.rotation[-1]
+    lever = solution.tip_position - solution.body_position("body")
+    # the tolerance [1/m] times EI of the wire, 0.24 N m^2
+    np.testing.assert_allclose(R @ below.force[-1], FORCE, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(R @ below.moment[-1], np.cross(lever, FORCE), rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize(("rod", "given"), [(LINED, DRIVEN), (TUBES, MOVED)], ids=["lines", "tubes"])
+def test_columns_of_what_stands_on_a_body(rod, given, difference):
+    """``Gamma`` and columns by what drives it, its base on a body and on a hinge, off the equilibrium and under gravity."""
+    robot = tower(rod, kind="revolute")
+    by_name = {name: {"arm": value} for name, value in given.items()}
+    inputs = robot.inputs(force={"arm": FORCE}, gravity=GRAVITY, **by_name)
+    names = (*given, "gravity")
+    options = robot.input_directions(*names)
+    problem = robot.problem(inputs, integrator=mr.RK4(50), pose_sensitivities=True, **options)
+    rng = np.random.default_rng(3)
+    x = 0.5 * rng.standard_normal((1, problem.unknown_count))
+    problem.write("unknowns", x)
+    slopes, _ = problem.input_columns(*names)
+    _, gamma = problem.evaluate(x)
+    for _ in range(3):
+        way = rng.standard_normal(problem.unknown_count)
+        by_difference = difference(lambda t, way=way: problem.evaluate(x + t * way)[0][0], 1e-2)
+        # what rounding leaves of differences of 1e-2, and their sixth order
+        np.testing.assert_allclose(gamma[0] @ way, by_difference, rtol=0, atol=1e-8)
+    kept, first = problem.read("inputs"), 0
+    for name in names:
+        place = problem.input_slice(name)
+        size = 1e-4 * max(np.abs(kept[:, place]).max(), 1e-3)
+        for k in range(place.start, place.stop):
+
+            def residual(t, k=k):
+                moved = kept.copy()
+                moved[0, k] += t
+                problem.write("inputs", moved)
+                return problem.evaluate(x)[0][0]
+
+            by_difference = difference(residual, size)
+            scale = max(1.0, np.abs(by_difference).max())
+            np.testing.assert_allclose(slopes[0, :, first], by_difference, rtol=0, atol=1e-7 * scale)
+            problem.write("inputs", kept)
+            first += 1
+
+
+def test_what_drives_lines_is_checked():
+    robot = tower(LINED)
+    np.testing.assert_array_equal(robot.inputs(tension={"arm": 2.0}).tension, robot.inputs(tension=2.0).tension)
+    with pytest.raises(ValueError, match=r"tension = 'wire' is not allowed: must be by name, one of 'arm'"):
+        robot.inputs(tension={"wire": 1.0})
+    with pytest.raises(ValueError, match="a tendon cannot push"):
+        mr.solve(robot, robot.inputs(tension={"arm": -1.0}))
+    ring = mr.Joint("arm", "along", at=0.1, to=mr.ground, pose=at(z=0.1), kind="spherical")
+    with pytest.raises(ValueError, match=r"Network.rods\['arm'\].* must have no members and no lines: it slides"):
+        mr.Network(rods={"arm": LINED}, joints=[mr.Joint("arm", "base", to=mr.ground), ring])
+    with pytest.raises(ValueError, match=r"Network.rods\['arm'\].* must be a Rod: it slides"):
+        mr.Network(rods={"arm": TUBES}, joints=[mr.Joint("arm", "base", to=mr.ground), ring])
