@@ -383,8 +383,8 @@ class NetworkProblem(BoundaryProblem):
         with self.everyone():
             self._launch(self._launches[:1])
         own = self.networks
-        parts = (np.array(array.numpy()) for array in (own.body_position, own.body_rotation, own.body_turns))
-        return Frames(*parts, self.reference[1])
+        position, rotation, turns = (np.array(array.numpy()) for array in (own.body_position, own.body_rotation, own.body_turns))
+        return Frames(position, rotation, turns, self.reference[1])
 
     def pose_unknowns(self, position: FloatArray, rotation: FloatArray) -> FloatArray:
         """(4) The unknowns (instance_count, 6 body_count) at poses (instance_count, body, ...)."""
