@@ -105,23 +105,28 @@ def scene_features(
     )
 
 
-def _looking(features: Features) -> Features:
-    """The terms of the kernel that looks at solutions: states and columns at nodes, the pose of the tip and its derivatives."""
-    columns: dict[str, Any] = {"node_columns": True, "pose_sensitivities": True, "directions": not features.held}
-    return replace(features, nodes=True, pose=True, lengths=False, **columns)
+def _telling(features: Features) -> Features:
+    """The terms of the kernel that tells of solutions: states at nodes, the tip, how long lines are, and their derivatives."""
+    columns: dict[str, Any] = {"pose_sensitivities": True, "directions": True}
+    return replace(features, nodes=True, pose=True, lengths=bool(drives(features.members)), **columns)
 
 
-def _may_look(features: Features, integrator: Integrator) -> bool:
-    """Whether that kernel has the unknowns of these terms and says all that they ask for.
+def _judging(features: Features) -> Features:
+    """The same with columns at nodes, which tell stability."""
+    return replace(_telling(features), node_columns=True)
 
-    At equal steps it must carry the force in the same way too: what they leave of a shape would else not be what they leave of
-    the solution.
+
+def _teller(features: Features, integrator: Integrator) -> Features | None:
+    """The terms of the kernel that tells of what one of these terms has solved: that which judges it too, where it may be.
+
+    A kernel must have the same unknowns. At equal steps it must carry the force in the same way too: what they leave of a shape
+    would else not be what they leave of the solution.
     """
-    if features.eccentric or drives(features.members):
-        return False
-    looking = _looking(features)
-    alike = integrator.adaptive or looking.force_is_state == features.force_is_state
-    return alike and looking.unknown_count == features.unknown_count
+    for terms in (_judging(features), _telling(features)):
+        alike = integrator.adaptive or terms.force_is_state == features.force_is_state
+        if alike and terms.unknown_count == features.unknown_count:
+            return terms
+    return None
 
 
 class NodePass:
@@ -245,7 +250,7 @@ class BackboneProblem(BoundaryProblem):
         columns = n + direction_count
         # of lines: what ``lengths`` asks for
         self.line_length: Any = wp.zeros((self.instance_count, self.drive_count), dtype=wp.float64, device=device)
-        shape = (self.instance_count, self.drive_count, columns if lengths or self.features.condition_count else 0)
+        shape = (self.instance_count, self.drive_count, columns if self.features.lengths or self.features.condition_count else 0)
         self.line_length_columns: Any = wp.zeros(shape, dtype=wp.float64, device=device)
         # of several rods, below the pose's, how each turns against the frame, and beside them by how much it is turned
         self.angle_columns: Any = self.pose_columns
@@ -279,10 +284,9 @@ class BackboneProblem(BoundaryProblem):
         needed = replace(scene_features(self.arrays, active, inputs.profiles, **options), design=self.options["design"])
         columns: dict[str, Any] = {"pose_sensitivities": pose_sensitivities, "directions": direction_count > 0}
         features = replace(needed, pose=pose, lengths=self.options["lengths"] and bool(drives(needed.members)), **columns)
-        asked = pose_sensitivities and direction_count > 0 and not self.held
+        asked = pose_sensitivities and direction_count > 0 and not needed.design and self.integrator.precision == "float64"
         # who asks for a derivative of the pose soon asks for the shape or the stability: one kernel says all
-        may = asked and not needed.design and self.integrator.precision == "float64" and _may_look(features, self.integrator)
-        return _looking(features) if may else features
+        return (_teller(features, self.integrator) if asked else None) or features
 
     # ---- arrays ----
 
@@ -786,11 +790,11 @@ class BackboneProblem(BoundaryProblem):
         self, node_count: int, chosen: bool, columns: bool, rod: int | None, unknowns: FloatArray | None, changes: dict[str, Any]
     ) -> "NodePass":
         features = replace(self.features, nodes=False, node_columns=False, design=False, **changes)
-        if columns or _may_look(features, self.integrator):
-            features = _looking(features)
-        else:
-            options: dict[str, Any] = {"pose_sensitivities": False, "directions": False, "lengths": bool(self.drives)}
-            features = replace(features, nodes=True, pose=True, **options)
+        teller = _judging(features) if columns else _teller(features, self.integrator)
+        if teller is None:
+            without: dict[str, Any] = {"pose_sensitivities": False, "directions": False}
+            teller = replace(_telling(features), **without)
+        features = teller
         call = self._make_call(node_count)
         if unknowns is not None:
             call.unknowns = self._array(unknowns)
