@@ -34,7 +34,6 @@ from multirod.models.backbone.designs import (
 from multirod.models.backbone.driven import DrivenLines
 from multirod.models.backbone.ends import move_ends, ways_back
 from multirod.models.backbone.form_kernels import make_form
-from multirod.models.backbone.forms import CompiledForm
 from multirod.models.backbone.influence import Influence, influences
 from multirod.models.backbone.inputs import BACKBONE_INPUTS, DRIVES, LOADS
 from multirod.models.backbone.kernels.layout import arguments as kernels
@@ -42,6 +41,7 @@ from multirod.models.backbone.kernels.layout.arguments import DesignOffsets
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.kernels.layout.layout import unknowns_of
 from multirod.models.backbone.members import drive_places, drive_slices, drives, kinds
+from multirod.models.backbone.node_pass import NodePass, held_to_solve
 from multirod.models.backbone.passes import LanePass
 from multirod.models.backbone.segments import TOTALS, BackboneSegments
 from multirod.models.backbone.shapes import BackboneShapes
@@ -127,54 +127,6 @@ def _teller(features: Features, integrator: Integrator) -> Features | None:
         if alike and terms.unknown_count == features.unknown_count:
             return terms
     return None
-
-
-class NodePass:
-    """A pass over nodes, which may be launched again.
-
-    Args:
-        call: Its arguments, with outputs of its own.
-        launch: Its launch.
-        columns: Whether it carries columns.
-        members: Whether the rod carries members.
-        host: Whether NumPy sees its arrays in place.
-    """
-
-    def __init__(self, call: Any, launch: LanePass, columns: bool, members: bool, host: bool) -> None:
-        self.call, self.launch, self._in_place = call, launch, host
-        nodes = [f"node_{name}" for name in ("arclength", "position", "rotation", "curvature", "moment", "force")]
-        self._outputs = [*nodes, "energy", "work", "residual", "position", "rotation"]
-        if members:
-            self._outputs += [*(f"node_{name}" for name in TOTALS), "line_length", "node_left"]
-        if columns:
-            self._outputs += ["node_columns", "tip_columns", "gamma", "pose_columns", "column_arclength"]
-        self._seen: dict[str, Any] = {}
-        self._form: CompiledForm | None = None
-
-    def form(self, size: int, rods: int, device: str) -> CompiledForm:
-        """What condenses its columns to the tip."""
-        if self._form is None:
-            self._form = CompiledForm(self.call, size, rods, device)
-        return self._form
-
-    def read(self, name: str) -> Any:
-        """An output, as it is until the next launch."""
-        if name not in self._seen or not self._in_place:
-            self._seen[name] = getattr(self.call, name).numpy()
-        return self._seen[name]
-
-    def write(self, name: str, values: Any) -> None:
-        """Set an argument."""
-        if self._in_place:
-            self.read(name)[:] = values
-        else:
-            target = getattr(self.call, name)
-            target.assign(np.asarray(values, dtype=np.int32 if target.dtype is wp.int32 else np.float64))
-
-    def clear(self) -> None:
-        """Outputs as they were at first, where they are seen in place."""
-        for name in self._outputs:
-            self.read(name).fill(np.nan if name == "column_arclength" else 0.0)
 
 
 class BackboneProblem(BoundaryProblem):
@@ -323,7 +275,8 @@ class BackboneProblem(BoundaryProblem):
             call.tip_wrench, call.wrench_columns = self.tip_wrench, self.wrench_columns
         call.direction_stride = 1
         call.steps = float(self.integrator.steps or 0)
-        call.step_multiple = 1.0 if node_count else float(step_multiple(self.integrator.steps or 1))
+        # nodes between base and tip ask for stretches of as few steps as one
+        call.step_multiple = 1.0 if node_count > 2 else float(step_multiple(self.integrator.steps or 1))
         call.rtol = self.integrator.rtol
         call.atol = self.integrator.atol
         call.step_limit = STEP_LIMIT
@@ -762,13 +715,72 @@ class BackboneProblem(BoundaryProblem):
         rod: int | None = None,
         unknowns: FloatArray | None = None,
         **changes: Any,
-    ) -> "NodePass":
+    ) -> NodePass:
         """A pass over nodes of one rod, or of all together, by outputs of its own, until the next: those of the solve stay.
 
-        Columns are those of the model with all its unknowns. ``unknowns`` are those of the solve by default.
+        Columns are those of the model with all its unknowns. ``unknowns`` are those of the solve by default: then it ends where
+        the solve does, or its outputs are NaN (``held_to_solve``).
         """
-        if columns and not self.features.moment:
+        mine = unknowns is None
+        if columns and mine and not self.features.moment:
             unknowns = self.with_moment(self.read("unknowns"))
+        made = self._pass(node_count, chosen, columns, rod, unknowns, changes)
+        as_solve = node_count == 2 and not columns
+        if not mine or as_solve or changes or isinstance(self.launch, ClampedBackbones):
+            return made
+        ran = self._listed() if chosen is None else np.array(chosen)
+        for k in self.breakpoints:
+            ran[k] = False
+
+        def again(others: FloatArray, some: NDArray[np.bool_], by_columns: bool) -> NodePass:
+            return self._pass(node_count, some, by_columns, rod, others, changes)
+
+        return held_to_solve(self, made, again, ran)
+
+    def bare_pass(self, node_count: int, chosen: NDArray[np.bool_]) -> NodePass:
+        """A pass without columns at the unknowns of the solve, wherever it ends; of two nodes, by its very steps, if equal."""
+        return self._pass(node_count, chosen, False, None, None, {})
+
+    def _listed(self) -> NDArray[np.bool_]:
+        """Which instances launches evaluate, shape (instance_count,)."""
+        result = np.zeros(self.instance_count, dtype=bool)
+        result[self.order.numpy()[: self.listed]] = True
+        return np.asarray(result & (self.active.numpy() != 0))
+
+    def end_pass(self, chosen: NDArray[np.bool_]) -> NodePass:
+        """Residual and tip of some instances by the very steps that the solve chooses, without columns; its outputs stay."""
+        made = self._end_pass
+        made.write("active", chosen)
+        made.launch.launch()
+        return made
+
+    @cached_property
+    def _end_pass(self) -> NodePass:
+        call, count = self._make_call(0), self.instance_count
+        self._own_ends(call, self.unknown_count)
+        call.active, call.fault, call.step_count = (wp.zeros(count, dtype=wp.int32, device=self.device) for _ in range(3))
+        call.line_length = wp.zeros((count, self.drive_count), dtype=wp.float64, device=self.device)
+        if self.held:
+            call.tip_wrench = wp.zeros((count, 6), dtype=wp.float64, device=self.device)
+        launch = self._record(replace(self.features, pose=True), call, columns=(0, 0))
+        return NodePass(call, launch, False, False, self._host is not None)
+
+    def _own_ends(self, call: Any, unknown_count: int) -> None:
+        """Outputs at the tip, but for columns."""
+        call.residual = wp.zeros((self.instance_count, unknown_count), dtype=wp.float64, device=self.device)
+        call.position = wp.zeros(self.instance_count, dtype=wp.vec3d, device=self.device)
+        call.rotation = wp.zeros(self.instance_count, dtype=wp.mat33d, device=self.device)
+
+    def _pass(
+        self,
+        node_count: int,
+        chosen: NDArray[np.bool_] | None,
+        columns: bool,
+        rod: int | None,
+        unknowns: FloatArray | None,
+        changes: dict[str, Any],
+    ) -> NodePass:
+        """A pass over nodes, wherever it ends."""
         key = (node_count, columns, rod, chosen is None, unknowns is None, *changes.items())
         made = self._passes.get(key)
         if made is None:
@@ -788,7 +800,7 @@ class BackboneProblem(BoundaryProblem):
 
     def _make_node_pass(
         self, node_count: int, chosen: bool, columns: bool, rod: int | None, unknowns: FloatArray | None, changes: dict[str, Any]
-    ) -> "NodePass":
+    ) -> NodePass:
         features = replace(self.features, nodes=False, node_columns=False, design=False, **changes)
         teller = _judging(features) if columns else _teller(features, self.integrator)
         if teller is None:
@@ -800,9 +812,7 @@ class BackboneProblem(BoundaryProblem):
             call.unknowns = self._array(unknowns)
         call.node_rod = len(self.rods) if rod is None else rod
         count, m = self.instance_count, features.unknown_count
-        call.residual = wp.zeros((count, m), dtype=wp.float64, device=self.device)
-        call.position = wp.zeros(count, dtype=wp.vec3d, device=self.device)
-        call.rotation = wp.zeros(count, dtype=wp.mat33d, device=self.device)
+        self._own_ends(call, m)
         if chosen:
             call.active = wp.zeros(count, dtype=wp.int32, device=self.device)
         if columns:

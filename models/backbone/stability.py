@@ -22,7 +22,8 @@ from multirod.stability import Modes, StabilityAnalysis
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
-    from multirod.models.backbone.problem import BackboneProblem, NodePass
+    from multirod.models.backbone.node_pass import NodePass
+    from multirod.models.backbone.problem import BackboneProblem
 
 FEWEST_NODES = 9
 MOST_NODES_AT_FIRST = 33
@@ -89,7 +90,7 @@ class BackboneStability(StabilityAnalysis):
         if n > 1 and not np.isfinite(self.problem.arrays.material[..., 2]).all():
             return form, determinant  # a torque of each that nothing determines
         # each instance has its own number of nodes, whatever stands beside it in the batch
-        nodes = _nodes(np.minimum(np.nan_to_num(self._segments_expected()), MOST_NODES_AT_FIRST - 2))
+        nodes = self._nodes(np.minimum(np.nan_to_num(self._segments_expected()), MOST_NODES_AT_FIRST - 2))
         open_ = np.ones(count, dtype=bool)
         if self.problem.breakpoints:
             cut = list(self.problem.breakpoints)
@@ -106,9 +107,21 @@ class BackboneStability(StabilityAnalysis):
                 if not self.problem.held:
                     determinant[done] = certain_determinant(call.read("gamma")[done])
             more = chosen & ~done & (needed < MOST_NODES - 1)
-            nodes[more] = _nodes(needed[more])
+            nodes[more] = self._nodes(needed[more])
             open_ &= ~chosen | more
         return form, determinant
+
+    def _nodes(self, segments: FloatArray) -> NDArray[np.int_]:
+        """Numbers of nodes for more than so many segments, evenly spaced: where some number of equal steps ends, if that can be;
+        else one more than a power of two."""
+        fewest = np.maximum(segments + 1e-6, FEWEST_NODES - 1)
+        result = 2 ** np.ceil(np.log2(fewest)).astype(int)
+        steps = self.problem.integrator.steps
+        if steps is not None:
+            parts = np.array([part for part in range(1, steps + 1) if steps % part == 0])
+            place = np.searchsorted(parts, fewest)
+            result = np.where(place < len(parts), parts[np.minimum(place, len(parts) - 1)], result)
+        return np.asarray(1 + result)
 
     def _free(self) -> int:
         """Angles of a free tip: three of what ends there, and how each rod turns against it."""
@@ -211,8 +224,3 @@ class BackboneStability(StabilityAnalysis):
             profile = self.problem.table.profile.numpy()
             total = total + np.abs(profile.reshape(len(profile), 6, -1)).sum(-1).max(0)[:3].sum() * length * np.abs(inputs[:, -1])
         return np.asarray(total)
-
-
-def _nodes(segments: FloatArray) -> NDArray[np.int_]:
-    """Numbers of nodes for more than so many segments: one more than a power of two."""
-    return np.asarray(1 + 2 ** np.ceil(np.log2(np.maximum(segments + 1e-6, FEWEST_NODES - 1))).astype(int))

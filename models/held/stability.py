@@ -22,7 +22,7 @@ from multirod.stability import Modes, StabilityAnalysis
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
-    from multirod.models.backbone.problem import NodePass
+    from multirod.models.backbone.node_pass import NodePass
     from multirod.models.held.problem import HeldProblem
 
 STRAIGHT = 1e-9  # of EI/L and EI/L^2: what moment and force at the tip turn by about the axis of a rod that is straight
