@@ -336,6 +336,12 @@ class BoundaryProblem(Uncopied, ABC):
     def _integrate(self) -> None:
         """Do what ``integrate`` says."""
 
+    @property
+    def launches(self) -> tuple[Any, ...] | None:
+        """The recorded launches that an integration of all instances is, in order, where it is nothing else: a kernel may repeat
+        them then. The same object as long as they are the same; None by default."""
+        return None
+
     @contextmanager
     def without_poses(self) -> Iterator[None]:
         """Within it, integrations may leave the end effector's pose out, where that saves time; it is found in the end."""
@@ -518,6 +524,11 @@ class BoundaryProblem(Uncopied, ABC):
         ``before``, (instance_count, input_count), or since they were straight and in line; zero where none share it.
         """
         return np.zeros(self.instance_count)
+
+    @property
+    def turned(self) -> slice:
+        """Where the angles stand among inputs that say what ``turning`` does since other inputs; nowhere where that is zero."""
+        return slice(0, 0)
 
     # ---- what only some offer ----
 

@@ -482,6 +482,10 @@ class BackboneProblem(BoundaryProblem):
             super().aim(*self._followed)
         self.launch.launch()
 
+    @property
+    def launches(self) -> tuple[Any, ...] | None:  # noqa: D102
+        return self.launch.recorded if isinstance(self.launch, LanePass) and not self._followed else None
+
     def focus(self, instances: IntArray | None = None) -> None:  # noqa: D102
         super().focus(instances)
         self.launch.set_dim(self.listed)
@@ -710,10 +714,14 @@ class BackboneProblem(BoundaryProblem):
         moments = self.features.profile_degree >= 0 and bool(self.table.profile.numpy().reshape(-1, 6, DEGREE + 1)[:, 3:].any())
         return not (moments or self.features.measured or self.features.friction)
 
+    @property
+    def turned(self) -> slice:  # noqa: D102
+        return self.input_slice("rotation")
+
     def turning(self, before: FloatArray | None = None) -> FloatArray:  # noqa: D102
-        angles = self.read("inputs")[:, self.input_slice("rotation")]
+        angles = self.read("inputs")[:, self.turned]
         if before is not None:
-            return np.asarray(np.ptp(angles - before[:, self.input_slice("rotation")], axis=1))
+            return np.asarray(np.ptp(angles - before[:, self.turned], axis=1))
         size = np.diff(self.arrays.end, axis=2, prepend=0.0)
         own = np.abs(self.arrays.precurvature.reshape(*size.shape, -1, 3)[..., 2]).sum(axis=-1)
         twist = (own * size).sum(axis=2).max(axis=1) if len(self.rods) > 1 and not self.held else 0.0
