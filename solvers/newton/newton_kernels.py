@@ -8,7 +8,7 @@ import warp as wp
 
 from multirod.repeated_kernels import Calls, launch_all
 from multirod.solvers.newton.bordered_kernels import Arrow, make_bordered
-from multirod.solvers.newton.linear_algebra_kernels import eliminate
+from multirod.solvers.newton.linear_algebra_kernels import copy_row, eliminate
 from multirod.status import Fault, Status
 
 
@@ -174,15 +174,15 @@ def make_arrow(block: int, border: int) -> SimpleNamespace:
         power = f64(0.0)
         while bound > enough and power < most:
             for i in range(n):
-                for k in range(wp.static(PROBES)):
-                    state.probes[t, i, k] = state.probed[t, i, k]
+                copy_row(state.probes, state.probed, t, i, 0, i, 0, wp.static(PROBES))
             solve_several(reference, state.probes, t, state.arrow)
             total = f64(0.0)
             for i in range(n):
                 for k in range(wp.static(PROBES)):
-                    lack = multiply(state.gamma, state.probes, t, i, k, state.arrow) - centre * state.probed[t, i, k]
-                    state.probed[t, i, k] = lack
-                    total += lack * lack
+                    state.probed[t, i, k] = -centre * state.probed[t, i, k]
+                multiply(state.gamma, state.probes, state.probed, t, i, state.arrow)
+                for k in range(wp.static(PROBES)):
+                    total += state.probed[t, i, k] * state.probed[t, i, k]
             power += f64(1.0)
             bound = wp.min(bound, wp.pow(total / f64(wp.static(PROBES)), f64(0.5) / power))
         return wp.where(wp.isfinite(bound), bound, f64(wp.static(UNLIKE)))
