@@ -352,30 +352,30 @@ class BoundaryProblem(Uncopied, ABC):
         chosen = np.arange(self.instance_count) if instances is None else instances
         listed = np.arange(self.instance_count, dtype=np.int32)
         listed[: len(chosen)] = chosen
-        self.order.assign(listed)
+        self._set("order", listed)
         self.listed = len(chosen)
 
     @contextmanager
     def at_load(self, factor: float | FloatArray) -> Iterator[None]:
         """Within it, ``load_factor`` is this, one number or one for each instance (instance_count,); then what it was."""
-        before = self.load_factor.numpy().copy()
-        self.load_factor.assign(np.broadcast_to(np.asarray(factor, dtype=np.float64), self.instance_count))
+        before = np.array(self.buffer("load_factor"))
+        self._set("load_factor", factor)
         try:
             yield
         finally:
-            self.load_factor.assign(before)
+            self._set("load_factor", before)
 
     @contextmanager
     def only(self, chosen: NDArray[np.bool_]) -> Iterator[None]:
         """Within it, these instances, (instance_count,), are active, and launches pass over them alone; then as it was."""
-        active, listed = self.active.numpy().copy(), self.order.numpy()[: self.listed].copy()
-        self.active.assign(np.asarray(chosen, dtype=np.int32))
+        active, listed = np.array(self.buffer("active")), np.array(self.buffer("order")[: self.listed])
+        self._set("active", chosen)
         if self.listed < self.instance_count or not chosen.all():
             self.focus(np.flatnonzero(chosen))
         try:
             yield
         finally:
-            self.active.assign(active)
+            self._set("active", active)
             if self.listed != len(listed) or len(listed) < self.instance_count:
                 self.focus(None if len(listed) == self.instance_count else listed)
 
@@ -639,8 +639,8 @@ class BoundaryProblem(Uncopied, ABC):
         return np.array((self.records.numpy() if self._host is None else self._host)[:, self.record_fields[name]])
 
     def buffer(self, name: str) -> NDArray[Any]:
-        """What the last integration wrote beside the records, ``fault``, ``residual_directions`` or ``pose_columns``: on the CPU
-        as NumPy sees it in place."""
+        """What the last integration wrote beside the records, ``fault``, ``residual_directions`` or ``pose_columns``, or what it
+        was told, ``active``, ``order`` or ``load_factor``: on the CPU as NumPy sees it in place."""
         view = self._views.get(name)
         return np.asarray(getattr(self, name).numpy()) if view is None else view
 
@@ -649,7 +649,18 @@ class BoundaryProblem(Uncopied, ABC):
         """Made once: each time anew they take a loop's sample as long as its linear algebra."""
         if self._host is None:
             return {}
-        return {name: getattr(self, name).numpy() for name in ("fault", "residual_directions", "pose_columns")}
+        names = ("fault", "residual_directions", "pose_columns", "active", "order", "load_factor")
+        return {name: getattr(self, name).numpy() for name in names}
+
+    def _set(self, name: str, values: Any) -> None:
+        """Set ``active``, ``order`` or ``load_factor``, of all instances, from what broadcasts to (instance_count,)."""
+        view = self._views.get(name)
+        if view is not None:
+            view[:] = values
+            return
+        target = getattr(self, name)
+        kind = np.float64 if target.dtype == wp.float64 else np.int32
+        target.assign(np.ascontiguousarray(np.broadcast_to(np.asarray(values, dtype=kind), self.instance_count)))
 
     def write(self, name: str, values: FloatArray) -> None:
         """Set one field of the records from an array that broadcasts to (instance_count, size); of ``gamma`` that is what records

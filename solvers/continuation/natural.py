@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from multirod.launch import expect, record
 from multirod.problem import FEW, BoundaryProblem
+from multirod.repeated_kernels import Calls
 from multirod.solver import Outcome
 from multirod.solvers.continuation.acceptance import RATIO_TESTS
 from multirod.solvers.continuation.continuation_kernels import PathState, make_path
@@ -80,16 +81,25 @@ class Paths:
                 "integrations",
                 "levels",
                 "step",
+                "steps",
+                "halved",
+                "surprised",
+                "known",
             )
             self._in_place = {name: getattr(state, name).numpy() for name in names} | {"active": problem.active.numpy()}
         self._newton = newton
         self._tolerance = newton.tolerance
         self.handed: BoolArray | None = None  # which crept and were given up; None where that is not asked for
         self._launch: Any = None
+        self._loop: tuple[Any, Any] | None = None  # what repeats integration and launch, and what it calls
         self._first_values: Any = None
         self._shape = newton.shape
         # compiled while the problem's own kernels are
-        expect(lambda: make_path(*self._shape), device)
+        self._on_cpu = wp.get_device(device).is_cpu
+        expect(self._make, device)
+
+    def _make(self) -> Any:
+        return make_path(*self._shape, repeats=self._on_cpu)
 
     @classmethod
     def of(cls, problem: BoundaryProblem, newton: Newton, max_steps: int) -> "Paths":
@@ -168,7 +178,7 @@ class Paths:
         else:
             target = self.problem.active if name == "active" else getattr(self.state, name)
             kind = np.float64 if target.dtype == wp.float64 else np.int32
-            given = np.broadcast_to(np.asarray(values, dtype=kind), self.problem.instance_count)
+            given = np.broadcast_to(np.asarray(values, dtype=kind), target.shape)
             target.assign(np.ascontiguousarray(given))
 
     def change_inputs(
@@ -217,14 +227,14 @@ class Paths:
         self._set("active", chosen)
         self._set("status", np.where(chosen, Status.NOT_RUN, Status.CONVERGED))
         for name in ("iterations", "integrations", "steps", "halved", "surprised", "levels"):
-            getattr(state, name).zero_()
-        state.known.fill_(known)
+            self._set(name, 0)
+        self._set("known", known)
         state.departing = int(known > 0)
 
     def _follow(self) -> Outcome:
         problem, state = self.problem, self.state
         if self._launch is None:
-            self._launch = record(lambda: make_path(*self._shape), problem.instance_count, [state], problem.device)
+            self._launch = record(self._make, problem.instance_count, [state, Calls(), 0], problem.device)
         else:
             self._launch.set_param_at_index(0, state)
             self._launch.set_dim(problem.instance_count)
@@ -233,7 +243,10 @@ class Paths:
             launch.launch()
             state.departing = 0
             launch.set_param_at_index(0, state)
-        remaining, rounds = 1, 0
+        calls, remaining, rounds = self._newton.calls(), 1, 0
+        if calls is not None:
+            self._repeat(calls)
+            remaining = 0
         while remaining:
             if self._remaining is not None:
                 self._remaining[0] = 0
@@ -248,7 +261,7 @@ class Paths:
             remaining = int(self._remaining[0] if self._remaining is not None else state.remaining.numpy()[0])
             if self.handed is not None:
                 if rounds == 0:
-                    unloaded = self._amplification()
+                    unloaded = self._newton.gamma()
                 rounds += 1
                 if remaining and rounds % ROUNDS == 0:
                     remaining -= self._give_up(unloaded)
@@ -261,6 +274,26 @@ class Paths:
             counts["status"][failed & (last > RUNAWAY * problem.curvature_scale())] = Status.LINE_LIMIT
         return Outcome(**counts, reached=self._get("levels")[:, 0].copy())
 
+    def _repeat(self, calls: Any) -> None:
+        """The same for few instances: a kernel repeats both, ``ROUNDS`` times in one launch."""
+        if self._loop is None or self._loop[0] is not calls:
+            self._loop = calls, tuple(record(self._make, 1, [self.state, calls, n], self.problem.device) for n in (1, ROUNDS - 1))
+        first, others = self._loop[1]
+        for launch in (first, others):
+            launch.set_param_at_index(0, self.state)
+        unloaded, remaining = None, 1
+        while remaining:
+            for launch in (first, others):
+                if remaining:
+                    self.problem.heed_stop()
+                    launch.launch()
+                    assert self._remaining is not None  # as calls are there on the CPU alone
+                    remaining = int(self._remaining[0])
+                if self.handed is not None and unloaded is None:
+                    unloaded = self._newton.gamma()
+            if remaining and unloaded is not None:
+                remaining -= self._give_up(unloaded)
+
     def _eliminate(self) -> None:
         """Have what the kernel asks of ``Gamma`` found, where the problem offers ``elimination``."""
         if self._newton.eliminated is None:
@@ -272,14 +305,9 @@ class Paths:
         ]
         self._newton.eliminated.find(state.probed.numpy() == 1, others, RATIO_TESTS)
 
-    def _amplification(self) -> FloatArray:
-        """By how much a change of the unknowns is multiplied at most, about: Frobenius norm of ``Gamma``, (instance_count,)."""
-        with np.errstate(over="ignore"):
-            return np.asarray(np.linalg.norm(self._newton.gamma(), axis=1))
-
     def _give_up(self, unloaded: FloatArray) -> int:
-        """End those that creep towards where rounding ends them: whose steps are short, and whose ``Gamma``, of the norm
-        ``unloaded`` first, will amplify the rounding of the unknowns far beyond the tolerance, (3) and (4) of
+        """End those that creep towards where rounding ends them: whose steps are short, and whose ``Gamma``,
+        ``unloaded`` first, (instance_count, n^2), will amplify the rounding of the unknowns far beyond the tolerance, (3) and (4) of
         ``docs/solvers.md``; how many there are.
 
         Every instance on its way has taken as many integrations as rounds, so that none depends on the others.
@@ -291,9 +319,9 @@ class Paths:
             return 0
         unknowns = self.state.points.numpy()[:, 0]
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            size = np.linalg.norm(self.state.reference.numpy(), axis=(1, 2))
+            size = np.linalg.norm(self.state.reference.numpy(), axis=(1, 2))  # Frobenius: what multiplies a change, at most
             steps = np.fmin((1 - level) / step, -np.log(level) / np.log1p(step / level))
-            full = size * (size / unloaded) ** (1 / np.sqrt(level) - 1)
+            full = size * (size / np.linalg.norm(unloaded, axis=1)) ** (1 / np.sqrt(level) - 1)
             rounding = np.finfo(float).eps * full * np.abs(unknowns).max(axis=1)
         creeping = active & (level > 0) & (steps > CREEPING) & (rounding > ROUNDED_OFF * self._tolerance())
         self.handed |= creeping
