@@ -342,6 +342,14 @@ class BoundaryProblem(Uncopied, ABC):
         them then. The same object as long as they are the same; None by default."""
         return None
 
+    def integrate_alike(self) -> bool:
+        """Integrate one instance for all where they are surely the same, as a batch of loads on one robot is without them.
+
+        Residual and ``Gamma`` of all are then what ``integrate`` would leave; False, and nothing is done, where they may differ, as
+        by default.
+        """
+        return False
+
     @contextmanager
     def without_poses(self) -> Iterator[None]:
         """Within it, integrations may leave the end effector's pose out, where that saves time; it is found in the end."""

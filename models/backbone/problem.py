@@ -48,7 +48,7 @@ from multirod.models.backbone.shapes import BackboneShapes
 from multirod.models.backbone.stability import BackboneStability
 from multirod.models.backbone.starts import BackboneStarts
 from multirod.models.backbone.units import unit_stiffness
-from multirod.problem import Block, BoundaryProblem
+from multirod.problem import FEW, Block, BoundaryProblem
 from multirod.profile import DEGREE, Profile, interpolate
 from multirod.reuse import reusable
 from multirod.rod import Rod, RodArrays, lower
@@ -490,6 +490,22 @@ class BackboneProblem(BoundaryProblem):
         super().focus(instances)
         self.launch.set_dim(self.listed)
 
+    def integrate_alike(self) -> bool:  # noqa: D102
+        if self._host is None or self.instance_count <= FEW or self.arrays.batch_shape or self.base.ndim > 2 or self._followed:
+            return False
+        loads = [self.input_slice(spec.name) for spec in LOADS]
+        inputs = np.delete(self.read("inputs"), np.concatenate([np.arange(own.start, own.stop) for own in loads]), axis=1)
+        unknowns, active = self.read("unknowns"), self.buffer("active")
+        if not active.all() or self.buffer("load_factor").any() or any((own != own[0]).any() for own in (inputs, unknowns)):
+            return False
+        with self.only(np.arange(self.instance_count) == 0):
+            self.integrate()
+        for name in ("residual", "gamma"):
+            self.write(name, self.read(name)[0])
+        for array in (self.fault, self.step_count):
+            array.fill_(int(array.numpy()[0]))
+        return True
+
     @contextmanager
     def without_poses(self) -> Iterator[None]:
         """As said, for many single rods at fixed steps, whose kernels round alike with and without the pose.
@@ -668,17 +684,14 @@ class BackboneProblem(BoundaryProblem):
         stiffness = table.material[:, 0, :, :3].min(axis=(1, 2))
         length = table.end[:, 0, -1] + inputs[:, self.input_slice("translation")][:, 0]
         weight = table.material[:, 0, :, 9].max(axis=1)
-        first = self.input_slice(kernels.INPUT_VECTORS[0]).start
-        vectors = inputs[:, first : first + 3 * len(kernels.INPUT_VECTORS)].reshape(self.instance_count, -1, 3)
-        sizes = np.sqrt((vectors**2).sum(axis=2))
         total = np.zeros(self.instance_count)
         for spec in LOADS:
-            size = sizes[:, kernels.INPUT_VECTORS.index(spec.name)]
-            if spec.name == "magnetic_field":
-                size = self.magnetic_load()
-            if size.any():
-                size = size * length**spec.power / stiffness
-                total += size * weight if spec.name == "gravity" else size
+            x, y, z = inputs[:, self.input_slice(spec.name)].T
+            if not (x.any() or y.any() or z.any()):
+                continue
+            size = self.magnetic_load() if spec.name == "magnetic_field" else np.sqrt(x * x + y * y + z * z)
+            size = size * length**spec.power / stiffness
+            total += size * weight if spec.name == "gravity" else size
         if self.features.foundation:
             total += self._medium_load()
         if self.drive_count:

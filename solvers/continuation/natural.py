@@ -165,7 +165,7 @@ class Paths:
         problem.write("unknowns", np.where(chosen[:, None], unknowns, problem.read("unknowns")))
         with problem.at_load(np.where(chosen, 0.0, 1.0)):
             self._set_out(chosen, known=0)
-            return self._follow()
+            return self._follow(integrated=problem.integrate_alike())
 
     def _get(self, name: str) -> Any:
         """A copy of a number of every instance."""
@@ -231,7 +231,8 @@ class Paths:
         self._set("known", known)
         state.departing = int(known > 0)
 
-    def _follow(self) -> Outcome:
+    def _follow(self, *, integrated: bool = False) -> Outcome:
+        """To the ends of all paths; ``integrated`` where that has been done at their beginnings."""
         problem, state = self.problem, self.state
         if self._launch is None:
             self._launch = record(self._make, problem.instance_count, [state, Calls(), 0], problem.device)
@@ -252,7 +253,9 @@ class Paths:
                 self._remaining[0] = 0
             else:
                 state.remaining.zero_()
-            problem.integrate()
+            if not integrated:
+                problem.integrate()
+            integrated = False
             self._eliminate()
             if dim != problem.listed:
                 dim = problem.listed

@@ -8,7 +8,7 @@ import warp as wp
 
 from multirod.repeated_kernels import Calls, launch_all
 from multirod.solvers.newton.bordered_kernels import Arrow, make_bordered
-from multirod.solvers.newton.linear_algebra_kernels import copy_row, eliminate
+from multirod.solvers.newton.linear_algebra_kernels import add_row, copy_row, eliminate, fill_row
 from multirod.status import Fault, Status
 
 
@@ -119,16 +119,14 @@ def make_dense() -> SimpleNamespace:
         power = f64(1.0)
         while bound > enough and power < most:
             for i in range(n):
-                for j in range(n):
-                    state.factor[t, i, j] = state.quotient[t, i, j]
+                copy_row(state.factor, state.quotient, t, i, 0, i, 0, n)
             total = f64(0.0)
             for i in range(n):
+                fill_row(state.quotient, t, i, 0, n, f64(0.0))
+                for k in range(n):
+                    add_row(state.quotient, state.factor, t, i, 0, k, 0, n, state.factor[t, i, k])
                 for j in range(n):
-                    product = f64(0.0)
-                    for k in range(n):
-                        product += state.factor[t, i, k] * state.factor[t, k, j]
-                    state.quotient[t, i, j] = product
-                    total += product * product
+                    total += state.quotient[t, i, j] * state.quotient[t, i, j]
             power *= f64(2.0)
             bound = wp.min(bound, wp.pow(total, f64(0.5) / power))
         return wp.where(wp.isfinite(bound), bound, f64(wp.static(UNLIKE)))
