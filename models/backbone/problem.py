@@ -262,6 +262,7 @@ class BackboneProblem(BoundaryProblem):
         self.write("inputs", self.pack(inputs))
         self.judged_often = False  # whether the second variation is condensed by a kernel of its own
         self._passes: dict[Any, NodePass] = {}
+        self._scaled: tuple[FloatArray, FloatArray] | None = None  # inputs, and ``load_scale`` there
         self._designs: dict[str, Designs] = {}
         self._followed: tuple[str, ...] = ()  # what directions by inputs and unknowns are by
         self._call = self._make_call(0)
@@ -406,11 +407,15 @@ class BackboneProblem(BoundaryProblem):
 
     @property
     def kinks(self) -> NDArray[np.intp]:  # noqa: D102
+        if not self.features.condition_count:
+            return super().kinks
         slack = [kind.slackens for kind in self.features.members if kind.conditioned]
         return np.asarray(np.arange(self.unknown_count)[self.slots.places["drives"]][np.array(slack, dtype=bool)])
 
     @property
     def kink_inputs(self) -> NDArray[np.intp]:  # noqa: D102
+        if not self.features.condition_count:
+            return super().kink_inputs
         laws = self.features.members
         slack = [kind.conditioned and kind.slackens for kind in laws if kind.drive is not None]
         places = self.first_drive + np.array(drive_places(laws), dtype=np.intp)
@@ -680,6 +685,12 @@ class BackboneProblem(BoundaryProblem):
 
     def load_scale(self) -> FloatArray:  # noqa: D102
         inputs = self.read("inputs")
+        # several ask in one solve
+        if self._scaled is None or not np.array_equal(self._scaled[0], inputs):
+            self._scaled = inputs, self._load_scale(inputs)
+        return self._scaled[1].copy()
+
+    def _load_scale(self, inputs: FloatArray) -> FloatArray:
         table = self.arrays
         stiffness = table.material[:, 0, :, :3].min(axis=(1, 2))
         length = table.end[:, 0, -1] + inputs[:, self.input_slice("translation")][:, 0]

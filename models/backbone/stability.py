@@ -40,16 +40,16 @@ class BackboneStability(StabilityAnalysis):
 
     @property
     def has_potential(self) -> NDArray[np.bool_]:  # noqa: D102
-        inputs = self.problem.read("inputs")
-        without = [spec.name for spec in LOADS if not spec.potential]
-        acting = np.column_stack([inputs[:, self.problem.input_slice(name)] for name in without]).any(axis=1)
-        profiles = (
-            self.problem.table.profile.numpy().reshape(-1, 6, DEGREE + 1)
-            if self.problem.features.profile_degree >= 0
-            else np.zeros((1, 6, 1))
-        )
-        acting |= bool(profiles[:, 3:].any()) & (inputs[:, -1] != 0)
-        return np.asarray(~acting & (not self.problem.features.measured) & (not self.problem.features.friction))
+        problem, features = self.problem, self.problem.features
+        inputs = problem.read("inputs")
+        acting = np.full(problem.instance_count, features.measured or features.friction)
+        for spec in LOADS:
+            if not spec.potential:
+                acting |= inputs[:, problem.input_slice(spec.name)].any(axis=1)
+        if features.profile_degree >= 0:
+            moments = problem.table.profile.numpy().reshape(-1, 6, DEGREE + 1)[:, 3:]
+            acting |= bool(moments.any()) & (inputs[:, -1] != 0)
+        return np.asarray(~acting)
 
     def potential(self) -> FloatArray:  # noqa: D102
         call = self.problem.node_pass(2)

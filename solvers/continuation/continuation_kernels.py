@@ -305,10 +305,10 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
         return wp.static(int(Status.NOT_RUN))
 
     @wp.func(inline=False)
-    def go_on(state: wp.ref[PathState], t: int):
-        """One instance, after its integration."""
+    def go_on(state: wp.ref[PathState], t: int, departing: int):
+        """One instance, after its integration, or ``departing`` before the first."""
         status = int(wp.static(int(Status.NOT_RUN)))
-        if state.departing != 0:
+        if departing != 0:
             state.step[t] = longest_step(state, t)
         else:
             state.integrations[t] = state.integrations[t] + 1
@@ -349,17 +349,22 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
         if rounds == 0:
             t = state.newton.order[wp.tid()]
             if state.newton.active[t] != 0:
-                go_on(state, t)
+                go_on(state, t, state.departing)
             return
         if wp.static(repeats):
+            count = state.status.shape[0]
+            if state.departing != 0:
+                for t in range(count):
+                    if state.newton.active[t] != 0:
+                        go_on(state, t, 1)
             left = int(1)
             done = int(0)
             while left > 0 and done < rounds:
                 state.remaining[0] = 0
                 launch_all(calls)
-                for t in range(state.status.shape[0]):
+                for t in range(count):
                     if state.newton.active[t] != 0:
-                        go_on(state, t)
+                        go_on(state, t, 0)
                 left = state.remaining[0]
                 done += 1
 

@@ -91,7 +91,8 @@ class Paths:
         self._tolerance = newton.tolerance
         self.handed: BoolArray | None = None  # which crept and were given up; None where that is not asked for
         self._launch: Any = None
-        self._loop: tuple[Any, Any] | None = None  # what repeats integration and launch, and what it calls
+        self._loop: tuple[Any, Any] | None = None  # what is called, and launches that repeat it and what follows
+        self._passed: tuple[Any, ...] | None = None  # options of these launches
         self._first_values: Any = None
         self._shape = newton.shape
         # compiled while the problem's own kernels are
@@ -234,6 +235,22 @@ class Paths:
     def _follow(self, *, integrated: bool = False) -> Outcome:
         """To the ends of all paths; ``integrated`` where that has been done at their beginnings."""
         problem, state = self.problem, self.state
+        calls = self._newton.calls()
+        if calls is not None:
+            self._repeat(calls)
+        else:
+            self._launch_all(integrated)
+        counts: dict[str, Any] = {name: self._get(name) for name in ("status", "iterations", "integrations")}
+        self._doubt_ends(counts["status"], counts["integrations"])
+        if len(problem.kinks) and (failed := failures(counts["status"])).any():
+            # lines that cannot all be as short as they are to be
+            last = np.abs(state.points.numpy()[:, 0, problem.kinks]).max(axis=1)
+            counts["status"][failed & (last > RUNAWAY * problem.curvature_scale())] = Status.LINE_LIMIT
+        return Outcome(**counts, reached=self._get("levels")[:, 0].copy())
+
+    def _launch_all(self, integrated: bool) -> None:
+        """Integrations and launches until no instance is on its way."""
+        problem, state = self.problem, self.state
         if self._launch is None:
             self._launch = record(self._make, problem.instance_count, [state, Calls(), 0], problem.device)
         else:
@@ -244,10 +261,7 @@ class Paths:
             launch.launch()
             state.departing = 0
             launch.set_param_at_index(0, state)
-        calls, remaining, rounds = self._newton.calls(), 1, 0
-        if calls is not None:
-            self._repeat(calls)
-            remaining = 0
+        remaining, rounds = 1, 0
         while remaining:
             if self._remaining is not None:
                 self._remaining[0] = 0
@@ -269,21 +283,21 @@ class Paths:
                 if remaining and rounds % ROUNDS == 0:
                     remaining -= self._give_up(unloaded)
             leave(problem, remaining)
-        counts: dict[str, Any] = {name: self._get(name) for name in ("status", "iterations", "integrations")}
-        self._doubt_ends(counts["status"], counts["integrations"])
-        if len(problem.kinks) and (failed := failures(counts["status"])).any():
-            # lines that cannot all be as short as they are to be
-            last = np.abs(state.points.numpy()[:, 0, problem.kinks]).max(axis=1)
-            counts["status"][failed & (last > RUNAWAY * problem.curvature_scale())] = Status.LINE_LIMIT
-        return Outcome(**counts, reached=self._get("levels")[:, 0].copy())
 
     def _repeat(self, calls: Any) -> None:
-        """The same for few instances: a kernel repeats both, ``ROUNDS`` times in one launch."""
+        """The same for few instances: a kernel repeats both, ``ROUNDS`` times in two launches."""
+        state = self.state
         if self._loop is None or self._loop[0] is not calls:
-            self._loop = calls, tuple(record(self._make, 1, [self.state, calls, n], self.problem.device) for n in (1, ROUNDS - 1))
+            self._loop = calls, tuple(record(self._make, 1, [state, calls, n], self.problem.device) for n in (1, ROUNDS - 1))
+            self._passed = None
         first, others = self._loop[1]
-        for launch in (first, others):
-            launch.set_param_at_index(0, self.state)
+        options = (state.by_inputs, state.dip, state.growth, state.max_steps)
+        if state.by_inputs or options != self._passed:
+            first.set_param_at_index(0, state)
+            departing, state.departing = state.departing, 0
+            others.set_param_at_index(0, state)
+            state.departing = departing
+            self._passed = options
         unloaded, remaining = None, 1
         while remaining:
             for launch in (first, others):
@@ -292,6 +306,9 @@ class Paths:
                     launch.launch()
                     assert self._remaining is not None  # as calls are there on the CPU alone
                     remaining = int(self._remaining[0])
+                if state.departing:
+                    state.departing = 0
+                    first.set_param_at_index(0, state)
                 if self.handed is not None and unloaded is None:
                     unloaded = self._newton.gamma()
             if remaining and unloaded is not None:
