@@ -345,8 +345,8 @@ class BoundaryProblem(Uncopied, ABC):
     def integrate_alike(self) -> bool:
         """Integrate one instance for all where they are surely the same, as a batch of loads on one robot is without them.
 
-        Residual and ``Gamma`` of all are then what ``integrate`` would leave; False, and nothing is done, where they may differ, as
-        by default.
+        Residual and ``Gamma`` of all are then what ``integrate`` would leave; False, and nothing is done, where they may differ,
+        as by default.
         """
         return False
 

@@ -73,8 +73,8 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
     """Kernel that takes each active instance from an integration to the next on its path, or to its end, and puts those that are
     ``departing`` from a known equilibrium on their way.
 
-    The arguments say what ``Gamma`` is like, as for ``make_iteration``. Where it ``repeats``, one thread may do all: with ``rounds``,
-    it has what is to be launched in between launched so many times at most, until no instance is on its way.
+    The arguments say what ``Gamma`` is like, as for ``make_iteration``. Where it ``repeats``, one thread may do all: with
+    ``rounds``, it has what is to be launched in between launched so many times at most, until no instance is on its way.
     """
     iteration = make_iteration(block, border, told)
     iterate, spectral_radius, newton_step = iteration.iterate, iteration.spectral_radius, iteration.aim

@@ -327,8 +327,8 @@ class Paths:
 
     def _give_up(self, unloaded: FloatArray) -> int:
         """End those that creep towards where rounding ends them: whose steps are short, and whose ``Gamma``,
-        ``unloaded`` first, (instance_count, n^2), will amplify the rounding of the unknowns far beyond the tolerance, (3) and (4) of
-        ``docs/solvers.md``; how many there are.
+        ``unloaded`` first, (instance_count, n^2), will amplify the rounding of the unknowns far beyond the tolerance, (3) and (4)
+        of ``docs/solvers.md``; how many there are.
 
         Every instance on its way has taken as many integrations as rounds, so that none depends on the others.
         """

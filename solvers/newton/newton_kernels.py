@@ -361,8 +361,8 @@ def keep_sample(state: wp.ref[NewtonState], sample: wp.ref[Sample], t: int):
 def make_newton(block: int = 0, border: int = 0, told: bool = False, repeats: bool = False):
     """Kernel that takes each active instance from an integration to its next trial, or to its end.
 
-    Where it ``repeats``, one thread may do all: with ``rounds``, it has what is to be launched in between launched so many times at
-    most, until no instance is active. With a ``sample`` it begins where a motion's next is foreseen, and ends as the last one.
+    Where it ``repeats``, one thread may do all: with ``rounds``, it has what is to be launched in between launched so many times
+    at most, until no instance is active. With a ``sample`` it begins where a motion's next is foreseen, and ends as the last one.
     """
     iterate = make_iteration(block, border, told).iterate
 
