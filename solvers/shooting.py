@@ -13,7 +13,7 @@ from multirod.solver import Outcome, Solver, Track
 from multirod.solvers.continuation.natural import TURN, Paths, natural_branch
 from multirod.solvers.following.follow import follow
 from multirod.solvers.multiple_shooting import MultipleShooting
-from multirod.solvers.newton.iteration import Newton
+from multirod.solvers.newton.iteration import UNLIMITED, Newton
 from multirod.solvers.newton.newton_kernels import Sample
 from multirod.solvers.newton.refinement import refine
 from multirod.solvers.starting.assembling import assemble
@@ -275,7 +275,7 @@ class NewtonTrack(Track):
             state.inputs = problem.inputs
         turned = problem.turned if problem.may_jump else slice(0, 0)
         state.turned, state.most_turn = wp.vec2i(turned.start, turned.stop), TURN
-        state.order, state.slow, state.most_integrations = self.order, self.newton.slow, options.max_integrations
+        state.order, state.slow, state.most_integrations = self.order, self.newton.slow, min(options.max_integrations, UNLIMITED)
         self._state = state
         self._past, self._last_inputs = state.past.numpy(), state.last_inputs.numpy()
         self._points, self._good = state.points.numpy(), state.good.numpy()
@@ -289,7 +289,7 @@ class NewtonTrack(Track):
     @property
     def last(self) -> FloatArray:
         """Unknowns of the last good samples, shape (instance_count, n)."""
-        return self._past[:, 0]
+        return np.asarray(self._past[:, 0])
 
     def start(self, unknowns: FloatArray) -> None:
         """Take ``unknowns`` as the sample before the first."""

@@ -346,7 +346,11 @@ def _without_torque(torque: FloatArray, r: int) -> FloatArray:
     count, c = torque.shape
     free = np.zeros((count, c, c - 1))
     own = torque[:, :r]
-    free[:, :r, : r - 1] = np.linalg.svd(own[:, None, :])[2][:, 1:].swapaxes(1, 2)
+    # the reflection that takes it into the first direction: its other columns are across it
+    axis = np.array(own)
+    axis[:, 0] += np.copysign(np.sqrt((own**2).sum(axis=1)), own[:, 0])
+    share = 2 / np.maximum((axis**2).sum(axis=1), 1e-300)
+    free[:, :r, : r - 1] = np.eye(r)[:, 1:] - (share[:, None] * axis)[:, :, None] * axis[:, None, 1:]
     free[:, :r, r - 1 :] = -own[:, :, None] * (torque[:, r:] / (own**2).sum(axis=1, keepdims=True))[:, None, :]
     free[:, range(r, c), range(r - 1, c - 1)] = 1.0
     return free

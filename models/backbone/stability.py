@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.models.backbone.inputs import LOADS
-from multirod.models.backbone.kernels.layout import arguments as kernels
 from multirod.models.backbone.mode_bounds import bound_modes
 from multirod.models.backbone.second_variation import (
     MOST_NODES,
@@ -70,14 +69,18 @@ class BackboneStability(StabilityAnalysis):
         modes.known[~judged] = False
         modes.values[~judged] = np.nan
         # det Gamma is positive where nothing acts
-        modes.diverging[:] = (
-            (~potential | self.problem.features.foundation) & (determinant < 0) & (not self.problem.features.measured)
-        )
+        modes.diverging[:] = self._told_by_sign & (determinant < 0)
         return modes
 
+    @property
+    def _told_by_sign(self) -> NDArray[np.bool_]:
+        """Where the sign of ``det Gamma`` is all that tells of instability, shape (instance_count,)."""
+        terms = self.problem.features
+        return np.asarray((~self.has_potential | terms.foundation) & (not terms.measured))
+
     def condensed_form(self) -> tuple[CondensedForm, FloatArray]:
-        """The second variation at ``unknowns``, condensed to the tip, and ``det Gamma`` (instance_count,), NaN of breakpoints, of
-        a held tip and where rounding hides its sign.
+        """The second variation at ``unknowns``, condensed to the tip, and ``det Gamma`` (instance_count,), where that tells more;
+        NaN of breakpoints, of a held tip and where rounding hides its sign.
 
         One integration over as many nodes as the loads call for; where the moments found call for more, another one.
         """
@@ -103,8 +106,8 @@ class BackboneStability(StabilityAnalysis):
             done = chosen & (needed < node_count)
             if done.any():
                 form.put(done, self._form(call, done, unit))
-                if not self.problem.held:
-                    determinant[done] = certain_determinant(call.read("gamma")[done])
+                if not self.problem.held and (asked := done & self._told_by_sign).any():
+                    determinant[asked] = certain_determinant(call.read("gamma")[asked])
             more = chosen & ~done & (needed < MOST_NODES - 1)
             nodes[more] = _nodes(needed[more])
             open_ &= ~chosen | more
@@ -204,7 +207,8 @@ class BackboneStability(StabilityAnalysis):
         """Bound of the dead forces' part of the internal force [N], shape (instance_count,)."""
         inputs = self.problem.read("inputs")
         length = self.problem.ends().max(axis=1)
-        sizes = {name: np.linalg.norm(inputs[:, self.problem.input_slice(name)], axis=1) for name in kernels.INPUT_VECTORS}
+        names = ("tip_force", "distributed_force", "gravity")
+        sizes = {name: np.linalg.norm(inputs[:, self.problem.input_slice(name)], axis=1) for name in names}
         weight = self.problem.each(self.problem.arrays.material[..., 9].max(axis=2).sum(axis=1))
         total = sizes["tip_force"] + (sizes["distributed_force"] + weight * sizes["gravity"]) * length
         if self.problem.features.profile_degree >= 0:
