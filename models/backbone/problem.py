@@ -1,6 +1,6 @@
 """One backbone: its inputs, and its boundary problem, the buffers and launches of its kernels."""
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import replace
@@ -262,7 +262,7 @@ class BackboneProblem(BoundaryProblem):
         self.write("inputs", self.pack(inputs))
         self.judged_often = False  # whether the second variation is condensed by a kernel of its own
         self._passes: dict[Any, NodePass] = {}
-        self._scaled: tuple[FloatArray, FloatArray] | None = None  # inputs, and ``load_scale`` there
+        self._found: dict[str, tuple[FloatArray, NDArray[Any]]] = {}  # by name, for what and what
         self._designs: dict[str, Designs] = {}
         self._followed: tuple[str, ...] = ()  # what directions by inputs and unknowns are by
         self._call = self._make_call(0)
@@ -685,10 +685,15 @@ class BackboneProblem(BoundaryProblem):
 
     def load_scale(self) -> FloatArray:  # noqa: D102
         inputs = self.read("inputs")
-        # several ask in one solve
-        if self._scaled is None or not np.array_equal(self._scaled[0], inputs):
-            self._scaled = inputs, self._load_scale(inputs)
-        return self._scaled[1].copy()
+        return self.found_for("load_scale", inputs, lambda: self._load_scale(inputs))
+
+    def found_for(self, name: str, given: FloatArray, find: Callable[[], NDArray[Any]]) -> Any:
+        """A copy of what ``find`` finds, which follows from ``given`` alone: several ask for the same in one solve, and in the
+        next."""
+        kept = self._found.get(name)
+        if kept is None or not np.array_equal(kept[0], given):
+            kept = self._found[name] = given, find()
+        return kept[1].copy()
 
     def _load_scale(self, inputs: FloatArray) -> FloatArray:
         table = self.arrays

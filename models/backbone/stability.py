@@ -39,8 +39,11 @@ class BackboneStability(StabilityAnalysis):
 
     @property
     def has_potential(self) -> NDArray[np.bool_]:  # noqa: D102
+        inputs = self.problem.read("inputs")
+        return np.asarray(self.problem.found_for("has_potential", inputs, lambda: self._has_potential(inputs)))
+
+    def _has_potential(self, inputs: FloatArray) -> NDArray[np.bool_]:
         problem, features = self.problem, self.problem.features
-        inputs = problem.read("inputs")
         acting = np.full(problem.instance_count, features.measured or features.friction)
         for spec in LOADS:
             if not spec.potential:
@@ -192,9 +195,10 @@ class BackboneStability(StabilityAnalysis):
             return super().mode_bounds()
         inputs = self.problem.read("inputs")
         EI, kappa = self.problem.by_section()
-        start = inputs[:, self.problem.input_slice("translation")]
+        start, force = inputs[:, self.problem.input_slice("translation")], self._dead_load()
         end, compliance = self.problem.each(self.problem.arrays.end), self.problem.each(self.problem.arrays.material[..., 5])
-        bounds = bound_modes(start, end, compliance, EI, kappa, self._dead_load())
+        given = np.concatenate([start, force[:, None]], axis=1)
+        bounds = self.problem.found_for("mode_bounds", given, lambda: bound_modes(start, end, compliance, EI, kappa, force))
         bounds[:, 0] += np.where(self.has_potential, 0.0, 0.5 * self.problem.load_scale())
         bounds[~self.has_potential, 1] = np.inf
         if (
