@@ -103,6 +103,12 @@ class Direct:
             recorded.hooks.forward, ctypes.byref(self._bounds), ctypes.byref(self._arguments)
         )
 
+    @property
+    def address(self) -> tuple[int, int, int]:
+        """Of its function, and of what stands ready for it: bounds and arguments, which stay where they are."""
+        function = ctypes.cast(self._recorded.hooks.forward, ctypes.c_void_p).value or 0
+        return function, ctypes.addressof(self._bounds), ctypes.addressof(self._arguments)
+
     def _take_over(self) -> None:
         bounds, *values = self._recorded.params
         ctypes.memmove(ctypes.byref(self._bounds), ctypes.byref(bounds), ctypes.sizeof(self._bounds))
@@ -118,6 +124,13 @@ class Direct:
         """Another number of threads from now on."""
         self._recorded.set_dim(dim)
         self._take_over()
+
+
+def ready(launch: Any) -> tuple[int, int, int] | None:
+    """``Direct.address`` of a launch, which is waited for while its kernel is being compiled; None if it has none."""
+    if isinstance(launch, Pending):
+        launch = launch.recorded()
+    return launch.address if isinstance(launch, Direct) else None
 
 
 class Pending:
@@ -139,11 +152,15 @@ class Pending:
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):
             raise AttributeError(name)
-        if self._recorded is None:
-            COMPILER.wait(self._future)
-            self._recorded = _record(*self._of)
-        found = getattr(self._recorded, name)
+        found = getattr(self.recorded(), name)
         if callable(found):
             # from the second call on it is the launch's own: a control loop notices a microsecond
             setattr(self, name, found)
         return found
+
+    def recorded(self) -> Any:
+        """The launch itself, once its kernel is compiled."""
+        if self._recorded is None:
+            COMPILER.wait(self._future)
+            self._recorded = _record(*self._of)
+        return self._recorded

@@ -336,6 +336,20 @@ class BoundaryProblem(Uncopied, ABC):
     def _integrate(self) -> None:
         """Do what ``integrate`` says."""
 
+    @property
+    def launches(self) -> tuple[Any, ...] | None:
+        """The recorded launches that an integration of all instances is, in order, where it is nothing else: a kernel may repeat
+        them then. The same object as long as they are the same; None by default."""
+        return None
+
+    def integrate_alike(self) -> bool:
+        """Integrate one instance for all where they are surely the same, as a batch of loads on one robot is without them.
+
+        Residual and ``Gamma`` of all are then what ``integrate`` would leave; False, and nothing is done, where they may differ,
+        as by default.
+        """
+        return False
+
     @contextmanager
     def without_poses(self) -> Iterator[None]:
         """Within it, integrations may leave the end effector's pose out, where that saves time; it is found in the end."""
@@ -346,30 +360,30 @@ class BoundaryProblem(Uncopied, ABC):
         chosen = np.arange(self.instance_count) if instances is None else instances
         listed = np.arange(self.instance_count, dtype=np.int32)
         listed[: len(chosen)] = chosen
-        self.order.assign(listed)
+        self._set("order", listed)
         self.listed = len(chosen)
 
     @contextmanager
     def at_load(self, factor: float | FloatArray) -> Iterator[None]:
         """Within it, ``load_factor`` is this, one number or one for each instance (instance_count,); then what it was."""
-        before = self.load_factor.numpy().copy()
-        self.load_factor.assign(np.broadcast_to(np.asarray(factor, dtype=np.float64), self.instance_count))
+        before = np.array(self.buffer("load_factor"))
+        self._set("load_factor", factor)
         try:
             yield
         finally:
-            self.load_factor.assign(before)
+            self._set("load_factor", before)
 
     @contextmanager
     def only(self, chosen: NDArray[np.bool_]) -> Iterator[None]:
         """Within it, these instances, (instance_count,), are active, and launches pass over them alone; then as it was."""
-        active, listed = self.active.numpy().copy(), self.order.numpy()[: self.listed].copy()
-        self.active.assign(np.asarray(chosen, dtype=np.int32))
+        active, listed = np.array(self.buffer("active")), np.array(self.buffer("order")[: self.listed])
+        self._set("active", chosen)
         if self.listed < self.instance_count or not chosen.all():
             self.focus(np.flatnonzero(chosen))
         try:
             yield
         finally:
-            self.active.assign(active)
+            self._set("active", active)
             if self.listed != len(listed) or len(listed) < self.instance_count:
                 self.focus(None if len(listed) == self.instance_count else listed)
 
@@ -519,6 +533,11 @@ class BoundaryProblem(Uncopied, ABC):
         """
         return np.zeros(self.instance_count)
 
+    @property
+    def turned(self) -> slice:
+        """Where the angles stand among inputs that say what ``turning`` does since other inputs; nowhere where that is zero."""
+        return slice(0, 0)
+
     # ---- what only some offer ----
 
     @property
@@ -628,8 +647,8 @@ class BoundaryProblem(Uncopied, ABC):
         return np.array((self.records.numpy() if self._host is None else self._host)[:, self.record_fields[name]])
 
     def buffer(self, name: str) -> NDArray[Any]:
-        """What the last integration wrote beside the records, ``fault``, ``residual_directions`` or ``pose_columns``: on the CPU
-        as NumPy sees it in place."""
+        """What the last integration wrote beside the records, ``fault``, ``residual_directions`` or ``pose_columns``, or what it
+        was told, ``active``, ``order`` or ``load_factor``: on the CPU as NumPy sees it in place."""
         view = self._views.get(name)
         return np.asarray(getattr(self, name).numpy()) if view is None else view
 
@@ -638,7 +657,18 @@ class BoundaryProblem(Uncopied, ABC):
         """Made once: each time anew they take a loop's sample as long as its linear algebra."""
         if self._host is None:
             return {}
-        return {name: getattr(self, name).numpy() for name in ("fault", "residual_directions", "pose_columns")}
+        names = ("fault", "residual_directions", "pose_columns", "active", "order", "load_factor")
+        return {name: getattr(self, name).numpy() for name in names}
+
+    def _set(self, name: str, values: Any) -> None:
+        """Set ``active``, ``order`` or ``load_factor``, of all instances, from what broadcasts to (instance_count,)."""
+        view = self._views.get(name)
+        if view is not None:
+            view[:] = values
+            return
+        target = getattr(self, name)
+        kind = np.float64 if target.dtype == wp.float64 else np.int32
+        target.assign(np.ascontiguousarray(np.broadcast_to(np.asarray(values, dtype=kind), self.instance_count)))
 
     def write(self, name: str, values: FloatArray) -> None:
         """Set one field of the records from an array that broadcasts to (instance_count, size); of ``gamma`` that is what records

@@ -133,8 +133,10 @@ class Solution(Generic[Robot_co]):
             unknowns = self._records[:, self._scene.fields["unknowns"]]
             self._strain_said = plausibility.of_bases(self.assembly, unknowns, unsettled)
         else:
-            from multirod.strains import largest
+            from multirod.strains import bound, largest
 
+            if bound(self.assembly.rods, shapes) <= plausibility.STRAIN:
+                return
             strain = largest(self, [self._whole_shape(shape) for shape in shapes]).reshape(-1, len(shapes))
             self._strain_said = plausibility.of_strains(self.assembly, np.where(unsettled[:, None], np.nan, strain))
 

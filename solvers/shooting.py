@@ -13,7 +13,8 @@ from multirod.solver import Outcome, Solver, Track
 from multirod.solvers.continuation.natural import TURN, Paths, natural_branch
 from multirod.solvers.following.follow import follow
 from multirod.solvers.multiple_shooting import MultipleShooting
-from multirod.solvers.newton.iteration import Newton
+from multirod.solvers.newton.iteration import UNLIMITED, Newton
+from multirod.solvers.newton.newton_kernels import Sample
 from multirod.solvers.newton.refinement import refine
 from multirod.solvers.starting.assembling import assemble
 from multirod.solvers.starting.letting_out import let_out, loosened, near_the_end
@@ -264,35 +265,64 @@ class NewtonTrack(Track):
         self.newton = options.newton(problem)
         self.newton.expect()
         self.order = PREDICTORS.index(options.predictor)
-        self.history: list[FloatArray] = []
+        count, n = problem.instance_count, problem.unknown_count
+        # on a processor, NumPy and the kernel of a sample share what is kept
+        state: Any = Sample()
+        state.past = wp.zeros((count, 3, n), dtype=wp.float64, device="cpu")
+        state.last_inputs = wp.zeros((count, problem.input_count), dtype=wp.float64, device="cpu")
+        state.points, state.good = (wp.zeros(1, dtype=wp.int32, device="cpu") for _ in range(2))
+        if wp.get_device(problem.device).is_cpu:
+            state.inputs = problem.inputs
+        turned = problem.turned if problem.may_jump else slice(0, 0)
+        state.turned, state.most_turn = wp.vec2i(turned.start, turned.stop), TURN
+        state.order, state.slow, state.most_integrations = self.order, self.newton.slow, min(options.max_integrations, UNLIMITED)
+        self._state = state
+        self._past, self._last_inputs = state.past.numpy(), state.last_inputs.numpy()
+        self._points, self._good = state.points.numpy(), state.good.numpy()
+        self._sample: tuple[Any, Any] | None = None  # the launch of a sample, and what it calls
         self.inputs: FloatArray | None = None  # those of the last good sample
         self.known = np.zeros(problem.instance_count, dtype=bool)  # instances that have had a good sample, or a guess
         self.all_known = False
-        self.fresh = np.zeros(problem.instance_count, dtype=bool)  # where branches are near: what came there by an event
+        # where branches are near: what came there by an event
+        self.fresh, self._any_fresh = np.zeros(problem.instance_count, dtype=bool), False
+
+    @property
+    def last(self) -> FloatArray:
+        """Unknowns of the last good samples, shape (instance_count, n)."""
+        return np.asarray(self._past[:, 0])
 
     def start(self, unknowns: FloatArray) -> None:
         """Take ``unknowns`` as the sample before the first."""
-        self.history = [np.array(unknowns)]
+        self._past[:, 0], self._points[0] = unknowns, 1
         self.known[:] = True
         self.all_known = True
 
     def step(self) -> Outcome:
         """Extrapolate, iterate to the tolerance, and make sure of the branch."""
         problem, newton = self.problem, self.newton
+        if self.all_known and self.inputs is not None and not self._any_fresh and (calls := newton.calls()) is not None:
+            if self._sample is None or self._sample[0] is not calls:
+                self._sample = calls, newton.repeating(calls, self._state)
+            newton.everyone()
+            self._sample[1].launch()
+            if self._good[0]:
+                return newton.outcome()
+            newton.go_on()  # where it was not at its end
+            return self._made_sure(newton.outcome(), None)
         first = None
         if not self.all_known:
-            if not self.history:
-                self.history = [problem.guess()]
+            if not self._points[0]:
+                self._past[:, 0], self._points[0] = problem.guess(), 1
             first = self.options._first(problem, newton, ~self.known)
             if not self.known.any():
                 return self._keep(first)
-        past = self.history
-        if len(past) > 2:
-            guess = 3 * (past[0] - past[1]) + past[2]
-        elif len(past) == 2:
-            guess = 2 * past[0] - past[1]
+        past, points = self._past, int(self._points[0])
+        if points > 2:
+            guess = 3 * (past[:, 0] - past[:, 1]) + past[:, 2]
+        elif points == 2:
+            guess = 2 * past[:, 0] - past[:, 1]
         else:
-            guess = past[0]
+            guess = past[:, 0]
         if first is not None:
             guess = np.where(self.known[:, None], guess, problem.read("unknowns"))
         problem.write("unknowns", guess)
@@ -307,6 +337,11 @@ class NewtonTrack(Track):
             ):
                 mine[~self.known] = theirs[~self.known]
             outcome.breakpoints, outcome.events = first.breakpoints, first.events
+        return self._made_sure(outcome, first)
+
+    def _made_sure(self, outcome: Outcome, first: Outcome | None) -> Outcome:
+        """What may have left its branch is solved again, and the sample is kept."""
+        problem, newton = self.problem, self.newton
         turned = self._turned()
         fresh = bool(self.fresh.any())
         if self.inputs is not None and (newton.doubtful() or first is not None or turned is not None or fresh):
@@ -334,7 +369,7 @@ class NewtonTrack(Track):
         self.newton.allow(self.options._left(outcome))
         paths = Paths(self.problem, self.newton, self.options.max_continuation_steps)
         safe = np.where(self.fresh, FRESH, 1.0)
-        last = self.history[0], self.newton.reference()
+        last = self.last.copy(), self.newton.reference()
         again = paths.change_inputs(doubtful, before, *last, safe_step=safe)
         self._take_in(doubtful, again, outcome)
         reached, ends = again.reached, self.problem.read("unknowns")
@@ -383,23 +418,27 @@ class NewtonTrack(Track):
 
     def _keep(self, outcome: Outcome) -> Outcome:
         found, inputs = self.problem.read("unknowns"), self.problem.read("inputs")
+        past, self._points[0] = self._past, min(self._points[0] + 1, self.order + 1)
         if self.all_known and (outcome.status == _CONVERGED).all():
-            self.history = [found, *self.history[: self.order]]
-            self.inputs = inputs
+            past[:, 1:] = past[:, :2]
+            past[:, 0] = found
+            self._last_inputs[:] = inputs
             self.newton.set_reference()
-            return outcome
-        # of what is known by its breakpoints only, the unknowns alone cannot start the next sample
-        good = ~failures(outcome.status)
-        good[list(outcome.breakpoints)] = False
-        # what failed starts again from its last equilibrium, what is new from its first, both without a slope
-        elsewhere = np.isin(outcome.status, (Status.BIFURCATED, Status.SNAPPED))
-        self.fresh |= elsewhere
-        kept, new = good[:, None], (good & (elsewhere | ~self.known))[:, None]
-        last = self.history[0]
-        past = [found, *self.history[: self.order]]
-        self.history = [np.where(new, found, np.where(kept, point, last)) for point in past]
-        self.inputs = inputs if self.inputs is None else np.where(kept, inputs, self.inputs)
-        self.newton.set_reference(good)
-        self.known |= good
-        self.all_known = bool(self.known.all())
+        else:
+            # of what is known by its breakpoints only, the unknowns alone cannot start the next sample
+            good = ~failures(outcome.status)
+            good[list(outcome.breakpoints)] = False
+            # what failed starts again from its last equilibrium, what is new from its first, both without a slope
+            elsewhere = np.isin(outcome.status, (Status.BIFURCATED, Status.SNAPPED))
+            self.fresh |= elsewhere
+            kept, new = good[:, None], (good & (elsewhere | ~self.known))[:, None]
+            last = past[:, 0].copy()
+            for k, point in ((2, past[:, 1]), (1, past[:, 0]), (0, found)):
+                past[:, k] = np.where(new, found, np.where(kept, point, last))
+            self._last_inputs[:] = inputs if self.inputs is None else np.where(kept, inputs, self.inputs)
+            self.newton.set_reference(good)
+            self.known |= good
+            self.all_known = bool(self.known.all())
+        self.inputs = self._last_inputs
+        self._any_fresh = bool(self.fresh.any())
         return outcome

@@ -1,6 +1,6 @@
 """One backbone: its inputs, and its boundary problem, the buffers and launches of its kernels."""
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import replace
@@ -48,7 +48,7 @@ from multirod.models.backbone.shapes import BackboneShapes
 from multirod.models.backbone.stability import BackboneStability
 from multirod.models.backbone.starts import BackboneStarts
 from multirod.models.backbone.units import unit_stiffness
-from multirod.problem import Block, BoundaryProblem
+from multirod.problem import FEW, Block, BoundaryProblem
 from multirod.profile import DEGREE, Profile, interpolate
 from multirod.reuse import reusable
 from multirod.rod import Rod, RodArrays, lower
@@ -219,6 +219,7 @@ class BackboneProblem(BoundaryProblem):
         self.write("inputs", self.pack(inputs))
         self.judged_often = False  # whether the second variation is condensed by a kernel of its own
         self._passes: dict[Any, NodePass] = {}
+        self._found: dict[str, tuple[FloatArray, NDArray[Any]]] = {}  # by name, for what and what
         self._designs: dict[str, Designs] = {}
         self._followed: tuple[str, ...] = ()  # what directions by inputs and unknowns are by
         self._call = self._make_call(0)
@@ -363,11 +364,15 @@ class BackboneProblem(BoundaryProblem):
 
     @property
     def kinks(self) -> NDArray[np.intp]:  # noqa: D102
+        if not self.features.condition_count:
+            return super().kinks
         slack = [kind.slackens for kind in self.features.members if kind.conditioned]
         return np.asarray(np.arange(self.unknown_count)[self.slots.places["drives"]][np.array(slack, dtype=bool)])
 
     @property
     def kink_inputs(self) -> NDArray[np.intp]:  # noqa: D102
+        if not self.features.condition_count:
+            return super().kink_inputs
         laws = self.features.members
         slack = [kind.conditioned and kind.slackens for kind in laws if kind.drive is not None]
         places = self.first_drive + np.array(drive_places(laws), dtype=np.intp)
@@ -439,9 +444,29 @@ class BackboneProblem(BoundaryProblem):
             super().aim(*self._followed)
         self.launch.launch()
 
+    @property
+    def launches(self) -> tuple[Any, ...] | None:  # noqa: D102
+        return self.launch.recorded if isinstance(self.launch, LanePass) and not self._followed else None
+
     def focus(self, instances: IntArray | None = None) -> None:  # noqa: D102
         super().focus(instances)
         self.launch.set_dim(self.listed)
+
+    def integrate_alike(self) -> bool:  # noqa: D102
+        if self._host is None or self.instance_count <= FEW or self.arrays.batch_shape or self.base.ndim > 2 or self._followed:
+            return False
+        loads = [self.input_slice(spec.name) for spec in LOADS]
+        inputs = np.delete(self.read("inputs"), np.concatenate([np.arange(own.start, own.stop) for own in loads]), axis=1)
+        unknowns, active = self.read("unknowns"), self.buffer("active")
+        if not active.all() or self.buffer("load_factor").any() or any((own != own[0]).any() for own in (inputs, unknowns)):
+            return False
+        with self.only(np.arange(self.instance_count) == 0):
+            self.integrate()
+        for name in ("residual", "gamma"):
+            self.write(name, self.read(name)[0])
+        for array in (self.fault, self.step_count):
+            array.fill_(int(array.numpy()[0]))
+        return True
 
     @contextmanager
     def without_poses(self) -> Iterator[None]:
@@ -617,21 +642,29 @@ class BackboneProblem(BoundaryProblem):
 
     def load_scale(self) -> FloatArray:  # noqa: D102
         inputs = self.read("inputs")
+        return self.found_for("load_scale", inputs, lambda: self._load_scale(inputs))
+
+    def found_for(self, name: str, given: FloatArray, find: Callable[[], NDArray[Any]]) -> Any:
+        """A copy of what ``find`` finds, which follows from ``given`` alone: several ask for the same in one solve, and in the
+        next."""
+        kept = self._found.get(name)
+        if kept is None or not np.array_equal(kept[0], given):
+            kept = self._found[name] = given, find()
+        return kept[1].copy()
+
+    def _load_scale(self, inputs: FloatArray) -> FloatArray:
         table = self.arrays
         stiffness = table.material[:, 0, :, :3].min(axis=(1, 2))
         length = table.end[:, 0, -1] + inputs[:, self.input_slice("translation")][:, 0]
         weight = table.material[:, 0, :, 9].max(axis=1)
-        first = self.input_slice(kernels.INPUT_VECTORS[0]).start
-        vectors = inputs[:, first : first + 3 * len(kernels.INPUT_VECTORS)].reshape(self.instance_count, -1, 3)
-        sizes = np.sqrt((vectors**2).sum(axis=2))
         total = np.zeros(self.instance_count)
         for spec in LOADS:
-            size = sizes[:, kernels.INPUT_VECTORS.index(spec.name)]
-            if spec.name == "magnetic_field":
-                size = self.magnetic_load()
-            if size.any():
-                size = size * length**spec.power / stiffness
-                total += size * weight if spec.name == "gravity" else size
+            x, y, z = inputs[:, self.input_slice(spec.name)].T
+            if not (x.any() or y.any() or z.any()):
+                continue
+            size = self.magnetic_load() if spec.name == "magnetic_field" else np.sqrt(x * x + y * y + z * z)
+            size = size * length**spec.power / stiffness
+            total += size * weight if spec.name == "gravity" else size
         if self.features.foundation:
             total += self._medium_load()
         if self.drive_count:
@@ -667,10 +700,14 @@ class BackboneProblem(BoundaryProblem):
         moments = self.features.profile_degree >= 0 and bool(self.table.profile.numpy().reshape(-1, 6, DEGREE + 1)[:, 3:].any())
         return not (moments or self.features.measured or self.features.friction)
 
+    @property
+    def turned(self) -> slice:  # noqa: D102
+        return self.input_slice("rotation")
+
     def turning(self, before: FloatArray | None = None) -> FloatArray:  # noqa: D102
-        angles = self.read("inputs")[:, self.input_slice("rotation")]
+        angles = self.read("inputs")[:, self.turned]
         if before is not None:
-            return np.asarray(np.ptp(angles - before[:, self.input_slice("rotation")], axis=1))
+            return np.asarray(np.ptp(angles - before[:, self.turned], axis=1))
         size = np.diff(self.arrays.end, axis=2, prepend=0.0)
         own = np.abs(self.arrays.precurvature.reshape(*size.shape, -1, 3)[..., 2]).sum(axis=-1)
         twist = (own * size).sum(axis=2).max(axis=1) if len(self.rods) > 1 and not self.held else 0.0

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.models.backbone.inputs import LOADS
-from multirod.models.backbone.kernels.layout import arguments as kernels
 from multirod.models.backbone.mode_bounds import bound_modes
 from multirod.models.backbone.second_variation import (
     MOST_NODES,
@@ -42,15 +41,18 @@ class BackboneStability(StabilityAnalysis):
     @property
     def has_potential(self) -> NDArray[np.bool_]:  # noqa: D102
         inputs = self.problem.read("inputs")
-        without = [spec.name for spec in LOADS if not spec.potential]
-        acting = np.column_stack([inputs[:, self.problem.input_slice(name)] for name in without]).any(axis=1)
-        profiles = (
-            self.problem.table.profile.numpy().reshape(-1, 6, DEGREE + 1)
-            if self.problem.features.profile_degree >= 0
-            else np.zeros((1, 6, 1))
-        )
-        acting |= bool(profiles[:, 3:].any()) & (inputs[:, -1] != 0)
-        return np.asarray(~acting & (not self.problem.features.measured) & (not self.problem.features.friction))
+        return np.asarray(self.problem.found_for("has_potential", inputs, lambda: self._has_potential(inputs)))
+
+    def _has_potential(self, inputs: FloatArray) -> NDArray[np.bool_]:
+        problem, features = self.problem, self.problem.features
+        acting = np.full(problem.instance_count, features.measured or features.friction)
+        for spec in LOADS:
+            if not spec.potential:
+                acting |= inputs[:, problem.input_slice(spec.name)].any(axis=1)
+        if features.profile_degree >= 0:
+            moments = problem.table.profile.numpy().reshape(-1, 6, DEGREE + 1)[:, 3:]
+            acting |= bool(moments.any()) & (inputs[:, -1] != 0)
+        return np.asarray(~acting)
 
     def potential(self) -> FloatArray:  # noqa: D102
         call = self.problem.node_pass(2)
@@ -71,14 +73,18 @@ class BackboneStability(StabilityAnalysis):
         modes.known[~judged] = False
         modes.values[~judged] = np.nan
         # det Gamma is positive where nothing acts
-        modes.diverging[:] = (
-            (~potential | self.problem.features.foundation) & (determinant < 0) & (not self.problem.features.measured)
-        )
+        modes.diverging[:] = self._told_by_sign & (determinant < 0)
         return modes
 
+    @property
+    def _told_by_sign(self) -> NDArray[np.bool_]:
+        """Where the sign of ``det Gamma`` is all that tells of instability, shape (instance_count,)."""
+        terms = self.problem.features
+        return np.asarray((~self.has_potential | terms.foundation) & (not terms.measured))
+
     def condensed_form(self) -> tuple[CondensedForm, FloatArray]:
-        """The second variation at ``unknowns``, condensed to the tip, and ``det Gamma`` (instance_count,), NaN of breakpoints, of
-        a held tip and where rounding hides its sign.
+        """The second variation at ``unknowns``, condensed to the tip, and ``det Gamma`` (instance_count,), where that tells more;
+        NaN of breakpoints, of a held tip and where rounding hides its sign.
 
         One integration over as many nodes as the loads call for; where the moments found call for more, another one.
         """
@@ -104,8 +110,8 @@ class BackboneStability(StabilityAnalysis):
             done = chosen & (needed < node_count)
             if done.any():
                 form.put(done, self._form(call, done, unit))
-                if not self.problem.held:
-                    determinant[done] = certain_determinant(call.read("gamma")[done])
+                if not self.problem.held and (asked := done & self._told_by_sign).any():
+                    determinant[asked] = certain_determinant(call.read("gamma")[asked])
             more = chosen & ~done & (needed < MOST_NODES - 1)
             nodes[more] = self._nodes(needed[more])
             open_ &= ~chosen | more
@@ -202,9 +208,10 @@ class BackboneStability(StabilityAnalysis):
             return super().mode_bounds()
         inputs = self.problem.read("inputs")
         EI, kappa = self.problem.by_section()
-        start = inputs[:, self.problem.input_slice("translation")]
+        start, force = inputs[:, self.problem.input_slice("translation")], self._dead_load()
         end, compliance = self.problem.each(self.problem.arrays.end), self.problem.each(self.problem.arrays.material[..., 5])
-        bounds = bound_modes(start, end, compliance, EI, kappa, self._dead_load())
+        given = np.concatenate([start, force[:, None]], axis=1)
+        bounds = self.problem.found_for("mode_bounds", given, lambda: bound_modes(start, end, compliance, EI, kappa, force))
         bounds[:, 0] += np.where(self.has_potential, 0.0, 0.5 * self.problem.load_scale())
         bounds[~self.has_potential, 1] = np.inf
         if (
@@ -217,7 +224,8 @@ class BackboneStability(StabilityAnalysis):
         """Bound of the dead forces' part of the internal force [N], shape (instance_count,)."""
         inputs = self.problem.read("inputs")
         length = self.problem.ends().max(axis=1)
-        sizes = {name: np.linalg.norm(inputs[:, self.problem.input_slice(name)], axis=1) for name in kernels.INPUT_VECTORS}
+        names = ("tip_force", "distributed_force", "gravity")
+        sizes = {name: np.linalg.norm(inputs[:, self.problem.input_slice(name)], axis=1) for name in names}
         weight = self.problem.each(self.problem.arrays.material[..., 9].max(axis=2).sum(axis=1))
         total = sizes["tip_force"] + (sizes["distributed_force"] + weight * sizes["gravity"]) * length
         if self.problem.features.profile_degree >= 0:

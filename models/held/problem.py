@@ -329,6 +329,11 @@ class HeldProblem(BoundaryProblem):
         for launch in self._launches[::2]:
             launch.set_dim(self.listed)
 
+    @cached_property
+    def launches(self) -> tuple[Any, ...] | None:  # noqa: D102
+        own = self.rod.launches
+        return None if own is None else (self._launches[0], *own, *self._launches[2:])
+
     def _integrate(self) -> None:
         self.rod.stop = self.stop
         for launch in self._launches:
