@@ -19,6 +19,7 @@ from multirod.solvers.newton.refinement import refine
 from multirod.solvers.starting.assembling import assemble
 from multirod.solvers.starting.letting_out import let_out, loosened, near_the_end
 from multirod.solvers.starting.multistart import lowest_stable, refuse_unstable
+from multirod.solvers.tracking.kinks import passed_kinks
 from multirod.status import BoolArray, IntArray, Status, failures
 from multirod.validation import FloatArray, boolean, choice, positive_int
 
@@ -346,6 +347,7 @@ class NewtonTrack(Track):
         fresh = bool(self.fresh.any())
         if self.inputs is not None and (newton.doubtful() or first is not None or turned is not None or fresh):
             doubtful = ((outcome.status != _CONVERGED) | newton.strayed()) & self.known
+            doubtful &= ~passed_kinks(problem, newton, doubtful & (outcome.status == _CONVERGED), self.history[0])
             if turned is not None:
                 doubtful |= turned & self.known
             calm, own = ~doubtful, problem.read("unknowns") if fresh else None

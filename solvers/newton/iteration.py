@@ -207,6 +207,10 @@ class Newton:
         change, contraction = self._doubts
         return bool((self._counts[0] != _CONVERGED).any() or change.max() > LARGE_CHANGE or contraction.max() > self.slow)
 
+    def slowed(self) -> Any:
+        """Whether an instance of the last run contracted too slowly to be sure of its branch; bool, shape (instance_count,)."""
+        return (self._doubts[1] if self._doubts else self.state.contraction.numpy()) > self._slow
+
     def strayed(self) -> Any:
         """Whether a converged instance may be on another branch than its reference; bool, shape (instance_count,)."""
         change, contraction = self._doubts or (self.state.change.numpy(), self.state.contraction.numpy())

@@ -644,8 +644,10 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         if wp.static(MEMBERS):
             # what another lane found is none of this one's: results would depend on how columns are shared out
             set_number(memory, z + wp.static(z_at("unanswered")), l, f64(0.0))
-            for j in range(wp.static(z_at("known")), wp.static(z_at("strains_before") + layout.STRAINS)):
-                set_number(memory, z + j, l, f64(0.0))
+            for j in range(wp.static(layout.LAST_STRAINS)):
+                set_number(memory, z + wp.static(z_at("strains")) + j, l, f64(0.0))
+            for j in range(wp.static(layout.STRAINS)):
+                set_number(memory, z + wp.static(z_at("last_system")) + j * wp.static(layout.STRAINS + 1), l, f64(1.0))
         if wp.static(DIRECTIONS):
             load_directions(rods, call, case, memory, o, l, p, first, count)
 
