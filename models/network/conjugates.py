@@ -96,15 +96,15 @@ class NetworkConjugates(Conjugates):
             for rod in np.flatnonzero(table.free).tolist():
                 if end == 0 and graph.slides.shared[rod]:  # told by the tip of the piece below
                     continue
-                own = places[rod, at][: table.free[rod]]
+                rows = places[rod, at][: table.free[rod]]
                 by_angles = turns[:, rod] if table.free[rod] == MOST else np.eye(int(table.free[rod]))
-                result[:, own[:, None], own] = sense * L[:, rod, None, None] * by_angles
+                result[:, rows[:, None], rows] = sense * L[:, rod, None, None] * by_angles
         below = np.flatnonzero(graph.slides.upper >= 0)
         holes = problem.first_hole + graph.slides.upper[below]
         result[:, holes, holes] = -(L[:, below] ** 2)
         turned = np.swapaxes(state.frames.axes[:, 1:], -1, -2) @ state.frames.turns[:, 1:]
         for body in range(problem.body_count):
-            own = problem.first_pose + POSE * body + np.arange(POSE)
-            result[:, own[:3], own[:3]] = L[:, problem.rod_count + body, None] ** 2
-            result[:, own[3:, None], own[3:]] = turned[:, body]
+            rows = problem.first_pose + POSE * body + np.arange(POSE)
+            result[:, rows[:3], rows[:3]] = L[:, problem.rod_count + body, None] ** 2
+            result[:, rows[3:, None], rows[3:]] = turned[:, body]
         return result

@@ -380,11 +380,12 @@ class NetworkProblem(BoundaryProblem):
         equations = Equations(rods, state.ends, tables, state.angles, length, stiffness, graph.slides.shared)
         equations.join()
         if len(graph.free):
-            force, moment = (self._on_places(state, name)[:, self.body_count :] for name in LOADED)
-            by_force, by_moment = (self._on_places(state, name, True)[:, self.body_count :] for name in LOADED)
-            level = state.level[:, None, None]
-            loads = level * np.concatenate([force, moment], axis=-1)
-            equations.leave(graph.free, loads, np.concatenate([by_force, by_moment], axis=-2))
+            level, loads = state.level[:, None, None], []
+            for names in (LOADED, FOLLOWING):
+                acting = [self._on_places(state, name)[:, self.body_count :] for name in names]
+                changing = [self._on_places(state, name, True)[:, self.body_count :] for name in names]
+                loads += [level * np.concatenate(acting, axis=-1), np.concatenate(changing, axis=-2)]
+            equations.leave(graph.free, *loads)
         equations.turn()
         if self.body_count:
             equations.balance(state.frames, holders)
@@ -417,10 +418,14 @@ class NetworkProblem(BoundaryProblem):
 
         own = slice(self.first_pose, None)
         residual[:, own] -= told((force + weight)[..., None], (moment + cross(centre, weight))[..., None]).reshape(count, -1)
-        by_turn = cross_matrix(weight) @ cross_matrix(centre) @ frames.turns[:, bodies]
-        columns = told(np.zeros_like(by_turn), by_turn)
+        turn = frames.rotation[:, bodies]
+        pushes, twists = (turn @ (level * self._on_places(state, name)[:, : self.body_count])[..., None] for name in FOLLOWING)
+        residual[:, own] -= told(pushes, twists).reshape(count, -1)  # (28)
+        by_turn = cross_matrix(weight) @ cross_matrix(centre) - cross_matrix(twists[..., 0])
+        columns = told(-cross_matrix(pushes[..., 0]) @ frames.turns[:, bodies], by_turn @ frames.turns[:, bodies])
         gamma[:, self.entries.turns] -= columns
-        by_force, by_moment = (self._on_places(state, name, True)[:, : self.body_count] for name in LOADED)
+        by_load = [self._on_places(state, name, True)[:, : self.body_count] for name in (*LOADED, *FOLLOWING)]
+        by_force, by_moment = by_load[0] + turn @ by_load[2], by_load[1] + turn @ by_load[3]
         heave = mass[:, None] * np.swapaxes(state.take(self, "gravity", True), 1, 2)[:, None]
         by_all = told(by_force + heave, by_moment + cross_matrix(centre) @ heave)
         directions[:, own] -= by_all.reshape(count, POSE * self.body_count, -1)
@@ -615,7 +620,7 @@ class NetworkProblem(BoundaryProblem):
         total = np.sum(own, axis=0)
         inputs, L, EI = self.read("inputs"), self.length, self.stiffness
         rods = [*range(self.rod_count, self.rod_count + self.body_count), *self.graph.free]  # scales of what loads act on
-        for name, power in zip(LOADED, (2, 1), strict=True):
+        for name, power in zip((*LOADED, *FOLLOWING), (2, 1, 2, 1), strict=True):
             size = np.linalg.norm(inputs[:, self.input_slice(name)].reshape(self.instance_count, -1, 3), axis=2)
             total += (size * L[:, rods] ** power / EI[:, rods]).sum(axis=1)
         gravity = np.linalg.norm(inputs[:, self.input_slice("gravity")], axis=1)
@@ -634,12 +639,13 @@ def _fields(rods: Integrated) -> tuple[FloatArray, ...]:
 
 PER_ROD = ("rotation", "translation")
 LOADED = ("force", "moment")  # of bodies and tips
+FOLLOWING = ("follower_force", "follower_moment")  # of the same, in their frames
 
 
 def input_places(rod_count: int, load_places: int, angles: int) -> dict[str, slice]:
     """Where each input stands in a row; those before ``LOADED`` are no loads."""
     sizes = {name: rod_count for name in PER_ROD} | ({"angle": angles} if angles else {})
-    sizes |= {name: 3 * load_places for name in LOADED} | {name: 3 for name in ALONG}
+    sizes |= {name: 3 * load_places for name in (*LOADED, *FOLLOWING)} | {name: 3 for name in ALONG}
     ends = np.cumsum([0, *sizes.values()]).tolist()
     return {name: slice(ends[k], ends[k + 1]) for k, name in enumerate(sizes)}
 
