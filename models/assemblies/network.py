@@ -23,7 +23,7 @@ from multirod.models.network.graph import ENDS, Graph
 from multirod.models.network.groups import ALONG
 from multirod.models.network.joints import ALONG as ALONG_ROD
 from multirod.models.network.joints import Joint
-from multirod.models.network.problem import LOADED, PER_ROD, NetworkProblem
+from multirod.models.network.problem import FOLLOWING, LOADED, PER_ROD, NetworkProblem
 from multirod.models.network.sliding import uniform
 from multirod.models.platform.problem import LEG_INPUTS
 from multirod.reuse import reusable
@@ -42,6 +42,22 @@ LOAD_INPUTS = (
         description="dead force on each body, at its origin, and on each tip that nothing holds, world frame",
     ),
     InputSpec(name="moment", unit="N m", acts="tip", load="moment", description="dead moment on the same, world frame"),
+    InputSpec(
+        name="follower_force",
+        unit="N",
+        acts="tip",
+        load="force",
+        follows=True,
+        description="force on each body, at its origin, and on each tip that nothing holds, fixed in its frame",
+    ),
+    InputSpec(
+        name="follower_moment",
+        unit="N m",
+        acts="tip",
+        load="moment",
+        follows=True,
+        description="moment on the same, fixed in its frame",
+    ),
 )
 ANGLE = InputSpec(name="angle", unit="rad", count=0, description="coordinates of the joints that are driven, from their poses")
 
@@ -148,10 +164,10 @@ class Network(Assembly):
     def inputs(self, **values: Unpack[NetworkInputs]) -> Inputs:  # type: ignore[override]  # these, and no others
         """Actuation and loads by name, all optional: numbers or arrays, whose leading axes ``...`` broadcast.
 
-        ``rotation`` and ``translation`` are also taken by names of rods, ``{"leg 0": 0.1}``, and ``force`` and ``moment`` by
-        those of ``load_places``, ``{"plate": (0, 0, -2)}``; as arrays these have the shape (..., place_count, 3). Where joints
-        are driven, ``angle`` is taken by those of ``driven_joints``, ``{"arm base": 0.3}``: one number, two or three each. What
-        is not named is zero. A leading axis makes a batch, an instance for each entry.
+        ``rotation`` and ``translation`` are also taken by names of rods, ``{"leg 0": 0.1}``, and ``force`` and ``moment``, dead
+        or following, by those of ``load_places``, ``{"plate": (0, 0, -2)}``; as arrays these have the shape (..., place_count,
+        3). Where joints are driven, ``angle`` is taken by those of ``driven_joints``, ``{"arm base": 0.3}``: one number, two or
+        three each. What is not named is zero. A leading axis makes a batch, an instance for each entry.
 
         Args:
             **values: Those of ``NetworkInputs``.
@@ -179,7 +195,7 @@ class Network(Assembly):
         plain = dict(values)
         for name, size, places in (
             *((name, 1, self.graph.whole_names) for name in PER_ROD),
-            *((name, 3, self.load_places) for name in LOADED),
+            *((name, 3, self.load_places) for name in (*LOADED, *FOLLOWING)),
         ):
             if name in plain:
                 plain[name] = _in_order(name, plain[name], size, places)

@@ -137,7 +137,8 @@ class BackboneProblem(BoundaryProblem):
     With ``held`` the tip is not free: the base force is unknown too, the pose and wrench of the tip are written out with their
     columns, and of the residual only the torques of the rods that end before it. ``arrays`` are those of ``rods``, or of several
     backbones of the same build along the last batch axis. Of several ``pieces``, the rod is clamped between them by moments that
-    stand among the directions, of each instance from the number ``first_moment`` on, one for all or (instance_count,).
+    stand among the directions, of each instance from the number ``first_moment`` on, one for all or (instance_count,); the
+    ``load_directions`` before them change what acts along the rod.
     """
 
     def __init__(
@@ -159,6 +160,7 @@ class BackboneProblem(BoundaryProblem):
         arrays: RodArrays | None = None,
         pieces: int = 1,
         first_moment: IntArray | int = 0,
+        load_directions: int = 0,
     ) -> None:
         arrays = lower(rods) if arrays is None else arrays
         batch_shape = np.broadcast_shapes(inputs.batch_shape, arrays.batch_shape, base.shape[:-2])
@@ -225,7 +227,8 @@ class BackboneProblem(BoundaryProblem):
         self._call = self._make_call(0)
         self.launch: LanePass | ClampedBackbones
         if pieces > 1:
-            self.launch = ClampedBackbones(self, pieces, np.broadcast_to(first_moment, self.instance_count))
+            first = np.broadcast_to(first_moment, self.instance_count)
+            self.launch = ClampedBackbones(self, pieces, first, load_directions)
         else:
             self.launch = self._record(self.features, self._call)
 

@@ -207,15 +207,26 @@ class Equations:
         inward = np.swapaxes(rods.rotation, -1, -2)
         self.columns[..., TURN_AT, :] = inverse_left_jacobian(-log) @ (inward @ turn) / L[..., None]
 
-    def leave(self, free: NDArray[np.intp], loads: FloatArray, load_directions: FloatArray) -> None:
+    def leave(
+        self,
+        free: NDArray[np.intp],
+        loads: FloatArray,
+        load_directions: FloatArray,
+        following: FloatArray,
+        following_directions: FloatArray,
+    ) -> None:
         """(10) Of some rods, in their place: force, then moment on a tip that nothing holds.
 
         Args:
             free: Their numbers.
             loads: What acts there, in the world, shape (instance, k, 6).
             load_directions: How it changes along directions, shape (instance, k, 6, direction_count).
+            following: (28) What acts there in the frame of the tip, as ``loads``.
+            following_directions: How it changes, as ``load_directions``.
         """
         own = (self.rods.force, self.rods.moment)
+        tip = self.rods.rotation[:, free]
+        turned = self.spread(self.rods.pose_columns[..., 3:, :])[:, free]
         for k, (rows, unit) in enumerate(((GAP_AT, self.length / self.stiffness), (TURN_AT, 1 / self.stiffness))):
             part = slice(3 * k, 3 * k + 3)
             back = self.back[:, free]
@@ -223,9 +234,12 @@ class Equations:
             change = self.spread(self.rods.wrench_columns[..., part, :])[:, free]
             change[..., ANGLES_AT[0]] -= cross_matrix(given) @ self.by_angles[:, free]
             change[..., POSES_AT[0]] -= cross_matrix(given) @ self.by_pose[:, free]
-            change[..., SIZE : SIZE + load_directions.shape[-1]] -= back @ load_directions[..., part, :]
+            follows = _times(tip, following[..., part])
+            change += cross_matrix(follows) @ turned
+            by_directions = back @ load_directions[..., part, :] + tip @ following_directions[..., part, :]
+            change[..., SIZE : SIZE + by_directions.shape[-1]] -= by_directions
             unit = np.broadcast_to(unit, (self.count, self.size, 1))[:, free]
-            self.residual[:, free, rows] = unit * (own[k][:, free] - given)
+            self.residual[:, free, rows] = unit * (own[k][:, free] - given - follows)
             self.columns[:, free, rows] = unit[..., None] * change
 
     def turn(self) -> None:

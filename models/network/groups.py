@@ -34,6 +34,7 @@ class RodGroup:
         batch_shape: Of the instances.
         direction_count: Directions of inputs.
         options: Of ``BackboneProblem``.
+        pieces: Of each rod, clamps between them, whose moments are the directions.
 
     Attributes:
         turns: Whether columns say what turning a base does to what acts along the rod: not where nothing acts, or no base turns.
@@ -47,6 +48,7 @@ class RodGroup:
         batch_shape: tuple[int, ...],
         direction_count: int,
         options: dict[str, Any],
+        pieces: int = 1,
     ) -> None:
         self.members: NDArray[np.intp] = np.array(members)
         base = graph.ends[0]
@@ -56,6 +58,7 @@ class RodGroup:
         self.slides, self.any_slides = bool(graph.slides.cut[self.members].any()), bool(graph.slides.count)
         arrays = stack([graph.arrays[k].repeated(batch_shape) for k in members], batch_shape)
         first = graph.rods[members[0]]
+        turning, size = TURNING * self.turns, int(np.prod(batch_shape))
         self.backbones = BackboneProblem(
             first.rods,
             np.eye(4),
@@ -63,7 +66,10 @@ class RodGroup:
             pose_sensitivities=True,
             held=True,
             arrays=arrays,
-            direction_count=direction_count + TURNING * self.turns + self.slides,
+            direction_count=direction_count + turning + self.slides,
+            pieces=pieces,
+            first_moment=np.tile(turning + 3 * (pieces - 1) * self.members, size),
+            load_directions=turning,
             **options,
         )
         start = self.backbones.input_slice(ALONG[0]).start

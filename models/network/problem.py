@@ -8,6 +8,7 @@ put together by NumPy; ``entries.py`` says where they stand, and how ``Gamma`` i
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,8 @@ from multirod.capabilities import Loading
 from multirod.inputs import Inputs
 from multirod.integrators import Integrator
 from multirod.models.network.capabilities import NetworkJoints, NetworkParts, NetworkShapes, NetworkStarts
+from multirod.models.network.clamps import NetworkClamps
+from multirod.models.network.conjugates import NetworkConjugates
 from multirod.models.network.elements import (
     ANGLES_AT,
     GAP_AT,
@@ -136,6 +139,7 @@ class NetworkProblem(BoundaryProblem):
         end_effector: Number of the body, or, after the bodies, of the rod among those whose tips nothing holds.
         inputs: The inputs.
         integrator, device, pose_sensitivities, direction_count, enabled: As for ``Assembly.problem``.
+        pieces: Of each rod; of more than one, there are clamps between them, whose moments are the directions.
     """
 
     guess_integrations = 1
@@ -151,9 +155,12 @@ class NetworkProblem(BoundaryProblem):
         pose_sensitivities: bool = False,
         direction_count: int = 0,
         enabled: Sequence[str] = (),
+        pieces: int = 1,
     ) -> None:
-        self.graph, self.end_effector = graph, end_effector
+        self.graph, self.end_effector, self.pieces = graph, end_effector, pieces
         self.rod_count, self.body_count = len(graph.rods), len(graph.bodies)
+        if pieces > 1:
+            direction_count = 3 * (pieces - 1) * self.rod_count
         self.entries = entries = graph.entries
         self.places, self.first_hole, self.first_pose, n = entries.variables, entries.first_hole, entries.first_pose, entries.size
         self._slices = input_places(len(graph.whole), len(graph.load_places), sum(graph.driven.values()))
@@ -181,7 +188,7 @@ class NetworkProblem(BoundaryProblem):
             "enabled": [name for name in ALONG if name in enabled or inputs.is_active(name)],
         }
         count, shape = self.instance_count, self.batch_shape
-        self.groups = [RodGroup(graph, members, shape, direction_count, options) for members in builds(graph)]
+        self.groups = [RodGroup(graph, members, shape, direction_count, options, pieces) for members in builds(graph)]
         self.rounding = self.groups[0].backbones.rounding
         size = self.rod_count + self.body_count
         scales = [np.broadcast_to(scale.reshape(*graph.batch_shape, size), (*shape, size)) for scale in graph.scales()]
@@ -197,6 +204,7 @@ class NetworkProblem(BoundaryProblem):
         self.soft = np.zeros(count)
         self.loading = np.full(count, int(Loading.RISING))
         self._found: Apart | None = None
+        self.seen: tuple[State, Equations] | None = None  # the last that were put together, with the columns of poses
         self.write("inputs", self.pack(inputs))
 
     # ---- what is offered ----
@@ -221,6 +229,14 @@ class NetworkProblem(BoundaryProblem):
     def joints(self) -> NetworkJoints:  # noqa: D102
         return NetworkJoints(self)
 
+    @cached_property
+    def conjugates(self) -> NetworkConjugates | None:  # noqa: D102
+        return NetworkConjugates(self) if self.pose_sensitivities else None
+
+    @cached_property
+    def clamps(self) -> NetworkClamps | None:  # noqa: D102
+        return NetworkClamps(self) if self.pieces > 1 else None
+
     # ---- the interface ----
 
     def input_slice(self, name: str) -> slice:  # noqa: D102
@@ -236,6 +252,7 @@ class NetworkProblem(BoundaryProblem):
 
     def renew(self, inputs: Inputs) -> bool:  # noqa: D102
         self._clear()
+        self.__dict__.pop("conjugates", None)
         for group in self.groups:
             group.backbones._clear()
         self.opening[:], self.opened_at[:], self.soft[:] = 0.0, 0.0, 0.0
@@ -300,6 +317,8 @@ class NetworkProblem(BoundaryProblem):
         """(5) to (12) Residual, ``Gamma``, columns and pose of the instances of a state, their rods integrated; the numbers of
         ``Gamma`` that are kept, (k, count)."""
         rows, equations = state.rows, self.equations(state)
+        if self.pose_sensitivities:
+            self.seen = state, equations
         residual, gamma, directions = self.summed(state, equations)
         left = 1.0 - state.load_factor[:, None]
         self._soften(gamma, residual, state, left)
@@ -361,11 +380,12 @@ class NetworkProblem(BoundaryProblem):
         equations = Equations(rods, state.ends, tables, state.angles, length, stiffness, graph.slides.shared)
         equations.join()
         if len(graph.free):
-            force, moment = (self._on_places(state, name)[:, self.body_count :] for name in LOADED)
-            by_force, by_moment = (self._on_places(state, name, True)[:, self.body_count :] for name in LOADED)
-            level = state.level[:, None, None]
-            loads = level * np.concatenate([force, moment], axis=-1)
-            equations.leave(graph.free, loads, np.concatenate([by_force, by_moment], axis=-2))
+            level, loads = state.level[:, None, None], []
+            for names in (LOADED, FOLLOWING):
+                acting = [self._on_places(state, name)[:, self.body_count :] for name in names]
+                changing = [self._on_places(state, name, True)[:, self.body_count :] for name in names]
+                loads += [level * np.concatenate(acting, axis=-1), np.concatenate(changing, axis=-2)]
+            equations.leave(graph.free, *loads)
         equations.turn()
         if self.body_count:
             equations.balance(state.frames, holders)
@@ -398,10 +418,14 @@ class NetworkProblem(BoundaryProblem):
 
         own = slice(self.first_pose, None)
         residual[:, own] -= told((force + weight)[..., None], (moment + cross(centre, weight))[..., None]).reshape(count, -1)
-        by_turn = cross_matrix(weight) @ cross_matrix(centre) @ frames.turns[:, bodies]
-        columns = told(np.zeros_like(by_turn), by_turn)
+        turn = frames.rotation[:, bodies]
+        pushes, twists = (turn @ (level * self._on_places(state, name)[:, : self.body_count])[..., None] for name in FOLLOWING)
+        residual[:, own] -= told(pushes, twists).reshape(count, -1)  # (28)
+        by_turn = cross_matrix(weight) @ cross_matrix(centre) - cross_matrix(twists[..., 0])
+        columns = told(-cross_matrix(pushes[..., 0]) @ frames.turns[:, bodies], by_turn @ frames.turns[:, bodies])
         gamma[:, self.entries.turns] -= columns
-        by_force, by_moment = (self._on_places(state, name, True)[:, : self.body_count] for name in LOADED)
+        by_load = [self._on_places(state, name, True)[:, : self.body_count] for name in (*LOADED, *FOLLOWING)]
+        by_force, by_moment = by_load[0] + turn @ by_load[2], by_load[1] + turn @ by_load[3]
         heave = mass[:, None] * np.swapaxes(state.take(self, "gravity", True), 1, 2)[:, None]
         by_all = told(by_force + heave, by_moment + cross_matrix(centre) @ heave)
         directions[:, own] -= by_all.reshape(count, POSE * self.body_count, -1)
@@ -596,7 +620,7 @@ class NetworkProblem(BoundaryProblem):
         total = np.sum(own, axis=0)
         inputs, L, EI = self.read("inputs"), self.length, self.stiffness
         rods = [*range(self.rod_count, self.rod_count + self.body_count), *self.graph.free]  # scales of what loads act on
-        for name, power in zip(LOADED, (2, 1), strict=True):
+        for name, power in zip((*LOADED, *FOLLOWING), (2, 1, 2, 1), strict=True):
             size = np.linalg.norm(inputs[:, self.input_slice(name)].reshape(self.instance_count, -1, 3), axis=2)
             total += (size * L[:, rods] ** power / EI[:, rods]).sum(axis=1)
         gravity = np.linalg.norm(inputs[:, self.input_slice("gravity")], axis=1)
@@ -615,12 +639,13 @@ def _fields(rods: Integrated) -> tuple[FloatArray, ...]:
 
 PER_ROD = ("rotation", "translation")
 LOADED = ("force", "moment")  # of bodies and tips
+FOLLOWING = ("follower_force", "follower_moment")  # of the same, in their frames
 
 
 def input_places(rod_count: int, load_places: int, angles: int) -> dict[str, slice]:
     """Where each input stands in a row; those before ``LOADED`` are no loads."""
     sizes = {name: rod_count for name in PER_ROD} | ({"angle": angles} if angles else {})
-    sizes |= {name: 3 * load_places for name in LOADED} | {name: 3 for name in ALONG}
+    sizes |= {name: 3 * load_places for name in (*LOADED, *FOLLOWING)} | {name: 3 for name in ALONG}
     ends = np.cumsum([0, *sizes.values()]).tolist()
     return {name: slice(ends[k], ends[k + 1]) for k, name in enumerate(sizes)}
 
