@@ -685,7 +685,7 @@ class BackboneProblem(BoundaryProblem):
 
     def load_scale(self) -> FloatArray:  # noqa: D102
         inputs = self.read("inputs")
-        return self.found_for("load_scale", inputs, lambda: self._load_scale(inputs))
+        return np.asarray(self.found_for("load_scale", inputs, lambda: self._load_scale(inputs)))
 
     def found_for(self, name: str, given: FloatArray, find: Callable[[], NDArray[Any]]) -> Any:
         """A copy of what ``find`` finds, which follows from ``given`` alone: several ask for the same in one solve, and in the
