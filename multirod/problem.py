@@ -22,6 +22,7 @@ from multirod.exclusive import Exclusive, Uncopied
 from multirod.inputs import Inputs
 from multirod.segments import Breakpoints, Segments
 from multirod.stability import StabilityAnalysis
+from multirod.status import Status, failures
 from multirod.validation import Described, FloatArray, frozen, refuse
 
 TOLERANCE = 1e-9  # default of solvers, of the residual [1/m]
@@ -588,6 +589,11 @@ class BoundaryProblem(Uncopied, ABC):
         """Whether an instance has no equilibrium because ends are farther apart than what is between them can be long, shape
         (instance_count,); False where that is not known."""
         return np.zeros(self.instance_count, dtype=bool)
+
+    def reasons(self, status: NDArray[np.int32]) -> NDArray[np.int32]:
+        """Values of ``Status`` of instances without a result, those of others as they are, shape (instance_count,): what is known
+        of why, where that says more than ``status`` does."""
+        return np.where(self.out_of_reach() & failures(status), Status.OUT_OF_REACH, status).astype(np.int32)
 
     @property
     def kinks(self) -> NDArray[np.intp]:

@@ -99,9 +99,8 @@ SETTLED = (
 
 def refuse_unfit(problem: BoundaryProblem, outcome: Outcome) -> None:
     """Say so where what a solver found is no result, for a problem that tests this, or where there can be none."""
-    failed = failures(outcome.status)
-    if failed.any():
-        outcome.status[failed & problem.out_of_reach()] = Status.OUT_OF_REACH
+    if failures(outcome.status).any():
+        outcome.status[:] = problem.reasons(outcome.status)
     if problem.result_test is None:
         return
     found, settled = ~failures(outcome.status), np.isin(outcome.status, SETTLED)
