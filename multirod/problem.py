@@ -14,6 +14,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from multirod.batch import IntArray, Interrupted
+from multirod.budget import Budget
 from multirod.capabilities import Clamps, Conjugates, Joints, Lines, Parts, ResultTest, Shapes, Starts
 from multirod.compiling import start_warp
 from multirod.elimination import Elimination
@@ -21,6 +22,7 @@ from multirod.exclusive import Exclusive, Uncopied
 from multirod.inputs import Inputs
 from multirod.segments import Breakpoints, Segments
 from multirod.stability import StabilityAnalysis
+from multirod.status import Status, failures
 from multirod.validation import Described, FloatArray, frozen, refuse
 
 TOLERANCE = 1e-9  # default of solvers, of the residual [1/m]
@@ -162,6 +164,7 @@ class BoundaryProblem(Uncopied, ABC):
         restored: How often records were set in the place of what integrations found: columns are then not theirs.
         rounding: What a number is rounded by, relative to itself, along the rods: numpy's ``eps`` of the integrator's precision.
         alone: What the thread that works on the problem holds.
+        budget: What a study that uses it may still take, of which ``integrate`` spends one an active instance; None is no bound.
         stop: Once it is set, ``integrate`` raises ``Interrupted``: how a batch on several threads is brought to an end.
     """
 
@@ -170,6 +173,7 @@ class BoundaryProblem(Uncopied, ABC):
     instead = "ask the assembly for another problem"
     guess_integrations: int = 0
     restored: int = 0
+    budget: Budget | None = None
 
     def __init__(
         self,
@@ -258,7 +262,7 @@ class BoundaryProblem(Uncopied, ABC):
             self.focus()
         for values, first in self._first_values:
             values.fill(first)
-        self.breakpoints, self.stop = {}, None
+        self.breakpoints, self.stop, self.budget = {}, None, None
 
     @cached_property
     def _first_values(self) -> list[tuple[NDArray[Any], int]]:
@@ -319,8 +323,11 @@ class BoundaryProblem(Uncopied, ABC):
 
         Raises:
             Interrupted: If ``stop`` is set.
+            Spent: If that is more than is left of ``budget``.
         """
         self.heed_stop()
+        if self.budget is not None:
+            self.budget.spend(int((self.active.numpy()[self.order.numpy()[: self.listed]] != 0).sum()))
         self._integrate()
 
     def heed_stop(self) -> None:
@@ -596,6 +603,16 @@ class BoundaryProblem(Uncopied, ABC):
     def may_jump(self) -> bool:
         """Whether a step may end on another branch, and its ends not tell: not unless ``stability`` says so."""
         return self.stability is not None and self.stability.may_jump
+
+    def out_of_reach(self) -> NDArray[np.bool_]:
+        """Whether an instance has no equilibrium because ends are farther apart than what is between them can be long, shape
+        (instance_count,); False where that is not known."""
+        return np.zeros(self.instance_count, dtype=bool)
+
+    def reasons(self, status: NDArray[np.int32]) -> NDArray[np.int32]:
+        """Values of ``Status`` of instances without a result, those of others as they are, shape (instance_count,): what is known
+        of why, where that says more than ``status`` does."""
+        return np.where(self.out_of_reach() & failures(status), Status.OUT_OF_REACH, status).astype(np.int32)
 
     @property
     def kinks(self) -> NDArray[np.intp]:

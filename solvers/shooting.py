@@ -108,8 +108,9 @@ class Shooting(Solver):
             return self._first(problem, newton, poses_apart=True)
         problem.write("unknowns", guess)
         newton.allow(self.max_integrations)
+        beyond = problem.out_of_reach()
         with problem.without_poses():
-            newton.run()
+            newton.run(~beyond if beyond.any() else None)
         return newton.outcome()
 
     def _first(self, problem: BoundaryProblem, newton: Newton, chosen: Any = None, *, poses_apart: bool = False) -> Outcome:
@@ -117,6 +118,9 @@ class Shooting(Solver):
         others are meant, the lowest stable one.
         """
         chosen = np.ones(problem.instance_count, dtype=bool) if chosen is None else chosen
+        beyond = chosen & problem.out_of_reach()
+        if beyond.any():
+            return self._within_reach(problem, newton, chosen, beyond)
         multistable = problem.stability is not None and problem.stability.multistable
         with problem.without_poses() if poses_apart else nullcontext():
             newton.allow(self.max_integrations)
@@ -148,6 +152,22 @@ class Shooting(Solver):
             self._follow(problem, newton, outcome, lost, reached, ends)
         if unbounded is not None:
             outcome.status[unbounded & failures(outcome.status)] = Status.LINE_LIMIT
+        return outcome
+
+    def _within_reach(self, problem: BoundaryProblem, newton: Newton, chosen: BoolArray, beyond: BoolArray) -> Outcome:
+        """``_first`` of a part, where the others, ``beyond``, cannot have a result: nothing is integrated for these."""
+        outcome = Outcome.zeros(problem.instance_count)
+        outcome.status[beyond] = Status.OUT_OF_REACH
+        places = np.flatnonzero(chosen & ~beyond)
+        if len(places):
+            assert problem.parts is not None  # what knows its reach offers parts
+            part = problem.parts.of(places)
+            found = self._first(part, newton.of(part, places))
+            for name in ("status", "iterations", "integrations"):
+                getattr(outcome, name)[places] = getattr(found, name)
+            outcome.events = {int(places[k]): events for k, events in found.events.items()}
+            outcome.breakpoints = {int(places[k]): points for k, points in found.breakpoints.items()}
+            problem.keep(part, places)
         return outcome
 
     def _let_out(self, problem: BoundaryProblem, newton: Newton, outcome: Outcome, chosen: BoolArray) -> BoolArray | None:
@@ -352,6 +372,9 @@ class NewtonTrack(Track):
                 doubtful |= turned & self.known
             calm, own = ~doubtful, problem.read("unknowns") if fresh else None
             doubtful |= self.fresh
+            beyond = doubtful & problem.out_of_reach()  # where no way leads
+            outcome.status[beyond] = Status.OUT_OF_REACH
+            doubtful &= ~beyond
             if doubtful.any():
                 self._continue(doubtful, outcome, self.inputs)
             if own is not None:

@@ -43,7 +43,7 @@ from multirod.models.network.sliding import Sliding
 from multirod.models.network.stability import NetworkStability
 from multirod.problem import Block, BoundaryProblem
 from multirod.rotations import cross, cross_matrix, left_jacobian, matrices, vectors
-from multirod.status import Fault
+from multirod.status import Fault, Status
 from multirod.validation import FloatArray
 
 SOFT = 0.01  # L^3/EI by which rods give way along themselves while the network is put together
@@ -200,6 +200,7 @@ class NetworkProblem(BoundaryProblem):
         self.attachments = graph.attachments(count, shape)
         self.reference = graph.reference(self.length[:, : self.rod_count], shape)
         self.opening = np.zeros((count, n))
+        self.pulled_out = np.zeros(count, dtype=bool)
         self.opened_at = np.zeros((count, n))
         self.soft = np.zeros(count)
         self.loading = np.full(count, int(Loading.RISING))
@@ -324,6 +325,7 @@ class NetworkProblem(BoundaryProblem):
         self._soften(gamma, residual, state, left)
         residual -= left * self.opening[rows]
         residual[state.short] = np.nan
+        self.pulled_out[rows] |= state.short
         position, rotation, columns = self._end_effector(state, equations)
         self._keep(rows, residual, gamma, directions, position, rotation, columns)
         return gamma
@@ -456,6 +458,12 @@ class NetworkProblem(BoundaryProblem):
         if self.sliding:
             columns[..., : self.unknown_count] += self.sliding.by_unknowns(by_all[:, rod], rod, state.rows)
         return position[:, rod], equations.tip_rotation[:, rod], columns
+
+    def reasons(self, status: NDArray[np.int32]) -> NDArray[np.int32]:
+        """As said; where a rod was pulled out of a hole on the way, since this was asked last, that was no number."""
+        known, pulled_out = super().reasons(status), self.pulled_out.copy()
+        self.pulled_out[:] = False
+        return np.where(pulled_out & (known == Status.NONFINITE), Status.OUT_OF_HOLE, known).astype(np.int32)
 
     def _keep(
         self,
