@@ -280,14 +280,14 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
 
     @wp.func
     def output_arclength(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], output: int) -> f64:
-        """Where an output node is: they are spaced evenly along one rod or all; past its end there are none."""
+        """Where an output node is: they are spaced evenly along one rod or all; past its end there are none, whatever it is."""
         s = case.length
         if call.node_rod < wp.static(n):
             s = rod_end(rods, call, case, call.node_rod)
         if output < call.node_count - 1:
             s *= f64(output) / f64(call.node_count - 1)
         if output > call.node_count - 1:
-            s = f64(2.0) * case.length
+            s = f64(wp.inf)
         return s
 
     @wp.func(inline=False)
