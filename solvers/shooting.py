@@ -347,7 +347,7 @@ class NewtonTrack(Track):
         fresh = bool(self.fresh.any())
         if self.inputs is not None and (newton.doubtful() or first is not None or turned is not None or fresh):
             doubtful = ((outcome.status != _CONVERGED) | newton.strayed()) & self.known
-            doubtful &= ~passed_kinks(problem, newton, doubtful & (outcome.status == _CONVERGED), self.history[0])
+            doubtful &= ~passed_kinks(problem, newton, doubtful & (outcome.status == _CONVERGED), self.last)
             if turned is not None:
                 doubtful |= turned & self.known
             calm, own = ~doubtful, problem.read("unknowns") if fresh else None

@@ -209,7 +209,7 @@ class Newton:
 
     def slowed(self) -> Any:
         """Whether an instance of the last run contracted too slowly to be sure of its branch; bool, shape (instance_count,)."""
-        return (self._doubts[1] if self._doubts else self.state.contraction.numpy()) > self._slow
+        return (self._doubts[1] if self._doubts else self.state.contraction.numpy()) > self.slow
 
     def strayed(self) -> Any:
         """Whether a converged instance may be on another branch than its reference; bool, shape (instance_count,)."""
