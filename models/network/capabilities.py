@@ -9,7 +9,7 @@ from multirod.batch import IntArray
 from multirod.capabilities import Joints, Loading, Parts, Shapes, Starts
 from multirod.integrators import AdaptiveIntegrator, Integrator
 from multirod.models.backbone.inputs import LOADS
-from multirod.models.network.elements import GAP_AT, OWN, OWN_AT
+from multirod.models.network.elements import GAP_AT
 from multirod.models.platform.starting import crowded
 from multirod.problem import Shape
 from multirod.validation import FloatArray
@@ -51,7 +51,7 @@ class NetworkParts(Parts):
     @property
     def may_be_clamped(self) -> bool:
         """Not where rods slide: how long pieces are would move their clamps."""
-        return not self.problem.sliding and all(group.backbones.may_be_clamped for group in self.problem.groups)
+        return not self.problem.layout.holes and all(group.backbones.may_be_clamped for group in self.problem.groups)
 
     def clamped(self, instances: IntArray, pieces: int) -> "NetworkProblem":  # noqa: D102
         own = self.problem.integrator
@@ -85,7 +85,8 @@ class NetworkShapes(Shapes):
         """As said; the energy is that of the rods and of the springs in joints."""
         problem, count, slides = self.problem, self.problem.instance_count, self.problem.graph.slides
         with problem.everyone():
-            state = problem.hand_over(np.arange(count))
+            problem.hand_over()
+            state = problem.state()
             found: dict[int, dict[int, dict[str, FloatArray]]] = {rod: {} for rod in range(problem.rod_count)}
             energy = self.of_springs(state.angles)
             for group in problem.groups:
@@ -148,9 +149,9 @@ class NetworkStarts(Starts):
         problem = self.problem
         residual, gamma = problem.evaluate(x)
         for rod in range(problem.rod_count):
-            own = problem.places[rod, OWN_AT]
+            own = problem.places[rod, : problem.graph.own[rod]]
             answer = gamma[:, own[:, None], own]
-            answer[:, GAP_AT.stop - 1, OWN - 1] += BENDING
+            answer[:, GAP_AT.stop - 1, problem.graph.along[rod]] += BENDING
             sound = np.isfinite(answer).all(axis=(1, 2)) & (np.linalg.det(np.nan_to_num(answer)) != 0)
             x[np.ix_(sound, own)] -= np.linalg.solve(answer[sound], residual[np.ix_(sound, own)][..., None])[..., 0]
         return x

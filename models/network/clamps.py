@@ -10,15 +10,16 @@ import numpy as np
 from multirod.capabilities import Clamps
 from multirod.models.backbone.clamps import ClampedBackbones
 from multirod.models.network.conjugates import NetworkConjugates
-from multirod.models.network.elements import GAP_AT, OWN, POSES_AT, SIZE, TURNING
-from multirod.models.network.entries import Sums
-from multirod.models.network.groups import AXIS, RodGroup
+from multirod.models.network.elements import GAP_AT, OWN, TURNING
+from multirod.models.network.groups import RodGroup
+from multirod.models.network.joints import MOST
 from multirod.rotations import cross_matrix, matrices
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
-    from multirod.models.network.elements import Equations
     from multirod.models.network.problem import NetworkProblem, State
+
+AXIS = np.array([0.0, 0.0, 1.0])  # of a rod
 
 
 class NetworkClamps(Clamps):
@@ -55,32 +56,45 @@ class NetworkClamps(Clamps):
         columns = self._by_rods("turned")
         # (26) as the base turns, in the axes of the clamp
         columns[..., OWN : OWN + TURNING] += np.swapaxes(self._in_base("frames", 3, 3), -1, -2)
-        return self._by_unknowns(self._spread(columns)).reshape(len(columns), self.size, -1)
+        by_base = self._bases(self.problem.state())[0]
+        return self._by_unknowns(columns, by_base).reshape(len(columns), self.size, -1)
 
     def moved(self) -> FloatArray:  # noqa: D102
-        columns, base = self._by_rods("moved"), self._seen()[1].ends[0]
+        columns, state = self._by_rods("moved"), self.problem.state()
         columns[..., OWN : OWN + TURNING] -= cross_matrix(self._in_base("places", 3))  # (27)
-        spread = base.rotation[:, :, None] @ self._spread(columns)
-        spread[..., POSES_AT[0]] += base.moves[:, :, None]
-        found = self._by_unknowns(spread)
+        by_base, moves = self._bases(state)
+        found = self._by_unknowns(state.ends[0].rotation[:, :, None] @ columns, by_base, moves)
         return found.reshape(len(found), -1, 3, found.shape[-1])
 
     def give(self) -> FloatArray:  # noqa: D102
-        problem, (state, _) = self.problem, self._seen()
-        n = problem.unknown_count
+        problem, n = self.problem, self.problem.unknown_count
+        rotation = problem.read("inputs")[:, problem.input_slice("rotation")]
         result = np.zeros((problem.instance_count, n, n))
         for rod in np.flatnonzero(problem.graph.ends[1].held).tolist():
             gap, force = problem.places[rod, GAP_AT], problem.places[rod, OWN - 3 : OWN]
-            result[:, gap[:, None], force] = matrices(state.rotation[:, rod, None] * AXIS)
+            result[:, gap[:, None], force] = matrices(rotation[:, rod, None] * AXIS)
         return result
 
     def frames(self) -> FloatArray:  # noqa: D102
-        found = self._seen()[1].ends[0].rotation[:, :, None] @ self._in_base("frames", 3, 3)
+        found = self.problem.state().ends[0].rotation[:, :, None] @ self._in_base("frames", 3, 3)
         return found.reshape(len(found), -1, 3, 3)
 
-    def _seen(self) -> "tuple[State, Equations]":
-        assert self.problem.seen is not None  # or nothing was integrated
-        return self.problem.seen
+    def _bases(self, state: "State") -> tuple[FloatArray, FloatArray]:
+        """(5) By the angles of the joints at the bases, then by the poses of the bodies there: how bases turn, in their axes, and
+        move, in the world, both of shape (instance_count, rod, 3, MOST + POSE)."""
+        problem, base, frames = self.problem, state.ends[0], state.frames
+        holder, L = problem.graph.ends[0].frame, problem.length
+        turns = frames.turns[:, holder]  # zero of the ground
+        by_angles = L[:, : problem.rod_count, None, None] * (base.frame @ base.joints.turns)
+        by_pose = np.concatenate([np.zeros_like(turns), turns], axis=-1)
+        by_base = np.swapaxes(base.rotation, -1, -2) @ np.concatenate([by_angles, by_pose], axis=-1)
+        moves = np.zeros_like(by_base)
+        at = np.flatnonzero(holder > 0)
+        body = holder[at] - 1
+        scale = L[:, problem.rod_count + body, None, None] ** 2
+        moves[:, at, :, MOST : MOST + 3] = scale * frames.axes[:, body]
+        moves[..., MOST + 3 :] = -cross_matrix(base.position - frames.position[:, holder]) @ turns
+        return by_base, moves
 
     def _in_base(self, name: str, *tail: int) -> FloatArray:
         """What chains say of their clamps, in the frames of the bases, shape (instance_count, rod, clamp, ...)."""
@@ -105,17 +119,22 @@ class NetworkClamps(Clamps):
                 result[:, rod, ..., own : own + 3 * self.each] = values[:, place, ..., last:]
         return result
 
-    def _spread(self, columns: FloatArray) -> FloatArray:
-        """Columns (instance_count, rod, clamp, 3, k) by the variables of the elements, then by the moments of all clamps."""
-        shape = columns.shape
-        spread = self._seen()[1].spread(columns.reshape(*shape[:2], -1, shape[-1]))
-        return spread.reshape(*shape[:-1], spread.shape[-1])
+    def _by_unknowns(self, columns: FloatArray, by_base: FloatArray, moves: FloatArray | None = None) -> FloatArray:
+        """(5) Columns of ``_by_rods`` by the unknowns, then by the moments, (..., n + size).
 
-    def _by_unknowns(self, columns: FloatArray) -> FloatArray:
-        """Columns (instance_count, rod, ..., SIZE + size) by the unknowns, then by the moments, (..., n + size)."""
-        problem, n = self.problem, self.problem.unknown_count
-        result = np.empty((*columns.shape[:-1], n + self.size))
-        for rod in range(problem.rod_count):
-            result[:, rod, ..., :n] = Sums(problem.places[rod], n)(columns[:, rod, ..., :SIZE])
-        result[..., n:] = columns[..., SIZE:]
+        Args:
+            columns: Shape (instance_count, rod, clamp, 3, k).
+            by_base: How bases turn, of ``_bases``.
+            moves: How they move, likewise, if that moves what the columns are of.
+        """
+        problem, layout, n = self.problem, self.problem.layout, self.problem.unknown_count
+        by_all = columns[..., OWN : OWN + TURNING] @ by_base[:, :, None]
+        if moves is not None:
+            by_all = by_all + moves[:, :, None]
+        values = np.concatenate([columns[..., :OWN], by_all], axis=-1)
+        variables = [*range(OWN), *(k for at in (layout.angles_at[0], layout.poses_at[0]) for k in range(at.start, at.stop))]
+        result = np.zeros((*columns.shape[:-1], n + self.size))
+        for rod, places in enumerate(problem.places[:, variables]):
+            result[:, rod][..., places[places >= 0]] = values[:, rod][..., places >= 0]
+        result[..., n:] = columns[..., OWN + TURNING :]
         return result

@@ -10,9 +10,7 @@ import warp as wp
 
 from multirod.capabilities import Conjugates
 from multirod.models.backbone.inputs import LOADS
-from multirod.models.network.elements import ANGLES_AT, GAP_AT, OWN, POSE, SIZE, TURN_AT
-from multirod.models.network.entries import Sums
-from multirod.models.network.groups import put
+from multirod.models.network.elements import GAP_AT, OWN, POSE, TURN_AT, Elements
 from multirod.models.network.joints import MOST
 from multirod.validation import FloatArray
 
@@ -42,7 +40,7 @@ class NetworkConjugates(Conjugates):
         unit, scale = np.zeros((2, count, n))  # zero of constraints
         for rod in graph.free.tolist():
             unit[:, places[rod, TURN_AT]] = EI[:, rod, None]
-        for at in ANGLES_AT:
+        for at in problem.layout.angles_at:
             rod, which = np.nonzero(places[:, at] >= 0)
             unit[:, places[rod, at.start + which]] = EI[:, rod]
         scale[unit != 0] = 1.0
@@ -72,26 +70,35 @@ class NetworkConjugates(Conjugates):
         self.has_potential = all(group.backbones.has_potential for group in problem.groups)
 
     def update(self) -> None:  # noqa: D102
-        assert self.problem.seen is not None  # or nothing was integrated
-        put(self.columns, self.problem.seen[0].rows, self._displaced()[:, self.forces])
+        problem = self.problem
+        with np.errstate(all="ignore"):  # what is not finite is said by its fault
+            found = self._displaced()[:, self.forces]
+        listed = problem.buffer("order")[: problem.listed]
+        rows = listed[problem.buffer("active")[listed] != 0]
+        columns = np.array(self.columns.numpy())
+        columns[rows] = found[rows]
+        self.columns.assign(columns)
 
     def _displaced(self) -> FloatArray:
-        """(25) What each row of the residual does work on by the unknowns, then along directions, shape (k, n, n +
-        direction_count); zero of constraints."""
+        """(25) What each row of the residual does work on by the unknowns, then along directions, shape
+        (instance_count, n, n + direction_count); zero of constraints."""
         problem = self.problem
-        assert problem.seen is not None  # as before
-        state, equations = problem.seen
-        n, d, graph, places = problem.unknown_count, problem.direction_count, problem.graph, problem.places
-        result = np.zeros((len(state.rows), n, n + d))
-        L = problem.length[state.rows]
-        turn = equations.driven(equations.tip_in_base()[0])
+        state, L = problem.state(), problem.length
+        n, d, graph, places, size = (
+            problem.unknown_count,
+            problem.direction_count,
+            problem.graph,
+            problem.places,
+            problem.layout.size,
+        )
+        result = np.zeros((problem.instance_count, n, n + d))
+        turn = Elements(problem).tip_turn
         for rod in graph.free.tolist():
-            own = turn[:, rod]
-            columns = Sums(places[rod], n)(own[..., :SIZE])
-            if problem.sliding:
-                columns += problem.sliding.by_unknowns(own, rod, state.rows)
-            result[:, places[rod, TURN_AT]] = np.concatenate([columns, own[..., SIZE : SIZE + d]], axis=-1)
-        for end, (at, sense) in enumerate(zip(ANGLES_AT, (-1.0, 1.0), strict=True)):
+            known = np.flatnonzero(places[rod] >= 0)
+            rows = places[rod, TURN_AT]
+            result[:, rows[:, None], places[rod, known]] = turn[:, rod][..., known]
+            result[:, rows, n:] = turn[:, rod, :, size : size + d]
+        for end, (at, sense) in enumerate(zip(problem.layout.angles_at, (-1.0, 1.0), strict=True)):
             table, turns = graph.ends[end].table, state.ends[end].joints.turns
             for rod in np.flatnonzero(table.free).tolist():
                 if end == 0 and graph.slides.shared[rod]:  # told by the tip of the piece below
@@ -102,7 +109,7 @@ class NetworkConjugates(Conjugates):
         below = np.flatnonzero(graph.slides.upper >= 0)
         holes = problem.first_hole + graph.slides.upper[below]
         result[:, holes, holes] = -(L[:, below] ** 2)
-        turned = np.swapaxes(state.frames.axes[:, 1:], -1, -2) @ state.frames.turns[:, 1:]
+        turned = np.swapaxes(state.frames.axes, -1, -2) @ state.frames.turns[:, 1:]
         for body in range(problem.body_count):
             rows = problem.first_pose + POSE * body + np.arange(POSE)
             result[:, rows[:3], rows[:3]] = L[:, problem.rod_count + body, None] ** 2

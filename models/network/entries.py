@@ -9,36 +9,35 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.elimination import Elimination
-from multirod.models.network.elements import ANGLES_AT, GAP_AT, OWN, OWN_AT, POSE, POSES_AT, SIZE
+from multirod.models.network.elements import GAP_AT, POSE
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
     from multirod.models.network.graph import Graph
 
-ELIMINATED = 36  # unknowns from which Gamma is eliminated along the graph, instead of whole
+WHOLE = 36  # unknowns below which Gamma is eliminated whole
+BORDER = 24  # unknowns of bodies and holes up to which it is as an arrow, rod by rod; of more along the graph
 
 
 class Sums:
-    """Sums of numbers that belong to the same place.
+    """Which numbers belong to the same place, and are summed there.
 
     Args:
         places: Of each number; negative of those that belong nowhere, shape (k,).
-        size: Places.
+
+    Attributes:
+        order: The numbers, place by place, shape (m,).
+        starts: Where those of each place begin among these, and their end, shape (p + 1,).
+        places: Where, rising, shape (p,).
     """
 
-    def __init__(self, places: NDArray[np.intp], size: int) -> None:
+    def __init__(self, places: NDArray[np.intp]) -> None:
         kept = np.flatnonzero(places >= 0)
-        self._order = kept[np.argsort(places[kept], kind="stable")]
-        ordered = places[self._order]
-        self._starts = np.flatnonzero(np.concatenate([[True], ordered[1:] != ordered[:-1]]))
-        self._places = ordered[self._starts]
-        self._size = size
-
-    def __call__(self, values: FloatArray) -> FloatArray:
-        """Of numbers (..., k), shape (..., size)."""
-        result = np.zeros((*values.shape[:-1], self._size))
-        result[..., self._places] = np.add.reduceat(values[..., self._order], self._starts, axis=-1)
-        return result
+        self.order: NDArray[np.intp] = kept[np.argsort(places[kept], kind="stable")]
+        ordered = places[self.order]
+        first = np.concatenate([[True], ordered[1:] != ordered[:-1]]) if len(ordered) else np.zeros(0, dtype=bool)
+        self.starts: NDArray[np.intp] = np.append(np.flatnonzero(first), len(ordered))
+        self.places: NDArray[np.intp] = ordered[self.starts[:-1]]
 
 
 class Entries:
@@ -49,22 +48,22 @@ class Entries:
 
     Attributes:
         variables: Where the variables of each element stand among the unknowns, and its rows among the residuals, -1 of what
-            there is not, and of angles that are inputs, shape (rod_count, SIZE).
+            there is not, and of angles that are inputs, shape (rod_count, size) of ``Layout``.
         first_hole: Where the unknowns of holes begin, through which rods slide, and their rows.
         first_pose: Where the poses of bodies begin.
         size: Unknowns.
-        elimination: How ``Gamma`` is eliminated; None where it is small, and eliminated whole.
+        arrow: Where the unknowns of each rod begin, those of bodies and holes, and ``size``, if ``Gamma`` is eliminated rod by
+            rod, as ``BoundaryProblem.arrow``; else empty.
+        elimination: How ``Gamma`` is eliminated along the graph; None where it is small, or an arrow.
         count: Numbers that are kept of ``Gamma``: those that ``elimination`` names, or all.
-        residual: Sums of the rows of the elements, (rod_count * SIZE,) of them.
-        gamma: Sums of their matrices, (rod_count * SIZE * SIZE,) numbers.
+        rows: Sums of the rows of the elements, (rod_count * size,) of them.
+        numbers: Sums of their matrices, (rod_count * size * size,) numbers.
         turns: Where the balance of each body stands by how it turns, among the numbers, shape (body_count, 6, 3).
-        sliding: Sums of what pieces that end at holes and then those that begin there say of these, twice piece_count of them.
-        slid: Sums of numbers: rows of the elements by the lengths of pieces, as holes at their tips and their bases change these,
-            then what slides at tips and at bases, by the variables of the elements, and by the holes at tip and base.
         yielding: Where the gap of each rod whose tip is held stands by the force, along its base both, shape (k,).
     """
 
     def __init__(self, graph: "Graph") -> None:
+        layout = graph.layout
         self.variables, self.first_hole = _variables(graph)
         self.first_pose = self.first_hole + graph.slides.count
         bodies = len(graph.bodies)
@@ -74,21 +73,21 @@ class Entries:
         poses = self.first_pose + np.arange(POSE * bodies).reshape(-1, POSE)
         turns = poses[:, :, None] * n + poses[:, None, 3:]
         held = graph.ends[1].held
-        yielding = self.variables[held, GAP_AT.stop - 1] * n + self.variables[held, OWN - 1]
-        ends = [np.where(end < 0, -1, self.first_hole + end) for end in (graph.slides.upper, graph.slides.lower)]
-        slid = _slid(self.variables, ends, n)
+        yielding = self.variables[held, GAP_AT.stop - 1] * n + self.variables[held, graph.along[held]]
+        self.arrow: tuple[int, ...] = ()
         self.elimination: Elimination | None = None
         self.count = n * n
-        if n >= ELIMINATED:
-            self.elimination = own = Elimination(np.concatenate([entries[entries >= 0], turns.reshape(-1), slid[slid >= 0]]), n)
+        if n >= WHOLE and n - self.first_hole <= BORDER:
+            firsts = self.variables[np.flatnonzero(graph.slides.first), 0].tolist()
+            self.arrow = (*firsts, self.first_hole, n) if n > self.first_hole else ()
+        elif n >= WHOLE:
+            self.elimination = own = Elimination(np.concatenate([entries[entries >= 0], turns.reshape(-1)]), n)
             self.count = own.count
-            entries, slid = (np.where(e < 0, -1, own.index(np.maximum(e, own.places[0]))) for e in (entries, slid))
+            entries = np.where(entries < 0, -1, own.index(np.maximum(entries, own.places[0])))
             turns, yielding = own.index(turns), own.index(yielding)
         self.turns, self.yielding = turns, yielding
-        self.residual = Sums(self.variables.reshape(-1), n)
-        self.gamma = Sums(entries, self.count)
-        if graph.slides.count:
-            self.sliding, self.slid = Sums(np.concatenate(ends), n), Sums(slid, self.count)
+        self.rows, self.numbers = Sums(self.variables.reshape(-1)), Sums(entries)
+        assert self.variables.shape[1] == layout.size
 
     def dense(self, numbers: FloatArray) -> FloatArray:
         """``Gamma`` (..., n, n) of its numbers (..., count)."""
@@ -98,30 +97,24 @@ class Entries:
 
 
 def _variables(graph: "Graph") -> tuple[NDArray[np.intp], int]:
-    places = np.full((len(graph.rods), SIZE), -1, dtype=np.intp)
+    layout, slides = graph.layout, graph.slides
+    places = np.full((len(graph.rods), layout.size), -1, dtype=np.intp)
     first = 0
-    for rod in range(len(graph.rods)):
-        places[rod, OWN_AT] = range(first, first + OWN)
-        first += OWN
-        for at, end in zip(ANGLES_AT, graph.ends, strict=True):
-            if at is ANGLES_AT[0] and graph.slides.shared[rod]:
-                places[rod, at] = places[rod - 1, ANGLES_AT[1]]
+    for rod, own in enumerate(graph.own.tolist()):
+        places[rod, :own] = range(first, first + own)
+        first += own
+        for at, end in zip(layout.angles_at, graph.ends, strict=True):
+            if at == layout.angles_at[0] and slides.shared[rod]:
+                places[rod, at] = places[rod - 1, layout.angles_at[1]]
                 continue
             count = int(end.table.free[rod])
             places[rod, at.start : at.start + count] = range(first, first + count)
             first += count
-    for at, end in zip(POSES_AT, graph.ends, strict=True):
+    for at, end in zip(layout.poses_at, graph.ends, strict=True):
         for rod, frame in enumerate(end.frame):
             if frame > 0:  # a body
-                places[rod, at] = first + graph.slides.count + POSE * (frame - 1) + np.arange(POSE)
+                places[rod, at] = first + slides.count + POSE * (frame - 1) + np.arange(POSE)
+    if layout.holes:
+        for k, holes in enumerate((slides.upper, slides.lower)):
+            places[:, layout.holes_at.start + k] = np.where(holes < 0, -1, first + holes)
     return places, first
-
-
-def _slid(variables: NDArray[np.intp], ends: list[NDArray[np.intp]], n: int) -> NDArray[np.intp]:
-    """Entries of ``Entries.slid``, -1 of those in no row or column, by the places of the holes at tips and at bases."""
-    holes = np.stack(ends, axis=1)
-    both = np.concatenate(ends)[:, None]
-    pairs = [(variables, end[:, None]) for end in ends]
-    pairs += [(both, np.concatenate([variables] * 2)), (both, np.concatenate([holes] * 2))]
-    found = [np.where((rows < 0) | (columns < 0), -1, rows * n + columns) for rows, columns in pairs]
-    return np.concatenate([entries.reshape(-1) for entries in found])

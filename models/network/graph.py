@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from multirod.batch import IntArray, take
 from multirod.models.backbone.problem import BackboneAssembly
 from multirod.models.network.bodies import Body, Ground
+from multirod.models.network.elements import OWN, Layout
 from multirod.models.network.entries import Entries
 from multirod.models.network.joints import MOST, Joint, JointTable
 from multirod.models.network.placing import Placing, placed
@@ -60,6 +61,9 @@ class Graph:
         slides: How they are cut.
         rods, names: The pieces.
         arrays: The pieces as kernels read them.
+        own: Unknowns of each, shape (rod_count,).
+        along: Which of them is the force at its base along that, shape (rod_count,).
+        layout: Of their elements.
         ends: Their bases, then their tips.
         base: As given.
         mass, mass_centre: Of the bodies, shapes (body_count,), (body_count, 3).
@@ -92,6 +96,9 @@ class Graph:
         self.joints, self.holes = dict(joints), dict(holes)
         self.base = base
         self.arrays: tuple[RodArrays, ...] = tuple(rod.arrays for rod in self.rods)
+        self.own: NDArray[np.intp] = np.array([OWN for _ in self.rods])
+        self.along: NDArray[np.intp] = np.array([OWN - 1 for _ in self.rods])
+        self.layout = Layout(int(self.own.max()), self.slides.count > 0)
         frames = {Ground.name: GROUND} | {body.name: k + 1 for k, body in enumerate(bodies)}
         self.ends = tuple(Ends([self._joint(k, end) for k in range(len(self.rods))], frames) for end in ENDS)
         self.mass = np.array([body.mass for body in bodies])

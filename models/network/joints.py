@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from multirod.assembly import pose as checked_pose
 from multirod.models.network.bodies import Body, Ground, name_of
-from multirod.rotations import cross, left_jacobian, matrices, vectors
+from multirod.rotations import left_jacobian, matrices, vectors
 from multirod.types import Numbers
 from multirod.validation import FloatArray, array, choice, frozen, positive_float, refuse
 
@@ -184,15 +184,6 @@ class Turns:
     axes: FloatArray
     second: FloatArray
     first: FloatArray
-
-    def torques(self, moment: FloatArray) -> FloatArray:
-        """(9) Those of a moment (..., 3) about the axes, shape (..., 3)."""
-        return np.asarray(np.einsum("...ik,...i->...k", self.axes, moment))
-
-    def torques_by_angles(self, moment: FloatArray) -> FloatArray:
-        """(9) How they change with the coordinates, the moment fixed, shape (..., 3, 3)."""
-        turned = cross(np.swapaxes(self.second, -1, -2), moment[..., None, :])
-        return np.asarray(turned @ self.first)
 
 
 class JointTable:

@@ -2,7 +2,7 @@
 
 Numbers in parentheses are those of ``docs/networks.md``. Each rod is integrated in the frame of its base by the backbone kernels;
 what its ends say of the bodies is an element (``elements.py``), and residual and ``Gamma`` are the sums of the elements. They are
-put together by NumPy; ``entries.py`` says where they stand, and how ``Gamma`` is eliminated along the graph.
+put together by ``network_kernels.py``; ``entries.py`` says where they stand, and how ``Gamma`` is eliminated along the graph.
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,34 +19,21 @@ from multirod.batch import IntArray
 from multirod.capabilities import Loading
 from multirod.inputs import Inputs
 from multirod.integrators import Integrator
+from multirod.launch import record
+from multirod.models.network import network_kernels as kernels
 from multirod.models.network.capabilities import NetworkJoints, NetworkParts, NetworkShapes, NetworkStarts
 from multirod.models.network.clamps import NetworkClamps
 from multirod.models.network.conjugates import NetworkConjugates
-from multirod.models.network.elements import (
-    ANGLES_AT,
-    GAP_AT,
-    OWN,
-    OWN_AT,
-    POSE,
-    POSES_AT,
-    SIZE,
-    Equations,
-    Frames,
-    Holding,
-    Integrated,
-)
-from multirod.models.network.entries import Sums
-from multirod.models.network.graph import GROUND, Graph
-from multirod.models.network.groups import ALONG, RodGroup, builds, put
+from multirod.models.network.elements import GAP_AT, POSE, Frames, Holding
+from multirod.models.network.graph import Graph
+from multirod.models.network.groups import ALONG, RodGroup, builds
 from multirod.models.network.placing import placed
-from multirod.models.network.sliding import Sliding
 from multirod.models.network.stability import NetworkStability
 from multirod.problem import Block, BoundaryProblem
-from multirod.rotations import cross, cross_matrix, left_jacobian, matrices, vectors
-from multirod.status import Fault, Status
+from multirod.rotations import vectors
+from multirod.status import Status
 from multirod.validation import FloatArray
 
-SOFT = 0.01  # L^3/EI by which rods give way along themselves while the network is put together
 GAP_LOAD = 12.0  # EI/L^3: what a rod resists with where its tip is moved across
 
 
@@ -68,63 +55,32 @@ class Apart:
 
 
 class State:
-    """Bodies and ends of rods of some instances at their unknowns and inputs; axes (instance, rod, ...).
+    """Bodies and ends of rods of all instances at their unknowns and inputs, for what is asked once; axes (instance, rod, ...).
 
     Attributes:
         angles: Of the joints at bases, then at tips [rad], shape (instance, rod, 3).
-        rates: How those that are driven change along directions, shape (instance, rod, 3, direction_count).
-        rotation, translation: Of the pieces of rods, shape (instance, rod).
-        rotation_directions, translation_directions: How they change, shape (instance, direction, rod).
-        short: Where a piece has no length: a rod is pulled out of a hole, shape (instance,).
     """
 
-    def __init__(self, problem: "NetworkProblem", rows: IntArray) -> None:
+    def __init__(self, problem: "NetworkProblem") -> None:
         own = problem
-        self.rows = rows
-        self.x = own.read("unknowns")[rows]
-        self.inputs = own.read("inputs")[rows]
-        self.directions = own.directions.numpy()[rows][:, : own.direction_count]
-        self.load_factor = own.load_factor.numpy()[rows]
-        self.level = own.level()[rows]
-        self.frames = own.frames(self.x[:, own.first_pose :].reshape(len(rows), -1, POSE), rows)
-        length = own.length[rows, : own.rod_count]
-        padded = np.concatenate([self.x, np.zeros((len(rows), 1))], axis=1)
-        self.own = padded[:, own.places[:, OWN_AT]]
-        slides = own.graph.slides
-        self.rotation, self.rotation_directions = (
-            np.where(slides.first, self.take(own, "rotation", along)[..., slides.owner], 0.0) for along in (False, True)
-        )
-        self.translation = self.take(own, "translation")
-        self.translation_directions = self.take(own, "translation", True)
-        self.short = np.zeros(len(rows), dtype=bool)
-        if own.sliding:
-            given, ways = self.translation, self.translation_directions
-            self.translation = own.sliding.translations(self.x[:, own.first_hole : own.first_pose], given, rows)
-            self.translation_directions = slides.share * ways[..., slides.owner]
-            short = self.translation <= -length
-            self.translation[short] = 0.0
-            self.short = np.asarray(short.any(axis=1))
-        self.angles = [length[..., None] * padded[:, own.places[:, at]] for at in ANGLES_AT]
-        self.rates: list[FloatArray] = []
+        x = own.read("unknowns")
+        self.inputs = own.read("inputs")
+        self.level = own.level()
+        self.frames = own.frames()
+        length = own.length[:, : own.rod_count]
+        padded = np.concatenate([x, np.zeros((len(x), 1))], axis=1)
+        self.angles = [length[..., None] * padded[:, own.places[:, at]] for at in own.layout.angles_at]
         if own.graph.driven:  # (24)
             driven = own.graph.driven_angles(self.take(own, "angle"))
             self.angles = [free + given for free, given in zip(self.angles, driven, strict=True)]
-            self.rates = [np.moveaxis(way, 1, -1) for way in own.graph.driven_angles(self.take(own, "angle", True))]
         self.ends = [
-            Holding(
-                self.frames,
-                end.frame,
-                (own.attachments[k][0][rows], own.attachments[k][1][rows]),
-                end.table.at(self.angles[k]),
-                length,
-            )
+            Holding(self.frames, end.frame, own.attachments[k], end.table.at(self.angles[k]))
             for k, end in enumerate(own.graph.ends)
         ]
 
-    def take(self, problem: "NetworkProblem", name: str, directions: bool = False) -> FloatArray:
-        """An input, shape (instance, size), or its share in the directions, (instance, direction_count, size)."""
-        source = self.directions if directions else self.inputs
-        return np.asarray(source[..., problem.input_slice(name)])
+    def take(self, problem: "NetworkProblem", name: str) -> FloatArray:
+        """An input, shape (instance, size)."""
+        return np.asarray(self.inputs[..., problem.input_slice(name)])
 
 
 class NetworkProblem(BoundaryProblem):
@@ -174,6 +130,7 @@ class NetworkProblem(BoundaryProblem):
             device=device,
             elimination=entries.elimination if wp.get_device(device).is_cpu else None,
         )
+        self.arrow = entries.arrow
         self.integrator = integrator
         self.inputs_given = inputs
         self.options: dict[str, Any] = {
@@ -188,25 +145,110 @@ class NetworkProblem(BoundaryProblem):
             "enabled": [name for name in ALONG if name in enabled or inputs.is_active(name)],
         }
         count, shape = self.instance_count, self.batch_shape
+        self.layout = graph.layout
         self.groups = [RodGroup(graph, members, shape, direction_count, options, pieces) for members in builds(graph)]
         self.rounding = self.groups[0].backbones.rounding
         size = self.rod_count + self.body_count
         scales = [np.broadcast_to(scale.reshape(*graph.batch_shape, size), (*shape, size)) for scale in graph.scales()]
         self.length, self.stiffness = (scale.reshape(count, size) for scale in scales)
-        self.sliding: Sliding | None = None
-        if graph.slides.count:
-            scales = [scale[:, : self.rod_count] for scale in (self.length, self.stiffness)]
-            self.sliding = Sliding(graph, scales[0], scales[1], shape)
         self.attachments = graph.attachments(count, shape)
         self.reference = graph.reference(self.length[:, : self.rod_count], shape)
-        self.opening = np.zeros((count, n))
-        self.pulled_out = np.zeros(count, dtype=bool)
-        self.opened_at = np.zeros((count, n))
-        self.soft = np.zeros(count)
-        self.loading = np.full(count, int(Loading.RISING))
+        self.networks = self._make_networks()
+        # of the path from the network taken apart, as NumPy sees what the kernels read
+        own = self.networks
+        self.opening, self.opened_at = own.opening.numpy(), own.opened_at.numpy()
+        self.soft, self.loading = own.soft.numpy(), own.loading.numpy()
+        self.loading[:] = int(Loading.RISING)
+        self._launches = self._record()
         self._found: Apart | None = None
-        self.seen: tuple[State, Equations] | None = None  # the last that were put together, with the columns of poses
         self.write("inputs", self.pack(inputs))
+
+    def _make_networks(self) -> Any:
+        graph, entries, layout, device, count = self.graph, self.entries, self.layout, self.device, self.instance_count
+        rods, bodies, d = self.rod_count, self.body_count, self.direction_count
+        own: Any = kernels.Networks()
+        own.rod_count, own.body_count, own.unknown_count, own.direction_count = rods, bodies, self.unknown_count, d
+        own.first_pose, own.own, own.size, own.holes = self.first_pose, layout.own, layout.size, int(layout.holes)
+        own.width, own.height = layout.size + d + layout.holes, layout.size + kernels.MORE
+        own.effector = self.end_effector + 1 if self.end_effector < bodies else 0
+        own.effector_rod = -1 if own.effector else int(graph.free[self.end_effector - bodies]) if len(graph.free) else -1
+        names = ("order", "active", "load_factor", "unknowns", "inputs", "directions", "fault", "step_count", "residual")
+        self.share(own, (*names, "residual_directions", "position", "rotation", "pose_columns"))
+        own.numbers = self._field("gamma", (entries.count,))
+        own.rotation_at, own.translation_at = (self._slices[name].start for name in PER_ROD)
+        own.force_at, own.moment_at = (self._slices[name].start for name in LOADED)
+        own.follower_force_at, own.follower_moment_at = (self._slices[name].start for name in FOLLOWING)
+        own.along_at = self._slices[ALONG[0]].start
+
+        def array(values: Any, dtype: Any = wp.float64) -> Any:
+            kind = np.int32 if dtype is wp.int32 else np.float64
+            return wp.array(np.ascontiguousarray(values, dtype=kind), dtype=dtype, device=device)
+
+        def zeros(*shape: int, dtype: Any = wp.float64) -> Any:
+            return wp.zeros(shape, dtype=dtype, device=device)
+
+        tables = [end.table for end in graph.ends]
+        own.holder = array([end.frame for end in graph.ends], wp.int32)
+        own.attachment_position = array(np.stack([at[0] for at in self.attachments], axis=1), wp.vec3d)
+        own.attachment_rotation = array(np.stack([at[1] for at in self.attachments], axis=1), wp.mat33d)
+        own.count = array([table.count for table in tables], wp.int32)
+        own.inner, own.outer = (array([getattr(table, name) for table in tables], wp.mat33d) for name in ("inner", "outer"))
+        own.spring, own.rest = (array([getattr(table, name) for table in tables], wp.vec3d) for name in ("stiffness", "rest"))
+        first = self._slices["angle"].start if graph.driven else 0
+        own.driven = array([np.where(at < 0, -1, first + at) for at in graph.driven_at], wp.int32)
+        own.variable = array(entries.variables, wp.int32)
+        places = np.full(rods, -1)
+        places[graph.free] = bodies + np.arange(len(graph.free))
+        own.load_place = array(places, wp.int32)
+        own.length, own.stiffness = array(self.length), array(self.stiffness)
+        slides = graph.slides
+        own.owner, own.pieces = array(slides.owner, wp.int32), array(slides.pieces, wp.int32)
+        own.share, own.shared = array(slides.share), array(slides.shared, wp.int32)
+        sections = [arrays.repeated(self.batch_shape) for arrays in graph.arrays]
+        own.softness = array(np.stack([a.material[:, 0, 0, 3:9] for a in sections], axis=1))
+        own.at_rest = array(np.stack([a.precurvature[:, 0, 0, :3] for a in sections], axis=1), wp.vec3d)
+        own.reference_position, own.reference_rotation = (
+            array(values, dtype) for values, dtype in zip(self.reference, (wp.vec3d, wp.mat33d), strict=True)
+        )
+        own.mass, own.mass_centre = array(graph.mass), array(graph.mass_centre, wp.vec3d)
+        own.pulled_out = wp.zeros(count, dtype=wp.int32, device=device)
+        own.opening, own.opened_at, own.soft = zeros(count, self.unknown_count), zeros(count, self.unknown_count), zeros(count)
+        own.loading = zeros(count, dtype=wp.int32)
+        still = np.broadcast_to(np.eye(3), (count, bodies + 1, 3, 3))
+        own.body_position, own.body_rotation = zeros(count, bodies + 1, dtype=wp.vec3d), array(still, wp.mat33d)
+        own.body_turns = zeros(count, bodies + 1, dtype=wp.mat33d)
+        own.load, own.load_turns = zeros(count, POSE * bodies), zeros(count, bodies, POSE, 3)
+        own.load_directions = zeros(count, POSE * bodies, d)
+        own.value = zeros(count, rods, layout.size + kernels.MORE_VALUES)
+        own.element = zeros(count, rods, own.height, own.width)
+        own.tip_position, own.tip_rotation = zeros(count, rods, dtype=wp.vec3d), zeros(count, rods, dtype=wp.mat33d)
+        own.rod_fault, own.rod_steps = zeros(count, rods, dtype=wp.int32), zeros(count, rods, dtype=wp.int32)
+        rows, numbers = entries.rows, entries.numbers
+        own.row_start = array(rows.starts, wp.int32)
+        own.row_rod, own.row_row = (array(values, wp.int32) for values in np.divmod(rows.order, layout.size))
+        own.number_place, own.number_start = array(numbers.places, wp.int32), array(numbers.starts, wp.int32)
+        of_rod, within = np.divmod(numbers.order, layout.size**2)
+        own.number_rod = array(of_rod, wp.int32)
+        own.number_row, own.number_column = (array(values, wp.int32) for values in np.divmod(within, layout.size))
+        own.turn_place = array(entries.turns, wp.int32)
+        own.yield_rod, own.yield_place = array(np.flatnonzero(graph.ends[1].held), wp.int32), array(entries.yielding, wp.int32)
+        own.yield_unknown = array(graph.along[graph.ends[1].held], wp.int32)
+        return own
+
+    def _record(self) -> list[Any]:
+        """Launches of one evaluation, in order: the first, three of each build, and the last."""
+
+        def recorded(kernel: Any, dim: int, *arguments: Any) -> Any:
+            return record(lambda: kernel, dim, arguments, self.device)
+
+        launches = [recorded(kernels.stand, self.instance_count, self.networks)]
+        for group in self.groups:
+            dim = group.backbones.instance_count
+            launches.append(recorded(kernels.hand_over, dim, self.networks, group.table))
+            launches.append(group.backbones.launch)
+            launches.append(recorded(kernels.form, dim, self.networks, group.table))
+        launches.append(recorded(kernels.add_up, self.instance_count, self.networks))
+        return launches
 
     # ---- what is offered ----
 
@@ -248,8 +290,13 @@ class NetworkProblem(BoundaryProblem):
 
     def focus(self, instances: IntArray | None = None) -> None:  # noqa: D102
         super().focus(instances)
-        for group in self.groups:
+        first, *of_groups, last = self._launches
+        for k, group in enumerate(self.groups):
             group.focus(None if instances is None else np.asarray(instances))
+            for launch in of_groups[3 * k : 3 * k + 3 : 2]:
+                launch.set_dim(group.backbones.listed)
+        for launch in (first, last):
+            launch.set_dim(self.listed)
 
     def renew(self, inputs: Inputs) -> bool:  # noqa: D102
         self._clear()
@@ -268,95 +315,37 @@ class NetworkProblem(BoundaryProblem):
         return np.where(self.loading == int(Loading.NONE), 0.0, np.where(self.loading == int(Loading.FULL), 1.0, factor))
 
     def _integrate(self) -> None:
-        listed = self.order.numpy()[: self.listed]
-        active = self.active.numpy()[listed] != 0
         for group in self.groups:
-            group.leave_out(listed[~active])
-        rows = listed[active]
-        if not len(rows):
-            return
-        with np.errstate(all="ignore"):  # what is not finite is said by its fault
-            state = self.hand_over(rows)
-            for group in self.groups:
-                group.backbones.stop = self.stop
-                group.backbones.integrate()
-            self._assemble(state)
+            group.backbones.stop = self.stop
+        self._launch(self._launches)
 
-    def hand_over(self, rows: IntArray) -> State:
-        """Unknowns and inputs of the instances ``rows``, (k,), to their rods, without an integration."""
-        state = State(self, rows)
-        taken = {name: (state.take(self, name), state.take(self, name, True)) for name in ALONG}
-        per_rod = [
-            np.stack([state.rotation, state.translation], axis=-1),
-            np.stack([state.rotation_directions, state.translation_directions], axis=-1),
-        ]
-        along = [np.stack([taken[name][k] for name in ALONG], axis=-2) for k in (0, 1)]
-        to_base = np.swapaxes(state.ends[0].rotation, -1, -2)
+    def _launch(self, launches: Sequence[Any]) -> None:
+        """Some of the launches, in order."""
+        if self._host is None:
+            own = self.networks
+            for name in ("opening", "opened_at", "soft", "loading"):
+                getattr(own, name).assign(getattr(self, name))
+        for launch in launches:
+            launch.launch()
+        if launches[-1] is self._launches[-1] and self.elimination is not None and "gamma" in vars(self):  # asked for whole
+            numbers = self.numbers_of_gamma(np.arange(self.instance_count))
+            self.gamma.assign(self.entries.dense(numbers))
+
+    def hand_over(self) -> None:
+        """Unknowns and inputs of all instances to their rods, without an integration."""
+        with self.everyone():
+            self._launch([self._launches[0], *self._launches[1:-1:3]])
+
+    def integrate_rods(self) -> None:
+        """Integrate the rods of all instances at their unknowns; nothing that solvers read is changed."""
         for group in self.groups:
-            group.hand_over(
-                rows,
-                state.own,
-                per_rod[0],
-                along[0],
-                np.swapaxes(per_rod[1], 1, 2),
-                along[1],
-                state.level,
-                to_base,
-            )
-        return state
+            group.backbones.stop = self.stop
+        with self.everyone():
+            self._launch(self._launches[:-1])
 
-    def integrated(self, state: State) -> Integrated:
-        """What the last integration says of all rods."""
-        rates = np.swapaxes(state.rotation_directions, 1, 2)
-        parts = [group.read(state.rows, state.rotation, rates) for group in self.groups]
-        if len(parts) == 1:
-            return parts[0]
-        order = np.argsort(np.concatenate([group.members for group in self.groups]))
-        return Integrated(*(np.concatenate(values, axis=1)[:, order] for values in zip(*map(_fields, parts), strict=True)))
-
-    def _assemble(self, state: State) -> FloatArray:
-        """(5) to (12) Residual, ``Gamma``, columns and pose of the instances of a state, their rods integrated; the numbers of
-        ``Gamma`` that are kept, (k, count)."""
-        rows, equations = state.rows, self.equations(state)
-        if self.pose_sensitivities:
-            self.seen = state, equations
-        residual, gamma, directions = self.summed(state, equations)
-        left = 1.0 - state.load_factor[:, None]
-        self._soften(gamma, residual, state, left)
-        residual -= left * self.opening[rows]
-        residual[state.short] = np.nan
-        self.pulled_out[rows] |= state.short
-        position, rotation, columns = self._end_effector(state, equations)
-        self._keep(rows, residual, gamma, directions, position, rotation, columns)
-        return gamma
-
-    def summed(self, state: State, equations: Equations) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """(5) to (11) Residual, the numbers of ``Gamma`` that are kept, and the derivative of the residual along directions, of
-        the network put together."""
-        count, d, sums = len(state.rows), self.direction_count, self.entries
-        residual = sums.residual(equations.residual.reshape(count, -1))
-        matrix, along = equations.columns[..., :SIZE], equations.columns[..., SIZE : SIZE + d]
-        gamma = sums.gamma(np.ascontiguousarray(matrix).reshape(count, -1))
-        directions = np.moveaxis(sums.residual(np.moveaxis(along.reshape(count, self.rod_count * SIZE, d), 1, 2)), 1, 2)
-        self._add_loads(state, residual, gamma, directions)
-        if self.sliding:
-            self.sliding.add(equations, rows=state.rows, residual=residual, gamma=gamma, directions=directions)
-        return residual, gamma, directions
-
-    def of_loads(self, state: State) -> FloatArray:
-        """(11) What dead loads on bodies add to their balances by how they turn, shape (instance, body, 6, 3)."""
-        count = len(state.rows)
-        residual, directions = np.zeros((count, self.unknown_count)), np.zeros((count, self.unknown_count, self.direction_count))
-        gamma = np.zeros((count, self.entries.count))
-        self._add_loads(state, residual, gamma, directions)
-        return gamma[:, self.entries.turns]
-
-    def integrated_state(self) -> State:
-        """All instances at their unknowns, their rods integrated; nothing that solvers read is changed."""
-        state = self.hand_over(np.arange(self.instance_count))
-        for group in self.groups:
-            group.backbones.integrate()
-        return state
+    def _assemble(self) -> None:
+        """(5) to (12) Residual, ``Gamma``, columns and pose of all instances, their rods integrated."""
+        self._launch([self._launches[0], *self._launches[3:-1:3], self._launches[-1]])
 
     def reference_state(self) -> State:
         """All instances where the poses of bodies are zero."""
@@ -374,146 +363,26 @@ class NetworkProblem(BoundaryProblem):
         weight = level * self.graph.mass[:, None] * state.take(self, "gravity")[:, None]
         return level * self._on_places(state, LOADED[0]), weight
 
-    def equations(self, state: State) -> Equations:
-        """(5) to (11) The elements."""
-        rods, rows, graph = self.integrated(state), state.rows, self.graph
-        tables, holders = [end.table for end in graph.ends], [end.frame for end in graph.ends]
-        length, stiffness = (scale[rows, : self.rod_count] for scale in (self.length, self.stiffness))
-        equations = Equations(rods, state.ends, tables, state.angles, length, stiffness, graph.slides.shared)
-        equations.join()
-        if len(graph.free):
-            level, loads = state.level[:, None, None], []
-            for names in (LOADED, FOLLOWING):
-                acting = [self._on_places(state, name)[:, self.body_count :] for name in names]
-                changing = [self._on_places(state, name, True)[:, self.body_count :] for name in names]
-                loads += [level * np.concatenate(acting, axis=-1), np.concatenate(changing, axis=-2)]
-            equations.leave(graph.free, *loads)
-        equations.turn()
-        if self.body_count:
-            equations.balance(state.frames, holders)
-        equations.drive(state.rates)
-        return equations
-
-    def _on_places(self, state: State, name: str, directions: bool = False) -> FloatArray:
-        """What acts on bodies and tips, shape (instance, place, 3), or (instance, place, 3, direction_count)."""
-        values = state.take(self, name, directions)
-        values = values.reshape(*values.shape[:-1], len(self.graph.load_places), 3)
-        return np.moveaxis(values, 1, -1) if directions else values
-
-    def _add_loads(self, state: State, residual: FloatArray, gamma: FloatArray, directions: FloatArray) -> None:
-        """(11) What acts on the bodies."""
-        if not self.body_count:
-            return
-        frames, count, bodies = state.frames, len(state.rows), slice(1, None)
-        mass = self.graph.mass[:, None]
-        level = state.level[:, None, None]
-        force, moment = (level * self._on_places(state, name)[:, : self.body_count] for name in LOADED)
-        weight = level * mass * state.take(self, "gravity")[:, None]
-        centre = np.einsum("bkij,kj->bki", frames.rotation[:, bodies], self.graph.mass_centre)
-        inward = np.swapaxes(frames.axes[:, bodies], -1, -2)
-        pull, twist = frames.pull[:, bodies, :, None], frames.twist[:, bodies, :, None]
-
-        def told(push: FloatArray, turn: FloatArray) -> FloatArray:
-            """Columns of force and moment as rows of the balances."""
-            both = np.concatenate([pull * (inward @ push), twist * (inward @ turn)], axis=-2)
-            return np.asarray(both)
-
-        own = slice(self.first_pose, None)
-        residual[:, own] -= told((force + weight)[..., None], (moment + cross(centre, weight))[..., None]).reshape(count, -1)
-        turn = frames.rotation[:, bodies]
-        pushes, twists = (turn @ (level * self._on_places(state, name)[:, : self.body_count])[..., None] for name in FOLLOWING)
-        residual[:, own] -= told(pushes, twists).reshape(count, -1)  # (28)
-        by_turn = cross_matrix(weight) @ cross_matrix(centre) - cross_matrix(twists[..., 0])
-        columns = told(-cross_matrix(pushes[..., 0]) @ frames.turns[:, bodies], by_turn @ frames.turns[:, bodies])
-        gamma[:, self.entries.turns] -= columns
-        by_load = [self._on_places(state, name, True)[:, : self.body_count] for name in (*LOADED, *FOLLOWING)]
-        by_force, by_moment = by_load[0] + turn @ by_load[2], by_load[1] + turn @ by_load[3]
-        heave = mass[:, None] * np.swapaxes(state.take(self, "gravity", True), 1, 2)[:, None]
-        by_all = told(by_force + heave, by_moment + cross_matrix(centre) @ heave)
-        directions[:, own] -= by_all.reshape(count, POSE * self.body_count, -1)
-
-    def _soften(self, gamma: FloatArray, residual: FloatArray, state: State, left: FloatArray) -> None:
-        """(12) Rods whose tips are held give way along themselves while the network is put together."""
-        soft = SOFT * left * self.soft[state.rows, None]
-        if not soft.any():
-            return
-        held = self.graph.ends[1].held
-        row, unknown = (self.places[held, at] for at in (GAP_AT.stop - 1, OWN - 1))
-        gamma[:, self.entries.yielding] += soft
-        residual[:, row] += soft * (state.x[:, unknown] - self.opened_at[state.rows][:, unknown])
-
-    def _end_effector(self, state: State, equations: Equations) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Its position, rotation, and their columns by unknowns, then along directions."""
-        frames, k, d = state.frames, self.end_effector, self.direction_count
-        columns = np.zeros((len(state.rows), 6, self.unknown_count + d))
-        if k < self.body_count:
-            at = self.first_pose + POSE * k
-            columns[:, :3, at : at + 3], columns[:, 3:, at + 3 : at + 6] = frames.moves[:, k + 1], frames.turns[:, k + 1]
-            return frames.position[:, k + 1], frames.rotation[:, k + 1], columns
-        rod = self.graph.free[k - self.body_count]
-        position, by_all = equations.tips()
-        places = self.places[rod]
-        columns[..., : self.unknown_count] = Sums(places, self.unknown_count)(by_all[:, rod, :, :SIZE])
-        columns[..., self.unknown_count :] = by_all[:, rod, :, SIZE : SIZE + d]
-        if self.sliding:
-            columns[..., : self.unknown_count] += self.sliding.by_unknowns(by_all[:, rod], rod, state.rows)
-        return position[:, rod], equations.tip_rotation[:, rod], columns
+    def _on_places(self, state: State, name: str) -> FloatArray:
+        """What acts on bodies and tips, shape (instance, place, 3)."""
+        values = state.take(self, name)
+        return values.reshape(*values.shape[:-1], len(self.graph.load_places), 3)
 
     def reasons(self, status: NDArray[np.int32]) -> NDArray[np.int32]:
         """As said; where a rod was pulled out of a hole on the way, since this was asked last, that was no number."""
-        known, pulled_out = super().reasons(status), self.pulled_out.copy()
-        self.pulled_out[:] = False
+        known, pulled_out = super().reasons(status), np.array(self.networks.pulled_out.numpy(), dtype=bool)
+        self.networks.pulled_out.zero_()
         return np.where(pulled_out & (known == Status.NONFINITE), Status.OUT_OF_HOLE, known).astype(np.int32)
-
-    def _keep(
-        self,
-        rows: IntArray,
-        residual: FloatArray,
-        gamma: FloatArray,
-        directions: FloatArray,
-        position: FloatArray,
-        rotation: FloatArray,
-        columns: FloatArray,
-    ) -> None:
-        """Results to where solvers read them."""
-        fault, steps = np.zeros(len(rows), dtype=np.int32), np.zeros(len(rows), dtype=np.int32)
-        for group in self.groups:
-            worst, taken = group.faults(rows)
-            fault, steps = np.maximum(fault, worst), steps + taken
-        finite = np.isfinite(residual).all(axis=1) & np.isfinite(gamma).all(axis=1)
-        fault[(fault == 0) & ~finite] = int(Fault.NONFINITE)
-        numbers = gamma if self.elimination is not None else self.entries.dense(gamma)
-        if self.elimination is not None and "gamma" in vars(self):  # asked for whole
-            put(self.gamma, rows, self.entries.dense(gamma))
-        values = {"residual": residual, "gamma": numbers, "position": position, "rotation": rotation}
-        for name, found in values.items():
-            self.put(name, rows, found.reshape(len(rows), -1))
-        put(self.fault, rows, fault)
-        put(self.step_count, rows, steps)
-        if self.direction_count:
-            put(self.residual_directions, rows, directions)
-        if self.pose_sensitivities:
-            put(self.pose_columns, rows, columns)
 
     # ---- bodies ----
 
-    def frames(self, x: FloatArray, rows: IntArray) -> Frames:
-        """(4) The ground and the bodies at unknown poses ``x`` (k, body, 6) of the instances ``rows``, (k,)."""
-        count, bodies = len(rows), self.body_count
-        L, EI = (scale[rows, self.rod_count :, None] for scale in (self.length, self.stiffness))
-        reference_position, reference = (values[rows] for values in self.reference)
-        a = (L * x[..., 3:]).reshape(-1, 3)
-        position, rotation = np.zeros((count, bodies + 1, 3)), np.zeros((count, bodies + 1, 3, 3))
-        moves, turns, axes = np.zeros_like(rotation), np.zeros_like(rotation), np.zeros_like(rotation)
-        pull, twist = np.zeros((count, bodies + 1, 1)), np.zeros((count, bodies + 1, 1))
-        rotation[:, GROUND] = np.eye(3)
-        moves[:, 1:] = L[..., None] ** 2 * reference
-        position[:, 1:] = reference_position + np.einsum("bkij,bkj->bki", moves[:, 1:], x[..., :3])
-        rotation[:, 1:] = reference @ matrices(a).reshape(count, bodies, 3, 3)
-        turns[:, 1:] = L[..., None] * (reference @ left_jacobian(a).reshape(count, bodies, 3, 3))
-        axes[:, 1:] = reference
-        pull[:, 1:], twist[:, 1:] = L / EI, 1 / EI
-        return Frames(position, rotation, moves, turns, axes, pull, twist)
+    def frames(self) -> Frames:
+        """(4) The ground and the bodies at ``unknowns``."""
+        with self.everyone():
+            self._launch(self._launches[:1])
+        own = self.networks
+        position, rotation, turns = (np.array(array.numpy()) for array in (own.body_position, own.body_rotation, own.body_turns))
+        return Frames(position, rotation, turns, self.reference[1])
 
     def pose_unknowns(self, position: FloatArray, rotation: FloatArray) -> FloatArray:
         """(4) The unknowns (instance_count, 6 body_count) at poses (instance_count, body, ...)."""
@@ -526,8 +395,7 @@ class NetworkProblem(BoundaryProblem):
 
     def body_poses(self) -> tuple[FloatArray, FloatArray]:
         """Position (instance_count, body, 3) and rotation (instance_count, body, 3, 3) at ``unknowns``."""
-        x = self.read("unknowns")[:, self.first_pose :].reshape(self.instance_count, -1, POSE)
-        frames = self.frames(x, np.arange(self.instance_count))
+        frames = self.frames()
         return frames.position[:, 1:], frames.rotation[:, 1:]
 
     # ---- where the search begins ----
@@ -564,8 +432,8 @@ class NetworkProblem(BoundaryProblem):
                 x = np.zeros((self.instance_count, self.unknown_count))
                 for group in self.groups:
                     own = group.backbones.guess().reshape(self.instance_count, len(group.members), -1)
-                    x[:, self.places[group.members][:, OWN_AT]] = own
-                for at, end in zip(ANGLES_AT, self.graph.ends, strict=True):
+                    x[:, self.places[group.members][:, : own.shape[2]]] = own
+                for at, end in zip(self.layout.angles_at, self.graph.ends, strict=True):
                     self._set_angles(x, at, np.broadcast_to(end.table.rest, (self.instance_count, *end.table.rest.shape)))
                 self.write("unknowns", x)
                 self.soft[:], self.opened_at[:] = 1.0, x
@@ -573,13 +441,18 @@ class NetworkProblem(BoundaryProblem):
                 self._place(x)
                 self.write("unknowns", x)
                 self.opened_at[:] = x
-                gamma = self._assemble(self.state())
+                self._assemble()
+                gamma = np.array(self._numbers())
                 self._found = Apart(inputs, x, self.read("residual"), gamma)
         return self._found
 
     def state(self) -> State:
         """Of all instances."""
-        return State(self, np.arange(self.instance_count))
+        return State(self)
+
+    def _numbers(self) -> FloatArray:
+        """What is kept of ``Gamma``, shape (instance_count, k)."""
+        return self.read("gamma") if self.elimination is None else self.numbers_of_gamma(np.arange(self.instance_count))
 
     def _set_angles(self, x: FloatArray, at: slice, angles: FloatArray) -> None:
         """Angles (instance_count, rod, 3) as unknowns."""
@@ -589,15 +462,18 @@ class NetworkProblem(BoundaryProblem):
 
     def _place(self, x: FloatArray) -> None:
         """(13) Bodies by the rods as they were integrated, and the angles of joints at tips by both."""
-        rods = self.integrated(self.state())
+        shape = (self.instance_count, self.rod_count)
+        tip, turn = np.zeros((*shape, 3)), np.zeros((*shape, 3, 3))
+        for group in self.groups:
+            tip[:, group.members], turn[:, group.members] = group.tips()
         driven = self.read("inputs")[:, self.input_slice("angle")] if self.graph.driven else None
         placing = self.graph.placing(self.instance_count, self.batch_shape, driven)
-        position, rotation = placed(placing, rods.position, rods.rotation)
+        position, rotation = placed(placing, tip, turn)
         x[:, self.first_pose :] = self.pose_unknowns(position[:, 1:], rotation[:, 1:])
         self.write("unknowns", x)
-        base, tip = self.state().ends
-        turned = np.swapaxes(tip.frame, -1, -2) @ base.rotation @ rods.rotation
-        self._set_angles(x, ANGLES_AT[1], self.graph.ends[1].table.fitted(turned))
+        base, end = self.state().ends
+        turned = np.swapaxes(end.frame, -1, -2) @ base.rotation @ turn
+        self._set_angles(x, self.layout.angles_at[1], self.graph.ends[1].table.fitted(turned))
 
     @contextmanager
     def unloaded(self) -> Iterator[None]:
@@ -622,8 +498,7 @@ class NetworkProblem(BoundaryProblem):
 
     def load_scale(self) -> FloatArray:
         """What acts on rods, bodies and tips, and how far tips are from where they are to be: a turn is a moment in ``EI/L``."""
-        with self.everyone():
-            self.hand_over(np.arange(self.instance_count))
+        self.hand_over()
         own = [group.backbones.load_scale().reshape(self.instance_count, -1).max(axis=1) for group in self.groups]
         total = np.sum(own, axis=0)
         inputs, L, EI = self.read("inputs"), self.length, self.stiffness
@@ -636,13 +511,9 @@ class NetworkProblem(BoundaryProblem):
         total += gravity * (self.graph.mass * L[:, bodies] ** 2 / EI[:, bodies]).sum(axis=1)
         held = self.graph.ends[1].held
         if held.any():
-            gap = self.apart().residual[:, self.places[held, OWN_AT]] * L[:, : self.rod_count][:, held, None]
+            gap = self.apart().residual[:, self.places[held, :6]] * L[:, : self.rod_count][:, held, None]
             total += (GAP_LOAD * np.linalg.norm(gap[..., :3], axis=2) + np.linalg.norm(gap[..., 3:], axis=2)).max(axis=1)
         return np.asarray(total)
-
-
-def _fields(rods: Integrated) -> tuple[FloatArray, ...]:
-    return tuple(vars(rods).values())
 
 
 PER_ROD = ("rotation", "translation")
@@ -670,14 +541,14 @@ def _blocks(graph: Graph, places: NDArray[np.intp], first: int, n: int) -> list[
     held, slides = graph.ends[1].held, graph.slides
     turns: list[int] = []  # of holes: they belong to two pieces
     for k, name in enumerate(graph.names):
-        own = places[k][: POSES_AT[0].start].copy()
+        own = places[k][: graph.layout.poses_at[0].start].copy()
         if slides.shared[k]:
-            own[ANGLES_AT[0]] = -1
+            own[graph.layout.angles_at[0]] = -1
         if slides.upper[k] >= 0:
-            turns += [place for place in own[ANGLES_AT[1]].tolist() if place >= 0]
-            own[ANGLES_AT[1]] = -1
+            turns += [place for place in own[graph.layout.angles_at[1]].tolist() if place >= 0]
+            own[graph.layout.angles_at[1]] = -1
         own = own[own >= 0]
-        force, gap = int(places[k, OWN - 1]), int(places[k, GAP_AT.stop - 1])
+        force, gap = int(places[k, graph.along[k]]), int(places[k, GAP_AT.stop - 1])
         rod = int(slides.owner[k])
         if held[k] and first < n:
             blocks.append(Block(name, own[own != force], own[own != gap], rod))

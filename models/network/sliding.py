@@ -11,19 +11,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.models.network.elements import SIZE, Equations
+from multirod.models.network.elements import Elements
 from multirod.models.network.joints import Joint
 from multirod.rod import Rod
-from multirod.rotations import cross
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
-    from multirod.models.network.graph import Graph
-    from multirod.models.network.problem import State
+    from multirod.models.network.problem import NetworkProblem, State
 
 DENSITY = 9  # where the mass per length stands among what kernels read of a section
 NONE = -1  # in the place of a hole
-AXIS = np.array([0.0, 0.0, 1.0])
 
 
 class Slides:
@@ -118,117 +115,18 @@ def piece(rod: Rod, count: int) -> Rod:
     return result
 
 
-class Sliding:
-    """(19) to (23) The equations of the holes of a network; axes (instance, piece, ...).
-
-    Args:
-        graph: The network.
-        length: Scale of each piece [m], (instance_count, piece_count).
-        stiffness: Likewise [N m^2].
-        batch_shape: Of the instances.
-    """
-
-    def __init__(
-        self,
-        graph: "Graph",
-        length: FloatArray,
-        stiffness: FloatArray,
-        batch_shape: tuple[int, ...],
-    ) -> None:
-        self.slides, self.entries = graph.slides, graph.entries
-        self.first, self.unknown_count = self.entries.first_hole, self.entries.size
-        self.length, self.stiffness = length, stiffness
-        arrays = [own.repeated(batch_shape) for own in graph.arrays]
-        self.softness = np.stack([own.material[:, 0, 0, 3:9] for own in arrays], axis=1)
-        self.density = np.stack([own.material[:, 0, 0, DENSITY] for own in arrays], axis=1)
-        self.at_rest = np.stack([own.precurvature[:, 0, 0, :3] for own in arrays], axis=1)
-
-    def translations(self, x: FloatArray, given: FloatArray, rows: NDArray[np.intp]) -> FloatArray:
-        """(20) How much longer pieces are than they are taken to be, by the unknowns of the holes ``x`` (k, hole) and the
-        translation of each rod ``given`` (k, rod), shape (k, piece)."""
-        own, L = self.slides, self.length[rows]
-        padded = np.concatenate([x, np.zeros((len(x), 1))], axis=1)
-        moved = L**2 * (padded[:, own.upper] - padded[:, own.lower])
-        return np.asarray((own.share * own.pieces - 1) * L + own.share * given[:, own.owner] + moved)
-
-    def slid(self, equations: Equations, state: "State", gap: FloatArray, loads: tuple[FloatArray, FloatArray]) -> FloatArray:
-        """(23) Of each element, how what it says of the hole at its tip and of that at its base varies, by its variables, then by
-        its length, by rows of its gap ``gap`` (instance, piece, 3, SIZE + 1); shape (instance, piece, 2, SIZE + 1).
-
-        ``loads`` are force per length and gravity, (instance, 3).
-        """
-        L, EI, kept = self.length[state.rows], self.stiffness[state.rows], [*range(SIZE), -1]
-        tip, base = (columns[..., kept] for _, columns in self.tension(equations, state.rows))
-        force, gravity = loads
-        load = force[:, None] + self.density[state.rows, :, None] * gravity[:, None]
-        local = _times(np.swapaxes(state.ends[0].rotation, -1, -2), load)
-        there = (self.slides.upper != NONE)[:, None]
-        tip = tip + np.where(there, L[..., None] ** 2 * _along(local, np.where(there[..., None], gap, 0.0)), 0.0)
-        return (L / EI)[..., None, None] * np.stack([tip, -base], axis=-2)
-
-    def by_unknowns(self, columns: FloatArray, piece: int, rows: NDArray[np.intp]) -> FloatArray:
-        """(20) Columns (k, 6, ...) of a tip, the last by the length of its piece, as columns by the unknowns (k, 6, n)."""
-        result = np.zeros((*columns.shape[:-1], self.unknown_count))
-        hole = self.slides.lower[piece]
-        if hole != NONE:
-            result[..., self.first + hole] = -(self.length[rows, piece, None] ** 2) * columns[..., -1]
-        return result
-
-    def add(
-        self,
-        equations: Equations,
-        *,
-        rows: NDArray[np.intp],
-        residual: FloatArray,
-        gamma: FloatArray,
-        directions: FloatArray,
-    ) -> None:
-        """(20), (22) What elements say by the lengths of pieces, and the rows of the holes."""
-        count, d = len(rows), directions.shape[-1]
-        L, EI = self.length[rows], self.stiffness[rows]
-        square, unit = L[..., None] ** 2, (L / EI)[..., None]
-        by_length = square * equations.columns[..., -1]
-        tip, base = self.tension(equations, rows)
-        residual += self.entries.sliding(np.concatenate([unit[..., 0] * tip[0], -unit[..., 0] * base[0]], axis=1))
-        columns = np.concatenate([unit * tip[1], -unit * base[1]], axis=1)
-        moved = np.concatenate([square, square], axis=1) * columns[..., -1:]
-        parts = (by_length, -by_length, columns[..., :SIZE], np.concatenate([moved, -moved], axis=-1))
-        values = np.concatenate([part.reshape(count, -1) for part in parts], axis=1)
-        gamma += self.entries.slid(values)
-        directions += np.moveaxis(self.entries.sliding(np.moveaxis(columns[..., SIZE : SIZE + d], 1, 2)), 1, 2)
-
-    def tension(
-        self, equations: Equations, instances: NDArray[np.intp]
-    ) -> tuple[tuple[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]:
-        """(22) What slides at the tips, then at the bases of pieces [N], (instance, piece), and by the variables of the
-        elements, then along directions, (instance, piece, SIZE + k)."""
-        rods = equations.rods
-        back = np.swapaxes(rods.rotation, -1, -2)
-        n, m, turn = rods.force, rods.moment, rods.pose_columns[..., 3:, :]
-        tip = self._of(_times(back, n), _times(back, m), instances)
-        v, u = (_times(rods.rotation, strain) for strain in tip[1:])
-        by_tip = _along(v, rods.wrench_columns[..., :3, :]) + _along(u, rods.wrench_columns[..., 3:, :])
-        by_tip += _along(cross(v, n) + cross(u, m), turn)
-        base = self._of(rods.base_force, rods.base_moment, instances)
-        by_base = _along(base[1], rods.base_columns[..., :3, :]) + _along(base[2], rods.base_columns[..., 3:, :])
-        by_all = [equations.driven(equations.spread(columns[..., None, :]))[..., 0, :] for columns in (by_tip, by_base)]
-        return (tip[0], by_all[0]), (base[0], by_all[1])
-
-    def _of(
-        self, force: FloatArray, moment: FloatArray, instances: NDArray[np.intp]
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """(22) By force and moment in the frame of the section; and the strains there."""
-        softness, at_rest = self.softness[instances], self.at_rest[instances]
-        bent, stretched = softness[..., :3] * moment, softness[..., 3:] * force
-        u, v = at_rest + bent, AXIS + stretched
-        value = (force * (AXIS + 0.5 * stretched)).sum(axis=-1) + (moment * (at_rest + 0.5 * bent)).sum(axis=-1)
-        return value, v, u
-
-
-def _along(vector: FloatArray, columns: FloatArray) -> FloatArray:
-    """Products of a vector (..., 3) with columns (..., 3, k), shape (..., k)."""
-    return np.asarray(np.einsum("...i,...ik->...k", vector, columns))
-
-
-def _times(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
-    return np.asarray((matrices @ vectors[..., None])[..., 0])
+def slid(problem: "NetworkProblem", state: "State", elements: Elements, gap: FloatArray) -> FloatArray:
+    """(23) Of each element, how what it says of the hole at its tip and of that at its base varies, by the other variables, then
+    by its length, by rows of its gap ``gap`` (instance, piece, 3, k + 1); shape (instance, piece, 2, k + 1)."""
+    slides, layout = problem.graph.slides, problem.layout
+    L, EI = (scale[:, : problem.rod_count] for scale in (problem.length, problem.stiffness))
+    kept = [*range(layout.holes_at.start), -1]
+    tip, base = (elements.tension[:, :, k][..., kept] for k in (0, 1))
+    force, gravity = (state.level[:, None] * state.take(problem, name) for name in ("distributed_force", "gravity"))
+    density = np.stack([own.repeated(problem.batch_shape).material[:, 0, 0, DENSITY] for own in problem.graph.arrays], axis=1)
+    load = force[:, None] + density[..., None] * gravity[:, None]
+    local = (np.swapaxes(state.ends[0].rotation, -1, -2) @ load[..., None])[..., 0]
+    there = (slides.upper != NONE)[:, None]
+    moved = np.einsum("...i,...ik->...k", local, np.where(there[..., None], gap, 0.0))
+    tip = tip + np.where(there, L[..., None] ** 2 * moved, 0.0)
+    return np.asarray((L / EI)[..., None, None] * np.stack([tip, -base], axis=-2))

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.models.backbone.second_variation import WORST_CONDITION, certain_determinant, symmetric_eigenvalues
-from multirod.models.network.elements import ANGLES_AT, GAP_AT, OWN, OWN_AT, POSE, SIZE, TURN_AT, Equations
+from multirod.models.network.elements import GAP_AT, OWN, POSE, TURN_AT, Elements
 from multirod.models.network.joints import MOST
+from multirod.models.network.sliding import slid
 from multirod.models.network.spectrum import NEAREST, SPARSE, block_diagonal, nearest_to_zero
 from multirod.stability import Modes, StabilityAnalysis
 from multirod.validation import FloatArray
@@ -32,9 +33,9 @@ class NetworkStability(StabilityAnalysis):
         """(15) to (17) Modes of the whole network, counted in the mean stiffness over the mean length of the rods."""
         problem, count = self.problem, self.problem.instance_count
         with problem.everyone(), np.errstate(all="ignore"):
-            state = problem.integrated_state()
-            equations = problem.equations(state)
-            form, sound = self._form(state, equations)
+            problem.integrate_rods()
+            state = problem.state()
+            form, sound = self._form(state, Elements(problem))
             hidden, known = self._of_rods()
         known &= sound & np.array([np.isfinite(own.data).all() for own in form])
         potential = self.has_potential
@@ -71,41 +72,39 @@ class NetworkStability(StabilityAnalysis):
             known &= group.backbones.lines.stays_stiff().reshape(count, -1).all(axis=1)
         return hidden, known
 
-    def _form(self, state: "State", equations: Equations) -> tuple[list[Any], NDArray[np.bool_]]:
+    def _form(self, state: "State", elements: Elements) -> tuple[list[Any], NDArray[np.bool_]]:
         """(16) By a force on each tip that is held, or the turn of one that is free, then angles of joints, then poses, in units
         of energy; and where rounding lets it be found. A sparse matrix of each instance."""
-        problem = self.problem
-        count, held = problem.instance_count, self.problem.graph.ends[1].held
-        # what fixes the six unknowns of each rod: how its tip is turned, and the force on it
-        turn, force = equations.tip_in_base()
-        columns = equations.columns
-        if problem.sliding is None:
-            turn, force, columns = (own[..., :SIZE] for own in (turn, force, columns))
-        else:  # (20) the length of the piece is a variable more
-            kept = [*range(SIZE), -1]
-            turn, force, columns = (own[..., kept] for own in (turn, force, columns))
+        problem, layout = self.problem, self.problem.layout
+        count, held, m = problem.instance_count, self.problem.graph.ends[1].held, layout.own
+        # by the variables but holes; in their place, (20), the length of the piece is one more
+        kept = [*range(layout.size - 2 * layout.holes), *([-1] if layout.holes else [])]
+        turn, force, columns = (own[..., kept] for own in (elements.tip_turn, elements.tip_force, elements.columns))
+        # what fixes the unknowns of each rod: how its tip is turned, and the force on it, and what else is its own
         fixing = np.concatenate([columns[..., TURN_AT, :], force], axis=-2)
         fixing = np.where(held[:, None, None], fixing, np.concatenate([turn, columns[..., GAP_AT, :]], axis=-2))
-        own = fixing[..., OWN_AT]
+        fixing = np.concatenate([fixing, columns[..., OWN:m, :]], axis=-2)
+        lacking = np.arange(m) >= problem.graph.own[:, None]
+        rod, at = np.nonzero(lacking)
+        fixing[:, rod, at, at] = 1.0
+        own = fixing[..., layout.own_at]
         sound = np.isfinite(fixing).all(axis=(1, 2, 3))
-        own = np.where(sound[:, None, None, None], own, np.eye(OWN))
+        own = np.where(sound[:, None, None, None], own, np.eye(m))
         sound &= (np.linalg.cond(own) < WORST_CONDITION).all(axis=1)
-        inverse = np.linalg.inv(np.where(sound[:, None, None, None], own, np.eye(OWN)))
-        # of each element, what is left once its own six are eliminated
-        free = np.where(held[:, None, None], inverse[..., 3:], inverse[..., :3])
+        inverse = np.linalg.inv(np.where(sound[:, None, None, None], own, np.eye(m)))
+        # of each element, what is left once its own are eliminated
+        free = np.where(held[:, None, None], inverse[..., 3:6], inverse[..., :3])
         gap = np.where(held[:, None, None], columns[..., GAP_AT, :], columns[..., TURN_AT, :])
-        rows = np.concatenate([gap, columns[..., OWN:, :]], axis=-2)
-        if problem.sliding is not None:
-            force_along, gravity = (state.level[:, None] * state.take(problem, name) for name in ("distributed_force", "gravity"))
-            slid = problem.sliding.slid(equations, state, gap, (force_along, gravity))
-            rows = np.concatenate([rows, slid], axis=-2)
-        by_own = rows[..., OWN_AT] @ np.concatenate([free, -inverse @ fixing[..., OWN:]], axis=-1)
-        by_own[..., 3:] += rows[..., OWN:]
-        if problem.sliding is not None:
+        rows = np.concatenate([gap, columns[..., m : layout.size - 2 * layout.holes, :]], axis=-2)
+        if layout.holes:
+            rows = np.concatenate([rows, slid(problem, state, elements, gap)], axis=-2)
+        by_own = rows[..., layout.own_at] @ np.concatenate([free, -inverse @ fixing[..., m:]], axis=-1)
+        by_own[..., 3:] += rows[..., m:]
+        if layout.holes:
             by_length = by_own[..., -1:] * problem.length[:, : problem.rod_count, None, None] ** 2
             by_own = np.concatenate([by_own[..., :-1], by_length, -by_length], axis=-1)
         numbers = by_own.reshape(count, -1)
-        loads = problem.of_loads(state).reshape(count, -1)
+        loads = -problem.networks.load_turns.numpy()[:, : problem.body_count].reshape(count, -1)
         places, of_loads, size = self._places()
         left, right = self._in_units_of_energy(state, size)
         from scipy.sparse import csc_matrix
@@ -122,11 +121,11 @@ class NetworkStability(StabilityAnalysis):
         """Of the numbers of the elements: whether they belong anywhere (not negative), row and column; those of loads on bodies;
         and how many are free."""
         problem, rods, entries = self.problem, self.problem.rod_count, self.problem.entries
-        rest = entries.variables[:, OWN:]
+        rest = entries.variables[:, problem.layout.own : problem.layout.holes_at.start]
         others = self._others()
         first = 3 * np.arange(rods)[:, None] + np.arange(3)
         own = np.concatenate([first, np.where(rest < 0, -1, 3 * rods + np.searchsorted(others, rest))], axis=1)
-        if problem.sliding is not None:
+        if problem.layout.holes:
             holes = 3 * rods + np.searchsorted(others, entries.first_hole)
             ends = [problem.graph.slides.upper, problem.graph.slides.lower]
             own = np.concatenate([own, *(np.where(end < 0, -1, holes + end)[:, None] for end in ends)], axis=1)
@@ -142,7 +141,12 @@ class NetworkStability(StabilityAnalysis):
 
     def _others(self) -> NDArray[np.intp]:
         """Unknowns that are no rod's own."""
-        return np.setdiff1d(np.arange(self.problem.unknown_count), self.problem.places[:, OWN_AT])
+        return np.setdiff1d(np.arange(self.problem.unknown_count), self._own())
+
+    def _own(self) -> NDArray[np.intp]:
+        """Unknowns that are the rods' own."""
+        places = self.problem.places[:, self.problem.layout.own_at]
+        return np.asarray(places[places >= 0])
 
     def _in_units_of_energy(self, state: "State", size: int) -> tuple[list[Any], list[Any]]:
         """(17) What makes rows derivatives of the energy, by displacements that are not scaled but in units of what is one:
@@ -153,7 +157,7 @@ class NetworkStability(StabilityAnalysis):
         count, first = problem.instance_count, 3 * problem.rod_count
         rows, columns = np.ones((count, size)), np.ones((count, size))
         rows[:, :first] = np.repeat(np.where(held, -(L[:, :rods] ** 2), EI[:, :rods]), 3, axis=1)
-        for angles, sense in zip(ANGLES_AT, (-1.0, 1.0), strict=True):
+        for angles, sense in zip(problem.layout.angles_at, (-1.0, 1.0), strict=True):
             at = problem.places[:, angles]
             rod, which = np.nonzero(at >= 0)
             places = first + np.searchsorted(others, at[rod, which])
@@ -168,11 +172,11 @@ class NetworkStability(StabilityAnalysis):
         columns[:, poses[:, :3]] = 1 / length**2
         unit, mean = self._units()
         rows, columns = rows * unit * mean[:, None], columns * unit
-        turns = np.swapaxes(state.frames.axes[:, 1:], -1, -2) @ state.frames.turns[:, 1:]
+        turns = np.swapaxes(state.frames.axes, -1, -2) @ state.frames.turns[:, 1:]
         turns = np.linalg.inv(turns) * unit[:, poses[:, 3:]][..., None, :] / unit[:, poses[:, 3:]][..., :, None]
         # torques of a ball are told about fixed axes: about those of its coordinates they are the derivatives
         balls, blocks = [np.zeros((0, 3), dtype=np.intp)], [np.zeros((count, 0, 3, 3))]
-        for end, angles in enumerate(ANGLES_AT):
+        for end, angles in enumerate(problem.layout.angles_at):
             ball = problem.graph.ends[end].table.free == MOST
             if end == 0:
                 ball = ball & ~slides.shared  # those are at the tips of the pieces below
@@ -191,11 +195,11 @@ class NetworkStability(StabilityAnalysis):
         length, stiffness = (scale[:, : problem.rod_count].mean(axis=1) for scale in (problem.length, problem.stiffness))
         length = length * problem.graph.depth
         force = (stiffness / length**2)[:, None]
-        if self.problem.sliding is not None:
+        if problem.layout.holes:
             force = STRESS * force
         one = np.ones_like(force)
         parts = [force if own else one for own in np.repeat(held, 3)]
-        parts += [one] * (problem.first_hole - OWN * problem.rod_count)
+        parts += [one] * (problem.first_hole - len(self._own()))
         parts += [length[:, None] * one] * problem.graph.slides.count
         parts += [length[:, None] * one, *[length[:, None]] * 2, one, one, one] * problem.body_count
         return np.concatenate(parts, axis=1), length / stiffness
@@ -206,8 +210,7 @@ class NetworkStability(StabilityAnalysis):
         inputs, count = self.problem.read("inputs"), self.problem.instance_count
         places = [self.problem.input_slice(name) for name in ("moment", "follower_force", "follower_moment")]
         result = ~np.any([inputs[:, place].any(axis=1) for place in places], axis=0)
-        with self.problem.everyone():
-            self.problem.hand_over(np.arange(count))
+        self.problem.hand_over()
         for group in self.problem.groups:
             result &= group.backbones.stability.has_potential.reshape(count, -1).all(axis=1)
         return np.asarray(result)
@@ -217,8 +220,10 @@ class NetworkStability(StabilityAnalysis):
         from where their bases are there."""
         problem, count, graph = self.problem, self.problem.instance_count, self.problem.graph
         with problem.everyone(), np.errstate(all="ignore"):
-            state = problem.integrated_state()
-            equations = problem.equations(state)
+            problem.integrate_rods()
+            state = problem.state()
+            elements = Elements(problem)
+            carried, tip_position = np.array(elements.carried), np.array(elements.tip_position)
             total = problem.shapes.of_springs(state.angles)
             for group in problem.groups:
                 for part in group.backbones.shapes.stored_and_lost():
@@ -228,14 +233,13 @@ class NetworkStability(StabilityAnalysis):
         slides = graph.slides
         first = np.array([slides.of(rod)[0] for rod in slides.owner.tolist()])
         moved = state.ends[0].position - zero.ends[0].position[:, first]
-        along = (state.ends[0].rotation @ equations.rods.base_force[..., None])[..., 0] - equations.force
-        total -= (along * moved).sum(axis=(1, 2))
+        total -= (carried * moved).sum(axis=(1, 2))
         force, weight = problem.forces(state)
         for frames, sense in ((state.frames, 1.0), (zero.frames, -1.0)):
             centre = frames.position[:, 1:] + np.einsum("bkij,kj->bki", frames.rotation[:, 1:], graph.mass_centre)
             total -= sense * (weight * centre).sum(axis=(1, 2))
             total -= sense * (force[:, : problem.body_count] * frames.position[:, 1:]).sum(axis=(1, 2))
-        tips = equations.tips()[0][:, graph.free] - zero.ends[0].position[:, graph.free]
+        tips = tip_position[:, graph.free] - zero.ends[0].position[:, graph.free]
         total -= (force[:, problem.body_count :] * tips).sum(axis=(1, 2))
         return np.where(self.has_potential, total, np.nan)
 
