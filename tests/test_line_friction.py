@@ -184,12 +184,14 @@ def between_discs(friction, tension):
 
 
 def chords(friction, tension, count):
-    """Bending of arcs between discs, each alone: ``EI k^2 h/2 + T c(k)`` is least, ``c`` the chord of its tendon, and at each disc
-    the tendon loses what a capstan takes, at the base half of it: the direction of the bend's end over the length of the rod."""
+    """Bending of arcs between discs, each alone: ``EI k^2 h/2 + T c(k)`` is least, ``c`` the chord of its tendon, and at each
+    disc the tendon loses what a capstan takes, at the base half of it. The angle of the tip."""
     h = LENGTH / count
 
     def arc(T):
-        return brentq(lambda k: EI * k * h + T * (h * (1 / k - OFFSET) * np.cos(k * h / 2) - 2 / k**2 * np.sin(k * h / 2)), 1e-3, 50)
+        return brentq(
+            lambda k: EI * k * h + T * (h * (1 / k - OFFSET) * np.cos(k * h / 2) - 2 / k**2 * np.sin(k * h / 2)), 1e-3, 50
+        )
 
     k = turned = 0.0
     for _ in range(count):

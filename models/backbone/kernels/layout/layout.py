@@ -253,9 +253,12 @@ class Layout:
                 Slot("pulls", self.STRAINS * self.DRIVES * self.PULLED),  # dw/d(u, e) of each
                 Slot("drives", self.DRIVES * f.friction),
                 Slot("grips", self.DRIVES * f.friction),
-                Slot("strain_rates", self.STRAINS * f.friction),  # (u, e) by arclength, (L13)
-                Slot("rate_system", self.STRAINS**2 * f.friction),  # (L14), factored
+                Slot("strain_rates", self.SOLVED * f.friction),  # what is solved for by arclength, (L13), (L21)
+                # (L14), factored; of tubes inverted without twists, and nine numbers of each that carries members, (L22)
+                Slot("rate_system", (4 + 9 * carriers if carriers else self.STRAINS**2) * f.friction),
                 Slot("pull_rates", (self.STRAINS) * f.friction, "force"),  # M, N by arclength, in the frame
+                Slot("turn_rates", tube * f.friction, "1/length"),  # theta_i'
+                Slot("rate_moment", 3 * carriers * f.friction, "force"),  # of lines of a tube by arclength, along axes of tube 1
                 # by arclength: of g, then of w
                 Slot("slides", (self.STRAINS * (carriers or 1) + self.LENGTHS) * (self.ROUTED and f.directions)),
                 # (L16), (L18) of each of several rods that carries members: its strains in its own frame, and how much its twist
