@@ -70,7 +70,7 @@ class NetworkParts(Parts):
         result.stop = whole.stop
         for name in ("inputs", "unknowns"):
             result.write(name, whole.read(name)[instances])
-        for name in ("opening", "opened_at", "soft", "loading"):
+        for name in ("opening", "opened_at", "soft", "loading", "shift"):
             getattr(result, name)[:] = getattr(whole, name)[instances]
         return result
 
@@ -177,8 +177,9 @@ class NetworkJoints(Joints):
         """Rods at rest and bodies as near to their ends as they can be, or around there."""
         problem = self.problem
         x = np.array(problem.apart().unknowns)
-        if numbers is not None:
-            x = moved(problem, x, np.asarray(numbers))
+        if numbers is None:
+            return problem.guess()
+        x = moved(problem, x, np.asarray(numbers))
         self.open(x)
         return x
 
@@ -194,7 +195,7 @@ class NetworkJoints(Joints):
 
     def shut(self) -> None:  # noqa: D102
         problem = self.problem
-        problem.opening[:], problem.opened_at[:], problem.soft[:] = 0.0, 0.0, 0.0
+        problem.opening[:], problem.opened_at[:], problem.soft[:], problem.shift[:] = 0.0, 0.0, 0.0, 0.0
 
     def unloaded_inputs(self) -> FloatArray | None:  # noqa: D102
         rows = self.problem.read("inputs")

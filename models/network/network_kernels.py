@@ -102,6 +102,7 @@ class Networks:
     opening: wp.array2d[wp.float64]
     opened_at: wp.array2d[wp.float64]
     soft: wp.array[wp.float64]
+    shift: wp.array2d[wp.vec3d]  # (instance, rod), (29) of where tips are held, in the frames of the bodies [m]
     loading: wp.array[int]
     # where bodies are, after the ground, and what acts on them
     body_position: wp.array2d[wp.vec3d]
@@ -268,7 +269,10 @@ def end_at(net: wp.ref[Networks], b: int, rod: int, e: int) -> End:
     end = End()
     holder = net.holder[e, rod]
     R = net.body_rotation[b, holder]
-    end.arm = R * net.attachment_position[b, e, rod]
+    arm = net.attachment_position[b, e, rod]
+    if e == 1:  # (29)
+        arm += (f64(1.0) - net.load_factor[b]) * net.shift[b, rod]
+    end.arm = R * arm
     end.frame = R * net.attachment_rotation[b, e, rod]
     end.position = net.body_position[b, holder] + end.arm
     end.rotation = end.frame

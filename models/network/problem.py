@@ -46,12 +46,14 @@ class Apart:
         unknowns: [1/m], shape (instance_count, n).
         residual: There, without loads [1/m], shape (instance_count, n).
         gamma: The numbers of ``Gamma`` there that are kept, shape (instance_count, k).
+        turned: From the frames of the bases to those of what holds the tips, shape (instance_count, rod, 3, 3).
     """
 
     inputs: FloatArray
     unknowns: FloatArray
     residual: FloatArray
     gamma: FloatArray
+    turned: FloatArray
 
 
 class State:
@@ -73,8 +75,10 @@ class State:
         if own.graph.driven:  # (24)
             driven = own.graph.driven_angles(self.take(own, "angle"))
             self.angles = [free + given for free, given in zip(self.angles, driven, strict=True)]
+        left = (1 - own.load_factor.numpy())[:, None, None]
+        arms = own.attachments[0][0], own.attachments[1][0] + left * own.shift  # (29)
         self.ends = [
-            Holding(self.frames, end.frame, own.attachments[k], end.table.at(self.angles[k]))
+            Holding(self.frames, end.frame, (arms[k], own.attachments[k][1]), end.table.at(self.angles[k]))
             for k, end in enumerate(own.graph.ends)
         ]
 
@@ -157,7 +161,7 @@ class NetworkProblem(BoundaryProblem):
         # of the path from the network taken apart, as NumPy sees what the kernels read
         own = self.networks
         self.opening, self.opened_at = own.opening.numpy(), own.opened_at.numpy()
-        self.soft, self.loading = own.soft.numpy(), own.loading.numpy()
+        self.soft, self.shift, self.loading = own.soft.numpy(), own.shift.numpy(), own.loading.numpy()
         self.loading[:] = int(Loading.RISING)
         self._launches = self._record()
         self._found: Apart | None = None
@@ -213,7 +217,7 @@ class NetworkProblem(BoundaryProblem):
         own.mass, own.mass_centre = array(graph.mass), array(graph.mass_centre, wp.vec3d)
         own.pulled_out = wp.zeros(count, dtype=wp.int32, device=device)
         own.opening, own.opened_at, own.soft = zeros(count, self.unknown_count), zeros(count, self.unknown_count), zeros(count)
-        own.loading = zeros(count, dtype=wp.int32)
+        own.shift, own.loading = zeros(count, rods, dtype=wp.vec3d), zeros(count, dtype=wp.int32)
         still = np.broadcast_to(np.eye(3), (count, bodies + 1, 3, 3))
         own.body_position, own.body_rotation = zeros(count, bodies + 1, dtype=wp.vec3d), array(still, wp.mat33d)
         own.body_turns = zeros(count, bodies + 1, dtype=wp.mat33d)
@@ -303,7 +307,7 @@ class NetworkProblem(BoundaryProblem):
         self.__dict__.pop("conjugates", None)
         for group in self.groups:
             group.backbones._clear()
-        self.opening[:], self.opened_at[:], self.soft[:] = 0.0, 0.0, 0.0
+        self.opening[:], self.opened_at[:], self.soft[:], self.shift[:] = 0.0, 0.0, 0.0, 0.0
         self.loading[:] = int(Loading.RISING)
         self._found, self.inputs_given = None, inputs
         self.write("inputs", self.pack(inputs))
@@ -323,7 +327,7 @@ class NetworkProblem(BoundaryProblem):
         """Some of the launches, in order."""
         if self._host is None:
             own = self.networks
-            for name in ("opening", "opened_at", "soft", "loading"):
+            for name in ("opening", "opened_at", "soft", "shift", "loading"):
                 getattr(own, name).assign(getattr(self, name))
         for launch in launches:
             launch.launch()
@@ -406,7 +410,13 @@ class NetworkProblem(BoundaryProblem):
         What the residual is there is remembered and closes as ``load_factor`` goes from 0 to 1, (12).
         """
         apart = self.apart()
-        self.open_at(apart.unknowns, apart.residual)
+        held = np.flatnonzero(self.graph.ends[1].held)
+        gaps, residual = self.places[held, GAP_AT], np.array(apart.residual)
+        # (29) in the frames of what holds the tips
+        gap = self.length[:, held, None] ** 2 * residual[:, gaps]
+        self.shift[:, held] = (apart.turned[:, held] @ gap[..., None])[..., 0]
+        residual[:, gaps] = 0.0
+        self.open_at(apart.unknowns, residual)
         return np.array(apart.unknowns)
 
     def open_at(self, unknowns: FloatArray, residual: FloatArray) -> None:
@@ -442,8 +452,9 @@ class NetworkProblem(BoundaryProblem):
                 self.write("unknowns", x)
                 self.opened_at[:] = x
                 self._assemble()
-                gamma = np.array(self._numbers())
-                self._found = Apart(inputs, x, self.read("residual"), gamma)
+                gamma, (base, tip) = np.array(self._numbers()), self.state().ends
+                turned = self.attachments[1][1] @ np.swapaxes(tip.frame, -1, -2) @ base.rotation
+                self._found = Apart(inputs, x, self.read("residual"), gamma, turned)
         return self._found
 
     def state(self) -> State:
@@ -481,8 +492,8 @@ class NetworkProblem(BoundaryProblem):
         kept = (self.fault, self.step_count, self.residual_directions, self.pose_columns)
         values = [np.array(array.numpy()) for array in kept]
         records = self.snapshot()
-        own = [np.array(values) for values in (self.opening, self.opened_at, self.soft, self.loading)]
-        self.opening[:], self.soft[:], self.loading[:] = 0.0, 0.0, int(Loading.NONE)
+        own = [np.array(values) for values in (self.opening, self.opened_at, self.soft, self.loading, self.shift)]
+        self.opening[:], self.soft[:], self.loading[:], self.shift[:] = 0.0, 0.0, int(Loading.NONE), 0.0
         try:
             with self.everyone(), self.at_load(0.0):
                 yield
@@ -490,7 +501,7 @@ class NetworkProblem(BoundaryProblem):
             self.restore(records)
             for array, before in zip(kept, values, strict=True):
                 array.assign(before)
-            self.opening[:], self.opened_at[:], self.soft[:], self.loading[:] = own
+            self.opening[:], self.opened_at[:], self.soft[:], self.loading[:], self.shift[:] = own
 
     def curvature_scale(self) -> FloatArray:  # noqa: D102
         own = [group.backbones.curvature_scale().reshape(self.instance_count, -1) for group in self.groups]
