@@ -296,7 +296,7 @@ def test_cosine_and_sine_in_single_precision(lanes):
 
 @pytest.mark.parametrize("translation", [-1.0, np.inf, np.nan])
 def test_an_iterate_of_no_length_ends_and_writes_no_node(translation, wire):
-    """Where translations are unknown an iterate may have any: a kernel that writes nodes too must not look for the ones past it."""
+    """Where translations are unknown an iterate may have any: who writes nodes must not look for the ones past the last."""
     robot = mr.SingleRod(wire)
     options = {"integrator": mr.RK4(10), "pose_sensitivities": True, "direction_count": 1}
     problem = robot.problem(robot.inputs(tip_force=(1, 0, 0)), **options)
