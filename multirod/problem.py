@@ -323,7 +323,7 @@ class BoundaryProblem(Uncopied, ABC):
 
         Raises:
             Interrupted: If ``stop`` is set.
-            Spent: If that is more than is left of ``budget``.
+            RuntimeError: If that is more than is left of ``budget``.
         """
         self.heed_stop()
         if self.budget is not None:
