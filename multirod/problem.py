@@ -14,6 +14,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from multirod.batch import IntArray, Interrupted
+from multirod.budget import Budget
 from multirod.capabilities import Clamps, Conjugates, Joints, Lines, Parts, ResultTest, Shapes, Starts
 from multirod.compiling import start_warp
 from multirod.elimination import Elimination
@@ -21,6 +22,7 @@ from multirod.exclusive import Exclusive, Uncopied
 from multirod.inputs import Inputs
 from multirod.segments import Breakpoints, Segments
 from multirod.stability import StabilityAnalysis
+from multirod.status import Status, failures
 from multirod.validation import Described, FloatArray, frozen, refuse
 
 TOLERANCE = 1e-9  # default of solvers, of the residual [1/m]
@@ -162,6 +164,7 @@ class BoundaryProblem(Uncopied, ABC):
         restored: How often records were set in the place of what integrations found: columns are then not theirs.
         rounding: What a number is rounded by, relative to itself, along the rods: numpy's ``eps`` of the integrator's precision.
         alone: What the thread that works on the problem holds.
+        budget: What a study that uses it may still take, of which ``integrate`` spends one an active instance; None is no bound.
         stop: Once it is set, ``integrate`` raises ``Interrupted``: how a batch on several threads is brought to an end.
     """
 
@@ -170,6 +173,7 @@ class BoundaryProblem(Uncopied, ABC):
     instead = "ask the assembly for another problem"
     guess_integrations: int = 0
     restored: int = 0
+    budget: Budget | None = None
 
     def __init__(
         self,
@@ -258,7 +262,7 @@ class BoundaryProblem(Uncopied, ABC):
             self.focus()
         for values, first in self._first_values:
             values.fill(first)
-        self.breakpoints, self.stop = {}, None
+        self.breakpoints, self.stop, self.budget = {}, None, None
 
     @cached_property
     def _first_values(self) -> list[tuple[NDArray[Any], int]]:
@@ -319,8 +323,11 @@ class BoundaryProblem(Uncopied, ABC):
 
         Raises:
             Interrupted: If ``stop`` is set.
+            RuntimeError: If that is more than is left of ``budget``.
         """
         self.heed_stop()
+        if self.budget is not None:
+            self.budget.spend(int((self.active.numpy()[self.order.numpy()[: self.listed]] != 0).sum()))
         self._integrate()
 
     def heed_stop(self) -> None:
@@ -336,6 +343,20 @@ class BoundaryProblem(Uncopied, ABC):
     def _integrate(self) -> None:
         """Do what ``integrate`` says."""
 
+    @property
+    def launches(self) -> tuple[Any, ...] | None:
+        """The recorded launches that an integration of all instances is, in order, where it is nothing else: a kernel may repeat
+        them then. The same object as long as they are the same; None by default."""
+        return None
+
+    def integrate_alike(self) -> bool:
+        """Integrate one instance for all where they are surely the same, as a batch of loads on one robot is without them.
+
+        Residual and ``Gamma`` of all are then what ``integrate`` would leave; False, and nothing is done, where they may differ,
+        as by default.
+        """
+        return False
+
     @contextmanager
     def without_poses(self) -> Iterator[None]:
         """Within it, integrations may leave the end effector's pose out, where that saves time; it is found in the end."""
@@ -346,30 +367,30 @@ class BoundaryProblem(Uncopied, ABC):
         chosen = np.arange(self.instance_count) if instances is None else instances
         listed = np.arange(self.instance_count, dtype=np.int32)
         listed[: len(chosen)] = chosen
-        self.order.assign(listed)
+        self._set("order", listed)
         self.listed = len(chosen)
 
     @contextmanager
     def at_load(self, factor: float | FloatArray) -> Iterator[None]:
         """Within it, ``load_factor`` is this, one number or one for each instance (instance_count,); then what it was."""
-        before = self.load_factor.numpy().copy()
-        self.load_factor.assign(np.broadcast_to(np.asarray(factor, dtype=np.float64), self.instance_count))
+        before = np.array(self.buffer("load_factor"))
+        self._set("load_factor", factor)
         try:
             yield
         finally:
-            self.load_factor.assign(before)
+            self._set("load_factor", before)
 
     @contextmanager
     def only(self, chosen: NDArray[np.bool_]) -> Iterator[None]:
         """Within it, these instances, (instance_count,), are active, and launches pass over them alone; then as it was."""
-        active, listed = self.active.numpy().copy(), self.order.numpy()[: self.listed].copy()
-        self.active.assign(np.asarray(chosen, dtype=np.int32))
+        active, listed = np.array(self.buffer("active")), np.array(self.buffer("order")[: self.listed])
+        self._set("active", chosen)
         if self.listed < self.instance_count or not chosen.all():
             self.focus(np.flatnonzero(chosen))
         try:
             yield
         finally:
-            self.active.assign(active)
+            self._set("active", active)
             if self.listed != len(listed) or len(listed) < self.instance_count:
                 self.focus(None if len(listed) == self.instance_count else listed)
 
@@ -519,6 +540,11 @@ class BoundaryProblem(Uncopied, ABC):
         """
         return np.zeros(self.instance_count)
 
+    @property
+    def turned(self) -> slice:
+        """Where the angles stand among inputs that say what ``turning`` does since other inputs; nowhere where that is zero."""
+        return slice(0, 0)
+
     # ---- what only some offer ----
 
     @property
@@ -578,6 +604,16 @@ class BoundaryProblem(Uncopied, ABC):
         """Whether a step may end on another branch, and its ends not tell: not unless ``stability`` says so."""
         return self.stability is not None and self.stability.may_jump
 
+    def out_of_reach(self) -> NDArray[np.bool_]:
+        """Whether an instance has no equilibrium because ends are farther apart than what is between them can be long, shape
+        (instance_count,); False where that is not known."""
+        return np.zeros(self.instance_count, dtype=bool)
+
+    def reasons(self, status: NDArray[np.int32]) -> NDArray[np.int32]:
+        """Values of ``Status`` of instances without a result, those of others as they are, shape (instance_count,): what is known
+        of why, where that says more than ``status`` does."""
+        return np.where(self.out_of_reach() & failures(status), Status.OUT_OF_REACH, status).astype(np.int32)
+
     @property
     def kinks(self) -> NDArray[np.intp]:
         """Unknowns, by their numbers, at whose zero the residual has a kink at the full load, and none at less."""
@@ -628,8 +664,8 @@ class BoundaryProblem(Uncopied, ABC):
         return np.array((self.records.numpy() if self._host is None else self._host)[:, self.record_fields[name]])
 
     def buffer(self, name: str) -> NDArray[Any]:
-        """What the last integration wrote beside the records, ``fault``, ``residual_directions`` or ``pose_columns``: on the CPU
-        as NumPy sees it in place."""
+        """What the last integration wrote beside the records, ``fault``, ``residual_directions`` or ``pose_columns``, or what it
+        was told, ``active``, ``order`` or ``load_factor``: on the CPU as NumPy sees it in place."""
         view = self._views.get(name)
         return np.asarray(getattr(self, name).numpy()) if view is None else view
 
@@ -638,7 +674,18 @@ class BoundaryProblem(Uncopied, ABC):
         """Made once: each time anew they take a loop's sample as long as its linear algebra."""
         if self._host is None:
             return {}
-        return {name: getattr(self, name).numpy() for name in ("fault", "residual_directions", "pose_columns")}
+        names = ("fault", "residual_directions", "pose_columns", "active", "order", "load_factor")
+        return {name: getattr(self, name).numpy() for name in names}
+
+    def _set(self, name: str, values: Any) -> None:
+        """Set ``active``, ``order`` or ``load_factor``, of all instances, from what broadcasts to (instance_count,)."""
+        view = self._views.get(name)
+        if view is not None:
+            view[:] = values
+            return
+        target = getattr(self, name)
+        kind = np.float64 if target.dtype == wp.float64 else np.int32
+        target.assign(np.ascontiguousarray(np.broadcast_to(np.asarray(values, dtype=kind), self.instance_count)))
 
     def write(self, name: str, values: FloatArray) -> None:
         """Set one field of the records from an array that broadcasts to (instance_count, size); of ``gamma`` that is what records

@@ -496,7 +496,7 @@ def _lines(given: Any, rod: Rod) -> "tuple[Line, ...]":
         if names.count(name) > 1:
             refuse("Rod.lines", names, f"must have names of their own, and {name!r} is there twice")
     refuse_redundant(given, any(np.isfinite(section.axial_stiffness).any() for section in rod.sections))
-    refuse_beside_friction(given, rod.members, rod.discs)
+    refuse_beside_friction(given, rod.members)
     return tuple(line.on(rod.sections, rod.discs or 0.0) for line in given)
 
 

@@ -133,8 +133,10 @@ class Solution(Generic[Robot_co]):
             unknowns = self._records[:, self._scene.fields["unknowns"]]
             self._strain_said = plausibility.of_bases(self.assembly, unknowns, unsettled)
         else:
-            from multirod.strains import largest
+            from multirod.strains import bound, largest
 
+            if bound(self.assembly.rods, shapes) <= plausibility.STRAIN:
+                return
             strain = largest(self, [self._whole_shape(shape) for shape in shapes]).reshape(-1, len(shapes))
             self._strain_said = plausibility.of_strains(self.assembly, np.where(unsettled[:, None], np.nan, strain))
 
@@ -432,7 +434,8 @@ class Solution(Generic[Robot_co]):
 
         Args:
             rod: Index or name.
-            nodes: Number of nodes; by default one a step at fixed steps, else 51.
+            nodes: Number of nodes; by default one a step at fixed steps, else 51. A shape that cannot be told there, of a taut
+                rod in too few steps, is NaN (``docs/stability.md``, equation 19).
 
         Raises:
             ValueError: If there is no such rod, or ``nodes`` is not an integer >= 2.
@@ -777,6 +780,8 @@ class Solution(Generic[Robot_co]):
         rows = slice(None) if piece is None else piece
         unknowns = problem.adopt(self._records[rows, self._scene.fields["unknowns"]])
         problem.write("unknowns", np.where(self._failed[rows, None], 0.0, unknowns))
+        for name in ("position", "rotation"):  # by which a pass over nodes sees that it ends where the solve does
+            problem.write(name, self._records[rows, self._scene.fields[name]])
         problem.breakpoints = taken(self._outcome.breakpoints, np.arange(len(self._records))[rows])
 
     def _gather(self, compute: Callable[[BoundaryProblem], tuple[Any, ...]], **options: Any) -> list[Any]:

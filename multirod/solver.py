@@ -98,7 +98,9 @@ SETTLED = (
 
 
 def refuse_unfit(problem: BoundaryProblem, outcome: Outcome) -> None:
-    """Say so where what a solver found is no result, for a problem that tests this."""
+    """Say so where what a solver found is no result, for a problem that tests this, or where there can be none."""
+    if failures(outcome.status).any():
+        outcome.status[:] = problem.reasons(outcome.status)
     if problem.result_test is None:
         return
     found, settled = ~failures(outcome.status), np.isin(outcome.status, SETTLED)

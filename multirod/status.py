@@ -48,6 +48,8 @@ class Status(IntEnum):
     AT_LIMIT = 24
     UNREACHABLE = 25
     SINGULAR_TASK = 26
+    OUT_OF_REACH = 27
+    OUT_OF_HOLE = 28
 
     def __str__(self) -> str:
         return self.name
@@ -165,6 +167,10 @@ _MESSAGES = {
     "for fewer rows (a position alone), free more inputs, begin nearer, or let starts be tried",
     Status.SINGULAR_TASK: "the freed inputs cannot move the end effector in a direction that the target asks for, where the "
     "search ended: ask for fewer rows, free other inputs, or begin elsewhere (a straight robot's tip cannot be pushed sideways)",
+    Status.OUT_OF_REACH: "what holds the end is farther from the base than the rod, which does not stretch, is long: move it "
+    "nearer, take a longer rod, or give it an axial_stiffness",
+    Status.OUT_OF_HOLE: "a rod is pulled out of a hole of a body: nothing of it is left on one side; let it out by its "
+    "translation, place the hole elsewhere on it, or lower what pulls",
     Status.MULTIPLE_SHOOTING: "the residual is within the tolerance, by multiple shooting: the rod is so long, soft or "
     "strongly loaded that its unknowns at the base alone do not determine the tip, and gamma is NaN",
 }

@@ -30,6 +30,18 @@ def largest(solution: "Solution", shapes: Sequence[Shape]) -> FloatArray:
     return result
 
 
+def bound(rods: Sequence[Rod], shapes: Sequence[Shape]) -> float:
+    """What ``largest`` is of none of these rods more than; NaN where a shape is."""
+    each = [0.0]
+    for rod, shape in zip(rods, shapes, strict=True):
+        if rod.outer_diameter is not None:
+            softest = min(float(np.min(section.bending_stiffness)) for section in rod.sections)
+            stretches = min(float(np.min(section.axial_stiffness)) for section in rod.sections)
+            bent, pulled = (np.abs(values).max(initial=0.0) for values in (shape.moment[..., :2], shape.force[..., 2]))
+            each.append(0.5 * rod.outer_diameter * np.sqrt(2) * bent / softest + pulled / stretches)
+    return float(np.max(each))
+
+
 def strains(solution: "Solution", rod: int, shape: Shape) -> dict[str, FloatArray]:
     """Strains along one rod, each of shape (..., node_count), by name; only what its parameters tell.
 

@@ -13,11 +13,13 @@ from multirod.solver import Outcome, Solver, Track
 from multirod.solvers.continuation.natural import TURN, Paths, natural_branch
 from multirod.solvers.following.follow import follow
 from multirod.solvers.multiple_shooting import MultipleShooting
-from multirod.solvers.newton.iteration import Newton
+from multirod.solvers.newton.iteration import UNLIMITED, Newton
+from multirod.solvers.newton.newton_kernels import Sample
 from multirod.solvers.newton.refinement import refine
 from multirod.solvers.starting.assembling import assemble
 from multirod.solvers.starting.letting_out import let_out, loosened, near_the_end
 from multirod.solvers.starting.multistart import lowest_stable, refuse_unstable
+from multirod.solvers.tracking.kinks import passed_kinks
 from multirod.status import BoolArray, IntArray, Status, failures
 from multirod.validation import FloatArray, boolean, choice, positive_int
 
@@ -106,8 +108,9 @@ class Shooting(Solver):
             return self._first(problem, newton, poses_apart=True)
         problem.write("unknowns", guess)
         newton.allow(self.max_integrations)
+        beyond = problem.out_of_reach()
         with problem.without_poses():
-            newton.run()
+            newton.run(~beyond if beyond.any() else None)
         return newton.outcome()
 
     def _first(self, problem: BoundaryProblem, newton: Newton, chosen: Any = None, *, poses_apart: bool = False) -> Outcome:
@@ -115,6 +118,9 @@ class Shooting(Solver):
         others are meant, the lowest stable one.
         """
         chosen = np.ones(problem.instance_count, dtype=bool) if chosen is None else chosen
+        beyond = chosen & problem.out_of_reach()
+        if beyond.any():
+            return self._within_reach(problem, newton, chosen, beyond)
         multistable = problem.stability is not None and problem.stability.multistable
         with problem.without_poses() if poses_apart else nullcontext():
             newton.allow(self.max_integrations)
@@ -146,6 +152,22 @@ class Shooting(Solver):
             self._follow(problem, newton, outcome, lost, reached, ends)
         if unbounded is not None:
             outcome.status[unbounded & failures(outcome.status)] = Status.LINE_LIMIT
+        return outcome
+
+    def _within_reach(self, problem: BoundaryProblem, newton: Newton, chosen: BoolArray, beyond: BoolArray) -> Outcome:
+        """``_first`` of a part, where the others, ``beyond``, cannot have a result: nothing is integrated for these."""
+        outcome = Outcome.zeros(problem.instance_count)
+        outcome.status[beyond] = Status.OUT_OF_REACH
+        places = np.flatnonzero(chosen & ~beyond)
+        if len(places):
+            assert problem.parts is not None  # what knows its reach offers parts
+            part = problem.parts.of(places)
+            found = self._first(part, newton.of(part, places))
+            for name in ("status", "iterations", "integrations"):
+                getattr(outcome, name)[places] = getattr(found, name)
+            outcome.events = {int(places[k]): events for k, events in found.events.items()}
+            outcome.breakpoints = {int(places[k]): points for k, points in found.breakpoints.items()}
+            problem.keep(part, places)
         return outcome
 
     def _let_out(self, problem: BoundaryProblem, newton: Newton, outcome: Outcome, chosen: BoolArray) -> BoolArray | None:
@@ -264,35 +286,64 @@ class NewtonTrack(Track):
         self.newton = options.newton(problem)
         self.newton.expect()
         self.order = PREDICTORS.index(options.predictor)
-        self.history: list[FloatArray] = []
+        count, n = problem.instance_count, problem.unknown_count
+        # on a processor, NumPy and the kernel of a sample share what is kept
+        state: Any = Sample()
+        state.past = wp.zeros((count, 3, n), dtype=wp.float64, device="cpu")
+        state.last_inputs = wp.zeros((count, problem.input_count), dtype=wp.float64, device="cpu")
+        state.points, state.good = (wp.zeros(1, dtype=wp.int32, device="cpu") for _ in range(2))
+        if wp.get_device(problem.device).is_cpu:
+            state.inputs = problem.inputs
+        turned = problem.turned if problem.may_jump else slice(0, 0)
+        state.turned, state.most_turn = wp.vec2i(turned.start, turned.stop), TURN
+        state.order, state.slow, state.most_integrations = self.order, self.newton.slow, min(options.max_integrations, UNLIMITED)
+        self._state = state
+        self._past, self._last_inputs = state.past.numpy(), state.last_inputs.numpy()
+        self._points, self._good = state.points.numpy(), state.good.numpy()
+        self._sample: tuple[Any, Any] | None = None  # the launch of a sample, and what it calls
         self.inputs: FloatArray | None = None  # those of the last good sample
         self.known = np.zeros(problem.instance_count, dtype=bool)  # instances that have had a good sample, or a guess
         self.all_known = False
-        self.fresh = np.zeros(problem.instance_count, dtype=bool)  # where branches are near: what came there by an event
+        # where branches are near: what came there by an event
+        self.fresh, self._any_fresh = np.zeros(problem.instance_count, dtype=bool), False
+
+    @property
+    def last(self) -> FloatArray:
+        """Unknowns of the last good samples, shape (instance_count, n)."""
+        return np.asarray(self._past[:, 0])
 
     def start(self, unknowns: FloatArray) -> None:
         """Take ``unknowns`` as the sample before the first."""
-        self.history = [np.array(unknowns)]
+        self._past[:, 0], self._points[0] = unknowns, 1
         self.known[:] = True
         self.all_known = True
 
     def step(self) -> Outcome:
         """Extrapolate, iterate to the tolerance, and make sure of the branch."""
         problem, newton = self.problem, self.newton
+        if self.all_known and self.inputs is not None and not self._any_fresh and (calls := newton.calls()) is not None:
+            if self._sample is None or self._sample[0] is not calls:
+                self._sample = calls, newton.repeating(calls, self._state)
+            newton.everyone()
+            self._sample[1].launch()
+            if self._good[0]:
+                return newton.outcome()
+            newton.go_on()  # where it was not at its end
+            return self._made_sure(newton.outcome(), None)
         first = None
         if not self.all_known:
-            if not self.history:
-                self.history = [problem.guess()]
+            if not self._points[0]:
+                self._past[:, 0], self._points[0] = problem.guess(), 1
             first = self.options._first(problem, newton, ~self.known)
             if not self.known.any():
                 return self._keep(first)
-        past = self.history
-        if len(past) > 2:
-            guess = 3 * (past[0] - past[1]) + past[2]
-        elif len(past) == 2:
-            guess = 2 * past[0] - past[1]
+        past, points = self._past, int(self._points[0])
+        if points > 2:
+            guess = 3 * (past[:, 0] - past[:, 1]) + past[:, 2]
+        elif points == 2:
+            guess = 2 * past[:, 0] - past[:, 1]
         else:
-            guess = past[0]
+            guess = past[:, 0]
         if first is not None:
             guess = np.where(self.known[:, None], guess, problem.read("unknowns"))
         problem.write("unknowns", guess)
@@ -307,14 +358,23 @@ class NewtonTrack(Track):
             ):
                 mine[~self.known] = theirs[~self.known]
             outcome.breakpoints, outcome.events = first.breakpoints, first.events
+        return self._made_sure(outcome, first)
+
+    def _made_sure(self, outcome: Outcome, first: Outcome | None) -> Outcome:
+        """What may have left its branch is solved again, and the sample is kept."""
+        problem, newton = self.problem, self.newton
         turned = self._turned()
         fresh = bool(self.fresh.any())
         if self.inputs is not None and (newton.doubtful() or first is not None or turned is not None or fresh):
             doubtful = ((outcome.status != _CONVERGED) | newton.strayed()) & self.known
+            doubtful &= ~passed_kinks(problem, newton, doubtful & (outcome.status == _CONVERGED), self.last)
             if turned is not None:
                 doubtful |= turned & self.known
             calm, own = ~doubtful, problem.read("unknowns") if fresh else None
             doubtful |= self.fresh
+            beyond = doubtful & problem.out_of_reach()  # where no way leads
+            outcome.status[beyond] = Status.OUT_OF_REACH
+            doubtful &= ~beyond
             if doubtful.any():
                 self._continue(doubtful, outcome, self.inputs)
             if own is not None:
@@ -334,7 +394,7 @@ class NewtonTrack(Track):
         self.newton.allow(self.options._left(outcome))
         paths = Paths(self.problem, self.newton, self.options.max_continuation_steps)
         safe = np.where(self.fresh, FRESH, 1.0)
-        last = self.history[0], self.newton.reference()
+        last = self.last.copy(), self.newton.reference()
         again = paths.change_inputs(doubtful, before, *last, safe_step=safe)
         self._take_in(doubtful, again, outcome)
         reached, ends = again.reached, self.problem.read("unknowns")
@@ -383,23 +443,27 @@ class NewtonTrack(Track):
 
     def _keep(self, outcome: Outcome) -> Outcome:
         found, inputs = self.problem.read("unknowns"), self.problem.read("inputs")
+        past, self._points[0] = self._past, min(self._points[0] + 1, self.order + 1)
         if self.all_known and (outcome.status == _CONVERGED).all():
-            self.history = [found, *self.history[: self.order]]
-            self.inputs = inputs
+            past[:, 1:] = past[:, :2]
+            past[:, 0] = found
+            self._last_inputs[:] = inputs
             self.newton.set_reference()
-            return outcome
-        # of what is known by its breakpoints only, the unknowns alone cannot start the next sample
-        good = ~failures(outcome.status)
-        good[list(outcome.breakpoints)] = False
-        # what failed starts again from its last equilibrium, what is new from its first, both without a slope
-        elsewhere = np.isin(outcome.status, (Status.BIFURCATED, Status.SNAPPED))
-        self.fresh |= elsewhere
-        kept, new = good[:, None], (good & (elsewhere | ~self.known))[:, None]
-        last = self.history[0]
-        past = [found, *self.history[: self.order]]
-        self.history = [np.where(new, found, np.where(kept, point, last)) for point in past]
-        self.inputs = inputs if self.inputs is None else np.where(kept, inputs, self.inputs)
-        self.newton.set_reference(good)
-        self.known |= good
-        self.all_known = bool(self.known.all())
+        else:
+            # of what is known by its breakpoints only, the unknowns alone cannot start the next sample
+            good = ~failures(outcome.status)
+            good[list(outcome.breakpoints)] = False
+            # what failed starts again from its last equilibrium, what is new from its first, both without a slope
+            elsewhere = np.isin(outcome.status, (Status.BIFURCATED, Status.SNAPPED))
+            self.fresh |= elsewhere
+            kept, new = good[:, None], (good & (elsewhere | ~self.known))[:, None]
+            last = past[:, 0].copy()
+            for k, point in ((2, past[:, 1]), (1, past[:, 0]), (0, found)):
+                past[:, k] = np.where(new, found, np.where(kept, point, last))
+            self._last_inputs[:] = inputs if self.inputs is None else np.where(kept, inputs, self.inputs)
+            self.newton.set_reference(good)
+            self.known |= good
+            self.all_known = bool(self.known.all())
+        self.inputs = self._last_inputs
+        self._any_fresh = bool(self.fresh.any())
         return outcome

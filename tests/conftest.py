@@ -13,7 +13,8 @@ DATA = Path(__file__).parent / "data"
 CASE_FIXTURES = {"single_rod_case": "single_rod", "tube_case": "concentric_tubes", "parallel_case": "parallel_continuum_robot"}
 
 # files that take a minute and more: first, lest one process is left with one of them at the end
-LONG = {"line_drives", "pages", "examples", "concentric_tubes", "parallel_rods", "derivatives", "multiple_shooting"}
+LONG = {"line_drives", "tube_lines", "tube_friction", "platform_derivatives", "pages", "examples", "concentric_tubes"}
+LONG |= {"parallel_rods", "derivatives", "multiple_shooting"}
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import multirod as mr
+from multirod.models.backbone.problem import BackboneProblem
 
 ARRAYS = ("tip_position", "tip_rotation", "unknowns", "gamma", "residual", "iterations", "integrations", "condition")
 
@@ -124,3 +125,27 @@ def test_a_control_loop_of_none_is_refused(wire):
     robot = mr.SingleRod(wire)
     with pytest.raises(ValueError, match=r"Tracker\.inputs = leading axes \(0,\) is not allowed: there must be an instance"):
         mr.Tracker(robot, dt=0.01, inputs=robot.inputs(tip_force=np.zeros((0, 3))))
+
+
+def test_loads_on_one_robot_take_one_integration_of_the_unloaded_robot(wire, monkeypatch):
+    robot, solver = mr.SingleRod(wire), mr.Shooting(integrator=mr.RK4(50))
+    forces = np.random.default_rng(2).uniform(-1, 1, (20, 3))
+    shared = []
+    found = BackboneProblem.integrate_alike
+
+    def noted(self):
+        shared.append(found(self))
+        return shared[-1]
+
+    monkeypatch.setattr(BackboneProblem, "integrate_alike", noted)
+    batch = mr.solve(robot, robot.inputs(tip_force=forces), solver=solver, threads=1)
+    assert shared == [True]
+    for k in range(0, len(forces), 5):
+        assert_same(batch, k, mr.solve(robot, robot.inputs(tip_force=forces[k]), solver=solver))
+    shared.clear()
+    # turned at their bases, or pushed out, they are not the same
+    for name, values in {"rotation": np.linspace(0, 1, 20), "translation": np.linspace(0, 0.01, 20)}.items():
+        given = {name: values[:, None], "tip_force": forces}
+        batch = mr.solve(robot, robot.inputs(**given), solver=solver, threads=1)
+        assert_same(batch, 7, mr.solve(robot, robot.inputs(tip_force=forces[7], **{name: values[7]}), solver=solver))
+    assert not any(shared)

@@ -36,8 +36,7 @@ def solved(matrices, sides, sizes):
         t = wp.tid()
         solve(matrix, values, t, arrow)
         for i in range(values.shape[1]):
-            for j in range(values.shape[2]):
-                back[t, i, j] = multiply(matrix, values, t, i, j, arrow)
+            multiply(matrix, values, back, t, i, arrow)
 
     arrow = Arrow()
     arrow.count = len(sizes)

@@ -8,10 +8,12 @@ from test_parallel_rods import ring
 from test_stability import two_tubes
 
 import multirod as mr
+from multirod.models.backbone.problem import BackboneProblem
 from multirod.solvers.continuation.branch_step import Apart, Inspection, Point, heights
 from multirod.stability import Modes
 
-CLOSE = 1e-8  # relative: RK4(400) leaves 1e-10 of the lower modes, and the stored values are good to 2e-9
+CLOSE = 1e-8  # relative: the stored values are good to 2e-9
+TIGHT = 1e-11  # relative: RK45(steps=150) leaves 1e-12 of the first four modes of a column, 1e-15 of the first
 
 
 def column(**values):
@@ -35,7 +37,7 @@ def rod_of(case):
 def test_euler_column_loses_one_mode_after_another():
     robot = column(bending_stiffness=(1.0, 1.3))
     found = mr.critical_loads(robot, robot.inputs(tip_force=(0, 0, -1)), count=4)
-    np.testing.assert_allclose(factors(found), np.pi**2 / 4 * np.array([1, 1.3, 9, 11.7]), rtol=CLOSE)
+    np.testing.assert_allclose(factors(found), np.pi**2 / 4 * np.array([1, 1.3, 9, 11.7]), rtol=TIGHT)
     assert [(c.fold, c.index_before, c.index_after) for c in found] == [(False, k, k + 1) for k in range(4)]
     assert found[0].solution.stability is mr.Stability.FOLD
     np.testing.assert_allclose(found[0].solution.inputs.tip_force[2], -found[0].load_factor)
@@ -255,7 +257,7 @@ def test_two_folds_however_near_each_other(beyond, shape):
     found = mr.critical_loads(robot, robot.inputs(rotation=(0, 1)), start=robot.inputs(), count=2)
     assert [(c.fold, c.index_before, c.index_after) for c in found] == [(True, 0, 1), (True, 1, 0)]
     past = hysteresis(turns)
-    # the unknowns are found to 1e-10 of what they are, RK4(400) leaves as much
+    # the unknowns are found to 1e-10 of what they are
     np.testing.assert_allclose(factors(found), [np.pi + past, np.pi - past], rtol=0, atol=2e-9)
     assert found.undecided == ()
     np.testing.assert_allclose(found.reached, np.pi + past, rtol=1e-9)
@@ -294,6 +296,42 @@ def test_what_stays_stable_has_no_critical_load():
     robot = column()
     assert mr.critical_loads(robot, robot.inputs(tip_force=(0, 0, 1)), up_to=50.0) == ()
     assert mr.critical_loads(robot, robot.inputs(tip_force=(0, 0, -1)), up_to=2.0) == ()
+
+
+@pytest.fixture
+def integrations(monkeypatch):
+    """Counts all, one an active instance, in all problems of a backbone."""
+    spent, own = [0], BackboneProblem._integrate
+
+    def counted(problem):
+        spent[0] += int(problem.active.numpy()[problem.order.numpy()[: problem.listed]].sum())
+        own(problem)
+
+    monkeypatch.setattr(BackboneProblem, "_integrate", counted)
+    return spent
+
+
+def test_no_more_integrations_than_are_allowed(integrations):
+    """Of the second pair of modes of a column; each load that is found takes some more, for its solution."""
+    robot = column()
+    inputs = robot.inputs(tip_force=(0, 0, -1))
+    for allowed in (100, 600):
+        integrations[0] = 0
+        with pytest.warns(mr.IncompleteWarning, match=f"the {allowed} integrations allowed were used up at a load factor of"):
+            found = mr.critical_loads(robot, inputs, count=20, solver=mr.Shooting(max_integrations=allowed))
+        assert 0 < integrations[0] <= allowed + 10 * len(found)
+        assert all(load.load_factor <= found.reached for load in found)
+    np.testing.assert_allclose(found[0].load_factor, np.pi**2 / 4, rtol=1e-6)
+
+
+def test_equilibria_within_as_many(integrations):
+    robot = column()
+    inputs = robot.inputs(tip_force=(0, 0, -3))
+    with pytest.warns(mr.IncompleteWarning, match="the 900 integrations allowed were used up before the search"):
+        found = mr.equilibria(robot, inputs, solver=mr.Shooting(max_integrations=900))
+    # on top: the unloaded sign, of every start, and what follows a circle of equilibria, by 63 steps of 0.1 rad
+    assert integrations[0] <= 900 + 128 + 200 * found.status.size
+    assert (found.status == mr.Status.CONVERGED).all()
 
 
 def test_what_is_refused(wire):

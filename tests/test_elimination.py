@@ -14,12 +14,6 @@ from multirod.solvers.newton.eliminated import Eliminated
 WIRE = mr.Rod.wire(length=0.1, diameter=2e-3, young_modulus=60e9, shear_modulus=23e9, density=6450)
 
 
-@pytest.fixture(autouse=True)
-def along_the_graph(monkeypatch):
-    """However few bodies there are."""
-    monkeypatch.setattr(entries, "BORDER", 0)
-
-
 def banded(size, seed=0):
     """A pattern of a band with a full last row and column, and a matrix of it whose diagonal is partly zero."""
     rng = np.random.default_rng(seed)
@@ -63,7 +57,7 @@ def chain(pieces):
 
 
 def test_eigenvalues_are_bounded_as_those_of_dense_matrices():
-    robot, inputs = chain(4)
+    robot, inputs = chain(5)
     problem = robot.problem(inputs, integrator=mr.RK4(10))
     eliminated = Eliminated(problem, problem.elimination, problem.tolerance(None))
     numbers = []
@@ -77,21 +71,22 @@ def test_eigenvalues_are_bounded_as_those_of_dense_matrices():
         ratio = first @ np.linalg.inv(other)
         largest = np.abs(np.linalg.eigvals(ratio) - centre).max()
         found = eliminated.radius(numbers[0], other.reshape(-1)[problem.elimination.places], centre, 0.0, 64)
-        # powers of the norm come down to the radius, within what four probes of 48 numbers tell of the norm
+        # powers of the norm come down to the radius, within what four probes of 60 numbers tell of the norm
         assert 0.9 * largest <= found <= 1.2 * largest
 
 
-@pytest.mark.parametrize(("border", "arrow"), [(0, ()), (24, (0, 6, 12, 18, 24, 48))])
-def test_a_chain_is_the_same_eliminated_or_whole(monkeypatch, border, arrow):
-    monkeypatch.setattr(entries, "BORDER", border)
-    robot, inputs = chain(4)
-    assert (robot.elimination is None) == bool(arrow)
-    assert robot.graph.entries.arrow == arrow
+@pytest.mark.parametrize("pieces", [4, 5])
+def test_a_chain_is_the_same_eliminated_or_whole(monkeypatch, pieces):
+    """Rod by rod, as an arrow, and along the graph."""
+    robot, inputs = chain(pieces)
+    along = pieces == 5
+    assert (robot.elimination is not None) is along
+    assert bool(robot.problem(inputs, integrator=mr.RK4(10)).arrow) is not along
     solution = mr.solve(robot, inputs).raise_if_failed()
     monkeypatch.setattr(entries, "WHOLE", 1000)
-    whole, inputs = chain(4)
+    whole, inputs = chain(pieces)
     assert whole.elimination is None
-    assert not whole.graph.entries.arrow
+    assert not whole.problem(inputs, integrator=mr.RK4(10)).arrow
     expected = mr.solve(whole, inputs).raise_if_failed()
     assert solution.integrations == expected.integrations
     np.testing.assert_allclose(
@@ -103,7 +98,7 @@ def test_a_chain_is_the_same_eliminated_or_whole(monkeypatch, border, arrow):
 
 
 def test_who_asks_for_gamma_whole_has_it():
-    robot, inputs = chain(4)
+    robot, inputs = chain(5)
     problem = robot.problem(inputs, integrator=mr.RK4(10))
     gamma = problem.gamma
     x = np.full((1, problem.unknown_count), 0.1)
@@ -112,14 +107,14 @@ def test_who_asks_for_gamma_whole_has_it():
 
 
 def test_batches_and_trackers_are_eliminated_instance_by_instance():
-    robot, inputs = chain(4)
+    robot, inputs = chain(5)
     forces = np.linspace(0.1, 0.4, 3)[:, None] * np.array([1.0, 0.25, 0])
-    many = mr.solve(robot, robot.inputs(force={"b3": forces})).raise_if_failed()
+    many = mr.solve(robot, robot.inputs(force={"b4": forces})).raise_if_failed()
     one = mr.solve(robot, inputs).raise_if_failed()
     np.testing.assert_allclose(many.tip_position[2], one.tip_position, rtol=0, atol=1e-10)
     tracker = mr.Tracker(robot)
     for force in forces[::-1]:
-        sample = tracker.step(force={"b3": force})
+        sample = tracker.step(force={"b4": force})
     np.testing.assert_allclose(sample.tip_position, many.tip_position[0], rtol=0, atol=1e-10)
 
 

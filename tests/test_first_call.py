@@ -314,3 +314,18 @@ print(*sorted(COMPILER.kernels), sep="\\n")
     assert done.returncode == 0, done.stderr
     kernels = done.stdout.split()
     assert 0 < len(kernels) <= BUDGET[scene], kernels
+
+
+def test_one_kernel_tells_all_of_a_solution() -> None:
+    """Whatever is asked of it, in whatever order: one integrates for the solver, one for those who ask."""
+    tendon = mr.Tendon(offset=(0, 0.008), driven="displacement")
+    rod = mr.Rod(length=0.2, bending_stiffness=0.01, torsional_stiffness=0.0077, lines=[tendon])
+    wire, end = mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638), np.eye(4)
+    end[:3, 3] = 0.05, 0, 0.37
+    robots = (mr.SingleRod(rod), {"displacement": 0.001}, "displacement"), (mr.HeldRod(wire, end=end), {}, "end_position")
+    for robot, inputs, name in robots:
+        before = set(COMPILER.kernels)
+        solution = mr.solve(robot, robot.inputs(**inputs)).raise_if_failed()
+        solution.rod(0), solution.stability, solution.jacobian(name)
+        taken = [kernel for kernel in COMPILER.kernels - before if "integrate" in kernel]
+        assert len(taken) <= 2, taken

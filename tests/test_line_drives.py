@@ -11,6 +11,7 @@ from scipy.special import ellipk
 
 import multirod as mr
 from multirod.models.backbone.second_variation import CondensedForm, NodeColumns, with_conditions
+from multirod.solvers.tracking.kinks import follows
 
 EI, GJ, LENGTH, R = 0.01, 0.0077, 0.2, 0.008
 OWN = {"length": LENGTH, "bending_stiffness": EI, "torsional_stiffness": GJ}
@@ -478,6 +479,42 @@ def test_tendons_by_the_law_under_loads(count: int) -> None:
     assert (looser.status == mr.Status.CONVERGED).all()
     assert looser.tension.max() < 10.0
     assert (LENGTH - displacement[1:] + hair - looser.line_length > -1e-10).all()
+
+
+def test_a_motion_past_kinks_takes_few_integrations() -> None:
+    """(L8e) Stiff tendons whose tensions are thousands of those that bend: Gamma jumps by as much."""
+    angles = 2 * np.pi * np.arange(3) / 3
+    lines = [mr.Tendon(offset=(R * np.cos(a), R * np.sin(a)), driven="displacement", axial_stiffness=1e5) for a in angles]
+    robot = mr.SingleRod(mr.Rod(**OWN, lines=lines))
+    time = 0.01 * np.arange(110)[:, None]
+    motion = 0.002 * np.cos(3 * time - angles) + 0.0004 * np.cos(9 * time)
+    loop = mr.Tracker(robot, dt=0.01, inputs=robot.inputs(displacement=motion[0]))
+    steps = [loop.step(displacement=row) for row in motion]
+    assert not any(step.status.failed for step in steps)
+    slack = np.array([step.slack for step in steps])
+    crossed = 1 + np.flatnonzero((slack[1:] != slack[:-1]).any(axis=1))
+    assert len(crossed) >= 3  # the motion is meant to cross
+    assert max(step.integrations for step in steps[1:]) < 15
+    again = mr.solve(robot, robot.inputs(displacement=motion[crossed])).raise_if_failed()
+    np.testing.assert_array_equal(again.slack, slack[crossed])
+    # the tolerance of the residual, over the stiffness of what is taut
+    np.testing.assert_allclose([steps[k].tip_position for k in crossed], again.tip_position, atol=1e-8)
+
+
+def test_which_jumps_of_gamma_a_branch_passes() -> None:
+    """(L8e) One line that becomes taut: the branch goes on where the determinant keeps its sign, and ends where it does not."""
+    last = np.array([[2.0, 0.5, 0.0], [0.3, 1.0, 0.0], [0.7, -0.4, 1.0]])
+    for size, passed in ((300.0, True), (-300.0, False)):
+        taut = last.copy()
+        taut[:, 2] = (5.0, -2.0, size)
+        assert follows(last, taut, np.array([2])) is passed
+    other = taut @ np.diag([-1.0, 1.0, -1.0])  # another mode has changed its sign beside
+    assert np.linalg.det(other) * np.linalg.det(last) < 0
+    assert not follows(last, other, np.array([2]))
+    # two at once, each of which could alone, and that take each other's room: (1, 2; 2, 1) is no P-matrix
+    both = np.eye(2)
+    assert follows(both, np.array([[1.0, 0.2], [0.2, 1.0]]), np.arange(2))
+    assert not follows(both, np.array([[1.0, 2.0], [2.0, 1.0]]), np.arange(2))
 
 
 def test_commands_without_slack_at_rest() -> None:

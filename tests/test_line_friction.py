@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.interpolate import make_interp_spline
+from scipy.optimize import brentq
 
 import multirod as mr
 
@@ -29,8 +31,6 @@ def test_tension_in_the_plane_is_that_of_a_capstan(friction):
     np.testing.assert_allclose(line.tension, 3.0 * expected / k0, rtol=1e-10)
     np.testing.assert_allclose(solution.tension, 3.0)
     assert solution.stability == mr.Stability.UNKNOWN
-    with pytest.raises(NotImplementedError, match="friction"):
-        solution.jacobian("translation")
     assert np.isnan(solution.potential)
 
 
@@ -98,8 +98,30 @@ def test_a_tendon_does_not_rub_before_it_begins():
     np.testing.assert_allclose(solution.line(0, nodes=3).tension[-1], left, rtol=1e-9)
 
 
+@pytest.mark.parametrize("translation", [0.03, -0.04])
+def test_what_is_pushed_out_of_the_base_rubs_too(difference, translation):
+    robot, longer = (
+        mr.SingleRod(mr.Rod(length=length, bending_stiffness=EI, torsional_stiffness=GJ, lines=[line]))
+        for line in [mr.Tendon(offset=(OFFSET, 0), friction=0.3)]
+        for length in (LENGTH, LENGTH + translation)
+    )
+    given = {"tension": [3.0], "tip_force": (0.1, 0.3, -0.2)}
+
+    def pushed(by):
+        return mr.solve(robot, robot.inputs(**given, translation=[by]), solver=TIGHT).raise_if_failed()
+
+    solution, other = pushed(translation), mr.solve(longer, longer.inputs(**given), solver=TIGHT)
+    np.testing.assert_allclose(solution.tip_position, other.tip_position, atol=1e-11)
+    np.testing.assert_allclose(solution.line(0, nodes=9).tension[-1], other.line(0, nodes=9).tension[-1], rtol=1e-9)
+    by_translation = difference(lambda h: pushed(translation + h).tip_position, 1e-4)
+    # differences of solutions that are right to some 1e-12 m
+    np.testing.assert_allclose(solution.jacobian("translation")[:3, 0], by_translation, atol=1e-7)
+
+
 def test_columns_are_derivatives(space, difference):
     solution = mr.solve(space, space.inputs(tension=TENSION, **LOADS), solver=TIGHT)
+    with pytest.raises(NotImplementedError, match=r"by translation .* friction"):
+        solution.jacobian("translation")
     for name, step in (("tension", 2e-2), ("tip_force", 2e-3)):
         here, J = np.array({"tension": TENSION, **LOADS}[name]), solution.jacobian(name)
         for k in range(3):
@@ -151,18 +173,82 @@ def test_tendons_of_legs_may_rub():
         np.testing.assert_allclose(J[:3, k], slope, atol=1e-5 * np.abs(J[:3]).max())  # a step of 1e-2 of the tension
 
 
+SPACING = 0.02
+
+
+def between_discs(friction, tension):
+    line = mr.Tendon(offset=(OFFSET, 0), friction=friction)
+    rod = mr.Rod(length=LENGTH, bending_stiffness=EI, torsional_stiffness=GJ, lines=[line], discs=SPACING)
+    robot = mr.SingleRod(rod)
+    return mr.solve(robot, robot.inputs(tension=tension), solver=TIGHT).raise_if_failed()
+
+
+def chords(friction, tension, count):
+    """Bending of arcs between discs, each alone: ``EI k^2 h/2 + T c(k)`` is least, ``c`` the chord of its tendon, and at each
+    disc the tendon loses what a capstan takes, at the base half of it. The angle of the tip."""
+    h = LENGTH / count
+
+    def arc(T):
+        return brentq(
+            lambda k: EI * k * h + T * (h * (1 / k - OFFSET) * np.cos(k * h / 2) - 2 / k**2 * np.sin(k * h / 2)), 1e-3, 50
+        )
+
+    k = turned = 0.0
+    for _ in range(count):
+        for _ in range(30):  # how far it turns at the disc depends on what is left behind it
+            k = arc(tension * np.exp(-friction * (turned + k * h / 2)))
+        turned += k * h
+    return turned
+
+
+@pytest.mark.parametrize("friction", [0.3, -0.3])
+def test_between_discs_tension_is_that_of_a_capstan(friction):
+    """(L12b) against ``EI k = T (r (1 - h^2 k^2/24) + h^2 k lam/12)``, ``T' = -mu k T`` by SciPy, and by chords and discs one by
+    one."""
+    solution = between_discs(friction, [3.0])
+    line, shape = solution.line(0, nodes=9), solution.rod(0, nodes=9)
+    c = SPACING**2 / 24
+
+    def curvature(T):
+        return brentq(lambda k: EI * k - T * (OFFSET * (1 - c * k**2) + 2 * c * k * (1 - OFFSET * k)), 0, 50, xtol=1e-14)
+
+    given = {"t_eval": shape.arclength, "rtol": 1e-12, "atol": 1e-13}
+    found = solve_ivp(lambda s, T: [-friction * curvature(T[0]) * T[0]], (0, LENGTH), [3.0], **given)
+    # the integrators' tolerances
+    np.testing.assert_allclose(line.tension, found.y[0], rtol=1e-9)
+    np.testing.assert_allclose(np.abs(shape.curvature[:, 1]), [curvature(T) for T in found.y[0]], rtol=1e-9)
+    # what is left out is (mu k h)^2/24 of it and less; discs alone make 1 % of it, friction 10 %
+    np.testing.assert_allclose(np.arccos(shape.rotation[-1, 2, 2]), chords(friction, 3.0, 10), rtol=2e-5)
+
+
+def test_columns_of_friction_between_discs_are_derivatives(difference):
+    """A helix and a straight tendon under a force: what (L12b) varies by."""
+    lines = [
+        mr.Tendon(offset=(0.008, 0), friction=0.3),
+        mr.Tendon(route=lambda s: (0.006 * np.cos(30 * s + 1), 0.006 * np.sin(30 * s + 1)), friction=-0.2),
+    ]
+    rod = mr.Rod(length=LENGTH, bending_stiffness=EI, torsional_stiffness=GJ, lines=lines, discs=SPACING)
+    robot, given = mr.SingleRod(rod), {"tension": np.array([3.0, 2.0]), "tip_force": np.array([0.1, 0.3, -0.2])}
+    solution = mr.solve(robot, robot.inputs(**given), solver=TIGHT).raise_if_failed()
+    for name, step in (("tension", 2e-2), ("tip_force", 2e-3)):
+        J = solution.jacobian(name)
+        for k in range(len(given[name])):
+
+            def tip(h, name=name, k=k):
+                values = given | {name: given[name] + h * np.eye(len(given[name]))[k]}
+                return mr.solve(robot, robot.inputs(**values), solver=TIGHT).tip_position
+
+            # differences of solutions that are right to some 1e-12 m
+            np.testing.assert_allclose(J[:3, k], difference(tip, step), atol=1e-8 * np.abs(J[:3]).max())
+
+
 def test_what_friction_does_not_go_with_is_refused():
     rod = {"length": LENGTH, "bending_stiffness": EI, "torsional_stiffness": GJ}
     tendon = mr.Tendon(offset=(OFFSET, 0), friction=0.3)
-    with pytest.raises(ValueError, match=r"Tendon.friction = 0.3 .* must be zero in a rod with discs"):
-        mr.Rod(**rod, lines=[tendon], discs=0.02)
     with pytest.raises(ValueError, match=r"Tendon.friction = 0.3 .* must be zero beside a push rod that bends"):
         mr.Rod(**rod, lines=[tendon, mr.PushRod(offset=(0, OFFSET), bending_stiffness=0.01)])
     with pytest.raises(ValueError, match=r"Tendon.axial_stiffness = 200.0 .* must not be given with friction"):
         mr.Tendon(offset=(OFFSET, 0), driven="displacement", axial_stiffness=200.0, friction=0.3)
     with pytest.raises(ValueError, match=r"Tendon.friction"):
         mr.Tendon(offset=(OFFSET, 0), friction=np.nan)
-    robot = mr.SingleRod(mr.Rod(**rod, lines=[tendon]))
-    with pytest.raises(ValueError, match=r"translation .* must be zero: a line has friction"):
-        robot.inputs(translation=[0.01])
     assert mr.Tendon(offset=(OFFSET, 0), friction=0.0).friction == 0

@@ -146,6 +146,20 @@ def tip_by_scipy(strains, M0, force):
     return end[:3], end[3:12].reshape(3, 3), end[12:]
 
 
+def test_one_step_for_strains_is_enough_beside_lines():
+    """(L19), (L20): columns are those of a search that goes on until steps vanish, which a law of one's own asks for."""
+    lines = [mr.Tendon(offset=(0.012, 0)), mr.Tendon(offset=(-0.006, 0.01)), mr.Tendon(offset=(-0.006, -0.01))]
+    given = {"tension": (6.0, 1.0, 3.0), "tip_force": (0.3, -0.2, 0.4)}
+    found = []
+    for members in ((), (Stiffening(0.0),)):
+        robot = mr.SingleRod(rod(*members, lines=lines, precurvature=(1.0, 2.0, 9.0)))
+        solution = mr.solve(robot, robot.inputs(**given), solver=mr.Shooting(integrator=mr.RK4(40), tolerance=1e-10))
+        found.append((solution.raise_if_failed().tip_position, solution.jacobian("tension"), solution.jacobian("tip_force")))
+    for some, other in zip(*found, strict=True):
+        # 1e-12 of the matrix at each stage, (L19)
+        np.testing.assert_allclose(some, other, rtol=0, atol=1e-11 * np.abs(other).max())
+
+
 @pytest.mark.parametrize("name", LAWS)
 def test_equilibrium_is_that_of_an_independent_integration(name):
     one, strains = LAWS[name]()

@@ -292,3 +292,18 @@ def test_cosine_and_sine_in_single_precision(lanes):
     angle = angle.astype(np.float32)
     exact = np.stack([np.cos(angle.astype(float)), np.sin(angle.astype(float))], axis=1)
     assert np.abs(turned(angle, lanes, wp.float32) - exact).max() < np.finfo(np.float32).eps
+
+
+@pytest.mark.parametrize("translation", [-1.0, np.inf, np.nan])
+def test_an_iterate_of_no_length_ends_and_writes_no_node(translation, wire):
+    """Where translations are unknown an iterate may have any: who writes nodes must not look for the ones past the last."""
+    robot = mr.SingleRod(wire)
+    options = {"integrator": mr.RK4(10), "pose_sensitivities": True, "direction_count": 1}
+    problem = robot.problem(robot.inputs(tip_force=(1, 0, 0)), **options)
+    inputs = problem.read("inputs").copy()
+    inputs[:, problem.input_slice("translation")] = translation
+    problem.write("inputs", inputs)
+    problem.evaluate(problem.guess())
+    problem.write("unknowns", problem.guess())
+    shape = problem.node_pass(5, unknowns=problem.guess()).read("node_position")
+    assert shape.shape == (1, 5, 3)

@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 
 import multirod as mr
+from multirod.solvers.newton.iteration import Newton
+from multirod.solvers.shooting import NewtonTrack
 from multirod.studies import experiment
+from multirod.studies.scenes import load
 
 INTEGRATOR = mr.RK4(50)
 NEWTON = mr.Shooting(integrator=INTEGRATOR)
@@ -361,3 +364,52 @@ def test_columns_are_refused_where_they_cannot_be(wire: mr.Rod) -> None:
         mr.Tracker(robot, jacobian="rotations")
     with pytest.raises(ValueError, match="whose columns are its own"):
         mr.Tracker(robot, solver=SOLVERS["feed-forward"], dt=0.005, jacobian="rotation")
+
+
+# ---- a sample of Newton's method is one launch ----
+
+
+def hops(robot: mr.SingleRod) -> list[mr.Inputs]:
+    """Smooth samples, and two that go too far for their extrapolation: those are solved again in steps of the inputs."""
+    size = [*np.linspace(0.0, 1.0, 8), -4.0, -3.9, -3.8, 3.0, 3.05]
+    return [robot.inputs(rotation=0.1 * k, tip_force=(s, 0.3, 0.1 * k)) for k, s in enumerate(size)]
+
+
+@pytest.mark.parametrize("predictor", ["none", "linear", "quadratic"])
+def test_a_sample_in_one_launch_is_what_python_makes_of_it(
+    robot: mr.SingleRod, predictor: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    solver = mr.Shooting(integrator=INTEGRATOR, predictor=predictor)
+
+    def followed() -> list[mr.Solution]:
+        first, *others = hops(robot)
+        tracker = mr.Tracker(robot, solver=solver, inputs=first)
+        return [tracker.step(inputs) for inputs in (first, *others)]
+
+    launched = followed()
+    # a kernel foresees, repeats, and keeps: without its calls Python does all of that, by other code
+    monkeypatch.setattr(Newton, "calls", lambda self: None)
+    stepped = followed()
+    assert max(int(solution.integrations) for solution in launched) > 10, "no sample was solved again"
+    for k, (one, other) in enumerate(zip(launched, stepped, strict=True)):
+        assert same(one, other), k
+        assert (one.status, one.integrations, one.iterations) == (other.status, other.integrations, other.iterations), k
+
+
+def test_tubes_turned_too_far_in_a_sample_are_looked_at_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    motion = load("three-tubes")
+
+    def solved_again(by: float) -> int:
+        """Times that a sample was solved again that is turned by so much."""
+        again = []
+        monkeypatch.setattr(NewtonTrack, "_continue", lambda self, *rest: again.append(self))
+        first = motion.inputs[0]
+        tracker = mr.Tracker(motion.robot, solver=NEWTON, inputs=first)
+        tracker.step(first)
+        rotation = first.rotation.copy()
+        rotation[0] += by
+        tracker.step(rotation=rotation.tolist())
+        return len(again)
+
+    assert solved_again(1e-3) == 0
+    assert solved_again(2 * np.pi + 1e-3) == 1  # a whole turn further: unknowns hardly change, and Newton's method sees nothing

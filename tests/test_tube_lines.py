@@ -237,9 +237,6 @@ def test_one_tube_with_lines_is_a_single_rod_with_them() -> None:
 
 
 def test_what_is_not_modelled_is_refused_by_name() -> None:
-    rough = mr.Rod(length=0.2, bending_stiffness=0.01, torsional_stiffness=0.01, lines=[mr.Tendon((0.001, 0), friction=0.1)])
-    with pytest.raises(ValueError, match=r"tubes\[0\].*friction"):
-        mr.ConcentricTubes([rough])
     line = mr.Tendon(route=lambda s: (0.002 - 0.04 * s**2, 0), driven="displacement", name="converging")
     robot = mr.ConcentricTubes([mr.Rod(length=0.2, bending_stiffness=0.01, torsional_stiffness=0.01, lines=[line])])
     with pytest.raises(ValueError, match=r"tension = 1.0 is not allowed: must not be given"):

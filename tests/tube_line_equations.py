@@ -23,7 +23,7 @@ class TubeLine:
     """
 
     route: Callable[[float], tuple[np.ndarray, np.ndarray]]
-    tension: float
+    tension: float | Callable[[float], float]  # or a function of that arclength
     start: float = 0.0
     end: float = np.inf
     discs: float = 0.0
@@ -90,7 +90,8 @@ class TubeLineEquations:
                     lengths[:, k] = a[2] if line.hole else np.sqrt(a[0] ** 2 + a[1] ** 2 + a[2] ** 2)
                     lengths[:, k] *= 1 - line.discs**2 / 24 * (ux**2 + uy**2)
                     elastic = elastic + line.bending * (ux**2 + uy**2) / (2 * a[2])
-                    pulled = pulled + line.tension * lengths[:, k]
+                    tension = line.tension(material) if callable(line.tension) else line.tension
+                    pulled = pulled + tension * lengths[:, k]
                 k += 1
         return elastic, pulled, lengths
 

@@ -49,8 +49,6 @@ class ConcentricTubes(BackboneAssembly):
         for k, tube in enumerate(tubes):
             if any(np.isfinite(s.shear_stiffness).any() or np.isfinite(s.axial_stiffness).any() for s in tube.sections):
                 refuse(f"ConcentricTubes.tubes[{k}]", tube, "shear_stiffness and axial_stiffness must be inf")
-            if any(line.rubs for line in tube.lines):
-                refuse(f"ConcentricTubes.tubes[{k}]", tube, "must have no line with friction: how tubes turn it is not modelled")
             if tube.members:
                 refuse(f"ConcentricTubes.tubes[{k}]", tube, "must have no members: how tubes share them is not modelled")
         super().__init__(tuple(tubes), base)

@@ -132,6 +132,10 @@ class NetworkInputs(Fields, total=False):
     place_count, 3)."""
     moment: ByName
     """Dead moment on the same, world frame [N m]: by name, or shape (..., place_count, 3)."""
+    follower_force: ByName
+    """Force on the same, fixed in their frames [N]: by name, or shape (..., place_count, 3)."""
+    follower_moment: ByName
+    """Moment on the same, fixed in their frames [N m]: by name, or shape (..., place_count, 3)."""
     distributed_force: Numbers
     """Dead force per length of all rods, world frame [N/m], shape (..., 3)."""
     distributed_moment: Numbers
@@ -201,6 +205,8 @@ NetworkInput: TypeAlias = Literal[
     "angle",
     "force",
     "moment",
+    "follower_force",
+    "follower_moment",
     "distributed_force",
     "distributed_moment",
     "gravity",

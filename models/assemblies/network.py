@@ -24,7 +24,7 @@ from multirod.models.network.graph import ENDS, Graph
 from multirod.models.network.groups import ALONG
 from multirod.models.network.joints import ALONG as ALONG_ROD
 from multirod.models.network.joints import Joint
-from multirod.models.network.problem import LOADED, PER_ROD, NetworkProblem
+from multirod.models.network.problem import FOLLOWING, LOADED, PER_ROD, NetworkProblem
 from multirod.models.network.sliding import uniform
 from multirod.models.platform.problem import LEG_INPUTS
 from multirod.reuse import reusable
@@ -43,7 +43,24 @@ LOAD_INPUTS = (
         description="dead force on each body, at its origin, and on each tip that nothing holds, world frame",
     ),
     InputSpec(name="moment", unit="N m", acts="tip", load="moment", description="dead moment on the same, world frame"),
+    InputSpec(
+        name="follower_force",
+        unit="N",
+        acts="tip",
+        load="force",
+        follows=True,
+        description="force on each body, at its origin, and on each tip that nothing holds, fixed in its frame",
+    ),
+    InputSpec(
+        name="follower_moment",
+        unit="N m",
+        acts="tip",
+        load="moment",
+        follows=True,
+        description="moment on the same, fixed in its frame",
+    ),
 )
+ON_PLACES = (*LOADED, *FOLLOWING)
 ANGLE = InputSpec(name="angle", unit="rad", count=0, description="coordinates of the joints that are driven, from their poses")
 
 
@@ -154,11 +171,11 @@ class Network(Assembly):
     def inputs(self, **values: Unpack[NetworkInputs]) -> Inputs:  # type: ignore[override]  # these, and no others
         """Actuation and loads by name, all optional: numbers or arrays, whose leading axes ``...`` broadcast.
 
-        ``rotation`` and ``translation`` are also taken by names of rods, ``{"leg 0": 0.1}``, of tubes one number each, and so is
-        what drives lines, ``tension={"arm": (1, 0)}``; ``force`` and ``moment`` by
-        those of ``load_places``, ``{"plate": (0, 0, -2)}``; as arrays these have the shape (..., place_count, 3). Where joints
-        are driven, ``angle`` is taken by those of ``driven_joints``, ``{"arm base": 0.3}``: one number, two or three each. What
-        is not named is zero. A leading axis makes a batch, an instance for each entry.
+        ``rotation`` and ``translation`` are also taken by names of rods, ``{"leg 0": 0.1}``, of tubes a number each, and so is
+        what drives lines, ``tension={"arm": (1, 0)}``; ``force`` and ``moment``, dead or following, by those of ``load_places``,
+        ``{"plate": (0, 0, -2)}``; as arrays these have the shape (..., place_count, 3). Where joints are driven, ``angle`` is
+        taken by those of ``driven_joints``, ``{"arm base": 0.3}``: one number, two or three each. What is not named is zero. A
+        leading axis makes a batch, an instance for each entry.
 
         Args:
             **values: Those of ``NetworkInputs``.
@@ -186,7 +203,7 @@ class Network(Assembly):
         plain = dict(values)
         names, graph = self.graph.whole_names, self.graph
         per_rod = {name: robot.rod_count for name, robot in zip(names, graph.whole, strict=True)}
-        sizes = dict.fromkeys(PER_ROD, per_rod) | dict.fromkeys(LOADED, dict.fromkeys(self.load_places, 3))
+        sizes = dict.fromkeys(PER_ROD, per_rod) | dict.fromkeys(ON_PLACES, dict.fromkeys(self.load_places, 3))
         for name in DRIVES:
             sizes[name] = {rod: own.count(name) for rod, own in zip(names, graph.drives, strict=False) if own.count(name)}
         for name, own in sizes.items():
@@ -355,7 +372,7 @@ def _in_order(name: str, value: Any, sizes: Mapping[str, int]) -> Any:
     """Values by name as an array (..., numbers of all), in the order of ``sizes``; an array of them likewise."""
     if not isinstance(value, Mapping):
         given = np.asarray(value) if isinstance(value, (np.ndarray, list, tuple)) else None
-        stacked = given is not None and name in LOADED and len(sizes) > 1 and given.shape[-2:] == (len(sizes), 3)
+        stacked = given is not None and name in ON_PLACES and len(sizes) > 1 and given.shape[-2:] == (len(sizes), 3)
         return given.reshape(*given.shape[:-2], -1) if stacked and given is not None else value
     return _by_name(name, value, sizes)
 

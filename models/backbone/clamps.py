@@ -38,34 +38,36 @@ class ClampedBackbones:
     The moments of the clamps stand among the directions: so many columns of each instance, from a number of its own on.
 
     Args:
-        problem: With as many directions as all clamps have moments.
+        problem: With as many directions as all clamps have moments, and ``loads`` before them.
         pieces: Of each rod, clamps between them.
-        first: Number of the first direction of each instance, shape (instance_count,).
+        first: Number of the first direction of each instance that is a moment of its own, shape (instance_count,).
+        loads: Directions, from the first on, along which what acts along the rods changes.
 
     Attributes:
         moments: That each clamp adds, in the axes of the rod there, over ``unit`` [1/m], shape (instance_count, pieces - 1, 3).
         unit: Moment of one [N m^2], shape (instance_count, 3).
-        turned: How each clamp is turned, in its own axes, by the unknowns, then by the moments of all [rad m], shape
-            (instance_count, pieces - 1, 3, n + 3 (pieces - 1)).
+        turned: How each clamp is turned, in its own axes, by the unknowns, along the ``loads``, then by the moments of all
+            [rad m], shape (instance_count, pieces - 1, 3, n + loads + 3 (pieces - 1)).
         moved: How it moves, in the world [m^2], likewise.
         frames: Of the rod at each clamp in the world, shape (instance_count, pieces - 1, 3, 3).
         places: Where it is [m], shape (instance_count, pieces - 1, 3).
     """
 
-    def __init__(self, problem: "BackboneProblem", pieces: int, first: IntArray) -> None:
-        self.problem, self.pieces, self.first = problem, pieces, first
-        options: dict[str, Any] = {"pose": True, "pose_sensitivities": True, "lengths": False, "directions": False}
+    def __init__(self, problem: "BackboneProblem", pieces: int, first: IntArray, loads: int = 0) -> None:
+        self.problem, self.pieces, self.first, self.loads = problem, pieces, first, loads
+        options: dict[str, Any] = {"pose": True, "pose_sensitivities": True, "lengths": False, "directions": loads > 0}
         self._features = replace(problem.features, segment=True, nodes=False, node_columns=False, **options)
         d = self._features.unknown_count
         self._own = np.delete(np.arange(d), unknowns_of(self._features).places["rotation"])
         count, device = problem.instance_count, problem.device
         self._call: Any = problem._make_call(0)
-        rooms = {"unknowns": (d,), "residual": (d,), "gamma": (d, d), "residual_directions": (d, 1), "pose_columns": (6, d)}
+        rooms = {"unknowns": (d,), "residual": (d,), "gamma": (d, d), "residual_directions": (d, max(loads, 1))}
+        rooms |= {"pose_columns": (6, d + loads)}
         if problem.held:
-            rooms |= {"tip_wrench": (6,), "wrench_columns": (6, d)}
+            rooms |= {"tip_wrench": (6,), "wrench_columns": (6, d + loads)}
         for name, shape in rooms.items():
             setattr(self._call, name, wp.zeros((count, *shape), dtype=wp.float64, device=device))
-        self._call.unknown_columns, self._call.direction_columns = d, 0
+        self._call.unknown_columns, self._call.direction_columns = d, loads
         lanes = width("float64", device)
         memory = deal(self._call, Layout(self._features), problem.integrator, "float64", device, count, lanes, shared=True)
         segment: Any = SegmentCall()
@@ -77,7 +79,7 @@ class ClampedBackbones:
             setattr(segment, name, wp.zeros(count, dtype=wp.int32, device=device))
         for name in ("state", "end_state"):
             setattr(segment, name, wp.zeros((count, STATE_SIZE), dtype=wp.float64, device=device))
-        segment.columns = wp.zeros((count, 9, d), dtype=wp.float64, device=device)
+        segment.columns = wp.zeros((count, 9, d + loads), dtype=wp.float64, device=device)
         self._segment, tableau = segment, problem.integrator.tableau
         self._launch = record(
             lambda: make_segment_kernel(self._features, tableau, lanes),
@@ -87,7 +89,7 @@ class ClampedBackbones:
         )
         material = problem.each(problem.arrays.material[:, 0, 0])
         self.unit: FloatArray = np.array(unit_stiffness(material))
-        clamps, columns = pieces - 1, problem.unknown_count + 3 * (pieces - 1)
+        clamps, columns = pieces - 1, problem.unknown_count + loads + 3 * (pieces - 1)
         self.moments = np.zeros((count, clamps, 3))
         self.turned, self.moved = np.zeros((2, count, clamps, 3, columns))
         self.frames, self.places = np.zeros((count, clamps, 3, 3)), np.zeros((count, clamps, 3))
@@ -120,8 +122,8 @@ class ClampedBackbones:
             self._launch.launch()
             found, begin = segment.columns.numpy(), columns
             fault = np.maximum(fault, segment.fault.numpy())
-            moved = moved + found[:, 6:9] @ begin
-            columns = np.concatenate([found[:, :6] @ begin, begin[:, BASE_FORCE_AT:]], axis=1)
+            moved = moved + self._onward(found[:, 6:9], begin)
+            columns = np.concatenate([self._onward(found[:, :6], begin), begin[:, BASE_FORCE_AT:]], axis=1)
             state = np.array(segment.end_state.numpy())
             if last:
                 break
@@ -130,7 +132,7 @@ class ClampedBackbones:
             self.moved[:, piece] = base @ moved
             self.turned[:, piece] = columns[:, TURN_AT : TURN_AT + 3] * scale[:, None, None]
             state[:, :3] += self.unit * self.moments[:, piece]
-            own = n + 3 * piece
+            own = n + self.loads + 3 * piece
             columns[:, range(3), range(own, own + 3)] += 1.0
         frame = base @ from_quaternions(state[:, ROTATION_AT:POSITION_AT])
         problem.write("rotation", frame.reshape(count, 9))
@@ -139,25 +141,34 @@ class ClampedBackbones:
         problem.pose_columns.assign(self._by_all(np.concatenate([base @ moved, turn], axis=1)))
         if problem.held:
             problem.tip_wrench.assign(call.tip_wrench.numpy())
-            problem.wrench_columns.assign(self._by_all(call.wrench_columns.numpy() @ begin))
+            problem.wrench_columns.assign(self._by_all(self._onward(call.wrench_columns.numpy(), begin)))
         else:
             problem.write("residual", call.residual.numpy()[:, self._own])
-            gamma = call.gamma.numpy()[:, self._own] @ begin
+            columns = np.concatenate([call.gamma.numpy(), call.residual_directions.numpy()[..., : self.loads]], axis=2)
+            gamma = self._onward(columns[:, self._own], begin)
             problem.write("gamma", gamma[..., :n].reshape(count, n * n))
             problem.residual_directions.assign(self._by_all(gamma)[..., n:])
         problem.fault.assign(fault)
+
+    def _onward(self, found: FloatArray, begin: FloatArray) -> FloatArray:
+        """Columns at the end of a piece, which has ``found`` them by the state where it begins, then along the loads."""
+        n, d = self.problem.unknown_count, begin.shape[1]
+        result = found[..., :d] @ begin
+        result[..., n : n + self.loads] += found[..., d:]
+        return np.asarray(result)
 
     def _in_world(self, base: FloatArray, state: FloatArray) -> FloatArray:
         """Where states are [m], shape (instance_count, 3)."""
         return np.asarray(self.problem.table.base_position.numpy() + np.einsum("bij,bj->bi", base, state[:, POSITION_AT:]))
 
     def _by_all(self, values: FloatArray) -> FloatArray:
-        """Columns by unknowns and moments as the problem has them: zero by the moments of other rods."""
+        """Columns by unknowns, loads and moments as the problem has them: zero by the moments of other rods."""
         problem, n = self.problem, self.problem.unknown_count
+        last = n + self.loads
         result = np.zeros((problem.instance_count, values.shape[1], n + problem.direction_count))
-        result[..., :n] = values[..., :n]
-        places = n + self.first[:, None] + np.arange(values.shape[2] - n)
-        np.put_along_axis(result, np.broadcast_to(places[:, None], values[..., n:].shape), values[..., n:], axis=2)
+        result[..., :last] = values[..., :last]
+        places = n + self.first[:, None] + np.arange(values.shape[2] - last)
+        np.put_along_axis(result, np.broadcast_to(places[:, None], values[..., last:].shape), values[..., last:], axis=2)
         return result
 
 

@@ -87,7 +87,14 @@ class DrivenLines(Lines):
     def left(self, node_count: int) -> FloatArray:  # noqa: D102
         if not self.problem.features.friction:
             return super().left(node_count)
-        return np.moveaxis(self.problem.node_pass(node_count).read("node_left"), 1, 2)
+        several = len(self.problem.rods) > 1
+        members = zip(self.problem.features.members, self._rods, strict=True)
+        result = np.ones((self.problem.instance_count, len(self._driven), node_count))
+        owner = np.array([rod for kind, rod in members if kind.drive is not None])
+        for rod in sorted(set(self._rods)):  # each has its own nodes
+            found = self.problem.node_pass(node_count, rod=rod if several else None).read("node_left")
+            result[:, owner == rod] = np.moveaxis(found, 1, 2)[:, owner == rod]
+        return result
 
     def beyond(self) -> NDArray[np.bool_]:
         """Where lines between discs together buckle the rod, (L11)."""

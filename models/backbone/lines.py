@@ -374,7 +374,7 @@ class RubbingTendon(Tendon):
     def law(numbers: SimpleNamespace) -> SimpleNamespace:  # noqa: D102
         from multirod.models.backbone.kernels.members.lines import tendon_law
 
-        return tendon_law(numbers, len(RubbingTendon.parameters), friction_at=len(Line.parameters))
+        return tendon_law(numbers, len(RubbingTendon.parameters), discs_at=1, friction_at=len(Line.parameters))
 
 
 class RubbingDisplacedTendon(RubbingTendon, DisplacedTendon):
@@ -482,14 +482,12 @@ def refuse_redundant(lines: "Sequence[Line]", extensible: bool) -> None:
             )
 
 
-def refuse_beside_friction(lines: "Sequence[Line]", members: "Sequence[Member]", discs: float | None) -> None:
+def refuse_beside_friction(lines: "Sequence[Line]", members: "Sequence[Member]") -> None:
     """Refuse what the equations of friction leave out, by a ``ValueError``."""
     rubbing = [line for line in lines if line.rubs]
     if not rubbing:
         return
     friction = np.asarray(rubbing[0].friction).tolist()  # type: ignore[attr-defined]
-    if discs is not None:
-        refuse("Tendon.friction", friction, "must be zero in a rod with discs: it is taken to rub all along")
     if members:
         refuse("Tendon.friction", friction, "must be zero in a rod with members")
     if any(isinstance(line, PushRod) and line.bending_stiffness.any() for line in lines):

@@ -101,6 +101,12 @@ class LanePass:
         self._launch = record(make, self._threads, launch_arguments, device)
         self._order, self._portion = call.order, portion
         self._orders = self._portions(count)
+        self._recorded = (self._launch,) if len(self._orders) == 1 else None
+
+    @property
+    def recorded(self) -> tuple[Any, ...] | None:
+        """What ``launch`` launches, where all instances are one portion."""
+        return self._recorded
 
     def _portions(self, count: int) -> list[Any]:
         step = self._portion

@@ -1,6 +1,6 @@
 """One backbone: its inputs, and its boundary problem, the buffers and launches of its kernels."""
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import replace
@@ -34,7 +34,6 @@ from multirod.models.backbone.designs import (
 from multirod.models.backbone.driven import DrivenLines
 from multirod.models.backbone.ends import move_ends, ways_back
 from multirod.models.backbone.form_kernels import make_form
-from multirod.models.backbone.forms import CompiledForm
 from multirod.models.backbone.influence import Influence, influences
 from multirod.models.backbone.inputs import BACKBONE_INPUTS, DRIVES, LOADS
 from multirod.models.backbone.kernels.layout import arguments as kernels
@@ -42,13 +41,14 @@ from multirod.models.backbone.kernels.layout.arguments import DesignOffsets
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.kernels.layout.layout import unknowns_of
 from multirod.models.backbone.members import drive_places, drive_slices, drives, kinds
+from multirod.models.backbone.node_pass import NodePass, held_to_solve
 from multirod.models.backbone.passes import LanePass
 from multirod.models.backbone.segments import TOTALS, BackboneSegments
 from multirod.models.backbone.shapes import BackboneShapes
 from multirod.models.backbone.stability import BackboneStability
 from multirod.models.backbone.starts import BackboneStarts
 from multirod.models.backbone.units import unit_stiffness
-from multirod.problem import Block, BoundaryProblem
+from multirod.problem import FEW, Block, BoundaryProblem
 from multirod.profile import DEGREE, Profile, interpolate
 from multirod.reuse import reusable
 from multirod.rod import Rod, RodArrays, lower
@@ -105,71 +105,28 @@ def scene_features(
     )
 
 
-def _looking(features: Features) -> Features:
-    """The terms of the kernel that looks at solutions: states and columns at nodes, the pose of the tip and its derivatives."""
-    columns: dict[str, Any] = {"node_columns": True, "pose_sensitivities": True, "directions": not features.held}
-    return replace(features, nodes=True, pose=True, lengths=False, **columns)
+def _telling(features: Features) -> Features:
+    """The terms of the kernel that tells of solutions: states at nodes, the tip, how long lines are, and their derivatives."""
+    columns: dict[str, Any] = {"pose_sensitivities": True, "directions": True}
+    return replace(features, nodes=True, pose=True, lengths=bool(drives(features.members)), **columns)
 
 
-def _may_look(features: Features, integrator: Integrator) -> bool:
-    """Whether that kernel has the unknowns of these terms and says all that they ask for.
+def _judging(features: Features) -> Features:
+    """The same with columns at nodes, which tell stability."""
+    return replace(_telling(features), node_columns=True)
 
-    At equal steps it must carry the force in the same way too: what they leave of a shape would else not be what they leave of
-    the solution.
+
+def _teller(features: Features, integrator: Integrator) -> Features | None:
+    """The terms of the kernel that tells of what one of these terms has solved: that which judges it too, where it may be.
+
+    A kernel must have the same unknowns. At equal steps it must carry the force in the same way too: what they leave of a shape
+    would else not be what they leave of the solution.
     """
-    if features.eccentric or drives(features.members):
-        return False
-    looking = _looking(features)
-    alike = integrator.adaptive or looking.force_is_state == features.force_is_state
-    return alike and looking.unknown_count == features.unknown_count
-
-
-class NodePass:
-    """A pass over nodes, which may be launched again.
-
-    Args:
-        call: Its arguments, with outputs of its own.
-        launch: Its launch.
-        columns: Whether it carries columns.
-        members: Whether the rod carries members.
-        host: Whether NumPy sees its arrays in place.
-    """
-
-    def __init__(self, call: Any, launch: LanePass, columns: bool, members: bool, host: bool) -> None:
-        self.call, self.launch, self._in_place = call, launch, host
-        nodes = [f"node_{name}" for name in ("arclength", "position", "rotation", "curvature", "moment", "force")]
-        self._outputs = [*nodes, "energy", "work", "residual", "position", "rotation"]
-        if members:
-            self._outputs += [*(f"node_{name}" for name in TOTALS), "line_length", "node_left"]
-        if columns:
-            self._outputs += ["node_columns", "tip_columns", "gamma", "pose_columns", "column_arclength"]
-        self._seen: dict[str, Any] = {}
-        self._form: CompiledForm | None = None
-
-    def form(self, size: int, rods: int, device: str) -> CompiledForm:
-        """What condenses its columns to the tip."""
-        if self._form is None:
-            self._form = CompiledForm(self.call, size, rods, device)
-        return self._form
-
-    def read(self, name: str) -> Any:
-        """An output, as it is until the next launch."""
-        if name not in self._seen or not self._in_place:
-            self._seen[name] = getattr(self.call, name).numpy()
-        return self._seen[name]
-
-    def write(self, name: str, values: Any) -> None:
-        """Set an argument."""
-        if self._in_place:
-            self.read(name)[:] = values
-        else:
-            target = getattr(self.call, name)
-            target.assign(np.asarray(values, dtype=np.int32 if target.dtype is wp.int32 else np.float64))
-
-    def clear(self) -> None:
-        """Outputs as they were at first, where they are seen in place."""
-        for name in self._outputs:
-            self.read(name).fill(np.nan if name == "column_arclength" else 0.0)
+    for terms in (_judging(features), _telling(features)):
+        alike = integrator.adaptive or terms.force_is_state == features.force_is_state
+        if alike and terms.unknown_count == features.unknown_count:
+            return terms
+    return None
 
 
 class BackboneProblem(BoundaryProblem):
@@ -180,7 +137,8 @@ class BackboneProblem(BoundaryProblem):
     With ``held`` the tip is not free: the base force is unknown too, the pose and wrench of the tip are written out with their
     columns, and of the residual only the torques of the rods that end before it. ``arrays`` are those of ``rods``, or of several
     backbones of the same build along the last batch axis. Of several ``pieces``, the rod is clamped between them by moments that
-    stand among the directions, of each instance from the number ``first_moment`` on, one for all or (instance_count,).
+    stand among the directions, of each instance from the number ``first_moment`` on, one for all or (instance_count,); the
+    ``load_directions`` before them change what acts along the rod.
     """
 
     def __init__(
@@ -202,6 +160,7 @@ class BackboneProblem(BoundaryProblem):
         arrays: RodArrays | None = None,
         pieces: int = 1,
         first_moment: IntArray | int = 0,
+        load_directions: int = 0,
     ) -> None:
         arrays = lower(rods) if arrays is None else arrays
         batch_shape = np.broadcast_shapes(inputs.batch_shape, arrays.batch_shape, base.shape[:-2])
@@ -245,7 +204,7 @@ class BackboneProblem(BoundaryProblem):
         columns = n + direction_count
         # of lines: what ``lengths`` asks for
         self.line_length: Any = wp.zeros((self.instance_count, self.drive_count), dtype=wp.float64, device=device)
-        shape = (self.instance_count, self.drive_count, columns if lengths or self.features.condition_count else 0)
+        shape = (self.instance_count, self.drive_count, columns if self.features.lengths or self.features.condition_count else 0)
         self.line_length_columns: Any = wp.zeros(shape, dtype=wp.float64, device=device)
         # of several rods, below the pose's, how each turns against the frame, and beside them by how much it is turned
         self.angle_columns: Any = self.pose_columns
@@ -262,12 +221,14 @@ class BackboneProblem(BoundaryProblem):
         self.write("inputs", self.pack(inputs))
         self.judged_often = False  # whether the second variation is condensed by a kernel of its own
         self._passes: dict[Any, NodePass] = {}
+        self._found: dict[str, tuple[FloatArray, NDArray[Any]]] = {}  # by name, for what and what
         self._designs: dict[str, Designs] = {}
         self._followed: tuple[str, ...] = ()  # what directions by inputs and unknowns are by
         self._call = self._make_call(0)
         self.launch: LanePass | ClampedBackbones
         if pieces > 1:
-            self.launch = ClampedBackbones(self, pieces, np.broadcast_to(first_moment, self.instance_count))
+            first = np.broadcast_to(first_moment, self.instance_count)
+            self.launch = ClampedBackbones(self, pieces, first, load_directions)
         else:
             self.launch = self._record(self.features, self._call)
 
@@ -279,10 +240,9 @@ class BackboneProblem(BoundaryProblem):
         needed = replace(scene_features(self.arrays, active, inputs.profiles, **options), design=self.options["design"])
         columns: dict[str, Any] = {"pose_sensitivities": pose_sensitivities, "directions": direction_count > 0}
         features = replace(needed, pose=pose, lengths=self.options["lengths"] and bool(drives(needed.members)), **columns)
-        asked = pose_sensitivities and direction_count > 0 and not self.held
+        asked = pose_sensitivities and direction_count > 0 and not needed.design and self.integrator.precision == "float64"
         # who asks for a derivative of the pose soon asks for the shape or the stability: one kernel says all
-        may = asked and not needed.design and self.integrator.precision == "float64" and _may_look(features, self.integrator)
-        return _looking(features) if may else features
+        return (_teller(features, self.integrator) if asked else None) or features
 
     # ---- arrays ----
 
@@ -319,7 +279,8 @@ class BackboneProblem(BoundaryProblem):
             call.tip_wrench, call.wrench_columns = self.tip_wrench, self.wrench_columns
         call.direction_stride = 1
         call.steps = float(self.integrator.steps or 0)
-        call.step_multiple = 1.0 if node_count else float(step_multiple(self.integrator.steps or 1))
+        # nodes between base and tip ask for stretches of as few steps as one
+        call.step_multiple = 1.0 if node_count > 2 else float(step_multiple(self.integrator.steps or 1))
         call.rtol = self.integrator.rtol
         call.atol = self.integrator.atol
         call.step_limit = STEP_LIMIT
@@ -406,11 +367,15 @@ class BackboneProblem(BoundaryProblem):
 
     @property
     def kinks(self) -> NDArray[np.intp]:  # noqa: D102
+        if not self.features.condition_count:
+            return super().kinks
         slack = [kind.slackens for kind in self.features.members if kind.conditioned]
         return np.asarray(np.arange(self.unknown_count)[self.slots.places["drives"]][np.array(slack, dtype=bool)])
 
     @property
     def kink_inputs(self) -> NDArray[np.intp]:  # noqa: D102
+        if not self.features.condition_count:
+            return super().kink_inputs
         laws = self.features.members
         slack = [kind.conditioned and kind.slackens for kind in laws if kind.drive is not None]
         places = self.first_drive + np.array(drive_places(laws), dtype=np.intp)
@@ -482,9 +447,29 @@ class BackboneProblem(BoundaryProblem):
             super().aim(*self._followed)
         self.launch.launch()
 
+    @property
+    def launches(self) -> tuple[Any, ...] | None:  # noqa: D102
+        return self.launch.recorded if isinstance(self.launch, LanePass) and not self._followed else None
+
     def focus(self, instances: IntArray | None = None) -> None:  # noqa: D102
         super().focus(instances)
         self.launch.set_dim(self.listed)
+
+    def integrate_alike(self) -> bool:  # noqa: D102
+        if self._host is None or self.instance_count <= FEW or self.arrays.batch_shape or self.base.ndim > 2 or self._followed:
+            return False
+        loads = [self.input_slice(spec.name) for spec in LOADS]
+        inputs = np.delete(self.read("inputs"), np.concatenate([np.arange(own.start, own.stop) for own in loads]), axis=1)
+        unknowns, active = self.read("unknowns"), self.buffer("active")
+        if not active.all() or self.buffer("load_factor").any() or any((own != own[0]).any() for own in (inputs, unknowns)):
+            return False
+        with self.only(np.arange(self.instance_count) == 0):
+            self.integrate()
+        for name in ("residual", "gamma"):
+            self.write(name, self.read(name)[0])
+        for array in (self.fault, self.step_count):
+            array.fill_(int(array.numpy()[0]))
+        return True
 
     @contextmanager
     def without_poses(self) -> Iterator[None]:
@@ -660,21 +645,29 @@ class BackboneProblem(BoundaryProblem):
 
     def load_scale(self) -> FloatArray:  # noqa: D102
         inputs = self.read("inputs")
+        return np.asarray(self.found_for("load_scale", inputs, lambda: self._load_scale(inputs)))
+
+    def found_for(self, name: str, given: FloatArray, find: Callable[[], NDArray[Any]]) -> Any:
+        """A copy of what ``find`` finds, which follows from ``given`` alone: several ask for the same in one solve, and in the
+        next."""
+        kept = self._found.get(name)
+        if kept is None or not np.array_equal(kept[0], given):
+            kept = self._found[name] = given, find()
+        return kept[1].copy()
+
+    def _load_scale(self, inputs: FloatArray) -> FloatArray:
         table = self.arrays
         stiffness = table.material[:, 0, :, :3].min(axis=(1, 2))
         length = table.end[:, 0, -1] + inputs[:, self.input_slice("translation")][:, 0]
         weight = table.material[:, 0, :, 9].max(axis=1)
-        first = self.input_slice(kernels.INPUT_VECTORS[0]).start
-        vectors = inputs[:, first : first + 3 * len(kernels.INPUT_VECTORS)].reshape(self.instance_count, -1, 3)
-        sizes = np.sqrt((vectors**2).sum(axis=2))
         total = np.zeros(self.instance_count)
         for spec in LOADS:
-            size = sizes[:, kernels.INPUT_VECTORS.index(spec.name)]
-            if spec.name == "magnetic_field":
-                size = self.magnetic_load()
-            if size.any():
-                size = size * length**spec.power / stiffness
-                total += size * weight if spec.name == "gravity" else size
+            x, y, z = inputs[:, self.input_slice(spec.name)].T
+            if not (x.any() or y.any() or z.any()):
+                continue
+            size = self.magnetic_load() if spec.name == "magnetic_field" else np.sqrt(x * x + y * y + z * z)
+            size = size * length**spec.power / stiffness
+            total += size * weight if spec.name == "gravity" else size
         if self.features.foundation:
             total += self._medium_load()
         if self.drive_count:
@@ -710,10 +703,14 @@ class BackboneProblem(BoundaryProblem):
         moments = self.features.profile_degree >= 0 and bool(self.table.profile.numpy().reshape(-1, 6, DEGREE + 1)[:, 3:].any())
         return not (moments or self.features.measured or self.features.friction)
 
+    @property
+    def turned(self) -> slice:  # noqa: D102
+        return self.input_slice("rotation")
+
     def turning(self, before: FloatArray | None = None) -> FloatArray:  # noqa: D102
-        angles = self.read("inputs")[:, self.input_slice("rotation")]
+        angles = self.read("inputs")[:, self.turned]
         if before is not None:
-            return np.asarray(np.ptp(angles - before[:, self.input_slice("rotation")], axis=1))
+            return np.asarray(np.ptp(angles - before[:, self.turned], axis=1))
         size = np.diff(self.arrays.end, axis=2, prepend=0.0)
         own = np.abs(self.arrays.precurvature.reshape(*size.shape, -1, 3)[..., 2]).sum(axis=-1)
         twist = (own * size).sum(axis=2).max(axis=1) if len(self.rods) > 1 and not self.held else 0.0
@@ -758,13 +755,72 @@ class BackboneProblem(BoundaryProblem):
         rod: int | None = None,
         unknowns: FloatArray | None = None,
         **changes: Any,
-    ) -> "NodePass":
+    ) -> NodePass:
         """A pass over nodes of one rod, or of all together, by outputs of its own, until the next: those of the solve stay.
 
-        Columns are those of the model with all its unknowns. ``unknowns`` are those of the solve by default.
+        Columns are those of the model with all its unknowns. ``unknowns`` are those of the solve by default: then it ends where
+        the solve does, or its outputs are NaN (``held_to_solve``).
         """
-        if columns and not self.features.moment:
+        mine = unknowns is None
+        if columns and mine and not self.features.moment:
             unknowns = self.with_moment(self.read("unknowns"))
+        made = self._pass(node_count, chosen, columns, rod, unknowns, changes)
+        as_solve = node_count == 2 and not columns
+        if not mine or as_solve or changes or isinstance(self.launch, ClampedBackbones):
+            return made
+        ran = self._listed() if chosen is None else np.array(chosen)
+        for k in self.breakpoints:
+            ran[k] = False
+
+        def again(others: FloatArray, some: NDArray[np.bool_], by_columns: bool) -> NodePass:
+            return self._pass(node_count, some, by_columns, rod, others, changes)
+
+        return held_to_solve(self, made, again, ran)
+
+    def bare_pass(self, node_count: int, chosen: NDArray[np.bool_]) -> NodePass:
+        """A pass without columns at the unknowns of the solve, wherever it ends; of two nodes, by its very steps, if equal."""
+        return self._pass(node_count, chosen, False, None, None, {})
+
+    def _listed(self) -> NDArray[np.bool_]:
+        """Which instances launches evaluate, shape (instance_count,)."""
+        result = np.zeros(self.instance_count, dtype=bool)
+        result[self.order.numpy()[: self.listed]] = True
+        return np.asarray(result & (self.active.numpy() != 0))
+
+    def end_pass(self, chosen: NDArray[np.bool_]) -> NodePass:
+        """Residual and tip of some instances by the very steps that the solve chooses, without columns; its outputs stay."""
+        made = self._end_pass
+        made.write("active", chosen)
+        made.launch.launch()
+        return made
+
+    @cached_property
+    def _end_pass(self) -> NodePass:
+        call, count = self._make_call(0), self.instance_count
+        self._own_ends(call, self.unknown_count)
+        call.active, call.fault, call.step_count = (wp.zeros(count, dtype=wp.int32, device=self.device) for _ in range(3))
+        call.line_length = wp.zeros((count, self.drive_count), dtype=wp.float64, device=self.device)
+        if self.held:
+            call.tip_wrench = wp.zeros((count, 6), dtype=wp.float64, device=self.device)
+        launch = self._record(replace(self.features, pose=True), call, columns=(0, 0))
+        return NodePass(call, launch, False, False, self._host is not None)
+
+    def _own_ends(self, call: Any, unknown_count: int) -> None:
+        """Outputs at the tip, but for columns."""
+        call.residual = wp.zeros((self.instance_count, unknown_count), dtype=wp.float64, device=self.device)
+        call.position = wp.zeros(self.instance_count, dtype=wp.vec3d, device=self.device)
+        call.rotation = wp.zeros(self.instance_count, dtype=wp.mat33d, device=self.device)
+
+    def _pass(
+        self,
+        node_count: int,
+        chosen: NDArray[np.bool_] | None,
+        columns: bool,
+        rod: int | None,
+        unknowns: FloatArray | None,
+        changes: dict[str, Any],
+    ) -> NodePass:
+        """A pass over nodes, wherever it ends."""
         key = (node_count, columns, rod, chosen is None, unknowns is None, *changes.items())
         made = self._passes.get(key)
         if made is None:
@@ -784,21 +840,19 @@ class BackboneProblem(BoundaryProblem):
 
     def _make_node_pass(
         self, node_count: int, chosen: bool, columns: bool, rod: int | None, unknowns: FloatArray | None, changes: dict[str, Any]
-    ) -> "NodePass":
+    ) -> NodePass:
         features = replace(self.features, nodes=False, node_columns=False, design=False, **changes)
-        if columns or _may_look(features, self.integrator):
-            features = _looking(features)
-        else:
-            options: dict[str, Any] = {"pose_sensitivities": False, "directions": False, "lengths": bool(self.drives)}
-            features = replace(features, nodes=True, pose=True, **options)
+        teller = _judging(features) if columns else _teller(features, self.integrator)
+        if teller is None:
+            without: dict[str, Any] = {"pose_sensitivities": False, "directions": False}
+            teller = replace(_telling(features), **without)
+        features = teller
         call = self._make_call(node_count)
         if unknowns is not None:
             call.unknowns = self._array(unknowns)
         call.node_rod = len(self.rods) if rod is None else rod
         count, m = self.instance_count, features.unknown_count
-        call.residual = wp.zeros((count, m), dtype=wp.float64, device=self.device)
-        call.position = wp.zeros(count, dtype=wp.vec3d, device=self.device)
-        call.rotation = wp.zeros(count, dtype=wp.mat33d, device=self.device)
+        self._own_ends(call, m)
         if chosen:
             call.active = wp.zeros(count, dtype=wp.int32, device=self.device)
         if columns:
@@ -922,8 +976,12 @@ class BackboneAssembly(Assembly):
 
     def input_directions(self, *names: str) -> dict[str, Any]:
         """Directions for the derivatives by some inputs; of rods with lines, of their lengths too."""
-        if "translation" in names and any(kind.rubs for kind in self.arrays.members):
-            raise NotImplementedError("the derivatives by translation of a rod whose line has friction are not known")
+        varies = self.arrays.member_degree or self.arrays.degree
+        if "translation" in names and varies and any(kind.rubs for kind in self.arrays.members):
+            raise NotImplementedError(
+                "the derivatives by translation of a rod whose line has friction are not known where a route or the precurvature "
+                "is a function of arclength"
+            )
         refuse_unknown(names, self.rods)
         design = {"design": True} if any(name in COMPONENTS for name in names) else {}
         return {**super().input_directions(*names), **({"lengths": True} if drives(self.arrays.members) else {}), **design}
@@ -1006,8 +1064,6 @@ def check_reach(inputs: Inputs, rods: Sequence[Rod], *, straight: bool = False) 
     """Refuse translations by which it is not told what lines do, by a ``ValueError``; rods may be ``straight`` behind a plate."""
     for k, rod in enumerate(rods):
         own = inputs.translation[..., k]
-        if any(line.rubs for line in rod.lines) and own.any():
-            refuse("translation", inputs.translation.tolist(), "must be zero: a line has friction")
         for line in rod.lines:
             reach = line.reach_straight if straight else line.reach
             if np.min(own, initial=0.0) < -reach:

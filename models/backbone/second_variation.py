@@ -290,19 +290,22 @@ def _of_pattern(
     conjugate = np.zeros(len(chosen), dtype=int)
     known = np.ones(len(chosen), dtype=bool)
     first = np.zeros(len(chosen), dtype=int)
+    passed = 0  # nodes before all that are left, of which Y has none
     every = np.arange(len(chosen))
     for rod in [*ended, -1]:
         end = columns.ends[chosen].max(axis=1) if rod < 0 else columns.ends[chosen, rod]
         last = np.argmax(s >= end[:, None], axis=1)
-        inverse, sound = _inverse(Y[..., : len(rows)])
-        k = np.arange(s.shape[1] - 1)
+        reached = int(last.max()) + 1 - passed
+        Y_here = Y[:, :reached, :, : len(rows)]
+        inverse, sound = _inverse(Y_here)
+        k = passed + np.arange(reached - 1)
         inside = (k >= first[:, None]) & (k < last[:, None])
         known &= (sound[:, :-1] | ~inside).all(axis=1)
         with np.errstate(all="ignore"):  # what is not sound need not be finite
-            ratio = Y[:, 1:, :, : len(rows)] @ inverse[:, :-1]
+            ratio = Y_here[:, 1:] @ inverse[:, :-1]
         conjugate += np.where(inside, _negative(ratio), 0).sum(axis=1)
-        here = inverse[every, last]
-        known &= sound[every, last]
+        here = inverse[every, last - passed]
+        known &= sound[every, last - passed]
         if rod < 0:
             break
         # (6) the angle of this rod is free from here on: eliminate it, and keep to the columns that leave its end without torque
@@ -311,14 +314,15 @@ def _of_pattern(
         conjugate += (P[:, :, : len(rows)] @ here)[:, place, place] < 0
         free = _without_torque(P[:, place], len(rows))
         rows.remove(row)
-        Y = np.delete(Y, place, axis=2) @ free[:, None]
+        done, passed = int(last.min()) - passed, int(last.min())
+        Y = np.delete(Y[:, done:], place, axis=2) @ free[:, None]
         P, position = np.delete(P, place, axis=1) @ free, position @ free
         first = last
     # (5), (9)
     r = len(rows)
     by_tip = np.zeros((len(chosen), P.shape[-1], P.shape[-1]))
     by_tip[:, :r, :r] = here
-    by_tip[:, :r, r:] = -here @ Y[every, last][:, :, r:]
+    by_tip[:, :r, r:] = -here @ Y[every, last - passed][:, :, r:]
     by_tip[:, range(r, P.shape[-1]), range(r, P.shape[-1])] = 1.0
     form = np.concatenate([P, -position], axis=1) @ by_tip
     known &= np.isfinite(form).all(axis=(1, 2))
@@ -342,7 +346,11 @@ def _without_torque(torque: FloatArray, r: int) -> FloatArray:
     count, c = torque.shape
     free = np.zeros((count, c, c - 1))
     own = torque[:, :r]
-    free[:, :r, : r - 1] = np.linalg.svd(own[:, None, :])[2][:, 1:].swapaxes(1, 2)
+    # the reflection that takes it into the first direction: its other columns are across it
+    axis = np.array(own)
+    axis[:, 0] += np.copysign(np.sqrt((own**2).sum(axis=1)), own[:, 0])
+    share = 2 / np.maximum((axis**2).sum(axis=1), 1e-300)
+    free[:, :r, : r - 1] = np.eye(r)[:, 1:] - (share[:, None] * axis)[:, :, None] * axis[:, None, 1:]
     free[:, :r, r - 1 :] = -own[:, :, None] * (torque[:, r:] / (own**2).sum(axis=1, keepdims=True))[:, None, :]
     free[:, range(r, c), range(r - 1, c - 1)] = 1.0
     return free

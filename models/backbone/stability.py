@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.models.backbone.inputs import LOADS
-from multirod.models.backbone.kernels.layout import arguments as kernels
 from multirod.models.backbone.mode_bounds import bound_modes
 from multirod.models.backbone.second_variation import (
     MOST_NODES,
@@ -22,7 +21,8 @@ from multirod.stability import Modes, StabilityAnalysis
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
-    from multirod.models.backbone.problem import BackboneProblem, NodePass
+    from multirod.models.backbone.node_pass import NodePass
+    from multirod.models.backbone.problem import BackboneProblem
 
 FEWEST_NODES = 9
 MOST_NODES_AT_FIRST = 33
@@ -41,15 +41,18 @@ class BackboneStability(StabilityAnalysis):
     @property
     def has_potential(self) -> NDArray[np.bool_]:  # noqa: D102
         inputs = self.problem.read("inputs")
-        without = [spec.name for spec in LOADS if not spec.potential]
-        acting = np.column_stack([inputs[:, self.problem.input_slice(name)] for name in without]).any(axis=1)
-        profiles = (
-            self.problem.table.profile.numpy().reshape(-1, 6, DEGREE + 1)
-            if self.problem.features.profile_degree >= 0
-            else np.zeros((1, 6, 1))
-        )
-        acting |= bool(profiles[:, 3:].any()) & (inputs[:, -1] != 0)
-        return np.asarray(~acting & (not self.problem.features.measured) & (not self.problem.features.friction))
+        return np.asarray(self.problem.found_for("has_potential", inputs, lambda: self._has_potential(inputs)))
+
+    def _has_potential(self, inputs: FloatArray) -> NDArray[np.bool_]:
+        problem, features = self.problem, self.problem.features
+        acting = np.full(problem.instance_count, features.measured or features.friction)
+        for spec in LOADS:
+            if not spec.potential:
+                acting |= inputs[:, problem.input_slice(spec.name)].any(axis=1)
+        if features.profile_degree >= 0:
+            moments = problem.table.profile.numpy().reshape(-1, 6, DEGREE + 1)[:, 3:]
+            acting |= bool(moments.any()) & (inputs[:, -1] != 0)
+        return np.asarray(~acting)
 
     def potential(self) -> FloatArray:  # noqa: D102
         call = self.problem.node_pass(2)
@@ -70,14 +73,18 @@ class BackboneStability(StabilityAnalysis):
         modes.known[~judged] = False
         modes.values[~judged] = np.nan
         # det Gamma is positive where nothing acts
-        modes.diverging[:] = (
-            (~potential | self.problem.features.foundation) & (determinant < 0) & (not self.problem.features.measured)
-        )
+        modes.diverging[:] = self._told_by_sign & (determinant < 0)
         return modes
 
+    @property
+    def _told_by_sign(self) -> NDArray[np.bool_]:
+        """Where the sign of ``det Gamma`` is all that tells of instability, shape (instance_count,)."""
+        terms = self.problem.features
+        return np.asarray((~self.has_potential | terms.foundation) & (not terms.measured))
+
     def condensed_form(self) -> tuple[CondensedForm, FloatArray]:
-        """The second variation at ``unknowns``, condensed to the tip, and ``det Gamma`` (instance_count,), NaN of breakpoints, of
-        a held tip and where rounding hides its sign.
+        """The second variation at ``unknowns``, condensed to the tip, and ``det Gamma`` (instance_count,), where that tells more;
+        NaN of breakpoints, of a held tip and where rounding hides its sign.
 
         One integration over as many nodes as the loads call for; where the moments found call for more, another one.
         """
@@ -89,7 +96,7 @@ class BackboneStability(StabilityAnalysis):
         if n > 1 and not np.isfinite(self.problem.arrays.material[..., 2]).all():
             return form, determinant  # a torque of each that nothing determines
         # each instance has its own number of nodes, whatever stands beside it in the batch
-        nodes = _nodes(np.minimum(np.nan_to_num(self._segments_expected()), MOST_NODES_AT_FIRST - 2))
+        nodes = self._nodes(np.minimum(np.nan_to_num(self._segments_expected()), MOST_NODES_AT_FIRST - 2))
         open_ = np.ones(count, dtype=bool)
         if self.problem.breakpoints:
             cut = list(self.problem.breakpoints)
@@ -103,12 +110,24 @@ class BackboneStability(StabilityAnalysis):
             done = chosen & (needed < node_count)
             if done.any():
                 form.put(done, self._form(call, done, unit))
-                if not self.problem.held:
-                    determinant[done] = certain_determinant(call.read("gamma")[done])
+                if not self.problem.held and (asked := done & self._told_by_sign).any():
+                    determinant[asked] = certain_determinant(call.read("gamma")[asked])
             more = chosen & ~done & (needed < MOST_NODES - 1)
-            nodes[more] = _nodes(needed[more])
+            nodes[more] = self._nodes(needed[more])
             open_ &= ~chosen | more
         return form, determinant
+
+    def _nodes(self, segments: FloatArray) -> NDArray[np.int_]:
+        """Numbers of nodes for more than so many segments, evenly spaced: where some number of equal steps ends, if that can be;
+        else one more than a power of two."""
+        fewest = np.maximum(segments + 1e-6, FEWEST_NODES - 1)
+        result = 2 ** np.ceil(np.log2(fewest)).astype(int)
+        steps = self.problem.integrator.steps
+        if steps is not None:
+            parts = np.array([part for part in range(1, steps + 1) if steps % part == 0])
+            place = np.searchsorted(parts, fewest)
+            result = np.where(place < len(parts), parts[np.minimum(place, len(parts) - 1)], result)
+        return np.asarray(1 + result)
 
     def _free(self) -> int:
         """Angles of a free tip: three of what ends there, and how each rod turns against it."""
@@ -189,9 +208,10 @@ class BackboneStability(StabilityAnalysis):
             return super().mode_bounds()
         inputs = self.problem.read("inputs")
         EI, kappa = self.problem.by_section()
-        start = inputs[:, self.problem.input_slice("translation")]
+        start, force = inputs[:, self.problem.input_slice("translation")], self._dead_load()
         end, compliance = self.problem.each(self.problem.arrays.end), self.problem.each(self.problem.arrays.material[..., 5])
-        bounds = bound_modes(start, end, compliance, EI, kappa, self._dead_load())
+        given = np.concatenate([start, force[:, None]], axis=1)
+        bounds = self.problem.found_for("mode_bounds", given, lambda: bound_modes(start, end, compliance, EI, kappa, force))
         bounds[:, 0] += np.where(self.has_potential, 0.0, 0.5 * self.problem.load_scale())
         bounds[~self.has_potential, 1] = np.inf
         if (
@@ -204,15 +224,11 @@ class BackboneStability(StabilityAnalysis):
         """Bound of the dead forces' part of the internal force [N], shape (instance_count,)."""
         inputs = self.problem.read("inputs")
         length = self.problem.ends().max(axis=1)
-        sizes = {name: np.linalg.norm(inputs[:, self.problem.input_slice(name)], axis=1) for name in kernels.INPUT_VECTORS}
+        names = ("tip_force", "distributed_force", "gravity")
+        sizes = {name: np.linalg.norm(inputs[:, self.problem.input_slice(name)], axis=1) for name in names}
         weight = self.problem.each(self.problem.arrays.material[..., 9].max(axis=2).sum(axis=1))
         total = sizes["tip_force"] + (sizes["distributed_force"] + weight * sizes["gravity"]) * length
         if self.problem.features.profile_degree >= 0:
             profile = self.problem.table.profile.numpy()
             total = total + np.abs(profile.reshape(len(profile), 6, -1)).sum(-1).max(0)[:3].sum() * length * np.abs(inputs[:, -1])
         return np.asarray(total)
-
-
-def _nodes(segments: FloatArray) -> NDArray[np.int_]:
-    """Numbers of nodes for more than so many segments: one more than a power of two."""
-    return np.asarray(1 + 2 ** np.ceil(np.log2(np.maximum(segments + 1e-6, FEWEST_NODES - 1))).astype(int))

@@ -37,6 +37,7 @@ TIP_LOADS = ("tip_force", "tip_moment")
 POSE_INPUTS = ("end_position", "end_rotation")
 POSE_SIZE = 3 * len(POSE_INPUTS)
 TURNS = {REVOLUTE: 1, SPHERICAL: 3}  # that a joint leaves free
+TAUT = 1e-9  # of the length, by which rounding may have ends farther apart
 REGULAR = 1e-7  # smallest singular value of Gamma at rest, from which the path begins there
 
 
@@ -329,6 +330,11 @@ class HeldProblem(BoundaryProblem):
         for launch in self._launches[::2]:
             launch.set_dim(self.listed)
 
+    @cached_property
+    def launches(self) -> tuple[Any, ...] | None:  # noqa: D102
+        own = self.rod.launches
+        return None if own is None else (self._launches[0], *own, *self._launches[2:])
+
     def _integrate(self) -> None:
         self.rod.stop = self.stop
         for launch in self._launches:
@@ -494,6 +500,18 @@ class HeldProblem(BoundaryProblem):
         turn = np.linalg.norm(inputs[:, self.input_slice("end_rotation")], axis=1)
         turn += np.linalg.norm(self.table.rest_turn.numpy(), axis=1)
         return np.asarray(turn + np.abs(inputs[:, 0]))
+
+    def out_of_reach(self) -> NDArray[np.bool_]:
+        """(17) As said: of a rod that neither stretches nor shears, whose length is all that its line can have."""
+        features = self.rod.features
+        if features.shear:
+            return np.zeros(self.instance_count, dtype=bool)
+        position, frame = self.goal()
+        away = position - np.broadcast_to(self.rod.table.base_position.numpy(), position.shape)
+        if self.holders.slide is not None:
+            along = frame @ self.holders.slide
+            away = away - (away * along).sum(axis=1)[:, None] * along
+        return np.asarray(np.linalg.norm(away, axis=1) > (1 + TAUT) * self.length)
 
     def curvature_scale(self) -> FloatArray:  # noqa: D102
         return np.maximum(self.rod.curvature_scale(), self.turning_angle() / self.length)

@@ -22,10 +22,10 @@ from multirod.stability import Modes, StabilityAnalysis
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
-    from multirod.models.backbone.problem import NodePass
+    from multirod.models.backbone.node_pass import NodePass
     from multirod.models.held.problem import HeldProblem
 
-STRAIGHT = 1e-9  # of EI/L and EI/L^2: what moment and force at the tip turn by about the axis of a rod that is straight
+FREE = 1e-2  # of the form, and of what is bent: what a turn that costs nothing leaves, by tolerances and the integration's error
 
 
 class TipByWrench(BackboneStability):
@@ -72,7 +72,7 @@ class HeldStability(StabilityAnalysis):
         if diverging.any():
             sign = np.sign(certain_determinant(form[diverging]))
             diverging[diverging] = sign * (-1.0) ** hidden[diverging] < 0
-        for k, neutral in self._neutral(by, known & potential):
+        for k, neutral in self._neutral(by, form, known & potential):
             across = np.linalg.svd(neutral[None])[2][1:]
             own, loose = symmetric_eigenvalues((across @ form[k] @ across.T)[None], np.ones(1, dtype=bool))
             values[k], uncertainty[k] = np.append(own[0], np.inf), np.append(loose[0], 0.0)
@@ -90,18 +90,26 @@ class HeldStability(StabilityAnalysis):
         by[:, turns + 3 :, m:] = frame @ forces
         return by
 
-    def _neutral(self, by: FloatArray, known: NDArray[np.bool_]) -> list[tuple[int, FloatArray]]:
-        """(15) Instances that a turn about the axis of their base costs nothing, and how their variables change by it."""
+    def _neutral(self, by: FloatArray, form: FloatArray, known: NDArray[np.bool_]) -> list[tuple[int, FloatArray]]:
+        """(15) Instances that a turn about the axis of their base costs nothing, and how their variables change by it.
+
+        A straight rod has no such turn: forces across it are rounding, and any direction may be theirs. So it is one only where
+        the form resists it by nothing, (16).
+        """
         problem = self.problem
         found = []
         base, wrench = problem.rod.table.base_rotation.numpy(), problem.rod.tip_wrench.numpy()
+        unit = np.sqrt(problem.rod.least_stiffness() / problem.length)
         for k in np.flatnonzero(known & (problem.table.neutral.numpy() != 0)):
             axis = base[k % len(base), :, 2]
             change = np.concatenate([cross(axis, wrench[k, 3:]), cross(axis, wrench[k, :3])])
             change = np.linalg.lstsq(by[k], change, rcond=None)[0]
             size = np.linalg.norm(change)
-            if size > STRAIGHT:
-                found.append((int(k), change / size))
+            if not size:
+                continue
+            turn, bent = change / size, min(size / unit[k], 1.0)
+            if np.linalg.norm(form[k] @ turn) <= FREE * bent * np.linalg.norm(form[k], ord=2):
+                found.append((int(k), turn))
         return found
 
     def _with_base(self, condensed: CondensedForm) -> FloatArray:

@@ -1,6 +1,7 @@
 """What the boundary problem of a network offers beside its equations."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from multirod.batch import IntArray
 from multirod.capabilities import Joints, Lines, Loading, Parts, Shapes, Starts
+from multirod.integrators import AdaptiveIntegrator, Integrator
 from multirod.models.backbone.inputs import LOADS
 from multirod.models.network import records
 from multirod.models.network.elements import GAP_AT
@@ -20,7 +22,15 @@ if TYPE_CHECKING:
     from multirod.models.network.problem import NetworkProblem
 
 APART = 10_000  # numbers between the sequences of two bodies
+STEPS = 96  # of a rod where branches are followed: those of whole rods are those of their pieces
 BENDING = 0.1  # L^3/EI by which rods give way along themselves where they are bent to first order
+
+
+def _even(integrator: Integrator) -> Integrator | None:
+    """The same at fixed steps; None where they are fixed. Step control takes a straight rod in a few long steps, its pieces in
+    others, and their errors move critical loads by some thousandths against each other."""
+    own = integrator.in_double()
+    return replace(own, steps=STEPS) if isinstance(own, AdaptiveIntegrator) and own.adaptive else None
 
 
 class NetworkParts(Parts):
@@ -30,18 +40,41 @@ class NetworkParts(Parts):
         self.problem = problem
 
     def of(self, instances: IntArray, *, double: bool = False, poses: bool = False) -> "NetworkProblem":  # noqa: D102
+        own = self.problem.integrator
+        return self._part(instances, own.in_double() if double else own, poses)
+
+    def finer(self, instances: IntArray, *, poses: bool = False) -> "NetworkProblem | None":  # noqa: D102
+        integrator = _even(self.problem.integrator)
+        return None if integrator is None else self._part(instances, integrator, poses)
+
+    @property
+    def may_be_finer(self) -> bool:
+        """Not to find again what is near a fold: that asks for ``Gamma`` whole."""
+        return False
+
+    @property
+    def may_be_clamped(self) -> bool:
+        """Not where rods slide: how long pieces are would move their clamps."""
+        return not self.problem.layout.holes and all(group.backbones.may_be_clamped for group in self.problem.groups)
+
+    def clamped(self, instances: IntArray, pieces: int) -> "NetworkProblem":  # noqa: D102
+        own = self.problem.integrator
+        return self._part(instances, _even(own) or own.in_double(), True, pieces)
+
+    def _part(self, instances: IntArray, integrator: Integrator, poses: bool, pieces: int = 1) -> "NetworkProblem":
         whole = self.problem
         result = type(whole)(
             whole.graph.take(whole.batch_shape, instances),
             whole.end_effector,
             whole.inputs_given.take(whole.batch_shape, instances),
-            integrator=whole.integrator.in_double() if double else whole.integrator,
+            integrator=integrator,
+            pieces=pieces,
             **{**whole.options, **({"pose_sensitivities": True} if poses else {})},
         )
         result.stop = whole.stop
         for name in ("inputs", "unknowns"):
             result.write(name, whole.read(name)[instances])
-        for name in ("opening", "opened_at", "soft", "loading"):
+        for name in ("opening", "opened_at", "soft", "loading", "shift"):
             getattr(result, name)[:] = getattr(whole, name)[instances]
         return result
 
@@ -149,8 +182,9 @@ class NetworkJoints(Joints):
         """Rods at rest and bodies as near to their ends as they can be, or around there."""
         problem = self.problem
         x = np.array(problem.apart().unknowns)
-        if numbers is not None:
-            x = moved(problem, x, np.asarray(numbers))
+        if numbers is None:
+            return problem.guess()
+        x = moved(problem, x, np.asarray(numbers))
         self.open(x)
         return x
 
@@ -166,7 +200,7 @@ class NetworkJoints(Joints):
 
     def shut(self) -> None:  # noqa: D102
         problem = self.problem
-        problem.opening[:], problem.opened_at[:], problem.soft[:] = 0.0, 0.0, 0.0
+        problem.opening[:], problem.opened_at[:], problem.soft[:], problem.shift[:] = 0.0, 0.0, 0.0, 0.0
 
     def unloaded_inputs(self) -> FloatArray | None:  # noqa: D102
         rows = self.problem.read("inputs")

@@ -51,6 +51,8 @@ class Element:
     base_moment: wp.vec3d
     given_force: wp.vec3d  # on a tip that is free
     given_moment: wp.vec3d
+    following_force: wp.vec3d  # (28) likewise
+    following_moment: wp.vec3d
     # (22) strains at the tip, in the base, and at the base
     stretched: wp.vec3d
     bent: wp.vec3d
@@ -80,6 +82,8 @@ class Change:
     tip_angle: wp.vec3d
     given_force: wp.vec3d
     given_moment: wp.vec3d
+    following_force: wp.vec3d  # in the frame of the tip
+    following_moment: wp.vec3d
 
 
 @wp.func
@@ -119,9 +123,11 @@ def write_column(net: wp.ref[Networks], own: wp.ref[Element], change: wp.ref[Cha
     turn = change.phi + beta
     angles = net.own
     poses = net.own + wp.static(2 * MOST)
-    if own.free != 0:  # (10)
+    if own.free != 0:  # (10), (28)
         by_force = change.n - wp.cross(own.given_force, beta) - own.back * change.given_force
+        by_force += wp.cross(own.following_force, change.phi) - own.rotation * change.following_force
         by_moment = change.m - wp.cross(own.given_moment, beta) - own.back * change.given_moment
+        by_moment += wp.cross(own.following_moment, change.phi) - own.rotation * change.following_moment
         write(net.element, b, rod, 0, k, (L / EI) * by_force)
         write(net.element, b, rod, 3, k, by_moment / EI)
     else:
@@ -263,8 +269,8 @@ def write_values(net: wp.ref[Networks], own: wp.ref[Element]):
     EI = own.stiffness
     frame = own.base.rotation
     if own.free != 0:
-        write_value(net.value, b, rod, 0, (L / EI) * (own.force - own.given_force))
-        write_value(net.value, b, rod, 3, (own.moment - own.given_moment) / EI)
+        write_value(net.value, b, rod, 0, (L / EI) * (own.force - own.given_force - own.following_force))
+        write_value(net.value, b, rod, 3, (own.moment - own.given_moment - own.following_moment) / EI)
     else:
         write_value(net.value, b, rod, 0, (own.apart + own.position) / (L * L))
         write_value(net.value, b, rod, 3, own.log / L)
@@ -361,6 +367,8 @@ def form(net: Networks, group: RodGroup):
         level = level_of(net, b)
         own.given_force = own.back * (level * vector(net.inputs, b, net.force_at + 3 * place))
         own.given_moment = own.back * (level * vector(net.inputs, b, net.moment_at + 3 * place))
+        own.following_force = own.rotation * (level * vector(net.inputs, b, net.follower_force_at + 3 * place))
+        own.following_moment = own.rotation * (level * vector(net.inputs, b, net.follower_moment_at + 3 * place))
     write_values(net, own)
     if net.holes != 0:
         write_slides(net, own)
@@ -421,6 +429,8 @@ def form(net: Networks, group: RodGroup):
             if own.free != 0:
                 change.given_force = along(net, b, d, net.force_at + 3 * place)
                 change.given_moment = along(net, b, d, net.moment_at + 3 * place)
+                change.following_force = along(net, b, d, net.follower_force_at + 3 * place)
+                change.following_moment = along(net, b, d, net.follower_moment_at + 3 * place)
         else:
             index = ahead + net.direction_count
             there = group.slides
@@ -457,5 +467,6 @@ def form(net: Networks, group: RodGroup):
     net.tip_rotation[b, rod] = own.base.rotation * own.rotation
     net.rod_fault[b, rod] = group.fault[t]
     net.rod_steps[b, rod] = group.step_count[t]
-    if net.holes != 0 and extension(net, b, rod) <= -L:  # pulled out of the hole
+    if net.holes != 0 and extension(net, b, rod) <= -L:
         net.value[b, rod, 0] = f64(0.0) / f64(0.0)
+        net.pulled_out[b] = 1

@@ -59,7 +59,10 @@ def end_at(net: wp.ref[Networks], b: int, rod: int, e: int) -> End:
     end = End()
     holder = net.holder[e, rod]
     R = net.body_rotation[b, holder]
-    end.arm = R * net.attachment_position[b, e, rod]
+    arm = net.attachment_position[b, e, rod]
+    if e == 1:  # (29)
+        arm += (f64(1.0) - net.load_factor[b]) * net.shift[b, rod]
+    end.arm = R * arm
     end.frame = R * net.attachment_rotation[b, e, rod]
     end.position = net.body_position[b, holder] + end.arm
     end.rotation = end.frame

@@ -35,6 +35,7 @@ class RodGroup:
         direction_count: Directions of inputs.
         first_drive: Where what drives lines begins among the inputs.
         options: Of ``BackboneProblem``.
+        pieces: Of each rod, clamps between them, whose moments are the directions.
 
     Attributes:
         turns: Whether columns say what turning a base does to what acts along the rod: not where nothing acts, or no base turns.
@@ -50,6 +51,7 @@ class RodGroup:
         direction_count: int,
         first_drive: int,
         options: dict[str, Any],
+        pieces: int = 1,
     ) -> None:
         self.members: NDArray[np.intp] = np.array(members)
         base = graph.ends[0]
@@ -59,6 +61,7 @@ class RodGroup:
         arrays = stack([graph.arrays[k].repeated(batch_shape) for k in members], batch_shape)
         first = graph.rods[members[0]]
         self.drive = first_drive + graph.drive[self.members, : len(graph.drives[members[0]])]
+        turning, size = TURNING * self.turns, int(np.prod(batch_shape))
         self.backbones = BackboneProblem(
             first.rods,
             np.eye(4),
@@ -67,7 +70,10 @@ class RodGroup:
             pose_sensitivities=True,
             held=True,
             arrays=arrays,
-            direction_count=direction_count + TURNING * self.turns + self.slides,
+            direction_count=direction_count + turning + self.slides,
+            pieces=pieces,
+            first_moment=np.tile(turning + 3 * (pieces - 1) * self.members, size),
+            load_directions=turning,
             **options,
         )
         self.table = self._make_table(options["device"])

@@ -45,20 +45,27 @@ def stand(net: Networks):
         mass = net.mass[k]
         weight = (level * mass) * gravity
         centre = rotation * net.mass_centre[k]
-        push = pull * (inward * (level * vector(net.inputs, b, net.force_at + 3 * k) + weight))
-        moment = level * vector(net.inputs, b, net.moment_at + 3 * k) + wp.cross(centre, weight)
+        # (28)
+        pushes = rotation * (level * vector(net.inputs, b, net.follower_force_at + 3 * k))
+        twists = rotation * (level * vector(net.inputs, b, net.follower_moment_at + 3 * k))
+        push = pull * (inward * (level * vector(net.inputs, b, net.force_at + 3 * k) + weight + pushes))
+        moment = level * vector(net.inputs, b, net.moment_at + 3 * k) + wp.cross(centre, weight) + twists
         moment = twist * (inward * moment)
-        by_turn = twist * (inward * (wp.skew(weight) * wp.skew(centre) * turns))
+        push_by_turn = -pull * (inward * (wp.skew(pushes) * turns))
+        by_turn = twist * (inward * ((wp.skew(weight) * wp.skew(centre) - wp.skew(twists)) * turns))
         at = wp.static(POSE) * k
         for i in range(3):
             net.load[b, at + i] = push[i]
             net.load[b, at + 3 + i] = moment[i]
             for j in range(3):
+                net.load_turns[b, k, i, j] = push_by_turn[i, j]
                 net.load_turns[b, k, 3 + i, j] = by_turn[i, j]
         for d in range(net.direction_count):
             heave = mass * along(net, b, d, net.along_at + 6)
-            push = pull * (inward * (along(net, b, d, net.force_at + 3 * k) + heave))
+            pushes = rotation * along(net, b, d, net.follower_force_at + 3 * k)
+            push = pull * (inward * (along(net, b, d, net.force_at + 3 * k) + heave + pushes))
             moment = along(net, b, d, net.moment_at + 3 * k) + wp.cross(centre, heave)
+            moment += rotation * along(net, b, d, net.follower_moment_at + 3 * k)
             moment = twist * (inward * moment)
             for i in range(3):
                 net.load_directions[b, at + i, d] = push[i]
@@ -191,7 +198,7 @@ def add_up(net: Networks):
         net.numbers[b, net.number_place[p]] = total
         size += wp.abs(total)
     for k in range(net.body_count):
-        for i in range(3, 6):
+        for i in range(6):
             for j in range(3):
                 at = net.turn_place[k, i, j]
                 net.numbers[b, at] = net.numbers[b, at] - net.load_turns[b, k, i, j]

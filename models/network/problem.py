@@ -8,6 +8,7 @@ put together by ``network_kernels.py``; ``entries.py`` says where they stand, an
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -23,14 +24,17 @@ from multirod.models.backbone.members import drive_slices
 from multirod.models.network import network_kernels as kernels
 from multirod.models.network import records
 from multirod.models.network.capabilities import NetworkJoints, NetworkLines, NetworkParts, NetworkShapes, NetworkStarts
+from multirod.models.network.clamps import NetworkClamps
+from multirod.models.network.conjugates import NetworkConjugates
 from multirod.models.network.element_kernels import form
-from multirod.models.network.elements import GAP_AT, POSE, Frames, Holding
+from multirod.models.network.elements import GAP_AT, OWN, POSE, Frames, Holding
 from multirod.models.network.graph import Graph
 from multirod.models.network.groups import ALONG, RodGroup, builds
 from multirod.models.network.placing import placed
 from multirod.models.network.stability import NetworkStability
 from multirod.problem import Block, BoundaryProblem
 from multirod.rotations import vectors
+from multirod.status import Status
 from multirod.validation import FloatArray
 
 GAP_LOAD = 12.0  # EI/L^3: what a rod resists with where its tip is moved across
@@ -45,12 +49,14 @@ class Apart:
         unknowns: [1/m], shape (instance_count, n).
         residual: There, without loads [1/m], shape (instance_count, n).
         gamma: The numbers of ``Gamma`` there that are kept, shape (instance_count, k).
+        turned: From the frames of the bases to those of what holds the tips, shape (instance_count, rod, 3, 3).
     """
 
     inputs: FloatArray
     unknowns: FloatArray
     residual: FloatArray
     gamma: FloatArray
+    turned: FloatArray
 
 
 class State:
@@ -72,8 +78,10 @@ class State:
         if own.graph.driven:  # (24)
             driven = own.graph.driven_angles(self.take(own, "angle"))
             self.angles = [free + given for free, given in zip(self.angles, driven, strict=True)]
+        left = (1 - own.load_factor.numpy())[:, None, None]
+        arms = own.attachments[0][0], own.attachments[1][0] + left * own.shift  # (29)
         self.ends = [
-            Holding(self.frames, end.frame, own.attachments[k], end.table.at(self.angles[k]))
+            Holding(self.frames, end.frame, (arms[k], own.attachments[k][1]), end.table.at(self.angles[k]))
             for k, end in enumerate(own.graph.ends)
         ]
 
@@ -94,6 +102,7 @@ class NetworkProblem(BoundaryProblem):
         end_effector: Number of the body, or, after the bodies, of the rod among those whose tips nothing holds.
         inputs: The inputs.
         integrator, device, pose_sensitivities, direction_count, lengths, enabled: As for ``Assembly.problem``.
+        pieces: Of each rod; of more than one, there are clamps between them, whose moments are the directions.
     """
 
     guess_integrations = 1
@@ -110,9 +119,12 @@ class NetworkProblem(BoundaryProblem):
         direction_count: int = 0,
         lengths: bool = False,
         enabled: Sequence[str] = (),
+        pieces: int = 1,
     ) -> None:
-        self.graph, self.end_effector = graph, end_effector
+        self.graph, self.end_effector, self.pieces = graph, end_effector, pieces
         self.rod_count, self.body_count = len(graph.rods), len(graph.bodies)
+        if pieces > 1:
+            direction_count = 3 * (pieces - 1) * self.rod_count
         self.entries = entries = graph.entries
         self.places, self.first_hole, self.first_pose, n = entries.variables, entries.first_hole, entries.first_pose, entries.size
         self._slices = input_places(
@@ -138,7 +150,6 @@ class NetworkProblem(BoundaryProblem):
             "device": device,
             "pose_sensitivities": pose_sensitivities,
             "direction_count": direction_count,
-            "lengths": lengths,
             "enabled": tuple(enabled),
         }
         options = {
@@ -150,7 +161,7 @@ class NetworkProblem(BoundaryProblem):
         count, shape = self.instance_count, self.batch_shape
         self.layout = graph.layout
         drives = self._slices[ALONG[-1]].stop
-        self.groups = [RodGroup(graph, members, shape, direction_count, drives, options) for members in builds(graph)]
+        self.groups = [RodGroup(graph, members, shape, direction_count, drives, options, pieces) for members in builds(graph)]
         self.rounding = self.groups[0].backbones.rounding
         size = self.rod_count + self.body_count
         scales = [np.broadcast_to(scale.reshape(*graph.batch_shape, size), (*shape, size)) for scale in graph.scales()]
@@ -161,7 +172,7 @@ class NetworkProblem(BoundaryProblem):
         # of the path from the network taken apart, as NumPy sees what the kernels read
         own = self.networks
         self.opening, self.opened_at = own.opening.numpy(), own.opened_at.numpy()
-        self.soft, self.loading = own.soft.numpy(), own.loading.numpy()
+        self.soft, self.shift, self.loading = own.soft.numpy(), own.shift.numpy(), own.loading.numpy()
         self.loading[:] = int(Loading.RISING)
         self._launches = self._record()
         self._found: Apart | None = None
@@ -182,6 +193,7 @@ class NetworkProblem(BoundaryProblem):
         own.numbers = self._field("gamma", (entries.count,))
         own.rotation_at, own.translation_at = (self._slices[name].start for name in PER_ROD)
         own.force_at, own.moment_at = (self._slices[name].start for name in LOADED)
+        own.follower_force_at, own.follower_moment_at = (self._slices[name].start for name in FOLLOWING)
         own.along_at = self._slices[ALONG[0]].start
 
         def array(values: Any, dtype: Any = wp.float64) -> Any:
@@ -215,8 +227,9 @@ class NetworkProblem(BoundaryProblem):
             array(values, dtype) for values, dtype in zip(self.reference, (wp.vec3d, wp.mat33d), strict=True)
         )
         own.mass, own.mass_centre = array(graph.mass), array(graph.mass_centre, wp.vec3d)
+        own.pulled_out = wp.zeros(count, dtype=wp.int32, device=device)
         own.opening, own.opened_at, own.soft = zeros(count, self.unknown_count), zeros(count, self.unknown_count), zeros(count)
-        own.loading = zeros(count, dtype=wp.int32)
+        own.shift, own.loading = zeros(count, rods, dtype=wp.vec3d), zeros(count, dtype=wp.int32)
         still = np.broadcast_to(np.eye(3), (count, bodies + 1, 3, 3))
         own.body_position, own.body_rotation = zeros(count, bodies + 1, dtype=wp.vec3d), array(still, wp.mat33d)
         own.body_turns = zeros(count, bodies + 1, dtype=wp.mat33d)
@@ -289,6 +302,15 @@ class NetworkProblem(BoundaryProblem):
     def joints(self) -> NetworkJoints:  # noqa: D102
         return NetworkJoints(self)
 
+    @cached_property
+    def conjugates(self) -> NetworkConjugates | None:
+        """None where rods have unknowns of their own beside the six: torques of tubes, tensions of lines of given length."""
+        return NetworkConjugates(self) if self.pose_sensitivities and self.layout.own == OWN else None
+
+    @cached_property
+    def clamps(self) -> NetworkClamps | None:  # noqa: D102
+        return NetworkClamps(self) if self.pieces > 1 else None
+
     # ---- the interface ----
 
     def input_slice(self, name: str) -> slice:  # noqa: D102
@@ -309,9 +331,10 @@ class NetworkProblem(BoundaryProblem):
 
     def renew(self, inputs: Inputs) -> bool:  # noqa: D102
         self._clear()
+        self.__dict__.pop("conjugates", None)
         for group in self.groups:
             group.backbones._clear()
-        self.opening[:], self.opened_at[:], self.soft[:] = 0.0, 0.0, 0.0
+        self.opening[:], self.opened_at[:], self.soft[:], self.shift[:] = 0.0, 0.0, 0.0, 0.0
         self.loading[:] = int(Loading.RISING)
         self._found, self.inputs_given = None, inputs
         self.write("inputs", self.pack(inputs))
@@ -331,7 +354,7 @@ class NetworkProblem(BoundaryProblem):
         """Some of the launches, in order."""
         if self._host is None:
             own = self.networks
-            for name in ("opening", "opened_at", "soft", "loading"):
+            for name in ("opening", "opened_at", "soft", "shift", "loading"):
                 getattr(own, name).assign(getattr(self, name))
         for launch in launches:
             launch.launch()
@@ -376,6 +399,12 @@ class NetworkProblem(BoundaryProblem):
         values = state.take(self, name)
         return values.reshape(*values.shape[:-1], len(self.graph.load_places), 3)
 
+    def reasons(self, status: NDArray[np.int32]) -> NDArray[np.int32]:
+        """As said; where a rod was pulled out of a hole on the way, since this was asked last, that was no number."""
+        known, pulled_out = super().reasons(status), np.array(self.networks.pulled_out.numpy(), dtype=bool)
+        self.networks.pulled_out.zero_()
+        return np.where(pulled_out & (known == Status.NONFINITE), Status.OUT_OF_HOLE, known).astype(np.int32)
+
     # ---- bodies ----
 
     def frames(self) -> Frames:
@@ -408,7 +437,13 @@ class NetworkProblem(BoundaryProblem):
         What the residual is there is remembered and closes as ``load_factor`` goes from 0 to 1, (12).
         """
         apart = self.apart()
-        self.open_at(apart.unknowns, apart.residual)
+        held = np.flatnonzero(self.graph.ends[1].held)
+        gaps, residual = self.places[held, GAP_AT], np.array(apart.residual)
+        # (29) in the frames of what holds the tips
+        gap = self.length[:, held, None] ** 2 * residual[:, gaps]
+        self.shift[:, held] = (apart.turned[:, held] @ gap[..., None])[..., 0]
+        residual[:, gaps] = 0.0
+        self.open_at(apart.unknowns, residual)
         return np.array(apart.unknowns)
 
     def open_at(self, unknowns: FloatArray, residual: FloatArray) -> None:
@@ -444,8 +479,9 @@ class NetworkProblem(BoundaryProblem):
                 self.write("unknowns", x)
                 self.opened_at[:] = x
                 self._assemble()
-                gamma = np.array(self._numbers())
-                self._found = Apart(inputs, x, self.read("residual"), gamma)
+                gamma, (base, tip) = np.array(self._numbers()), self.state().ends
+                turned = self.attachments[1][1] @ np.swapaxes(tip.frame, -1, -2) @ base.rotation
+                self._found = Apart(inputs, x, self.read("residual"), gamma, turned)
         return self._found
 
     def state(self) -> State:
@@ -483,8 +519,8 @@ class NetworkProblem(BoundaryProblem):
         kept = (self.fault, self.step_count, self.residual_directions, self.pose_columns)
         values = [np.array(array.numpy()) for array in kept]
         records = self.snapshot()
-        own = [np.array(values) for values in (self.opening, self.opened_at, self.soft, self.loading)]
-        self.opening[:], self.soft[:], self.loading[:] = 0.0, 0.0, int(Loading.NONE)
+        own = [np.array(values) for values in (self.opening, self.opened_at, self.soft, self.loading, self.shift)]
+        self.opening[:], self.soft[:], self.loading[:], self.shift[:] = 0.0, 0.0, int(Loading.NONE), 0.0
         try:
             with self.everyone(), self.at_load(0.0):
                 yield
@@ -492,7 +528,7 @@ class NetworkProblem(BoundaryProblem):
             self.restore(records)
             for array, before in zip(kept, values, strict=True):
                 array.assign(before)
-            self.opening[:], self.opened_at[:], self.soft[:], self.loading[:] = own
+            self.opening[:], self.opened_at[:], self.soft[:], self.loading[:], self.shift[:] = own
 
     def curvature_scale(self) -> FloatArray:  # noqa: D102
         own = [group.backbones.curvature_scale().reshape(self.instance_count, -1) for group in self.groups]
@@ -505,7 +541,7 @@ class NetworkProblem(BoundaryProblem):
         total = np.sum(own, axis=0)
         inputs, L, EI = self.read("inputs"), self.length, self.stiffness
         rods = [*range(self.rod_count, self.rod_count + self.body_count), *self.graph.free]  # scales of what loads act on
-        for name, power in zip(LOADED, (2, 1), strict=True):
+        for name, power in zip((*LOADED, *FOLLOWING), (2, 1, 2, 1), strict=True):
             size = np.linalg.norm(inputs[:, self.input_slice(name)].reshape(self.instance_count, -1, 3), axis=2)
             total += (size * L[:, rods] ** power / EI[:, rods]).sum(axis=1)
         gravity = np.linalg.norm(inputs[:, self.input_slice("gravity")], axis=1)
@@ -520,12 +556,13 @@ class NetworkProblem(BoundaryProblem):
 
 PER_ROD = ("rotation", "translation")
 LOADED = ("force", "moment")  # of bodies and tips
+FOLLOWING = ("follower_force", "follower_moment")  # of the same, in their frames
 
 
 def input_places(rod_count: int, load_places: int, angles: int, drives: Sequence[str] = ()) -> dict[str, slice]:
     """Where each input stands in a row; those before ``LOADED`` are no loads, and what drives lines, ``drives``, is last."""
     sizes = {name: rod_count for name in PER_ROD} | ({"angle": angles} if angles else {})
-    sizes |= {name: 3 * load_places for name in LOADED} | {name: 3 for name in ALONG}
+    sizes |= {name: 3 * load_places for name in (*LOADED, *FOLLOWING)} | {name: 3 for name in ALONG}
     ends = np.cumsum([0, *sizes.values()]).tolist()
     return {name: slice(ends[k], ends[k + 1]) for k, name in enumerate(sizes)} | drive_slices(drives, ends[-1])
 

@@ -55,6 +55,8 @@ class Networks:
     translation_at: int
     force_at: int  # LOADED, of each load place
     moment_at: int
+    follower_force_at: int  # FOLLOWING, likewise
+    follower_moment_at: int
     along_at: int
     # rods; arrays with two ends say of bases, then of tips
     holder: wp.array2d[int]  # (end, rod): 0 the ground, from 1 on a body, -1 nothing
@@ -82,10 +84,12 @@ class Networks:
     reference_rotation: wp.array2d[wp.mat33d]
     mass: wp.array[wp.float64]
     mass_centre: wp.array[wp.vec3d]
+    pulled_out: wp.array[int]  # (instance,): whether a rod was pulled out of a hole since this was 0
     # of the path from the network taken apart
     opening: wp.array2d[wp.float64]
     opened_at: wp.array2d[wp.float64]
     soft: wp.array[wp.float64]
+    shift: wp.array2d[wp.vec3d]  # (instance, rod), (29) of where tips are held, in the frames of the bodies [m]
     loading: wp.array[int]
     # where bodies are, after the ground, and what acts on them
     body_position: wp.array2d[wp.vec3d]

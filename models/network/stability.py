@@ -213,7 +213,8 @@ class NetworkStability(StabilityAnalysis):
     def has_potential(self) -> NDArray[np.bool_]:
         """Whether the loads derive from one, shape (instance_count,)."""
         inputs, count = self.problem.read("inputs"), self.problem.instance_count
-        result = ~inputs[:, self.problem.input_slice("moment")].any(axis=1)
+        places = [self.problem.input_slice(name) for name in ("moment", "follower_force", "follower_moment")]
+        result = ~np.any([inputs[:, place].any(axis=1) for place in places], axis=0)
         self.problem.hand_over()
         for group in self.problem.groups:
             result &= group.backbones.stability.has_potential.reshape(count, -1).all(axis=1)

@@ -17,6 +17,7 @@ from multirod.validation import FloatArray
 # bending, once it has bent, and how much depends on how far it has to.
 COMPLIANCES = (1e-4, 1e-3, 1e-2, 1e-1)
 ITERATIONS = 8  # 4 are enough for the tip to move by less than 1 % of what the beams are off
+SETTLED = 1e-6  # of the longest step, from which on a step of a guess is its last: each is some 1e-2 of the one before
 
 
 @dataclass(frozen=True)
@@ -111,15 +112,21 @@ def beam_equilibrium(
     size = legs.length.mean(axis=1)[:, None]
     longest = np.concatenate([0.1 * size] * 3 + [0.3 * np.ones_like(size)] * 3, axis=1)
     setting = _Setting(legs, at)
+    moving = np.ones(len(size), dtype=bool)
     for _ in range(ITERATIONS):
         beams = _Beams(setting, position, rotation)
         slope = beams.by_platform()
         pulled = np.swapaxes(slope, -1, -2) @ stiffness
         gradient = (pulled @ beams.strain[..., None]).sum(axis=1)
         step = -np.linalg.solve((pulled @ slope).sum(axis=1), gradient)[..., 0]
-        step /= np.maximum(1.0, np.abs(step / longest).max(axis=1))[:, None]
+        share = np.abs(step / longest).max(axis=1)
+        step /= np.maximum(1.0, share)[:, None]
+        step[~moving] = 0.0  # what has settled stays: it does not depend on what else is in the batch
         position = position + step[:, :3]
         rotation = matrices(step[:, 3:]) @ rotation
+        moving &= ~(share < SETTLED)
+        if not moving.any():
+            break
     return position, rotation, _unknowns(legs, _Beams(setting, position, rotation), stiffness)
 
 

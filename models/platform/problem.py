@@ -478,6 +478,21 @@ class ParallelProblem(BoundaryProblem):
                 next(launches).set_dim(group.backbones.listed)
         next(launches).set_dim(self.listed)
 
+    @property
+    def launches(self) -> tuple[Any, ...] | None:  # noqa: D102
+        return None if self._followed else self._bare
+
+    @cached_property
+    def _bare(self) -> tuple[Any, ...] | None:
+        """Launches one after another, where those of the legs are one each."""
+        legs = [group.backbones.launches for group in self.groups]
+        result: list[Any] = []
+        for k, own in enumerate(legs):
+            if own is None:
+                return None
+            result += [self._launches[3 * k], *own, self._launches[3 * k + 2]]
+        return (*result, self._launches[-1])
+
     def _integrate(self) -> None:
         self.integrate_by([group.backbones.launch for group in self.groups])
 

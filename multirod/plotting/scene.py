@@ -316,13 +316,19 @@ def _arrows(solution: Solution, shapes: dict[int, Shape]) -> list[Arrow]:
 def _on_places(solution: Solution, robot: Network) -> list[Arrow]:
     """What acts on bodies and free tips, each by its name."""
     found = []
-    for name, unit, color in (("force", "N", _FORCE), ("moment", "N m", _MOMENT)):
-        for place, vector in zip(robot.load_places, getattr(solution.inputs, name).reshape(-1, 3), strict=True):
+    for spec in robot.input_specs:
+        if spec.acts != "tip" or spec.load is None:
+            continue
+        turns, words = spec.load == "moment", spec.name.replace("_", " ")
+        for place, vector in zip(robot.load_places, getattr(solution.inputs, spec.name).reshape(-1, 3), strict=True):
             if vector.any():
                 body = place in [body.name for body in robot.bodies]
                 origin = solution.body_position(place) if body else solution.rod(place).position[-1]
-                said = f"{name} on {place} {np.linalg.norm(vector):.3g} {unit}"
-                found.append(Arrow(said, color, origin[None], vector[None], f"tip {name}", name == "moment"))
+                if spec.follows:
+                    vector = (solution.body_rotation(place) if body else solution.rod(place).rotation[-1]) @ vector
+                said = f"{words} on {place} {np.linalg.norm(vector):.3g} {spec.unit}"
+                color = _MOMENT if turns else _FORCE
+                found.append(Arrow(said, color, origin[None], vector[None], f"tip {spec.load}", turns))
     return found
 
 

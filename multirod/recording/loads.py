@@ -49,9 +49,14 @@ def drawn_loads(assembly: Assembly) -> tuple[DrawnLoad, ...]:
     """All that there may be of an assembly."""
     if not isinstance(assembly, Network):
         return TIP_LOADS
-    forces = [DrawnLoad("force", ("force", name), *FORCE, "force", k) for k, name in enumerate(assembly.load_places)]
-    moments = [DrawnLoad("moment", ("moment", name), *MOMENT, "moment", k) for k, name in enumerate(assembly.load_places)]
-    return (*forces, *moments)
+    specs = [(spec.name, spec.load) for spec in assembly.input_specs if spec.acts == "tip"]
+    shades = {"force": FORCE, "moment": MOMENT, "follower_force": FOLLOWER, "follower_moment": MOMENT}
+    return tuple(
+        DrawnLoad(load, (load, name), *shades[load], kind, k)
+        for load, kind in specs
+        if kind is not None
+        for k, name in enumerate(assembly.load_places)
+    )
 
 
 def largest(block: History, kind: str) -> float:
@@ -70,7 +75,9 @@ def acting(block: History) -> dict[DrawnLoad, tuple[FloatArray, FloatArray]]:
             continue
         vector = _vectors(block, _given(block.inputs, own))
         if isinstance(block.assembly, Network):
-            origin = _place(block, block.assembly, own.place)
+            origin, frame = _place(block, block.assembly, own.place)
+            if own.name.startswith("follower"):
+                vector = np.einsum("...ij,...j->...i", frame, vector)
         else:
             if point is None:
                 by_arm = _turned(block, block.inputs.force_point) if "force_point" in block.inputs.given else 0.0
@@ -108,11 +115,12 @@ def _turned(block: History, value: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("...ij,...j->...i", block.tip_rotation, _vectors(block, value)))
 
 
-def _place(block: History, robot: Network, place: int) -> FloatArray:
-    """Origin of a body, or where a free tip is."""
+def _place(block: History, robot: Network, place: int) -> tuple[FloatArray, FloatArray]:
+    """Origin and frame of a body, or of a free tip."""
     name = robot.load_places[place]
     if name == robot.end_effector:
-        return block.tip_position
+        return block.tip_position, block.tip_rotation
     if place < len(robot.bodies):
-        return block.body_position(name)
-    return np.asarray(block.rod(name, nodes=2).position[..., -1, :])
+        return block.body_position(name), block.body_rotation(name)
+    shape = block.rod(name, nodes=2)
+    return np.asarray(shape.position[..., -1, :]), np.asarray(shape.rotation[..., -1, :, :])

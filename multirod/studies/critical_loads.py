@@ -1,15 +1,16 @@
 """Where an equilibrium loses stability as loads are raised."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 from warnings import warn
 
 import numpy as np
 
 from multirod.assembly import Assembly
+from multirod.budget import Budget, Spent
 from multirod.inputs import Inputs
-from multirod.integrators import RK4
+from multirod.integrators import RK45
 from multirod.profile import Profile
 from multirod.running.simulation import solve
 from multirod.solution import IncompleteWarning, Solution, SolveError
@@ -22,7 +23,7 @@ from multirod.validation import Described, FloatArray, device_name, frozen, numb
 
 GROWTH = 0.1  # of steps as loads are raised, whose waves grow with their root; angles have a period
 
-PRECISE = Shooting(tolerance=1e-10, integrator=RK4(400))
+PRECISE = Shooting(tolerance=1e-10, integrator=RK45(steps=150))
 
 
 @dataclass(frozen=True)
@@ -120,8 +121,9 @@ def critical_loads(
         count: How many changes of stability to look for, along the branch.
         up_to: Load factor where the search ends.
         max_steps: Steps along the branch.
-        solver: ``Shooting(tolerance=1e-10, integrator=RK4(400))`` by default: of it the tolerance and the
-            integrator are used, the latter in double precision; to find the equilibrium at ``start``, all of it.
+        solver: ``Shooting(tolerance=1e-10, integrator=RK45(steps=150))`` by default: of it the tolerance and
+            the integrator are used, the latter in double precision; to find the equilibrium at ``start``, all of it; and its
+            ``max_integrations`` for all that is done until the last of them is found.
         device: Warp device.
 
     Returns:
@@ -129,7 +131,8 @@ def critical_loads(
         far the branch was searched (``reached``) and where something may be missing (``undecided``).
 
     Warns:
-        IncompleteWarning: If two changes of stability in a row, which cancel, may be missing; the message says where.
+        IncompleteWarning: If two changes of stability in a row, which cancel, may be missing, or all integrations allowed
+            were used up; the message says where.
 
     Raises:
         SolveError: If there is no stable equilibrium at ``start``, or the branch cannot be followed so far.
@@ -153,7 +156,8 @@ def critical_loads(
             refuse(name, Described(f"leading axes {batch}"), "there must be none: ask for one instance at a time")
     if begin.profiles:
         refuse("start", Described(f"functions of arclength for {', '.join(begin.profiles)}"), "give numbers")
-    branch, first = natural_start(robot, begin, inputs, method, device)
+    budget = Budget(method.max_integrations)
+    branch, first = natural_start(robot, begin, inputs, method, device, budget)
     if first.modes.stability[0] != Stability.STABLE:
         raise SolveError(
             f"at the start the equilibrium is {Stability(int(first.modes.stability[0])).name}: there is no stability to lose"
@@ -163,6 +167,13 @@ def critical_loads(
         ranges = ", ".join(f"{low:.12g} to {high:.12g}" for low, high in undecided)
         warn(
             f"at load factors {ranges} a mode is so near to neutral that stability may be lost and regained unseen",
+            IncompleteWarning,
+            stacklevel=2,
+        )
+    if budget.left < 0:
+        warn(
+            f"the {method.max_integrations} integrations allowed were used up at a load factor of {reached:.6g}: give a "
+            "solver with more max_integrations, or up_to",
             IncompleteWarning,
             stacklevel=2,
         )
@@ -193,6 +204,8 @@ def _changes(
             reached = max(reached, *(branch.factor(change.point) for change in changes), branch.factor(end))
             if end is not step.after or reached > up_to:
                 return found, tuple(undecided), min(reached, up_to)
+    except Spent:
+        return found, tuple(undecided), min(reached, up_to)
     except BranchLost as lost:
         seen = f"{len(found)} changes of stability" if found else "no change of stability"
         hint = f"; {seen} before that: give up_to={0.99 * reached:.3g} for a result" if reached else ""
@@ -211,8 +224,10 @@ def _critical(
     return CriticalLoad(factor, change.fold, change.before, change.after, mode, there)
 
 
-def natural_start(robot: Assembly, begin: Inputs, inputs: Inputs, method: Shooting, device: str) -> tuple[Branch, Point]:
-    """The branch of equilibria from ``begin`` towards ``inputs``, and its first point.
+def natural_start(
+    robot: Assembly, begin: Inputs, inputs: Inputs, method: Shooting, device: str, budget: Budget
+) -> tuple[Branch, Point]:
+    """The branch of equilibria from ``begin`` towards ``inputs``, and its first point; both within the ``budget``.
 
     Raises:
         SolveError: If there is no equilibrium at ``begin``.
@@ -226,7 +241,7 @@ def natural_start(robot: Assembly, begin: Inputs, inputs: Inputs, method: Shooti
     if (first == last).all():
         refuse("inputs", inputs, _nothing_raised(inputs))
     problem.write("inputs", first)
-    outcome = method.solve(problem)
+    outcome = within(method, budget).solve(problem)
     if failures(outcome.status)[0]:
         raise SolveError(f"at the start: {Status(int(outcome.status[0])).message}")
     unknowns = problem.read("unknowns")[0]
@@ -243,7 +258,17 @@ def natural_start(robot: Assembly, begin: Inputs, inputs: Inputs, method: Shooti
         tolerance=float(problem.tolerance(method.tolerance)[0]),
         growth=GROWTH if scale else 0.0,
     )
-    return branch, branch.first(unknowns)
+    budget.left -= int(outcome.integrations[0])
+    problem.budget = budget
+    try:
+        return branch, branch.first(unknowns)
+    except Spent:
+        raise SolveError(f"at the start: {Status.INTEGRATION_LIMIT.message}") from None
+
+
+def within(method: Shooting, budget: Budget) -> Shooting:
+    """The same method for one solve that takes no more than is left."""
+    return replace(method, max_integrations=max(1, min(method.max_integrations, budget.left)))
 
 
 def _nothing_raised(inputs: Inputs) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.assembly import Assembly, Robot, Robot_co
+from multirod.budget import Budget, Spent
 from multirod.inputs import Inputs
 from multirod.problem import BoundaryProblem
 from multirod.running.simulation import solve
@@ -17,8 +18,8 @@ from multirod.solvers.continuation.branch import Branch
 from multirod.solvers.shooting import Shooting
 from multirod.solvers.starting.multistart import ROUND, SAME, STARTS, Catalogue, converge, degrees, limits
 from multirod.stability import Stability
-from multirod.status import failures
-from multirod.studies.critical_loads import natural_start, unloaded
+from multirod.status import Status, failures
+from multirod.studies.critical_loads import natural_start, unloaded, within
 from multirod.validation import Described, FloatArray, device_name, frozen, positive_int, refuse
 
 FOLLOWED = 32  # branches through equilibria that were found, where the signs tell of others
@@ -96,7 +97,7 @@ def equilibria(
         inputs: Made by ``robot.inputs(...)``, without leading axes; none are all zero.
         starts: Starts at most.
         solver: ``Shooting()`` by default, of which the tolerance, the iteration limit and the integrator, in double precision,
-            are used.
+            are used, and its ``max_integrations`` for all of the search: one from each start is counted by itself.
         device: Warp device.
 
     Returns:
@@ -105,7 +106,8 @@ def equilibria(
         elastic energy.
 
     Warns:
-        IncompleteWarning: If some are known to be missing, by the signs or because the integrator is too coarse to solve them.
+        IncompleteWarning: If some are known to be missing, by the signs or because the integrator is too coarse to solve them, or
+            the integrations that are allowed were used up.
 
     Raises:
         SolveError: If none is found.
@@ -135,19 +137,33 @@ def equilibria(
     alone = robot.problem(inputs, integrator=method.integrator, device=device)
     catalogue = Catalogue(float(degrees(problem)[0]) if guesses.signs_add_up else None, tolerance, alone)
     everyone = np.ones(count, dtype=bool)
-    for first in range(0, starts, count):
-        reached = converge(problem, newton, guesses.guesses(count, first)[:, 0], everyone, limit)
-        _take(catalogue, problem, reached)
-        catalogue.end_round()
-        if catalogue.settled:
-            break
-    for chunk in _chunks(_connected(robot, inputs, method, device), count):
-        reached = converge(problem, newton, chunk, everyone, np.inf)
-        _take(catalogue, problem, reached)
-    if catalogue.missing:
-        _search_on(catalogue, robot, inputs, method, device)
+    budget = Budget(method.max_integrations)
+    problem.budget = alone.budget = budget
+    try:
+        for first in range(0, starts, count):
+            reached = converge(problem, newton, guesses.guesses(count, first)[:, 0], everyone, limit)
+            _take(catalogue, problem, reached)
+            catalogue.end_round()
+            if catalogue.settled:
+                break
+        for chunk in _chunks(_connected(robot, inputs, method, device, budget), count):
+            reached = converge(problem, newton, chunk, everyone, np.inf)
+            _take(catalogue, problem, reached)
+        if catalogue.missing:
+            _search_on(catalogue, robot, inputs, method, device, budget)
+    except Spent:
+        warn(
+            f"the {method.max_integrations} integrations allowed were used up before the search came to its end: give a "
+            "solver with more max_integrations",
+            IncompleteWarning,
+            stacklevel=2,
+        )
+    problem.budget = alone.budget = None
+    if budget.left < 0:  # what had converged in the round that was cut off
+        _take(catalogue, problem, newton.outcome().status == Status.CONVERGED, beside=False)
     if not catalogue.unknowns:
-        raise SolveError(f"no equilibrium was found from {starts} starts: raise starts, or loosen the solver's tolerance")
+        more = "give the solver more max_integrations" if budget.left < 0 else "raise starts, or loosen the solver's tolerance"
+        raise SolveError(f"no equilibrium was found from {starts} starts: {more}")
     inputs = _repeated(inputs, len(catalogue.unknowns))
     found = solve(robot, inputs, solver=method, guess=np.array(catalogue.unknowns), device=device)
     chosen = np.array(_different(found))
@@ -173,13 +189,13 @@ def equilibria(
     return result
 
 
-def _take(catalogue: Catalogue, problem: BoundaryProblem, reached: NDArray[np.bool_]) -> None:
-    """Add where Newton's method got to, and curves beside which it gave up."""
+def _take(catalogue: Catalogue, problem: BoundaryProblem, reached: NDArray[np.bool_], *, beside: bool = True) -> None:
+    """Add where Newton's method got to, and curves ``beside`` which it gave up."""
     unknowns, residual = problem.read("unknowns"), problem.read("residual")
     gamma = problem.read("gamma").reshape(len(unknowns), problem.unknown_count, -1)
     for k in np.flatnonzero(reached):
         catalogue.add(unknowns[k], gamma[k])
-    for k in np.flatnonzero(~reached):
+    for k in np.flatnonzero(~reached & beside):
         catalogue.add_beside(unknowns[k], residual[k], gamma[k])
 
 
@@ -198,7 +214,7 @@ def _different(found: Solution) -> list[int]:
     return result
 
 
-def _search_on(catalogue: Catalogue, robot: Assembly, inputs: Inputs, method: Shooting, device: str) -> None:
+def _search_on(catalogue: Catalogue, robot: Assembly, inputs: Inputs, method: Shooting, device: str, budget: Budget) -> None:
     """Add the equilibrium that ``solve`` means, and what branches through those found come by as rotations and loads change."""
     problem = robot.problem(inputs, integrator=method.integrator, device=device, direction_count=1, enabled=("rotation",))
     unloaded_ = problem.pack(unloaded(robot, inputs))[0]
@@ -209,7 +225,9 @@ def _search_on(catalogue: Catalogue, robot: Assembly, inputs: Inputs, method: Sh
     place = problem.input_slice("rotation")
     # turned all together, tubes without loads stay as they are
     rates += [(np.eye(len(here))[k], REACH) for k in range(place.start + (not rates), place.stop)]
-    outcome = method.solve(problem)
+    outcome = within(method, budget).solve(problem)
+    budget.spend(int(outcome.integrations[0]))
+    problem.budget = budget
     if not failures(outcome.status)[0] and not outcome.breakpoints:
         catalogue.add(problem.read("unknowns")[0], problem.read("gamma").reshape(problem.unknown_count, -1))
     length = max(float(np.max(rod.length)) for rod in robot.rods)
@@ -229,13 +247,13 @@ def _search_on(catalogue: Catalogue, robot: Assembly, inputs: Inputs, method: Sh
                     return
 
 
-def _connected(robot: Assembly, inputs: Inputs, method: Shooting, device: str) -> list[FloatArray]:
+def _connected(robot: Assembly, inputs: Inputs, method: Shooting, device: str, budget: Budget) -> list[FloatArray]:
     """Guesses on the natural branch and on those that cross it as loads are raised; none where no load acts."""
     begin = unloaded(robot, inputs)
     if not any(inputs.is_active(name) for name in set(inputs.given) - {n for n in begin.given if begin.is_active(n)}):
         return []
     try:
-        branch, first = natural_start(robot, begin, inputs, method, device)
+        branch, first = natural_start(robot, begin, inputs, method, device, budget)
     except SolveError:
         return []
     return branch.connected(first, 1.0) if first.modes.known[0] else []

@@ -173,7 +173,7 @@ class Branch:
     def slopes(self, point: Point, numbers: range) -> FloatArray:
         """How ``heights`` change along the branch, per length."""
         self._evaluate(point.place + AHEAD * point.tangent)
-        return (heights(modes_of(self.problem), numbers) - heights(point.modes, numbers)) / AHEAD
+        return (heights(self._modes(), numbers) - heights(point.modes, numbers)) / AHEAD
 
     def _try(self, point: Point, length: float) -> tuple[Step | None, float]:
         """One step further, if it surely is on the same branch, and Newton's contraction."""
@@ -234,6 +234,11 @@ class Branch:
         if not tangent.any():  # at a fold no way leads ahead
             tangent = vectors[-1]
         tangent /= np.linalg.norm(tangent)
-        return Point(
-            place, tangent, matrix[:, :-1] / self.scale[:-1], modes_of(self.problem) if self.inspected else Modes.unknown(1)
-        )
+        modes = self._modes() if self.inspected else Modes.unknown(1)
+        return Point(place, tangent, matrix[:, :-1] / self.scale[:-1], modes)
+
+    def _modes(self) -> Modes:
+        """Those where it stands, by an integration over nodes."""
+        if self.problem.budget is not None:
+            self.problem.budget.spend(1)
+        return modes_of(self.problem)

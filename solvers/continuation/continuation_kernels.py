@@ -9,6 +9,7 @@ from functools import cache
 
 import warp as wp
 
+from multirod.repeated_kernels import Calls, launch_all
 from multirod.solvers.continuation.acceptance import (
     CONTRACTION,
     LARGEST_RATIO,
@@ -68,11 +69,12 @@ class PathState:
 
 
 @cache
-def make_path(block: int = 0, border: int = 0, told: bool = False):
+def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool = False):
     """Kernel that takes each active instance from an integration to the next on its path, or to its end, and puts those that are
     ``departing`` from a known equilibrium on their way.
 
-    The arguments say what ``Gamma`` is like, as for ``make_iteration``.
+    The arguments say what ``Gamma`` is like, as for ``make_iteration``. Where it ``repeats``, one thread may do all: with
+    ``rounds``, it has what is to be launched in between launched so many times at most, until no instance is on its way.
     """
     iteration = make_iteration(block, border, told)
     iterate, spectral_radius, newton_step = iteration.iterate, iteration.spectral_radius, iteration.aim
@@ -302,13 +304,11 @@ def make_path(block: int = 0, border: int = 0, told: bool = False):
             return why(state, t, found)
         return wp.static(int(Status.NOT_RUN))
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
-    def path(state: PathState):
-        t = state.newton.order[wp.tid()]
-        if state.newton.active[t] == 0:
-            return
+    @wp.func(inline=False)
+    def go_on(state: wp.ref[PathState], t: int, departing: int):
+        """One instance, after its integration, or ``departing`` before the first."""
         status = int(wp.static(int(Status.NOT_RUN)))
-        if state.departing != 0:
+        if departing != 0:
             state.step[t] = longest_step(state, t)
         else:
             state.integrations[t] = state.integrations[t] + 1
@@ -343,5 +343,29 @@ def make_path(block: int = 0, border: int = 0, told: bool = False):
             state.newton.active[t] = 0
             for i in range(state.points.shape[2]):
                 state.newton.unknowns[t, i] = state.points[t, 0, i]
+
+    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+    def path(state: PathState, calls: Calls, rounds: int):
+        if rounds == 0:
+            t = state.newton.order[wp.tid()]
+            if state.newton.active[t] != 0:
+                go_on(state, t, state.departing)
+            return
+        if wp.static(repeats):
+            count = state.status.shape[0]
+            if state.departing != 0:
+                for t in range(count):
+                    if state.newton.active[t] != 0:
+                        go_on(state, t, 1)
+            left = int(1)
+            done = int(0)
+            while left > 0 and done < rounds:
+                state.remaining[0] = 0
+                launch_all(calls)
+                for t in range(count):
+                    if state.newton.active[t] != 0:
+                        go_on(state, t, 0)
+                left = state.remaining[0]
+                done += 1
 
     return path

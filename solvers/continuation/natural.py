@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from multirod.launch import expect, record
 from multirod.problem import FEW, BoundaryProblem
+from multirod.repeated_kernels import Calls
 from multirod.solver import Outcome
 from multirod.solvers.continuation.acceptance import RATIO_TESTS
 from multirod.solvers.continuation.continuation_kernels import PathState, make_path
@@ -80,16 +81,26 @@ class Paths:
                 "integrations",
                 "levels",
                 "step",
+                "steps",
+                "halved",
+                "surprised",
+                "known",
             )
             self._in_place = {name: getattr(state, name).numpy() for name in names} | {"active": problem.active.numpy()}
         self._newton = newton
         self._tolerance = newton.tolerance
         self.handed: BoolArray | None = None  # which crept and were given up; None where that is not asked for
         self._launch: Any = None
+        self._loop: tuple[Any, Any] | None = None  # what is called, and launches that repeat it and what follows
+        self._passed: tuple[Any, ...] | None = None  # options of these launches
         self._first_values: Any = None
         self._shape = newton.shape
         # compiled while the problem's own kernels are
-        expect(lambda: make_path(*self._shape), device)
+        self._on_cpu = wp.get_device(device).is_cpu
+        expect(self._make, device)
+
+    def _make(self) -> Any:
+        return make_path(*self._shape, repeats=self._on_cpu)
 
     @classmethod
     def of(cls, problem: BoundaryProblem, newton: Newton, max_steps: int) -> "Paths":
@@ -155,7 +166,7 @@ class Paths:
         problem.write("unknowns", np.where(chosen[:, None], unknowns, problem.read("unknowns")))
         with problem.at_load(np.where(chosen, 0.0, 1.0)):
             self._set_out(chosen, known=0)
-            return self._follow()
+            return self._follow(integrated=problem.integrate_alike())
 
     def _get(self, name: str) -> Any:
         """A copy of a number of every instance."""
@@ -168,7 +179,7 @@ class Paths:
         else:
             target = self.problem.active if name == "active" else getattr(self.state, name)
             kind = np.float64 if target.dtype == wp.float64 else np.int32
-            given = np.broadcast_to(np.asarray(values, dtype=kind), self.problem.instance_count)
+            given = np.broadcast_to(np.asarray(values, dtype=kind), target.shape)
             target.assign(np.ascontiguousarray(given))
 
     def change_inputs(
@@ -217,14 +228,31 @@ class Paths:
         self._set("active", chosen)
         self._set("status", np.where(chosen, Status.NOT_RUN, Status.CONVERGED))
         for name in ("iterations", "integrations", "steps", "halved", "surprised", "levels"):
-            getattr(state, name).zero_()
-        state.known.fill_(known)
+            self._set(name, 0)
+        self._set("known", known)
         state.departing = int(known > 0)
 
-    def _follow(self) -> Outcome:
+    def _follow(self, *, integrated: bool = False) -> Outcome:
+        """To the ends of all paths; ``integrated`` where that has been done at their beginnings."""
+        problem, state = self.problem, self.state
+        calls = self._newton.calls()
+        if calls is not None:
+            self._repeat(calls)
+        else:
+            self._launch_all(integrated)
+        counts: dict[str, Any] = {name: self._get(name) for name in ("status", "iterations", "integrations")}
+        self._doubt_ends(counts["status"], counts["integrations"])
+        if len(problem.kinks) and (failed := failures(counts["status"])).any():
+            # lines that cannot all be as short as they are to be
+            last = np.abs(state.points.numpy()[:, 0, problem.kinks]).max(axis=1)
+            counts["status"][failed & (last > RUNAWAY * problem.curvature_scale())] = Status.LINE_LIMIT
+        return Outcome(**counts, reached=self._get("levels")[:, 0].copy())
+
+    def _launch_all(self, integrated: bool) -> None:
+        """Integrations and launches until no instance is on its way."""
         problem, state = self.problem, self.state
         if self._launch is None:
-            self._launch = record(lambda: make_path(*self._shape), problem.instance_count, [state], problem.device)
+            self._launch = record(self._make, problem.instance_count, [state, Calls(), 0], problem.device)
         else:
             self._launch.set_param_at_index(0, state)
             self._launch.set_dim(problem.instance_count)
@@ -239,7 +267,9 @@ class Paths:
                 self._remaining[0] = 0
             else:
                 state.remaining.zero_()
-            problem.integrate()
+            if not integrated:
+                problem.integrate()
+            integrated = False
             self._eliminate()
             if dim != problem.listed:
                 dim = problem.listed
@@ -248,18 +278,41 @@ class Paths:
             remaining = int(self._remaining[0] if self._remaining is not None else state.remaining.numpy()[0])
             if self.handed is not None:
                 if rounds == 0:
-                    unloaded = self._amplification()
+                    unloaded = self._newton.gamma()
                 rounds += 1
                 if remaining and rounds % ROUNDS == 0:
                     remaining -= self._give_up(unloaded)
             leave(problem, remaining)
-        counts: dict[str, Any] = {name: self._get(name) for name in ("status", "iterations", "integrations")}
-        self._doubt_ends(counts["status"], counts["integrations"])
-        if len(problem.kinks) and (failed := failures(counts["status"])).any():
-            # lines that cannot all be as short as they are to be
-            last = np.abs(state.points.numpy()[:, 0, problem.kinks]).max(axis=1)
-            counts["status"][failed & (last > RUNAWAY * problem.curvature_scale())] = Status.LINE_LIMIT
-        return Outcome(**counts, reached=self._get("levels")[:, 0].copy())
+
+    def _repeat(self, calls: Any) -> None:
+        """The same for few instances: a kernel repeats both, ``ROUNDS`` times in two launches."""
+        state = self.state
+        if self._loop is None or self._loop[0] is not calls:
+            self._loop = calls, tuple(record(self._make, 1, [state, calls, n], self.problem.device) for n in (1, ROUNDS - 1))
+            self._passed = None
+        first, others = self._loop[1]
+        options = (state.by_inputs, state.dip, state.growth, state.max_steps)
+        if state.by_inputs or options != self._passed:
+            first.set_param_at_index(0, state)
+            departing, state.departing = state.departing, 0
+            others.set_param_at_index(0, state)
+            state.departing = departing
+            self._passed = options
+        unloaded, remaining = None, 1
+        while remaining:
+            for launch in (first, others):
+                if remaining:
+                    self.problem.heed_stop()
+                    launch.launch()
+                    assert self._remaining is not None  # as calls are there on the CPU alone
+                    remaining = int(self._remaining[0])
+                if state.departing:
+                    state.departing = 0
+                    first.set_param_at_index(0, state)
+                if self.handed is not None and unloaded is None:
+                    unloaded = self._newton.gamma()
+            if remaining and unloaded is not None:
+                remaining -= self._give_up(unloaded)
 
     def _eliminate(self) -> None:
         """Have what the kernel asks of ``Gamma`` found, where the problem offers ``elimination``."""
@@ -272,15 +325,10 @@ class Paths:
         ]
         self._newton.eliminated.find(state.probed.numpy() == 1, others, RATIO_TESTS)
 
-    def _amplification(self) -> FloatArray:
-        """By how much a change of the unknowns is multiplied at most, about: Frobenius norm of ``Gamma``, (instance_count,)."""
-        with np.errstate(over="ignore"):
-            return np.asarray(np.linalg.norm(self._newton.gamma(), axis=1))
-
     def _give_up(self, unloaded: FloatArray) -> int:
-        """End those that creep towards where rounding ends them: whose steps are short, and whose ``Gamma``, of the norm
-        ``unloaded`` first, will amplify the rounding of the unknowns far beyond the tolerance, (3) and (4) of
-        ``docs/solvers.md``; how many there are.
+        """End those that creep towards where rounding ends them: whose steps are short, and whose ``Gamma``,
+        ``unloaded`` first, (instance_count, n^2), will amplify the rounding of the unknowns far beyond the tolerance, (3) and (4)
+        of ``docs/solvers.md``; how many there are.
 
         Every instance on its way has taken as many integrations as rounds, so that none depends on the others.
         """
@@ -291,9 +339,9 @@ class Paths:
             return 0
         unknowns = self.state.points.numpy()[:, 0]
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            size = np.linalg.norm(self.state.reference.numpy(), axis=(1, 2))
+            size = np.linalg.norm(self.state.reference.numpy(), axis=(1, 2))  # Frobenius: what multiplies a change, at most
             steps = np.fmin((1 - level) / step, -np.log(level) / np.log1p(step / level))
-            full = size * (size / unloaded) ** (1 / np.sqrt(level) - 1)
+            full = size * (size / np.linalg.norm(unloaded, axis=1)) ** (1 / np.sqrt(level) - 1)
             rounding = np.finfo(float).eps * full * np.abs(unknowns).max(axis=1)
         creeping = active & (level > 0) & (steps > CREEPING) & (rounding > ROUNDED_OFF * self._tolerance())
         self.handed |= creeping

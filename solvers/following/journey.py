@@ -279,8 +279,7 @@ class Journey:
             return rest, None, neutral
         lost, displacement = 0.0, landed.position - critical.position
         if status is Status.SNAPPED:
-            before = yield from self._judge(replace(beyond, unknowns=beyond.unknowns[: len(self.start)]))
-            lost = before.potential - there.potential
+            lost, displacement = yield from self._lost(critical, beyond, rest, neutral)
         elif first.any():
             moves = beyond.moved @ slope.change(first)
             still = np.linalg.norm(moves[-1]) < STILL * np.linalg.norm(moves, axis=1).max()
@@ -297,6 +296,16 @@ class Journey:
             neutral=neutral,
         )
         return rest, event, neutral
+
+    def _lost(self, critical: Point, beyond: Point, rest: Point, neutral: int) -> Run:
+        """The energy lost [J] and how the tip moved [m]: from the critical point to where the branch that was come to is at the
+        same load; where it does not lead back there, from beyond it."""
+        found, _ = yield from self._correct(rest.unknowns, critical.level, neutral)
+        if found is None or not _alike(found.gamma, rest.gamma, neutral):
+            found, critical = rest, replace(critical, level=beyond.level, unknowns=beyond.unknowns)
+        before = yield from self._judge(replace(critical, unknowns=critical.unknowns[: len(self.start)]))
+        after = yield from self._judge(found)
+        return before.potential - after.potential, found.position - critical.position
 
     def _kind(self, critical: Point, beyond: Point, landed: Point, first: FloatArray) -> Run:
         """(6) Whether a point that was come to is on a branch that leaves the critical point, or elsewhere; None where it is on

@@ -20,6 +20,8 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from multirod.solvers.newton.linear_algebra_kernels import add_row, copy_row, fill_row, subtract_row, swap_rows
+
 f64 = wp.float64
 
 
@@ -33,6 +35,27 @@ class Arrow:
     front: wp.array3d[wp.float64]  # (instance, block and border, width): what is being eliminated
 
 
+@wp.func_native(
+    "const double* a = &wp::index(matrix, t, i, at); double size = 0;"
+    " for (int j = 0; j < count; j++) { double s = a[j] < 0 ? -a[j] : a[j]; size = s > size ? s : size; } return size;"
+)
+def largest(matrix: wp.array3d[wp.float64], t: int, i: int, at: int, count: int) -> wp.float64:
+    """Largest magnitude of ``count`` numbers of a row."""
+
+
+@wp.func_native("double* a = &wp::index(matrix, t, i, 0); for (int j = 0; j < count; j++) a[j] /= by;")
+def divide_row(matrix: wp.array3d[wp.float64], t: int, i: int, count: int, by: wp.float64):
+    """The first ``count`` numbers of a row."""
+
+
+@wp.func_native(
+    "double* a = &wp::index(pivots, t, block, i, 0); const double* b = &wp::index(front, t, i, 0);"
+    " for (int j = 0; j < count; j++) a[j] = b[j];"
+)
+def keep_pivots(pivots: wp.array4d[wp.float64], front: wp.array3d[wp.float64], t: int, block: int, i: int, count: int):
+    """A row that pivots were chosen from."""
+
+
 def front_width(block: int, border: int, sides: int) -> int:
     """Columns of a front: a block's, the border's, T, and the right-hand sides."""
     return block + 2 * border + sides
@@ -44,7 +67,6 @@ def make_bordered(block: int, border: int, sides: int):
     WIDTH = front_width(block, border, sides)
     T_AT = block + border
     SIDE_AT = block + 2 * border
-    Rest = wp.types.matrix(shape=(border, sides), dtype=f64)
 
     @wp.func(inline=False)
     def eliminate(F: wp.array3d[wp.float64], t: int, first: int, columns: int, rows: int, size: f64):
@@ -56,17 +78,12 @@ def make_bordered(block: int, border: int, sides: int):
                 if wp.abs(F[t, i, k]) > wp.abs(F[t, p, k]):
                     p = i
             if p != c:
-                for j in range(k, wp.static(WIDTH)):
-                    swap = F[t, c, j]
-                    F[t, c, j] = F[t, p, j]
-                    F[t, p, j] = swap
+                swap_rows(F, t, c, p, k, wp.static(WIDTH))
             if wp.abs(F[t, c, k]) <= f64(1.0e-15) * size:
                 F[t, c, k] = f64(0.0) / f64(0.0)
             for i in range(c + 1, rows):
                 if F[t, i, k] != f64(0.0):
-                    m = F[t, i, k] / F[t, c, k]
-                    for j in range(k + 1, wp.static(WIDTH)):
-                        F[t, i, j] = F[t, i, j] - m * F[t, c, j]
+                    subtract_row(F, t, i, c, k + 1, wp.static(WIDTH), F[t, i, k] / F[t, c, k])
 
     @wp.func(inline=False)
     def solve(matrix: wp.array3d[wp.float64], values: wp.array3d[wp.float64], t: int, arrow: Arrow):
@@ -74,54 +91,44 @@ def make_bordered(block: int, border: int, sides: int):
         size = f64(0.0)
         F = arrow.front
         for i in range(wp.static(block + border)):
-            for j in range(wp.static(WIDTH)):
-                F[t, i, j] = f64(0.0)
+            fill_row(F, t, i, 0, wp.static(WIDTH), f64(0.0))
         for i in range(wp.static(border)):
             F[t, i, wp.static(T_AT) + i] = f64(1.0)
-            for j in range(wp.static(border)):
-                F[t, i, wp.static(block) + j] = matrix[t, last + i, last + j]
-                size = wp.max(size, wp.abs(matrix[t, last + i, last + j]))
-            for j in range(wp.static(sides)):
-                F[t, i, wp.static(SIDE_AT) + j] = values[t, last + i, j]
+            copy_row(F, matrix, t, i, wp.static(block), last + i, last, wp.static(border))
+            size = wp.max(size, largest(F, t, i, wp.static(block), wp.static(border)))
+            copy_row(F, values, t, i, wp.static(SIDE_AT), last + i, 0, wp.static(sides))
         for b in range(arrow.count):
             # the border's rows, now those of T and the border alone, go below the block's
             first = arrow.start[b]
             m = arrow.start[b + 1] - first
             for i in range(wp.static(border)):
                 r = wp.static(border) - 1 - i
-                for j in range(wp.static(block), wp.static(WIDTH)):
-                    F[t, m + r, j] = F[t, r, j]
+                copy_row(F, F, t, m + r, wp.static(block), r, wp.static(block), wp.static(WIDTH - block))
             for i in range(m):
-                for j in range(m):
-                    F[t, i, j] = matrix[t, first + i, first + j]
-                    size = wp.max(size, wp.abs(F[t, i, j]))
-                for j in range(wp.static(border)):
-                    F[t, i, wp.static(block) + j] = matrix[t, first + i, last + j]
-                    F[t, i, wp.static(T_AT) + j] = f64(0.0)
-                for j in range(wp.static(sides)):
-                    F[t, i, wp.static(SIDE_AT) + j] = values[t, first + i, j]
+                copy_row(F, matrix, t, i, 0, first + i, first, m)
+                size = wp.max(size, largest(F, t, i, 0, m))
+                copy_row(F, matrix, t, i, wp.static(block), first + i, last, wp.static(border))
+                fill_row(F, t, i, wp.static(T_AT), wp.static(border), f64(0.0))
+                copy_row(F, values, t, i, wp.static(SIDE_AT), first + i, 0, wp.static(sides))
             for i in range(wp.static(border)):
-                for j in range(m):
-                    total = f64(0.0)
-                    for k in range(wp.static(border)):
-                        total += F[t, m + i, wp.static(T_AT) + k] * matrix[t, last + k, first + j]
-                    F[t, m + i, j] = total
+                fill_row(F, t, m + i, 0, m, f64(0.0))
+                for k in range(wp.static(border)):
+                    add_row(F, matrix, t, m + i, 0, last + k, first, m, F[t, m + i, wp.static(T_AT) + k])
             eliminate(F, t, 0, m, m + wp.static(border), size)
             for i in range(m):
-                for j in range(wp.static(WIDTH)):
-                    arrow.pivots[t, b, i, j] = F[t, i, j]
+                keep_pivots(arrow.pivots, F, t, b, i, wp.static(WIDTH))
             for i in range(wp.static(border)):
-                for j in range(wp.static(block), wp.static(WIDTH)):
-                    F[t, i, j] = F[t, m + i, j]
+                copy_row(F, F, t, i, wp.static(block), m + i, wp.static(block), wp.static(WIDTH - block))
         eliminate(F, t, wp.static(block), wp.static(border), wp.static(border), size)
         for i in range(wp.static(border)):
             r = wp.static(border) - 1 - i
-            for j in range(wp.static(sides)):
-                total = F[t, r, wp.static(SIDE_AT) + j]
-                for k in range(r + 1, wp.static(border)):
-                    total -= F[t, r, wp.static(block) + k] * values[t, last + k, j]
-                values[t, last + r, j] = total / F[t, r, wp.static(block) + r]
-        rest = Rest()  # what the blocks already solved contribute to the border's rows
+            copy_row(values, F, t, last + r, 0, r, wp.static(SIDE_AT), wp.static(sides))
+            for k in range(r + 1, wp.static(border)):
+                subtract_row(values, t, last + r, last + k, 0, wp.static(sides), F[t, r, wp.static(block) + k])
+            divide_row(values, t, last + r, wp.static(sides), F[t, r, wp.static(block) + r])
+        # what the blocks already solved contribute to the border's rows, in the place of what was eliminated
+        for k in range(wp.static(border)):
+            fill_row(F, t, k, 0, wp.static(sides), f64(0.0))
         for i in range(arrow.count):
             b = arrow.count - 1 - i
             first = arrow.start[b]
@@ -129,38 +136,40 @@ def make_bordered(block: int, border: int, sides: int):
             for c in range(m):
                 r = m - 1 - c
                 for j in range(wp.static(sides)):
-                    total = arrow.pivots[t, b, r, wp.static(SIDE_AT) + j]
-                    for k in range(r + 1, m):
-                        total -= arrow.pivots[t, b, r, k] * values[t, first + k, j]
-                    for k in range(wp.static(border)):
-                        total -= arrow.pivots[t, b, r, wp.static(block) + k] * values[t, last + k, j]
-                        total -= arrow.pivots[t, b, r, wp.static(T_AT) + k] * rest[k, j]
-                    values[t, first + r, j] = total / arrow.pivots[t, b, r, r]
+                    values[t, first + r, j] = arrow.pivots[t, b, r, wp.static(SIDE_AT) + j]
+                for k in range(r + 1, m):
+                    subtract_row(values, t, first + r, first + k, 0, wp.static(sides), arrow.pivots[t, b, r, k])
+                for k in range(wp.static(border)):
+                    pivot = arrow.pivots[t, b, r, wp.static(block) + k]
+                    subtract_row(values, t, first + r, last + k, 0, wp.static(sides), pivot)
+                    add_row(values, F, t, first + r, 0, k, 0, wp.static(sides), -arrow.pivots[t, b, r, wp.static(T_AT) + k])
+                divide_row(values, t, first + r, wp.static(sides), arrow.pivots[t, b, r, r])
             for k in range(wp.static(border)):
-                for j in range(wp.static(sides)):
-                    total = f64(0.0)
-                    for c in range(m):
-                        total += matrix[t, last + k, first + c] * values[t, first + c, j]
-                    rest[k, j] = rest[k, j] + total
+                for c in range(m):
+                    add_row(F, values, t, k, 0, first + c, 0, wp.static(sides), matrix[t, last + k, first + c])
 
     @wp.func(inline=False)
     def multiply(
-        matrix: wp.array3d[wp.float64], values: wp.array3d[wp.float64], t: int, row: int, side: int, arrow: Arrow
-    ) -> f64:
-        """One number of the product of the matrix with solutions."""
+        matrix: wp.array3d[wp.float64],
+        values: wp.array3d[wp.float64],
+        product: wp.array3d[wp.float64],
+        t: int,
+        row: int,
+        arrow: Arrow,
+    ):
+        """Add a row of the product of the matrix with solutions to that row of ``product``."""
         last = arrow.start[arrow.count]
-        total = f64(0.0)
-        if row >= last:
-            for k in range(arrow.start[arrow.count + 1]):
-                total += matrix[t, row, k] * values[t, k, side]
-            return total
-        b = int(0)
-        while arrow.start[b + 1] <= row:
-            b += 1
-        for k in range(arrow.start[b], arrow.start[b + 1]):
-            total += matrix[t, row, k] * values[t, k, side]
-        for k in range(wp.static(border)):
-            total += matrix[t, row, last + k] * values[t, last + k, side]
-        return total
+        first = int(0)
+        stop = last
+        if row < last:
+            b = int(0)
+            while arrow.start[b + 1] <= row:
+                b += 1
+            first = arrow.start[b]
+            stop = arrow.start[b + 1]
+        for k in range(first, stop):
+            add_row(product, values, t, row, 0, k, 0, wp.static(sides), matrix[t, row, k])
+        for k in range(last, last + wp.static(border)):
+            add_row(product, values, t, row, 0, k, 0, wp.static(sides), matrix[t, row, k])
 
     return SimpleNamespace(solve=solve, multiply=multiply)

@@ -7,11 +7,12 @@ import numpy as np
 import warp as wp
 
 from multirod.launch import expect, record
-from multirod.problem import DOUBLE_ROUNDING, BoundaryProblem
+from multirod.problem import DOUBLE_ROUNDING, FEW, BoundaryProblem
+from multirod.repeated_kernels import Calls, callable_from_kernels
 from multirod.solver import Outcome
 from multirod.solvers.newton.bordered_kernels import front_width
 from multirod.solvers.newton.eliminated import Eliminated
-from multirod.solvers.newton.newton_kernels import CHANGE_POWERS, LARGE_CHANGE, PROBES, NewtonState, make_newton
+from multirod.solvers.newton.newton_kernels import CHANGE_POWERS, LARGE_CHANGE, PROBES, NewtonState, Sample, make_newton
 from multirod.status import IntArray, Status
 from multirod.validation import FloatArray
 
@@ -22,6 +23,7 @@ _UNBEGUN = np.array([[-1.0], [0.0], [0.0]])  # measures where an iteration has n
 
 LARGEST_NOISE = 1e-4  # in steps of Newton's method, relative: a longer one says how the iteration contracts
 UNLIMITED = 2**31 - 1
+ROUNDS = 64  # integrations in one launch, of few instances: who stops a batch waits no longer than that
 SLOW = 0.1  # contraction of a sample's Newton steps, from which what has several equilibria unloaded may have left its branch
 FEWER = 0.7  # of the instances that launches pass over, below which those that have ended leave
 
@@ -73,6 +75,10 @@ class Newton:
             state.gamma, state.direction = problem.gamma, self._room(n, 1)
         state.reference = wp.zeros(state.gamma.shape, dtype=wp.float64, device=device)
         self.shape = self._shape()
+        self._repeats = on_cpu and count <= FEW and self.eliminated is None
+        self._bound: tuple[Any, ...] | None = None  # launches that ``_calls`` calls
+        self._calls: Any = None
+        self._loop: Any = None
         self._dim = count
         self._first_values: Any = None
         state.remaining = wp.zeros(1, dtype=wp.int32, device=device)
@@ -83,7 +89,7 @@ class Newton:
         state.noise = min(1e-10 * state.rounding, LARGEST_NOISE)
         state.max_iterations = max_iterations
         state.line_search = int(line_search)
-        self._slow = SLOW if problem.may_jump else LARGE_CHANGE
+        self.slow = SLOW if problem.may_jump else LARGE_CHANGE
         self._remaining = state.remaining.numpy() if on_cpu else None
         self._starting = (self._counters.numpy(), self._measures.numpy(), problem.active.numpy()) if on_cpu else None
         self._counts = list(self._counters.numpy()) if on_cpu else None
@@ -142,12 +148,33 @@ class Newton:
 
     def expect(self) -> None:
         """Have what ``run`` launches compiled in the background, while something else is done first."""
-        expect(lambda: make_newton(*self.shape), self.problem.device)
+        expect(self._make, self.problem.device)
+
+    def _make(self) -> Any:
+        return make_newton(*self.shape, repeats=self._on_cpu)
 
     @cached_property
     def _launch(self) -> Any:
         problem = self.problem
-        return record(lambda: make_newton(*self.shape), problem.instance_count, [self.state], problem.device)
+        return record(self._make, problem.instance_count, [self.state, Calls(), 0, Sample()], problem.device)
+
+    def calls(self) -> Any:
+        """What a kernel calls for an integration, of few instances on the CPU: ``repeated_kernels.Calls``; None where it cannot.
+
+        The same object as long as the launches are the same.
+        """
+        if not self._repeats:
+            return None
+        launches = self.problem.launches
+        if launches is not self._bound:
+            self._bound, self._calls = launches, callable_from_kernels(launches)
+        return self._calls
+
+    def repeating(self, calls: Any, sample: Any = None) -> Any:
+        """A launch that repeats integration and iteration, ``ROUNDS`` times at most; of a motion's next ``sample`` where there is
+        one."""
+        arguments = [self.state, calls, ROUNDS, Sample() if sample is None else sample]
+        return record(self._make, 1, arguments, self.problem.device)
 
     def of(self, problem: BoundaryProblem, instances: IntArray) -> "Newton":
         """The same on another problem, whose instances are these, (k,), of this one."""
@@ -178,12 +205,16 @@ class Newton:
         if self._counts is None or self._doubts is None:
             return True
         change, contraction = self._doubts
-        return bool((self._counts[0] != _CONVERGED).any() or change.max() > LARGE_CHANGE or contraction.max() > self._slow)
+        return bool((self._counts[0] != _CONVERGED).any() or change.max() > LARGE_CHANGE or contraction.max() > self.slow)
+
+    def slowed(self) -> Any:
+        """Whether an instance of the last run contracted too slowly to be sure of its branch; bool, shape (instance_count,)."""
+        return (self._doubts[1] if self._doubts else self.state.contraction.numpy()) > self.slow
 
     def strayed(self) -> Any:
         """Whether a converged instance may be on another branch than its reference; bool, shape (instance_count,)."""
         change, contraction = self._doubts or (self.state.change.numpy(), self.state.contraction.numpy())
-        return (change > LARGE_CHANGE) | (contraction > self._slow)
+        return (change > LARGE_CHANGE) | (contraction > self.slow)
 
     def wandered(self) -> Any:
         """Whether an instance of the last run contracted too slowly to be near where it started; bool, shape
@@ -227,14 +258,33 @@ class Newton:
     def run(self, chosen: Any = None) -> None:
         """Iterate the chosen instances (bool, (instance_count,); all by default) from ``problem.unknowns`` to their ends."""
         self.start(chosen)
-        while self.iterate():
-            pass
+        self.go_on()
+
+    def everyone(self) -> None:
+        """Have launches pass over all instances, and an end made here where one was asked for."""
+        leave(self.problem, 0)
+        self.problem.heed_stop()
+
+    def go_on(self) -> None:
+        """Iterate until no instance is active."""
+        calls = self.calls()
+        if calls is None or self._remaining is None:
+            while self.iterate():
+                pass
+            return
+        if self._loop is None or self._loop[0] is not calls:
+            self._loop = calls, self.repeating(calls)
+        while self._remaining[0]:
+            self.problem.heed_stop()
+            self._loop[1].launch()
 
     def start(self, chosen: Any = None) -> None:
         """Begin with the chosen instances (bool, (instance_count,); all by default) at ``problem.unknowns``."""
         leave(self.problem, 0)
         if self._starting is not None:
             counters, measures, active = self._starting
+            if self._remaining is not None:
+                self._remaining[0] = 1
             counters[:] = 0
             measures[:] = _UNBEGUN
             active[:] = 1 if chosen is None else chosen
@@ -264,6 +314,4 @@ class Newton:
 
     def outcome(self) -> Outcome:
         """Copies of the counts and statuses."""
-        state = self.state
-        counts = self._counts or [state.status.numpy(), state.iterations.numpy(), state.integrations.numpy()]
-        return Outcome(*(count.copy() for count in counts))
+        return Outcome(*(np.array(self._counters.numpy()) if self._starting is None else self._starting[0].copy()))

@@ -7,6 +7,49 @@ from types import SimpleNamespace
 import warp as wp
 
 f64 = wp.float64
+ONE_BY_ONE = '_Pragma("clang loop interleave_count(1)") '  # vectors, not several of them at once: rows are short
+ROWS = "double* __restrict a = &wp::index(matrix, t, i, 0); double* __restrict b = &wp::index(matrix, t, k, 0); "
+
+
+# of rows whose numbers stand side by side: Warp's own loops find the place of each anew, and add one at a time
+@wp.func_native(ROWS + ONE_BY_ONE + "for (int j = first; j < last; j++) a[j] -= m * b[j];")
+def subtract_row(matrix: wp.array3d[wp.float64], t: int, i: int, k: int, first: int, last: int, m: wp.float64):
+    """``m`` times row k from row i, columns ``first`` to ``last``."""
+
+
+@wp.func_native(ROWS + "for (int j = first; j < last; j++) { double s = a[j]; a[j] = b[j]; b[j] = s; }")
+def swap_rows(matrix: wp.array3d[wp.float64], t: int, i: int, k: int, first: int, last: int):
+    """Rows i and k, columns ``first`` to ``last``."""
+
+
+OTHER_ROWS = "double* __restrict a = &wp::index(matrix, t, i, at); const double* __restrict b = &wp::index(other, t, k, start); "
+
+
+@wp.func_native(OTHER_ROWS + ONE_BY_ONE + "for (int j = 0; j < count; j++) a[j] += m * b[j];")
+def add_row(
+    matrix: wp.array3d[wp.float64],
+    other: wp.array3d[wp.float64],
+    t: int,
+    i: int,
+    at: int,
+    k: int,
+    start: int,
+    count: int,
+    m: wp.float64,
+):
+    """To ``count`` numbers of row i, from column ``at`` on, ``m`` times those of row k of another, from ``start`` on."""
+
+
+@wp.func_native(OTHER_ROWS + "for (int j = 0; j < count; j++) a[j] = b[j];")
+def copy_row(
+    matrix: wp.array3d[wp.float64], other: wp.array3d[wp.float64], t: int, i: int, at: int, k: int, start: int, count: int
+):
+    """The same, in their place."""
+
+
+@wp.func_native("double* a = &wp::index(matrix, t, i, at); for (int j = 0; j < count; j++) a[j] = value;")
+def fill_row(matrix: wp.array3d[wp.float64], t: int, i: int, at: int, count: int, value: wp.float64):
+    """One value in the place of ``count`` numbers."""
 
 
 @wp.func(inline=False)
@@ -28,31 +71,22 @@ def eliminate(matrix: wp.array3d[wp.float64], values: wp.array3d[wp.float64], t:
                 p = i
         if p != k:
             sign = -sign
-            for j in range(k, n):
-                swap = matrix[t, k, j]
-                matrix[t, k, j] = matrix[t, p, j]
-                matrix[t, p, j] = swap
-            for j in range(sides):
-                swap = values[t, k, j]
-                values[t, k, j] = values[t, p, j]
-                values[t, p, j] = swap
+            swap_rows(matrix, t, k, p, k, n)
+            swap_rows(values, t, k, p, 0, sides)
         if wp.abs(matrix[t, k, k]) <= f64(1.0e-15) * size:
             matrix[t, k, k] = f64(0.0) / f64(0.0)
         sign = sign * wp.sign(matrix[t, k, k])
         for i in range(k + 1, n):
             m = matrix[t, i, k] / matrix[t, k, k]
             if m != f64(0.0):
-                for j in range(k + 1, n):
-                    matrix[t, i, j] = matrix[t, i, j] - m * matrix[t, k, j]
-                for j in range(sides):
-                    values[t, i, j] = values[t, i, j] - m * values[t, k, j]
+                subtract_row(matrix, t, i, k, k + 1, n, m)
+                subtract_row(values, t, i, k, 0, sides, m)
     for r in range(n):
         i = n - 1 - r
+        for k in range(i + 1, n):
+            subtract_row(values, t, i, k, 0, sides, matrix[t, i, k])
         for j in range(sides):
-            total = values[t, i, j]
-            for k in range(i + 1, n):
-                total -= matrix[t, i, k] * values[t, k, j]
-            values[t, i, j] = total / matrix[t, i, i]
+            values[t, i, j] = values[t, i, j] / matrix[t, i, i]
     return sign
 
 

@@ -6,8 +6,9 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from multirod.repeated_kernels import Calls, launch_all
 from multirod.solvers.newton.bordered_kernels import Arrow, make_bordered
-from multirod.solvers.newton.linear_algebra_kernels import eliminate
+from multirod.solvers.newton.linear_algebra_kernels import add_row, copy_row, eliminate, fill_row
 from multirod.status import Fault, Status
 
 
@@ -118,16 +119,14 @@ def make_dense() -> SimpleNamespace:
         power = f64(1.0)
         while bound > enough and power < most:
             for i in range(n):
-                for j in range(n):
-                    state.factor[t, i, j] = state.quotient[t, i, j]
+                copy_row(state.factor, state.quotient, t, i, 0, i, 0, n)
             total = f64(0.0)
             for i in range(n):
+                fill_row(state.quotient, t, i, 0, n, f64(0.0))
+                for k in range(n):
+                    add_row(state.quotient, state.factor, t, i, 0, k, 0, n, state.factor[t, i, k])
                 for j in range(n):
-                    product = f64(0.0)
-                    for k in range(n):
-                        product += state.factor[t, i, k] * state.factor[t, k, j]
-                    state.quotient[t, i, j] = product
-                    total += product * product
+                    total += state.quotient[t, i, j] * state.quotient[t, i, j]
             power *= f64(2.0)
             bound = wp.min(bound, wp.pow(total, f64(0.5) / power))
         return wp.where(wp.isfinite(bound), bound, f64(wp.static(UNLIKE)))
@@ -173,15 +172,15 @@ def make_arrow(block: int, border: int) -> SimpleNamespace:
         power = f64(0.0)
         while bound > enough and power < most:
             for i in range(n):
-                for k in range(wp.static(PROBES)):
-                    state.probes[t, i, k] = state.probed[t, i, k]
+                copy_row(state.probes, state.probed, t, i, 0, i, 0, wp.static(PROBES))
             solve_several(reference, state.probes, t, state.arrow)
             total = f64(0.0)
             for i in range(n):
                 for k in range(wp.static(PROBES)):
-                    lack = multiply(state.gamma, state.probes, t, i, k, state.arrow) - centre * state.probed[t, i, k]
-                    state.probed[t, i, k] = lack
-                    total += lack * lack
+                    state.probed[t, i, k] = -centre * state.probed[t, i, k]
+                multiply(state.gamma, state.probes, state.probed, t, i, state.arrow)
+                for k in range(wp.static(PROBES)):
+                    total += state.probed[t, i, k] * state.probed[t, i, k]
             power += f64(1.0)
             bound = wp.min(bound, wp.pow(total / f64(wp.static(PROBES)), f64(0.5) / power))
         return wp.where(wp.isfinite(bound), bound, f64(wp.static(UNLIKE)))
@@ -293,16 +292,83 @@ def make_iteration(block: int = 0, border: int = 0, told: bool = False) -> Simpl
     return SimpleNamespace(iterate=iterate, spectral_radius=spectral_radius, aim=aim)
 
 
+@wp.struct
+class Sample:
+    """What a motion keeps from sample to sample; the first axis is the instance."""
+
+    past: wp.array3d[wp.float64]  # (instance, 3, n): unknowns of the last good samples, the latest first
+    points: wp.array[int]  # (1,): how many of them there are; no element where there is no motion
+    order: int  # of their extrapolation in time
+    inputs: wp.array2d[wp.float64]
+    last_inputs: wp.array2d[wp.float64]  # of the last good sample
+    turned: wp.vec2i  # which of them are angles that may turn rods too far, from and to
+    most_turn: wp.float64
+    slow: wp.float64  # contraction from which on a branch may have been left
+    most_integrations: int
+    good: wp.array[int]  # (1,): whether the sample needs no other look, and is the last good one now
+
+
+@wp.func(inline=False)
+def foresee(state: wp.ref[NewtonState], sample: wp.ref[Sample], t: int):
+    """Unknowns by extrapolation of the last samples, where the iteration begins."""
+    points = sample.points[0]
+    for i in range(state.unknowns.shape[1]):
+        x = sample.past[t, 0, i]
+        if points == 2:
+            x = f64(2.0) * x - sample.past[t, 1, i]
+        elif points > 2:
+            # rounded as NumPy does, which adds what was multiplied by three
+            move = x - sample.past[t, 1, i]
+            tripled = move + f64(2.0) * move
+            x = tripled + sample.past[t, 2, i]
+        state.unknowns[t, i] = x
+    state.allowed[t] = sample.most_integrations
+    state.active[t] = 1
+    state.status[t] = 0
+    state.integrations[t] = 0
+    begin(state, t)
+
+
+@wp.func(inline=False)
+def calm(state: wp.ref[NewtonState], sample: wp.ref[Sample], t: int) -> bool:
+    """Whether nothing says that the instance failed or may have left its branch."""
+    least = f64(wp.inf)
+    most = f64(-wp.inf)
+    for i in range(sample.turned[0], sample.turned[1]):
+        turn = sample.inputs[t, i] - sample.last_inputs[t, i]
+        least = wp.min(least, turn)
+        most = wp.max(most, turn)
+    converged = state.status[t] == wp.static(int(Status.CONVERGED)) and state.contraction[t] <= sample.slow
+    return converged and state.change[t] <= f64(wp.static(LARGE_CHANGE)) and not most - least > sample.most_turn
+
+
+@wp.func(inline=False)
+def keep_sample(state: wp.ref[NewtonState], sample: wp.ref[Sample], t: int):
+    """Make it the last good one."""
+    for i in range(state.unknowns.shape[1]):
+        sample.past[t, 2, i] = sample.past[t, 1, i]
+        sample.past[t, 1, i] = sample.past[t, 0, i]
+        sample.past[t, 0, i] = state.unknowns[t, i]
+    for i in range(sample.inputs.shape[1]):
+        sample.last_inputs[t, i] = sample.inputs[t, i]
+    for i in range(state.reference.shape[1]):
+        for j in range(state.reference.shape[2]):
+            state.reference[t, i, j] = state.gamma[t, i, j]
+    state.has_reference[t] = 1
+
+
 @cache
-def make_newton(block: int = 0, border: int = 0, told: bool = False):
-    """Kernel that takes each active instance from an integration to its next trial, or to its end."""
+def make_newton(block: int = 0, border: int = 0, told: bool = False, repeats: bool = False):
+    """Kernel that takes each active instance from an integration to its next trial, or to its end.
+
+    Where it ``repeats``, one thread may do all: with ``rounds``, it has what is to be launched in between launched so many times
+    at most, until no instance is active. With a ``sample`` it begins where a motion's next is foreseen, and ends as the last one.
+    """
     iterate = make_iteration(block, border, told).iterate
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
-    def newton(state: NewtonState):
-        t = state.order[wp.tid()]
-        if state.active[t] == 0:
-            return
+    @wp.func(inline=False)
+    def advance(state: wp.ref[NewtonState], t: int):
+        """One instance, after its integration."""
         state.integrations[t] = state.integrations[t] + 1
         status = iterate(state, t, state.line_search, f64(1.0e300))
         if status == wp.static(int(Status.NOT_RUN)) and state.integrations[t] >= state.allowed[t]:
@@ -312,5 +378,38 @@ def make_newton(block: int = 0, border: int = 0, told: bool = False):
             state.active[t] = 0
         else:
             wp.atomic_add(state.remaining, 0, 1)
+
+    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+    def newton(state: NewtonState, calls: Calls, rounds: int, sample: Sample):
+        if rounds == 0:
+            t = state.order[wp.tid()]
+            if state.active[t] != 0:
+                advance(state, t)
+            return
+        if wp.static(repeats):
+            count = state.status.shape[0]
+            followed = sample.points.shape[0] > 0
+            if followed:
+                for t in range(count):
+                    foresee(state, sample, t)
+            left = int(1)
+            done = int(0)
+            while left > 0 and done < rounds:
+                state.remaining[0] = 0
+                launch_all(calls)
+                for t in range(count):
+                    if state.active[t] != 0:
+                        advance(state, t)
+                left = state.remaining[0]
+                done += 1
+            if followed:
+                good = left == 0
+                for t in range(count):
+                    good = good and calm(state, sample, t)
+                sample.good[0] = wp.where(good, 1, 0)
+                if good:
+                    for t in range(count):
+                        keep_sample(state, sample, t)
+                    sample.points[0] = wp.min(sample.points[0] + 1, sample.order + 1)
 
     return newton

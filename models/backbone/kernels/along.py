@@ -22,7 +22,7 @@ def make_given_places(grid: SimpleNamespace) -> SimpleNamespace:
         """Where an output node is; past the last there are none."""
         if output < call.node_count:
             return call.node_arclength[case.index, output]
-        return f64(2.0) * case.length
+        return f64(wp.inf)
 
     @wp.func(inline=False)
     def find_end_or_place(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], p: int):
@@ -87,7 +87,7 @@ def make_along(layout: Layout, memory: Memory, rates: SimpleNamespace, parts: Si
     ):
         """A lane at the end of its stretch."""
         output = int(call.lane[p, OUTPUT]) + 1
-        if call.node_count > 0 and call.lane[p, END] >= output_arclength(rods, call, case, output):
+        if output < call.node_count and call.lane[p, END] >= output_arclength(rods, call, case, output):
             write_columns(call, case, memory, o, l, job, output)
         at_end(rods, call, case, memory, o, l, p, job)
 

@@ -280,14 +280,14 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
 
     @wp.func
     def output_arclength(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], output: int) -> f64:
-        """Where an output node is: they are spaced evenly along one rod or all; past its end there are none."""
+        """Where an output node is: they are spaced evenly along one rod or all; past its end there are none, whatever it is."""
         s = case.length
         if call.node_rod < wp.static(n):
             s = rod_end(rods, call, case, call.node_rod)
         if output < call.node_count - 1:
             s *= f64(output) / f64(call.node_count - 1)
         if output > call.node_count - 1:
-            s = f64(2.0) * case.length
+            s = f64(wp.inf)
         return s
 
     @wp.func(inline=False)
@@ -644,8 +644,10 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         if wp.static(MEMBERS):
             # what another lane found is none of this one's: results would depend on how columns are shared out
             set_number(memory, z + wp.static(z_at("unanswered")), l, f64(0.0))
-            for j in range(wp.static(z_at("known")), wp.static(z_at("strains_before") + layout.STRAINS)):
-                set_number(memory, z + j, l, f64(0.0))
+            for j in range(wp.static(layout.LAST_STRAINS)):
+                set_number(memory, z + wp.static(z_at("strains")) + j, l, f64(0.0))
+            for j in range(wp.static(layout.STRAINS)):
+                set_number(memory, z + wp.static(z_at("last_system")) + j * wp.static(layout.STRAINS + 1), l, f64(1.0))
         if wp.static(DIRECTIONS):
             load_directions(rods, call, case, memory, o, l, p, first, count)
 

@@ -148,7 +148,8 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
         controlled = f64(1.0)
         if steps > f64(0.0):
             share = steps / multiple * (length / over)
-            left = wp.max(f64(1.0), wp.ceil(share - f64(1.0e-9))) * multiple
+            if share < f64(wp.inf):  # else it is of an iterate that is not finite, and ends at once
+                left = wp.max(f64(1.0), wp.ceil(share - f64(1.0e-9))) * multiple
             controlled = f64(0.0)
             set_number(memory, o + wp.static(SIZE), l, length / left / case.unit)
         set_number(memory, o + wp.static(LEFT), l, left)
@@ -162,11 +163,12 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
         start = call.lane[p, START]
         end = call.lane[p, END]
         if wp.static(NODES):
-            output = int(call.lane[p, OUTPUT])
-            if end >= output_arclength(rods, call, case, output + 1):
+            output = int(call.lane[p, OUTPUT]) + 1
+            # an iterate may have a length that is none, and so be past all nodes
+            if output < call.node_count and end >= output_arclength(rods, call, case, output):
                 y = state_in(case, memory, o, l)
-                write_node(rods, call, case, memory, o, l, y, output + 1, start, end)
-                call.lane[p, OUTPUT] = f64(output + 1)
+                write_node(rods, call, case, memory, o, l, y, output, start, end)
+                call.lane[p, OUTPUT] = f64(output)
         if wp.static(NODE_COLUMNS):
             if call.node_count > 0:
                 passed = int(call.lane[p, PASSED])
@@ -349,7 +351,7 @@ def make_carry(parts: SimpleNamespace, features: Features, jobs: SimpleNamespace
                     s = call.lane[p, START]
                     if call.lane[p, FAULT] == f64(0.0):
                         at_end(rods, call, case, memory, o, l, p, job)
-                    if call.lane[p, START] >= call.lane[p, STOP] or call.lane[p, FAULT] != f64(0.0):
+                    if not (call.lane[p, START] < call.lane[p, STOP]) or call.lane[p, FAULT] != f64(0.0):
                         finish(rods, call, jobs, case, memory, o, l, p, job, s)
                         job = -1
                 if job >= 0:

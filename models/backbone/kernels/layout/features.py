@@ -113,10 +113,10 @@ class Features:
         """Whether the rods together carry a moment: several unloaded ones carry none, equation (8b).
 
         Where they are rigid in torsion too, nothing would be left to solve for: then the moment is kept. So it is for columns at
-        nodes, which say how any moment would bend the rods.
+        nodes, which say how any moment would bend the rods, and where friction asks how it changes.
         """
         alone = self.rod_count == 1 and not self.eccentric
-        return alone or self.loaded or not self.torsion or self.node_columns
+        return alone or self.loaded or not self.torsion or self.node_columns or self.friction
 
     @property
     def torque_count(self) -> int:

@@ -174,6 +174,14 @@ class Layout:
             ]
         )
         several = self.TUBES
+        last_strains = [
+            Slot("strains", self.STRAINS * alone),
+            Slot("free_strains", self.STRAINS * alone),
+            Slot("last_system", self.STRAINS**2 * alone),
+            Slot("place", 1 * alone),
+            Slot("drift", self.STRAINS * alone),
+        ]
+        self.LAST_STRAINS = sum(slot.size for slot in last_strains)
         self.stretch = Record(
             [
                 Slot("present", n * several),  # 1 if the rod reaches this far, else 0
@@ -202,12 +210,9 @@ class Layout:
                 *self.member_slots,
                 Slot("functions", self.FUNCTIONS * self.FUNCTION_TERMS),  # of members, the constant terms first
                 Slot("unanswered", 1 * bool(f.members)),  # 1 where members left no strains for what the rod carried
-                # how many strains are known, 2 at most: the last ones and where they are, and those before
-                Slot("known", 1 * alone),
-                Slot("place", 1 * alone),
-                Slot("strains", self.STRAINS * alone),
-                Slot("place_before", 1 * alone),
-                Slot("strains_before", self.STRAINS * alone),
+                # (L20) the last strains on the stretch, what they would be without members, and their matrix, factored; where
+                # they are, and what the last way to them left out
+                *last_strains,
                 Slot("unit_moment", 1, "moment"),  # what counts as one in the errors of a step
                 Slot("unit_force", 1, "force"),
                 Slot("unit_length", 1, "length"),
@@ -248,9 +253,12 @@ class Layout:
                 Slot("pulls", self.STRAINS * self.DRIVES * self.PULLED),  # dw/d(u, e) of each
                 Slot("drives", self.DRIVES * f.friction),
                 Slot("grips", self.DRIVES * f.friction),
-                Slot("strain_rates", self.STRAINS * f.friction),  # (u, e) by arclength, (L13)
-                Slot("rate_system", self.STRAINS**2 * f.friction),  # (L14), factored
+                Slot("strain_rates", self.SOLVED * f.friction),  # what is solved for by arclength, (L13), (L21)
+                # (L14), factored; of tubes inverted without twists, and nine numbers of each that carries members, (L22)
+                Slot("rate_system", (4 + 9 * carriers if carriers else self.STRAINS**2) * f.friction),
                 Slot("pull_rates", (self.STRAINS) * f.friction, "force"),  # M, N by arclength, in the frame
+                Slot("turn_rates", tube * f.friction, "1/length"),  # theta_i'
+                Slot("rate_moment", 3 * carriers * f.friction, "force"),  # of lines of a tube by arclength, along axes of tube 1
                 # by arclength: of g, then of w
                 Slot("slides", (self.STRAINS * (carriers or 1) + self.LENGTHS) * (self.ROUTED and f.directions)),
                 # (L16), (L18) of each of several rods that carries members: its strains in its own frame, and how much its twist

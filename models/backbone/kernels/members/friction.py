@@ -15,6 +15,39 @@ from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul,
 from multirod.models.backbone.kernels.numbers.vectors import vectors
 
 
+def make_grips(layout: Layout, W: int, d, members: SimpleNamespace):
+    """The function that puts to a place what is left there of the tensions of ``members``, the drives of which are numbered from
+    ``drive`` on, and what drives them."""
+    L = lanes(W, d)
+    row, put = L.row, L.put
+    memory_type = wp.array(dtype=d)
+    state = L.few(layout.state.size)
+    State, part = state.type, state.part
+    GRIPS_AT, DRIVES_AT, HELD_AT = layout.state["grips"], layout.place["drives"], layout.place["grips"]
+
+    def grips(law, count: int, step: int, numbers_of, functions_of, rest):
+        rubs = law.friction_at > 0
+
+        @wp.func
+        def grip(memory: memory_type, z: int, a: int, b: State, drive: int):
+            last = int(wp.static(count))
+            for k in range(last):
+                left = part(b, wp.static(GRIPS_AT) + drive + k)
+                put(memory, a + wp.static(HELD_AT) + drive + k, left)
+                put(memory, a + wp.static(DRIVES_AT) + drive + k, row(memory, numbers_of(z, k) + wp.static(step - 1)))
+                if wp.static(rubs):
+                    put(memory, functions_of(z, a, k) + 2, left)
+            rest(memory, z, a, b, drive + wp.static(count))
+
+        return grip
+
+    @wp.func
+    def no_grip(memory: memory_type, z: int, a: int, b: State, drive: int):
+        """After the last member."""
+
+    return members.chain(grips, no_grip, "pull", whole=True) if layout.FRICTION else no_grip
+
+
 def make_friction(
     layout: Layout, W: int, d, law: SimpleNamespace, members: SimpleNamespace, newton: SimpleNamespace
 ) -> SimpleNamespace:
@@ -35,24 +68,8 @@ def make_friction(
     chain, drive_variation = members.chain, members.drive_variation
     CURVED, precurvature_slope = layout.VARIED, law.precurvature_slope
     DRIVES, FRICTION, CURVATURE, UNIT_LENGTH = layout.DRIVES, layout.FRICTION, p["curvature"], layout.stretch["unit_length"]
-    GRIPS_AT, DRIVES_AT, HELD_AT = layout.state["grips"], p["drives"], p["grips"]
+    GRIPS_AT, HELD_AT = layout.state["grips"], p["grips"]
     STRAIN_RATES, RATE_SYSTEM, PULL_RATES = p["strain_rates"], p["rate_system"], p["pull_rates"]
-
-    def grips(law, count: int, step: int, numbers_of, functions_of, rest):
-        rubs = law.friction_at > 0
-
-        @wp.func
-        def grip(memory: memory_type, z: int, a: int, b: State, drive: int):
-            last = int(wp.static(count))
-            for k in range(last):
-                left = part(b, wp.static(GRIPS_AT) + drive + k)
-                put(memory, a + wp.static(HELD_AT) + drive + k, left)
-                put(memory, a + wp.static(DRIVES_AT) + drive + k, row(memory, numbers_of(z, k) + wp.static(step - 1)))
-                if wp.static(rubs):
-                    put(memory, functions_of(z, a, k) + 2, left)
-            rest(memory, z, a, b, drive + wp.static(count))
-
-        return grip
 
     def winds(law, count: int, step: int, numbers_of, functions_of, rest):
         function, rubs = law.wind, law.friction_at > 0
@@ -162,10 +179,6 @@ def make_friction(
         return turn
 
     @wp.func
-    def no_grip(memory: memory_type, z: int, a: int, b: State, drive: int):
-        """After the last member."""
-
-    @wp.func
     def no_wind(
         memory: memory_type,
         z: int,
@@ -220,9 +233,8 @@ def make_friction(
     ):
         """After the last member."""
 
-    put_grips, wind_all, vary_all, turn_all = no_grip, no_wind, no_variation, no_turn
+    wind_all, vary_all, turn_all = no_wind, no_variation, no_turn
     if FRICTION:
-        put_grips = chain(grips, no_grip, "pull", whole=True)
         wind_all = chain(winds, no_wind, "wind", whole=True)
         vary_all = chain(variations, no_variation, "wind", whole=True)
         turn_all = chain(turns, no_turn, "wind", whole=True)
@@ -306,4 +318,4 @@ def make_friction(
             de_s = Vec3(one_of(q, 3), one_of(q, 4), one_of(q, 5))
         turn_all(memory, z, a, g, v, u, e, u_s, e_s, du, de, du_s, de_s, f, 0)
 
-    return SimpleNamespace(put_grips=put_grips, rates=rates, variations=variations_of)
+    return SimpleNamespace(put_grips=make_grips(layout, W, d, members), rates=rates, variations=variations_of)

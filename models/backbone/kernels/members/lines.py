@@ -12,6 +12,7 @@ import warp as wp
 from multirod.models.backbone.kernels.members.winding import make_winding
 from multirod.models.backbone.kernels.numbers.lanes import add, div, mul, neg, sub  # noqa: F401  (by name)
 
+STEEPEST = 1.16  # 2/sqrt(3), rounded up: how fast what is across a unit vector turns with it
 SHORTEST = 0.1  # length of a line per length of rod, below which it is bent to its centre of curvature
 
 
@@ -28,10 +29,11 @@ def tendon_law(
     DISCS = numbers.DISCS and discs_at > 0
     d, Real, Vec3, Response, memory_type = numbers.d, numbers.Real, numbers.Vec3, numbers.Response, numbers.memory_type
     row, fill, root, where_less = numbers.row, numbers.fill, numbers.root, numbers.where_less
-    dot, scaled = numbers.dot, numbers.scaled
+    dot, scaled, absolute, add_change = numbers.dot, numbers.scaled, numbers.absolute, numbers.add_change
     value, slope, bend = numbers.value, numbers.slope, numbers.bend
     add_moment, add_force, add_stiffness = numbers.add_moment, numbers.add_force, numbers.add_stiffness
     FORCES, VARIED = numbers.FORCES, numbers.VARIED
+    BOUNDED = not (numbers.SHEAR or DISCS or bending_at)
 
     @wp.func
     def tangent(memory: memory_type, on: int, u: Vec3, e: Vec3) -> Vec3:
@@ -122,7 +124,7 @@ def tendon_law(
 
     @wp.func
     def respond(memory: memory_type, at: int, on: int, u: Vec3, e: Vec3, r: wp.ref[Response]):
-        """(L2) T (t, rho x t), and (L4)."""
+        """(L2) T (rho x t, t), and (L4), (L19)."""
         if wp.static(bending_at > 0):
             bend_along(memory, at, on, u, e, r)
         T = tension(memory, at, on)
@@ -132,44 +134,41 @@ def tendon_law(
         size = length_of(a)
         per = d(1.0) / size
         t = scaled(per, a)
+        m = lever(memory, on, t)
         if wp.static(DISCS):
             straighten(memory, at, on, u, size, T, t, r)
             T = T * straightened(memory, at, u)
-        add_moment(r, scaled(T, lever(memory, on, t)))
+        add_moment(r, scaled(T, m))
         h = T * per
-        xx = h - h * t.x * t.x
-        xy = -h * t.x * t.y
-        yy = h - h * t.y * t.y
-        xz = -h * t.x * t.z
-        yz = -h * t.y * t.z
-        zz = h - h * t.z * t.z
-        # h P (-y, x, 0): how the pull turns with twist
-        px = x * xy - y * xx
-        py = x * yy - y * xy
-        pz = x * yz - y * xz
-        add_stiffness(r, 0, 0, y * y * zz)
-        add_stiffness(r, 0, 1, -x * y * zz)
-        add_stiffness(r, 0, 2, y * pz)
-        add_stiffness(r, 1, 1, x * x * zz)
-        add_stiffness(r, 1, 2, -x * pz)
-        add_stiffness(r, 2, 2, x * py - y * px)
+        n = scaled(h, m)
+        xx = x * x
+        yy = y * y
+        add_stiffness(r, 0, 0, h * yy - n.x * m.x)
+        add_stiffness(r, 0, 1, -h * x * y - n.x * m.y)
+        add_stiffness(r, 0, 2, -n.x * m.z)
+        add_stiffness(r, 1, 1, h * xx - n.y * m.y)
+        add_stiffness(r, 1, 2, -n.y * m.z)
+        add_stiffness(r, 2, 2, h * (xx + yy) - n.z * m.z)
+        if wp.static(BOUNDED):
+            add_change(r, d(STEEPEST) * absolute(h) * per * (xx + yy) * (absolute(x) + absolute(y)))
         if wp.static(FORCES):
             add_force(r, scaled(T, t))
-            add_stiffness(r, 0, 3, y * xz)
-            add_stiffness(r, 0, 4, y * yz)
-            add_stiffness(r, 0, 5, y * zz)
-            add_stiffness(r, 1, 3, -x * xz)
-            add_stiffness(r, 1, 4, -x * yz)
-            add_stiffness(r, 1, 5, -x * zz)
-            add_stiffness(r, 2, 3, px)
-            add_stiffness(r, 2, 4, py)
-            add_stiffness(r, 2, 5, pz)
-            add_stiffness(r, 3, 3, xx)
-            add_stiffness(r, 3, 4, xy)
-            add_stiffness(r, 3, 5, xz)
-            add_stiffness(r, 4, 4, yy)
-            add_stiffness(r, 4, 5, yz)
-            add_stiffness(r, 5, 5, zz)
+            k = scaled(h, t)
+            add_stiffness(r, 0, 3, -n.x * t.x)
+            add_stiffness(r, 0, 4, -n.x * t.y)
+            add_stiffness(r, 0, 5, h * y - n.x * t.z)
+            add_stiffness(r, 1, 3, -n.y * t.x)
+            add_stiffness(r, 1, 4, -n.y * t.y)
+            add_stiffness(r, 1, 5, -h * x - n.y * t.z)
+            add_stiffness(r, 2, 3, -h * y - n.z * t.x)
+            add_stiffness(r, 2, 4, h * x - n.z * t.y)
+            add_stiffness(r, 2, 5, -n.z * t.z)
+            add_stiffness(r, 3, 3, h - k.x * t.x)
+            add_stiffness(r, 3, 4, -k.x * t.y)
+            add_stiffness(r, 3, 5, -k.x * t.z)
+            add_stiffness(r, 4, 4, h - k.y * t.y)
+            add_stiffness(r, 4, 5, -k.y * t.z)
+            add_stiffness(r, 5, 5, h - k.z * t.z)
 
     @wp.func
     def energy(memory: memory_type, at: int, on: int, u: Vec3, e: Vec3) -> Real:
@@ -220,9 +219,9 @@ def tendon_law(
         add_moment(r, scaled(T, Vec3(y_s * t.z, -x_s * t.z, x_s * t.y - y_s * t.x)))
         return here * along
 
-    own = SimpleNamespace(respond=respond, energy=energy, pull=pull, slide=slide, friction_at=friction_at)
+    own = SimpleNamespace(respond=respond, energy=energy, pull=pull, slide=slide, friction_at=friction_at, bounded=BOUNDED)
     if numbers.FRICTION:
-        vars(own).update(vars(make_winding(numbers, drive_at, friction_at)))
+        vars(own).update(vars(make_winding(numbers, drive_at, friction_at, discs_at)))
     return own
 
 
@@ -266,7 +265,7 @@ def section_chamber_law(numbers: SimpleNamespace, drive_at: int) -> SimpleNamesp
         add_moment(r, Vec3(T * y_s, -T * x_s, fill(d(0.0))))
         return here * (u.x * y_s - u.y * x_s)
 
-    own = SimpleNamespace(respond=respond, energy=energy, pull=pull, slide=slide, friction_at=0)
+    own = SimpleNamespace(respond=respond, energy=energy, pull=pull, slide=slide, friction_at=0, bounded=True)
     if numbers.FRICTION:
         vars(own).update(vars(make_winding(numbers, drive_at, 0, straight=True)))
     return own

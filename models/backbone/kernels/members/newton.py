@@ -10,6 +10,7 @@ from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul,
 
 MOST_ITERATIONS = 20
 CLOSE = {wp.float64: 1e-11, wp.float32: 1e-5}  # the last step of Newton's method, over the length or, if larger, the strain
+CHANGED = {wp.float64: 1e-12, wp.float32: 1e-6}  # (L19) what the last step may change in the matrix
 ROUNDED = {wp.float64: 1e-15, wp.float32: 1e-6}  # what rounding makes of strains where members carry nothing
 
 
@@ -21,6 +22,7 @@ def make_newton(layout: Layout, W: int, d, members: SimpleNamespace) -> SimpleNa
     system, matrix, vector = L.system(m), L.few(m * m), L.few(m)
     Matrix, keep_entry, Few, one_of = system.type, matrix.keep, vector.type, vector.part
     Response, part_of_response, PLACES = members.Response, members.part_of_response, members.places
+    CHANGE = members.change
 
     @wp.func
     def tangent(c: Few, r: Response) -> Matrix:
@@ -33,6 +35,14 @@ def make_newton(layout: Layout, W: int, d, members: SimpleNamespace) -> SimpleNa
                     value = value + d(1.0)
                 keep_entry(A, wp.static(i * m + j), value)
         return A
+
+    @wp.func
+    def changed(c: Few, r: Response, step: Few) -> Real:
+        """(L19) 0 where a step of Newton's method for u changes its matrix so little that it is the last one, else 1."""
+        softest = largest(one_of(c, 0), largest(one_of(c, 1), one_of(c, 2)))
+        way = absolute(one_of(step, 0)) + absolute(one_of(step, 1)) + absolute(one_of(step, 2))
+        most = softest * part_of_response(r, wp.static(CHANGE)) * way
+        return where_less(most, fill(d(wp.static(CHANGED[d]))), fill(d(0.0)), fill(d(1.0)))
 
     @wp.func
     def unsettled(step: Few, q: Few, start: Few, of_u: Real, of_e: Real) -> Real:
@@ -61,4 +71,5 @@ def make_newton(layout: Layout, W: int, d, members: SimpleNamespace) -> SimpleNa
         solve=system.solve,
         tangent=tangent,
         unsettled=unsettled,
+        changed=changed if members.bounded else None,
     )

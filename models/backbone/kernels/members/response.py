@@ -15,10 +15,12 @@ def place_of(i: int, j: int, m: int) -> int:
 
 
 def make_response(W: int, d, m: int) -> SimpleNamespace:
-    """What members answer to m strains, u or u and e = v - e3: first and second derivatives of their energy."""
+    """What members answer to m strains, u or u and e = v - e3: first and second derivatives of their energy, and how much the
+    second ones change at most with u, (L19) of ``docs/lines.md``."""
     L, V = lanes(W, d), vectors(W, d)
     Real, Vec3 = L.Real, V.Vec3
-    numbers = L.few(place_of(m - 1, m - 1, m) + 1)
+    CHANGE = place_of(m - 1, m - 1, m) + 1
+    numbers = L.few(CHANGE + 1)
     Response, part, keep = numbers.type, numbers.part, numbers.keep
     PLACES = tuple(tuple(place_of(min(i, j), max(i, j), m) for j in range(m)) for i in range(m))
     FORCES = m > 3
@@ -42,9 +44,15 @@ def make_response(W: int, d, m: int) -> SimpleNamespace:
             k = wp.static(m) + i * wp.static(m) - (i * (i - 1)) // 2 + j - i
             keep(r, k, part(r, k) + a)
 
+    @wp.func
+    def add_change(r: wp.ref[Response], a: Real):
+        keep(r, wp.static(CHANGE), part(r, wp.static(CHANGE)) + a)
+
     return SimpleNamespace(
         Response=Response,
         part=part,
+        change=CHANGE,
+        add_change=add_change,
         add_moment=add_moment,
         add_force=add_force,
         add_stiffness=add_stiffness,

@@ -38,13 +38,15 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
     COMPLIANCE, SHEAR_AT, UNIT_LENGTH = s["compliance"], s["shear"], s["unit_length"]
     X, EXTENSION_AT, SYSTEM, OWN_TWIST = p["x"], p["extension"], p["system"], p["own_twist"]
     MEMBER_MOMENT, MEMBER_FORCE, UNANSWERED = p["member_moment"], p["member_force"], s["unanswered"]
-    KNOWN, KNOWN_AT, STRAINS_AT = s["known"], s["place"], s["strains"]
-    BEFORE_AT, STRAINS_BEFORE = s["place_before"], s["strains_before"]
+    PLACES = members.places
+    KNOWN_AT, STRAINS_AT, DRIFT, FIRST_OF_LAST = s["place"], s["strains"], s["drift"], s["strains"]
+    FREE_STRAINS, LAST_SYSTEM, BOUNDED = s["free_strains"], s["last_system"], members.bounded
     Matrix, factor, solve = newton.Matrix, newton.factor, newton.solve
     read_matrix, write_matrix, tangent, unsettled = newton.read_matrix, newton.write_matrix, newton.tangent, newton.unsettled
+    changed = newton.changed
     vector = L.few(m)
     Few, keep_one, one_of = vector.type, vector.keep, vector.part
-    choose, read_vector, write_vector = vector.where_less, vector.read, vector.write
+    choose, write_vector = vector.where_less, vector.write
     VARIED = (layout.VARIED or layout.DESIGN) and layout.DIRECTIONS
     precurvature, precurvature_variation = law.precurvature, law.precurvature_variation
     Response, part_of_response, answer = members.Response, members.part_of_response, members.answer
@@ -59,49 +61,59 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
     GIVEN_START, GROWTH, SHIFT = given["start"], given["growth"], given["shift"]
 
     @wp.func
-    def led_to(memory: memory_type, z: int, x: Real) -> Few:
-        """Where the strains that are known on this stretch lead at x."""
-        at = row(memory, z + wp.static(KNOWN_AT))
-        back = at - row(memory, z + wp.static(BEFORE_AT))
-        zero = fill(d(0.0))
-        one = fill(d(1.0))
-        two = where_less(fill(d(1.5)), row(memory, z + wp.static(KNOWN)), one, zero)
-        # a step that was too long ends further back than it began
-        far = where_less(d(2.0) * absolute(back), absolute(x - at), zero, two)
-        t = far * (x - at) / (back + one - two)
+    def way(memory: memory_type, z: int, x: Real) -> Real:
+        """(L20) What the last drift is multiplied by: the way from the last place, or the square of it."""
+        by = x - row(memory, z + wp.static(KNOWN_AT))
+        if wp.static(not ROUTED):
+            by = by * by
+        return by
+
+    @wp.func
+    def led_to(memory: memory_type, z: int, start: Few) -> Few:
+        """(L20) Where the last strains on this stretch lead, by what strains would be without members; where there are none
+        yet, to these."""
+        change = Few()
+        for i in range(wp.static(m)):
+            keep_one(change, i, one_of(start, i) - row(memory, z + wp.static(FREE_STRAINS + i)))
+        change = solve(read_matrix(memory, z + wp.static(LAST_SYSTEM)), change)
         q = Few()
         for i in range(wp.static(m)):
-            last = row(memory, z + wp.static(STRAINS_AT + i))
-            keep_one(q, i, last + t * (last - row(memory, z + wp.static(STRAINS_BEFORE) + i)))
+            keep_one(q, i, row(memory, z + wp.static(STRAINS_AT + i)) + one_of(change, wp.static(i)))
         return q
 
     @wp.func
-    def remember(memory: memory_type, z: int, x: Real, q: Few, sound: Real):
-        """Strains at x, in the place of the last where those are there too, of a lane that is ``sound``; else none are known."""
+    def remember(memory: memory_type, z: int, x: Real, by: Real, q: Few, led: Few, start: Few, A: Matrix):
+        """Strains at x, where ``led`` is where the last ones led."""
         zero = fill(d(0.0))
-        one = fill(d(1.0))
-        known = row(memory, z + wp.static(KNOWN))
-        at = row(memory, z + wp.static(KNOWN_AT))
-        elsewhere = where_less(zero, absolute(x - at), where_less(fill(d(0.5)), known, one, zero), zero)
+        elsewhere = where_less(zero, absolute(by), fill(d(1.0)), zero)
+        per = elsewhere / (by + (d(1.0) - elsewhere))
         half = fill(d(0.5))
-        before = row(memory, z + wp.static(BEFORE_AT))
-        put(memory, z + wp.static(BEFORE_AT), where_less(half, elsewhere, at, before))
-        last = read_vector(memory, z + wp.static(STRAINS_AT))
-        write_vector(
-            memory,
-            z + wp.static(STRAINS_BEFORE),
-            choose(half, elsewhere, last, read_vector(memory, z + wp.static(STRAINS_BEFORE))),
-        )
+        for i in range(wp.static(m)):
+            last = row(memory, z + wp.static(DRIFT + i))
+            found = per * (one_of(q, i) - one_of(led, wp.static(i)))
+            put(memory, z + wp.static(DRIFT + i), where_less(half, elsewhere, found, last))
         put(memory, z + wp.static(KNOWN_AT), x)
         write_vector(memory, z + wp.static(STRAINS_AT), q)
-        most = where_less(half, elsewhere, fill(d(2.0)), where_less(half, known, known, one))
-        put(memory, z + wp.static(KNOWN), sound * most)
+        write_vector(memory, z + wp.static(FREE_STRAINS), start)
+        write_matrix(memory, z + wp.static(LAST_SYSTEM), A)
+
+    @wp.func
+    def forget(memory: memory_type, z: int, of: Real):
+        """The last strains of the lanes where ``of`` is one: as at the start of the stretch."""
+        half = fill(d(0.5))
+        zero = fill(d(0.0))
+        for j in range(wp.static(layout.LAST_STRAINS)):
+            at = z + wp.static(FIRST_OF_LAST) + j
+            put(memory, at, where_less(half, of, zero, row(memory, at)))
+        for j in range(wp.static(m)):
+            at = z + wp.static(LAST_SYSTEM) + j * wp.static(m + 1)
+            put(memory, at, where_less(half, of, fill(d(1.0)), row(memory, at)))
 
     @wp.func
     def strain(memory: memory_type, z: int, a: int, x: Real, b: State, M: Vec3, N: Vec3) -> Vec3:
         """(5m) u, and v - e3 to the place: the zero of ``u* + K^-1 (M - dW/du) - u`` and its like.
 
-        The search for it begins where the last two on this stretch lead, or where members carry nothing.
+        The search for it begins where the last ones on this stretch lead, or where members carry nothing.
         """
         u_star = precurvature(memory, z, 0, x)
         if wp.static(NODES):
@@ -125,8 +137,11 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
         one = fill(d(1.0))
         zero = fill(d(0.0))
         half = fill(d(0.5))
-        known = row(memory, z + wp.static(KNOWN))
-        q = choose(half, known, led_to(memory, z, x), start)
+        by = way(memory, z, x)
+        led = led_to(memory, z, start)
+        q = Few()
+        for i in range(wp.static(m)):
+            keep_one(q, i, one_of(led, i) + by * row(memory, z + wp.static(DRIFT + i)))
         r = Response()
         A = Matrix()
         step = Few()
@@ -142,7 +157,7 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
                 # a lane that is done stays where it is, whatever the others do: its last step is taken below
                 keep_one(q, i, one_of(q, i) + open_ * one_of(step, wp.static(i)))
             if count == wp.static(MOST_WARM):
-                q = choose(half, known * open_, start, q)
+                q = choose(half, open_, start, q)
             r = answer(memory, z, a, q)
             A = tangent(c, r)
             factor(A)
@@ -150,27 +165,29 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
             for i in range(wp.static(m)):
                 keep_one(rest, i, one_of(start, i) - one_of(c, i) * part_of_response(r, i) - one_of(q, wp.static(i)))
             step = solve(A, rest)
-            open_ = number * unsettled(step, q, start, length, one)
+            if wp.static(BOUNDED):
+                open_ = number * changed(c, r, step)
+            else:
+                open_ = number
+            if any_less(zero, open_):
+                open_ = open_ * unsettled(step, q, start, length, one)
             count += int(1)
         for i in range(wp.static(m)):
             keep_one(q, i, one_of(q, i) + one_of(step, i))
-        bad = d(0.0) / (number - open_)  # no number where it did not settle
-        remember(memory, z, x, q, number - open_)
-        if any_less(zero, open_):
+        sound = number - open_
+        bad = where_less(half, sound, zero, fill(d(0.0) / d(0.0)))  # no number where it did not settle
+        remember(memory, z, x, by, q, led, start, A)
+        if any_less(sound, half):
+            forget(memory, z, one - sound)
             # where what it should settle for is a number, it is the law that fails
             put(memory, z + wp.static(UNANSWERED), largest(row(memory, z + wp.static(UNANSWERED)), open_))
         write_matrix(memory, a + wp.static(SYSTEM), A)
         if wp.static(NODES):
-            put3(
-                memory,
-                a + wp.static(MEMBER_MOMENT),
-                Vec3(part_of_response(r, 0), part_of_response(r, 1), part_of_response(r, 2)),
-            )
-            put3(
-                memory,
-                a + wp.static(MEMBER_FORCE),
-                Vec3(part_of_response(r, 3), part_of_response(r, 4), part_of_response(r, 5)),
-            )
+            for i in range(6):
+                own = part_of_response(r, i)
+                for j in range(wp.static(m)):  # the last step taken
+                    own = own + part_of_response(r, wp.static(PLACES[i][j])) * one_of(step, wp.static(j))
+                put(memory, a + wp.static(MEMBER_MOMENT + i), own)
         u = Vec3(one_of(q, 0), one_of(q, 1), one_of(q, 2))
         e = zero3()
         if wp.static(SHEAR):

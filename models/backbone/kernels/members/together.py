@@ -16,6 +16,8 @@ from multirod.models.backbone.kernels.members.winding import winding_types
 from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul, neg, sub  # noqa: F401  (by name)
 from multirod.models.backbone.kernels.numbers.vectors import vectors
 
+WRITTEN_OUT = 3  # so many members of one law are written out where strains are sought; more are called in a loop
+
 
 def make_members(layout: Layout, W: int, d, rod: int | None = None) -> SimpleNamespace:
     """The laws of all members, or of those of one of several rods, called as if they were one.
@@ -64,7 +66,7 @@ def make_members(layout: Layout, W: int, d, rod: int | None = None) -> SimpleNam
     def bend(memory: memory_type, on: int) -> Real:
         return row(memory, on + wp.static(2 * FUNCTIONS))
 
-    flags = {"FORCES": FORCES, "VARIED": ROUTED, "DISCS": layout.features.discs, "FRICTION": layout.FRICTION}
+    flags = {"SHEAR": SHEAR, "FORCES": FORCES, "VARIED": ROUTED, "DISCS": layout.features.discs, "FRICTION": layout.FRICTION}
     own = {"memory_type": memory_type, "value": value, "slope": slope, "bend": bend, **flags}
     windings = winding_types(W, d)
     numbers = SimpleNamespace(**(vars(L) | vars(V) | vars(R) | vars(windings) | own))
@@ -135,9 +137,13 @@ def make_members(layout: Layout, W: int, d, rod: int | None = None) -> SimpleNam
     def responses(function, count: int, step: int, numbers_of, functions_of, rest):
         @wp.func
         def respond(memory: memory_type, z: int, a: int, u: Vec3, e: Vec3, r: wp.ref[Response]):
-            last = int(wp.static(count))
-            for k in range(last):
-                function(memory, numbers_of(z, k), functions_of(z, a, k), u, e, r)
+            if wp.static(count <= WRITTEN_OUT):
+                for k in range(wp.static(count)):
+                    function(memory, numbers_of(z, wp.static(k)), functions_of(z, a, wp.static(k)), u, e, r)
+            else:
+                last = int(wp.static(count))
+                for k in range(last):
+                    function(memory, numbers_of(z, k), functions_of(z, a, k), u, e, r)
             rest(memory, z, a, u, e, r)
 
         return respond
@@ -300,4 +306,6 @@ def make_members(layout: Layout, W: int, d, rod: int | None = None) -> SimpleNam
         compliances=compliances,
         part_of_response=part_of_response,
         places=R.places,
+        change=R.change,
+        bounded=all(getattr(laws[layout.features.members[k]], "bounded", False) for k in OWN),
     )

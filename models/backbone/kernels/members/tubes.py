@@ -11,8 +11,10 @@ from types import SimpleNamespace
 import warp as wp
 
 from multirod.models.backbone.kernels.layout.layout import Layout
+from multirod.models.backbone.kernels.members.friction import make_grips
 from multirod.models.backbone.kernels.members.newton import MOST_ITERATIONS, make_newton
 from multirod.models.backbone.kernels.members.together import make_members
+from multirod.models.backbone.kernels.members.tube_friction import make_tube_friction
 from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul, neg, sub  # noqa: F401  (by name)
 from multirod.models.backbone.kernels.numbers.vectors import vectors
 
@@ -53,7 +55,7 @@ def make_tubes_with_members(layout: Layout, W: int, d, law: SimpleNamespace, sev
         p["twist_changes"],
     )
     PULLS_AT, SLIDES_AT, PULLED, ROUTED = p["pulls"], p["slides"], layout.PULLED, layout.ROUTED
-    ALONG, DRIVES_VARY = layout.ROUTED and layout.DIRECTIONS, layout.DRIVES_VARY
+    ALONG, DRIVES_VARY, FRICTION = layout.ROUTED and layout.DIRECTIONS, layout.DRIVES_VARY, layout.FRICTION
     LENGTHS, LENGTHS_AT, SLID = layout.LENGTHS > 0, layout.state["lengths"], p["slides"] + 3 * len(CARRIERS)
     THETA, TAU = layout.state["angles"], layout.state["torques"]  # of tube 2; a column's stand alike
     GIVEN_START, GROWTH, SHIFT = given["start"], given["growth"], given["shift"]
@@ -128,12 +130,14 @@ def make_tubes_with_members(layout: Layout, W: int, d, law: SimpleNamespace, sev
     # ---- (L16): strains ----
 
     def start_of(j: int, i: int, own: SimpleNamespace, rest):
-        at_place = own.at_place
+        at_place, put_grips, first = own.at_place, make_grips(layout, W, d, own), own.first_drive
 
         @wp.func
         def begin(memory: memory_type, z: int, a: int, x: Real, b: State, M_z: Real, start: wp.ref[Few]):
             if wp.static(ROUTED):
                 at_place(memory, z, a, x)
+            if wp.static(FRICTION):
+                put_grips(memory, z, a, b, wp.static(first))
             u_star = precurvature(memory, z, wp.static(i), x)
             twist = row(memory, z + wp.static(PRESENT + i)) * u_star.z
             twist = twist + row(memory, z + wp.static(TORSION + i)) * own_torque(memory, z, b, wp.static(i), M_z)
@@ -433,7 +437,7 @@ def make_tubes_with_members(layout: Layout, W: int, d, law: SimpleNamespace, sev
         """What the members of tube i answer more where strains and angle do not change, along the axes of tube 1: by their
         drives, and by their way along the tube."""
         total = zero3()
-        if wp.static(DRIVES_VARY):
+        if wp.static(DRIVES_VARY or FRICTION):
             for k in range(count):
                 change = drive_variation(memory, a, g, v, first + k)
                 pull = row3(memory, a + wp.static(PULLS_AT) + 3 * (first + k))
@@ -554,6 +558,9 @@ def make_tubes_with_members(layout: Layout, W: int, d, law: SimpleNamespace, sev
     def length_variations(memory: memory_type, a: int, g: int, du: Vec3, de: Vec3, f: wp.ref[Column]):
         """With the other rates."""
 
+    own = {"bent": bent, "turned": turned, "turned_back": turned_back, "give": give, "pushed": pushed, "turn_of": turn_of}
+    own |= {"over_carriers": over_carriers, "unsettled": unsettled, "drive_variation": drive_variation}
+    friction = make_tube_friction(layout, W, d, law, SimpleNamespace(**own)) if FRICTION else None
     return SimpleNamespace(
         strain=strain,
         rates=rates,
@@ -563,6 +570,6 @@ def make_tubes_with_members(layout: Layout, W: int, d, law: SimpleNamespace, sev
         length_variations=length_variations,
         strain_variation=strain_variation,
         rate_variations=rate_variations,
-        friction_rates=None,
-        friction_variations=None,
+        friction_rates=friction.rates if friction else None,
+        friction_variations=friction.variations if friction else None,
     )

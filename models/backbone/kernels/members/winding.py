@@ -24,7 +24,7 @@ def winding_types(W: int, d) -> SimpleNamespace:
 
         moment: Vec3  # its derivative, (L13)
         force: Vec3
-        pull_moment: Vec3  # (rho x t, t)
+        pull_moment: Vec3  # of what T works on by u, v
         pull_force: Vec3
         turn: Real  # |t' + u x t|
         by_u: Vec3  # its derivative by u', (L14)
@@ -43,11 +43,14 @@ def winding_types(W: int, d) -> SimpleNamespace:
     return SimpleNamespace(Winding=Winding, WindingVariation=WindingVariation)
 
 
-def make_winding(numbers: SimpleNamespace, drive_at: int, friction_at: int, straight: bool = False) -> SimpleNamespace:
+def make_winding(
+    numbers: SimpleNamespace, drive_at: int, friction_at: int, discs_at: int = 0, straight: bool = False
+) -> SimpleNamespace:
     """``wind`` and ``vary_winding`` of a line whose weight is its first parameter and whose drive stands ``drive_at`` after it.
 
     Its coefficient of friction stands ``friction_at`` after it, if that is not 0; then the part of its tension that is left is
-    its third function. A ``straight`` one has the potential ``T a . e3``, (L9).
+    its third function. What discs take away stands ``discs_at`` after it, (L11). A ``straight`` one has the potential
+    ``T a . e3``, (L9).
     """
     d, Real, Vec3, memory_type = numbers.d, numbers.Real, numbers.Vec3, numbers.memory_type
     Winding, WindingVariation = numbers.Winding, numbers.WindingVariation
@@ -55,7 +58,17 @@ def make_winding(numbers: SimpleNamespace, drive_at: int, friction_at: int, stra
     dot, cross, plus = numbers.dot, numbers.cross, numbers.plus
     scaled, ahead3, zero3 = numbers.scaled, numbers.ahead3, numbers.zero3
     value, slope, bend = numbers.value, numbers.slope, numbers.bend
-    RUBS = friction_at > 0
+    RUBS, DISCS = friction_at > 0, numbers.DISCS and discs_at > 0
+
+    @wp.func
+    def bending(k: Real, a: Vec3, b: Vec3) -> Real:
+        """k a_xy . b_xy"""
+        return k * (a.x * b.x + a.y * b.y)
+
+    @wp.func
+    def bent(m: Vec3, k: Real, u: Vec3) -> Vec3:
+        """m + k u_xy"""
+        return Vec3(m.x + k * u.x, m.y + k * u.y, m.z)
 
     @wp.func
     def offset(memory: memory_type, on: int) -> Vec3:
@@ -102,10 +115,12 @@ def make_winding(numbers: SimpleNamespace, drive_at: int, friction_at: int, stra
         t_s = zero3()
         if wp.static(not straight):
             a = tangent_of(u, e, rho, rho_s)
-            per = d(1.0) / root(dot(a, a))
+            lam = root(dot(a, a))
+            per = d(1.0) / lam
             t = scaled(per, a)
             a_s = along(memory, on, u, u_s, e_s, rho, rho_s)
-            t_s = scaled(per, ahead3(a_s, -dot(t, a_s), t))
+            lam_s = dot(t, a_s)
+            t_s = scaled(per, ahead3(a_s, -lam_s, t))
         T_s = fill(d(0.0))
         if wp.static(RUBS):
             w = plus(t_s, cross(u, t))
@@ -116,9 +131,19 @@ def make_winding(numbers: SimpleNamespace, drive_at: int, friction_at: int, stra
             found.by_e = across
             found.by_u = cross(rho, across)
         found.pull_force = t
-        found.pull_moment = cross(rho, t)
-        found.force = plus(scaled(T_s, t), scaled(T, t_s))
-        found.moment = plus(scaled(T, cross(rho_s, t)), cross(rho, found.force))
+        if wp.static(DISCS):  # (L12b)
+            k = d(-2.0) * row(memory, at + wp.static(discs_at))
+            part = d(1.0) + bending(d(0.5) * k, u, u)
+            part_s = bending(k, u, u_s)
+            found.pull_force = scaled(part, t)
+            found.force = plus(scaled(T_s * part + T * part_s, t), scaled(T * part, t_s))
+            moment = plus(scaled(T * part, cross(rho_s, t)), cross(rho, found.force))
+            found.moment = bent(bent(moment, k * (T_s * lam + T * lam_s), u), k * T * lam, u_s)
+            found.pull_moment = bent(cross(rho, found.pull_force), k * lam, u)
+        else:
+            found.force = plus(scaled(T_s, t), scaled(T, t_s))
+            found.moment = plus(scaled(T, cross(rho_s, t)), cross(rho, found.force))
+            found.pull_moment = cross(rho, t)
         return found
 
     @wp.func
@@ -136,7 +161,8 @@ def make_winding(numbers: SimpleNamespace, drive_at: int, friction_at: int, stra
         dt_s = zero3()
         if wp.static(not straight):
             a = tangent_of(u, e, rho, rho_s)
-            per = d(1.0) / root(dot(a, a))
+            lam = root(dot(a, a))
+            per = d(1.0) / lam
             t = scaled(per, a)
             a_s = along(memory, on, u, u_s, e_s, rho, rho_s)
             lam_s = dot(t, a_s)
@@ -159,9 +185,24 @@ def make_winding(numbers: SimpleNamespace, drive_at: int, friction_at: int, stra
             slip = row(memory, at + wp.static(friction_at))
             T_s = -slip * turn * T
             dT_s = -slip * (found.turn * T + turn * dT)
-        found.force = plus(plus(scaled(dT_s, t), scaled(T_s, dt)), plus(scaled(dT, t_s), scaled(T, dt_s)))
-        pulled = plus(scaled(dT, t), scaled(T, dt))
-        found.moment = plus(cross(rho_s, pulled), cross(rho, found.force))
+        if wp.static(DISCS):  # (L12b)
+            k = d(-2.0) * row(memory, at + wp.static(discs_at))
+            part = d(1.0) + bending(d(0.5) * k, u, u)
+            part_s = bending(k, u, u_s)
+            dpart = bending(k, u, du)
+            dpart_s = bending(k, du, u_s)
+            A = T_s * part + T * part_s
+            dA = dT_s * part + T_s * dpart + dT * part_s + T * dpart_s
+            B = T * part
+            dB = dT * part + T * dpart
+            found.force = plus(plus(scaled(dA, t), scaled(A, dt)), plus(scaled(dB, t_s), scaled(B, dt_s)))
+            moment = plus(cross(rho_s, plus(scaled(dB, t), scaled(B, dt))), cross(rho, found.force))
+            moment = bent(moment, k * (dT_s * lam + T_s * dlam + dT * lam_s + T * dlam_s), u)
+            found.moment = bent(bent(moment, k * (T_s * lam + T * lam_s), du), k * (dT * lam + T * dlam), u_s)
+        else:
+            found.force = plus(plus(scaled(dT_s, t), scaled(T_s, dt)), plus(scaled(dT, t_s), scaled(T, dt_s)))
+            pulled = plus(scaled(dT, t), scaled(T, dt))
+            found.moment = plus(cross(rho_s, pulled), cross(rho, found.force))
         return found
 
     return SimpleNamespace(wind=wind, vary_winding=vary_winding)

@@ -1,0 +1,46 @@
+"""A motion past the kink between taut and slack, (L8e) of ``docs/lines.md``: is its sample on the branch of the last one?"""
+
+from itertools import chain, combinations
+
+import numpy as np
+
+from multirod.problem import BoundaryProblem
+from multirod.solvers.newton.iteration import Newton
+from multirod.solvers.newton.newton_kernels import LARGE_CHANGE
+from multirod.status import BoolArray, IntArray
+from multirod.validation import FloatArray
+
+MOST_TOGETHER = 8  # lines that turn at once, of which all minors are looked at
+
+
+def passed_kinks(problem: BoundaryProblem, newton: Newton, chosen: BoolArray, before: FloatArray) -> BoolArray:
+    """Those of the ``chosen``, which have converged, that follow from the last sample's unknowns ``before`` though lines have
+    become taut or slack since; (instance_count,)."""
+    result = np.zeros(problem.instance_count, dtype=bool)
+    kinks = problem.kinks
+    if not len(kinks) or newton.eliminated is not None:
+        return result
+    turned = (before[:, kinks] > 0) != (problem.read("unknowns")[:, kinks] > 0)
+    n = problem.unknown_count
+    for k in np.flatnonzero(chosen & ~newton.slowed() & turned.any(axis=1)).tolist():
+        last, here = (matrices[k].reshape(n, n) for matrices in (newton.reference(), newton.gamma()))
+        result[k] = follows(last, here, kinks[turned[k]])
+    return result
+
+
+def follows(last: FloatArray, here: FloatArray, turned: IntArray) -> bool:
+    """(L8e) Whether no mode has vanished between ``last`` and ``here``, two ``Gamma`` (n, n), where the columns of the unknowns
+    ``turned`` have jumped on the way."""
+    if len(turned) > MOST_TOGETHER:
+        return False
+    try:
+        jump = np.linalg.solve(last, here[:, turned])[turned]
+        sides = chain.from_iterable(combinations(range(len(turned)), count) for count in range(1, len(turned) + 1))
+        if not all(np.linalg.det(jump[np.ix_(side, side)]) > 0 for side in sides):
+            return False
+        other = last.copy()
+        other[:, turned] = here[:, turned]
+        change = np.linalg.eigvals(np.linalg.solve(other.T, here.T)) - 1
+    except np.linalg.LinAlgError:
+        return False
+    return bool(np.abs(change).max() < LARGE_CHANGE)

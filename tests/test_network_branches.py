@@ -1,0 +1,276 @@
+"""Where branches of networks end: against the robots that they make anew, and what their forces do work on."""
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq, minimize_scalar
+from test_held_branches import COLUMN, EI, LEGS, LENGTH, PRECISE, STRIP, around, names, said
+from test_network import GIVEN, chain, mixed, pose
+from test_sliding import GIVEN as SLIDING
+from test_sliding import threaded
+
+import multirod as mr
+from multirod.models.network.conjugates import NetworkConjugates
+from multirod.rotations import vectors
+
+PIECES = 6
+STEEP = {name: value for name, value in GIVEN.items() if name != "moment"}  # loads with a potential
+WEIGHTS = (1, -8, 8, -1)  # differences of the fourth order
+PARTS = (-2, -1, 1, 2)
+
+
+def clamped(robot, inputs):
+    """A problem with clamps, and unknowns and moments by lot near where the search begins."""
+    problem = robot.problem(inputs, integrator=mr.RK4(100), pose_sensitivities=True)
+    x = problem.guess() + 0.3 * np.random.default_rng(1).normal(size=problem.unknown_count)
+    part = problem.parts.clamped(np.arange(1), PIECES)
+    part.joints.shut()
+    return part, np.concatenate([x[0], 0.3 * np.random.default_rng(2).normal(size=part.clamps.size)])
+
+
+def at(problem, x):
+    """Integrate at unknowns and moments."""
+    problem.write("unknowns", x[None, : problem.unknown_count])
+    problem.clamps.put(x[None, problem.unknown_count :])
+    problem.integrate()
+    return problem.read("residual")[0]
+
+
+def test_clamps_turn_and_move_with_the_bases_of_their_rods():
+    """(26), (27), and what their moments do to the residual, by differences: bodies, joints, gravity and a load along rods."""
+    robot = mixed("feeler")
+    problem, x = clamped(robot, robot.inputs(**STEEP))
+    n, clamps = problem.unknown_count, problem.clamps
+    at(problem, x)
+    clamps.pairs.update()
+    frames = clamps.frames()[0]
+    gamma = np.concatenate([problem.read("gamma").reshape(n, n), problem.residual_directions.numpy()[0]], axis=1)
+    turned, moved = clamps.turned()[0], clamps.moved()[0]
+    rng = np.random.default_rng(0)
+    for _ in range(6):
+        way, step = rng.normal(size=len(x)), 1e-3
+        eps, turns = np.zeros(n), np.zeros(len(turned))
+        for weight, part in zip(WEIGHTS, PARTS, strict=True):
+            eps += weight * at(problem, x + part * step * way) / (12 * step)
+            relative = np.swapaxes(frames, 1, 2) @ clamps.frames()[0]
+            turns += weight * vectors(relative).reshape(-1) / (12 * step)
+        # differences of the fourth order of what changes by its own size
+        np.testing.assert_allclose(gamma @ way, eps, rtol=0, atol=1e-8 * np.abs(eps).max())
+        np.testing.assert_allclose(turned @ way, turns, rtol=0, atol=1e-8 * np.abs(turns).max())
+    # places are those of the nodes of rods on which no clamp bears
+    x[n:] = 0
+    at(problem, x)
+    moved, way = clamps.moved()[0], np.append(rng.normal(size=n), np.zeros(clamps.size))
+    places = 0.0
+    plain = robot.problem(robot.inputs(**STEEP), integrator=mr.RK4(100))
+    for weight, part in zip(WEIGHTS, PARTS, strict=True):
+        plain.write("unknowns", (x + part * step * way)[None, :n])
+        shapes, _ = plain.shapes.at_nodes(PIECES + 1)
+        places = places + weight * np.concatenate([own.position[0, 1:-1] for own in shapes]) / (12 * step)
+    np.testing.assert_allclose(moved @ way, places, rtol=0, atol=1e-8 * np.abs(places).max())
+
+
+def hold_forces_against_the_potential(robot, given, push):
+    """From a place off the equilibrium, where tips are joined, and those that are free have the force that they are to have."""
+    inputs = robot.inputs(**given)
+    found = mr.solve(robot, inputs, solver=mr.Shooting(integrator=mr.RK4(200))).raise_if_failed()
+    problem = robot.problem(inputs, integrator=mr.RK4(200), pose_sensitivities=True)
+    n, size, pairs = problem.unknown_count, problem.curvature_scale()[0], problem.conjugates
+    x = found.unknowns[None]
+    problem.evaluate(x)
+    reduced, way = pairs.reduced(problem), np.random.default_rng(0).normal(size=len(pairs.forces))
+    x = x + reduced.by[0] @ np.linalg.solve(reduced.form[0], push * pairs.stiffness * way)
+    for _ in range(6):
+        problem.evaluate(x)
+        x = x + pairs.reduced(problem).towards
+    eps, gamma = problem.evaluate(x)
+    pairs.update()
+    constraints = np.delete(np.arange(n), pairs.forces)
+    np.testing.assert_allclose(eps[0, constraints], 0, atol=1e-9 * size)
+    kept = np.linalg.svd(gamma[0, constraints])[2][len(constraints) :]
+    expected = (pairs.unit.numpy()[0] * eps[0, pairs.forces]) @ pairs.columns.numpy()[0, :, :n] @ kept.T
+    step, slope = 1e-3 * size, []
+    for way in kept:
+        energy = []
+        for part in PARTS:
+            problem.evaluate(x + part * step * way)
+            energy.append(problem.stability.potential()[0])
+        slope.append(np.dot(WEIGHTS, energy) / (12 * step))
+    # the gap that constraints of the second order leave, times the force there, is even: differences do not see it
+    np.testing.assert_allclose(slope, expected, rtol=0, atol=1e-6 * np.abs(expected).max())
+
+
+def test_forces_are_the_slope_of_the_potential():
+    """(25) Of bodies, springs in joints of all kinds, a tip that is free; of where holes are, and turns in them."""
+    hold_forces_against_the_potential(mixed(), STEEP, push=0.05)
+    hold_forces_against_the_potential(threaded(), SLIDING, push=0.005)
+
+
+def test_there_is_a_potential_while_the_network_is_put_together():
+    """(29) The form is symmetric on the way too: bases turn in joints and on bodies, and gaps are not closed yet."""
+    robot = mixed("feeler")
+    problem = robot.problem(robot.inputs(**STEEP), integrator=mr.RK4(200), pose_sensitivities=True)
+    x = problem.guess()
+    for level in (0.1, 0.2, 0.3, 0.4):
+        for _ in range(8):
+            with problem.at_load(level):
+                eps, gamma = problem.evaluate(x)
+            x = x - np.linalg.solve(gamma[0], eps[0])
+    with problem.at_load(level):
+        assert np.abs(problem.evaluate(x)[0]).max() < 1e-9
+    assert np.abs(problem.shift).max() > 0.01 * 0.4
+    form = NetworkConjugates(problem, turns_alone=True).reduced(problem).form[0]
+    # what rods give way by along themselves on the way, a hundredth of L^3/EI, leaves 0.0024; with the gap in (7) it is 0.14
+    np.testing.assert_allclose(form, form.T, rtol=0, atol=0.005 * np.abs(form).max())
+
+
+# ---- the robots that networks make anew ----
+
+TIME = np.linspace(0, 5, 26)
+PUSHED = np.stack(
+    [0.5 * np.sin(np.pi * np.clip(TIME - 2, 0, 3) / 2), 0 * TIME, -1.5 * np.clip(TIME / 2, 0, 1)], axis=-1
+)  # pressed until a column has buckled, then pushed to and fro
+
+
+def hold_alike(found, expected, energy=1.0):
+    """Statuses, events and places of two motions."""
+    found.raise_if_failed()
+    np.testing.assert_array_equal(found.status, expected.status)
+    assert (found.stability == mr.Stability.STABLE).all()
+    np.testing.assert_allclose(found.tip_position, expected.tip_position, rtol=0, atol=1e-6 * LENGTH)
+    for event, other in zip(said(found), said(expected), strict=True):
+        assert (event.status, event.fold) == (other.status, other.fold)
+        # a branch is followed to within 1e-7 of its end
+        assert event.time == pytest.approx(other.time, abs=1e-6)
+        # stationary where it ends, so as exact as the integrator
+        assert energy * event.energy_lost == pytest.approx(other.energy_lost, rel=1e-6, abs=1e-12)
+
+
+@pytest.fixture(scope="module")
+def column():
+    robot = mr.SingleRod(STRIP)
+    return mr.simulate(robot, robot.inputs(tip_force=COLUMN * PUSHED), time=TIME, solver=mr.Shooting(integrator=mr.RK4(100)))
+
+
+@pytest.mark.parametrize("count", [1, 4])
+def test_a_column_in_pieces_buckles_and_snaps_as_one(column, count):
+    piece = mr.Rod(length=LENGTH / count, bending_stiffness=(4 * EI, EI), torsional_stiffness=0.015)
+    robot = chain(piece, count)
+    inputs = robot.inputs(force={f"disc {count - 1}": COLUMN * PUSHED})
+    solver = mr.Shooting(integrator=mr.RK4(100 // count))
+    hold_alike(mr.simulate(robot, inputs, time=TIME, solver=solver), column)
+    assert names(column) == ["BIFURCATED", "SNAPPED"]
+    raised = mr.solve(robot, inputs[10], solver=solver)
+    assert raised.status is mr.Status.BIFURCATED
+    assert raised.events[0].load_factor == pytest.approx(1 / 1.5, rel=1e-6)
+    np.testing.assert_allclose(raised.tip_position, column.tip_position[10], rtol=0, atol=1e-6 * LENGTH)
+
+
+def test_stacked_legs_are_parallel_rods_in_solve_motion_and_tracker():
+    """With ``side="negative"``, too; a tracker takes the same samples one by one."""
+    robot = mr.ParallelRods(legs=[STRIP] * LEGS, base=around(0.1), platform=around(0.1), joints=["spherical"] * LEGS)
+    network = mr.stacked(robot)
+    force = LEGS * COLUMN * PUSHED
+    legs = mr.simulate(robot, robot.inputs(tip_force=force), time=TIME, solver=PRECISE)
+    found = mr.simulate(network, network.inputs(force=force), time=TIME, solver=PRECISE)
+    hold_alike(found, legs)
+    tracker = mr.Tracker(network, solver=PRECISE, dt=TIME[1])
+    samples = [tracker.step(force=own) for own in force[:12]]
+    assert [sample.status for sample in samples] == [mr.Status(k) for k in found.status[:12]]
+    np.testing.assert_allclose([sample.tip_position for sample in samples], found.tip_position[:12], rtol=0, atol=1e-12)
+    twin = mr.solve(network, network.inputs(force=force[10]), solver=mr.Shooting(integrator=mr.RK4(50), side="negative"))
+    np.testing.assert_allclose(twin.tip_position, found.tip_position[10] * (-1, -1, 1), rtol=0, atol=1e-6 * LENGTH)
+
+
+def test_an_arch_between_grounds_is_that_of_a_held_rod():
+    """Its base pushed in by a tenth, then pressed from above."""
+    time = np.linspace(0, 2, 21)
+    longer, load = 0.1 * LENGTH * np.clip(time, 0.05, 1), np.zeros((len(time), 3))
+    load[:, 0] = -100 * EI / LENGTH**3 * np.clip(time - 1, 0, 1)
+    held = mr.HeldRod(STRIP)
+    expected = mr.simulate(
+        held, held.inputs(translation=longer[:, None], distributed_force=load), time=time, solver=PRECISE
+    ).raise_if_failed()
+    whisker = mr.Rod(length=0.1, bending_stiffness=EI, torsional_stiffness=EI)  # for there is to be an end effector
+    joints = [mr.Joint("rod", "base", to=mr.ground), mr.Joint("rod", "tip", to=mr.ground, pose=pose(position=(0, 0, LENGTH)))]
+    robot = mr.Network(rods={"rod": STRIP, "whisker": whisker}, joints=[*joints, mr.Joint("whisker", "base", to=mr.ground)])
+    inputs = robot.inputs(translation={"rod": longer}, distributed_force=load)
+    found = mr.simulate(robot, inputs, time=time, solver=PRECISE).raise_if_failed()
+    assert names(found)[-1:] == names(expected) == ["SNAPPED"]
+    event, other = said(found)[-1], said(expected)[-1]
+    assert event.time == pytest.approx(other.time, abs=1e-6)
+    # the whisker loses nothing
+    assert event.energy_lost == pytest.approx(other.energy_lost, rel=1e-6)
+    places = found.rod("rod").position, expected.rod(0).position
+    np.testing.assert_allclose(*places, rtol=0, atol=1e-6 * LENGTH)
+
+
+def test_a_shallow_truss_snaps_through_as_springs_do():
+    """Von Mises' truss: bars that stretch, on hinges. ``F = 2 EA (1 - l/l_0) z/l`` where they do not bend."""
+    span, height, stretching = 0.2, 0.03, 2000.0
+    length = float(np.hypot(span, height))
+    bar = mr.Rod(length=length, bending_stiffness=0.4, torsional_stiffness=0.3, axial_stiffness=stretching)
+    tilt = float(np.arctan2(span, height))
+    apex, joints = mr.Body("apex"), []
+    for name, side in (("left", -1), ("right", 1)):
+        along = (0, -side * tilt, 0)
+        hinge = {"kind": "revolute", "axis": (0, 1, 0)}
+        joints.append(mr.Joint(name, "base", to=mr.ground, pose=pose(along, (side * span, 0, 0)), **hinge))
+        joints.append(mr.Joint(name, "tip", to=apex, pose=pose(along), **(hinge if side > 0 else {})))
+    robot = mr.Network(rods={"left": bar, "right": bar}, bodies=[apex], joints=joints)
+
+    def force(z):
+        own = np.hypot(span, z)
+        return 2 * stretching * (1 - own / length) * z / own
+
+    def energy(z):
+        return stretching * (length - np.hypot(span, z)) ** 2 / length + limit * z
+
+    top = minimize_scalar(lambda z: -force(z), bounds=(0, height), method="bounded", options={"xatol": 1e-12}).x
+    limit = force(top)
+    below = brentq(lambda z: force(z) - limit, -0.1, -height)
+    found = mr.solve(robot, robot.inputs(force={"apex": (0, 0, -1.2 * limit)}), solver=PRECISE)
+    assert found.status is mr.Status.SNAPPED
+    assert found.stability is mr.Stability.STABLE
+    (event,) = found.events
+    assert event.fold
+    # where a branch ends within 1e-7
+    assert event.load_factor == pytest.approx(1 / 1.2, rel=1e-6)
+    assert event.energy_lost == pytest.approx(energy(top) - energy(below), rel=1e-5)
+    goal = brentq(lambda z: force(z) - 1.2 * limit, -0.1, -height)
+    np.testing.assert_allclose(found.tip_position, (0, 0, goal), rtol=0, atol=1e-7 * span)
+
+
+def test_step_control_ends_branches_where_fixed_steps_do():
+    """A frame of two strips that sways, by the default integrator: of straight rods its steps are long."""
+    strip = mr.Rod(length=0.2, bending_stiffness=(0.5, 0.02), torsional_stiffness=0.015)
+    beam, joints = mr.Body("beam"), []
+    for name, side in (("left", -1), ("right", 1)):
+        there = pose(position=(0.1 * side, 0, 0))
+        joints += [mr.Joint(name, "base", to=mr.ground, pose=there), mr.Joint(name, "tip", to=beam, pose=there)]
+    robot = mr.Network(rods={"left": strip, "right": strip}, bodies=[beam], joints=joints)
+    euler = 2 * np.pi**2 * 0.02 / 0.2**2
+    found = mr.solve(robot, robot.inputs(force={"beam": (0, 0, -1.1 * euler)}))
+    assert found.status is mr.Status.BIFURCATED
+    assert found.stability is mr.Stability.STABLE
+    assert found.events[0].load_factor == pytest.approx(1 / 1.1, rel=1e-6)
+
+
+def test_energy_descent_goes_through_the_snap():
+    """At one integration a sample, and from loads that come all at once: joints of all kinds, springs, a tip that is free."""
+    robot = mr.stacked(mr.ParallelRods(legs=[STRIP] * LEGS, base=around(0.1), platform=around(0.1), joints="spherical"))
+    time = np.linspace(0, 5, 251)
+    press, push = -1.5 * np.clip(time / 2, 0, 1), 0.5 * np.sin(np.pi * np.clip(time - 2, 0, 3) / 2) + 0.001
+    inputs = robot.inputs(force=LEGS * COLUMN * np.stack([push, 0 * time, press], axis=-1))
+    history = mr.simulate(robot, inputs, time=time, solver=mr.EnergyDescent(integrator=mr.RK4(50)))
+    assert (history.integrations[1:] == 1).all()
+    expected = mr.simulate(robot, inputs[::10], time=time[::10], solver=PRECISE).raise_if_failed()
+    assert names(expected) == ["SNAPPED"]
+    calm = np.abs(history.tip_position[::10] - expected.tip_position).max(axis=1) < 1e-3 * LENGTH
+    # as it buckles and as it snaps it is on the way for a part of a second, and says so
+    assert (history.status[::10][~calm] == mr.Status.NEAR_FOLD).all()
+    assert calm.sum() >= len(calm) - 3
+    assert calm[-1]
+    robot = mixed("feeler")
+    solvers = mr.EnergyDescent(integrator=mr.RK4(100)), mr.Shooting(integrator=mr.RK4(100))
+    descended, solved = (mr.solve(robot, robot.inputs(**GIVEN), solver=solver).raise_if_failed() for solver in solvers)
+    np.testing.assert_allclose(descended.tip_position, solved.tip_position, rtol=0, atol=1e-8)
