@@ -155,8 +155,8 @@ def robots() -> dict[str, list[mr.Assembly]]:
         "InverseParallelRods": [six.inverse(), pressed.inverse()],
         "HeldRod": [mr.HeldRod(plain), mr.HeldRod(lined)],
         "Network": [
-            mr.Network(rods={"wire": plain}, joints=[mr.Joint("wire", "base", to=mr.ground, **how)])
-            for how in ({}, {"kind": "revolute", "driven": True})
+            mr.Network(rods={"wire": rod}, joints=[mr.Joint("wire", "base", to=mr.ground, **how)])
+            for rod, how in ((plain, {}), (plain, {"kind": "revolute", "driven": True}), (lined, {}))
         ],
     }
 
