@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import multirod as mr
+from multirod.budget import Budget, Spent
 
 CHECKS = 10  # integrations on top, that judge a result or tell what is left of the residual
 LIMIT = mr.Status.INTEGRATION_LIMIT
@@ -128,3 +129,12 @@ def test_legs() -> None:
     limited = mr.solve(robot, inputs, solver=mr.Shooting(max_integrations=4))
     assert limited.status == LIMIT
     assert limited.integrations <= 4 + CHECKS
+
+
+def test_what_a_study_may_take_is_spent_by_all_that_integrates(wire: mr.SingleRod, tubes: mr.ConcentricTubes) -> None:
+    """Of few instances a kernel repeats integrations by itself: not where they are counted."""
+    for robot, inputs in ((wire, wire.inputs(tip_force=(0, 5.0, 0))), (tubes, tubes.inputs(tip_force=(0, 0.1, 0)))):
+        problem = robot.problem(inputs, integrator=mr.RK45())
+        problem.budget = Budget(5)
+        with pytest.raises(Spent):
+            mr.Shooting().solve(problem)

@@ -163,7 +163,7 @@ class Newton:
 
         The same object as long as the launches are the same.
         """
-        if not self._repeats:
+        if not self._repeats or self.problem.budget is not None:  # of which each integration takes its part
             return None
         launches = self.problem.launches
         if launches is not self._bound:
