@@ -184,3 +184,12 @@ def test_what_drives_lines_is_checked():
         mr.Network(rods={"arm": LINED}, joints=[mr.Joint("arm", "base", to=mr.ground), ring])
     with pytest.raises(ValueError, match=r"Network.rods\['arm'\].* must be a Rod: it slides"):
         mr.Network(rods={"arm": TUBES}, joints=[mr.Joint("arm", "base", to=mr.ground), ring])
+
+
+def test_what_drives_lines_is_read_from_files_by_name(tmp_path):
+    robot = mr.Network(rods={"arm": LINED}, joints=[mr.Joint("arm", "base", to=mr.ground)])
+    text = 'version = 1\nkind = "Inputs"\ntension = {arm = 0.8}\npressure = {arm = 1e4}\n'
+    (tmp_path / "inputs.toml").write_text(text, encoding="utf-8")
+    read = mr.load(tmp_path / "inputs.toml", robot=robot)
+    np.testing.assert_array_equal(read.tension, [0.8])
+    np.testing.assert_array_equal(read.pressure, [1e4])

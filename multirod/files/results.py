@@ -16,7 +16,6 @@ from multirod.files.kinds import INTEGRATORS, ROBOTS, Part, described, made, pro
 from multirod.history import History
 from multirod.inputs import Inputs
 from multirod.models.assemblies.network import Network
-from multirod.models.network.problem import FOLLOWING, LOADED, PER_ROD
 from multirod.scene import Scene
 from multirod.segments import Breakpoints
 from multirod.solution import Solution
@@ -57,9 +56,9 @@ def inputs_from(table: Mapping[str, Any], robot: Assembly, where: str) -> Inputs
     Raises:
         ValueError: If there is an input that the robot does not take, or a value that it does not take.
     """
-    by_name = (*PER_ROD, *LOADED, *FOLLOWING, "angle") if isinstance(robot, Network) else ()  # which a network takes as mappings
+    by_name = isinstance(robot, Network)  # which takes mappings, and no function of arclength
     values = {
-        name: profile(value, f"{where}{name}") if isinstance(value, dict) and name not in by_name else value
+        name: profile(value, f"{where}{name}") if isinstance(value, dict) and not by_name else value
         for name, value in table.items()
     }
     try:
