@@ -1,7 +1,8 @@
 """What drives the lines of one backbone, and what comes of it."""
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from abc import abstractmethod
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -267,3 +268,43 @@ def line_stiffness(T: FloatArray, rho: FloatArray, slope: FloatArray, u: FloatAr
         [np.cross(np.eye(3), lever[..., None, :]).swapaxes(-1, -2), np.broadcast_to(np.eye(3), (*size.shape[:-2], 3, 3))], axis=-1
     )
     return np.asarray(by.swapaxes(-1, -2) @ across @ by)
+
+
+class LinesOfGroups(Lines):
+    """Of a problem whose rods are backbones in groups of one build, each with ``members``, its rods, and ``backbones``."""
+
+    def __init__(self, problem: Any, drives: Sequence[Sequence[str]]) -> None:
+        self.problem, self.drives = problem, drives
+        # the first line of each rod, and their number
+        self.first: NDArray[np.intp] = np.cumsum([0, *map(len, drives)])
+
+    @abstractmethod
+    def hand_over(self) -> None:
+        """Unknowns and inputs to the backbones, without an integration."""
+
+    def _of_all(self, ask: Callable[[Lines], NDArray[Any]], *tail: int) -> FloatArray:
+        self.hand_over()
+        count = self.problem.instance_count
+        result = np.zeros((count, int(self.first[-1]), *tail))
+        for group in self.problem.groups:
+            if group.backbones.drive_count:
+                found = ask(group.backbones.lines)
+                found = found.reshape(count, len(group.members), *found.shape[1:])
+                for place, rod in enumerate(group.members):
+                    result[:, self.first[rod] : self.first[rod + 1]] = found[:, place]
+        return result
+
+    def length(self) -> FloatArray:  # noqa: D102
+        return self._of_all(lambda lines: lines.length())
+
+    def tension(self) -> FloatArray:  # noqa: D102
+        return self._of_all(lambda lines: lines.tension())
+
+    def slack(self) -> NDArray[np.bool_]:  # noqa: D102
+        return np.asarray(self._of_all(lambda lines: lines.slack()) != 0)
+
+    def beyond(self) -> NDArray[np.bool_]:  # noqa: D102
+        return np.asarray(self._of_all(lambda lines: lines.beyond()) != 0)
+
+    def left(self, node_count: int) -> FloatArray:  # noqa: D102
+        return self._of_all(lambda lines: lines.left(node_count), node_count)

@@ -842,11 +842,8 @@ class BackboneProblem(BoundaryProblem):
         self, node_count: int, chosen: bool, columns: bool, rod: int | None, unknowns: FloatArray | None, changes: dict[str, Any]
     ) -> NodePass:
         features = replace(self.features, nodes=False, node_columns=False, design=False, **changes)
-        teller = _judging(features) if columns else _teller(features, self.integrator)
-        if teller is None:
-            without: dict[str, Any] = {"pose_sensitivities": False, "directions": False}
-            teller = replace(_telling(features), **without)
-        features = teller
+        without = replace(_telling(features), pose_sensitivities=False, directions=False)
+        features = _judging(features) if columns else _teller(features, self.integrator) or without
         call = self._make_call(node_count)
         if unknowns is not None:
             call.unknowns = self._array(unknowns)

@@ -1,16 +1,15 @@
 """What the boundary problem of a network offers beside its equations."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from multirod.batch import IntArray
-from multirod.capabilities import Joints, Lines, Loading, Parts, Shapes, Starts
+from multirod.capabilities import Joints, Loading, Parts, Shapes, Starts
 from multirod.integrators import AdaptiveIntegrator, Integrator
+from multirod.models.backbone.driven import LinesOfGroups
 from multirod.models.backbone.inputs import LOADS
 from multirod.models.network import records
 from multirod.models.network.elements import GAP_AT
@@ -210,53 +209,27 @@ class NetworkJoints(Joints):
         return rows
 
 
-class NetworkLines(Lines):
+class NetworkLines(LinesOfGroups):
     """Of a ``NetworkProblem``: those of its rods."""
 
     def __init__(self, problem: "NetworkProblem") -> None:
-        self.problem = problem
+        super().__init__(problem, problem.graph.drives)
 
-    def _of_rods(self, ask: Callable[[Lines], NDArray[Any]], *tail: int) -> FloatArray:
-        problem, drives = self.problem, self.problem.graph.drives
-        problem.hand_over()
-        first = np.cumsum([0, *map(len, drives)])
-        result = np.zeros((problem.instance_count, int(first[-1]), *tail))
-        for group in problem.groups:
-            if group.backbones.drive_count:
-                found = ask(group.backbones.lines)
-                found = found.reshape(problem.instance_count, len(group.members), *found.shape[1:])
-                for place, rod in enumerate(group.members.tolist()):
-                    result[:, first[rod] : first[rod + 1]] = found[:, place]
-        return result
-
-    def length(self) -> FloatArray:  # noqa: D102
-        return self._of_rods(lambda lines: lines.length())
-
-    def tension(self) -> FloatArray:  # noqa: D102
-        return self._of_rods(lambda lines: lines.tension())
-
-    def slack(self) -> NDArray[np.bool_]:  # noqa: D102
-        return np.asarray(self._of_rods(lambda lines: lines.slack()) != 0)
+    def hand_over(self) -> None:  # noqa: D102
+        self.problem.hand_over()
 
     def length_columns(self, *names: str) -> FloatArray:
         """As said; a rod whose base turns is bent by what acts along it, and so its lines are longer."""
         problem, n, size = self.problem, self.problem.unknown_count, self.problem.layout.size
-        element, counts = problem.networks.element.numpy(), [len(own) for own in problem.graph.drives]
-        first = np.cumsum([0, *counts])
+        element, counts = problem.networks.element.numpy(), [len(own) for own in self.drives]
         columns = sum(problem.input_slice(name).stop - problem.input_slice(name).start for name in names)
-        result = np.zeros((problem.instance_count, int(first[-1]), n + columns))
+        result = np.zeros((problem.instance_count, int(self.first[-1]), n + columns))
         for group in problem.groups:
             weights = group.backbones.lines.weights().reshape(problem.instance_count, len(group.members), -1)
             for place, rod in enumerate(group.members.tolist()):
-                lines = slice(int(first[rod]), int(first[rod + 1]))
+                lines = slice(self.first[rod], self.first[rod + 1])
                 own = element[:, rod, size + records.MORE :][:, : counts[rod]] / weights[:, place, :, None]
                 there = np.flatnonzero(problem.places[rod] >= 0)
                 result[:, lines, problem.places[rod, there]] = own[..., there]
                 result[:, lines, n:] = own[..., size : size + columns]
         return result
-
-    def beyond(self) -> NDArray[np.bool_]:  # noqa: D102
-        return np.asarray(self._of_rods(lambda lines: lines.beyond()) != 0)
-
-    def left(self, node_count: int) -> FloatArray:  # noqa: D102
-        return self._of_rods(lambda lines: lines.left(node_count), node_count)

@@ -213,7 +213,9 @@ class NetworkStability(StabilityAnalysis):
     def has_potential(self) -> NDArray[np.bool_]:
         """Whether the loads derive from one, shape (instance_count,)."""
         inputs, count = self.problem.read("inputs"), self.problem.instance_count
-        places = [self.problem.input_slice(name) for name in ("moment", "follower_force", "follower_moment")]
+        specs = self.problem.inputs_given.specs.values()
+        names = [spec.name for spec in specs if spec.acts == "tip" and spec.load is not None and not spec.potential]
+        places = [self.problem.input_slice(name) for name in names]
         result = ~np.any([inputs[:, place].any(axis=1) for place in places], axis=0)
         self.problem.hand_over()
         for group in self.problem.groups:

@@ -1,6 +1,6 @@
 """Several backbones that hold one platform: the boundary problem, its buffers and launches."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass, replace
@@ -13,11 +13,12 @@ import warp as wp
 from numpy.typing import NDArray
 
 from multirod.batch import IntArray, take
-from multirod.capabilities import Lines, LineTest, Loading, Parts, ResultTest, Shapes
+from multirod.capabilities import LineTest, Loading, Parts, ResultTest, Shapes
 from multirod.inputs import Inputs, InputSpec
 from multirod.integrators import Integrator
 from multirod.launch import record
 from multirod.models.backbone.designs import COMPONENTS, turned_loads
+from multirod.models.backbone.driven import LinesOfGroups
 from multirod.models.backbone.ends import move_ends, ways_back
 from multirod.models.backbone.inputs import BACKBONE_INPUTS, DRIVES
 from multirod.models.backbone.members import drive_slices
@@ -894,49 +895,29 @@ class PlatformShapes(Shapes):
         return tuple(shape for shape in found if shape is not None), energy
 
 
-class PlatformLines(Lines):
+class PlatformLines(LinesOfGroups):
     """Of a ``ParallelProblem``: those of its legs."""
 
     def __init__(self, problem: ParallelProblem) -> None:
-        self.problem = problem
+        super().__init__(problem, problem.geometry.drives)
 
-    def _of_legs(self, ask: Callable[[Lines], NDArray[Any]], *tail: int) -> FloatArray:
-        problem, drives = self.problem, self.problem.geometry.drives
-        problem.to_legs()
-        first = np.cumsum([0, *map(len, drives)])
-        result = np.zeros((problem.instance_count, int(first[-1]), *tail))
-        for group in problem.groups:
-            if group.backbones.drive_count:
-                found = ask(group.backbones.lines)
-                found = found.reshape(problem.instance_count, len(group.members), *found.shape[1:])
-                for place, leg in enumerate(group.members):
-                    result[:, first[leg] : first[leg + 1]] = found[:, place]
-        return result
-
-    def length(self) -> FloatArray:  # noqa: D102
-        return self._of_legs(lambda lines: lines.length())
-
-    def tension(self) -> FloatArray:  # noqa: D102
-        return self._of_legs(lambda lines: lines.tension())
-
-    def slack(self) -> NDArray[np.bool_]:  # noqa: D102
-        return np.asarray(self._of_legs(lambda lines: lines.slack()) != 0)
+    def hand_over(self) -> None:  # noqa: D102
+        self.problem.to_legs()
 
     def length_columns(self, *names: str) -> FloatArray:
         """As said; of lines of legs, which touch neither the platform nor other legs."""
         problem = self.problem
         geometry, n = problem.geometry, problem.unknown_count
-        first = np.cumsum([0, *map(len, geometry.drives)])
         every = input_columns(geometry, names)
         starts = np.cumsum([n, *(columns.numbers for columns in every)])
-        result = np.zeros((problem.instance_count, int(first[-1]), int(starts[-1])))
+        result = np.zeros((problem.instance_count, int(self.first[-1]), int(starts[-1])))
         for group in problem.groups:
             if not group.backbones.drive_count:
                 continue
             m, found = group.backbones.unknown_count, group.backbones.lines.length_columns()
             found = found.reshape(problem.instance_count, len(group.members), *found.shape[1:])
             for place, leg in enumerate(group.members):
-                lines = slice(first[leg], first[leg + 1])
+                lines = slice(self.first[leg], self.first[leg + 1])
                 result[:, lines, problem.own[leg]] = found[:, place, :, :m]
                 if problem.inverse:  # by the translation that is unknown
                     result[:, lines, problem.platform.start + leg] = found[:, place, :, m + problem.leg_direction_count]
@@ -946,12 +927,6 @@ class PlatformLines(Lines):
                         own = found[:, place, :, m + columns.start :][..., :count]
                         result[:, lines, start + begin : start + begin + count] = own
         return result
-
-    def beyond(self) -> NDArray[np.bool_]:  # noqa: D102
-        return np.asarray(self._of_legs(lambda lines: lines.beyond()) != 0)
-
-    def left(self, node_count: int) -> FloatArray:  # noqa: D102
-        return self._of_legs(lambda lines: lines.left(node_count), node_count)
 
 
 _ON_PLATFORM = {

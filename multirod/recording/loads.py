@@ -7,7 +7,7 @@ import numpy as np
 
 from multirod.assembly import Assembly
 from multirod.history import History
-from multirod.inputs import Inputs
+from multirod.inputs import Inputs, InputSpec
 from multirod.models.assemblies.network import Network
 from multirod.validation import FloatArray
 
@@ -23,6 +23,7 @@ class DrawnLoad:
         shade: The colour in words.
         kind: Arrows of a kind have one scale.
         place: Which of a network's ``load_places`` it acts on.
+        follows: Whether it is fixed in the frame of where it acts.
     """
 
     name: str
@@ -31,6 +32,7 @@ class DrawnLoad:
     shade: str
     kind: Literal["force", "moment"] = "force"
     place: int = 0
+    follows: bool = False
 
     @property
     def unit(self) -> str:
@@ -41,7 +43,7 @@ class DrawnLoad:
 FORCE, FOLLOWER, MOMENT = (0xFFD43B, "yellow"), (0xFF922B, "orange"), (0xB197FC, "violet")
 TIP_LOADS = (
     DrawnLoad("tip_force", ("tip_force",), *FORCE),
-    DrawnLoad("follower_force", ("follower_force",), *FOLLOWER),
+    DrawnLoad("follower_force", ("follower_force",), *FOLLOWER, follows=True),
 )
 
 
@@ -49,14 +51,18 @@ def drawn_loads(assembly: Assembly) -> tuple[DrawnLoad, ...]:
     """All that there may be of an assembly."""
     if not isinstance(assembly, Network):
         return TIP_LOADS
-    specs = [(spec.name, spec.load) for spec in assembly.input_specs if spec.acts == "tip"]
-    shades = {"force": FORCE, "moment": MOMENT, "follower_force": FOLLOWER, "follower_moment": MOMENT}
     return tuple(
-        DrawnLoad(load, (load, name), *shades[load], kind, k)
-        for load, kind in specs
-        if kind is not None
+        DrawnLoad(spec.name, (spec.name, name), *_shade(spec), spec.load, k, spec.follows)
+        for spec in assembly.input_specs
+        if spec.acts == "tip" and spec.load is not None
         for k, name in enumerate(assembly.load_places)
     )
+
+
+def _shade(spec: InputSpec) -> tuple[int, str]:
+    if spec.load == "moment":
+        return MOMENT
+    return FOLLOWER if spec.follows else FORCE
 
 
 def largest(block: History, kind: str) -> float:
@@ -76,14 +82,14 @@ def acting(block: History) -> dict[DrawnLoad, tuple[FloatArray, FloatArray]]:
         vector = _vectors(block, _given(block.inputs, own))
         if isinstance(block.assembly, Network):
             origin, frame = _place(block, block.assembly, own.place)
-            if own.name.startswith("follower"):
+            if own.follows:
                 vector = np.einsum("...ij,...j->...i", frame, vector)
         else:
             if point is None:
                 by_arm = _turned(block, block.inputs.force_point) if "force_point" in block.inputs.given else 0.0
                 point = block.tip_position + by_arm
             origin = point
-            if own.name == "follower_force":
+            if own.follows:
                 vector = _turned(block, vector)
         found[own] = origin.reshape(shape), vector.reshape(shape)
     return found

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from multirod.budget import Spent
 from multirod.events import BranchEvent
 from multirod.solvers.continuation.acceptance import CONTRACTION, MIN_STEP, SURPRISE, same_branch
 from multirod.solvers.following.descent import RADIUS, SOFT, Point, Slope, Unfit, slope_at
@@ -83,10 +84,6 @@ class Clamp:
 
 
 Run = Generator[At | Judge | Clamp, Any, Any]
-
-
-class Spent(Exception):
-    """An instance has taken the integrations that it may."""
 
 
 @dataclass
