@@ -10,15 +10,28 @@ CORES ?=
 WORKERS ?= auto
 AS_MACHINE := $(if $(CPU)$(CORES),PYTHONPATH="$(CURDIR)/tests/machine" MULTIROD_TEST_CPU=$(CPU) MULTIROD_TEST_CORES=$(CORES) )
 
-.PHONY: demo test heap lint docs bench clean
+.PHONY: demo test test-all quick-tests heap lint docs bench clean
 
 demo: $(VENV)/.installed
 	$(BIN)/multirod demo $(ARGS)
 
 # a process a core, each of which needs but its own: threads of BLAS would wait for their turn, at a tenth of all time
-test: export OPENBLAS_NUM_THREADS ?= 1
+test test-all quick-tests: export OPENBLAS_NUM_THREADS ?= 1
+PYTEST = $(BIN)/pytest --numprocesses $(WORKERS) --dist loadfile --no-loadscope-reorder
+
 test: $(VENV)/.installed-test
-	$(AS_MACHINE)$(BIN)/pytest --numprocesses $(WORKERS) --dist loadfile --no-loadscope-reorder $(ARGS)
+	$(AS_MACHINE)$(PYTEST) --quick $(ARGS)
+
+test-all: $(VENV)/.installed-test
+	$(AS_MACHINE)$(PYTEST) $(ARGS)
+
+# measures what each test takes, and chooses anew which ones `make test` runs: tests/left_to_test_all.txt lists the others
+quick-tests: export MULTIROD_TEST_COSTS := $(CURDIR)/build/costs
+quick-tests: export PYTHONPATH := $(CURDIR)/tests/machine
+quick-tests: $(VENV)/.installed-test
+	rm -rf build/costs && mkdir -p build/costs
+	$(PYTEST) -p costs
+	$(BIN)/python tests/machine/costs.py build/costs
 
 # the tests with guards around every block of the heap: which kernel writes past its array?
 heap: $(VENV)/.installed-test

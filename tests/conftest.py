@@ -17,8 +17,21 @@ LONG = {"line_drives", "tube_lines", "tube_friction", "platform_derivatives", "p
 LONG |= {"parallel_rods", "derivatives", "multiple_shooting"}
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+# functions of tests that `make test` leaves to `make test-all`; tests/machine/costs.py chooses them
+LEFT = Path(__file__).parent / "left_to_test_all.txt"
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--quick", action="store_true", help=f"without the tests that {LEFT.name} lists")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: item.path.stem.removeprefix("test_") not in LONG)
+    if config.getoption("quick"):
+        left = set(LEFT.read_text(encoding="utf-8").split("\n"))
+        kept = {item for item in items if item.nodeid.split("[")[0] not in left}
+        config.hook.pytest_deselected(items=[item for item in items if item not in kept])
+        items[:] = [item for item in items if item in kept]
 
 
 def load_cases(model: str) -> list[dict]:

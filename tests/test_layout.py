@@ -1,5 +1,6 @@
 """The three folders install as one package, completely, and from one copy."""
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 import multirod
 
 ROOT = Path(__file__).parent.parent
+LEFT = ROOT / "tests" / "left_to_test_all.txt"
 
 
 def test_every_folder_of_modules_is_packaged():
@@ -112,3 +114,12 @@ def test_editors_are_told_where_public_names_are():
             module, _, names = line.strip().removeprefix("from ").partition(" import ")
             told |= dict.fromkeys(names.split(", "), module)
     assert told == multirod._HOME
+
+
+def test_what_is_left_to_the_longer_run_exists_and_leaves_some_of_each_file():
+    left = LEFT.read_text(encoding="utf-8").split()
+    assert left == sorted(set(left))
+    functions = re.compile(r"^def (test_\w+)", re.MULTILINE)
+    files = {f"tests/{file.name}": functions.findall(file.read_text(encoding="utf-8")) for file in LEFT.parent.glob("test_*.py")}
+    assert not [name for name in left if name.split("::")[1] not in files.get(name.split("::")[0], [])]
+    assert not [file for file, names in files.items() if {f"{file}::{name}" for name in names} <= set(left)]

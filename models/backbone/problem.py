@@ -918,7 +918,8 @@ class BackboneParts(Parts):
         result = BackboneProblem(whole.rods, base, inputs, enabled=tuple(whole.enabled), arrays=arrays, **options)
         result.stop = whole.stop
         result.judged_often = whole.judged_often
-        for name in ("inputs", "unknowns"):
+        # the tip as the solve found it is what a pass over nodes is held to
+        for name in ("inputs", "unknowns", "position", "rotation"):
             result.write(name, whole.read(name)[instances])
         result.breakpoints = taken(whole.breakpoints, instances)
         return result
