@@ -156,6 +156,14 @@ def test_tubes_that_share_a_platform_are_where_its_energy_has_them(example, tmp_
     assert (tmp_path / "tubes.png").stat().st_size > 10_000
 
 
+def test_tendon_driven_arms_go_along_the_published_circle(example, tmp_path):
+    path, apart, gap = example("tendon_driven_parallel.py").main(["--out", str(tmp_path / "arms.png")])
+    assert abs(path - 0.923) < 5e-4  # as it is printed
+    assert apart < 1e-8  # of 0.85 m, where the model is exact: the tolerance of 1e-9 1/m, over arms as soft as these
+    assert gap < 1e-7  # of 23 mm: the collocation's tolerance is 1e-8
+    assert (tmp_path / "arms.png").stat().st_size > 10_000
+
+
 def test_the_papers_wire_has_the_papers_boundary_error(example, tmp_path):
     found = example("paper_rod.py").main(["--out", str(tmp_path / "rod.png")])
     boundary, tip = found[0.2]

@@ -118,6 +118,35 @@ def test_derivatives_are_those_of_differences(difference, name: str) -> None:
     np.testing.assert_allclose(J[:3, k], difference(tip, step), atol=1e-7 * np.abs(J[:3]).max())
 
 
+@pytest.mark.parametrize(("name", "k", "step"), [("rotation", 1, 4e-3), ("tension", 2, 4e-2)])
+def test_derivatives_know_how_tubes_that_turn_bend(difference, name: str, k: int, step: float) -> None:
+    """(L23), what a tube carries itself: seen where a tube that is much bent turns much, by a slanted tendon far out."""
+
+    def coil(radius: float, rate: float) -> object:
+        return lambda s: (radius * np.cos(rate * s), radius * np.sin(rate * s))
+
+    lines = [mr.Tendon(route=coil(0.003, 60), friction=0.3), mr.Tendon(offset=(-0.0008, 0.0012), friction=0.2)]
+    inner = mr.Rod(length=0.4, bending_stiffness=0.004, torsional_stiffness=0.003, lines=lines)
+    outer = mr.Rod(
+        length=0.3,
+        bending_stiffness=(0.012, 0.015),
+        torsional_stiffness=0.002,
+        precurvature=[(0.21, (0, 0, 0.3)), (0.09, (0, 20, 0))],
+        lines=[mr.Tendon(route=coil(0.01, 30), friction=0.9)],
+        discs=0.02,
+    )
+    robot = mr.ConcentricTubes([inner, outer])
+
+    def at(h: float) -> mr.Solution:
+        given = GIVEN | {name: GIVEN[name] + h * np.eye(k + 1)[k]}
+        return mr.solve(robot, robot.inputs(**given), solver=PRECISE).raise_if_failed()
+
+    J = at(0.0).jacobian(name)[:3]
+    slope = difference(lambda h: at(h).tip_position, step)
+    # differences of solutions that are right to some 1e-11 m leave 1e-10 of it
+    np.testing.assert_allclose(J[:, k], slope, atol=1e-8 * np.abs(J).max())
+
+
 def test_without_friction_it_is_the_law_without(solution: mr.Solution) -> None:
     robot = tubes(np.array([0.0, 0.3]), np.array([0.0, 0.2]), np.array([0.0, -0.25]))
     found = mr.solve(robot, robot.inputs(**GIVEN), solver=PRECISE).raise_if_failed()
