@@ -479,7 +479,7 @@ class NetworkProblem(BoundaryProblem):
                 self.write("unknowns", x)
                 self.opened_at[:] = x
                 self._assemble()
-                gamma, (base, tip) = np.array(self._numbers()), self.state().ends
+                gamma, (base, tip) = np.array(self.numbers()), self.state().ends
                 turned = self.attachments[1][1] @ np.swapaxes(tip.frame, -1, -2) @ base.rotation
                 self._found = Apart(inputs, x, self.read("residual"), gamma, turned)
         return self._found
@@ -488,9 +488,23 @@ class NetworkProblem(BoundaryProblem):
         """Of all instances."""
         return State(self)
 
-    def _numbers(self) -> FloatArray:
+    def numbers(self) -> FloatArray:
         """What is kept of ``Gamma``, shape (instance_count, k)."""
         return self.read("gamma") if self.elimination is None else self.numbers_of_gamma(np.arange(self.instance_count))
+
+    def newton_step(self, numbers: FloatArray, residual: FloatArray) -> FloatArray:
+        """Newton's step [1/m] by the ``numbers`` that are kept of ``Gamma``, (instance_count, k), shape (instance_count, n); NaN
+        where ``Gamma`` is singular."""
+        result = np.full(residual.shape, np.nan)
+        for k in np.flatnonzero(np.isfinite(residual).all(axis=1) & np.isfinite(numbers).all(axis=1)).tolist():
+            if self.elimination is not None:
+                result[k] = -self.elimination.solved(numbers[k], residual[k])
+                continue
+            try:
+                result[k] = -np.linalg.solve(self.entries.dense(numbers[k]), residual[k])
+            except np.linalg.LinAlgError:
+                continue
+        return result
 
     def _set_angles(self, x: FloatArray, at: slice, angles: FloatArray) -> None:
         """Angles (instance_count, rod, 3) as unknowns."""
