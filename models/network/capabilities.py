@@ -74,7 +74,7 @@ class NetworkParts(Parts):
         result.stop = whole.stop
         for name in ("inputs", "unknowns"):
             result.write(name, whole.read(name)[instances])
-        for name in ("opening", "opened_at", "soft", "loading", "shift"):
+        for name in ("opening", "soft", "loading", "shift"):
             getattr(result, name)[:] = getattr(whole, name)[instances]
         return result
 
@@ -216,7 +216,7 @@ class NetworkJoints(Joints):
 
     def shut(self) -> None:  # noqa: D102
         problem = self.problem
-        problem.opening[:], problem.opened_at[:], problem.soft[:], problem.shift[:] = 0.0, 0.0, 0.0, 0.0
+        problem.opening[:], problem.soft[:], problem.shift[:] = 0.0, 0.0, 0.0
 
     def unloaded_inputs(self) -> FloatArray | None:  # noqa: D102
         rows = self.problem.read("inputs")
