@@ -117,6 +117,21 @@ class Loading(IntEnum):
     FULL = 2
 
 
+@dataclass(frozen=True)
+class Together:
+    """An assembly without loads, as Newton's method puts it together from rods at rest.
+
+    Attributes:
+        unknowns: [1/m], shape (instance_count, n).
+        sound: Where it did so on one branch; the others are to be put together step by step, shape (instance_count,).
+        integrations: That it took.
+    """
+
+    unknowns: FloatArray
+    sound: NDArray[np.bool_]
+    integrations: int
+
+
 class Joints(ABC):
     """Joints that may be taken apart: another way to the natural branch, from legs that nothing holds."""
 
@@ -134,6 +149,11 @@ class Joints(ABC):
     def open(self, unknowns: FloatArray) -> None:
         """Make ``unknowns`` (instance_count, n) an equilibrium at a ``load_factor`` of 0: the residual there closes on the way to
         1."""
+
+    def together(self) -> Together | None:
+        """The assembly put together at once, an equilibrium at a ``load_factor`` of 0 where it is sound; None where ``guess`` is
+        just that."""
+        return None
 
     @abstractmethod
     def close(self, loading: Loading) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multirod.batch import IntArray
-from multirod.capabilities import Joints, Loading, Parts, Shapes, Starts
+from multirod.capabilities import Joints, Loading, Parts, Shapes, Starts, Together
 from multirod.integrators import AdaptiveIntegrator, Integrator
 from multirod.models.backbone.driven import LinesOfGroups
 from multirod.models.backbone.inputs import LOADS
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 APART = 10_000  # numbers between the sequences of two bodies
 STEPS = 96  # of a rod where branches are followed: those of whole rods are those of their pieces
+CONTRACTION = 0.3  # largest ratio of Newton's steps that put a network together at once, as of those on a branch
 BENDING = 0.1  # L^3/EI by which rods give way along themselves where they are bent to first order
 
 
@@ -73,7 +74,7 @@ class NetworkParts(Parts):
         result.stop = whole.stop
         for name in ("inputs", "unknowns"):
             result.write(name, whole.read(name)[instances])
-        for name in ("opening", "opened_at", "soft", "loading", "shift"):
+        for name in ("opening", "soft", "loading", "shift"):
             getattr(result, name)[:] = getattr(whole, name)[instances]
         return result
 
@@ -194,12 +195,28 @@ class NetworkJoints(Joints):
             residual = problem.evaluate(unknowns)[0]
         problem.open_at(unknowns, residual)
 
+    def together(self) -> Together:
+        """(30) By one step of Newton's method from the network taken apart, where the next is much shorter."""
+        problem = self.problem
+        apart = problem.apart()
+        step = problem.newton_step(apart.gamma, apart.residual)
+        with problem.unloaded(), np.errstate(all="ignore"):
+            unknowns = apart.unknowns + np.nan_to_num(step)
+            problem.write("unknowns", unknowns)
+            problem.integrate()
+            residual, numbers, faults = problem.read("residual"), problem.numbers(), problem.fault.numpy() != 0
+        size, left = np.linalg.norm(step, axis=1), np.linalg.norm(problem.newton_step(numbers, residual), axis=1)
+        sound = ~faults & (left <= CONTRACTION * size)
+        self.shut()
+        problem.opening[:] = np.where(sound[:, None], residual, 0.0)
+        return Together(unknowns, sound, problem.guess_integrations + 1)
+
     def close(self, loading: Loading) -> None:  # noqa: D102
         self.problem.loading[:] = int(loading)
 
     def shut(self) -> None:  # noqa: D102
         problem = self.problem
-        problem.opening[:], problem.opened_at[:], problem.soft[:], problem.shift[:] = 0.0, 0.0, 0.0, 0.0
+        problem.opening[:], problem.soft[:], problem.shift[:] = 0.0, 0.0, 0.0
 
     def unloaded_inputs(self) -> FloatArray | None:  # noqa: D102
         rows = self.problem.read("inputs")

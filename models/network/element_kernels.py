@@ -15,6 +15,7 @@ from multirod.models.network.records import (
     CARRIED_AT,
     MORE,
     POSE,
+    SOFT,
     TENSION_AT,
     TIP_FORCE_AT,
     TIP_POSE_AT,
@@ -42,6 +43,7 @@ class Element:
     rotation: wp.mat33d  # of the tip, in the base
     position: wp.vec3d
     apart: wp.vec3d  # from where the tip is to be to the base, in its axes
+    give: f64  # (12) by which the tip gives way to the force at the base
     log: wp.vec3d
     by_turn: wp.mat33d
     # forces and moments in the base, on the tip, and in the rod at its base
@@ -132,7 +134,7 @@ def write_column(net: wp.ref[Networks], own: wp.ref[Element], change: wp.ref[Cha
         write(net.element, b, rod, 3, k, by_moment / EI)
     else:
         gap = change.q + wp.cross(own.apart, beta) + own.back * (change.base_move - change.tip_move)
-        write(net.element, b, rod, 0, k, gap / (L * L))  # (7)
+        write(net.element, b, rod, 0, k, gap / (L * L) + own.give * change.base_n)  # (7), (12)
         tip = change.tip_turn + own.tip.frame * (own.tip.turns * change.tip_angle)
         lack = wp.transpose(own.rotation) * (turn - own.back * tip)
         write(net.element, b, rod, 3, k, (own.by_turn * lack) / L)  # (8)
@@ -272,7 +274,7 @@ def write_values(net: wp.ref[Networks], own: wp.ref[Element]):
         write_value(net.value, b, rod, 0, (L / EI) * (own.force - own.given_force - own.following_force))
         write_value(net.value, b, rod, 3, (own.moment - own.given_moment - own.following_moment) / EI)
     else:
-        write_value(net.value, b, rod, 0, (own.apart + own.position) / (L * L))
+        write_value(net.value, b, rod, 0, (own.apart + own.position) / (L * L) + own.give * own.base_force)
         write_value(net.value, b, rod, 3, own.log / L)
     angles = net.own
     if own.base.count > 0:
@@ -362,6 +364,7 @@ def form(net: Networks, group: RodGroup):
         own.apart = own.back * (own.base.position - own.tip.position)
         own.log = rotation_vector(wp.transpose(own.tip.rotation) * (own.base.rotation * own.rotation))
         own.by_turn = inverse_right_jacobian(own.log)
+        own.give = f64(wp.static(SOFT)) * (f64(1.0) - net.load_factor[b]) * net.soft[b] * own.length / own.stiffness
     else:
         own.free = 1
         level = level_of(net, b)

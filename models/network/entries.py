@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.elimination import Elimination
-from multirod.models.network.elements import GAP_AT, POSE
+from multirod.models.network.elements import POSE
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -59,7 +59,6 @@ class Entries:
         rows: Sums of the rows of the elements, (rod_count * size,) of them.
         numbers: Sums of their matrices, (rod_count * size * size,) numbers.
         turns: Where the balance of each body stands by how it turns, among the numbers, shape (body_count, 6, 3).
-        yielding: Where the gap of each rod whose tip is held stands by the force, along its base both, shape (k,).
     """
 
     def __init__(self, graph: "Graph") -> None:
@@ -72,8 +71,6 @@ class Entries:
         entries = np.where((rows < 0) | (columns < 0), -1, rows * n + columns).reshape(-1)
         poses = self.first_pose + np.arange(POSE * bodies).reshape(-1, POSE)
         turns = poses[:, :, None] * n + poses[:, None, 3:]
-        held = graph.ends[1].held
-        yielding = self.variables[held, GAP_AT.stop - 1] * n + self.variables[held, graph.along[held]]
         self.arrow: tuple[int, ...] = ()
         self.elimination: Elimination | None = None
         self.count = n * n
@@ -84,8 +81,8 @@ class Entries:
             self.elimination = own = Elimination(np.concatenate([entries[entries >= 0], turns.reshape(-1)]), n)
             self.count = own.count
             entries = np.where(entries < 0, -1, own.index(np.maximum(entries, own.places[0])))
-            turns, yielding = own.index(turns), own.index(yielding)
-        self.turns, self.yielding = turns, yielding
+            turns = own.index(turns)
+        self.turns = turns
         self.rows, self.numbers = Sums(self.variables.reshape(-1)), Sums(entries)
         assert self.variables.shape[1] == layout.size
 

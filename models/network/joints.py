@@ -232,13 +232,17 @@ class JointTable:
         return Turns(first @ second, by_first + first @ by_second, self.inner + carried, carried, by_first)
 
     def fitted(self, rotation: FloatArray) -> FloatArray:
-        """Coordinates at which the joints turn by rotations (instance, joint, 3, 3) as nearly as they can, from rest."""
+        """Coordinates at which the joints turn by rotations (instance, joint, 3, 3) as nearly as they can, from rest.
+
+        A ball with a spring stays at rest: a torque that stays the same about fixed axes has no potential.
+        """
         angles = np.array(np.broadcast_to(self.rest, (*rotation.shape[:-2], MOST)))
         if not self.count.any():
             return angles
+        turned = ~((self.count == MOST) & self.stiffness.any(axis=1))
         for _ in range(FITTING):
             turns = self.at(angles)
             off = rotation @ np.swapaxes(turns.rotation, -1, -2)
             error = vectors(off.reshape(-1, 3, 3)).reshape(*rotation.shape[:-2], 3)
-            angles += np.einsum("bjki,bji->bjk", np.linalg.pinv(turns.turns), error)
+            angles += turned[:, None] * np.einsum("bjki,bji->bjk", np.linalg.pinv(turns.turns), error)
         return angles

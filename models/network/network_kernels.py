@@ -11,7 +11,7 @@ import warp as wp
 
 from multirod.models.joint_kernels import vector
 from multirod.models.network.end_kernels import along, end_at, extension, level_of
-from multirod.models.network.records import ALONG_VECTORS, POSE, SOFT, TIP_POSE_AT, TURNING, Networks, RodGroup
+from multirod.models.network.records import ALONG_VECTORS, POSE, TIP_POSE_AT, TURNING, Networks, RodGroup
 from multirod.models.rotation_kernels import left_jacobian, rotation_from_vector
 from multirod.status import Fault
 
@@ -202,14 +202,6 @@ def add_up(net: Networks):
             for j in range(3):
                 at = net.turn_place[k, i, j]
                 net.numbers[b, at] = net.numbers[b, at] - net.load_turns[b, k, i, j]
-    soft = f64(wp.static(SOFT)) * open * net.soft[b]
-    if soft != f64(0.0):  # (12)
-        for i in range(net.yield_rod.shape[0]):
-            row = net.variable[net.yield_rod[i], 2]
-            k = net.variable[net.yield_rod[i], net.yield_unknown[i]]
-            at = net.yield_place[i]
-            net.numbers[b, at] = net.numbers[b, at] + soft
-            net.residual[b, row] = net.residual[b, row] + soft * (net.unknowns[b, k] - net.opened_at[b, k])
     if not wp.isfinite(size) and fault == 0:
         fault = wp.static(int(Fault.NONFINITE))
     net.fault[b] = fault

@@ -37,6 +37,7 @@ from multirod.rotations import vectors
 from multirod.status import Status
 from multirod.validation import FloatArray
 
+AT_REST = 1e-9  # of the curvature scale, up to which the force in a rod is none
 GAP_LOAD = 12.0  # EI/L^3: what a rod resists with where its tip is moved across
 
 
@@ -171,8 +172,9 @@ class NetworkProblem(BoundaryProblem):
         self.networks = self._make_networks()
         # of the path from the network taken apart, as NumPy sees what the kernels read
         own = self.networks
-        self.opening, self.opened_at = own.opening.numpy(), own.opened_at.numpy()
-        self.soft, self.shift, self.loading = own.soft.numpy(), own.shift.numpy(), own.loading.numpy()
+        self.opening, self.soft, self.shift, self.loading = (
+            array.numpy() for array in (own.opening, own.soft, own.shift, own.loading)
+        )
         self.loading[:] = int(Loading.RISING)
         self._launches = self._record()
         self._found: Apart | None = None
@@ -228,7 +230,7 @@ class NetworkProblem(BoundaryProblem):
         )
         own.mass, own.mass_centre = array(graph.mass), array(graph.mass_centre, wp.vec3d)
         own.pulled_out = wp.zeros(count, dtype=wp.int32, device=device)
-        own.opening, own.opened_at, own.soft = zeros(count, self.unknown_count), zeros(count, self.unknown_count), zeros(count)
+        own.opening, own.soft = zeros(count, self.unknown_count), zeros(count)
         own.shift, own.loading = zeros(count, rods, dtype=wp.vec3d), zeros(count, dtype=wp.int32)
         still = np.broadcast_to(np.eye(3), (count, bodies + 1, 3, 3))
         own.body_position, own.body_rotation = zeros(count, bodies + 1, dtype=wp.vec3d), array(still, wp.mat33d)
@@ -247,8 +249,6 @@ class NetworkProblem(BoundaryProblem):
         own.number_rod = array(of_rod, wp.int32)
         own.number_row, own.number_column = (array(values, wp.int32) for values in np.divmod(within, layout.size))
         own.turn_place = array(entries.turns, wp.int32)
-        own.yield_rod, own.yield_place = array(np.flatnonzero(graph.ends[1].held), wp.int32), array(entries.yielding, wp.int32)
-        own.yield_unknown = array(graph.along[graph.ends[1].held], wp.int32)
         return own
 
     def _record(self) -> list[Any]:
@@ -334,7 +334,7 @@ class NetworkProblem(BoundaryProblem):
         self.__dict__.pop("conjugates", None)
         for group in self.groups:
             group.backbones._clear()
-        self.opening[:], self.opened_at[:], self.soft[:], self.shift[:] = 0.0, 0.0, 0.0, 0.0
+        self.opening[:], self.soft[:], self.shift[:] = 0.0, 0.0, 0.0
         self.loading[:] = int(Loading.RISING)
         self._found, self.inputs_given = None, inputs
         self.write("inputs", self.pack(inputs))
@@ -354,7 +354,7 @@ class NetworkProblem(BoundaryProblem):
         """Some of the launches, in order."""
         if self._host is None:
             own = self.networks
-            for name in ("opening", "opened_at", "soft", "shift", "loading"):
+            for name in ("opening", "soft", "shift", "loading"):
                 getattr(own, name).assign(getattr(self, name))
         for launch in launches:
             launch.launch()
@@ -447,8 +447,13 @@ class NetworkProblem(BoundaryProblem):
         return np.array(apart.unknowns)
 
     def open_at(self, unknowns: FloatArray, residual: FloatArray) -> None:
-        """Make ``unknowns`` an equilibrium where ``load_factor`` is 0, by the residual there."""
-        self.opening[:], self.opened_at[:], self.soft[:] = residual, unknowns, 1.0
+        """Make ``unknowns`` an equilibrium where ``load_factor`` is 0, by the residual there.
+
+        Ends of rods give way on the way only where no rod carries a force yet.
+        """
+        own = self.graph.along[:, None] + np.arange(-2, 1)
+        forces = unknowns[:, np.take_along_axis(self.places, own, axis=1).reshape(-1)]
+        self.opening[:], self.soft[:] = residual, (np.abs(forces).max(axis=1) < AT_REST * self.curvature_scale())
 
     @property
     def natural_singular_value(self) -> FloatArray:
@@ -473,13 +478,12 @@ class NetworkProblem(BoundaryProblem):
                 for at, end in zip(self.layout.angles_at, self.graph.ends, strict=True):
                     self._set_angles(x, at, np.broadcast_to(end.table.rest, (self.instance_count, *end.table.rest.shape)))
                 self.write("unknowns", x)
-                self.soft[:], self.opened_at[:] = 1.0, x
+                self.soft[:] = 1.0
                 self.integrate()
                 self._place(x)
                 self.write("unknowns", x)
-                self.opened_at[:] = x
                 self._assemble()
-                gamma, (base, tip) = np.array(self._numbers()), self.state().ends
+                gamma, (base, tip) = np.array(self.numbers()), self.state().ends
                 turned = self.attachments[1][1] @ np.swapaxes(tip.frame, -1, -2) @ base.rotation
                 self._found = Apart(inputs, x, self.read("residual"), gamma, turned)
         return self._found
@@ -488,9 +492,23 @@ class NetworkProblem(BoundaryProblem):
         """Of all instances."""
         return State(self)
 
-    def _numbers(self) -> FloatArray:
+    def numbers(self) -> FloatArray:
         """What is kept of ``Gamma``, shape (instance_count, k)."""
         return self.read("gamma") if self.elimination is None else self.numbers_of_gamma(np.arange(self.instance_count))
+
+    def newton_step(self, numbers: FloatArray, residual: FloatArray) -> FloatArray:
+        """Newton's step [1/m] by the ``numbers`` that are kept of ``Gamma``, (instance_count, k), shape (instance_count, n); NaN
+        where ``Gamma`` is singular."""
+        result = np.full(residual.shape, np.nan)
+        for k in np.flatnonzero(np.isfinite(residual).all(axis=1) & np.isfinite(numbers).all(axis=1)).tolist():
+            if self.elimination is not None:
+                result[k] = -self.elimination.solved(numbers[k], residual[k])
+                continue
+            try:
+                result[k] = -np.linalg.solve(self.entries.dense(numbers[k]), residual[k])
+            except np.linalg.LinAlgError:
+                continue
+        return result
 
     def _set_angles(self, x: FloatArray, at: slice, angles: FloatArray) -> None:
         """Angles (instance_count, rod, 3) as unknowns."""
@@ -519,7 +537,7 @@ class NetworkProblem(BoundaryProblem):
         kept = (self.fault, self.step_count, self.residual_directions, self.pose_columns)
         values = [np.array(array.numpy()) for array in kept]
         records = self.snapshot()
-        own = [np.array(values) for values in (self.opening, self.opened_at, self.soft, self.loading, self.shift)]
+        own = [np.array(values) for values in (self.opening, self.soft, self.loading, self.shift)]
         self.opening[:], self.soft[:], self.loading[:], self.shift[:] = 0.0, 0.0, int(Loading.NONE), 0.0
         try:
             with self.everyone(), self.at_load(0.0):
@@ -528,7 +546,7 @@ class NetworkProblem(BoundaryProblem):
             self.restore(records)
             for array, before in zip(kept, values, strict=True):
                 array.assign(before)
-            self.opening[:], self.opened_at[:], self.soft[:], self.loading[:], self.shift[:] = own
+            self.opening[:], self.soft[:], self.loading[:], self.shift[:] = own
 
     def curvature_scale(self) -> FloatArray:  # noqa: D102
         own = [group.backbones.curvature_scale().reshape(self.instance_count, -1) for group in self.groups]

@@ -7,7 +7,7 @@ from multirod.models.backbone.kernels.layout.arguments import RodTable
 
 POSE = 6  # unknowns of a body
 TURNING = 3  # directions in which the base of a rod may turn
-SOFT = 0.01  # L^3/EI by which rods give way along themselves while the network is put together
+SOFT = 0.01  # L^3/EI by which the ends of rods give way while the network is put together
 ALONG_VECTORS = 4  # inputs that act along rods; the third of them is gravity
 # rows of an element after those of its variables
 TIP_TURN_AT = 0  # (5) how the tip turns and the force on it changes, in the axes of the base
@@ -87,7 +87,6 @@ class Networks:
     pulled_out: wp.array[int]  # (instance,): whether a rod was pulled out of a hole since this was 0
     # of the path from the network taken apart
     opening: wp.array2d[wp.float64]
-    opened_at: wp.array2d[wp.float64]
     soft: wp.array[wp.float64]
     shift: wp.array2d[wp.vec3d]  # (instance, rod), (29) of where tips are held, in the frames of the bodies [m]
     loading: wp.array[int]
@@ -115,9 +114,6 @@ class Networks:
     number_row: wp.array[int]
     number_column: wp.array[int]
     turn_place: wp.array3d[int]  # (body, 6, 3): where its balance stands by how it turns
-    yield_rod: wp.array[int]  # (12) whose tips are held
-    yield_unknown: wp.array[int]  # which of its variables is the force along its base
-    yield_place: wp.array[int]
 
 
 @wp.struct

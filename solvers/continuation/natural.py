@@ -25,6 +25,7 @@ RUNAWAY = 1e3  # times the curvature scale: where tensions grow without bound
 AT_KINK = 1e-3  # of the curvature scale, that an unknown may be from a kink where a path ended: steps are 1e-7 there
 FINER = 16  # times shorter steps, where a branch led to an unstable equilibrium
 ROUNDS = 64  # integrations after each of which it is asked whether a rod creeps
+SHORT_STEPS = 12  # of a short cut, beyond which it is none
 CREEPING = 100  # steps to the full load, at the pace of the last, of what does
 ROUNDED_OFF = 1e4  # times the tolerance, that no iteration from the base comes below but by chance
 
@@ -126,19 +127,20 @@ class Paths:
         for values in self._first_values:
             values.fill(0)
 
-    def raise_loads(self, chosen: BoolArray, bounds: FloatArray, finer: int = 1) -> Outcome:
+    def raise_loads(self, chosen: BoolArray, bounds: FloatArray, finer: int = 1, unloaded: FloatArray | None = None) -> Outcome:
         """From the unloaded equilibrium to the full load, all loads in proportion.
 
-        ``bounds`` are the problem's ``mode_bounds``, and steps are ``finer`` times shorter than they call for.
+        ``bounds`` are the problem's ``mode_bounds``, and steps are ``finer`` times shorter than they call for. Where the
+        equilibrium is, ``unloaded`` (instance_count, n) says, or the problem's ``guess``.
         """
         problem, first = self.problem, bounds[:, 0]
         safe_step = SAFE_LOAD / np.maximum(np.maximum(problem.load_scale(), 2 * first), 1e-300)
         most_step = np.where(first < 1, 1.0, TURN / np.maximum(problem.turning(), 1e-300) / finer)
         sure = (first < 1) | (not problem.may_jump)
-        outcome = self.raise_from(
-            chosen, problem.guess(), safe_step / finer, most_step=most_step, growth=GROWTH / finer, sure=sure
-        )
-        outcome.integrations += chosen * problem.guess_integrations
+        start = problem.guess() if unloaded is None else unloaded
+        outcome = self.raise_from(chosen, start, safe_step / finer, most_step=most_step, growth=GROWTH / finer, sure=sure)
+        if unloaded is None:
+            outcome.integrations += chosen * problem.guess_integrations
         return outcome
 
     def raise_from(
@@ -374,9 +376,19 @@ def natural_branch(
     """
     chosen = np.ones(problem.instance_count, dtype=bool) if chosen is None else chosen
     bounds = problem.mode_bounds()
-    paths = Paths.of(problem, newton, max_steps)
-    paths.handed = handed
-    outcome = paths.raise_loads(chosen, bounds)
+    short = _short_cut(problem, newton, chosen, bounds)
+    left = chosen if short is None else chosen & failures(short.status)
+    if short is None or left.any():
+        paths = Paths.of(problem, newton, max_steps)
+        paths.handed = handed
+        outcome = paths.raise_loads(left, bounds)
+        if short is not None:
+            outcome.iterations += short.iterations
+            outcome.integrations += short.integrations
+            assert outcome.reached is not None
+            outcome.reached[chosen & ~left] = 1.0
+    else:
+        outcome = short
     if problem.may_jump:
         _leave_unstable(problem, newton, max_steps, chosen, bounds, outcome)
     lost = outcome.status != Status.CONVERGED
@@ -385,6 +397,24 @@ def natural_branch(
         with problem.only(lost):
             problem.integrate()
         outcome.integrations += lost
+    return outcome
+
+
+def _short_cut(problem: BoundaryProblem, newton: Newton, chosen: BoolArray, bounds: FloatArray) -> Outcome | None:
+    """The natural branch of what is put together by a step or two of Newton's method; the other instances have failed.
+
+    None where there is nothing to be put together. What it took is no longer allowed to ``newton``.
+    """
+    found = None if problem.joints is None else problem.joints.together()
+    if found is None:
+        return None
+    tried = chosen & found.sound
+    outcome = Outcome.zeros(problem.instance_count)
+    if tried.any():
+        outcome = Paths.of(problem, newton, SHORT_STEPS).raise_loads(tried, bounds, unloaded=found.unknowns)
+    outcome.status[~tried] = Status.NOT_RUN
+    outcome.integrations += chosen * found.integrations
+    newton.allow(np.maximum(newton.allowed() - outcome.integrations, 0))
     return outcome
 
 

@@ -1,0 +1,74 @@
+"""Where the search of a network begins: what is put together at once, and the path from the network taken apart."""
+
+import numpy as np
+import pytest
+from random_networks import draw, violation
+from test_network import EXACT, FORCE, GRAVITY, RK4, hexapod
+
+import multirod as mr
+from multirod.models.network.capabilities import NetworkJoints
+from multirod.models.network.elements import Elements
+
+MOST = 15  # integrations of a cold start: one apart, one together, one without loads, those of one step
+
+
+@pytest.mark.parametrize("scale", [1.0, 6.0])
+def test_equal_legs_are_put_together_at_once(scale, monkeypatch):
+    """(30) In a few integrations, and to where the path from the network taken apart leads, under large loads too."""
+    robot = hexapod()
+    inputs = robot.inputs(force={"plate": scale * FORCE * (1, 1, 0.2)}, translation=0.01, gravity=GRAVITY)
+    found = mr.solve(robot, inputs, solver=EXACT)
+    monkeypatch.setattr(NetworkJoints, "together", lambda joints: None)
+    expected = mr.solve(robot, inputs, solver=EXACT)
+    assert found.status == expected.status == mr.Status.CONVERGED
+    assert found.stability == mr.Stability.STABLE
+    assert found.integrations < expected.integrations
+    assert found.integrations <= MOST or scale > 1
+    # residuals of 1e-11, and legs that give way along themselves by 1e-3 of what they do across
+    np.testing.assert_allclose(found.tip_position, expected.tip_position, atol=1e-9)
+    np.testing.assert_allclose(found.energy, expected.energy, rtol=1e-7)
+
+
+def test_what_has_to_bend_is_put_together_step_by_step():
+    """Legs of different lengths: Newton's second step is longer than the first; what was tried is forgotten."""
+    robot = hexapod()
+    inputs = robot.inputs(translation=np.array([[0.01, 0, 0, -0.01, 0, 0.005], [0.01] * 6]), gravity=GRAVITY)
+    problem = robot.problem(inputs, integrator=RK4)
+    together = problem.joints.together()
+    assert together.sound.tolist() == [False, True]
+    assert not problem.soft.any()
+    assert not problem.opening[0].any()
+    both = mr.solve(robot, inputs, solver=EXACT)
+    assert (both.status == mr.Status.CONVERGED).all()
+    for k in range(2):  # each is what it is alone
+        alone = mr.solve(robot, inputs[k], solver=EXACT)
+        assert alone.integrations == both.integrations[k]
+        np.testing.assert_array_equal(alone.tip_position, both.tip_position[k])
+
+
+def test_the_path_from_the_network_taken_apart_has_a_potential():
+    """(12), (29): the second variation is symmetric on the way, where bases turn and balls have springs: else what comes to the
+    end of a branch there has nothing to go down in."""
+    drawn = draw(76)
+    problem = drawn.robot.problem(drawn.inputs, integrator=RK4)
+    x = problem.guess()
+    assert problem.soft.all()
+    for level in (0.1, 0.2):
+        with problem.everyone(), problem.at_load(level):
+            for _ in range(6):
+                residual, gamma = problem.evaluate(x)
+                x = x - np.linalg.solve(gamma[0], residual[0])
+            assert np.abs(problem.evaluate(x)[0]).max() < 1e-9
+            problem.integrate_rods()
+            form = problem.stability._form(problem.state(), Elements(problem))[0][0].toarray()
+    # numbers of up to 80; fifty steps leave 4e-6, a softness along the bases or torques about fixed axes 0.1
+    np.testing.assert_allclose(form, form.T, atol=1e-4)
+
+
+def test_what_buckles_on_the_way_is_followed():
+    """Where the branch ends at 0.6 of its loads and gaps: the network snaps, and comes to rest at all of them."""
+    drawn = draw(76)
+    solution = mr.solve(drawn.robot, drawn.inputs)
+    assert solution.status == mr.Status.SNAPPED
+    assert solution.stability == mr.Stability.STABLE
+    assert violation(drawn, solution) < 1e-6  # the default integrator promises as much
