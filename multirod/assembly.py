@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 
 from multirod import plausibility
-from multirod.batch import IntArray
+from multirod.batch import IntArray, broadcast_shapes
 from multirod.elimination import Elimination
 from multirod.inputs import Inputs, InputSpec
 from multirod.problem import BoundaryProblem
@@ -128,7 +128,7 @@ class Assembly(ABC):
     @property
     def batch_shape(self) -> tuple[int, ...]:
         """Leading axes of the rods' parameters together."""
-        return np.broadcast_shapes(*(rod.batch_shape for rod in self.rods))
+        return broadcast_shapes(*(rod.batch_shape for rod in self.rods))
 
     def inputs(self, **values: Any) -> Inputs:
         """Check and broadcast inputs by name; what is not named is zero.
@@ -159,6 +159,7 @@ class Assembly(ABC):
         result = Inputs(self.input_specs, self.rod_count, values, length)
         self._check_axes(result)
         self.check(result)
+        result.checked_by(self)
         return result
 
     def accept(self, inputs: Inputs | None, field: str = "inputs") -> Inputs:
@@ -172,10 +173,13 @@ class Assembly(ABC):
             return self.inputs()
         if not isinstance(inputs, Inputs):
             raise TypeError(f"{field} must be made by robot.inputs(...), not {type(inputs).__name__}")
+        if inputs.was_checked_by(self):
+            return inputs
         unknown_names("the robot", inputs.given, (spec.name for spec in self.input_specs))
         inputs.refuse_others(field, type(self).__name__, self.input_specs, self.rod_count)
         self._check_axes(inputs)
         self.check(inputs)
+        inputs.checked_by(self)
         return inputs
 
     def compile(
@@ -249,7 +253,7 @@ class Assembly(ABC):
 
     def _check_axes(self, inputs: Inputs) -> None:
         try:
-            np.broadcast_shapes(inputs.batch_shape, self.batch_shape)
+            broadcast_shapes(inputs.batch_shape, self.batch_shape)
         except ValueError:
             raise ValueError(
                 f"the inputs' leading axes {inputs.batch_shape} do not broadcast with the rods' {self.batch_shape}"
@@ -268,6 +272,10 @@ class Assembly(ABC):
     def _reach(self, inputs: Inputs) -> float:
         """Largest arclength in use [m], for functions of arclength."""
         return self.longest + float(np.max(inputs.translation, initial=0.0))
+
+    def translations_of(self, solution: "Solution[Any]") -> FloatArray:
+        """How far each rod is pushed out of its base in a solution [m], shape (..., rod_count): given, or found."""
+        return solution.inputs.translation
 
     def bent_at_base(self, unknowns: FloatArray) -> FloatArray | None:
         """Curvature less precurvature at the base of a single rod [1/m], shape (k, 2), by unknowns (k, n); None if these do not

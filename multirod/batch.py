@@ -35,6 +35,21 @@ def take(values: Any, batch_shape: tuple[int, ...], instances: IntArray | None, 
     return rows[np.unravel_index(instances, batch_shape)]
 
 
+def broadcast_shapes(*shapes: tuple[int, ...]) -> tuple[int, ...]:
+    """``np.broadcast_shapes``, which takes as long as a small integration; at once where all that have leading axes have the same.
+
+    Raises:
+        ValueError: If they do not broadcast.
+    """
+    own: tuple[int, ...] = ()
+    for shape in shapes:
+        if shape and shape != own:
+            if own:
+                return np.broadcast_shapes(*shapes)
+            own = shape
+    return own
+
+
 def solved_each(matrices: FloatArray, sides: FloatArray) -> FloatArray:
     """``matrices^-1 sides`` (b, n, k); NaN of an instance whose matrix is singular or not finite."""
     try:

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 from os import PathLike
 from types import MappingProxyType
 from typing import Any, Literal
+from weakref import ref
 
 import numpy as np
 
-from multirod.batch import IntArray, take
+from multirod.batch import IntArray, broadcast_shapes, take
 from multirod.profile import Profile, fit
 from multirod.types import Index
 from multirod.validation import FloatArray, array, refuse, unknown_names
@@ -98,6 +99,8 @@ class Inputs:
     """
 
     _kept: frozenset[str] = frozenset()  # active in the batch that these were taken from
+    _nonzero: frozenset[str] | None = None  # of the arrays, once that was asked for
+    _checked: "ref[Any] | None" = None  # the robot that takes them, as far as is known
 
     def __init__(self, specs: Sequence[InputSpec], rod_count: int, values: Mapping[str, Any], length: float = 0.0) -> None:
         """Check and broadcast ``values``; ``length`` is the range over which functions of arclength are resolved [m]."""
@@ -120,10 +123,21 @@ class Inputs:
                 self._arrays[name] = array(name, value, (3,))
         self.given = tuple(name for name in self._specs if name in self._arrays or name in self._profiles)
         try:
-            self.batch_shape: tuple[int, ...] = np.broadcast_shapes(*(a.shape[:-1] for a in self._arrays.values()))
+            self.batch_shape: tuple[int, ...] = broadcast_shapes(*(a.shape[:-1] for a in self._arrays.values()))
         except ValueError:
             shapes = ", ".join(f"{name} {a.shape[:-1]}" for name, a in self._arrays.items())
             raise ValueError(f"the leading axes of the inputs do not broadcast: {shapes}") from None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "_checked"}
+
+    def checked_by(self, robot: Any) -> None:
+        """Note that a robot takes them."""
+        self._checked = ref(robot)
+
+    def was_checked_by(self, robot: Any) -> bool:
+        """Whether this very robot is known to take them."""
+        return self._checked is not None and self._checked() is robot
 
     def refuse_others(self, field: str, kind: str, specs: Sequence[InputSpec], rod_count: int) -> None:
         """Refuse inputs that were made by a robot with another number of rods, or of lines, than this ``kind`` of robot has."""
@@ -149,8 +163,12 @@ class Inputs:
         if name in self._profiles:
             raise AttributeError(f"inputs.{name} is a function of arclength: see inputs.profile({name!r})")
         width = specs[name].size(self._rod_count)
-        value = self._arrays.get(name, np.zeros(width))
-        return np.broadcast_to(value, (*self.batch_shape, width))
+        value = self._arrays.get(name)
+        if value is None:
+            value = np.zeros(width)
+            value.flags.writeable = False
+        whole = value.shape == (*self.batch_shape, width) and not value.flags.writeable
+        return value if whole else np.broadcast_to(value, (*self.batch_shape, width))
 
     def profile(self, name: str) -> Profile | None:
         """The resolved function of arclength given for an input, if one was."""
@@ -198,7 +216,9 @@ class Inputs:
             return True
         if self._specs[name].optional:
             return name in self._arrays
-        return name in self._profiles or bool(np.any(self._arrays.get(name, 0.0)))
+        if self._nonzero is None:
+            self._nonzero = frozenset(own for own, array in self._arrays.items() if array.any())
+        return name in self._nonzero or name in self._profiles
 
     @property
     def measured(self) -> tuple[str, ...]:
@@ -216,7 +236,7 @@ class Inputs:
         result._specs, result._rod_count, result._profiles = self._specs, self._rod_count, self._profiles
         result._arrays = dict(arrays)
         result.given = tuple(name for name in self._specs if name in arrays or name in self._profiles)
-        result.batch_shape = np.broadcast_shapes(*(a.shape[:-1] for a in arrays.values()))
+        result.batch_shape = broadcast_shapes(*(a.shape[:-1] for a in arrays.values()))
         return result
 
     def broadcast_to(self, batch_shape: tuple[int, ...]) -> "Inputs":

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from multirod.batch import broadcast_shapes
 from multirod.profile import Profile
 from multirod.validation import FloatArray
 
@@ -457,7 +458,7 @@ def of_inputs(robot: "Assembly", inputs: "Inputs") -> None:
 
 
 def _of_pairs(robot: "Assembly", inputs: "Inputs") -> None:
-    batch_shape = np.broadcast_shapes(robot.batch_shape, inputs.batch_shape)
+    batch_shape = broadcast_shapes(robot.batch_shape, inputs.batch_shape)
     if batch_shape[-1:] != (2,):
         return
     for rod in robot.rods:

@@ -91,8 +91,11 @@ class Modes:
     @property
     def index(self) -> NDArray[np.int32]:
         """Unstable modes that can be told from neutral ones, -1 where they are not known, shape (batch,)."""
+        return self._index(self._soft)
+
+    def _index(self, soft: NDArray[np.bool_]) -> NDArray[np.int32]:
         with np.errstate(invalid="ignore"):
-            negative = ((self.values < 0) & ~self._soft).sum(axis=1)
+            negative = ((self.values < 0) & ~soft).sum(axis=1)
         # a neutral mode among the lowest values takes the place of a constraint's
         return np.where(self.known, np.maximum(self.hidden + negative, 0), -1).astype(np.int32)
 
@@ -107,8 +110,9 @@ class Modes:
     @property
     def stability(self) -> NDArray[np.int32]:
         """Values of ``Stability``, shape (batch,)."""
-        index = self.index
-        result = np.where(self.neutral, int(Stability.FOLD), int(Stability.STABLE))
+        soft = self._soft
+        index = self._index(soft)
+        result = np.where(self.known & soft.any(axis=1), int(Stability.FOLD), int(Stability.STABLE))
         result = np.where(index > 0, int(Stability.UNSTABLE), result)
         result = np.where(index < 0, int(Stability.UNKNOWN), result)
         return np.where(self.diverging, int(Stability.UNSTABLE), result).astype(np.int32)

@@ -209,9 +209,11 @@ def array(field: str, value: Any, tail: tuple[int, ...] = (), *, finite: bool = 
     if tail and result.shape[-len(tail) :] != tail:
         named = value if result.size < 20 else Described(f"array of shape {result.shape}")
         refuse(field, named, f"must have {wanted}{_shape_meant(field, result.shape, tail)}")
-    if finite and not np.isfinite(result).all():
+    # one comparison tells both, of most
+    sound = not finite or bool((np.abs(result) <= LARGEST).all())
+    if not sound and not np.isfinite(result).all():
         refuse(field, value if result.size < 20 else Described(f"array of shape {result.shape}"), "must be finite")
-    if finite and (np.abs(result) > LARGEST).any():
+    if not sound:
         refuse(
             field,
             Described(f"array with entries of {np.abs(result).max():g}"),

@@ -131,6 +131,8 @@ class Shooting(Solver):
             refine(problem, newton, outcome, chosen)
             unbounded = self._let_out(problem, newton, outcome, chosen)
             refuse_unstable(problem, outcome, chosen)
+            if not failures(outcome.status).any():
+                return outcome
             newton.allow(self._left(outcome))
             lost, go_on = chosen & failures(outcome.status), None if self.at_fold == "stop" else self._go_on
             assemble(problem, newton, outcome, lost, self.max_continuation_steps, go_on)

@@ -1,6 +1,7 @@
 """One rod, clamped at its base, free at its tip: the robot of the paper."""
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING, Self, Unpack
 
 import numpy as np
@@ -77,6 +78,10 @@ class SingleRod(BackboneAssembly):
 
     @property
     def input_specs(self) -> tuple[InputSpec, ...]:  # noqa: D102
+        return self._specs
+
+    @cached_property
+    def _specs(self) -> InputSpecs:
         return InputSpecs((*BACKBONE_INPUTS, *drive_specs(self.rods), TIP_CURVATURE))
 
     def check(self, inputs: Inputs) -> None:  # noqa: D102

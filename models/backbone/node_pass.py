@@ -105,7 +105,8 @@ class Ends:
 
     def apart(self, other: "Ends", length: FloatArray) -> FloatArray:
         """How far they are from others [rad], or parts of the length where that is more, shape (batch,); NaN where unknown."""
-        turned = np.linalg.norm(self.rotation - other.rotation, axis=(1, 2)) / np.sqrt(8)  # the sine of half the angle
+        change = self.rotation - other.rotation
+        turned = np.sqrt((change * change).sum(axis=(1, 2)) / 8)  # the sine of half the angle
         with np.errstate(invalid="ignore"):
             angle = 2 * np.arcsin(np.minimum(turned, 1.0))
         return np.asarray(np.maximum(angle, np.linalg.norm(self.position - other.position, axis=1) / length))

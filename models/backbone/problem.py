@@ -12,7 +12,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from multirod.assembly import Assembly, pose
-from multirod.batch import IntArray, take
+from multirod.batch import IntArray, broadcast_shapes, take
 from multirod.capabilities import LineTest, Parts
 from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.integrators import AdaptiveIntegrator, Integrator
@@ -219,9 +219,9 @@ class BackboneProblem(BoundaryProblem):
         self.measured = inputs.measured
         self.table = self._make_table(inputs)
         self.write("inputs", self.pack(inputs))
-        self.judged_often = False  # whether the second variation is condensed by a kernel of its own
+        self.judged_often = self._judged_by_solves  # whether the second variation is condensed by a kernel of its own
         self._passes: dict[Any, NodePass] = {}
-        self._found: dict[str, tuple[FloatArray, NDArray[Any]]] = {}  # by name, for what and what
+        self._found: dict[str, tuple[bytes, NDArray[Any]]] = {}  # by name, for what and what
         self._designs: dict[str, Designs] = {}
         self._followed: tuple[str, ...] = ()  # what directions by inputs and unknowns are by
         self._call = self._make_call(0)
@@ -392,13 +392,24 @@ class BackboneProblem(BoundaryProblem):
         return True
 
     def expect_judging(self) -> None:  # noqa: D102
-        if not self.held and not self.features.condition_count:
+        if self._may_condense:
             self.judged_often = True
             expect(make_form, self.device)
 
+    @property
+    def _may_condense(self) -> bool:
+        """Whether a kernel may condense the second variation: with a free tip, and no conditions on lines."""
+        return not self.held and not self.features.condition_count
+
+    @property
+    def _judged_by_solves(self) -> bool:
+        """Whether solves look at stability so often that a kernel pays which all such rods share: on the processor, of what is
+        multistable."""
+        return self._may_condense and self.features.turning_count > 0 and self._host is not None
+
     def _clear(self) -> None:
         super()._clear()
-        self.judged_often = False
+        self.judged_often = self._judged_by_solves
         self._followed = ()
         for name in ("cut", "conjugates"):
             self.__dict__.pop(name, None)
@@ -640,6 +651,10 @@ class BackboneProblem(BoundaryProblem):
         return np.broadcast_to(position, (*self.batch_shape, 3)).reshape(-1, 3) if position.ndim > 1 else position[None]
 
     def curvature_scale(self) -> FloatArray:  # noqa: D102
+        return self._curvature_scale
+
+    @cached_property
+    def _curvature_scale(self) -> FloatArray:
         bent = np.abs(self.arrays.precurvature).reshape(*self.arrays.precurvature.shape[:3], -1, 3).sum(axis=(3, 4))
         return self.each(np.maximum(1 / self.arrays.end[:, 0, -1], bent.max(axis=(1, 2))))
 
@@ -650,9 +665,9 @@ class BackboneProblem(BoundaryProblem):
     def found_for(self, name: str, given: FloatArray, find: Callable[[], NDArray[Any]]) -> Any:
         """A copy of what ``find`` finds, which follows from ``given`` alone: several ask for the same in one solve, and in the
         next."""
-        kept = self._found.get(name)
-        if kept is None or not np.array_equal(kept[0], given):
-            kept = self._found[name] = given, find()
+        kept, key = self._found.get(name), given.tobytes()
+        if kept is None or kept[0] != key:
+            kept = self._found[name] = key, find()
         return kept[1].copy()
 
     def _load_scale(self, inputs: FloatArray) -> FloatArray:
@@ -661,10 +676,8 @@ class BackboneProblem(BoundaryProblem):
         length = table.end[:, 0, -1] + inputs[:, self.input_slice("translation")][:, 0]
         weight = table.material[:, 0, :, 9].max(axis=1)
         total = np.zeros(self.instance_count)
-        for spec in LOADS:
+        for spec in self.acting(inputs):
             x, y, z = inputs[:, self.input_slice(spec.name)].T
-            if not (x.any() or y.any() or z.any()):
-                continue
             size = self.magnetic_load() if spec.name == "magnetic_field" else np.sqrt(x * x + y * y + z * z)
             size = size * length**spec.power / stiffness
             total += size * weight if spec.name == "gravity" else size
@@ -680,6 +693,13 @@ class BackboneProblem(BoundaryProblem):
             size = np.abs(profile.reshape(len(profile), 6, -1)).sum(-1).max(0)
             total += (size[:3].max() * length**3 + size[3:].max() * length**2) / stiffness
         return total
+
+    def acting(self, inputs: FloatArray) -> list[InputSpec]:
+        """The loads that are not zero in all instances of ``inputs`` (instance_count, input_count)."""
+        first = 2 * len(self.rods)
+        acting = inputs[:, first : first + 3 * len(kernels.INPUT_VECTORS)].any(axis=0).tolist()
+        places = {name: 3 * k for k, name in enumerate(kernels.INPUT_VECTORS)}
+        return [spec for spec in LOADS if any(acting[places[spec.name] : places[spec.name] + 3])]
 
     def _medium_load(self) -> FloatArray:
         """How much a medium bends rods that are not straight, ``k L^4/EI`` times their bend, shape (instance_count,)."""
@@ -711,10 +731,16 @@ class BackboneProblem(BoundaryProblem):
         angles = self.read("inputs")[:, self.turned]
         if before is not None:
             return np.asarray(np.ptp(angles - before[:, self.turned], axis=1))
+        return np.asarray(angles.max(axis=1) - angles.min(axis=1) + self._twist)
+
+    @cached_property
+    def _twist(self) -> FloatArray | float:
+        """By which precurvature turns rods against each other [rad]."""
+        if len(self.rods) == 1 or self.held:
+            return 0.0
         size = np.diff(self.arrays.end, axis=2, prepend=0.0)
         own = np.abs(self.arrays.precurvature.reshape(*size.shape, -1, 3)[..., 2]).sum(axis=-1)
-        twist = (own * size).sum(axis=2).max(axis=1) if len(self.rods) > 1 and not self.held else 0.0
-        return np.asarray(np.ptp(angles, axis=1) + twist)
+        return np.asarray((own * size).sum(axis=2).max(axis=1))
 
     def ends(self) -> FloatArray:
         """Arclength at which each rod ends [m], shape (instance_count, n)."""
@@ -727,6 +753,11 @@ class BackboneProblem(BoundaryProblem):
     def least_stiffness(self) -> FloatArray:
         """The least of all that a rod resists bending or twisting with [N m^2], shape (instance_count,)."""
         return self._least_stiffness
+
+    @cached_property
+    def rigid_in_torsion(self) -> bool:
+        """Whether a rod is, anywhere."""
+        return not bool(np.isfinite(self.arrays.material[..., 2]).all())
 
     @cached_property
     def _least_stiffness(self) -> FloatArray:
@@ -843,6 +874,8 @@ class BackboneProblem(BoundaryProblem):
     ) -> NodePass:
         features = replace(self.features, nodes=False, node_columns=False, design=False, **changes)
         without = replace(_telling(features), pose_sensitivities=False, directions=False)
+        if columns and self.judged_often:
+            expect(make_form, self.device)
         features = _judging(features) if columns else _teller(features, self.integrator) or without
         call = self._make_call(node_count)
         if unknowns is not None:
@@ -952,7 +985,7 @@ class BackboneAssembly(Assembly):
     @property
     def batch_shape(self) -> tuple[int, ...]:
         """Leading axes of the rods' parameters and of the base."""
-        return np.broadcast_shapes(super().batch_shape, self.base.shape[:-2])
+        return broadcast_shapes(super().batch_shape, self.base.shape[:-2])
 
     @property
     def input_specs(self) -> tuple[InputSpec, ...]:  # noqa: D102

@@ -1,11 +1,11 @@
 """Stability of one backbone: its second variation by columns at nodes, its potential, and what its rods say beforehand."""
 
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.models.backbone.inputs import LOADS
 from multirod.models.backbone.mode_bounds import bound_modes
 from multirod.models.backbone.second_variation import (
     MOST_NODES,
@@ -28,6 +28,11 @@ FEWEST_NODES = 9
 MOST_NODES_AT_FIRST = 33
 
 
+@cache
+def _divisors(steps: int) -> NDArray[np.int_]:
+    return np.array([part for part in range(1, steps + 1) if steps % part == 0])
+
+
 class BackboneStability(StabilityAnalysis):
     """Of a ``BackboneProblem``, free at its tip or held there."""
 
@@ -46,7 +51,7 @@ class BackboneStability(StabilityAnalysis):
     def _has_potential(self, inputs: FloatArray) -> NDArray[np.bool_]:
         problem, features = self.problem, self.problem.features
         acting = np.full(problem.instance_count, features.measured or features.friction)
-        for spec in LOADS:
+        for spec in problem.acting(inputs):
             if not spec.potential:
                 acting |= inputs[:, problem.input_slice(spec.name)].any(axis=1)
         if features.profile_degree >= 0:
@@ -70,17 +75,17 @@ class BackboneStability(StabilityAnalysis):
         modes = form.modes(self.problem.stiffness_over_length())
         potential = self.has_potential
         judged = potential & self.problem.lines.stays_stiff() & (not self.problem.features.foundation)
-        modes.known[~judged] = False
-        modes.values[~judged] = np.nan
+        if not judged.all():
+            modes.known[~judged] = False
+            modes.values[~judged] = np.nan
         # det Gamma is positive where nothing acts
-        modes.diverging[:] = self._told_by_sign & (determinant < 0)
+        modes.diverging[:] = self._told_by_sign(potential) & (determinant < 0)
         return modes
 
-    @property
-    def _told_by_sign(self) -> NDArray[np.bool_]:
+    def _told_by_sign(self, potential: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Where the sign of ``det Gamma`` is all that tells of instability, shape (instance_count,)."""
         terms = self.problem.features
-        return np.asarray((~self.has_potential | terms.foundation) & (not terms.measured))
+        return np.asarray((~potential | terms.foundation) & (not terms.measured))
 
     def condensed_form(self) -> tuple[CondensedForm, FloatArray]:
         """The second variation at ``unknowns``, condensed to the tip, and ``det Gamma`` (instance_count,), where that tells more;
@@ -93,7 +98,7 @@ class BackboneStability(StabilityAnalysis):
         count = self.problem.instance_count
         form = CondensedForm(np.full((count, size, size), np.nan), np.zeros(count, dtype=np.int32), np.zeros(count, dtype=bool))
         determinant = np.full(count, np.nan)
-        if n > 1 and not np.isfinite(self.problem.arrays.material[..., 2]).all():
+        if n > 1 and self.problem.rigid_in_torsion:
             return form, determinant  # a torque of each that nothing determines
         # each instance has its own number of nodes, whatever stands beside it in the batch
         nodes = self._nodes(np.minimum(np.nan_to_num(self._segments_expected()), MOST_NODES_AT_FIRST - 2))
@@ -110,7 +115,7 @@ class BackboneStability(StabilityAnalysis):
             done = chosen & (needed < node_count)
             if done.any():
                 form.put(done, self._form(call, done, unit))
-                if not self.problem.held and (asked := done & self._told_by_sign).any():
+                if not self.problem.held and (asked := done & self._told_by_sign(self.has_potential)).any():
                     determinant[asked] = certain_determinant(call.read("gamma")[asked])
             more = chosen & ~done & (needed < MOST_NODES - 1)
             nodes[more] = self._nodes(needed[more])
@@ -124,7 +129,7 @@ class BackboneStability(StabilityAnalysis):
         result = 2 ** np.ceil(np.log2(fewest)).astype(int)
         steps = self.problem.integrator.steps
         if steps is not None:
-            parts = np.array([part for part in range(1, steps + 1) if steps % part == 0])
+            parts = _divisors(steps)
             place = np.searchsorted(parts, fewest)
             result = np.where(place < len(parts), parts[np.minimum(place, len(parts) - 1)], result)
         return np.asarray(1 + result)
@@ -189,8 +194,8 @@ class BackboneStability(StabilityAnalysis):
 
     def _segments_of(self, call: "NodePass") -> FloatArray:
         """(7) by the moments, forces and curvatures of a pass over nodes."""
-        largest = (np.linalg.norm(call.read(f"node_{name}"), axis=2) for name in ("moment", "force", "curvature"))
-        return self._segments(*(values.max(axis=1) for values in largest))
+        values = (call.read(f"node_{name}") for name in ("moment", "force", "curvature"))
+        return self._segments(*(np.sqrt((own * own).sum(axis=2).max(axis=1)) for own in values))
 
     def _segments(self, moment: FloatArray, force: FloatArray, curvature: FloatArray) -> FloatArray:
         """(7) from bounds [N m], [N], [1/m], shape (instance_count,)."""
@@ -224,10 +229,14 @@ class BackboneStability(StabilityAnalysis):
         """Bound of the dead forces' part of the internal force [N], shape (instance_count,)."""
         inputs = self.problem.read("inputs")
         length = self.problem.ends().max(axis=1)
-        names = ("tip_force", "distributed_force", "gravity")
-        sizes = {name: np.linalg.norm(inputs[:, self.problem.input_slice(name)], axis=1) for name in names}
-        weight = self.problem.each(self.problem.arrays.material[..., 9].max(axis=2).sum(axis=1))
-        total = sizes["tip_force"] + (sizes["distributed_force"] + weight * sizes["gravity"]) * length
+        total = np.zeros(len(inputs))
+        for spec in self.problem.acting(inputs):
+            if spec.name not in ("tip_force", "distributed_force", "gravity"):
+                continue
+            size = np.linalg.norm(inputs[:, self.problem.input_slice(spec.name)], axis=1)
+            if spec.name == "gravity":
+                size = size * self.problem.each(self.problem.arrays.material[..., 9].max(axis=2).sum(axis=1))
+            total += size * length if spec.acts == "along" else size
         if self.problem.features.profile_degree >= 0:
             profile = self.problem.table.profile.numpy()
             total = total + np.abs(profile.reshape(len(profile), 6, -1)).sum(-1).max(0)[:3].sum() * length * np.abs(inputs[:, -1])

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from multirod import plausibility
 from multirod.assembly import Assembly, Robot
-from multirod.batch import IntArray, parts, run, thread_count
+from multirod.batch import IntArray, broadcast_shapes, parts, run, thread_count
 from multirod.events import Events, placed_events
 from multirod.history import History
 from multirod.inputs import Inputs
@@ -95,7 +95,7 @@ def solve(
     method = as_solver(robot, solver)
     device = device_name("device", device)
     robot, inputs, dropped = simplified(robot, robot.accept(inputs), simplify)
-    whole = np.broadcast_shapes(inputs.batch_shape, robot.batch_shape)
+    whole = broadcast_shapes(inputs.batch_shape, robot.batch_shape)
     chosen = None if instances is None else _numbers(instances, prod(whole))
     batch_shape = whole if chosen is None else chosen.shape
     count = prod(batch_shape)

@@ -9,9 +9,12 @@ from multirod.shared import Shared
 from multirod.tasks.condensed import condensed
 from multirod.tasks.drive_kernels import SETTINGS, Drive
 from multirod.tasks.formulation import Task
+from multirod.tasks.limits import LimitRows
 from multirod.tasks.programme import programme
 from multirod.tasks.search_kernels import make_search
 
+# what says nothing but what limits a robot's freed inputs
+LIMITING = ("unit", "limits", "low", "high", "near", "inset_low", "inset_high", "step_limits", "curvature")
 Kind = tuple[int, int, int]  # whether a target has a position, a rotation, an axis
 
 
@@ -25,6 +28,7 @@ class DriveArrays:
 
     Attributes:
         values: NumPy's arrays by the names of ``Drive``, those of the limits of steps by ``step_limits``.
+        limits: Rows of limits whose numbers are in ``values``; None are none.
     """
 
     def __init__(self, task: Task, kind: Kind, limit_count: int) -> None:
@@ -74,14 +78,16 @@ class DriveArrays:
         self._launch = record(make_search, count, [self._state], device)
         self._same = wp.get_device(device).is_cpu
         self._count = self.values["count"]
+        self.limits: LimitRows | None = None
+        self._cleared = [values for name, values in self.values.items() if name not in LIMITING]
 
     def _share(self, target: Any, name: str, shape: tuple[int, ...], dtype: Any = wp.float64, key: str = "") -> None:
         self._shared[key or name] = shared = Shared(shape, dtype, self._task.problem.device)
         setattr(target, name, shared.array)
 
     def clear(self) -> None:
-        """All as at first."""
-        for values in self.values.values():
+        """All as at first, but for limits."""
+        for values in self._cleared:
             values.fill(0)
 
     def send(self) -> None:

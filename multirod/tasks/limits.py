@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from math import inf
 from typing import Any
+from weakref import ref
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from multirod.validation import FloatArray, array, nonnegative_float, number, po
 SHORTEST = 1e-3  # of its length, what of a rod stays in use
 ROUNDING = 1e-14  # in units (9)
 PROJECTIONS = 1000
+MOST_KNOWN = 64  # rows that are kept for who asks for the same again
 SAME = 1e-9  # of what counts as one, what a start may be beyond a limit by rounding
 
 
@@ -59,6 +61,11 @@ class Limits:
             if not 0 <= self.stability_margin < inf:
                 refuse("Limits.stability_margin", stability_margin, "must be finite and >= 0: what is below is unstable")
         self.inputs = {name: _pair(name, value) for name, value in inputs.items()}
+
+    @property
+    def key(self) -> Any:
+        """What rows of limits follow from, beside the robot and what is free."""
+        return self.gap, *((name, low.tobytes(), high.tobytes()) for name, (low, high) in self.inputs.items())
 
     @property
     def of_shape(self) -> bool:
@@ -154,6 +161,20 @@ def told(error: float, angle: float, at_limit: str) -> dict[str, str]:
     return {name: text for name, text in parts.items() if text}
 
 
+_KNOWN: dict[Any, tuple[Any, LimitRows, FloatArray]] = {}
+
+
+def known_rows(robot: Assembly, limits: Limits | None, free: Sequence[str]) -> tuple[LimitRows, FloatArray]:
+    """``limit_rows`` and ``input_units`` as they were found before, the same objects, for a target after another."""
+    key = id(robot), None if limits is None else limits.key, tuple(free)
+    found = _KNOWN.get(key)
+    if found is None or found[0]() is not robot:
+        if len(_KNOWN) >= MOST_KNOWN:
+            _KNOWN.clear()
+        found = _KNOWN[key] = ref(robot), limit_rows(robot, limits, free), input_units(robot, free)
+    return found[1], found[2]
+
+
 def limit_rows(robot: Assembly, limits: Limits | None, free: Sequence[str]) -> LimitRows:
     """What limits the freed inputs of a robot: what was given, and what it cannot do.
 
@@ -243,6 +264,9 @@ def _order(robot: Assembly, gap: float | None, start: int, count: int) -> Iterat
 
 def refuse_start(field: str, rows: LimitRows, values: FloatArray, robot: Assembly, free: Sequence[str]) -> None:
     """Refuse a start ``p`` (b, k) that is beyond a limit."""
+    at = values @ rows.matrix.T
+    if ((rows.low <= at) & (at <= rows.high)).all():
+        return
     beyond = rows.outside(values, input_units(robot, free))
     wrong = np.argwhere(beyond > SAME)
     if len(wrong):

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from multirod import plausibility
 from multirod.assembly import Assembly, Robot, Robot_co
-from multirod.batch import IntArray, parts, run, take, thread_count
+from multirod.batch import IntArray, broadcast_shapes, parts, run, take, thread_count
 from multirod.inputs import Inputs
 from multirod.launch import expect
 from multirod.problem import BoundaryProblem
@@ -22,8 +22,8 @@ from multirod.scene import Scene
 from multirod.solution import Solution
 from multirod.solver import Outcome, Solver
 from multirod.status import Status, failures
-from multirod.tasks.formulation import Task, freed, input_units, options, with_values
-from multirod.tasks.limits import LimitRows, Limits, freed_labels, limit_rows, middle, nearest, refuse_start, told
+from multirod.tasks.formulation import Task, freed, options, with_values
+from multirod.tasks.limits import LimitRows, Limits, freed_labels, known_rows, middle, nearest, refuse_start, told
 from multirod.tasks.redundancy import steadied
 from multirod.tasks.rows import Pose
 from multirod.tasks.search import Goals, Place, Prefer, Search
@@ -198,11 +198,10 @@ def reach(
     if starts != 0:
         positive_int("starts", starts, 0)
     try:
-        shape = np.broadcast_shapes(given.batch_shape, robot.batch_shape, target.batch_shape)
+        shape = broadcast_shapes(given.batch_shape, robot.batch_shape, target.batch_shape)
     except ValueError:
         refuse("target", Described(f"leading axes {target.batch_shape}"), f"must broadcast with the inputs' {given.batch_shape}")
-    rows = limit_rows(robot, limits, free)
-    unit = input_units(robot, free)
+    rows, unit = known_rows(robot, limits, free)
     held = [getattr(given, name) for name in free]
     begin = np.concatenate([np.broadcast_to(value, (*shape, value.shape[-1])) for value in held], axis=-1)
     refuse_start("limits", rows, begin.reshape(-1, begin.shape[-1]), robot, free)
@@ -214,7 +213,7 @@ def reach(
     work = _Work(
         robot=robot,
         target=target,
-        inputs=with_values(given, free, begin),
+        inputs=given if shape == given.batch_shape and set(free) <= set(given.arrays) else with_values(given, free, begin),
         free=free,
         limits=rows,
         of_shape=limits if limits is not None and limits.of_shape else None,

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from multirod import plausibility
 from multirod.assembly import is_rotation, not_turned
-from multirod.batch import IntArray, take
+from multirod.batch import IntArray, broadcast_shapes, take
 from multirod.rotations import cross, inverse_left_jacobian, vectors
 from multirod.tasks.formulation import Evaluation
 from multirod.types import Numbers
@@ -66,7 +66,7 @@ class Pose:
         if self.sigma is not None:
             plausibility.of_pose_sigma(self.sigma, self.position is not None)
         try:
-            self.batch_shape: tuple[int, ...] = np.broadcast_shapes(*(value.shape[:-tail] for value, tail in self._parts()))
+            self.batch_shape: tuple[int, ...] = broadcast_shapes(*(value.shape[:-tail] for value, tail in self._parts()))
         except ValueError:
             refuse("Pose", Described(f"leading axes {[v.shape[:-t] for v, t in self._parts()]}"), "must broadcast")
 

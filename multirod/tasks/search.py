@@ -73,6 +73,15 @@ class Goals:
     max_integrations: int
 
 
+def _limiting(limits: LimitRows, unit: FloatArray) -> dict[str, FloatArray]:
+    """What kernels are told of limits of the freed inputs."""
+    size = np.abs(limits.matrix) @ unit
+    inset = np.minimum(INSET * size, 0.25 * (limits.high - limits.low))
+    result = {"unit": unit, "limits": limits.matrix, "step_limits": limits.matrix * unit}
+    result |= {"low": limits.low, "high": limits.high, "near": NEAR_LIMIT * size}
+    return result | {"inset_low": limits.low + inset, "inset_high": limits.high - inset}
+
+
 class Search:
     """Drives the instances of one task to their targets, and judges what comes of it.
 
@@ -95,19 +104,11 @@ class Search:
         self._values = values = self._arrays.values
         self.origin, self.origin_unknowns = np.array(p), np.array(x)
         self.origin_errors = np.full((len(x), rows.count), np.nan)  # NaN where the start is not known
-        size = np.abs(limits.matrix) @ goals.unit
-        inset = np.minimum(INSET * size, 0.25 * (limits.high - limits.low))
         given: dict[str, FloatArray | None] = {"position": rows.position, "rotation": rows.rotation, "axis": rows.axis}
-        given |= {
-            "centre": goals.centre,
-            "unit": goals.unit,
-            "limits": limits.matrix,
-            "low": limits.low,
-            "high": limits.high,
-            "near": NEAR_LIMIT * size,
-        }
-        given |= {"inset_low": limits.low + inset, "inset_high": limits.high - inset, "step_limits": limits.matrix * goals.unit}
-        given |= {"curvature": problem.curvature_scale(), "residual_tolerance": goals.residual_tolerance}
+        given |= {"centre": goals.centre, "residual_tolerance": goals.residual_tolerance}
+        if self._arrays.limits is not limits:
+            given |= _limiting(limits, goals.unit) | {"curvature": problem.curvature_scale()}
+            self._arrays.limits = limits
         for name, value in given.items():
             if value is not None:
                 values[name][:] = value

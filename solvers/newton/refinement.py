@@ -47,5 +47,7 @@ def _amplify(gamma: FloatArray) -> NDArray[np.bool_]:
         most = (n - 1) * np.log(np.linalg.norm(gamma, axis=(1, 2)))
     bound = most >= np.log(AMPLIFICATION) + np.linalg.slogdet(gamma)[1]
     result = bound.copy()
+    if not bound.any():
+        return np.asarray(result)
     result[bound] = np.linalg.svd(gamma[bound], compute_uv=False)[:, -1] * AMPLIFICATION <= 1.0
     return np.asarray(result)
