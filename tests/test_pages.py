@@ -71,7 +71,7 @@ def test_commands_can_be_given(page: Path, monkeypatch: pytest.MonkeyPatch) -> N
         raise Parsed
 
     monkeypatch.setattr(argparse.ArgumentParser, "parse_args", parsed)
-    targets = re.findall(r"^([a-z]+):", (pages.ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
+    targets = re.findall(r"^([a-z-]+):", (pages.ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
     for command in pages.shell_lines(page):
         words = [word for word in shlex.split(command) if not re.fullmatch(r"\w+=\S+", word)]
         if words[0] == "multirod":
