@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from multirod.models.backbone.influence import Influence
     from multirod.models.backbone.kernels.layout.features import Features
     from multirod.models.backbone.lines import Line
+    from multirod.solution import Solution
     from multirod.solver import Solver
 else:
     from typing import TypeVar

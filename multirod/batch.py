@@ -36,7 +36,7 @@ def take(values: Any, batch_shape: tuple[int, ...], instances: IntArray | None, 
 
 
 def broadcast_shapes(*shapes: tuple[int, ...]) -> tuple[int, ...]:
-    """``np.broadcast_shapes``, which takes as long as a small integration; at once where all that have leading axes have the same.
+    """``np.broadcast_shapes``, which takes as long as a small integration; at once where all that have axes have the same.
 
     Raises:
         ValueError: If they do not broadcast.

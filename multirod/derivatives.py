@@ -155,19 +155,20 @@ def places_of(solution: "Solution[Any]", at: Numbers | None, rod: int) -> FloatA
     places = np.atleast_1d(array("at", at))
     if places.ndim != 1 or not places.size or (np.diff(places) <= 0).any():
         refuse("at", at, "must be one arclength or several, rising")
-    return places_on(solution.assembly, solution.inputs, places, rod)
+    return places_on(solution.assembly, solution.assembly.translations_of(solution), places, rod)
 
 
-def places_on(assembly: "Assembly", inputs: "Inputs", places: FloatArray, rod: int) -> FloatArray:
-    """Rising arclengths along a rod (count,), which must be on it: where a section ends, those just before it."""
-    end = assembly.rods[rod].length + inputs.translation[..., rod]
+def places_on(assembly: "Assembly", translation: FloatArray, places: FloatArray, rod: int) -> FloatArray:
+    """Rising arclengths along a rod (count,), which must be on it: where a section ends, those just before it; all rods are
+    pushed out by ``translation`` (..., rod)."""
+    end = assembly.rods[rod].length + translation[..., rod]
     if places[0] <= 0 or (places[-1] > end * (1 + SINGULAR)).any():
         refuse("at", places.tolist(), f"must be > 0 and <= {float(np.min(end)):g} m, where the rod ends")
     gap = 1e-12 * float(np.max(end))
     result = places.copy()
     for k, other in enumerate(assembly.rods):
         ends = np.cumsum([np.broadcast_to(section.length, other.batch_shape) for section in other.sections], axis=0)
-        ends = (ends + inputs.translation[..., k]).reshape(-1, 1)
+        ends = (ends + translation[..., k]).reshape(-1, 1)
         near = np.where(np.abs(ends - places) <= gap, ends - gap, np.inf).min(axis=0)
         result = np.minimum(result, near)
     return result

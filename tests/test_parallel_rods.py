@@ -204,7 +204,7 @@ def test_joints_hold_what_they_must(scene):
             np.testing.assert_allclose(moment, 0, atol=1e-11)
 
 
-def hexapod(**options) -> mr.ParallelRods:
+def hexapod(legs=None, **options) -> mr.ParallelRods:
     """Six straight legs that cross in pairs, as in a Stewart platform."""
     leg = mr.Rod(length=0.4, bending_stiffness=0.157, torsional_stiffness=0.126, linear_density=0.01)
     base, platform = np.tile(np.eye(4), (6, 1, 1)), np.tile(np.eye(4), (6, 1, 1))
@@ -212,7 +212,7 @@ def hexapod(**options) -> mr.ParallelRods:
     to = np.radians([-50, 50, 70, 170, 190, 290])
     base[:, :2, 3] = 0.087 * np.stack([np.cos(at), np.sin(at)], 1)
     platform[:, :2, 3] = 0.087 * np.stack([np.cos(to), np.sin(to)], 1)
-    return mr.ParallelRods(legs=[leg] * 6, base=base, platform=platform, **options)
+    return mr.ParallelRods(legs=legs or [leg] * 6, base=base, platform=platform, **options)
 
 
 def test_the_inverse_problem_undoes_the_forward_one():
@@ -229,6 +229,31 @@ def test_the_inverse_problem_undoes_the_forward_one():
     np.testing.assert_allclose(found.tip_rotation, forward.tip_rotation, atol=1e-14)
     for k in range(6):
         np.testing.assert_allclose(found.rod(k).position, forward.rod(k).position, atol=1e-8)
+
+
+def test_along_legs_of_the_inverse_problem():
+    """(D20) What the forward problem's derivatives by translations say, these chosen so that the platform stays, or goes where it
+    is told. The end of the first section moves with the translation that is found."""
+    sections = [
+        mr.Section(length=length, bending_stiffness=EI, torsional_stiffness=0.8 * EI) for length, EI in ((0.15, 0.2), (0.25, 0.1))
+    ]
+    robot = hexapod(legs=[mr.Rod(sections=sections)] * 6)
+    translation, force = np.array([0.01, -0.005, 0.02, 0.0, 0.015, -0.01]), (0.5, -0.3, -1.0)
+    forward = mr.solve(robot, robot.inputs(translation=translation, tip_force=force), solver=EXACT).raise_if_failed()
+    inverse = robot.inverse()
+    found = mr.solve(inverse, inverse_inputs(inverse, forward, tip_force=force), solver=EXACT).raise_if_failed()
+    at, by_pose = (0.1, 0.3), np.linalg.inv(forward.jacobian("translation"))
+    for of in ("position", "rotation", "curvature"):
+        by_translation, by_force = np.split(forward.jacobian("translation", "tip_force", of=of, at=at, rod=2), [6], axis=-1)
+        moved = by_translation @ by_pose
+        expected = np.concatenate([moved[..., :3], by_force - moved @ forward.jacobian("tip_force")], axis=-1)
+        given = found.jacobian("platform_position", "tip_force", of=of, at=at, rod=2)
+        # both are exact, the solutions known to 1e-9
+        np.testing.assert_allclose(given, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
+    # it is as long as the translation that is found makes it
+    assert found.jacobian("tip_force", of="position", at=0.42, rod=2).shape == (3, 3)
+    with pytest.raises(ValueError, match=r"must be > 0 and <= 0.42 m"):
+        found.jacobian("tip_force", of="position", at=0.421, rod=2)
 
 
 def columns_integrated(monkeypatch, robot, compute):

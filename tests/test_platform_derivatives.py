@@ -234,7 +234,7 @@ def test_what_is_not_known_is_refused():
     loaded = SimpleNamespace(inputs_given=robot.inputs(distributed_force=lambda s: (0, 0, -s)))
     with pytest.raises(NotImplementedError, match="by base are not known where loads are functions of arclength"):
         turned_loads(loaded, ())
-    with pytest.raises(NotImplementedError, match="the inverse problem does not give derivatives along its rods"):
+    with pytest.raises(NotImplementedError, match="the inverse problem does not take sensors along its rods"):
         refuse_inverse(SimpleNamespace(inverse=True))
     with pytest.raises(NotImplementedError, match="calibrate.. by base is for robots that have one: ParallelRods has not"):
         mr.calibrate(robot, robot.inputs(), parameters="base", measured=mr.Pose(position=(0, 0, 0.3), sigma=1e-3))

@@ -365,6 +365,9 @@ class InverseParallelRods(Assembly):
         length = self.geometry.scales()[0].reshape(*self.geometry.batch_shape, -1)[..., :-1]
         return np.asarray(solution.inputs.translation + length**2 * solution.unknowns[..., -6:])
 
+    def translations_of(self, solution: "Solution") -> FloatArray:  # noqa: D102
+        return self.translations(solution)
+
     def __repr__(self) -> str:
         limits = f"limits={self.limits.tolist()}" if np.isfinite(self.limits).any() else ""
         return f"{self.robot!r}.inverse({limits})"

@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 
 
 def refuse_inverse(problem: "ParallelProblem") -> None:
-    """Where the translations of legs are unknown there is no such derivative."""
+    """Where the translations of legs are unknown, sensors stay where they are on no leg."""
     if problem.inverse:
-        raise NotImplementedError("the inverse problem does not give derivatives along its rods")
+        raise NotImplementedError("the inverse problem does not take sensors along its rods")
 
 
 def find_rod(problem: "ParallelProblem", rod: int) -> tuple["LegGroup", int, int]:
@@ -32,7 +32,6 @@ def columns_along(
     problem: "ParallelProblem", every: Sequence["InputColumns"], rod: int, places: FloatArray
 ) -> dict[str, FloatArray]:
     """(D20) What ``ParallelProblem.along`` returns; ``every`` is what the problem is aimed at."""
-    refuse_inverse(problem)
     group, place, own = find_rod(problem, rod)
     count, legs = problem.instance_count, len(group.members)
     problem.to_legs()
@@ -64,6 +63,8 @@ def by_robot(problem: "ParallelProblem", every: Sequence["InputColumns"], leg: i
     n, m = problem.unknown_count, problem.own[leg].stop - problem.own[leg].start
     result = np.zeros((*found.shape[:-1], n + sum(columns.numbers for columns in every)))
     result[..., problem.own[leg]] = found[..., :m]
+    if problem.inverse:  # by the translation that is unknown
+        result[..., problem.platform.start + leg] = found[..., m + problem.leg_direction_count]
     start = n
     for columns in every:
         if columns.on_legs:

@@ -140,7 +140,7 @@ class Places:
         own = [sensor for sensor in sensors if isinstance(sensor, Curvature)]
         index = {id(sensor): rod_index(robot, sensor.rod) for sensor in own}
         self.rods = tuple(sorted(set(index.values())))
-        every = {id(sensor): places_on(robot, inputs, sensor.at, index[id(sensor)]) for sensor in own}
+        every = {id(sensor): places_on(robot, inputs.translation, sensor.at, index[id(sensor)]) for sensor in own}
         self.at: FloatArray = np.unique(np.concatenate([np.zeros(0), *every.values()]))
         self._found = {key: (self.rods.index(index[key]), _followed(np.searchsorted(self.at, at))) for key, at in every.items()}
 
