@@ -697,7 +697,7 @@ class BackboneProblem(BoundaryProblem):
     def acting(self, inputs: FloatArray) -> list[InputSpec]:
         """The loads that are not zero in all instances of ``inputs`` (instance_count, input_count)."""
         first = 2 * len(self.rods)
-        acting = inputs[:, first : first + 3 * len(kernels.INPUT_VECTORS)].any(axis=0).tolist()
+        acting = np.any(inputs[:, first : first + 3 * len(kernels.INPUT_VECTORS)] != 0, axis=0).tolist()
         places = {name: 3 * k for k, name in enumerate(kernels.INPUT_VECTORS)}
         return [spec for spec in LOADS if any(acting[places[spec.name] : places[spec.name] + 3])]
 

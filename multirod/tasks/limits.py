@@ -264,8 +264,8 @@ def _order(robot: Assembly, gap: float | None, start: int, count: int) -> Iterat
 
 def refuse_start(field: str, rows: LimitRows, values: FloatArray, robot: Assembly, free: Sequence[str]) -> None:
     """Refuse a start ``p`` (b, k) that is beyond a limit."""
-    at = values @ rows.matrix.T
-    if ((rows.low <= at) & (at <= rows.high)).all():
+    places = values @ rows.matrix.T
+    if ((rows.low <= places) & (places <= rows.high)).all():
         return
     beyond = rows.outside(values, input_units(robot, free))
     wrong = np.argwhere(beyond > SAME)

@@ -104,7 +104,7 @@ def main() -> None:
     """Write the names of the tests that are left out."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, help="with the lines of a run of all tests")
-    parser.add_argument("--minutes", type=float, default=7.0, help="of processor time, from an empty cache of kernels")
+    parser.add_argument("--minutes", type=float, default=6.0, help="of processor time, from an empty cache of kernels")
     options = parser.parse_args()
     times, kernels = read(options.folder)
     chosen, have = choose(times, kernels, 60 * options.minutes)
