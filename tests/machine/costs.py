@@ -19,7 +19,7 @@ import pytest
 FOLDER = "MULTIROD_TEST_COSTS"
 LEFT = Path(__file__).parent.parent / "left_to_test_all.txt"
 A_KERNEL = 5.0  # [s] of processor time, to make and to compile one
-FIRST, FEW, FEW_WEIGHT = 12.0, 3, 3.0  # how much more the first test of a file counts, and the next ones
+FIRST, FEW, FEW_WEIGHT = 100.0, 3, 3.0  # how much more the first test of a file counts, and the next ones
 
 _asked: set[str] = set()
 
@@ -104,7 +104,7 @@ def main() -> None:
     """Write the names of the tests that are left out."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, help="with the lines of a run of all tests")
-    parser.add_argument("--minutes", type=float, default=6.0, help="of processor time, from an empty cache of kernels")
+    parser.add_argument("--minutes", type=float, default=6.5, help="of processor time, from an empty cache of kernels")
     options = parser.parse_args()
     times, kernels = read(options.folder)
     chosen, have = choose(times, kernels, 60 * options.minutes)
