@@ -8,6 +8,7 @@ from test_network import EXACT, FORCE, GRAVITY, RK4, hexapod
 import multirod as mr
 from multirod.models.network.capabilities import NetworkJoints
 from multirod.models.network.elements import Elements
+from multirod.solvers.continuation.natural import natural_branch
 
 MOST = 15  # integrations of a cold start: one apart, one together, one without loads, those of one step
 
@@ -44,6 +45,15 @@ def test_what_has_to_bend_is_put_together_step_by_step():
         alone = mr.solve(robot, inputs[k], solver=EXACT)
         assert alone.integrations == both.integrations[k]
         np.testing.assert_array_equal(alone.tip_position, both.tip_position[k])
+
+
+def test_what_is_not_chosen_takes_no_integration():
+    """As when only some samples of a motion have none before: those are left as they are."""
+    robot = hexapod()
+    problem = robot.problem(robot.inputs(translation=[[0.01] * 6, [0.02] * 6]), integrator=RK4)
+    outcome = natural_branch(problem, mr.Shooting(integrator=RK4).newton(problem), 1000, np.array([True, False]))
+    assert outcome.status.tolist() == [mr.Status.CONVERGED] * 2
+    assert outcome.integrations[1] == 0 < outcome.integrations[0]
 
 
 def test_the_path_from_the_network_taken_apart_has_a_potential():

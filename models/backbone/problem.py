@@ -696,10 +696,8 @@ class BackboneProblem(BoundaryProblem):
 
     def acting(self, inputs: FloatArray) -> list[InputSpec]:
         """The loads that are not zero in all instances of ``inputs`` (instance_count, input_count)."""
-        first = 2 * len(self.rods)
-        acting = np.any(inputs[:, first : first + 3 * len(kernels.INPUT_VECTORS)] != 0, axis=0).tolist()
-        places = {name: 3 * k for k, name in enumerate(kernels.INPUT_VECTORS)}
-        return [spec for spec in LOADS if any(acting[places[spec.name] : places[spec.name] + 3])]
+        acting = np.any(inputs != 0, axis=0).tolist()
+        return [spec for spec in LOADS if any(acting[self.input_slice(spec.name)])]
 
     def _medium_load(self) -> FloatArray:
         """How much a medium bends rods that are not straight, ``k L^4/EI`` times their bend, shape (instance_count,)."""

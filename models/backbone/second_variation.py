@@ -75,13 +75,11 @@ class CondensedForm:
 def symmetric_eigenvalues(form: FloatArray, known: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
     """Eigenvalues (batch, n) of the symmetric part, and what the rest does to their eigenvectors (batch, n); NaN where not
     known."""
-    turned = form.swapaxes(1, 2)
-    if known.all():
-        values, vectors = np.linalg.eigh((form + turned) / 2)
-        return values, np.linalg.norm((form - turned) / 2 @ vectors, axis=1)
     values, uncertainty = np.full((2, *form.shape[:2]), np.nan)
-    values[known], vectors = np.linalg.eigh((form + turned)[known] / 2)
-    uncertainty[known] = np.linalg.norm((form - turned)[known] / 2 @ vectors, axis=1)
+    turned = form.swapaxes(1, 2)
+    chosen = slice(None) if known.all() else known  # which copies nothing
+    values[chosen], vectors = np.linalg.eigh((form + turned)[chosen] / 2)
+    uncertainty[chosen] = np.linalg.norm((form - turned)[chosen] / 2 @ vectors, axis=1)
     return values, uncertainty
 
 

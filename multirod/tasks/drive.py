@@ -12,9 +12,8 @@ from multirod.tasks.formulation import Task
 from multirod.tasks.limits import LimitRows
 from multirod.tasks.programme import programme
 from multirod.tasks.search_kernels import make_search
+from multirod.validation import FloatArray
 
-# what says nothing but what limits a robot's freed inputs
-LIMITING = ("unit", "limits", "low", "high", "near", "inset_low", "inset_high", "step_limits", "curvature")
 Kind = tuple[int, int, int]  # whether a target has a position, a rotation, an axis
 
 
@@ -79,11 +78,18 @@ class DriveArrays:
         self._same = wp.get_device(device).is_cpu
         self._count = self.values["count"]
         self.limits: LimitRows | None = None
-        self._cleared = [values for name, values in self.values.items() if name not in LIMITING]
+        self._cleared = list(self.values.values())
 
     def _share(self, target: Any, name: str, shape: tuple[int, ...], dtype: Any = wp.float64, key: str = "") -> None:
         self._shared[key or name] = shared = Shared(shape, dtype, self._task.problem.device)
         setattr(target, name, shared.array)
+
+    def limit(self, limits: LimitRows, numbers: dict[str, FloatArray]) -> None:
+        """Take over ``numbers``, by the names of ``values``, which follow from limits: ``clear`` leaves them."""
+        for name, own in numbers.items():
+            self.values[name][:] = own
+        self.limits = limits
+        self._cleared = [values for name, values in self.values.items() if name not in numbers]
 
     def clear(self) -> None:
         """All as at first, but for limits."""

@@ -107,8 +107,7 @@ class Search:
         given: dict[str, FloatArray | None] = {"position": rows.position, "rotation": rows.rotation, "axis": rows.axis}
         given |= {"centre": goals.centre, "residual_tolerance": goals.residual_tolerance}
         if self._arrays.limits is not limits:
-            given |= _limiting(limits, goals.unit) | {"curvature": problem.curvature_scale()}
-            self._arrays.limits = limits
+            self._arrays.limit(limits, _limiting(limits, goals.unit) | {"curvature": problem.curvature_scale()})
         for name, value in given.items():
             if value is not None:
                 values[name][:] = value

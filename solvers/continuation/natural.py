@@ -412,7 +412,7 @@ def _short_cut(problem: BoundaryProblem, newton: Newton, chosen: BoolArray, boun
     outcome = Outcome.zeros(problem.instance_count)
     if tried.any():
         outcome = Paths.of(problem, newton, SHORT_STEPS).raise_loads(tried, bounds, unloaded=found.unknowns)
-    outcome.status[~tried] = Status.NOT_RUN
+    outcome.status[chosen & ~tried] = Status.NOT_RUN
     outcome.integrations += chosen * found.integrations
     newton.allow(np.maximum(newton.allowed() - outcome.integrations, 0))
     return outcome
