@@ -23,6 +23,7 @@ from multirod.launch import record
 from multirod.models.backbone.members import drive_slices
 from multirod.models.network import network_kernels as kernels
 from multirod.models.network import records
+from multirod.models.network.along import NetworkSensing, columns_along
 from multirod.models.network.capabilities import NetworkJoints, NetworkLines, NetworkParts, NetworkShapes, NetworkStarts
 from multirod.models.network.clamps import NetworkClamps
 from multirod.models.network.conjugates import NetworkConjugates
@@ -404,6 +405,15 @@ class NetworkProblem(BoundaryProblem):
         known, pulled_out = super().reasons(status), np.array(self.networks.pulled_out.numpy(), dtype=bool)
         self.networks.pulled_out.zero_()
         return np.where(pulled_out & (known == Status.NONFINITE), Status.OUT_OF_HOLE, known).astype(np.int32)
+
+    def along(self, names: Sequence[str], rod: int, places: FloatArray) -> dict[str, FloatArray]:  # noqa: D102
+        return columns_along(self, names, rod, places)
+
+    def sensing(self, places: FloatArray) -> NetworkSensing:  # noqa: D102
+        return NetworkSensing(self, places, self._launches)
+
+    def sensed(self, made: NetworkSensing, names: Sequence[str], rod: int) -> tuple[FloatArray, FloatArray]:  # noqa: D102
+        return made.curvature(names, rod)
 
     # ---- bodies ----
 
