@@ -25,6 +25,12 @@ AGREEMENT = 0.25  # the same from half the way to where twice the step led: half
 HALFWAY = 0.1  # largest distance of the equilibrium halfway from the curve through the ends, relative to theirs
 HALFWAY_FIRST = 0.35  # the same where that curve is a straight line
 NEAR = 0.1  # of a step, that Newton's next may be where it is looked at halfway
+ON_THE_WAY = 1.0e-3  # of a step, how far from the equilibrium its end may be where the path goes on
+CLEARLY = 1.05  # radius of the disc that eigenvalues are not in when it is told before the equilibrium is found
+FALL = 0.1  # of the residual by Newton's last step but one, that tells so
+PATIENCE = 2  # halvings of a step, after which the equilibrium that it starts from is found to the tolerance
+# a step has not been looked at halfway, is, has been, is by its last integration, or waits for the equilibrium it starts from
+UNSEEN, LOOKING, SEEN, LAST_LOOK, POLISHING = 0, 1, 2, 3, 4
 f64 = wp.float64
 
 
@@ -51,14 +57,15 @@ class PathState:
     levels: wp.array2d[wp.float64]  # (instance, 3): their levels
     reference: wp.array3d[wp.float64]  # Gamma at the latest
     step: wp.array[wp.float64]
-    halved: wp.array[int]  # whether it has just been halved: then it does not grow at once
+    halved: wp.array[int]  # how often it has just been halved: then it does not grow at once
     goal: wp.array[wp.float64]
     expected: wp.array2d[wp.float64]  # unknowns at the goal by extrapolation
     surprise: wp.array2d[wp.float64]  # those found instead
     surprised: wp.array[int]  # whether there are any, at twice the present step
-    probed: wp.array[int]  # whether the step has been looked at halfway: 0 not yet, 1 on the way, 2 and passed
+    rough: wp.array[int]  # whether the latest is where Newton's method would go on: its residual is not within the tolerance
+    probed: wp.array[int]  # how far the look halfway is, ``UNSEEN`` and so on
     trial: wp.array2d[wp.float64]  # the unknowns at the goal meanwhile
-    halfway: wp.array3d[wp.float64]  # Gamma there
+    halfway: wp.array3d[wp.float64]  # Gamma there, or, where the look is the step's last integration, at the goal
     apart: wp.array[wp.float64]  # how far the equilibrium there was from that curve, of what is allowed
     safe_step: wp.array[wp.float64]  # a step that is short enough wherever it starts
     most_step: wp.array[wp.float64]  # no step is longer
@@ -82,8 +89,8 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
     RADIUS = 0.5 * (LARGEST_RATIO - SMALLEST_RATIO)
 
     @wp.func(inline=False)
-    def alike(state: wp.ref[PathState], t: int, others: int) -> bool:
-        """Whether no mode of Gamma came near zero or changed sign since the last equilibrium.
+    def alike(state: wp.ref[PathState], t: int, others: int, slack: f64) -> bool:
+        """Whether no mode of Gamma came near zero or changed sign since the last equilibrium, with more ``slack`` if not 1.
 
         With two ``others``, nor since halfway.
         """
@@ -96,6 +103,7 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
             centre, enough, most = f64(1.0), f64(wp.static(1.0 - SMALLEST_RATIO)), f64(1.0)
             if test % 2 == 1:
                 centre, enough, most = f64(wp.static(CENTRE)), f64(wp.static(RADIUS)), f64(wp.static(RATIO_POWERS))
+                enough *= slack
             test += 1
             if spectral_radius(state.newton, t, other, which, centre, enough, most) < enough:
                 test += test % 2
@@ -157,9 +165,11 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
         b = state.levels[t, 1]
         c = state.levels[t, 2]
         goal = wp.min(f64(1.0), a + state.step[t])
+        if f64(1.0) - goal < f64(wp.static(MIN_STEP)):
+            goal = f64(1.0)
         state.goal[t] = goal
         put(state, t, goal)
-        state.probed[t] = wp.where(goal <= state.sure_level[t], 2, 0)
+        state.probed[t] = wp.where(goal <= state.sure_level[t], wp.static(SEEN), wp.static(UNSEEN))
         state.apart[t] = f64(0.0)
         for i in range(n):
             x = state.points[t, 0, i]
@@ -186,7 +196,7 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
             state.load_factor[t] = level
 
     @wp.func(inline=False)
-    def look_halfway(state: wp.ref[PathState], t: int):
+    def look_halfway(state: wp.ref[PathState], t: int, probed: int):
         """Go to the level halfway, on the curve through the trial and the equilibria known."""
         n = state.points.shape[2]
         g = state.goal[t]
@@ -209,15 +219,23 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
                     third = (second - (ab - bc) / (a - c)) / (g - c)
                     x += (level - a) * (level - g) * (level - b) * third
             state.newton.unknowns[t, i] = x
-        state.probed[t] = 1
+        state.probed[t] = probed
+        if probed == wp.static(LAST_LOOK):
+            for i in range(state.halfway.shape[1]):
+                for j in range(state.halfway.shape[2]):
+                    state.halfway[t, i, j] = state.newton.gamma[t, i, j]
 
     @wp.func(inline=False)
     def passed_halfway(state: wp.ref[PathState], t: int) -> bool:
-        """Whether there is an equilibrium halfway on that curve, and Gamma there is like the last; leads back to the trial."""
+        """Whether there is an equilibrium halfway on that curve, and Gamma there is like the last; leads back to the trial.
+
+        Where the look is the step's last integration, also like that at its end.
+        """
         n = state.points.shape[2]
         sound = state.newton.fault[t] == 0
         off = newton_step(state.newton, t)
-        sound = sound and wp.isfinite(off) and alike(state, t, 1)
+        last = state.probed[t] == wp.static(LAST_LOOK)
+        sound = sound and wp.isfinite(off) and alike(state, t, wp.where(last, 2, 1), f64(1.0))
         moved = f64(0.0)
         size = f64(0.0)
         for i in range(n):
@@ -227,16 +245,20 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
             size += x * x
         for i in range(state.halfway.shape[1]):
             for j in range(state.halfway.shape[2]):
-                state.halfway[t, i, j] = state.newton.gamma[t, i, j]
+                if last:
+                    state.newton.gamma[t, i, j] = state.halfway[t, i, j]
+                else:
+                    state.halfway[t, i, j] = state.newton.gamma[t, i, j]
         most = wp.where(state.known[t] > 1, f64(wp.static(HALFWAY)), f64(wp.static(HALFWAY_FIRST)))
         put(state, t, state.goal[t])
-        state.probed[t] = 2
+        if not last:
+            state.probed[t] = wp.static(SEEN)
         state.apart[t] = off / (most * wp.sqrt(moved) + f64(1.0e-6) * (f64(1.0) + wp.sqrt(size)))
         return sound and state.apart[t] <= f64(1.0)
 
     @wp.func(inline=False)
-    def nearly_there(state: wp.ref[PathState], t: int) -> bool:
-        """Whether Newton's last step was a small part of the way."""
+    def left(state: wp.ref[PathState], t: int) -> f64:
+        """Newton's last step, as a part of the way."""
         n = state.points.shape[2]
         last = f64(0.0)
         moved = f64(0.0)
@@ -244,7 +266,21 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
             last += state.newton.step[t, i] * state.newton.step[t, i]
             move = state.newton.unknowns[t, i] - state.points[t, 0, i]
             moved += move * move
-        return wp.sqrt(last) <= f64(wp.static(NEAR)) * wp.sqrt(moved)
+        return wp.sqrt(last) / wp.max(wp.sqrt(moved), f64(1.0e-300))
+
+    @wp.func
+    def near_enough(state: wp.ref[PathState], t: int, part: f64, merit: f64) -> bool:
+        """Whether a path may go on from where Newton's last step, this ``part`` of the way, has led; |eps| was ``merit`` before
+        the last but one.
+
+        What is left is no more than that step times the contraction, and is to be little of the next step too.
+        """
+        on_the_way = state.goal[t] < f64(1.0) and state.newton.iterations[t] > 1
+        if wp.static(told):  # of one comparison
+            on_the_way = on_the_way and state.goal[t] <= state.sure_level[t]
+        on_the_way = on_the_way and state.newton.merit[t] <= f64(wp.static(FALL)) * merit
+        ahead = wp.min(f64(1.0), (f64(1.0) - state.goal[t]) / (state.goal[t] - state.levels[t, 0]))
+        return on_the_way and part * state.newton.contraction[t] <= f64(wp.static(ON_THE_WAY)) * ahead
 
     @wp.func(inline=False)
     def why(state: wp.ref[PathState], t: int, found: int) -> int:
@@ -275,16 +311,17 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
         return wp.static(int(Status.NOT_RUN))
 
     @wp.func
-    def advance(state: wp.ref[PathState], t: int, found: int) -> int:
+    def advance(state: wp.ref[PathState], t: int, found: int, rough: bool) -> int:
         """Keep what Newton's method ended with, or halve the step."""
         n = state.points.shape[2]
         state.iterations[t] = state.iterations[t] + state.newton.iterations[t]
         reached = state.goal[t] - state.levels[t, 0]
-        same_branch = found == wp.static(int(Status.CONVERGED)) and alike(
-            state, t, wp.where(state.goal[t] <= state.sure_level[t], 1, 2)
-        )
+        # what was looked at halfway by its last integration has been compared with that
+        others = wp.where(state.goal[t] <= state.sure_level[t] or state.probed[t] == wp.static(LAST_LOOK), 1, 2)
+        same_branch = found == wp.static(int(Status.CONVERGED)) and alike(state, t, others, f64(1.0))
         if same_branch and expected(state, t):
             state.surprised[t] = 0
+            state.rough[t] = wp.where(rough, 1, 0)
             keep(state, t, state.goal[t])
             if state.goal[t] >= f64(1.0):
                 return wp.static(int(Status.CONVERGED))
@@ -299,10 +336,36 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
         for i in range(n):
             state.surprise[t, i] = state.newton.unknowns[t, i]
         state.step[t] = f64(0.5) * reached
-        state.halved[t] = 1
-        if state.step[t] < f64(wp.static(MIN_STEP)):
+        state.halved[t] = state.halved[t] + 1
+        too_small = state.step[t] < f64(wp.static(MIN_STEP))
+        if state.rough[t] != 0 and (too_small or state.halved[t] >= wp.static(PATIENCE)):
+            state.step[t] = wp.max(state.step[t], f64(wp.static(MIN_STEP)))
+            state.probed[t] = wp.static(POLISHING)
+        elif too_small:
             return why(state, t, found)
         return wp.static(int(Status.NOT_RUN))
+
+    @wp.func(inline=False)
+    def polish(state: wp.ref[PathState], t: int, found: int) -> int:
+        """Keep the equilibrium where the next step starts, as Newton's method ended there."""
+        if found != wp.static(int(Status.CONVERGED)):
+            return why(state, t, found)
+        state.iterations[t] = state.iterations[t] + state.newton.iterations[t]
+        state.rough[t] = 0
+        for i in range(state.points.shape[2]):
+            state.points[t, 0, i] = state.newton.unknowns[t, i]
+        for i in range(state.reference.shape[1]):
+            for j in range(state.reference.shape[2]):
+                state.reference[t, i, j] = state.newton.gamma[t, i, j]
+        return wp.static(int(Status.NOT_RUN))
+
+    @wp.func(inline=False)
+    def back(state: wp.ref[PathState], t: int):
+        """To the latest equilibrium."""
+        put(state, t, state.levels[t, 0])
+        for i in range(state.points.shape[2]):
+            state.newton.unknowns[t, i] = state.points[t, 0, i]
+        begin(state.newton, t)
 
     @wp.func(inline=False)
     def go_on(state: wp.ref[PathState], t: int, departing: int):
@@ -316,18 +379,35 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
                 status = arrive(state, t)
             else:
                 found = int(wp.static(int(Status.STALLED)))
-                if state.probed[t] == 1:
+                probed = int(state.probed[t])
+                enough = bool(False)
+                if probed == wp.static(LOOKING) or probed == wp.static(LAST_LOOK):
                     if passed_halfway(state, t):
+                        enough = probed == wp.static(LAST_LOOK)
                         found = int(wp.static(int(Status.NOT_RUN)))
                 else:
+                    merit = state.newton.merit[t]
                     found = iterate(state.newton, t, 0, f64(wp.static(CONTRACTION)))
-                    if state.probed[t] == 0:
-                        there = found == wp.static(int(Status.CONVERGED))
-                        if there or (found == wp.static(int(Status.NOT_RUN)) and nearly_there(state, t)):
-                            look_halfway(state, t)
+                    near = found == wp.static(int(Status.CONVERGED))
+                    if found == wp.static(int(Status.NOT_RUN)) and probed != wp.static(POLISHING):
+                        part = left(state, t)
+                        near = part <= f64(wp.static(NEAR))
+                        enough = near_enough(state, t, part, merit)
+                    if probed == wp.static(UNSEEN) and near:
+                        if wp.static(told) or alike(state, t, 1, f64(wp.static(CLEARLY))):
+                            look_halfway(state, t, wp.where(enough, wp.static(LAST_LOOK), wp.static(LOOKING)))
                             found = int(wp.static(int(Status.NOT_RUN)))
+                        else:
+                            found = int(wp.static(int(Status.STALLED)))
+                        enough = False
+                if enough:
+                    found = int(wp.static(int(Status.CONVERGED)))
                 if found != wp.static(int(Status.NOT_RUN)):
-                    status = advance(state, t, found)
+                    if probed == wp.static(POLISHING):
+                        status = polish(state, t, found)
+                        state.probed[t] = wp.static(UNSEEN)
+                    else:
+                        status = advance(state, t, found, enough)
                 elif state.integrations[t] < state.newton.allowed[t]:
                     wp.atomic_add(state.remaining, 0, 1)
                     return
@@ -337,7 +417,10 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
                 status = int(wp.static(int(Status.INTEGRATION_LIMIT)))
         state.status[t] = status
         if status == wp.static(int(Status.NOT_RUN)):
-            aim(state, t)
+            if state.probed[t] == wp.static(POLISHING):
+                back(state, t)
+            else:
+                aim(state, t)
             wp.atomic_add(state.remaining, 0, 1)
         else:
             state.newton.active[t] = 0

@@ -11,7 +11,7 @@ from multirod.problem import FEW, BoundaryProblem
 from multirod.repeated_kernels import Calls
 from multirod.solver import Outcome
 from multirod.solvers.continuation.acceptance import RATIO_TESTS
-from multirod.solvers.continuation.continuation_kernels import PathState, make_path
+from multirod.solvers.continuation.continuation_kernels import FALL, LOOKING, PathState, make_path
 from multirod.solvers.newton.iteration import Newton, leave
 from multirod.status import Status, failures
 from multirod.validation import FloatArray
@@ -56,7 +56,7 @@ class Paths:
         self.state = state
         state.newton = newton.state
         state.load_factor, state.inputs = problem.load_factor, problem.inputs
-        for name in ("status", "iterations", "integrations", "steps", "known", "halved", "surprised", "probed"):
+        for name in ("status", "iterations", "integrations", "steps", "known", "halved", "surprised", "rough", "probed"):
             setattr(state, name, wp.zeros(count, dtype=wp.int32, device=device))
         for name in ("step", "goal", "safe_step", "most_step", "sure_level", "apart"):
             setattr(state, name, wp.zeros(count, dtype=wp.float64, device=device))
@@ -85,6 +85,8 @@ class Paths:
                 "steps",
                 "halved",
                 "surprised",
+                "rough",
+                "probed",
                 "known",
             )
             self._in_place = {name: getattr(state, name).numpy() for name in names} | {"active": problem.active.numpy()}
@@ -121,8 +123,8 @@ class Paths:
         self.handed = None
         if self._first_values is None:
             arrays = [state.status, state.iterations, state.integrations, state.steps, state.known, state.halved, state.surprised]
-            arrays += [state.probed, state.step, state.goal, state.apart, state.points, state.levels, state.reference]
-            arrays += [state.expected, state.surprise, state.trial, state.halfway]
+            arrays += [state.rough, state.probed, state.step, state.goal, state.apart, state.points, state.levels]
+            arrays += [state.reference, state.expected, state.surprise, state.trial, state.halfway]
             self._first_values = [array.numpy() for array in arrays]
         for values in self._first_values:
             values.fill(0)
@@ -229,7 +231,7 @@ class Paths:
         state = self.state
         self._set("active", chosen)
         self._set("status", np.where(chosen, Status.NOT_RUN, Status.CONVERGED))
-        for name in ("iterations", "integrations", "steps", "halved", "surprised", "levels"):
+        for name in ("iterations", "integrations", "steps", "halved", "surprised", "rough", "probed", "levels"):
             self._set(name, 0)
         self._set("known", known)
         state.departing = int(known > 0)
@@ -325,7 +327,11 @@ class Paths:
             (state.reference.numpy(), state.known.numpy() > 0),
             (state.halfway.numpy(), state.goal.numpy() > state.sure_level.numpy()),
         ]
-        self._newton.eliminated.find(state.probed.numpy() == 1, others, RATIO_TESTS)
+        looked = state.probed.numpy() == LOOKING
+        with np.errstate(invalid="ignore"):
+            size = np.linalg.norm(self.problem.read("residual"), axis=1)
+            looked |= (state.goal.numpy() < 1) & (size <= FALL * state.newton.merit.numpy())  # which may go on from there
+        self._newton.eliminated.find(looked, others, RATIO_TESTS)
 
     def _give_up(self, unloaded: FloatArray) -> int:
         """End those that creep towards where rounding ends them: whose steps are short, and whose ``Gamma``,
