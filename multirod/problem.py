@@ -147,7 +147,6 @@ class BoundaryProblem(Uncopied, ABC):
         active: Instances that are evaluated (1) or left as they are (0), shape (instance_count,).
         load_factor: What multiplies all loads of an instance, and the part of the way from ``guess`` to the robot as it is,
             shape (instance_count,).
-        guess_integrations: Integrations per rod that ``guess`` takes.
         breakpoints: Instances whose equilibrium is known by its states there, not by ``unknowns`` alone; ``shapes`` and
             ``stability`` are of these states.
         fault: Why an evaluation failed, by the numbers of ``status.Fault``, shape (instance_count,).
@@ -171,7 +170,6 @@ class BoundaryProblem(Uncopied, ABC):
     columns_in_place = True  # whether ``aimed``, by inputs, is what stands in ``residual_directions`` and ``pose_columns``
     eliminates = False  # whether columns by parameters may be at other fixed unknowns than its own: they are eliminated next
     instead = "ask the assembly for another problem"
-    guess_integrations: int = 0
     restored: int = 0
     budget: Budget | None = None
 
@@ -288,6 +286,12 @@ class BoundaryProblem(Uncopied, ABC):
         """Make arrays of this problem the fields of the same names of a kernel's argument."""
         for name in names:
             setattr(target, name, getattr(self, name))
+
+    @property
+    def guess_integrations(self) -> NDArray[np.integer[Any]] | int:
+        """Integrations per rod that ``guess`` took, or takes at most where it has not been asked for: one number, or one of each
+        instance, shape (instance_count,)."""
+        return 0
 
     @abstractmethod
     def guess(self) -> FloatArray:

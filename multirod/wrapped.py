@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,9 +42,12 @@ class WrappedProblem(BoundaryProblem):
         )
         self.inner = inner
         self.arrow, self.rounding, self.measured = inner.arrow, inner.rounding, inner.measured
-        self.guess_integrations = inner.guess_integrations
         for name in ("inputs", "unknowns"):
             self.write(name, inner.read(name))
+
+    @property
+    def guess_integrations(self) -> NDArray[np.integer[Any]] | int:  # noqa: D102
+        return self.inner.guess_integrations
 
     # ---- what a subclass says ----
 

@@ -128,7 +128,7 @@ class HeldProblem(BoundaryProblem):
     and of the joint at the base (8).
     """
 
-    guess_integrations = 3
+    guess_integrations: int = 3
 
     def __init__(
         self,

@@ -107,7 +107,7 @@ class NetworkProblem(BoundaryProblem):
         pieces: Of each rod; of more than one, there are clamps between them, whose moments are the directions.
     """
 
-    guess_integrations = 1
+    guess_integrations: int = 1
 
     def __init__(
         self,

@@ -16,6 +16,7 @@ from multirod.validation import FloatArray
 # In L^3/EI, added to the tips of beams in all directions: one that is straight and inextensible gives way along itself by
 # bending, once it has bent, and how much depends on how far it has to.
 COMPLIANCES = (1e-4, 1e-3, 1e-2, 1e-1)
+SHORT = 0.1  # of the unknowns of a guess: where Newton's step from there is no longer, no other is looked at
 ITERATIONS = 8  # 4 are enough for the tip to move by less than 1 % of what the beams are off
 SETTLED = 1e-6  # of the longest step, from which on a step of a guess is its last: each is some 1e-2 of the one before
 

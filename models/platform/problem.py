@@ -38,6 +38,7 @@ from multirod.models.platform.designs import (
 )
 from multirod.models.platform.guess import (
     COMPLIANCES,
+    SHORT,
     Attachments,
     Legs,
     beam_equilibrium,
@@ -143,12 +144,14 @@ class Closed:
         unknowns: [1/m], shape (instance_count, n).
         residual: What is left of it there [1/m], shape (instance_count, n).
         singular_value: Smallest of ``Gamma`` there, 1 at most, shape (instance_count,).
+        tried: How many guesses were looked at, shape (instance_count,).
     """
 
     inputs: FloatArray
     unknowns: FloatArray
     residual: FloatArray
     singular_value: FloatArray
+    tried: NDArray[np.int_]
 
 
 @dataclass(frozen=True)
@@ -285,7 +288,6 @@ class ParallelProblem(BoundaryProblem):
     """
 
     columns_in_place = False
-    guess_integrations = 1 + len(COMPLIANCES)
 
     def __init__(
         self,
@@ -549,6 +551,10 @@ class ParallelProblem(BoundaryProblem):
         return np.array(closed.unknowns)
 
     @property
+    def guess_integrations(self) -> NDArray[np.int_] | int:  # noqa: D102
+        return 1 + (len(COMPLIANCES) if self._found is None else self._found.tried)
+
+    @property
     def natural_singular_value(self) -> FloatArray:
         """That at ``guess``: legs that are long and thin answer a force along themselves by bending alone."""
         return self.closed().singular_value
@@ -560,11 +566,11 @@ class ParallelProblem(BoundaryProblem):
             with self.unloaded():
                 x, legs, at = self.unloaded_legs()
                 candidates = self._bent(x, legs, at)
-                x, residual, gamma = self._best(candidates)
+                x, residual, gamma, tried = self._best(candidates)
             sound = np.isfinite(gamma).all(axis=(1, 2))
             least = np.ones(self.instance_count)
             least[sound] = np.minimum(1.0, np.linalg.svd(gamma[sound], compute_uv=False)[:, -1])
-            self._found = Closed(inputs, x, residual, least)
+            self._found = Closed(inputs, x, residual, least, tried)
         return self._found
 
     @contextmanager
@@ -601,19 +607,26 @@ class ParallelProblem(BoundaryProblem):
         self.integrate()
         return x, self._legs(), self.attachments()
 
-    def _best(self, candidates: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Of several unknowns, for each instance those from which Newton's first step is shortest; residual and Gamma there."""
-        n, shortest = self.unknown_count, np.full(self.instance_count, np.inf)
-        x, residual, best = np.array(candidates[0]), np.zeros((self.instance_count, n)), np.zeros((self.instance_count, n, n))
+    def _best(self, candidates: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int_]]:
+        """Of several unknowns, for each instance those from which Newton's first step is shortest; residual and Gamma there, and
+        how many it looked at: none after one from which it is short."""
+        count, n = self.instance_count, self.unknown_count
+        shortest, tried, open_ = np.full(count, np.inf), np.zeros(count, dtype=int), np.ones(count, dtype=bool)
+        x, residual, best = np.array(candidates[0]), np.zeros((count, n)), np.zeros((count, n, n))
         for candidate in candidates:
-            found, gamma = self.evaluate(candidate)
-            regular = np.isfinite(found).all(axis=1) & (np.linalg.slogdet(np.nan_to_num(gamma))[0] != 0)
-            length = np.full(self.instance_count, 1e300)  # a singular start is better than none
+            with self.only(open_):
+                found, gamma = self.evaluate(candidate)
+            regular = open_ & np.isfinite(found).all(axis=1) & (np.linalg.slogdet(np.nan_to_num(gamma))[0] != 0)
+            length = np.full(count, 1e300)  # a singular start is better than none
             length[regular] = np.linalg.norm(np.linalg.solve(gamma[regular], found[regular][..., None])[..., 0], axis=1)
-            better = length < shortest
+            better = open_ & (length < shortest)
             x[better], residual[better], best[better] = candidate[better], found[better], gamma[better]
             shortest[better] = length[better]
-        return x, residual, best
+            tried += open_
+            open_ &= length > SHORT * np.linalg.norm(candidate, axis=1)
+            if not open_.any():
+                break
+        return x, residual, best, tried
 
     def _bent(self, unloaded: FloatArray, legs: Legs, at: Attachments) -> Sequence[FloatArray]:
         """Unknowns of the unloaded legs, and what closes their joints if they are beams, for each of ``COMPLIANCES``."""

@@ -320,7 +320,7 @@ class Part:
     def _start(self) -> NDArray[np.bool_]:
         """The equilibria at the priors' means; which of them were found, and are not what is sought already."""
         problem, every = self.task.problem, np.arange(self.count)
-        at_rest = not (problem.guess_integrations or problem.load_scale().any() or problem.turning().any())
+        at_rest = not (np.any(problem.guess_integrations) or problem.load_scale().any() or problem.turning().any())
         if self.scene.guess is None and not at_rest:
             self.outcome = self.scene.solver.solve(problem)
             self.x = problem.read("unknowns")

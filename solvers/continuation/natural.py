@@ -367,7 +367,8 @@ class Paths:
             least = self._newton.least_singular_values(self.state.reference.numpy()[ended])
             status[ended[least > SINGULAR * self.problem.natural_singular_value[ended]]] = Status.STALLED
             if self.state.by_inputs:
-                integrations[ended] += self.problem.guess_integrations  # which what is natural here takes
+                # which what is natural here takes
+                integrations[ended] += np.broadcast_to(self.problem.guess_integrations, status.shape)[ended]
 
 
 def natural_branch(
