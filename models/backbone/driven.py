@@ -118,6 +118,19 @@ class DrivenLines(Lines):
         held = [(unknown > 0) | rounded | (not self._driven[k][0].slackens) for k, (_, unknown) in self._conditions().items()]
         return np.stack(held, axis=1)
 
+    def tension_rates(self) -> tuple[FloatArray, FloatArray]:
+        """(L7), (L8b) Of each line that is driven by its length: bending stiffness of its rod [N m^2], which over its lever is the
+        unit of its tension, and how its tension in that unit changes with its unknown, shapes (instance_count, condition_count).
+        """
+        shape = (self.problem.instance_count, len(self._conditions()))
+        stiffness, rate, mu = np.empty(shape), np.ones(shape), self._rounding()
+        for row, (k, (_, unknown)) in enumerate(self._conditions().items()):
+            stiffness[:, row] = self.problem.each(self.problem.arrays.material[:, self._driven_rods[k], 0, :2].max(axis=-1))
+            if self._driven[k][0].slackens:
+                size = np.sqrt(unknown**2 + mu**2)
+                rate[:, row] = np.where(size > 0, (1 + unknown / np.where(size > 0, size, 1.0)) / 2, 0.0)
+        return stiffness, rate
+
     def stretch_energy(self, length: FloatArray) -> FloatArray:
         """What lines that are driven by their length store, less what their tensions would do if they were given [J], shape
         (instance_count,); ``length`` is that of each (instance_count, count)."""
