@@ -119,9 +119,9 @@ class DrivenLines(Lines):
         return np.stack(held, axis=1)
 
     def tension_rates(self) -> tuple[FloatArray, FloatArray]:
-        """(L7), (L8b) Of each line that is driven by its length: bending stiffness of its rod [N m^2], which over its lever is the
-        unit of its tension, and how its tension in that unit changes with its unknown, shapes (instance_count, condition_count).
-        """
+        """(L7), (L8b) Of each line that is driven by its length: bending stiffness of its rod [N m^2], which over its lever is
+        the unit of its tension, and how its tension in that unit changes with its unknown, shapes (instance_count,
+        condition_count)."""
         shape = (self.problem.instance_count, len(self._conditions()))
         stiffness, rate, mu = np.empty(shape), np.ones(shape), self._rounding()
         for row, (k, (_, unknown)) in enumerate(self._conditions().items()):

@@ -89,8 +89,8 @@ class BackboneStability(StabilityAnalysis):
 
     def condensed_form(self, *, tensions_fixed: bool = False) -> tuple[CondensedForm, FloatArray]:
         """The second variation at ``unknowns``, condensed to the tip, and ``det Gamma`` (instance_count,), where that tells more;
-        NaN of breakpoints, of a held tip and where rounding hides its sign. Where ``tensions_fixed``, those of lines whose length is
-        given are not eliminated.
+        NaN of breakpoints, of a held tip and where rounding hides its sign. Where ``tensions_fixed``, those of lines of given
+        length are not eliminated.
 
         One integration over as many nodes as the loads call for; where the moments found call for more, another one.
         """

@@ -189,8 +189,8 @@ class NetworkStability(StabilityAnalysis):
         return np.asarray(places[places >= 0])
 
     def _in_units_of_energy(self, state: "State", size: int) -> tuple[list[Any], list[Any]]:
-        """(17) What makes rows derivatives of the energy, by displacements that are not scaled but in units of what is one, (16b):
-        matrices on the left and on the right of the form, of each instance."""
+        """(16b), (17) What makes rows derivatives of the energy, by displacements that are not scaled but in units of what is
+        one: matrices on the left and on the right of the form, of each instance."""
         problem, rods, others = self.problem, self.problem.rod_count, self._others()
         held = problem.graph.ends[1].held
         L, EI = problem.length, problem.stiffness
