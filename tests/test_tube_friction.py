@@ -115,7 +115,7 @@ def test_derivatives_are_those_of_differences(difference, name: str) -> None:
     J = at(0.0).jacobian(name)
 
     # differences of solutions that are right to some 1e-11 m
-    np.testing.assert_allclose(J[:3, k], difference(tip, step), atol=1e-7 * np.abs(J[:3]).max())
+    np.testing.assert_allclose(J[:3, k], difference(tip, step), atol=2e-9 * np.abs(J[:3]).max())
 
 
 @pytest.mark.parametrize(("name", "k", "step"), [("rotation", 1, 4e-3), ("tension", 2, 4e-2)])
@@ -182,7 +182,7 @@ def test_tension_in_the_plane_is_that_of_a_capstan(difference) -> None:
     J = at(here).jacobian("translation")
     for k, e in enumerate(np.eye(2)):
         slope = difference(lambda h, e=e: at(here + h * e).tip_position, 1e-4)
-        np.testing.assert_allclose(J[:3, k], slope, atol=1e-6)  # differences of solutions that are right to some 1e-11 m
+        np.testing.assert_allclose(J[:3, k], slope, atol=1e-9)  # differences of solutions that are right to some 1e-11 m
 
 
 def test_tubes_whose_tendons_rub_may_be_legs(difference):
@@ -198,8 +198,10 @@ def test_tubes_whose_tendons_rub_may_be_legs(difference):
         "tip_force": np.array([0.1, -0.1, 0.05]),
     }
 
+    finer = mr.Shooting(tolerance=1e-11, integrator=mr.RK45(rtol=1e-12, atol=1e-14))
+
     def at(**changes: np.ndarray) -> mr.Solution:
-        return mr.solve(robot, robot.inputs(**(given | changes)), solver=PRECISE).raise_if_failed()
+        return mr.solve(robot, robot.inputs(**(given | changes)), solver=finer).raise_if_failed()
 
     solution = at()
     for k, leg in enumerate(legs):
@@ -209,7 +211,7 @@ def test_tubes_whose_tendons_rub_may_be_legs(difference):
         own = {name: given[name][tubes_of] for name in ("rotation", "translation")}
         alone = mr.ConcentricTubes(list(leg.rods), base=base[k])
         inputs = alone.inputs(tension=given["tension"][lines], **own, **wrench)
-        single = mr.solve(alone, inputs, solver=PRECISE).raise_if_failed()
+        single = mr.solve(alone, inputs, solver=finer).raise_if_failed()
         # the integrators' tolerance
         np.testing.assert_allclose(single.tip_position, shape.position[-1], atol=1e-10)
         np.testing.assert_allclose(single.line_length, solution.line_length[lines], atol=1e-10)
@@ -220,5 +222,5 @@ def test_tubes_whose_tendons_rub_may_be_legs(difference):
         J = solution.jacobian(name)
         e = np.eye(len(given[name]))[-1]
         slope = difference(lambda h, name=name, e=e: at(**{name: given[name] + h * e}).tip_position, step)
-        # differences of solutions that are right to some 1e-11 m
-        np.testing.assert_allclose(J[:3, -1], slope, atol=3e-7 * np.abs(J[:3]).max())
+        # the columns' own integration: 3e-8 at ten times the integrator's tolerance, 1e-9 at this
+        np.testing.assert_allclose(J[:3, -1], slope, atol=1e-8 * np.abs(J[:3]).max())
