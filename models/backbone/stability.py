@@ -79,7 +79,7 @@ class BackboneStability(StabilityAnalysis):
             modes.known[~judged] = False
             modes.values[~judged] = np.nan
         # det Gamma is positive where nothing acts
-        modes.diverging[:] = self._told_by_sign(potential) & (determinant < 0)
+        modes.diverging[:] = self._told_by_sign(potential) & (determinant < 0) | potential & self.problem.lines.gives_way()
         return modes
 
     def _told_by_sign(self, potential: NDArray[np.bool_]) -> NDArray[np.bool_]:
