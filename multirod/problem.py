@@ -582,6 +582,11 @@ class BoundaryProblem(Uncopied, ABC):
         return None
 
     @property
+    def segments_refused(self) -> str:
+        """Why ``segments`` is None, where it is."""
+        return "it is not a single rod"
+
+    @property
     def joints(self) -> Joints | None:
         """Joints that may be taken apart."""
         return None

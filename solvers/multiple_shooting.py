@@ -62,7 +62,7 @@ class MultipleShooting(Solver):
 
     def unsupported(self, problem: BoundaryProblem) -> tuple[str, ...]:
         """Every reason why this solver cannot take ``problem``; empty if it can."""
-        return () if problem.segments is not None else ("it offers no segments: it is not a single rod",)
+        return () if problem.segments is not None else (f"it offers no segments: {problem.segments_refused}",)
 
     def _solve(self, problem: BoundaryProblem, guess: FloatArray | None) -> Outcome:
         allowed = np.full(problem.instance_count, self.max_integrations)

@@ -648,12 +648,18 @@ def test_a_chamber_bends_a_rod_away_from_itself() -> None:
         np.testing.assert_allclose(found.tension, [-6.0])
 
 
-def test_chambers_lengthen_a_segment_of_silicone() -> None:
-    """Straight, three alike and its weight: v_z - 1 = (sum of P A + weight below) / EA. The segment of docs/recipes.md."""
-    angles, area = np.radians([0, 120, 240]), 5e-5
+def segment_of_silicone(area: float) -> mr.SingleRod:
+    """The segment of docs/recipes.md."""
+    angles = np.radians([0, 120, 240])
     chambers = [mr.Chamber(offset=(0.0065 * np.cos(a), 0.0065 * np.sin(a)), area=area) for a in angles]
     made = {"length": 0.1, "outer_diameter": 0.022, "young_modulus": 0.6e6, "poisson_ratio": 0.49, "density": 1080}
-    segment = mr.SingleRod(mr.Rod.tube(**made, extensible=True, lines=chambers))
+    return mr.SingleRod(mr.Rod.tube(**made, extensible=True, lines=chambers))
+
+
+def test_chambers_lengthen_a_segment_of_silicone() -> None:
+    """Straight, three alike and its weight: v_z - 1 = (sum of P A + weight below) / EA."""
+    area = 5e-5
+    segment = segment_of_silicone(area)
     pressure = np.array([(0, 0, 0), (4e4, 4e4, 4e4), (6e4, 0, 0)])
     found = mr.solve(segment, segment.inputs(pressure=pressure, gravity=(0, 0, 9.81))).raise_if_failed()
     section = np.pi / 4 * 0.022**2
@@ -663,6 +669,19 @@ def test_chambers_lengthen_a_segment_of_silicone() -> None:
     # one chamber bends it away: curvature P A r / EI, along a rod of its first length
     turn = 6e4 * area * 0.0065 / (0.6e6 * np.pi / 64 * 0.022**4) * 0.1
     np.testing.assert_allclose(np.arctan2(-found.tip_rotation[2, 0, 2], found.tip_rotation[2, 2, 2]), turn, rtol=0.06)
+
+
+def test_pressure_beyond_what_a_section_resists_is_unstable() -> None:
+    """(L9b) Wide and soft as it is, across it: ``GA = sum of P A/lam``, at the tip ``lam = 1 + sum of P A/EA``. There is an
+    equilibrium still, but it is no minimum."""
+    area = 5e-5
+    segment = segment_of_silicone(area)
+    (section,) = segment.rods[0].sections
+    GA, EA = section.shear_stiffness[0], section.axial_stiffness
+    limit = GA / (3 * area * (1 - GA / EA))
+    pressure = limit * np.repeat([[0.99], [1.01]], 3, axis=1)
+    found = mr.solve(segment, segment.inputs(pressure=pressure, gravity=(0, 0, 9.81))).raise_if_failed()
+    assert found.stability.tolist() == [mr.Stability.STABLE, mr.Stability.UNSTABLE]
 
 
 def soft() -> mr.SingleRod:

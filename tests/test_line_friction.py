@@ -242,11 +242,39 @@ def test_columns_of_friction_between_discs_are_derivatives(difference):
             np.testing.assert_allclose(J[:3, k], difference(tip, step), atol=1e-8 * np.abs(J[:3]).max())
 
 
+def test_a_tendon_rubs_beside_a_push_rod_that_bends(difference):
+    """A helix that rubs and a push rod in a rod that shears: its tension against its own shape, and what (L14b) varies by."""
+    lines = [
+        mr.Tendon(route=lambda s: (0.006 * np.cos(30 * s + 1), 0.006 * np.sin(30 * s + 1)), friction=0.3),
+        mr.PushRod(offset=(-0.004, 0.007), bending_stiffness=0.012, axial_stiffness=300.0),
+    ]
+    stiffness = {"bending_stiffness": (0.01, 0.013), "torsional_stiffness": GJ, "shear_stiffness": 60.0, "axial_stiffness": 150.0}
+    robot = mr.SingleRod(mr.Rod(length=LENGTH, lines=lines, **stiffness))
+    given = {"tension": np.array([2.0]), "displacement": np.array([0.002]), "tip_force": np.array([0.2, -0.3, 0.1])}
+
+    def at(**changes):
+        return mr.solve(robot, robot.inputs(**(given | changes)), solver=TIGHT).raise_if_failed()
+
+    solution = at()
+    shape, line = solution.rod(0, nodes=601), solution.line(0, nodes=601)
+    along = make_interp_spline(shape.arclength, line.position, k=7)(shape.arclength, 1)
+    direction = along / np.linalg.norm(along, axis=1)[:, None]
+    turning = np.linalg.norm(make_interp_spline(shape.arclength, direction, k=7)(shape.arclength, 1), axis=1)
+    turned = make_interp_spline(shape.arclength, turning, k=5).antiderivative()(shape.arclength)
+    np.testing.assert_allclose(line.tension, 2 * np.exp(-0.3 * turned), rtol=1e-9)  # what splines leave over 601 nodes
+    for name, step in (("tension", 2e-2), ("displacement", 2e-5), ("tip_force", 2e-3)):
+        J = solution.jacobian(name)
+        for k, e in enumerate(np.eye(len(given[name]))):
+            slope = difference(lambda h, name=name, e=e: at(**{name: given[name] + h * e}).tip_position, step)
+            # differences of solutions that are right to some 1e-12 m
+            np.testing.assert_allclose(J[:3, k], slope, atol=1e-8 * np.abs(J[:3]).max())
+
+
 def test_what_friction_does_not_go_with_is_refused():
     rod = {"length": LENGTH, "bending_stiffness": EI, "torsional_stiffness": GJ}
     tendon = mr.Tendon(offset=(OFFSET, 0), friction=0.3)
-    with pytest.raises(ValueError, match=r"Tendon.friction = 0.3 .* must be zero beside a push rod that bends"):
-        mr.Rod(**rod, lines=[tendon, mr.PushRod(offset=(0, OFFSET), bending_stiffness=0.01)])
+    with pytest.raises(ValueError, match=r"Tendon.friction = 0.3 .* must be zero in a rod with members"):
+        mr.Rod(**rod, lines=[tendon], members=[mr.PushRod(offset=(0, OFFSET))])
     with pytest.raises(ValueError, match=r"Tendon.axial_stiffness = 200.0 .* must not be given with friction"):
         mr.Tendon(offset=(OFFSET, 0), driven="displacement", axial_stiffness=200.0, friction=0.3)
     with pytest.raises(ValueError, match=r"Tendon.friction"):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 import multirod as mr
 
@@ -193,3 +194,69 @@ def test_what_drives_lines_is_read_from_files_by_name(tmp_path):
     read = mr.load(tmp_path / "inputs.toml", robot=robot)
     np.testing.assert_array_equal(read.tension, [0.8])
     np.testing.assert_array_equal(read.pressure, [1e4])
+
+
+LENGTH, EI, LEVER = 0.2, 0.01, 0.008
+
+
+def column(**line):
+    """A rod between two lines of given length."""
+    tendons = [mr.Tendon((sign * LEVER, 0), driven="displacement", **line) for sign in (1, -1)]
+    return mr.Rod(length=LENGTH, bending_stiffness=EI, torsional_stiffness=0.0077, lines=tendons)
+
+
+def compressed(robot, inputs, force, level=1.0):
+    """Unstable modes of the straight column, its lines taut, and its residual [1/m]."""
+    problem = robot.problem(inputs, integrator=mr.RK4(50))
+    problem.load_factor.fill_(level)
+    x = np.zeros((1, problem.unknown_count))
+    x[:, 3:5] = 1e-3
+    if isinstance(robot, mr.Network):
+        x[:, -1] = -level * force * LENGTH / EI
+    residual, _ = problem.evaluate(x)
+    modes = problem.stability.modes()
+    assert modes.known.all()
+    return int(modes.hidden[0] + (modes.values[0] < 0).sum()), np.abs(residual).max()
+
+
+@pytest.mark.parametrize("sparse", [False, True])
+def test_a_column_between_lines_of_given_length_buckles_where_the_closed_form_says(sparse, monkeypatch):
+    """In their plane two elastic ones are a spring ``k`` against turns of its tip, ``x cot x = -k L/EI``; on the way to the load,
+    where kinks are rounded, the network still is the single rod."""
+    if sparse:
+        monkeypatch.setattr("multirod.models.network.stability.SPARSE", 1)
+        monkeypatch.setattr("multirod.models.network.stability.NEAREST", 2)
+    axial = 200.0
+    rod = column(axial_stiffness=axial)
+    network, single = mr.Network(rods={"arm": rod}, joints=[mr.Joint("arm", "base", to=mr.ground)]), mr.SingleRod(rod)
+    spring = 2 * axial * LEVER**2 / LENGTH * LENGTH / EI
+    x = brentq(lambda x: x / np.tan(x) + spring, np.pi / 2 + 1e-9, np.pi - 1e-9)
+    for load, index in ((0.999 * np.pi**2 / 4, 0), (1.001 * np.pi**2 / 4, 1), (0.999 * x**2, 1), (1.001 * x**2, 2)):
+        force = load * EI / LENGTH**2
+        found, gap = compressed(network, network.inputs(force={"arm": (0, 0, -force)}), force)
+        assert found == index
+        assert gap < 1e-3  # the stretch that goes with lines just taut
+        for level in (0.9, 0.5):
+            inputs = network.inputs(force={"arm": (0, 0, -force / level)}), single.inputs(tip_force=(0, 0, -force / level))
+            indices = [
+                compressed(robot, own, force / level, level)[0] for robot, own in zip((network, single), inputs, strict=True)
+            ]
+            assert indices[0] == indices[1]
+
+
+def test_arms_whose_lines_hold_the_turns_of_their_tips_are_judged():
+    """In a plane the length of a tendon that does not stretch says how its arm's tip is turned: no tension is eliminated by it.
+    What is very stiff comes close."""
+    margins = []
+    for axial in ({}, {"axial_stiffness": 1e6}):
+        arm, top = column(**axial), mr.Body("top")
+        feet = {"left": at(-0.05, turn=0.25), "right": at(0.05, turn=-0.25)}
+        joints = [mr.Joint(name, "base", to=mr.ground, pose=pose, kind="revolute", axis=(0, 1, 0)) for name, pose in feet.items()]
+        joints += [mr.Joint(name, "tip", to=top, pose=at(0, 0, 0, turn)) for name, turn in (("left", 0.25), ("right", -0.25))]
+        robot = mr.Network(rods=dict.fromkeys(feet, arm), bodies=[top], joints=joints)
+        pulled = {"left": (0.001, -0.01), "right": (-0.01, 0.001)}
+        solution = mr.solve(robot, robot.inputs(displacement=pulled, force={"top": (0.05, 0.0, 0.02)})).raise_if_failed()
+        assert solution.slack.tolist() == [False, True, True, False]
+        assert solution.stability == mr.Stability.STABLE
+        margins.append(solution.stability_margin)
+    np.testing.assert_allclose(*margins, rtol=1e-3)  # EI/(r^2 EA) = 2e-4

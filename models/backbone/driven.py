@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 SECTIONS = 65  # places along the rod
 RIGID = 1e6  # what counts as infinite, over the bending stiffness
+SURE = 1e-3  # over the same: more than what is not infinite makes of it
 
 
 class DrivenLines(Lines):
@@ -118,6 +119,19 @@ class DrivenLines(Lines):
         held = [(unknown > 0) | rounded | (not self._driven[k][0].slackens) for k, (_, unknown) in self._conditions().items()]
         return np.stack(held, axis=1)
 
+    def tension_rates(self) -> tuple[FloatArray, FloatArray]:
+        """(L7), (L8b) Of each line that is driven by its length: bending stiffness of its rod [N m^2], which over its lever is
+        the unit of its tension, and how its tension in that unit changes with its unknown, shapes (instance_count,
+        condition_count)."""
+        shape = (self.problem.instance_count, len(self._conditions()))
+        stiffness, rate, mu = np.empty(shape), np.ones(shape), self._rounding()
+        for row, (k, (_, unknown)) in enumerate(self._conditions().items()):
+            stiffness[:, row] = self.problem.each(self.problem.arrays.material[:, self._driven_rods[k], 0, :2].max(axis=-1))
+            if self._driven[k][0].slackens:
+                size = np.sqrt(unknown**2 + mu**2)
+                rate[:, row] = np.where(size > 0, (1 + unknown / np.where(size > 0, size, 1.0)) / 2, 0.0)
+        return stiffness, rate
+
     def stretch_energy(self, length: FloatArray) -> FloatArray:
         """What lines that are driven by their length store, less what their tensions would do if they were given [J], shape
         (instance_count,); ``length`` is that of each (instance_count, count)."""
@@ -168,10 +182,25 @@ class DrivenLines(Lines):
             return np.ones(count, dtype=bool)
         if not all(kind.convex or issubclass(kind, Line) for kind in members):
             return np.zeros(count, dtype=bool)
-        return np.asarray(np.all([self._rod_stays_stiff(rod) for rod in sorted(set(self._rods))], axis=0))
+        return np.asarray(np.all([self._least_stiffness(rod) > 0 for rod in sorted(set(self._rods))], axis=0))
 
-    def _rod_stays_stiff(self, rod: int) -> NDArray[np.bool_]:
-        """Of one rod and what it carries."""
+    def gives_way(self) -> NDArray[np.bool_]:
+        """(L9b) Whether some section of the rod surely gives way to a change of strain with its lines, shape (instance_count,):
+        then the equilibrium is no minimum of energy, whatever holds its ends. False of several rods, which hold each other."""
+        problem, members = self.problem, self.problem.features.members
+        count = problem.instance_count
+        lines_alone = len(problem.rods) == 1 and all(issubclass(kind, Line) for kind in members)
+        if all(kind.convex for kind in members) or not lines_alone:
+            return np.zeros(count, dtype=bool)
+        if any(
+            "bending" in kind.parameters and own[..., list(kind.parameters).index("bending")].any() for kind, own in self._driven
+        ):
+            return np.zeros(count, dtype=bool)  # what a push rod resists by its bending is not counted
+        return np.asarray(self._least_stiffness(0) < -SURE)
+
+    def _least_stiffness(self, rod: int) -> FloatArray:
+        """Of the sections of one rod and what it carries, against changes of strain, over its bending stiffness, shape
+        (instance_count,)."""
         problem, members = self.problem, self.problem.features.members
         call = problem.node_pass(SECTIONS, rod=rod if len(problem.rods) > 1 else None)
         s = call.read("node_arclength") - problem.read("inputs")[:, problem.input_slice("translation")][:, rod, None]
@@ -194,7 +223,7 @@ class DrivenLines(Lines):
                 stiffness += line_stiffness(T, rho[:, :, j], slope[:, :, j], u, v)
             k += 1
         finite = np.where(np.isfinite(stiffness), stiffness, RIGID * here[..., :1, None])
-        return np.asarray((np.linalg.eigvalsh(finite)[..., 0] > 0).all(axis=1))
+        return np.asarray((np.linalg.eigvalsh(finite)[..., 0] / here[..., 0]).min(axis=1))
 
     def _offsets(
         self, s: FloatArray, end: FloatArray, section: NDArray[np.int_], here: FloatArray

@@ -490,8 +490,6 @@ def refuse_beside_friction(lines: "Sequence[Line]", members: "Sequence[Member]")
     friction = np.asarray(rubbing[0].friction).tolist()  # type: ignore[attr-defined]
     if members:
         refuse("Tendon.friction", friction, "must be zero in a rod with members")
-    if any(isinstance(line, PushRod) and line.bending_stiffness.any() for line in lines):
-        refuse("Tendon.friction", friction, "must be zero beside a push rod that bends")
 
 
 class Chamber(Line):

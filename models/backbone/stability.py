@@ -79,7 +79,7 @@ class BackboneStability(StabilityAnalysis):
             modes.known[~judged] = False
             modes.values[~judged] = np.nan
         # det Gamma is positive where nothing acts
-        modes.diverging[:] = self._told_by_sign(potential) & (determinant < 0)
+        modes.diverging[:] = self._told_by_sign(potential) & (determinant < 0) | potential & self.problem.lines.gives_way()
         return modes
 
     def _told_by_sign(self, potential: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -87,9 +87,10 @@ class BackboneStability(StabilityAnalysis):
         terms = self.problem.features
         return np.asarray((~potential | terms.foundation) & (not terms.measured))
 
-    def condensed_form(self) -> tuple[CondensedForm, FloatArray]:
+    def condensed_form(self, *, tensions_fixed: bool = False) -> tuple[CondensedForm, FloatArray]:
         """The second variation at ``unknowns``, condensed to the tip, and ``det Gamma`` (instance_count,), where that tells more;
-        NaN of breakpoints, of a held tip and where rounding hides its sign.
+        NaN of breakpoints, of a held tip and where rounding hides its sign. Where ``tensions_fixed``, those of lines of given
+        length are not eliminated.
 
         One integration over as many nodes as the loads call for; where the moments found call for more, another one.
         """
@@ -114,7 +115,10 @@ class BackboneStability(StabilityAnalysis):
             needed = self._segments_of(call)
             done = chosen & (needed < node_count)
             if done.any():
-                form.put(done, self._form(call, done, unit))
+                own = self._form(call, done, unit)
+                if self.problem.features.condition_count and not tensions_fixed:
+                    own = self._tensions_eliminated(own, call, done)
+                form.put(done, own)
                 if not self.problem.held and (asked := done & self._told_by_sign(self.has_potential)).any():
                     determinant[asked] = certain_determinant(call.read("gamma")[asked])
             more = chosen & ~done & (needed < MOST_NODES - 1)
@@ -139,25 +143,28 @@ class BackboneStability(StabilityAnalysis):
         return 3 + self.problem.features.turning_count
 
     def _form(self, call: "NodePass", chosen: NDArray[np.bool_], unit: FloatArray) -> CondensedForm:
-        """(4) to (6), (18) by what a pass over nodes says of the instances ``chosen``; ``unit`` is ``K/L`` [N m] of all."""
-        problem, drives = self.problem, self.problem.slots.places["drives"]
-        by_tensions = np.arange(drives.start, drives.stop)
-        if problem.judged_often:
+        """(4) to (6) by what a pass over nodes says of the instances ``chosen``; ``unit`` is ``K/L`` [N m] of all."""
+        if self.problem.judged_often:
             ends = self._column_ends()
-            return call.form(self._free(), ends.shape[1], problem.device).of(chosen, ends, unit)
+            return call.form(self._free(), ends.shape[1], self.problem.device).of(chosen, ends, unit)
+        return condensed_form(self._node_columns(call, chosen, self._other_columns()), unit[chosen])
+
+    def _other_columns(self) -> NDArray[np.intp]:
+        """Columns by which the form is made, where all tensions are fixed."""
         # base forces that follow a load are no variations that keep the forces, and those of unloaded tubes carry a moment here
-        others = np.arange(self._free())
-        if problem.held:
-            others = np.delete(np.arange(problem.unknown_count), by_tensions)
-        columns = self._node_columns(call, chosen, others)
-        form = condensed_form(columns, unit[chosen])
-        if not len(by_tensions):
-            return form
-        rows = by_tensions + (3 if problem.held else 0)
-        lacking = call.read("gamma")[chosen][:, rows]
+        if not self.problem.held:
+            return np.arange(self._free())
+        drives = self.problem.slots.places["drives"]
+        return np.delete(np.arange(self.problem.unknown_count), np.arange(drives.start, drives.stop))
+
+    def _tensions_eliminated(self, form: CondensedForm, call: "NodePass", chosen: NDArray[np.bool_]) -> CondensedForm:
+        """(18)"""
+        problem, drives, others = self.problem, self.problem.slots.places["drives"], self._other_columns()
+        tensions = np.arange(drives.start, drives.stop)
+        lacking = call.read("gamma")[chosen][:, tensions + (3 if problem.held else 0)]
+        by_others, by_tensions = (self._node_columns(call, chosen, columns) for columns in (others, tensions))
         taut = problem.lines.taut()[chosen]
-        tensions = self._node_columns(call, chosen, by_tensions)
-        return with_conditions(form, columns, tensions, -lacking[:, :, others], -lacking[:, :, by_tensions], taut)
+        return with_conditions(form, by_others, by_tensions, -lacking[:, :, others], -lacking[:, :, tensions], taut)
 
     def _node_columns(self, call: "NodePass", chosen: NDArray[np.bool_], columns: NDArray[np.intp]) -> NodeColumns:
         """What a pass over nodes says of variations of the instances ``chosen`` by some of the unknowns."""

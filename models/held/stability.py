@@ -54,7 +54,7 @@ class HeldStability(StabilityAnalysis):
         rod, length, turns = problem.rod, problem.length, problem.turns
         if turns:
             rod.launch.launch()  # which finds its columns by what acts along it
-        condensed, _ = TipByWrench(rod).condensed_form()
+        condensed, _ = TipByWrench(rod).condensed_form(tensions_fixed=True)
         condensed.known[~rod.lines.stays_stiff()] = False
         matrix = self._with_base(condensed) if turns else condensed.matrix
         stiffness = np.asarray(rod.least_stiffness())

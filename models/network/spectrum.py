@@ -3,6 +3,7 @@
 Numbers in parentheses are those of ``docs/networks.md``.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -17,13 +18,13 @@ SOFTEST = 1e-3  # by which constraints give way, at most
 SAFE = 0.25  # of the eigenvalue next to zero, by which they may
 
 
-def nearest_to_zero(form: Any, constraints: NDArray[np.intp], count: int) -> tuple[FloatArray, FloatArray, int] | None:
+def nearest_to_zero(form: Any, constraints: Sequence[NDArray[np.intp]], count: int) -> tuple[FloatArray, FloatArray, int] | None:
     """(18) Of the symmetric part of a sparse matrix: its ``count`` eigenvalues next to zero, rising, what the rest does to their
     eigenvectors, and how many eigenvalues are lower than these; None where rounding hides it.
 
     Args:
         form: A matrix of SciPy's.
-        constraints: Rows that are multipliers of constraints, three of each rod.
+        constraints: Rows that are multipliers of constraints, of each rod.
         count: How many.
     """
     from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh, splu
@@ -45,27 +46,27 @@ def nearest_to_zero(form: Any, constraints: NDArray[np.intp], count: int) -> tup
     return values, np.linalg.norm(rest @ vectors, axis=0), negative - int((values < 0).sum())
 
 
-def _negative(form: Any, constraints: NDArray[np.intp], softness: float) -> int | None:
+def _negative(form: Any, constraints: Sequence[NDArray[np.intp]], softness: float) -> int | None:
     """Negative eigenvalues, if nothing is unstable: constraints give way so little that none changes its sign, and are then
     eliminated, which leaves a matrix that is positive definite where its pivots are; None where it is not."""
+    from scipy.sparse import block_diag, csr_matrix
     from scipy.sparse.linalg import splu
 
-    others = np.setdiff1d(np.arange(form.shape[0]), constraints)
-    at = constraints.reshape(-1, 3)
-    blocks = np.stack([form[own][:, own].toarray() for own in at]) - softness * np.eye(3) if len(at) else np.zeros((0, 3, 3))
+    at = np.concatenate([np.zeros(0, dtype=np.intp), *constraints])
+    others = np.setdiff1d(np.arange(form.shape[0]), at)
+    blocks = [form[own][:, own].toarray() - softness * np.eye(len(own)) for own in constraints]
     with np.errstate(all="ignore"):
-        if not np.isfinite(blocks).all() or (np.linalg.eigvalsh(blocks) >= 0).any():
+        if not all(np.isfinite(own).all() and (np.linalg.eigvalsh(own) < 0).all() for own in blocks):
             return None
-    coupling = form[constraints][:, others]
-    rows = np.arange(len(constraints))
-    inverse = block_diagonal(np.ones(len(rows)), rows.reshape(-1, 3), np.asarray(np.linalg.inv(blocks), dtype=np.float64))
+    coupling = form[at][:, others]
+    inverse = block_diag([np.linalg.inv(own) for own in blocks], format="csr") if blocks else csr_matrix((0, 0))
     left = (form[others][:, others] - coupling.T @ inverse @ coupling).tocsc()
     try:
         factors = splu(left, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     except RuntimeError:  # a pivot is zero
         return None
     symmetric = np.array_equal(factors.perm_r, factors.perm_c)
-    return len(constraints) if symmetric and (factors.U.diagonal() > 0).all() else None
+    return len(at) if symmetric and (factors.U.diagonal() > 0).all() else None
 
 
 def _whole(form: Any, count: int) -> tuple[FloatArray, FloatArray, int] | None:

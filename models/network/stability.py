@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from multirod.models.network.problem import NetworkProblem, State
 
 
+CONDITION = GAP_AT.stop  # how far behind an unknown of a rod's lines its row is: those of the tip come first
+LOOSE = 1e-18  # part of its tension by its unknown that a slack line keeps, so that its row can be scaled
 STRESS = 100.0  # EI/L^2 that forces are told in where rods slide: side by side they hardly give way to what they hold among them
 
 
@@ -39,14 +41,12 @@ class NetworkStability(StabilityAnalysis):
             hidden, known = self._of_rods()
         known &= sound & np.array([np.isfinite(own.data).all() for own in form])
         potential = self.has_potential
-        held = problem.graph.ends[1].held
-        # the tip of each rod is held where it is by three constraints
-        hidden = hidden - 3 * int(held.sum())
+        blocks = self._constraints()
+        hidden = hidden - sum(len(own) for own in blocks)
         if form[0].shape[0] >= SPARSE:
             values, uncertainty = np.full((2, count, NEAREST), np.nan)
-            multipliers = np.repeat(held, 3)
             for k in np.flatnonzero(known & potential).tolist():
-                found = nearest_to_zero(form[k], np.flatnonzero(multipliers), NEAREST)
+                found = nearest_to_zero(form[k], blocks, NEAREST)
                 known[k] = found is not None
                 if found is not None:
                     values[k], uncertainty[k], below = found
@@ -62,11 +62,12 @@ class NetworkStability(StabilityAnalysis):
         return Modes(values, hidden.astype(np.int32), uncertainty, known & potential, diverging)
 
     def _of_rods(self) -> tuple[NDArray[np.int_], NDArray[np.bool_]]:
-        """Unstable modes of the rods between clamped ends, the forces on their tips fixed, and whether they are known."""
+        """Unstable modes of the rods between clamped ends, the forces on their tips and the tensions of their lines fixed, and
+        whether they are known."""
         count = self.problem.instance_count
         hidden, known = np.zeros(count, dtype=int), np.ones(count, dtype=bool)
         for group in self.problem.groups:
-            form, _ = group.backbones.stability.condensed_form()
+            form, _ = group.backbones.stability.condensed_form(tensions_fixed=True)
             hidden += form.conjugate.reshape(count, -1).sum(axis=1)
             known &= form.known.reshape(count, -1).all(axis=1)
             known &= group.backbones.lines.stays_stiff().reshape(count, -1).all(axis=1)
@@ -78,8 +79,8 @@ class NetworkStability(StabilityAnalysis):
         return hidden, known
 
     def _form(self, state: "State", elements: Elements) -> tuple[list[Any], NDArray[np.bool_]]:
-        """(16) By a force on each tip that is held, or the turn of one that is free, then angles of joints, then poses, in units
-        of energy; and where rounding lets it be found. A sparse matrix of each instance."""
+        """(16), (16b) By a force on each tip that is held, or the turn of one that is free, then tensions, then angles of joints,
+        then poses, in units of energy; and where rounding lets it be found. A sparse matrix of each instance."""
         problem, layout = self.problem, self.problem.layout
         count, held, m = problem.instance_count, self.problem.graph.ends[1].held, layout.own
         # by the variables but holes; in their place, (20), the length of the piece is one more
@@ -89,22 +90,28 @@ class NetworkStability(StabilityAnalysis):
         fixing = np.concatenate([columns[..., TURN_AT, :], force], axis=-2)
         fixing = np.where(held[:, None, None], fixing, np.concatenate([turn, columns[..., GAP_AT, :]], axis=-2))
         fixing = np.concatenate([fixing, columns[..., OWN:m, :]], axis=-2)
-        lacking = np.arange(m) >= problem.graph.own[:, None]
-        rod, at = np.nonzero(lacking)
+        rod, at = np.nonzero(np.arange(m) >= problem.graph.own[:, None])
         fixing[:, rod, at, at] = 1.0
+        tensions = self._tensions()
+        rod, which = np.nonzero(tensions >= 0)
+        fixing[:, rod, CONDITION + tensions[rod, which]] = 0.0
+        fixing[:, rod, CONDITION + tensions[rod, which], tensions[rod, which]] = 1.0
         own = fixing[..., layout.own_at]
         sound = np.isfinite(fixing).all(axis=(1, 2, 3))
         own = np.where(sound[:, None, None, None], own, np.eye(m))
         sound &= (np.linalg.cond(own) < WORST_CONDITION).all(axis=1)
         inverse = np.linalg.inv(np.where(sound[:, None, None, None], own, np.eye(m)))
         # of each element, what is left once its own are eliminated
+        every, at = np.arange(problem.rod_count)[:, None], CONDITION + np.maximum(tensions, 0)
         free = np.where(held[:, None, None], inverse[..., 3:6], inverse[..., :3])
+        free = np.concatenate([free, np.moveaxis(inverse[:, every, :, at], 2, 0).swapaxes(-1, -2)], axis=-1)
         gap = np.where(held[:, None, None], columns[..., GAP_AT, :], columns[..., TURN_AT, :])
-        rows = np.concatenate([gap, columns[..., m : layout.size - 2 * layout.holes, :]], axis=-2)
+        parts = [gap, columns[:, every, at], columns[..., m : layout.size - 2 * layout.holes, :]]
+        rows, fixed = np.concatenate(parts, axis=-2), free.shape[-1]
         if layout.holes:
             rows = np.concatenate([rows, slid(problem, state, elements, gap)], axis=-2)
         by_own = rows[..., layout.own_at] @ np.concatenate([free, -inverse @ fixing[..., m:]], axis=-1)
-        by_own[..., 3:] += rows[..., m:]
+        by_own[..., fixed:] += rows[..., m:]
         if layout.holes:
             by_length = by_own[..., -1:] * problem.length[:, : problem.rod_count, None, None] ** 2
             by_own = np.concatenate([by_own[..., :-1], by_length, -by_length], axis=-1)
@@ -128,14 +135,16 @@ class NetworkStability(StabilityAnalysis):
         problem, rods, entries = self.problem, self.problem.rod_count, self.problem.entries
         rest = entries.variables[:, problem.layout.own : problem.layout.holes_at.start]
         others = self._others()
-        first = 3 * np.arange(rods)[:, None] + np.arange(3)
-        own = np.concatenate([first, np.where(rest < 0, -1, 3 * rods + np.searchsorted(others, rest))], axis=1)
+        first, own_count = 3 * np.arange(rods)[:, None] + np.arange(3), self._own_count
+        own = np.concatenate(
+            [first, self._tension_places(), np.where(rest < 0, -1, own_count + np.searchsorted(others, rest))], axis=1
+        )
         if problem.layout.holes:
-            holes = 3 * rods + np.searchsorted(others, entries.first_hole)
+            holes = own_count + np.searchsorted(others, entries.first_hole)
             ends = [problem.graph.slides.upper, problem.graph.slides.lower]
             own = np.concatenate([own, *(np.where(end < 0, -1, holes + end)[:, None] for end in ends)], axis=1)
         row, column = np.broadcast_arrays(own[:, :, None], own[:, None])
-        size = 3 * rods + len(others)
+        size = own_count + len(others)
         poses = size - POSE * problem.body_count + np.arange(POSE * problem.body_count).reshape(-1, POSE)
         by_turn = np.broadcast_arrays(poses[:, :, None], poses[:, None, 3:])
         return (
@@ -143,6 +152,32 @@ class NetworkStability(StabilityAnalysis):
             (by_turn[0].reshape(-1), by_turn[1].reshape(-1)),
             size,
         )
+
+    def _tensions(self) -> NDArray[np.intp]:
+        """Where the tensions of lines of given length stand among the unknowns of each rod, -1 of what there is not, shape
+        (rod_count, most)."""
+        places = {rod: group.backbones.slots.places["drives"] for group in self.problem.groups for rod in group.members.tolist()}
+        at = np.array([places[rod].start for rod in range(len(places))])[:, None]
+        count = np.array([places[rod].stop - places[rod].start for rod in range(len(places))])
+        k = np.arange(count.max())
+        return np.where(k < count[:, None], at + k, -1)
+
+    def _tension_places(self) -> NDArray[np.intp]:
+        """Where they stand in the form, shape (rod_count, most)."""
+        there = self._tensions() >= 0
+        return np.where(there, 3 * len(there) + np.cumsum(there).reshape(there.shape) - 1, -1)
+
+    @property
+    def _own_count(self) -> int:
+        """Rows of the form that are of the rods themselves."""
+        return 3 * self.problem.rod_count + int((self._tensions() >= 0).sum())
+
+    def _constraints(self) -> list[NDArray[np.intp]]:
+        """Rows of the form that are multipliers of constraints, of each rod that has such: what holds its tip where it is, and
+        what holds its lines as long as they are."""
+        held, places = self.problem.graph.ends[1].held, self._tension_places()
+        own = [[*(3 * k + np.arange(3) if held[k] else ()), *places[k][places[k] >= 0]] for k in range(len(held))]
+        return [np.array(rows) for rows in own if rows]
 
     def _others(self) -> NDArray[np.intp]:
         """Unknowns that are no rod's own."""
@@ -154,14 +189,25 @@ class NetworkStability(StabilityAnalysis):
         return np.asarray(places[places >= 0])
 
     def _in_units_of_energy(self, state: "State", size: int) -> tuple[list[Any], list[Any]]:
-        """(17) What makes rows derivatives of the energy, by displacements that are not scaled but in units of what is one:
-        matrices on the left and on the right of the form, of each instance."""
+        """(16b), (17) What makes rows derivatives of the energy, by displacements that are not scaled but in units of what is
+        one: matrices on the left and on the right of the form, of each instance."""
         problem, rods, others = self.problem, self.problem.rod_count, self._others()
         held = problem.graph.ends[1].held
         L, EI = problem.length, problem.stiffness
-        count, first = problem.instance_count, 3 * problem.rod_count
+        count, first = problem.instance_count, self._own_count
         rows, columns = np.ones((count, size)), np.ones((count, size))
-        rows[:, :first] = np.repeat(np.where(held, -(L[:, :rods] ** 2), EI[:, :rods]), 3, axis=1)
+        rows[:, : 3 * rods] = np.repeat(np.where(held, -(L[:, :rods] ** 2), EI[:, :rods]), 3, axis=1)
+        places = self._tension_places()
+        for group in problem.groups:
+            stiffness, rate = group.backbones.lines.tension_rates()
+            for rod, own, part in zip(
+                group.members,
+                *(np.moveaxis(v.reshape(count, len(group.members), -1), 1, 0) for v in (stiffness, rate)),
+                strict=True,
+            ):
+                there = places[rod, : own.shape[1]]
+                soft = np.sqrt(np.maximum(part, LOOSE))
+                rows[:, there], columns[:, there] = -own * soft, 1 / (L[:, rod, None] * soft)
         for angles, sense in zip(problem.layout.angles_at, (-1.0, 1.0), strict=True):
             at = problem.places[:, angles]
             rod, which = np.nonzero(at >= 0)
@@ -204,7 +250,7 @@ class NetworkStability(StabilityAnalysis):
             force = STRESS * force
         one = np.ones_like(force)
         parts = [force if own else one for own in np.repeat(held, 3)]
-        parts += [one] * (problem.first_hole - len(self._own()))
+        parts += [one] * (problem.first_hole - len(self._own()) + self._own_count - 3 * problem.rod_count)
         parts += [length[:, None] * one] * problem.graph.slides.count
         parts += [length[:, None] * one, *[length[:, None]] * 2, one, one, one] * problem.body_count
         return np.concatenate(parts, axis=1), length / stiffness

@@ -221,7 +221,7 @@ def tendon_law(
 
     own = SimpleNamespace(respond=respond, energy=energy, pull=pull, slide=slide, friction_at=friction_at, bounded=BOUNDED)
     if numbers.FRICTION:
-        vars(own).update(vars(make_winding(numbers, drive_at, friction_at, discs_at)))
+        vars(own).update(vars(make_winding(numbers, drive_at, friction_at, discs_at, bending_at)))
     return own
 
 

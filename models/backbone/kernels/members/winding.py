@@ -44,13 +44,13 @@ def winding_types(W: int, d) -> SimpleNamespace:
 
 
 def make_winding(
-    numbers: SimpleNamespace, drive_at: int, friction_at: int, discs_at: int = 0, straight: bool = False
+    numbers: SimpleNamespace, drive_at: int, friction_at: int, discs_at: int = 0, bending_at: int = 0, straight: bool = False
 ) -> SimpleNamespace:
     """``wind`` and ``vary_winding`` of a line whose weight is its first parameter and whose drive stands ``drive_at`` after it.
 
     Its coefficient of friction stands ``friction_at`` after it, if that is not 0; then the part of its tension that is left is
-    its third function. What discs take away stands ``discs_at`` after it, (L11). A ``straight`` one has the potential
-    ``T a . e3``, (L9).
+    its third function. What discs take away stands ``discs_at`` after it, (L11), its bending stiffness ``bending_at``, (L10). A
+    ``straight`` one has the potential ``T a . e3``, (L9).
     """
     d, Real, Vec3, memory_type = numbers.d, numbers.Real, numbers.Vec3, numbers.memory_type
     Winding, WindingVariation = numbers.Winding, numbers.WindingVariation
@@ -104,6 +104,45 @@ def make_winding(
         return (d(1.0) - still) / (turn + still)
 
     @wp.func
+    def bend_along(memory: memory_type, at: int, on: int, u: Vec3, e: Vec3, u_s: Vec3, e_s: Vec3, found: wp.ref[Winding]):
+        """(L14b) Of a push rod that bends."""
+        EI = row(memory, at + wp.static(bending_at))
+        c = Vec3(value(memory, on + 1), -value(memory, on), fill(d(0.0)))
+        per = d(1.0) / (d(1.0) + e.z + dot(c, u))
+        arc = d(0.5) * per * per * bending(fill(d(1.0)), u, u)
+        m_s = per * (e_s.z + dot(c, u_s))
+        arc_s = per * per * bending(fill(d(1.0)), u, u_s) - d(2.0) * arc * m_s
+        found.moment = ahead3(bent(bent(found.moment, EI * per, u_s), -EI * per * m_s, u), -EI * arc_s, c)
+        found.force = Vec3(found.force.x, found.force.y, found.force.z - EI * arc_s)
+
+    @wp.func
+    def vary_bend_along(
+        memory: memory_type,
+        at: int,
+        on: int,
+        u: Vec3,
+        e: Vec3,
+        u_s: Vec3,
+        e_s: Vec3,
+        du: Vec3,
+        de: Vec3,
+        found: wp.ref[WindingVariation],
+    ):
+        """(L14c)"""
+        EI = row(memory, at + wp.static(bending_at))
+        c = Vec3(value(memory, on + 1), -value(memory, on), fill(d(0.0)))
+        per = d(1.0) / (d(1.0) + e.z + dot(c, u))
+        arc = d(0.5) * per * per * bending(fill(d(1.0)), u, u)
+        m_s = per * (e_s.z + dot(c, u_s))
+        dm = per * (de.z + dot(c, du))
+        darc = per * per * bending(fill(d(1.0)), u, du) - d(2.0) * arc * dm
+        turned = bending(fill(d(1.0)), du, u_s) - d(2.0) * dm * bending(fill(d(1.0)), u, u_s)
+        darc_s = per * per * turned - d(2.0) * m_s * (darc - arc * dm)
+        moment = bent(bent(found.moment, -EI * per * dm, u_s), -EI * per * m_s, du)
+        found.moment = ahead3(bent(moment, d(2.0) * EI * per * m_s * dm, u), -EI * darc_s, c)
+        found.force = Vec3(found.force.x, found.force.y, found.force.z - EI * darc_s)
+
+    @wp.func
     def wind(memory: memory_type, at: int, on: int, u: Vec3, e: Vec3, u_s: Vec3, e_s: Vec3) -> Winding:
         """(L13), (L14)"""
         found = Winding()
@@ -144,6 +183,8 @@ def make_winding(
             found.force = plus(scaled(T_s, t), scaled(T, t_s))
             found.moment = plus(scaled(T, cross(rho_s, t)), cross(rho, found.force))
             found.pull_moment = cross(rho, t)
+        if wp.static(bending_at > 0):
+            bend_along(memory, at, on, u, e, u_s, e_s, found)
         return found
 
     @wp.func
@@ -203,6 +244,8 @@ def make_winding(
             found.force = plus(plus(scaled(dT_s, t), scaled(T_s, dt)), plus(scaled(dT, t_s), scaled(T, dt_s)))
             pulled = plus(scaled(dT, t), scaled(T, dt))
             found.moment = plus(cross(rho_s, pulled), cross(rho, found.force))
+        if wp.static(bending_at > 0):
+            vary_bend_along(memory, at, on, u, e, u_s, e_s, du, de, found)
         return found
 
     return SimpleNamespace(wind=wind, vary_winding=vary_winding)
