@@ -11,6 +11,7 @@ from multirod.models.backbone.second_variation import (
     MOST_NODES,
     CondensedForm,
     NodeColumns,
+    TipJoint,
     certain_determinant,
     condensed_form,
     segments_needed,
@@ -87,9 +88,9 @@ class BackboneStability(StabilityAnalysis):
         terms = self.problem.features
         return np.asarray((~potential | terms.foundation) & (not terms.measured))
 
-    def condensed_form(self) -> tuple[CondensedForm, FloatArray]:
-        """The second variation at ``unknowns``, condensed to the tip, and ``det Gamma`` (instance_count,), where that tells more;
-        NaN of breakpoints, of a held tip and where rounding hides its sign.
+    def condensed_form(self, joint: TipJoint | None = None) -> tuple[CondensedForm, FloatArray]:
+        """The second variation at ``unknowns``, condensed to the tip, or to what a ``joint`` gives there, and ``det Gamma``
+        (instance_count,), where that tells more; NaN of breakpoints, of a held tip and where rounding hides its sign.
 
         One integration over as many nodes as the loads call for; where the moments found call for more, another one.
         """
@@ -114,7 +115,7 @@ class BackboneStability(StabilityAnalysis):
             needed = self._segments_of(call)
             done = chosen & (needed < node_count)
             if done.any():
-                form.put(done, self._form(call, done, unit))
+                form.put(done, self._form(call, done, unit, joint))
                 if not self.problem.held and (asked := done & self._told_by_sign(self.has_potential)).any():
                     determinant[asked] = certain_determinant(call.read("gamma")[asked])
             more = chosen & ~done & (needed < MOST_NODES - 1)
@@ -138,7 +139,9 @@ class BackboneStability(StabilityAnalysis):
         """Angles of a free tip: three of what ends there, and how each rod turns against it."""
         return 3 + self.problem.features.turning_count
 
-    def _form(self, call: "NodePass", chosen: NDArray[np.bool_], unit: FloatArray) -> CondensedForm:
+    def _form(
+        self, call: "NodePass", chosen: NDArray[np.bool_], unit: FloatArray, joint: TipJoint | None = None
+    ) -> CondensedForm:
         """(4) to (6), (18) by what a pass over nodes says of the instances ``chosen``; ``unit`` is ``K/L`` [N m] of all."""
         problem, drives = self.problem, self.problem.slots.places["drives"]
         by_tensions = np.arange(drives.start, drives.stop)
@@ -149,15 +152,22 @@ class BackboneStability(StabilityAnalysis):
         others = np.arange(self._free())
         if problem.held:
             others = np.delete(np.arange(problem.unknown_count), by_tensions)
-        columns = self._node_columns(call, chosen, others)
+        columns = self._given(call, chosen, others, joint)
         form = condensed_form(columns, unit[chosen])
         if not len(by_tensions):
             return form
         rows = by_tensions + (3 if problem.held else 0)
         lacking = call.read("gamma")[chosen][:, rows]
         taut = problem.lines.taut()[chosen]
-        tensions = self._node_columns(call, chosen, by_tensions)
+        tensions = self._given(call, chosen, by_tensions, joint)
         return with_conditions(form, columns, tensions, -lacking[:, :, others], -lacking[:, :, by_tensions], taut)
+
+    def _given(
+        self, call: "NodePass", chosen: NDArray[np.bool_], columns: NDArray[np.intp], joint: TipJoint | None
+    ) -> NodeColumns:
+        """The same with what a ``joint`` gives at the tip."""
+        found = self._node_columns(call, chosen, columns)
+        return found if joint is None else joint.take(chosen).given(found, self.problem.least_stiffness()[chosen])
 
     def _node_columns(self, call: "NodePass", chosen: NDArray[np.bool_], columns: NDArray[np.intp]) -> NodeColumns:
         """What a pass over nodes says of variations of the instances ``chosen`` by some of the unknowns."""
