@@ -140,3 +140,38 @@ def test_a_strut_without_end_moments_buckles():
     # fifty steps, and a plate that turned by as much as the beam
     np.testing.assert_allclose(np.linalg.norm(shape.force[0]) / euler, (2 * ellipk(m) / np.pi) ** 2, rtol=1e-6)
     np.testing.assert_allclose(shape.moment[[0, -1]], 0, atol=1e-8)
+
+
+@pytest.mark.parametrize("tip", ["clamped", "spherical"])
+def test_straight_legs_side_by_side_share_a_load_as_nothing_determines(tip):
+    """(32) Said within 80 integrations; what stretches, what statics determines and what has buckled has a result."""
+    EI, L = 0.2233, 0.4
+    euler = np.pi**2 * EI / L**2
+    solver = mr.Shooting(integrator=RK4)
+
+    def legs(count, rod=ROUND):
+        plate, joints = mr.Body("plate"), []
+        for k, angle in enumerate(10 + np.arange(count) * 360 / count):
+            where = pose(position=(0.08 * np.cos(np.radians(angle)), 0.08 * np.sin(np.radians(angle)), 0))
+            joints.append(mr.Joint(f"leg {k}", "base", to=mr.ground, pose=where))
+            joints.append(mr.Joint(f"leg {k}", "tip", to=plate, pose=where, kind=tip))
+        return mr.Network(rods={f"leg {k}": rod for k in range(count)}, bodies=[plate], joints=joints)
+
+    def pressed(robot, part):
+        return mr.solve(robot, robot.inputs(force={"plate": (0, 0, -part * len(robot.rods) * euler)}), solver=solver)
+
+    six = legs(6)
+    found = pressed(six, 0.1)
+    assert found.status is mr.Status.UNDETERMINED
+    assert found.integrations < 80
+    assert pressed(legs(3), 0.1).status is mr.Status.CONVERGED
+    stretching = mr.Rod(length=L, bending_stiffness=EI, torsional_stiffness=0.0638, axial_stiffness=1e5, shear_stiffness=1e5)
+    assert pressed(legs(6, stretching), 0.1).status is mr.Status.CONVERGED
+    if tip == "spherical":  # pi^2/4 EI/L^2 each, and they sway to any side
+        found = pressed(six, 0.35)
+        assert (found.status, found.index) == (mr.Status.BIFURCATED, 0)
+        np.testing.assert_allclose(found.events[0].load_factor, 0.25 / 0.35, rtol=1e-5)
+        parallel = mr.ParallelRods(
+            legs=[ROUND] * 6, base=[joint.pose for joint in six.joints[::2]], platform=[joint.pose for joint in six.joints[1::2]]
+        )
+        assert mr.solve(parallel, parallel.inputs(tip_force=(0, 0, -1)), solver=solver).status is mr.Status.UNDETERMINED

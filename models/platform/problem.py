@@ -549,6 +549,10 @@ class ParallelProblem(BoundaryProblem):
         return np.array(closed.unknowns)
 
     @property
+    def held_forces(self) -> IntArray:  # noqa: D102
+        return np.concatenate([np.arange(own.stop - 3, own.stop) for own in self.own])
+
+    @property
     def natural_singular_value(self) -> FloatArray:
         """That at ``guess``: legs that are long and thin answer a force along themselves by bending alone."""
         return self.closed().singular_value
