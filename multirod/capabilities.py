@@ -124,12 +124,12 @@ class Together:
     Attributes:
         unknowns: [1/m], shape (instance_count, n).
         sound: Where it did so on one branch; the others are to be put together step by step, shape (instance_count,).
-        integrations: That it took.
+        integrations: That it took, shape (instance_count,).
     """
 
     unknowns: FloatArray
     sound: NDArray[np.bool_]
-    integrations: int
+    integrations: NDArray[np.integer[Any]]
 
 
 class Joints(ABC):

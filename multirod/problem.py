@@ -29,6 +29,8 @@ TOLERANCE = 1e-9  # default of solvers, of the residual [1/m]
 ROUNDED = 1e-12  # the least that is asked for, of the curvature scale
 SINGLE_TOLERANCE = 1e-5  # the same where rods are integrated in single precision, of the curvature scale
 DOUBLE_ROUNDING = float(np.finfo(np.float64).eps)
+NOTHING = 1e-12  # of the largest singular value of Gamma: what straight rods answer a force along themselves with
+ALONE = 1e-6  # of a change of unknowns, that is of others
 FEW = 8  # instances of a problem that is kept for later calls, and its tools with it
 BUFFERS = (
     "order",
@@ -622,6 +624,25 @@ class BoundaryProblem(Uncopied, ABC):
         """Values of ``Status`` of instances without a result, those of others as they are, shape (instance_count,): what is known
         of why, where that says more than ``status`` does."""
         return np.where(self.out_of_reach() & failures(status), Status.OUT_OF_REACH, status).astype(np.int32)
+
+    @property
+    def held_forces(self) -> NDArray[np.intp]:
+        """Unknowns, by their numbers, that are forces in rods whose tips are held."""
+        return np.zeros(0, dtype=np.intp)
+
+    def undetermined(self) -> NDArray[np.bool_]:
+        """Whether forces in rods could change, as far as the last integration says, and nothing else would, shape
+        (instance_count,): straight rods that do not stretch share what they carry in ways that nothing determines."""
+        result = np.zeros(self.instance_count, dtype=bool)
+        if not len(self.held_forces):
+            return result
+        gamma = self.read("gamma").reshape(self.instance_count, self.unknown_count, self.unknown_count)
+        others = np.setdiff1d(np.arange(self.unknown_count), self.held_forces)
+        for k in np.flatnonzero(np.isfinite(gamma).all(axis=(1, 2))).tolist():
+            _, sizes, ways = np.linalg.svd(gamma[k])
+            neutral = ways[sizes < NOTHING * sizes[0]]
+            result[k] = len(neutral) > 0 and np.abs(neutral[:, others]).max() < ALONE
+        return result
 
     @property
     def kinks(self) -> NDArray[np.intp]:

@@ -50,6 +50,7 @@ class Status(IntEnum):
     SINGULAR_TASK = 26
     OUT_OF_REACH = 27
     OUT_OF_HOLE = 28
+    UNDETERMINED = 29
 
     def __str__(self) -> str:
         return self.name
@@ -171,6 +172,8 @@ _MESSAGES = {
     "nearer, take a longer rod, or give it an axial_stiffness",
     Status.OUT_OF_HOLE: "a rod is pulled out of a hole of a body: nothing of it is left on one side; let it out by its "
     "translation, place the hole elsewhere on it, or lower what pulls",
+    Status.UNDETERMINED: "straight rods that do not stretch share what they carry in ways that nothing determines: give them an "
+    "axial_stiffness, or hold what they carry by fewer of them (by three, where they stand side by side)",
     Status.MULTIPLE_SHOOTING: "the residual is within the tolerance, by multiple shooting: the rod is so long, soft or "
     "strongly loaded that its unknowns at the base alone do not determine the tip, and gamma is NaN",
 }

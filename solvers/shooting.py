@@ -127,6 +127,9 @@ class Shooting(Solver):
             handed, tried = np.zeros(problem.instance_count, dtype=bool), np.full(problem.instance_count, int(Status.NOT_RUN))
             outcome = natural_branch(problem, newton, self.max_continuation_steps, chosen, handed if self.fallback else None)
             reached, ends = outcome.reached, problem.read("unknowns")
+            undetermined = outcome.status == Status.UNDETERMINED  # from wherever
+            chosen = chosen & ~undetermined
+            tried[undetermined] = Status.UNDETERMINED
             newton.allow(self._left(outcome))
             refine(problem, newton, outcome, chosen)
             unbounded = self._let_out(problem, newton, outcome, chosen)
@@ -134,6 +137,8 @@ class Shooting(Solver):
             if not failures(outcome.status).any():
                 return outcome
             newton.allow(self._left(outcome))
+            if not (chosen & failures(outcome.status)).any():
+                return outcome
             lost, go_on = chosen & failures(outcome.status), None if self.at_fold == "stop" else self._go_on
             assemble(problem, newton, outcome, lost, self.max_continuation_steps, go_on)
             if reached is not None and multistable:

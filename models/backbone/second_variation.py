@@ -3,7 +3,7 @@
 Numbers in parentheses are those of ``docs/stability.md``.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -43,6 +43,42 @@ class NodeColumns:
     ends: FloatArray
     tip_force: FloatArray | None = None
     tip_position: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class TipJoint:
+    """(31) of ``docs/networks.md``: what lets the tip turn, and is eliminated with the rod; in the axes of the columns.
+
+    Attributes:
+        free: Projections onto the axes about which it turns, shape (batch, 3, 3).
+        spring: Moment about these by a turn of the tip that must be made up for [N m], shape (batch, 3, 3).
+    """
+
+    free: FloatArray
+    spring: FloatArray
+
+    def take(self, chosen: Any) -> "TipJoint":
+        """Of some instances."""
+        return TipJoint(self.free[chosen], self.spring[chosen])
+
+    def joined(self) -> "TipJoint":
+        """With one axis in the place of the leading ones."""
+        return TipJoint(self.free.reshape(-1, 3, 3), self.spring.reshape(-1, 3, 3))
+
+    def given(self, columns: NodeColumns, stiffness: FloatArray) -> NodeColumns:
+        """Columns in which, at the tip, moments about the free axes stand for how it is turned about them.
+
+        Args:
+            columns: Of a held tip.
+            stiffness: Any of the rod's [N m^2], shape (batch,): so moments are told in turns.
+        """
+        s = columns.arclength
+        last, every = s.shape[1] - 1 - (~np.isnan(s))[:, ::-1].argmax(axis=1), np.arange(len(s))
+        turn, give = columns.configuration[every, last, :3], (s[every, last] - s[every, last - 1]) / stiffness
+        moment = self.free @ columns.tip_momenta[:, :3] + self.spring @ turn
+        configuration = np.array(columns.configuration)
+        configuration[every, last, :3] = give[:, None, None] * moment + turn - self.free @ turn
+        return replace(columns, configuration=configuration)
 
 
 @dataclass(frozen=True)

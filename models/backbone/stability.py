@@ -11,6 +11,7 @@ from multirod.models.backbone.second_variation import (
     MOST_NODES,
     CondensedForm,
     NodeColumns,
+    TipJoint,
     certain_determinant,
     condensed_form,
     segments_needed,
@@ -87,10 +88,10 @@ class BackboneStability(StabilityAnalysis):
         terms = self.problem.features
         return np.asarray((~potential | terms.foundation) & (not terms.measured))
 
-    def condensed_form(self, *, tensions_fixed: bool = False) -> tuple[CondensedForm, FloatArray]:
-        """The second variation at ``unknowns``, condensed to the tip, and ``det Gamma`` (instance_count,), where that tells more;
-        NaN of breakpoints, of a held tip and where rounding hides its sign. Where ``tensions_fixed``, those of lines of given
-        length are not eliminated.
+    def condensed_form(self, joint: TipJoint | None = None, *, tensions_fixed: bool = False) -> tuple[CondensedForm, FloatArray]:
+        """The second variation at ``unknowns``, condensed to the tip, or to what a ``joint`` gives there, and ``det Gamma``
+        (instance_count,), where that tells more; NaN of breakpoints, of a held tip and where rounding hides its sign. Where
+        ``tensions_fixed``, those of lines of given length are not eliminated.
 
         One integration over as many nodes as the loads call for; where the moments found call for more, another one.
         """
@@ -115,7 +116,7 @@ class BackboneStability(StabilityAnalysis):
             needed = self._segments_of(call)
             done = chosen & (needed < node_count)
             if done.any():
-                own = self._form(call, done, unit)
+                own = self._form(call, done, unit, joint)
                 if self.problem.features.condition_count and not tensions_fixed:
                     own = self._tensions_eliminated(own, call, done)
                 form.put(done, own)
@@ -142,12 +143,14 @@ class BackboneStability(StabilityAnalysis):
         """Angles of a free tip: three of what ends there, and how each rod turns against it."""
         return 3 + self.problem.features.turning_count
 
-    def _form(self, call: "NodePass", chosen: NDArray[np.bool_], unit: FloatArray) -> CondensedForm:
+    def _form(
+        self, call: "NodePass", chosen: NDArray[np.bool_], unit: FloatArray, joint: TipJoint | None = None
+    ) -> CondensedForm:
         """(4) to (6) by what a pass over nodes says of the instances ``chosen``; ``unit`` is ``K/L`` [N m] of all."""
         if self.problem.judged_often:
             ends = self._column_ends()
             return call.form(self._free(), ends.shape[1], self.problem.device).of(chosen, ends, unit)
-        return condensed_form(self._node_columns(call, chosen, self._other_columns()), unit[chosen])
+        return condensed_form(self._given(call, chosen, self._other_columns(), joint), unit[chosen])
 
     def _other_columns(self) -> NDArray[np.intp]:
         """Columns by which the form is made, where all tensions are fixed."""
@@ -165,6 +168,13 @@ class BackboneStability(StabilityAnalysis):
         by_others, by_tensions = (self._node_columns(call, chosen, columns) for columns in (others, tensions))
         taut = problem.lines.taut()[chosen]
         return with_conditions(form, by_others, by_tensions, -lacking[:, :, others], -lacking[:, :, tensions], taut)
+
+    def _given(
+        self, call: "NodePass", chosen: NDArray[np.bool_], columns: NDArray[np.intp], joint: TipJoint | None
+    ) -> NodeColumns:
+        """The same with what a ``joint`` gives at the tip."""
+        found = self._node_columns(call, chosen, columns)
+        return found if joint is None else joint.take(chosen).given(found, self.problem.least_stiffness()[chosen])
 
     def _node_columns(self, call: "NodePass", chosen: NDArray[np.bool_], columns: NDArray[np.intp]) -> NodeColumns:
         """What a pass over nodes says of variations of the instances ``chosen`` by some of the unknowns."""

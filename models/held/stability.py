@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from multirod.models.backbone.second_variation import (
     WORST_CONDITION,
     CondensedForm,
+    TipJoint,
     certain_determinant,
     compliance_form,
     symmetric_eigenvalues,
@@ -31,7 +32,9 @@ FREE = 1e-2  # of the form, and of what is bent: what a turn that costs nothing 
 class TipByWrench(BackboneStability):
     """Of a backbone whose tip is held, by the wrench on it: the form is regular where that by its rotation has a pole."""
 
-    def _form(self, call: "NodePass", chosen: NDArray[np.bool_], unit: FloatArray) -> CondensedForm:
+    def _form(
+        self, call: "NodePass", chosen: NDArray[np.bool_], unit: FloatArray, joint: TipJoint | None = None
+    ) -> CondensedForm:
         """(12)"""
         problem = self.problem
         columns = self._node_columns(call, chosen, np.arange(problem.unknown_count))

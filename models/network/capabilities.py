@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 APART = 10_000  # numbers between the sequences of two bodies
 STEPS = 96  # of a rod where branches are followed: those of whole rods are those of their pieces
+TRIES = 6  # steps of Newton's method, by which a network is put together at once
+WIDEST = 3.0  # times the first of them, that any may be
 CONTRACTION = 0.3  # largest ratio of Newton's steps that put a network together at once, as of those on a branch
 BENDING = 0.1  # L^3/EI by which rods give way along themselves where they are bent to first order
 
@@ -196,20 +198,33 @@ class NetworkJoints(Joints):
         problem.open_at(unknowns, residual)
 
     def together(self) -> Together:
-        """(30) By one step of Newton's method from the network taken apart, where the next is much shorter."""
+        """(30) By Newton's method from the network taken apart, where its steps soon become much shorter."""
         problem = self.problem
         apart = problem.apart()
         step = problem.newton_step(apart.gamma, apart.residual)
+        unknowns, residual = np.array(apart.unknowns), np.zeros_like(apart.residual)
+        first = before = np.linalg.norm(step, axis=1)
+        sound, on = np.zeros(problem.instance_count, dtype=bool), np.isfinite(before)
+        integrations = np.full(problem.instance_count, problem.guess_integrations)
         with problem.unloaded(), np.errstate(all="ignore"):
-            unknowns = apart.unknowns + np.nan_to_num(step)
-            problem.write("unknowns", unknowns)
-            problem.integrate()
-            residual, numbers, faults = problem.read("residual"), problem.numbers(), problem.fault.numpy() != 0
-        size, left = np.linalg.norm(step, axis=1), np.linalg.norm(problem.newton_step(numbers, residual), axis=1)
-        sound = ~faults & (left <= CONTRACTION * size)
+            for _ in range(TRIES):
+                unknowns[on] += step[on]
+                problem.write("unknowns", unknowns)
+                with problem.only(on):
+                    problem.integrate()
+                found, faults = problem.read("residual"), problem.fault.numpy() != 0
+                residual[on] = found[on]
+                integrations += on
+                step = problem.newton_step(problem.numbers(), found)
+                size = np.linalg.norm(step, axis=1)
+                sound |= on & ~faults & (size <= CONTRACTION * before)
+                on &= ~faults & ~sound & (size <= WIDEST * first)
+                before = size
+                if not on.any():
+                    break
         self.shut()
         problem.opening[:] = np.where(sound[:, None], residual, 0.0)
-        return Together(unknowns, sound, problem.guess_integrations + 1)
+        return Together(unknowns, sound, integrations)
 
     def close(self, loading: Loading) -> None:  # noqa: D102
         self.problem.loading[:] = int(loading)

@@ -39,6 +39,7 @@ from multirod.status import Status
 from multirod.validation import FloatArray
 
 AT_REST = 1e-9  # of the curvature scale, up to which the force in a rod is none
+CLOSED = 1e-4  # of a length, that a gap is closed to
 GAP_LOAD = 12.0  # EI/L^3: what a rod resists with where its tip is moved across
 
 
@@ -287,6 +288,22 @@ class NetworkProblem(BoundaryProblem):
         return LineTest(self.lines) if between_discs else None
 
     @property
+    def held_forces(self) -> NDArray[np.intp]:  # noqa: D102
+        return self._forces(np.flatnonzero(self.graph.ends[1].held))
+
+    def undetermined(self) -> NDArray[np.bool_]:
+        """(32) Told where gaps are closed: taken apart, rods may be straight that are not together."""
+        held = self.graph.ends[1].held
+        gaps = self.read("residual")[:, self.places[held, GAP_AT].reshape(-1)] * np.repeat(
+            self.length[:, : self.rod_count][:, held], 3, axis=1
+        )
+        return super().undetermined() & (np.abs(gaps).max(axis=1, initial=0.0) < CLOSED)
+
+    def _forces(self, rods: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Unknowns that are forces at the bases of some rods."""
+        return np.asarray(self.places[rods[:, None], self.graph.along[rods, None] + np.arange(-2, 1)].reshape(-1))
+
+    @property
     def kinks(self) -> NDArray[np.intp]:  # noqa: D102
         own = [self.places[rod, group.backbones.kinks] for group in self.groups for rod in group.members.tolist()]
         return np.sort(np.concatenate(own))
@@ -461,8 +478,7 @@ class NetworkProblem(BoundaryProblem):
 
         Ends of rods give way on the way only where no rod carries a force yet.
         """
-        own = self.graph.along[:, None] + np.arange(-2, 1)
-        forces = unknowns[:, np.take_along_axis(self.places, own, axis=1).reshape(-1)]
+        forces = unknowns[:, self._forces(np.arange(self.rod_count))]
         self.opening[:], self.soft[:] = residual, (np.abs(forces).max(axis=1) < AT_REST * self.curvature_scale())
 
     @property

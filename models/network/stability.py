@@ -3,12 +3,19 @@
 Numbers in parentheses are those of ``docs/networks.md``.
 """
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.models.backbone.second_variation import WORST_CONDITION, certain_determinant, symmetric_eigenvalues
+from multirod.models.backbone.second_variation import (
+    STIFF,
+    WORST_CONDITION,
+    TipJoint,
+    certain_determinant,
+    symmetric_eigenvalues,
+)
 from multirod.models.network.elements import GAP_AT, OWN, POSE, TURN_AT, Elements
 from multirod.models.network.joints import MOST
 from multirod.models.network.sliding import slid
@@ -25,6 +32,37 @@ LOOSE = 1e-18  # part of its tension by its unknown that a slack line keeps, so 
 STRESS = 100.0  # EI/L^2 that forces are told in where rods slide: side by side they hardly give way to what they hold among them
 
 
+DOUBTFUL, BETTER = 1e4, 1e-3  # condition of what fixes a rod, beyond which another is looked at, and what share of it that has
+
+
+@dataclass(frozen=True)
+class Elimination:
+    """(16), (31) What the unknowns of rods are eliminated by; axes (instance, rod, ...), columns by the variables of elements.
+
+    Attributes:
+        fixing: What is given, by the variables, shape (..., k, size).
+        own: The variables that it fixes, k.
+        rows: What the form is made of, by the variables: three of the tip, those of lengths, and what is no rod's own.
+        gap: The first three of these.
+        freed: Of which the angles at the tip are eliminated too, shape (...).
+        sound: Where rounding lets it be done, shape (instance,).
+    """
+
+    fixing: FloatArray
+    own: list[int]
+    rows: FloatArray
+    gap: FloatArray
+    freed: NDArray[np.bool_]
+    sound: NDArray[np.bool_]
+
+
+def _condition(matrices: FloatArray) -> FloatArray:
+    """Condition numbers (...) of matrices (..., n, n); infinite where they are not finite."""
+    finite = np.isfinite(matrices).all(axis=(-2, -1))
+    found = np.linalg.cond(np.where(finite[..., None, None], matrices, np.eye(matrices.shape[-1])))
+    return np.where(finite, found, np.inf)
+
+
 class NetworkStability(StabilityAnalysis):
     """Of a ``NetworkProblem``: rods that hold each other have several equilibria."""
 
@@ -37,9 +75,12 @@ class NetworkStability(StabilityAnalysis):
         with problem.everyone(), np.errstate(all="ignore"):
             problem.integrate_rods()
             state = problem.state()
-            form, sound = self._form(state, Elements(problem))
-            hidden, known = self._of_rods()
-        known &= sound & np.array([np.isfinite(own.data).all() for own in form])
+            elements = Elements(problem)
+            elimination = self._elimination(elements)
+            joints = self._freed(state, elimination)
+            form = self._form(state, elements, elimination)
+            hidden, known = self._of_rods(joints)
+        known &= elimination.sound & np.array([np.isfinite(own.data).all() for own in form])
         potential = self.has_potential
         blocks = self._constraints()
         hidden = hidden - sum(len(own) for own in blocks)
@@ -61,13 +102,14 @@ class NetworkStability(StabilityAnalysis):
             diverging[diverging] = np.sign(certain_determinant(matrices)) * (-1.0) ** hidden[diverging] < 0
         return Modes(values, hidden.astype(np.int32), uncertainty, known & potential, diverging)
 
-    def _of_rods(self) -> tuple[NDArray[np.int_], NDArray[np.bool_]]:
-        """Unstable modes of the rods between clamped ends, the forces on their tips and the tensions of their lines fixed, and
-        whether they are known."""
+    def _of_rods(self, joints: TipJoint | None) -> tuple[NDArray[np.int_], NDArray[np.bool_]]:
+        """Unstable modes of the rods between clamped ends, but for ``joints`` at tips, shape (instance, rod, ...), the forces on
+        these and the tensions of their lines fixed; and whether they are known."""
         count = self.problem.instance_count
         hidden, known = np.zeros(count, dtype=int), np.ones(count, dtype=bool)
         for group in self.problem.groups:
-            form, _ = group.backbones.stability.condensed_form(tensions_fixed=True)
+            own = None if joints is None else joints.take((slice(None), group.members)).joined()
+            form, _ = group.backbones.stability.condensed_form(own, tensions_fixed=True)
             hidden += form.conjugate.reshape(count, -1).sum(axis=1)
             known &= form.known.reshape(count, -1).all(axis=1)
             known &= group.backbones.lines.stays_stiff().reshape(count, -1).all(axis=1)
@@ -78,56 +120,111 @@ class NetworkStability(StabilityAnalysis):
                 known &= (np.abs(values) > uncertainty).all(axis=1).reshape(count, -1).all(axis=1)
         return hidden, known
 
-    def _form(self, state: "State", elements: Elements) -> tuple[list[Any], NDArray[np.bool_]]:
-        """(16), (16b) By a force on each tip that is held, or the turn of one that is free, then tensions, then angles of joints,
-        then poses, in units of energy; and where rounding lets it be found. A sparse matrix of each instance."""
-        problem, layout = self.problem, self.problem.layout
-        count, held, m = problem.instance_count, self.problem.graph.ends[1].held, layout.own
+    def _elimination(self, elements: Elements) -> "Elimination":
+        """(16) What fixes the unknowns of each rod: how its tip is turned and the force on it, of a free tip how it is turned and
+        moved; and what else is its own. (31) Where that hardly does, what leaves the joint at the tip without torque."""
+        layout, graph = self.problem.layout, self.problem.graph
+        held, m, size = graph.ends[1].held, layout.own, layout.size - 2 * layout.holes
+        angles = layout.angles_at[1]
         # by the variables but holes; in their place, (20), the length of the piece is one more
-        kept = [*range(layout.size - 2 * layout.holes), *([-1] if layout.holes else [])]
+        kept = [*range(size), *([-1] if layout.holes else [])]
         turn, force, columns = (own[..., kept] for own in (elements.tip_turn, elements.tip_force, elements.columns))
-        # what fixes the unknowns of each rod: how its tip is turned, and the force on it, and what else is its own
         fixing = np.concatenate([columns[..., TURN_AT, :], force], axis=-2)
         fixing = np.where(held[:, None, None], fixing, np.concatenate([turn, columns[..., GAP_AT, :]], axis=-2))
-        fixing = np.concatenate([fixing, columns[..., OWN:m, :]], axis=-2)
-        rod, at = np.nonzero(np.arange(m) >= problem.graph.own[:, None])
+        angle = np.zeros((*fixing.shape[:2], MOST, len(kept)))
+        angle[..., range(MOST), range(angles.start, angles.stop)] = 1.0
+        fixing = np.concatenate([fixing, columns[..., OWN:m, :], angle], axis=-2)
+        rod, at = np.nonzero(np.arange(m) >= graph.own[:, None])
         fixing[:, rod, at, at] = 1.0
         tensions = self._tensions()
         rod, which = np.nonzero(tensions >= 0)
         fixing[:, rod, CONDITION + tensions[rod, which]] = 0.0
         fixing[:, rod, CONDITION + tensions[rod, which], tensions[rod, which]] = 1.0
-        own = fixing[..., layout.own_at]
-        sound = np.isfinite(fixing).all(axis=(1, 2, 3))
-        own = np.where(sound[:, None, None, None], own, np.eye(m))
-        sound &= (np.linalg.cond(own) < WORST_CONDITION).all(axis=1)
-        inverse = np.linalg.inv(np.where(sound[:, None, None, None], own, np.eye(m)))
-        # of each element, what is left once its own are eliminated
-        every, at = np.arange(problem.rod_count)[:, None], CONDITION + np.maximum(tensions, 0)
-        free = np.where(held[:, None, None], inverse[..., 3:6], inverse[..., :3])
-        free = np.concatenate([free, np.moveaxis(inverse[:, every, :, at], 2, 0).swapaxes(-1, -2)], axis=-1)
+        own = [*range(m), *range(angles.start, angles.stop)]
+        condition = _condition(fixing[..., own])
+        # what a hole leaves free is that of two pieces
+        turning = np.where(graph.slides.upper < 0, graph.ends[1].table.free, 0)
+        freed = np.zeros(condition.shape, dtype=bool)
+        doubtful = (condition > DOUBTFUL) & (turning > 0)
+        if doubtful.any():
+            torque = np.where((np.arange(MOST) < turning[:, None])[..., None], columns[..., angles, :], angle)
+            other = np.concatenate([fixing[..., :m, :], torque], axis=-2)
+            instead = _condition(other[..., own])
+            freed = doubtful & (instead < BETTER * condition)
+            fixing = np.where(freed[..., None, None], other, fixing)
+            condition = np.where(freed, instead, condition)
+        sound = (condition < WORST_CONDITION).all(axis=1)
         gap = np.where(held[:, None, None], columns[..., GAP_AT, :], columns[..., TURN_AT, :])
-        parts = [gap, columns[:, every, at], columns[..., m : layout.size - 2 * layout.holes, :]]
-        rows, fixed = np.concatenate(parts, axis=-2), free.shape[-1]
+        lengths = columns[:, np.arange(len(held))[:, None], CONDITION + np.maximum(tensions, 0)]
+        rows = np.concatenate([gap, lengths, columns[..., m:size, :]], axis=-2)
+        return Elimination(fixing, own, rows, gap, freed, sound)
+
+    def _freed(self, state: "State", elimination: "Elimination") -> TipJoint | None:
+        """(31) Joints that are eliminated with the rods at whose tips they are, in the axes of the bases, none in the place of
+        others, shape (instance, rod, 3, 3); None where none is."""
+        if not elimination.freed.any():
+            return None
+        problem, table, (base, tip) = self.problem, self.problem.graph.ends[1].table, state.ends
+        axes, turns = tip.joints.axes, np.linalg.pinv(tip.joints.turns)
+        back = np.linalg.pinv(axes)
+        frame = np.swapaxes(base.rotation, -1, -2) @ tip.frame
+        moment = np.zeros((*elimination.freed.shape, 3))
+        for group in problem.groups:
+            moment[:, group.members] = group.backbones.tip_wrench.numpy()[:, 3:].reshape(len(moment), -1, 3)
+        moment = np.einsum("brji,brj->bri", frame, moment)
+        # torques by the angles, at the same moment: springs, and axes that turn, (3)
+        first, second = (np.swapaxes(own, -1, -2) for own in (tip.joints.first, tip.joints.second))
+        stiffness = np.einsum("brjkc,brc->brkj", np.cross(first[..., :, None, :], second[..., None, :, :]), moment)
+        stiffness[..., range(MOST), range(MOST)] += table.stiffness
+        here = elimination.freed[..., None, None]
+        free, spring = axes @ back, np.swapaxes(back, -1, -2) @ stiffness @ turns
+        turned = np.swapaxes(frame, -1, -2)
+        return TipJoint(*(np.where(here, frame @ own @ turned, 0.0) for own in (free, spring)))
+
+    def _form(self, state: "State", elements: Elements, elimination: "Elimination") -> list[Any]:
+        """(16), (16b) By a force on each tip that is held, or the turn of one that is free, then tensions, then angles of joints,
+        then poses, in units of energy. A sparse matrix of each instance."""
+        problem, layout = self.problem, self.problem.layout
+        count, held, m = problem.instance_count, self.problem.graph.ends[1].held, layout.own
+        angles = layout.angles_at[1]
+        fixing, own, rows = elimination.fixing, elimination.own, elimination.rows
+        regular = fixing[..., own]
+        regular = np.where(elimination.sound[:, None, None, None], regular, np.eye(len(own)))
+        inverse = np.linalg.inv(regular)
+        # of each element, what is left once its own are eliminated
         if layout.holes:
-            rows = np.concatenate([rows, slid(problem, state, elements, gap)], axis=-2)
-        by_own = rows[..., layout.own_at] @ np.concatenate([free, -inverse @ fixing[..., m:]], axis=-1)
-        by_own[..., fixed:] += rows[..., m:]
+            rows = np.concatenate([rows, slid(problem, state, elements, elimination.gap)], axis=-2)
+        others = np.setdiff1d(np.arange(fixing.shape[-1]), own)
+        own_rows = rows[..., own]
+        tensions = self._tensions()
+        first = 3 + tensions.shape[1]  # where what is left of the variables begins
+        gone = slice(first - m + angles.start, first - m + angles.stop)
+        every, at = np.arange(problem.rod_count)[:, None], CONDITION + np.maximum(tensions, 0)
+        by_own = np.zeros((*rows.shape[:-1], first - m + fixing.shape[-1]))
+        by_own[..., :3] = own_rows @ np.where(held[:, None, None], inverse[..., 3:6], inverse[..., :3])
+        by_own[..., 3:first] = own_rows @ np.moveaxis(inverse[:, every, :, at], 2, 0).swapaxes(-1, -2)
+        by_own[..., gone] = own_rows @ inverse[..., m:]
+        by_own[..., first - m + others] = rows[..., others] - own_rows @ inverse @ fixing[..., others]
         if layout.holes:
             by_length = by_own[..., -1:] * problem.length[:, : problem.rod_count, None, None] ** 2
             by_own = np.concatenate([by_own[..., :-1], by_length, -by_length], axis=-1)
+        by_own[..., gone][elimination.freed], by_own[..., gone, :][elimination.freed] = 0.0, 0.0
         numbers = by_own.reshape(count, -1)
         loads = -problem.networks.load_turns.numpy()[:, : problem.body_count].reshape(count, -1)
-        places, of_loads, size = self._places()
-        left, right = self._in_units_of_energy(state, size)
-        from scipy.sparse import csc_matrix
+        places, of_loads, total = self._places()
+        left, right = self._in_units_of_energy(state, total)
+        from scipy.sparse import csc_matrix, diags
 
         result = []
         for k in range(count):
             values = np.concatenate([numbers[k][places[0] >= 0], loads[k]])
             row, column = (np.concatenate([own[places[0] >= 0], more]) for own, more in zip(places[1:], of_loads, strict=True))
-            whole = csc_matrix((values, (row, column)), shape=(size, size))
-            result.append(csc_matrix(left[k] @ whole @ right[k]))
-        return result, sound
+            whole = csc_matrix((values, (row, column)), shape=(total, total))
+            stiff = np.zeros(total)
+            at = problem.places[elimination.freed[k], angles]
+            stiff[self._own_count + np.searchsorted(self._others(), at[at >= 0])] = STIFF
+            result.append(csc_matrix(left[k] @ whole @ right[k] + diags(stiff)))
+        return result
 
     def _places(self) -> tuple[NDArray[np.intp], tuple[NDArray[np.intp], NDArray[np.intp]], int]:
         """Of the numbers of the elements: whether they belong anywhere (not negative), row and column; those of loads on bodies;

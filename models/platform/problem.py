@@ -554,6 +554,9 @@ class ParallelProblem(BoundaryProblem):
     def guess_integrations(self) -> NDArray[np.int_] | int:  # noqa: D102
         return 1 + (len(COMPLIANCES) if self._found is None else self._found.tried)
 
+    def held_forces(self) -> IntArray:  # noqa: D102
+        return np.concatenate([np.arange(own.stop - 3, own.stop) for own in self.own])
+
     @property
     def natural_singular_value(self) -> FloatArray:
         """That at ``guess``: legs that are long and thin answer a force along themselves by bending alone."""

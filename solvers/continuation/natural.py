@@ -25,6 +25,7 @@ RUNAWAY = 1e3  # times the curvature scale: where tensions grow without bound
 AT_KINK = 1e-3  # of the curvature scale, that an unknown may be from a kink where a path ended: steps are 1e-7 there
 FINER = 16  # times shorter steps, where a branch led to an unstable equilibrium
 ROUNDS = 64  # integrations after each of which it is asked whether a rod creeps
+AT_END = 1e-5  # of the way, that is left where ends of rods hardly give way
 SHORT_STEPS = 12  # of a short cut, beyond which it is none
 CREEPING = 100  # steps to the full load, at the pace of the last, of what does
 ROUNDED_OFF = 1e4  # times the tolerance, that no iteration from the base comes below but by chance
@@ -404,6 +405,13 @@ def natural_branch(
         with problem.only(lost):
             problem.integrate()
         outcome.integrations += lost
+        # what gives way on the way no longer does at its end; what does not give way gets nowhere
+        reached = outcome.reached
+        there = np.isin(outcome.status, (Status.BRANCH_END, Status.STALLED, Status.SINGULAR_JACOBIAN)) & chosen
+        if reached is not None:
+            there &= (reached > 1 - AT_END) | (reached == 0)
+        if there.any():
+            outcome.status[there & problem.undetermined()] = Status.UNDETERMINED
     return outcome
 
 

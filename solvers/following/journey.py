@@ -436,7 +436,11 @@ class Journey:
             begin = point.unknowns + slope.change(ASIDE * slope.modes[:, k])
             found, _ = yield from self._correct(begin, point.level, count)
             there = None if found is None else self._slope_or_none(found)
-            if found is None or there is None or there.neutral < count or _turn(point.frames, found.frames) < 0.5 * ASIDE:
+            if found is None or there is None or there.neutral < count:
+                return 0
+            # what moves need not be the tip
+            turn = point.turned[: len(point.forces)] @ (found.unknowns - point.unknowns)
+            if abs(slope.modes[:, k] @ turn) < 0.5 * ASIDE:
                 return 0
         return count
 
