@@ -14,7 +14,7 @@ from multirod.batch import IntArray
 from multirod.integrators import Integrator
 from multirod.segments import Cuts, Propagation, Segments
 from multirod.solvers.continuation.acceptance import CONTRACTION, MIN_STEP, SURPRISE
-from multirod.solvers.segments.band import Step, Systems
+from multirod.solvers.segments.band import Room, Step, Systems
 from multirod.status import BoolArray, Fault, Status
 from multirod.validation import FloatArray
 
@@ -120,6 +120,7 @@ class SegmentedPaths:
         self._stalled, self._spent = np.zeros((2, count), dtype=bool)
         self._numbers = np.full(int(self.instances.max(initial=-1)) + 1, -1)
         self._numbers[self.instances] = np.arange(count)
+        self._rooms: dict[tuple[int, ...], Room] = {}
 
     # ---- evaluation ----
 
@@ -193,7 +194,7 @@ class SegmentedPaths:
 
     def systems(self, place: Place) -> Systems:
         """The Jacobians there."""
-        return Systems(place.cuts, place.found, self.segments.unknown_places, self.segments.device)
+        return Systems(place.cuts, place.found, self.segments.unknown_places, self.segments.device, self._rooms)
 
     def rounding(self, place: Place) -> FloatArray:
         """What rounding of the unknowns leaves of the residual of an integration from base to tip [1/m], (3), shape (count,)."""
