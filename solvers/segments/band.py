@@ -19,7 +19,7 @@ from multirod.solvers.segments.band_kernels import Band, Krylov, Sides, change, 
 from multirod.status import BoolArray
 from multirod.validation import FloatArray
 
-FEW_VECTORS = 12  # of Arnoldi's method
+FEW_VECTORS = 10  # of Arnoldi's method
 VECTORS = 32  # where these do not tell
 SLOTS = 3  # systems that stay factored: the last equilibrium's, and two on the way to the next
 SETTLED = 0.1  # how far an eigenvalue may be from where Arnoldi's method has it
@@ -166,7 +166,8 @@ class _Slot:
         band.factors, band.pivots = room.array(count, 2 * d - n, 2 * d).array, room.array(count, d, kind=wp.int32).array
         band.front = room.array(count, 2 * d - n).array
         self.band = band
-        self._factorise, self._solve = _Launch(factorise, room, band), _Launch(solve, room, band, room.right.struct, room.x.struct)
+        self._factorise = _Launch(factorise, room, band)
+        self._solve = _Launch(solve, room, band, room.right.struct, room.x.struct)
 
     def factorise(self, systems: "Systems") -> None:
         """Take these, and say where they are singular."""
@@ -290,8 +291,8 @@ class Systems:
 
         The eigenvalues of ``J_new J_old^-1`` do not depend on the units of states and residuals, nor on the frames they are told
         in, and their product is the ratio of the determinants of ``Gamma``. Those of the breakpoints are one. Those furthest from
-        one are found by Arnoldi's method, on a few vectors, and where these do not say yes, on more; where it has not settled, the
-        answer is no.
+        one are found by Arnoldi's method, on a few vectors, and where these do not say yes, on more; where it has not settled,
+        the answer is no.
         """
         open_ = ~(self.singular | after.singular)
         result = np.zeros_like(open_)
