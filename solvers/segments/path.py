@@ -20,6 +20,7 @@ from multirod.validation import FloatArray
 
 PACE = 100  # steps over which it is told
 HOPELESS = 5.0  # times the steps that are left: more than that is given up
+FORESEEN = 3  # steps, of which the cheapest tells what the others will take at least
 SAFE_LOAD = 5.0  # first step, in F L^2/EI
 LOAD_RATIO = 0.5  # later steps, relative to the load reached
 ROUNDING = 1e-11  # Newton steps no longer than this, relative to the unknowns, are rounding
@@ -450,11 +451,15 @@ class SegmentedPaths:
         rate = bend = Step(np.zeros_like(place.cuts.unknowns), np.zeros((count, d)))
         since = np.full(len(level), np.nan)  # levels of the last tangents
         checked = level.copy()  # and at which steps were
+        taken_at = np.full((FORESEEN + 1, len(level)), np.nan)  # integrations taken by the last equilibria
         new = on.copy()  # whose tangents are not known yet
         for done in range(self.max_steps):
             on = on & (level < 1.0)
             if done >= PACE:
                 on &= ~_hopeless(passed[-PACE], level, self.max_steps - done)
+            costs = np.where(np.isnan(taken_at[0]), 0.0, np.diff(taken_at, axis=0).min(axis=0))
+            self._spent |= on & (costs * _fewest_steps(level, safe) > self.allowed - self.integrations)
+            on = self._end(results, ~(on & self._spent), Status.INTEGRATION_LIMIT) & on
             if not on.any():
                 break
             if (new := new & on).any():
@@ -480,6 +485,7 @@ class SegmentedPaths:
             new = _among(on, good)
             if new.any():
                 level[new] = goal[new]
+                taken_at[:, new] = np.vstack([taken_at[1:, new], self.integrations[new]])
                 known = level[new] < CHECKED * checked[new]
                 refined, _ = self.refine(reached.chosen(good), level[new], known)
                 checked[_among(new, ~known)] = level[_among(new, ~known)]
@@ -575,6 +581,11 @@ def _change(past: Cuts, before: Step, cuts: Cuts, now: Step) -> Step:
 def _inverse(steps: FloatArray) -> FloatArray:
     """One over steps of the load; zero where there was none."""
     return np.asarray(np.divide(1.0, steps, out=np.zeros_like(steps), where=steps > 0))
+
+
+def _fewest_steps(level: FloatArray, safe: FloatArray) -> FloatArray:
+    """Steps to the full load that there are at least, the longest that may be."""
+    return np.asarray(np.floor(-np.log(np.minimum(1.0, np.maximum(level, safe / LOAD_RATIO))) / np.log(1 + LOAD_RATIO)))
 
 
 def _hopeless(before: FloatArray, level: FloatArray, left: int) -> BoolArray:
