@@ -56,7 +56,7 @@ from multirod.segments import taken
 from multirod.types import Numbers
 from multirod.validation import Described, FloatArray, refuse
 
-STEP_LIMIT = 100_000
+STEP_LIMIT = 65_536
 FINEST = 1e-12  # relative tolerance of an integration to which rounding leaves its order
 POSES_APART = 64  # instances from which leaving poses out saves more than two kernels cost
 NODES_KEPT = 1024  # of all instances, of a pass over nodes that is kept for the next

@@ -285,23 +285,26 @@ def form_by_segments(
         unit: Moment per rotation of the units in ``transition`` [N m], shape (batch, 3).
     """
     count, lengths = len(first) - 1, np.diff(first)
-    conjugate, known = np.zeros(count, dtype=np.int32), np.ones(count, dtype=bool)
+    conjugate, known = np.zeros(count, dtype=np.int32), np.zeros(count, dtype=bool)
     W = np.zeros((count, 3, 3))
-    for k in range(int(lengths.max())):
-        # the k-th segment of all that have one and are known so far
-        on = np.flatnonzero(known & (lengths > k))
-        if not len(on):
-            break
-        rows = first[on] + k
-        T = transition[rows]
-        if k == 0:
-            Y, P = T[:, 3:, :3], T[:, :3, :3]
-        else:
-            Y, P = T[:, 3:, 3:] + T[:, 3:, :3] @ W[on], T[:, :3, 3:] + T[:, :3, :3] @ W[on]
-            conjugate[on] += _negative(ends[rows] @ Y @ frames[rows].swapaxes(1, 2))
-        inverse, sound = _inverse(Y)
-        known[on] = sound
-        W[on] = P @ inverse
+    turns, inverses = np.empty((2, len(transition), 3, 3))
+    with np.errstate(all="ignore"):  # what is not sound need not be finite
+        for k in range(int(lengths.max())):
+            # the k-th segment of all that have one
+            on = np.flatnonzero(lengths > k)
+            rows = first[on] + k
+            T = transition[rows]
+            if k == 0:
+                Y, P = T[:, 3:, :3], T[:, :3, :3]
+            else:
+                Y, P = T[:, 3:, 3:] + T[:, 3:, :3] @ W[on], T[:, :3, 3:] + T[:, :3, :3] @ W[on]
+            turns[rows], inverses[rows] = Y, _by_cofactors(Y)
+            W[on] = P @ inverses[rows]
+        sound, later = _sound(turns, inverses), np.ones(len(turns), dtype=bool)
+        later[first[:-1]] = False
+        known[:] = np.logical_and.reduceat(sound, first[:-1])
+        negative = _negative(ends @ turns @ frames.swapaxes(1, 2))
+    conjugate[:] = np.add.reduceat(np.where(later, negative, 0), first[:-1])
     # the rotation of the tip in the world
     tip = ends[first[1:] - 1]
     matrix = tip @ (unit[:, :, None] * W) @ tip.swapaxes(1, 2)
@@ -396,22 +399,31 @@ def _without_torque(torque: FloatArray, r: int) -> FloatArray:
 def _inverse(Y: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Inverses, and whether rounding leaves them their signs."""
     with np.errstate(all="ignore"):
-        inverse = np.empty_like(Y)
-        if Y.shape[-1] == 3:  # by its cofactors: several times faster than LAPACK
-            a, b, c = (Y[..., k] for k in range(3))
-            # each row of the inverse's transpose is the product of the next two columns
-            products = cross(np.stack([b, c, a], axis=-2), np.stack([c, a, b], axis=-2))
-            inverse[:] = products / (a * products[..., 0, :]).sum(axis=-1)[..., None, None]
+        if Y.shape[-1] == 3:  # several times faster than LAPACK
+            inverse = _by_cofactors(Y)
         else:
+            inverse = np.empty_like(Y)
             try:
                 inverse[:] = np.linalg.inv(Y)
             except np.linalg.LinAlgError:
                 regular = np.linalg.det(np.nan_to_num(Y)) != 0
                 inverse[:] = np.linalg.inv(np.where(regular[..., None, None], Y, np.eye(Y.shape[-1])))
                 inverse[~regular] = np.nan
-        size = np.einsum("...ij,...ij", Y, Y) * np.einsum("...ij,...ij", inverse, inverse)
-        sound: NDArray[np.bool_] = np.asarray(size < WORST_CONDITION**2)
-    return inverse, sound
+        return inverse, _sound(Y, inverse)
+
+
+def _by_cofactors(Y: FloatArray) -> FloatArray:
+    """Inverses of matrices (..., 3, 3)."""
+    a, b, c = (Y[..., k] for k in range(3))
+    # each row of the inverse's transpose is the product of the next two columns
+    products = cross(np.stack([b, c, a], axis=-2), np.stack([c, a, b], axis=-2))
+    return np.asarray(products / (a * products[..., 0, :]).sum(axis=-1)[..., None, None])
+
+
+def _sound(Y: FloatArray, inverse: FloatArray) -> NDArray[np.bool_]:
+    """Whether rounding leaves inverses their signs."""
+    size = np.einsum("...ij,...ij", Y, Y) * np.einsum("...ij,...ij", inverse, inverse)
+    return np.asarray(size < WORST_CONDITION**2)
 
 
 def _negative(ratio: FloatArray) -> NDArray[np.int_]:

@@ -67,6 +67,7 @@ class Room:
         shapes["line_length"] = ((capacity, problem.drive_count), wp.float64)
         self._arrays = {name: wp.zeros(shape, dtype=kind, device=device) for name, (shape, kind) in shapes.items()}
         self._views = {name: a.numpy() for name, a in self._arrays.items()} if wp.get_device(device).is_cpu else {}
+        self._count = 0  # of the last launch
         self._seg: Any = SegmentCall()
         for name, array in self._arrays.items():
             setattr(self._seg, name, array)
@@ -86,9 +87,11 @@ class Room:
                 array[:count].assign(np.ascontiguousarray(values).astype(array.numpy().dtype))
             else:
                 array.zero_()
-        self._seg.instance = self._arrays["instance"][:count]
-        self._launch.set_param_at_index(3, self._seg)
-        self._launch.set_dim(threads(self.call, count))
+        if count != self._count:
+            self._count = count
+            self._seg.instance = self._arrays["instance"][:count]
+            self._launch.set_param_at_index(3, self._seg)
+            self._launch.set_dim(threads(self.call, count))
         self._launch.launch()
         if self._views:
             return {name: self._views[name][:count].copy() for name in FOUND}
@@ -154,20 +157,22 @@ class BackboneSegments(Segments):
 
     def growth(self, found: Propagation) -> FloatArray:  # noqa: D102
         # rotation to moment and back may each be scaled at the cost of the other: their geometric mean is what is left
-        T = found.transition
-        norm = [[largest_singular_value(T[:, i : i + 3, j : j + 3]) for j in (0, 3)] for i in (0, 3)]
+        count = len(found.transition)
+        blocks = found.transition[:, :6, :6].reshape(count, 2, 3, 2, 3).swapaxes(2, 3)
+        norm = largest_singular_value(blocks.reshape(-1, 3, 3)).reshape(count, 2, 2)
         with np.errstate(over="ignore"):
-            return np.asarray(np.maximum(np.maximum(norm[0][0], norm[1][1]), np.sqrt(norm[0][1] * norm[1][0])))
+            return np.asarray(np.maximum(np.maximum(norm[:, 0, 0], norm[:, 1, 1]), np.sqrt(norm[:, 0, 1] * norm[:, 1, 0])))
 
     # ---- launches ----
 
     def _load(self, cuts: Cuts, level: FloatArray, call: Any) -> dict[str, Any]:
         """Set the levels and unknowns of instances; what a launch over all segments is told of each of these."""
-        levels, unknowns = np.array(call.load_factor.numpy()), np.zeros(call.unknowns.shape)
+        levels, unknowns = call.load_factor.numpy(), call.unknowns.numpy()
         levels[cuts.instances] = level
         unknowns[np.ix_(cuts.instances, self.unknown_places)] = cuts.unknowns
-        call.load_factor.assign(levels)
-        call.unknowns.assign(unknowns)
+        if not wp.get_device(self.device).is_cpu:  # there they are the arrays themselves
+            call.load_factor.assign(levels)
+            call.unknowns.assign(unknowns)
         owner = cuts.owner
         at_tip = cuts.end >= self.length(cuts.instances)[owner]
         names = ("instance", "start", "end", "at_tip", "state", "steps")

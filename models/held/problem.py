@@ -17,6 +17,7 @@ from multirod.integrators import Integrator
 from multirod.launch import record
 from multirod.models.backbone.clamps import ClampedBackbones
 from multirod.models.backbone.designs import COMPONENTS
+from multirod.models.backbone.equal_steps import equal_steps
 from multirod.models.backbone.inputs import BACKBONE_INPUTS, DRIVES
 from multirod.models.backbone.problem import BackboneAssembly, BackboneProblem
 from multirod.models.backbone.units import unit_stiffness
@@ -546,18 +547,29 @@ class HeldParts(Parts):
         self.problem = problem
 
     def of(self, instances: IntArray, *, double: bool = False, poses: bool = False) -> HeldProblem:  # noqa: D102
-        return self._part(instances, double=double, poses=poses)
+        return self._part(instances, self.problem.integrator.in_double() if double else self.problem.integrator, poses=poses)
 
     @property
     def may_be_clamped(self) -> bool:  # noqa: D102
         return self.problem.may_be_clamped
 
     def clamped(self, instances: IntArray, pieces: int) -> HeldProblem:  # noqa: D102
-        return self._part(instances, double=True, poses=True, pieces=pieces)
+        return self._part(instances, self._equal_steps() or self.problem.integrator.in_double(), poses=True, pieces=pieces)
 
-    def _part(self, instances: IntArray, *, double: bool, poses: bool, pieces: int = 1) -> HeldProblem:
+    @property
+    def may_be_finer(self) -> bool:
+        """Not to find again what is near a fold: the equations are those that are asked for."""
+        return False
+
+    def finer(self, instances: IntArray, *, poses: bool = False) -> HeldProblem | None:  # noqa: D102
+        integrator = self._equal_steps()
+        return None if integrator is None else self._part(instances, integrator, poses=poses)
+
+    def _equal_steps(self) -> Integrator | None:
+        return equal_steps(self.problem.integrator, self.problem.rod.curvature_scale() * self.problem.length)
+
+    def _part(self, instances: IntArray, integrator: Integrator, *, poses: bool, pieces: int = 1) -> HeldProblem:
         whole = self.problem
-        integrator = whole.integrator.in_double() if double else whole.integrator
         holders = whole.holders.take(whole.batch_shape, instances)
         options = {**whole.options, **({"pose_sensitivities": True} if poses else {})}
         inputs = whole.inputs_given.take(whole.batch_shape, instances)

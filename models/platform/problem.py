@@ -20,6 +20,7 @@ from multirod.launch import record
 from multirod.models.backbone.designs import COMPONENTS, turned_loads
 from multirod.models.backbone.driven import LinesOfGroups
 from multirod.models.backbone.ends import move_ends, ways_back
+from multirod.models.backbone.equal_steps import equal_steps
 from multirod.models.backbone.inputs import BACKBONE_INPUTS, DRIVES
 from multirod.models.backbone.members import drive_slices
 from multirod.models.backbone.members import drives as drive_names
@@ -869,13 +870,26 @@ class PlatformParts(Parts):
         return not self.problem.inverse and all(group.backbones.may_be_clamped for group in self.problem.groups)
 
     def clamped(self, instances: IntArray, pieces: int) -> ParallelProblem:  # noqa: D102
-        return self._part(instances, double=True, poses=True, pieces=pieces)
+        return self._part(instances, self._equal_steps() or self.problem.integrator.in_double(), poses=True, pieces=pieces)
+
+    @property
+    def may_be_finer(self) -> bool:
+        """Not to find again what is near a fold: that asks for ``Gamma`` whole."""
+        return False
+
+    def finer(self, instances: IntArray, *, poses: bool = False) -> ParallelProblem | None:  # noqa: D102
+        integrator = self._equal_steps()
+        return None if integrator is None else self._part(instances, integrator, poses=poses)
 
     def of(self, instances: IntArray, *, double: bool = False, poses: bool = False) -> ParallelProblem:  # noqa: D102
-        return self._part(instances, double=double, poses=poses)
+        return self._part(instances, self.problem.integrator.in_double() if double else self.problem.integrator, poses=poses)
 
-    def _part(self, instances: IntArray, *, double: bool, poses: bool, pieces: int = 1) -> ParallelProblem:
-        integrator = self.problem.integrator.in_double() if double else self.problem.integrator
+    def _equal_steps(self) -> Integrator | None:
+        legs = [group.backbones for group in self.problem.groups]
+        bent = [(own.curvature_scale() * own.each(own.arrays.end[:, 0, -1])).max() for own in legs]
+        return equal_steps(self.problem.integrator, np.array(bent))
+
+    def _part(self, instances: IntArray, integrator: Integrator, *, poses: bool, pieces: int = 1) -> ParallelProblem:
         geometry, inputs = (
             self.problem.geometry.take(self.problem.batch_shape, instances),
             self.problem.inputs_given.take(self.problem.batch_shape, instances),

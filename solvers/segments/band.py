@@ -3,8 +3,10 @@
 Numbers in parentheses are those of ``docs/solvers.md``.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
+from weakref import ref
 
 import numpy as np
 import warp as wp
@@ -17,7 +19,9 @@ from multirod.solvers.segments.band_kernels import Band, Krylov, Sides, change, 
 from multirod.status import BoolArray
 from multirod.validation import FloatArray
 
-VECTORS = 32  # of Arnoldi's method
+FEW_VECTORS = 10  # of Arnoldi's method
+VECTORS = 32  # where these do not tell
+SLOTS = 3  # systems that stay factored: the last equilibrium's, and two on the way to the next
 SETTLED = 0.1  # how far an eigenvalue may be from where Arnoldi's method has it
 
 
@@ -59,6 +63,171 @@ class Step:
         return np.asarray(np.sqrt((self.own**2).sum(axis=1) + np.add.reduceat((self.rows**2).sum(axis=1), cuts.first[:-1])))
 
 
+class Room:
+    """Arrays and recorded launches for up to so many instances and segments, kept for all systems that fit.
+
+    Args:
+        instances: At most.
+        segments: At most, of all of them.
+        shapes: Unknowns n, variations d, columns of transitions and of what is lacking at the tip.
+        places: Of the unknowns among the variations at the base, shape (n,).
+        device: Warp device.
+    """
+
+    def __init__(
+        self, instances: int, segments: int, shapes: tuple[int, int, int, int], places: NDArray[np.intp], device: str
+    ) -> None:
+        self.instances, self.segments, self.device = instances, segments, device
+        self.n, self.d, *self._columns = shapes
+        self._places = places
+        self._slots: list[_Slot] = []  # what was used last comes first
+        self._spaces: dict[int, _Space] = {}
+        self.right, self.x = self._sides(), self._sides()
+
+    def array(self, *shape: int, kind: Any = wp.float64) -> "_Array":
+        """Zeros."""
+        return _Array(wp.zeros(shape, dtype=kind, device=self.device))
+
+    def _sides(self) -> "_Sides":
+        return _Sides(self.array(self.instances, self.n), self.array(self.segments, self.d))
+
+    def slot(self, systems: "Systems") -> "_Slot":
+        """Where systems are factored; what was used before the last two makes room for new ones."""
+        slot = next((slot for slot in self._slots if slot.of() is systems), None)
+        if slot is None:
+            slot = self._slots.pop() if len(self._slots) == SLOTS else _Slot(self, self._places, *self._columns)
+            slot.factorise(systems)
+        else:
+            self._slots.remove(slot)
+        self._slots.insert(0, slot)
+        return slot
+
+    def space(self, most: int) -> "_Space":
+        """That of Arnoldi's method, of so many vectors."""
+        if most not in self._spaces:
+            self._spaces[most] = _Space(self, most)
+        return self._spaces[most]
+
+
+class _Array:
+    """An array of kernels, and on the CPU the same numbers for NumPy."""
+
+    def __init__(self, array: Any) -> None:
+        self.array = array
+        self._view = array.numpy() if array.device.is_cpu else None
+
+    def put(self, values: Any) -> None:
+        """First numbers."""
+        if self._view is not None:
+            self._view[: len(values)] = values
+        elif len(values):
+            self.array[: len(values)].assign(np.ascontiguousarray(values, dtype=self.array.numpy().dtype))
+
+    def get(self, count: int) -> Any:
+        """A copy of the first."""
+        return np.array((self.array.numpy() if self._view is None else self._view)[:count])
+
+    def clear(self, count: int) -> None:
+        """The first become zero."""
+        if self._view is not None:
+            self._view[:count] = 0
+        else:
+            self.array.zero_()
+
+
+class _Sides:
+    """``Sides`` and its arrays."""
+
+    def __init__(self, own: _Array, rows: _Array) -> None:
+        self.own, self.rows = own, rows
+        self.struct: Any = Sides()
+        self.struct.own, self.struct.rows = own.array, rows.array
+
+
+class _Slot:
+    """Systems that are factored in a room."""
+
+    def __init__(self, room: Room, places: NDArray[np.intp], inner: int, tip: int) -> None:
+        count, n, d = room.segments, room.n, room.d
+        self._room = room
+        self.of: Callable[[], Systems | None] = lambda: None
+        self._given = {
+            "first": room.array(room.instances + 1, kind=wp.int32),
+            "places": room.array(n, kind=wp.int32),
+            "transition": room.array(count, d, inner),
+            "tip": room.array(room.instances, n, tip),
+        }
+        self._given["places"].put(places)
+        self._singular = room.array(room.instances, kind=wp.int32)
+        band: Any = Band()
+        for name, array in self._given.items():
+            setattr(band, name, array.array)
+        band.singular = self._singular.array
+        band.factors, band.pivots = room.array(count, 2 * d - n, 2 * d).array, room.array(count, d, kind=wp.int32).array
+        band.front = room.array(count, 2 * d - n).array
+        self.band = band
+        self._factorise = _Launch(factorise, room, band)
+        self._solve = _Launch(solve, room, band, room.right.struct, room.x.struct)
+
+    def factorise(self, systems: "Systems") -> None:
+        """Take these, and say where they are singular."""
+        self._given["first"].put(systems.cuts.first)
+        self._given["transition"].put(systems.found.transition)
+        self._given["tip"].put(systems.found.residual_columns)
+        self._factorise.of(systems.count)
+        systems.singular_at = self._singular.get(systems.count) != 0
+        self.of = ref(systems)
+
+    def solve(self, right: Step) -> Step:
+        """``J^-1`` times right-hand sides; NaN where it is singular."""
+        room, instances, segments = self._room, len(right.own), len(right.rows)
+        room.right.own.put(right.own)
+        room.right.rows.put(right.rows)
+        room.x.rows.clear(segments)
+        self._solve.of(instances)
+        return Step(room.x.own.get(instances), room.x.rows.get(segments))
+
+
+class _Space:
+    """That of Arnoldi's method."""
+
+    def __init__(self, room: Room, most: int) -> None:
+        self._room, self._launches = room, dict[tuple[int, int], tuple[_Slot, _Slot, _Launch]]()
+        self._projected, self._left = room.array(room.instances, most, most), room.array(room.instances)
+        self._space: Any = Krylov()
+        self._space.own, self._space.rows = (
+            room.array(room.instances, most + 1, room.n).array,
+            room.array(room.segments, most + 1, room.d).array,
+        )
+        self._space.projected, self._space.left = self._projected.array, self._left.array
+        self._space.along = room.array(room.instances, most).array
+
+    def change(self, before: _Slot, after: _Slot, count: int) -> tuple[FloatArray, FloatArray]:
+        """``J_new J_old^-1 - I`` in the space, (count, most, most), and how much leads out of it, (count,)."""
+        room, key = self._room, (id(before), id(after))
+        if key not in self._launches:
+            launch = _Launch(change, room, before.band, after.band, self._space, room.right.struct, room.x.struct)
+            self._launches[key] = before, after, launch
+        self._projected.clear(count)
+        self._launches[key][-1].of(count)
+        return self._projected.get(count), self._left.get(count)
+
+
+class _Launch:
+    """A recorded launch, of some of the instances that there is room for."""
+
+    def __init__(self, kernel: Any, room: Room, *arguments: Any) -> None:
+        self._count = room.instances
+        self._launch = record(lambda: kernel, room.instances, arguments, room.device)
+
+    def of(self, count: int) -> None:
+        """Launch for the first instances."""
+        if count != self._count:
+            self._count = count
+            self._launch.set_dim(count)
+        self._launch.launch()
+
+
 class Systems:
     """The Jacobians (2) at some states, each of one instance; factored when first needed.
 
@@ -67,66 +236,54 @@ class Systems:
         found: Where they lead.
         places: Of the unknowns among the variations at the base, shape (n,).
         device: Warp device.
+        rooms: Those to be used, and added to where there is none that fits, by what fits.
     """
 
-    def __init__(self, cuts: Cuts, found: Propagation, places: NDArray[np.intp], device: str) -> None:
+    def __init__(
+        self,
+        cuts: Cuts,
+        found: Propagation,
+        places: NDArray[np.intp],
+        device: str,
+        rooms: dict[tuple[int, ...], Room] | None = None,
+    ) -> None:
         self.cuts, self.found, self.places, self.device = cuts, found, places, device
         self.n, self.d, self.count = len(places), found.transition.shape[1], len(cuts.instances)
-        self._band: Any = None
+        self.rooms = {} if rooms is None else rooms
+        self.singular_at: BoolArray | None = None  # once they are factored
 
     def chosen(self, some: BoolArray) -> "Systems":
         """Of some of the instances, (count,)."""
         if some.all():
             return self
-        return Systems(self.cuts.chosen(some), self.found.chosen(self.cuts, some), self.places, self.device)
+        return Systems(self.cuts.chosen(some), self.found.chosen(self.cuts, some), self.places, self.device, self.rooms)
 
     def put(self, some: BoolArray, other: "Systems") -> "Systems":
         """These, with others in place of some of the instances, (count,)."""
         found = self.found.put(self.cuts, some, other.cuts, other.found)
-        return Systems(self.cuts.put(some, other.cuts), found, self.places, self.device)
-
-    def _array(self, values: Any, kind: Any = wp.float64) -> Any:
-        # kernels only read it
-        return wp.array(np.ascontiguousarray(values), dtype=kind, device=self.device, copy=not wp.get_device(self.device).is_cpu)
-
-    def _zeros(self, *shape: int, kind: Any = wp.float64) -> Any:
-        return wp.zeros(shape, dtype=kind, device=self.device)
-
-    def _launch(self, kernel: Any, *arguments: Any) -> None:
-        record(lambda: kernel, self.count, arguments, self.device).launch()
+        return Systems(self.cuts.put(some, other.cuts), found, self.places, self.device, self.rooms)
 
     @property
-    def band(self) -> Any:
-        """Arguments of kernels, factored."""
-        if self._band is None:
-            count, n, d = len(self.cuts.start), self.n, self.d
-            self._band = band = Band()
-            band.first = self._array(self.cuts.first.astype(np.int32), wp.int32)
-            band.places = self._array(self.places.astype(np.int32), wp.int32)
-            band.transition, band.tip = self._array(self.found.transition), self._array(self.found.residual_columns)
-            band.factors, band.pivots = self._zeros(count, 2 * d - n, 2 * d), self._zeros(count, d, kind=wp.int32)
-            band.singular, band.front = self._zeros(self.count, kind=wp.int32), self._zeros(count, 2 * d - n)
-            self._launch(factorise, band)
-        return self._band
+    def room(self) -> Room:
+        """One that these fit."""
+        columns = self.found.transition.shape[2], self.found.residual_columns.shape[2]
+        capacity = tuple(1 << max(size - 1, 0).bit_length() for size in (self.count, len(self.cuts.start)))
+        key = (*capacity, self.n, self.d, *columns)
+        if key not in self.rooms:
+            self.rooms[key] = Room(capacity[0], capacity[1], (self.n, self.d, *columns), self.places, self.device)
+        return self.rooms[key]
 
     @property
     def singular(self) -> BoolArray:
         """Where elimination meets a pivot that is zero, or numbers that are not finite, shape (count,)."""
-        return np.asarray(self.band.singular.numpy() != 0)
-
-    def _sides(self, step: Step | None = None) -> Any:
-        result: Any = Sides()
-        if step is None:
-            result.own, result.rows = self._zeros(self.count, self.n), self._zeros(len(self.cuts.start), self.d)
-        else:
-            result.own, result.rows = self._array(step.own), self._array(step.rows)
-        return result
+        if self.singular_at is None:
+            self.room.slot(self)
+        assert self.singular_at is not None  # by being factored
+        return self.singular_at
 
     def solve(self, right: Step) -> Step:
         """``J^-1`` times right-hand sides; NaN where it is singular."""
-        x = self._sides()
-        self._launch(solve, self.band, self._sides(right), x)
-        return Step(np.array(x.own.numpy()), np.array(x.rows.numpy()))
+        return self.room.slot(self).solve(right)
 
     def same_branch(self, after: "Systems") -> BoolArray:
         """Whether no mode came near zero or changed sign between these equilibria and those ``after``, on the same breakpoints,
@@ -134,23 +291,19 @@ class Systems:
 
         The eigenvalues of ``J_new J_old^-1`` do not depend on the units of states and residuals, nor on the frames they are told
         in, and their product is the ratio of the determinants of ``Gamma``. Those of the breakpoints are one. Those furthest from
-        one are found by Arnoldi's method; where it has not settled, the answer is no.
+        one are found by Arnoldi's method, on a few vectors, and where these do not say yes, on more; where it has not settled,
+        the answer is no.
         """
-        sound = ~(self.singular | after.singular)
-        if not sound.any():
-            return sound
-        if not sound.all():
-            result = sound.copy()
-            result[sound] = self.chosen(sound).same_branch(after.chosen(sound))
-            return result
-        most = VECTORS
-        space: Any = Krylov()
-        space.own = self._zeros(self.count, most + 1, self.n)
-        space.rows = self._zeros(len(self.cuts.start), most + 1, self.d)
-        space.projected, space.left = self._zeros(self.count, most, most), self._zeros(self.count)
-        space.along = self._zeros(self.count, most)
-        self._launch(change, self.band, after.band, space, self._sides(), self._sides())
-        return _near_one(np.array(space.projected.numpy()), np.array(space.left.numpy()))
+        open_ = ~(self.singular | after.singular)
+        result = np.zeros_like(open_)
+        for most in (FEW_VECTORS, VECTORS):
+            if not open_.any():
+                break
+            before, now = self.chosen(open_), after.chosen(open_)
+            slots = before.room.slot(before), before.room.slot(now)
+            result[open_] = _near_one(*before.room.space(most).change(*slots, before.count))
+            open_ = open_ & ~result
+        return result
 
 
 def _near_one(shift: FloatArray, left: FloatArray) -> BoolArray:

@@ -14,12 +14,13 @@ from multirod.batch import IntArray
 from multirod.integrators import Integrator
 from multirod.segments import Cuts, Propagation, Segments
 from multirod.solvers.continuation.acceptance import CONTRACTION, MIN_STEP, SURPRISE
-from multirod.solvers.segments.band import Step, Systems
+from multirod.solvers.segments.band import Room, Step, Systems
 from multirod.status import BoolArray, Fault, Status
 from multirod.validation import FloatArray
 
 PACE = 100  # steps over which it is told
 HOPELESS = 5.0  # times the steps that are left: more than that is given up
+FORESEEN = 3  # steps, of which the cheapest tells what the others will take at least
 SAFE_LOAD = 5.0  # first step, in F L^2/EI
 LOAD_RATIO = 0.5  # later steps, relative to the load reached
 ROUNDING = 1e-11  # Newton steps no longer than this, relative to the unknowns, are rounding
@@ -120,6 +121,7 @@ class SegmentedPaths:
         self._stalled, self._spent = np.zeros((2, count), dtype=bool)
         self._numbers = np.full(int(self.instances.max(initial=-1)) + 1, -1)
         self._numbers[self.instances] = np.arange(count)
+        self._rooms: dict[tuple[int, ...], Room] = {}
 
     # ---- evaluation ----
 
@@ -193,7 +195,7 @@ class SegmentedPaths:
 
     def systems(self, place: Place) -> Systems:
         """The Jacobians there."""
-        return Systems(place.cuts, place.found, self.segments.unknown_places, self.segments.device)
+        return Systems(place.cuts, place.found, self.segments.unknown_places, self.segments.device, self._rooms)
 
     def rounding(self, place: Place) -> FloatArray:
         """What rounding of the unknowns leaves of the residual of an integration from base to tip [1/m], (3), shape (count,)."""
@@ -449,11 +451,15 @@ class SegmentedPaths:
         rate = bend = Step(np.zeros_like(place.cuts.unknowns), np.zeros((count, d)))
         since = np.full(len(level), np.nan)  # levels of the last tangents
         checked = level.copy()  # and at which steps were
+        taken_at = np.full((FORESEEN + 1, len(level)), np.nan)  # integrations taken by the last equilibria
         new = on.copy()  # whose tangents are not known yet
         for done in range(self.max_steps):
             on = on & (level < 1.0)
             if done >= PACE:
                 on &= ~_hopeless(passed[-PACE], level, self.max_steps - done)
+            costs = np.where(np.isnan(taken_at[0]), 0.0, np.diff(taken_at, axis=0).min(axis=0))
+            self._spent |= on & (costs * _fewest_steps(level, safe) > self.allowed - self.integrations)
+            on = self._end(results, ~(on & self._spent), Status.INTEGRATION_LIMIT) & on
             if not on.any():
                 break
             if (new := new & on).any():
@@ -479,6 +485,7 @@ class SegmentedPaths:
             new = _among(on, good)
             if new.any():
                 level[new] = goal[new]
+                taken_at[:, new] = np.vstack([taken_at[1:, new], self.integrations[new]])
                 known = level[new] < CHECKED * checked[new]
                 refined, _ = self.refine(reached.chosen(good), level[new], known)
                 checked[_among(new, ~known)] = level[_among(new, ~known)]
@@ -574,6 +581,11 @@ def _change(past: Cuts, before: Step, cuts: Cuts, now: Step) -> Step:
 def _inverse(steps: FloatArray) -> FloatArray:
     """One over steps of the load; zero where there was none."""
     return np.asarray(np.divide(1.0, steps, out=np.zeros_like(steps), where=steps > 0))
+
+
+def _fewest_steps(level: FloatArray, safe: FloatArray) -> FloatArray:
+    """Steps to the full load that there are at least, the longest that may be."""
+    return np.asarray(np.floor(-np.log(np.minimum(1.0, np.maximum(level, safe / LOAD_RATIO))) / np.log(1 + LOAD_RATIO)))
 
 
 def _hopeless(before: FloatArray, level: FloatArray, left: int) -> BoolArray:
