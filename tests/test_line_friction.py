@@ -266,8 +266,8 @@ def test_a_tendon_rubs_beside_a_push_rod_that_bends(difference):
         J = solution.jacobian(name)
         for k, e in enumerate(np.eye(len(given[name]))):
             slope = difference(lambda h, name=name, e=e: at(**{name: given[name] + h * e}).tip_position, step)
-            # differences of solutions that are right to some 1e-12 m
-            np.testing.assert_allclose(J[:3, k], slope, atol=1e-8 * np.abs(J[:3]).max())
+            # differences leave 1e-11 of it; terms of (L14c) are small where little rubs
+            np.testing.assert_allclose(J[:3, k], slope, atol=1e-10 * np.abs(J[:3]).max())
 
 
 def test_what_friction_does_not_go_with_is_refused():

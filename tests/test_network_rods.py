@@ -216,6 +216,7 @@ def compressed(robot, inputs, force, level=1.0):
     residual, _ = problem.evaluate(x)
     modes = problem.stability.modes()
     assert modes.known.all()
+    assert np.nanmax(modes.uncertainty) < 1e-5  # symmetric to what 50 steps leave
     return int(modes.hidden[0] + (modes.values[0] < 0).sum()), np.abs(residual).max()
 
 
@@ -242,6 +243,19 @@ def test_a_column_between_lines_of_given_length_buckles_where_the_closed_form_sa
                 compressed(robot, own, force / level, level)[0] for robot, own in zip((network, single), inputs, strict=True)
             ]
             assert indices[0] == indices[1]
+
+
+def test_lines_that_hold_a_column_halfway_count_as_in_a_single_rod():
+    """Loads at which it buckles with its tip held, too, so that its rods have modes of their own, fewer with lengths held."""
+    rod = column(end=LENGTH / 2, axial_stiffness=2e4)
+    network, single = mr.Network(rods={"arm": rod}, joints=[mr.Joint("arm", "base", to=mr.ground)]), mr.SingleRod(rod)
+    found = []
+    for load in np.pi**2 * np.array([0.3, 0.9, 1.05, 1.6, 2.3, 3.1, 4.2, 6.0]):
+        force = load * EI / LENGTH**2
+        inputs = network.inputs(force={"arm": (0, 0, -force)}), single.inputs(tip_force=(0, 0, -force))
+        found.append([compressed(robot, own, force)[0] for robot, own in zip((network, single), inputs, strict=True)])
+    np.testing.assert_array_equal(*np.transpose(found))
+    assert len({index for index, _ in found}) > 3
 
 
 def test_arms_whose_lines_hold_the_turns_of_their_tips_are_judged():
