@@ -53,6 +53,23 @@ def test_a_hinged_strip_is_an_elastica_until_its_ends_meet():
     assert snapped.energy_lost == pytest.approx(force * LENGTH * (1 - (1 - 2 * k * k)), rel=1e-5)
 
 
+@pytest.mark.parametrize("kind", ["held", "legs"])
+def test_step_control_ends_branches_where_fixed_steps_do(kind):
+    """By the default integrator, whose steps along straight rods are long; strips under a beam sway at twice the load of one."""
+    critical = np.pi**2 * EI / 0.2**2
+    strip = mr.Rod(length=0.2, bending_stiffness=(25 * EI, EI), torsional_stiffness=0.015)
+    if kind == "held":
+        robot = mr.HeldRod(strip, slide=(0, 0, 1), **HINGES)
+    else:
+        poses = np.tile(np.eye(4), (2, 1, 1))
+        poses[:, 0, 3] = -0.1, 0.1
+        robot, critical = mr.ParallelRods(legs=[strip] * 2, base=poses, platform=poses), 2 * critical
+    found = mr.solve(robot, robot.inputs(tip_force=(0, 0, -1.1 * critical)))
+    assert found.status is mr.Status.BIFURCATED
+    assert found.stability is mr.Stability.STABLE
+    assert found.events[0].load_factor == pytest.approx(1 / 1.1, rel=1e-6)
+
+
 def test_an_arch_snaps_through_as_links_that_creep():
     """Its ends pushed together by a tenth, then pressed from above: not by its tip, which is held."""
     robot, span = mr.HeldRod(STRIP), 0.9 * LENGTH

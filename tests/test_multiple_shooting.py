@@ -590,6 +590,19 @@ def test_steps_are_short_enough_for_columns_along_a_straight_rod():
     np.testing.assert_allclose(np.abs(product[3, 0]), np.sinh(k) / k, rtol=1e-5)
 
 
+@pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")
+def test_what_cannot_be_afforded_is_given_up_before_all_is_spent(soft):
+    """Three equilibria say what a step takes; what is as many as the longest steps need is never given up."""
+    inputs = soft.inputs(tip_force=(9e4, -9e4, 9e4))  # 1e6 EI/L^2, 1.5 times more at each step: 30 steps from where it begins
+    free = mr.solve(soft, inputs, solver=mr.MultipleShooting()).raise_if_failed()
+    enough = mr.solve(soft, inputs, solver=mr.MultipleShooting(max_integrations=int(free.integrations)))
+    assert enough.status is mr.Status.MULTIPLE_SHOOTING
+    assert enough.integrations == free.integrations
+    few = mr.solve(soft, inputs, solver=mr.MultipleShooting(max_integrations=int(free.integrations) // 3))
+    assert few.status is mr.Status.INTEGRATION_LIMIT
+    assert few.integrations < free.integrations // 6
+
+
 def random_systems(rng: np.random.Generator, counts: list[int], d: int, n: int) -> Systems:
     """Segments that amplify three variations and damp three, of one instance after another."""
     total = sum(counts)
