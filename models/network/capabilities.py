@@ -13,6 +13,7 @@ from multirod.models.backbone.driven import LinesOfGroups
 from multirod.models.backbone.inputs import LOADS
 from multirod.models.network import records
 from multirod.models.network.elements import GAP_AT
+from multirod.models.network.groups import ON_RODS
 from multirod.models.platform.starting import crowded
 from multirod.problem import Shape
 from multirod.validation import FloatArray
@@ -235,7 +236,7 @@ class NetworkJoints(Joints):
 
     def unloaded_inputs(self) -> FloatArray | None:  # noqa: D102
         rows = self.problem.read("inputs")
-        for name in (*(spec.name for spec in LOADS), "force", "moment"):
+        for name in (*(spec.name for spec in LOADS), "force", "moment", *ON_RODS):
             if name in self.problem._slices:
                 rows[:, self.problem.input_slice(name)] = 0.0
         return rows
