@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 APART = 10_000  # numbers between the sequences of two bodies
 STEPS = 96  # of a rod where branches are followed: those of whole rods are those of their pieces
-STEPS = 6  # of Newton's method, by which a network is put together at once
+CLOSING = 6  # steps of Newton's method by which a network is put together at once
 WIDEST = 3.0  # times the first of them, that any may be
 CONTRACTION = 0.3  # largest ratio of Newton's steps that put a network together at once, as of those on a branch
 BENDING = 0.1  # L^3/EI by which rods give way along themselves where they are bent to first order
@@ -208,7 +208,7 @@ class NetworkJoints(Joints):
         sound, on = np.zeros(problem.instance_count, dtype=bool), np.isfinite(before)
         integrations = np.full(problem.instance_count, problem.guess_integrations)
         with problem.unloaded(), np.errstate(all="ignore"):
-            for _ in range(STEPS):
+            for _ in range(CLOSING):
                 unknowns[on] += step[on]
                 problem.write("unknowns", unknowns)
                 with problem.only(on):
