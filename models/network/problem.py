@@ -299,7 +299,7 @@ class NetworkProblem(BoundaryProblem):
         gaps = self.read("residual")[:, self.places[held, GAP_AT].reshape(-1)] * np.repeat(
             self.length[:, : self.rod_count][:, held], 3, axis=1
         )
-        return super().undetermined() & (np.abs(gaps).max(axis=1, initial=0.0) < CLOSED)
+        return np.asarray(super().undetermined() & (np.abs(gaps).max(axis=1, initial=0.0) < CLOSED))
 
     def _forces(self, rods: NDArray[np.intp]) -> NDArray[np.intp]:
         """Unknowns that are forces at the bases of some rods."""
