@@ -136,6 +136,11 @@ class NetworkInputs(Fields, total=False):
     """Force on the same, fixed in their frames [N]: by name, or shape (..., place_count, 3)."""
     follower_moment: ByName
     """Moment on the same, fixed in their frames [N m]: by name, or shape (..., place_count, 3)."""
+    rod_force: ByName
+    """Dead force per length of single rods, beside ``distributed_force``, world frame [N/m]: by their names, or shape (..., count
+    of rods as given, 3)."""
+    rod_moment: ByName
+    """Dead moment per length of single rods, beside ``distributed_moment``, world frame [N]: likewise."""
     distributed_force: Numbers
     """Dead force per length of all rods, world frame [N/m], shape (..., 3)."""
     distributed_moment: Numbers
@@ -160,6 +165,10 @@ class KnownInputs(InverseParallelRodsInputs, total=False):
     force: ByName
     """As for ``Network``."""
     moment: ByName
+    """As for ``Network``."""
+    rod_force: ByName
+    """As for ``Network``."""
+    rod_moment: ByName
     """As for ``Network``."""
     end_position: Numbers
     """As for ``HeldRod``."""
@@ -207,6 +216,8 @@ NetworkInput: TypeAlias = Literal[
     "moment",
     "follower_force",
     "follower_moment",
+    "rod_force",
+    "rod_moment",
     "distributed_force",
     "distributed_moment",
     "gravity",

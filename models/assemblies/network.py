@@ -21,7 +21,7 @@ from multirod.models.backbone.problem import BackboneAssembly, check_drives, sce
 from multirod.models.network.bodies import Body, name_of
 from multirod.models.network.freedom import refuse_mechanism, refuse_unheld
 from multirod.models.network.graph import ENDS, Graph
-from multirod.models.network.groups import ALONG
+from multirod.models.network.groups import ON_RODS, along
 from multirod.models.network.joints import ALONG as ALONG_ROD
 from multirod.models.network.joints import Joint
 from multirod.models.network.problem import FOLLOWING, LOADED, PER_ROD, NetworkProblem
@@ -61,6 +61,25 @@ LOAD_INPUTS = (
     ),
 )
 ON_PLACES = (*LOADED, *FOLLOWING)
+ROD_INPUTS = (
+    InputSpec(
+        name="rod_force",
+        unit="N/m",
+        acts="along",
+        load="force",
+        potential=True,
+        count=0,
+        description="dead force per length of each rod, beside distributed_force, world frame",
+    ),
+    InputSpec(
+        name="rod_moment",
+        unit="N",
+        acts="along",
+        load="moment",
+        count=0,
+        description="dead moment per length of each rod, beside distributed_moment, world frame",
+    ),
+)
 ANGLE = InputSpec(name="angle", unit="rad", count=0, description="coordinates of the joints that are driven, from their poses")
 
 
@@ -128,7 +147,8 @@ class Network(Assembly):
         count = 3 * len(self.load_places)
         driven = sum(self.graph.driven.values())
         angle = (replace(ANGLE, count=driven),) if driven else ()
-        loads = (replace(spec, count=count) for spec in LOAD_INPUTS)
+        on_rods = (replace(spec, count=3 * len(rods)) for spec in ROD_INPUTS)
+        loads = (*(replace(spec, count=count) for spec in LOAD_INPUTS), *on_rods)
         self._specs = InputSpecs((*INPUTS[:2], *angle, *loads, *INPUTS[2:], *drive_specs(self.rods)))
 
     def _place_of_effector(self, given: object) -> int:
@@ -167,13 +187,14 @@ class Network(Assembly):
     if TYPE_CHECKING:
         _input_name: NetworkInput
 
-    @listed(*INPUTS[:2], ANGLE, *LOAD_INPUTS, *INPUTS[2:], *DRIVE_INPUTS)
+    @listed(*INPUTS[:2], ANGLE, *LOAD_INPUTS, *ROD_INPUTS, *INPUTS[2:], *DRIVE_INPUTS)
     def inputs(self, **values: Unpack[NetworkInputs]) -> Inputs:  # type: ignore[override]  # these, and no others
         """Actuation and loads by name, all optional: numbers or arrays, whose leading axes ``...`` broadcast.
 
         ``rotation`` and ``translation`` are also taken by names of rods, ``{"leg 0": 0.1}``, of tubes a number each, and so is
         what drives lines, ``tension={"arm": (1, 0)}``; ``force`` and ``moment``, dead or following, by those of ``load_places``,
-        ``{"plate": (0, 0, -2)}``; as arrays these have the shape (..., place_count, 3). Where joints are driven, ``angle`` is
+        ``{"plate": (0, 0, -2)}``; as arrays these have the shape (..., place_count, 3), and what acts along single rods,
+        ``rod_force={"leg 0": (0.1, 0, 0)}``, (..., count of rods as given, 3). Where joints are driven, ``angle`` is
         taken by those of ``driven_joints``, ``{"arm base": 0.3}``: one number, two or three each. What is not named is zero. A
         leading axis makes a batch, an instance for each entry.
 
@@ -204,6 +225,7 @@ class Network(Assembly):
         names, graph = self.graph.whole_names, self.graph
         per_rod = {name: robot.rod_count for name, robot in zip(names, graph.whole, strict=True)}
         sizes = dict.fromkeys(PER_ROD, per_rod) | dict.fromkeys(ON_PLACES, dict.fromkeys(self.load_places, 3))
+        sizes |= dict.fromkeys(ON_RODS, dict.fromkeys(names, 3))
         for name in DRIVES:
             sizes[name] = {rod: own.count(name) for rod, own in zip(names, graph.drives, strict=False) if own.count(name)}
         for name, own in sizes.items():
@@ -259,7 +281,7 @@ class Network(Assembly):
         return NetworkProblem(graph, self._end_effector, inputs, **options)
 
     def features(self, inputs: Inputs, *, enabled: Iterable[str] = ()) -> tuple[Features, ...]:  # noqa: D102
-        active = [name for name in ALONG if name in enabled or inputs.is_active(name)]
+        active = along(inputs, enabled)
         found = []
         for rod in self.graph.rods:
             options: dict[str, Any] = {"rod_count": rod.rod_count, "transmission": rod.transmission, "held": True}
@@ -372,7 +394,7 @@ def _in_order(name: str, value: Any, sizes: Mapping[str, int]) -> Any:
     """Values by name as an array (..., numbers of all), in the order of ``sizes``; an array of them likewise."""
     if not isinstance(value, Mapping):
         given = np.asarray(value) if isinstance(value, (np.ndarray, list, tuple)) else None
-        stacked = given is not None and name in ON_PLACES and len(sizes) > 1 and given.shape[-2:] == (len(sizes), 3)
+        stacked = given is not None and name in (*ON_PLACES, *ON_RODS) and len(sizes) > 1 and given.shape[-2:] == (len(sizes), 3)
         return given.reshape(*given.shape[:-2], -1) if stacked and given is not None else value
     return _by_name(name, value, sizes)
 

@@ -13,6 +13,7 @@ from multirod.models.backbone.driven import LinesOfGroups
 from multirod.models.backbone.inputs import LOADS
 from multirod.models.network import records
 from multirod.models.network.elements import GAP_AT
+from multirod.models.network.groups import ON_RODS
 from multirod.models.platform.starting import crowded
 from multirod.problem import Shape
 from multirod.validation import FloatArray
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
 APART = 10_000  # numbers between the sequences of two bodies
 STEPS = 96  # of a rod where branches are followed: those of whole rods are those of their pieces
-TRIES = 6  # steps of Newton's method, by which a network is put together at once
+CLOSING = 6  # steps of Newton's method by which a network is put together at once
 WIDEST = 3.0  # times the first of them, that any may be
 CONTRACTION = 0.3  # largest ratio of Newton's steps that put a network together at once, as of those on a branch
 BENDING = 0.1  # L^3/EI by which rods give way along themselves where they are bent to first order
@@ -207,7 +208,7 @@ class NetworkJoints(Joints):
         sound, on = np.zeros(problem.instance_count, dtype=bool), np.isfinite(before)
         integrations = np.full(problem.instance_count, problem.guess_integrations)
         with problem.unloaded(), np.errstate(all="ignore"):
-            for _ in range(TRIES):
+            for _ in range(CLOSING):
                 unknowns[on] += step[on]
                 problem.write("unknowns", unknowns)
                 with problem.only(on):
@@ -235,7 +236,7 @@ class NetworkJoints(Joints):
 
     def unloaded_inputs(self) -> FloatArray | None:  # noqa: D102
         rows = self.problem.read("inputs")
-        for name in (*(spec.name for spec in LOADS), "force", "moment"):
+        for name in (*(spec.name for spec in LOADS), "force", "moment", *ON_RODS):
             if name in self.problem._slices:
                 rows[:, self.problem.input_slice(name)] = 0.0
         return rows

@@ -3,7 +3,7 @@
 Numbers in parentheses are those of ``docs/networks.md``.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,13 @@ from multirod.rod import stack
 from multirod.validation import FloatArray
 
 ALONG = LEG_VECTORS  # inputs that act along rods
+ON_RODS = {"rod_force": ALONG[0], "rod_moment": ALONG[1]}  # inputs that are the same for single rods
+
+
+def along(inputs: Inputs, enabled: Iterable[str] = ()) -> list[str]:
+    """Of ``ALONG`` those that any rod has to be integrated with."""
+    active = {name for name in (*ALONG, *ON_RODS) if name in enabled or inputs.is_active(name)}
+    return [name for name in ALONG if name in active or any(ON_RODS.get(own) == name for own in active)]
 
 
 class RodGroup:

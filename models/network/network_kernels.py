@@ -11,7 +11,7 @@ import warp as wp
 
 from multirod.models.joint_kernels import vector
 from multirod.models.network.end_kernels import along, end_at, extension, level_of
-from multirod.models.network.records import ALONG_VECTORS, POSE, TIP_POSE_AT, TURNING, Networks, RodGroup
+from multirod.models.network.records import ALONG_VECTORS, POSE, ROD_VECTORS, TIP_POSE_AT, TURNING, Networks, RodGroup
 from multirod.models.rotation_kernels import left_jacobian, rotation_from_vector
 from multirod.status import Fault
 
@@ -102,7 +102,11 @@ def hand_over(net: Networks, group: RodGroup):
     first = wp.static(TURNING) * group.turns
     for v in range(wp.static(ALONG_VECTORS)):
         at = group.along_at + 3 * v
-        local = back * vector(net.inputs, b, net.along_at + 3 * v)
+        own_at = net.rod_at + 3 * (v * net.rods_given + net.whole[rod])
+        given = vector(net.inputs, b, net.along_at + 3 * v)
+        if v < wp.static(ROD_VECTORS):
+            given += vector(net.inputs, b, own_at)
+        local = back * given
         for i in range(3):
             group.inputs[t, at + i] = local[i]
         if group.turns != 0:
@@ -111,7 +115,10 @@ def hand_over(net: Networks, group: RodGroup):
                 for i in range(3):
                     group.directions[t, j, at + i] = by_turn[i, j]
         for d in range(net.direction_count):
-            local = back * along(net, b, d, net.along_at + 3 * v)
+            change = along(net, b, d, net.along_at + 3 * v)
+            if v < wp.static(ROD_VECTORS):
+                change += along(net, b, d, own_at)
+            local = back * change
             for i in range(3):
                 group.directions[t, first + d, at + i] = local[i]
     for d in range(net.direction_count):

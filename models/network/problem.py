@@ -30,7 +30,7 @@ from multirod.models.network.conjugates import NetworkConjugates
 from multirod.models.network.element_kernels import form
 from multirod.models.network.elements import GAP_AT, OWN, POSE, Frames, Holding
 from multirod.models.network.graph import Graph
-from multirod.models.network.groups import ALONG, RodGroup, builds
+from multirod.models.network.groups import ALONG, ON_RODS, RodGroup, along, builds
 from multirod.models.network.placing import placed
 from multirod.models.network.stability import NetworkStability
 from multirod.problem import Block, BoundaryProblem
@@ -133,6 +133,7 @@ class NetworkProblem(BoundaryProblem):
         self._slices = input_places(
             int(graph.first_tube[-1]),
             len(graph.load_places),
+            len(graph.whole),
             sum(graph.driven.values()),
             [name for own in graph.drives for name in own],
         )
@@ -159,7 +160,7 @@ class NetworkProblem(BoundaryProblem):
             "integrator": integrator,
             "device": device,
             "lengths": lengths,
-            "enabled": [name for name in ALONG if name in enabled or inputs.is_active(name)],
+            "enabled": along(inputs, enabled),
         }
         count, shape = self.instance_count, self.batch_shape
         self.layout = graph.layout
@@ -199,6 +200,7 @@ class NetworkProblem(BoundaryProblem):
         own.force_at, own.moment_at = (self._slices[name].start for name in LOADED)
         own.follower_force_at, own.follower_moment_at = (self._slices[name].start for name in FOLLOWING)
         own.along_at = self._slices[ALONG[0]].start
+        own.rod_at, own.rods_given = self._slices[next(iter(ON_RODS))].start, len(graph.whole)
 
         def array(values: Any, dtype: Any = wp.float64) -> Any:
             kind = np.int32 if dtype is wp.int32 else np.float64
@@ -223,6 +225,7 @@ class NetworkProblem(BoundaryProblem):
         own.length, own.stiffness = array(self.length), array(self.stiffness)
         slides = graph.slides
         own.owner, own.pieces = array(graph.first_tube[slides.owner], wp.int32), array(slides.pieces, wp.int32)
+        own.whole = array(slides.owner, wp.int32)
         own.share, own.shared = array(slides.share), array(slides.shared, wp.int32)
         sections = [arrays.repeated(self.batch_shape) for arrays in graph.arrays]
         own.softness = array(np.stack([a.material[:, 0, 0, 3:9] for a in sections], axis=1))
@@ -297,7 +300,7 @@ class NetworkProblem(BoundaryProblem):
         gaps = self.read("residual")[:, self.places[held, GAP_AT].reshape(-1)] * np.repeat(
             self.length[:, : self.rod_count][:, held], 3, axis=1
         )
-        return super().undetermined() & (np.abs(gaps).max(axis=1, initial=0.0) < CLOSED)
+        return np.asarray(super().undetermined() & (np.abs(gaps).max(axis=1, initial=0.0) < CLOSED))
 
     def _forces(self, rods: NDArray[np.intp]) -> NDArray[np.intp]:
         """Unknowns that are forces at the bases of some rods."""
@@ -335,6 +338,7 @@ class NetworkProblem(BoundaryProblem):
         return self._slices[name]
 
     def takes(self, name: str) -> bool:  # noqa: D102
+        name = ON_RODS.get(name, name)
         return name not in ALONG or all(group.backbones.takes(name) for group in self.groups)
 
     def focus(self, instances: IntArray | None = None) -> None:  # noqa: D102
@@ -603,10 +607,11 @@ LOADED = ("force", "moment")  # of bodies and tips
 FOLLOWING = ("follower_force", "follower_moment")  # of the same, in their frames
 
 
-def input_places(rod_count: int, load_places: int, angles: int, drives: Sequence[str] = ()) -> dict[str, slice]:
+def input_places(rod_count: int, load_places: int, rods_given: int, angles: int, drives: Sequence[str] = ()) -> dict[str, slice]:
     """Where each input stands in a row; those before ``LOADED`` are no loads, and what drives lines, ``drives``, is last."""
     sizes = {name: rod_count for name in PER_ROD} | ({"angle": angles} if angles else {})
-    sizes |= {name: 3 * load_places for name in (*LOADED, *FOLLOWING)} | {name: 3 for name in ALONG}
+    sizes |= {name: 3 * load_places for name in (*LOADED, *FOLLOWING)}
+    sizes |= dict.fromkeys(ON_RODS, 3 * rods_given) | dict.fromkeys(ALONG, 3)
     ends = np.cumsum([0, *sizes.values()]).tolist()
     return {name: slice(ends[k], ends[k + 1]) for k, name in enumerate(sizes)} | drive_slices(drives, ends[-1])
 

@@ -9,6 +9,7 @@ POSE = 6  # unknowns of a body
 TURNING = 3  # directions in which the base of a rod may turn
 SOFT = 0.01  # L^3/EI by which the ends of rods give way while the network is put together
 ALONG_VECTORS = 4  # inputs that act along rods; the third of them is gravity
+ROD_VECTORS = 2  # the first of them, that are given for single rods too
 # rows of an element after those of its variables
 TIP_TURN_AT = 0  # (5) how the tip turns and the force on it changes, in the axes of the base
 TIP_FORCE_AT = 3
@@ -58,6 +59,8 @@ class Networks:
     follower_force_at: int  # FOLLOWING, likewise
     follower_moment_at: int
     along_at: int
+    rod_at: int  # ON_RODS, of each rod as given
+    rods_given: int
     # rods; arrays with two ends say of bases, then of tips
     holder: wp.array2d[int]  # (end, rod): 0 the ground, from 1 on a body, -1 nothing
     attachment_position: wp.array3d[wp.vec3d]  # (instance, end, rod), frame of what holds it
@@ -74,6 +77,7 @@ class Networks:
     stiffness: wp.array2d[wp.float64]
     # (20) of pieces
     owner: wp.array[int]  # (rod,): whose rotation and translation it has, of several tubes the first
+    whole: wp.array[int]  # (rod,): of which of those given it is a piece
     share: wp.array[wp.float64]
     pieces: wp.array[int]
     shared: wp.array[int]  # whether its base is the hole at the tip of the piece below

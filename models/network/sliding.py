@@ -124,7 +124,8 @@ def slid(problem: "NetworkProblem", state: "State", elements: Elements, gap: Flo
     tip, base = (elements.tension[:, :, k][..., kept] for k in (0, 1))
     force, gravity = (state.level[:, None] * state.take(problem, name) for name in ("distributed_force", "gravity"))
     density = np.stack([own.repeated(problem.batch_shape).material[:, 0, 0, DENSITY] for own in problem.graph.arrays], axis=1)
-    load = force[:, None] + density[..., None] * gravity[:, None]
+    own = state.level[:, None, None] * state.take(problem, "rod_force").reshape(len(force), -1, 3)[:, slides.owner]
+    load = force[:, None] + own + density[..., None] * gravity[:, None]
     local = (np.swapaxes(state.ends[0].rotation, -1, -2) @ load[..., None])[..., 0]
     there = (slides.upper != NONE)[:, None]
     moved = np.einsum("...i,...ik->...k", local, np.where(there[..., None], gap, 0.0))

@@ -58,7 +58,7 @@ class Elimination:
 
 def _condition(matrices: FloatArray) -> FloatArray:
     """Condition numbers (...) of matrices (..., n, n); infinite where they are not finite."""
-    finite = np.isfinite(matrices).all(axis=(-2, -1))
+    finite: NDArray[np.bool_] = np.asarray(np.isfinite(matrices).all(axis=(-2, -1)))
     found = np.linalg.cond(np.where(finite[..., None, None], matrices, np.eye(matrices.shape[-1])))
     return np.where(finite, found, np.inf)
 
@@ -153,7 +153,7 @@ class NetworkStability(StabilityAnalysis):
             freed = doubtful & (instead < BETTER * condition)
             fixing = np.where(freed[..., None, None], other, fixing)
             condition = np.where(freed, instead, condition)
-        sound = (condition < WORST_CONDITION).all(axis=1)
+        sound: NDArray[np.bool_] = np.asarray((condition < WORST_CONDITION).all(axis=1))
         gap = np.where(held[:, None, None], columns[..., GAP_AT, :], columns[..., TURN_AT, :])
         lengths = columns[:, np.arange(len(held))[:, None], CONDITION + np.maximum(tensions, 0)]
         rows = np.concatenate([gap, lengths, columns[..., m:size, :]], axis=-2)
