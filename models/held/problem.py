@@ -566,7 +566,7 @@ class HeldParts(Parts):
         return None if integrator is None else self._part(instances, integrator, poses=poses)
 
     def _equal_steps(self) -> Integrator | None:
-        return equal_steps(self.problem.integrator, self.problem.rod.curvature_scale() * self.problem.length)
+        return equal_steps(self.problem.integrator, [self.problem.rod])
 
     def _part(self, instances: IntArray, integrator: Integrator, *, poses: bool, pieces: int = 1) -> HeldProblem:
         whole = self.problem

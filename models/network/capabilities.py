@@ -1,6 +1,5 @@
 """What the boundary problem of a network offers beside its equations."""
 
-from dataclasses import replace
 from itertools import product
 from typing import TYPE_CHECKING
 
@@ -8,8 +7,9 @@ import numpy as np
 
 from multirod.batch import IntArray
 from multirod.capabilities import Joints, Loading, Parts, Shapes, Starts, Together
-from multirod.integrators import AdaptiveIntegrator, Integrator
+from multirod.integrators import Integrator
 from multirod.models.backbone.driven import LinesOfGroups
+from multirod.models.backbone.equal_steps import equal_steps
 from multirod.models.backbone.inputs import LOADS
 from multirod.models.network import records
 from multirod.models.network.elements import GAP_AT
@@ -22,18 +22,10 @@ if TYPE_CHECKING:
     from multirod.models.network.problem import NetworkProblem
 
 APART = 10_000  # numbers between the sequences of two bodies
-STEPS = 96  # of a rod where branches are followed: those of whole rods are those of their pieces
 CLOSING = 6  # steps of Newton's method by which a network is put together at once
 WIDEST = 3.0  # times the first of them, that any may be
 CONTRACTION = 0.3  # largest ratio of Newton's steps that put a network together at once, as of those on a branch
 BENDING = 0.1  # L^3/EI by which rods give way along themselves where they are bent to first order
-
-
-def _even(integrator: Integrator) -> Integrator | None:
-    """The same at fixed steps; None where they are fixed. Step control takes a straight rod in a few long steps, its pieces in
-    others, and their errors move critical loads by some thousandths against each other."""
-    own = integrator.in_double()
-    return replace(own, steps=STEPS) if isinstance(own, AdaptiveIntegrator) and own.adaptive else None
 
 
 class NetworkParts(Parts):
@@ -47,7 +39,7 @@ class NetworkParts(Parts):
         return self._part(instances, own.in_double() if double else own, poses)
 
     def finer(self, instances: IntArray, *, poses: bool = False) -> "NetworkProblem | None":  # noqa: D102
-        integrator = _even(self.problem.integrator)
+        integrator = self._equal_steps()
         return None if integrator is None else self._part(instances, integrator, poses)
 
     @property
@@ -61,8 +53,10 @@ class NetworkParts(Parts):
         return not self.problem.layout.holes and all(group.backbones.may_be_clamped for group in self.problem.groups)
 
     def clamped(self, instances: IntArray, pieces: int) -> "NetworkProblem":  # noqa: D102
-        own = self.problem.integrator
-        return self._part(instances, _even(own) or own.in_double(), True, pieces)
+        return self._part(instances, self._equal_steps() or self.problem.integrator.in_double(), True, pieces)
+
+    def _equal_steps(self) -> Integrator | None:
+        return equal_steps(self.problem.integrator, [group.backbones for group in self.problem.groups])
 
     def _part(self, instances: IntArray, integrator: Integrator, poses: bool, pieces: int = 1) -> "NetworkProblem":
         whole = self.problem

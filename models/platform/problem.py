@@ -555,6 +555,7 @@ class ParallelProblem(BoundaryProblem):
     def guess_integrations(self) -> NDArray[np.int_] | int:  # noqa: D102
         return 1 + (len(COMPLIANCES) if self._found is None else self._found.tried)
 
+    @property
     def held_forces(self) -> IntArray:  # noqa: D102
         return np.concatenate([np.arange(own.stop - 3, own.stop) for own in self.own])
 
@@ -885,9 +886,7 @@ class PlatformParts(Parts):
         return self._part(instances, self.problem.integrator.in_double() if double else self.problem.integrator, poses=poses)
 
     def _equal_steps(self) -> Integrator | None:
-        legs = [group.backbones for group in self.problem.groups]
-        bent = [(own.curvature_scale() * own.each(own.arrays.end[:, 0, -1])).max() for own in legs]
-        return equal_steps(self.problem.integrator, np.array(bent))
+        return equal_steps(self.problem.integrator, [group.backbones for group in self.problem.groups])
 
     def _part(self, instances: IntArray, integrator: Integrator, *, poses: bool, pieces: int = 1) -> ParallelProblem:
         geometry, inputs = (
