@@ -30,7 +30,7 @@ def eliminated(problem, monkeypatch, *, with_joints):
     assert elimination.sound[0]
     assert elimination.freed.any() == with_joints
     angles = problem.places[:, problem.layout.angles_at[1]]
-    at = 3 * problem.rod_count + np.searchsorted(own._others(), angles[angles >= 0])
+    at = own.rows.of(angles[angles >= 0])
     return form, hidden[0], at
 
 

@@ -29,6 +29,7 @@ from multirod.models.network.clamps import NetworkClamps
 from multirod.models.network.conjugates import NetworkConjugates
 from multirod.models.network.element_kernels import form
 from multirod.models.network.elements import GAP_AT, OWN, POSE, Frames, Holding
+from multirod.models.network.form_rows import FormRows
 from multirod.models.network.graph import Graph
 from multirod.models.network.groups import ALONG, ON_RODS, RodGroup, along, builds
 from multirod.models.network.placing import placed
@@ -322,6 +323,11 @@ class NetworkProblem(BoundaryProblem):
     @property
     def joints(self) -> NetworkJoints:  # noqa: D102
         return NetworkJoints(self)
+
+    @cached_property
+    def form_rows(self) -> FormRows:
+        """Where what is free stands in the second variation."""
+        return FormRows(self)
 
     @cached_property
     def conjugates(self) -> NetworkConjugates | None:

@@ -16,7 +16,7 @@ from multirod.models.backbone.second_variation import (
     certain_determinant,
     symmetric_eigenvalues,
 )
-from multirod.models.network.elements import GAP_AT, OWN, POSE, TURN_AT, Elements
+from multirod.models.network.elements import GAP_AT, OWN, TURN_AT, Elements
 from multirod.models.network.joints import MOST
 from multirod.models.network.sliding import slid
 from multirod.models.network.spectrum import NEAREST, SPARSE, block_diagonal, nearest_to_zero
@@ -68,6 +68,7 @@ class NetworkStability(StabilityAnalysis):
 
     def __init__(self, problem: "NetworkProblem") -> None:
         self.problem = problem
+        self.rows = problem.form_rows
 
     def modes(self) -> Modes:
         """(15) to (17) Modes of the whole network, counted in the mean stiffness over the mean length of the rods."""
@@ -82,7 +83,7 @@ class NetworkStability(StabilityAnalysis):
             hidden, known = self._of_rods(joints)
         known &= elimination.sound & np.array([np.isfinite(own.data).all() for own in form])
         potential = self.has_potential
-        blocks = self._constraints()
+        blocks = self.rows.constraints
         hidden = hidden - sum(len(own) for own in blocks)
         if form[0].shape[0] >= SPARSE:
             values, uncertainty = np.full((2, count, NEAREST), np.nan)
@@ -136,7 +137,7 @@ class NetworkStability(StabilityAnalysis):
         fixing = np.concatenate([fixing, columns[..., OWN:m, :], angle], axis=-2)
         rod, at = np.nonzero(np.arange(m) >= graph.own[:, None])
         fixing[:, rod, at, at] = 1.0
-        tensions = self._tensions()
+        tensions = self.rows.tensions
         rod, which = np.nonzero(tensions >= 0)
         fixing[:, rod, CONDITION + tensions[rod, which]] = 0.0
         fixing[:, rod, CONDITION + tensions[rod, which], tensions[rod, which]] = 1.0
@@ -196,7 +197,7 @@ class NetworkStability(StabilityAnalysis):
             rows = np.concatenate([rows, slid(problem, state, elements, elimination.gap)], axis=-2)
         others = np.setdiff1d(np.arange(fixing.shape[-1]), own)
         own_rows = rows[..., own]
-        tensions = self._tensions()
+        tensions = self.rows.tensions
         first = 3 + tensions.shape[1]  # where what is left of the variables begins
         gone = slice(first - m + angles.start, first - m + angles.stop)
         every, at = np.arange(problem.rod_count)[:, None], CONDITION + np.maximum(tensions, 0)
@@ -211,90 +212,31 @@ class NetworkStability(StabilityAnalysis):
         by_own[..., gone][elimination.freed], by_own[..., gone, :][elimination.freed] = 0.0, 0.0
         numbers = by_own.reshape(count, -1)
         loads = -problem.networks.load_turns.numpy()[:, : problem.body_count].reshape(count, -1)
-        places, of_loads, total = self._places()
-        left, right = self._in_units_of_energy(state, total)
+        (there, *places), total = self.rows.of_elements, self.rows.size
+        left, right = self._in_units_of_energy(state)
         from scipy.sparse import csc_matrix, diags
 
         result = []
         for k in range(count):
-            values = np.concatenate([numbers[k][places[0] >= 0], loads[k]])
-            row, column = (np.concatenate([own[places[0] >= 0], more]) for own, more in zip(places[1:], of_loads, strict=True))
+            values = np.concatenate([numbers[k][there], loads[k]])
+            row, column = (np.concatenate(own) for own in zip(places, self.rows.of_loads, strict=True))
             whole = csc_matrix((values, (row, column)), shape=(total, total))
             stiff = np.zeros(total)
             at = problem.places[elimination.freed[k], angles]
-            stiff[self._own_count + np.searchsorted(self._others(), at[at >= 0])] = STIFF
+            stiff[self.rows.of(at[at >= 0])] = STIFF
             result.append(csc_matrix(left[k] @ whole @ right[k] + diags(stiff)))
         return result
 
-    def _places(self) -> tuple[NDArray[np.intp], tuple[NDArray[np.intp], NDArray[np.intp]], int]:
-        """Of the numbers of the elements: whether they belong anywhere (not negative), row and column; those of loads on bodies;
-        and how many are free."""
-        problem, rods, entries = self.problem, self.problem.rod_count, self.problem.entries
-        rest = entries.variables[:, problem.layout.own : problem.layout.holes_at.start]
-        others = self._others()
-        first, own_count = 3 * np.arange(rods)[:, None] + np.arange(3), self._own_count
-        own = np.concatenate(
-            [first, self._tension_places(), np.where(rest < 0, -1, own_count + np.searchsorted(others, rest))], axis=1
-        )
-        if problem.layout.holes:
-            holes = own_count + np.searchsorted(others, entries.first_hole)
-            ends = [problem.graph.slides.upper, problem.graph.slides.lower]
-            own = np.concatenate([own, *(np.where(end < 0, -1, holes + end)[:, None] for end in ends)], axis=1)
-        row, column = np.broadcast_arrays(own[:, :, None], own[:, None])
-        size = own_count + len(others)
-        poses = size - POSE * problem.body_count + np.arange(POSE * problem.body_count).reshape(-1, POSE)
-        by_turn = np.broadcast_arrays(poses[:, :, None], poses[:, None, 3:])
-        return (
-            np.stack([np.minimum(row, column).reshape(-1), row.reshape(-1), column.reshape(-1)]),
-            (by_turn[0].reshape(-1), by_turn[1].reshape(-1)),
-            size,
-        )
-
-    def _tensions(self) -> NDArray[np.intp]:
-        """Where the tensions of lines of given length stand among the unknowns of each rod, -1 of what there is not, shape
-        (rod_count, most)."""
-        places = {rod: group.backbones.slots.places["drives"] for group in self.problem.groups for rod in group.members.tolist()}
-        at = np.array([places[rod].start for rod in range(len(places))])[:, None]
-        count = np.array([places[rod].stop - places[rod].start for rod in range(len(places))])
-        k = np.arange(count.max())
-        return np.where(k < count[:, None], at + k, -1)
-
-    def _tension_places(self) -> NDArray[np.intp]:
-        """Where they stand in the form, shape (rod_count, most)."""
-        there = self._tensions() >= 0
-        return np.where(there, 3 * len(there) + np.cumsum(there).reshape(there.shape) - 1, -1)
-
-    @property
-    def _own_count(self) -> int:
-        """Rows of the form that are of the rods themselves."""
-        return 3 * self.problem.rod_count + int((self._tensions() >= 0).sum())
-
-    def _constraints(self) -> list[NDArray[np.intp]]:
-        """Rows of the form that are multipliers of constraints, of each rod that has such: what holds its tip where it is, and
-        what holds its lines as long as they are."""
-        held, places = self.problem.graph.ends[1].held, self._tension_places()
-        own = [[*(3 * k + np.arange(3) if held[k] else ()), *places[k][places[k] >= 0]] for k in range(len(held))]
-        return [np.array(rows) for rows in own if rows]
-
-    def _others(self) -> NDArray[np.intp]:
-        """Unknowns that are no rod's own."""
-        return np.setdiff1d(np.arange(self.problem.unknown_count), self._own())
-
-    def _own(self) -> NDArray[np.intp]:
-        """Unknowns that are the rods' own."""
-        places = self.problem.places[:, self.problem.layout.own_at]
-        return np.asarray(places[places >= 0])
-
-    def _in_units_of_energy(self, state: "State", size: int) -> tuple[list[Any], list[Any]]:
+    def _in_units_of_energy(self, state: "State") -> tuple[list[Any], list[Any]]:
         """(16b), (17) What makes rows derivatives of the energy, by displacements that are not scaled but in units of what is
         one: matrices on the left and on the right of the form, of each instance."""
-        problem, rods, others = self.problem, self.problem.rod_count, self._others()
+        problem, rods, size = self.problem, self.problem.rod_count, self.rows.size
         held = problem.graph.ends[1].held
         L, EI = problem.length, problem.stiffness
-        count, first = problem.instance_count, self._own_count
+        count = problem.instance_count
         rows, columns = np.ones((count, size)), np.ones((count, size))
         rows[:, : 3 * rods] = np.repeat(np.where(held, -(L[:, :rods] ** 2), EI[:, :rods]), 3, axis=1)
-        places = self._tension_places()
+        places = self.rows.of_tensions
         for group in problem.groups:
             stiffness, rate = group.backbones.lines.tension_rates()
             for rod, own, part in zip(
@@ -308,13 +250,13 @@ class NetworkStability(StabilityAnalysis):
         for angles, sense in zip(problem.layout.angles_at, (-1.0, 1.0), strict=True):
             at = problem.places[:, angles]
             rod, which = np.nonzero(at >= 0)
-            places = first + np.searchsorted(others, at[rod, which])
+            places = self.rows.of(at[rod, which])
             rows[:, places], columns[:, places] = sense * EI[:, rod], 1 / L[:, rod]
         slides = problem.graph.slides
         below = np.flatnonzero(slides.upper >= 0)
-        holes = first + np.searchsorted(others, problem.first_hole) + slides.upper[below]
+        holes = self.rows.of(np.array(problem.first_hole)) + slides.upper[below]
         rows[:, holes], columns[:, holes] = -EI[:, below] / L[:, below], 1 / L[:, below] ** 2
-        poses = size - POSE * problem.body_count + np.arange(POSE * problem.body_count).reshape(-1, POSE)
+        poses = self.rows.of_poses
         length, stiffness = L[:, rods:, None], EI[:, rods:, None]
         rows[:, poses[:, :3]], rows[:, poses[:, 3:]] = stiffness / length, stiffness
         columns[:, poses[:, :3]] = 1 / length**2
@@ -329,7 +271,7 @@ class NetworkStability(StabilityAnalysis):
             if end == 0:
                 ball = ball & ~slides.shared  # those are at the tips of the pieces below
             spherical = np.flatnonzero(ball)
-            balls.append(first + np.searchsorted(others, problem.places[spherical, angles]))
+            balls.append(self.rows.of(problem.places[spherical, angles]))
             blocks.append(np.swapaxes(state.ends[end].joints.turns[:, spherical], -1, -2))
         at, block = np.concatenate(balls), np.concatenate(blocks, axis=1)
         return (
@@ -347,7 +289,7 @@ class NetworkStability(StabilityAnalysis):
             force = STRESS * force
         one = np.ones_like(force)
         parts = [force if own else one for own in np.repeat(held, 3)]
-        parts += [one] * (problem.first_hole - len(self._own()) + self._own_count - 3 * problem.rod_count)
+        parts += [one] * (self.rows.of(np.array(problem.first_hole)) - 3 * problem.rod_count)
         parts += [length[:, None] * one] * problem.graph.slides.count
         parts += [length[:, None] * one, *[length[:, None]] * 2, one, one, one] * problem.body_count
         return np.concatenate(parts, axis=1), length / stiffness
