@@ -64,3 +64,18 @@ def test_they_are_given_by_the_names_of_rods():
         robot.inputs(rod_force={"uper": (0, 0, 1)})
     with pytest.raises(ValueError, match=r"rod_force\['left'\]"):
         robot.inputs(rod_force={"left": 1.0})
+
+
+def test_they_are_drawn_and_in_datasets(wire):
+    joints = [mr.Joint(name, "base", to=mr.ground, pose=pose(position=(x, 0, 0))) for name, x in (("one", 0.0), ("two", 0.1))]
+    robot = mr.Network(rods={"one": wire, "two": wire}, joints=joints, end_effector="one")
+    found = mr.solve(robot, robot.inputs(rod_force={"two": (0.5, 0, 0)}), solver=EXACT).raise_if_failed()
+    data = found.to_xarray()
+    np.testing.assert_array_equal(data["input_rod_force"].sel(whole_rod="two"), (0.5, 0, 0))
+    np.testing.assert_array_equal(data["input_rod_force"].sel(whole_rod="one"), 0.0)
+    ax = found.plot()
+    said = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert said == ["one", "two", "rod force on two 0.5 N/m"]
+    drawn = next(c for c in ax.collections if c.get_label() == said[-1])
+    ends = np.swapaxes(drawn._segments3d, 0, 1)
+    assert ends[..., 0].min() > 0.05  # along the second rod alone

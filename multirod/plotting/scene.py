@@ -281,7 +281,7 @@ def _arrows(solution: Solution, shapes: dict[int, Shape]) -> list[Arrow]:
     found: list[Arrow] = []
     point = tip + turn @ (inputs.force_point if "force_point" in inputs.given else np.zeros(3))
     if isinstance(solution.assembly, Network):
-        found += _on_places(solution, solution.assembly)
+        found += _on_places(solution, solution.assembly) + _on_rods(solution, solution.assembly)
     for spec in solution.assembly.input_specs:
         if spec.count is not None or spec.per_rod or spec.acts not in ("tip", "along") or spec.load is None:
             continue
@@ -329,6 +329,24 @@ def _on_places(solution: Solution, robot: Network) -> list[Arrow]:
                 said = f"{words} on {place} {np.linalg.norm(vector):.3g} {spec.unit}"
                 color = _MOMENT if turns else _FORCE
                 found.append(Arrow(said, color, origin[None], vector[None], f"tip {spec.load}", turns))
+    return found
+
+
+def _on_rods(solution: Solution, robot: Network) -> list[Arrow]:
+    """What acts along single rods, each by its name."""
+    found = []
+    for spec in robot.input_specs:
+        if spec.acts != "along" or spec.count is None or spec.load is None:
+            continue
+        turns, words = spec.load == "moment", spec.name.replace("_", " ")
+        rows = getattr(solution.inputs, spec.name).reshape(-1, 3)
+        for name, first, vector in zip(robot.graph.whole_names, robot.graph.first_tube.tolist(), rows, strict=False):
+            if vector.any():
+                places = solution.rod(first, nodes=_ALONG).position
+                said = f"{words} on {name} {np.linalg.norm(vector):.3g} {spec.unit}"
+                found.append(
+                    Arrow(said, _MOMENT if turns else _FORCE, places, np.tile(vector, (len(places), 1)), spec.name, turns)
+                )
     return found
 
 
