@@ -134,12 +134,11 @@ class Shooting(Solver):
             refine(problem, newton, outcome, chosen)
             unbounded = self._let_out(problem, newton, outcome, chosen)
             refuse_unstable(problem, outcome, chosen)
-            if not failures(outcome.status).any():
+            lost = chosen & failures(outcome.status)
+            if not lost.any():
                 return outcome
             newton.allow(self._left(outcome))
-            if not (chosen & failures(outcome.status)).any():
-                return outcome
-            lost, go_on = chosen & failures(outcome.status), None if self.at_fold == "stop" else self._go_on
+            go_on = None if self.at_fold == "stop" else self._go_on
             assemble(problem, newton, outcome, lost, self.max_continuation_steps, go_on)
             if reached is not None and multistable:
                 self._follow(problem, newton, outcome, chosen & (outcome.status == Status.BRANCH_END), reached, ends)

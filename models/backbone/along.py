@@ -23,6 +23,25 @@ SHARED = ("residual", "gamma", "residual_directions", "pose_columns")
 NODE_GAP = 1e-12  # of the length: a place this close to the end of a section is just before it
 
 
+def of_member(values: FloatArray, count: int, place: int) -> FloatArray:
+    """Of one of several rods that each of ``count`` instances has, from what is told of all of them together, (all, ...)."""
+    return np.asarray(values.reshape(count, -1, *values.shape[1:])[:, place])
+
+
+def along_member(
+    backbones: "BackboneProblem", rod: int, place: int, places: FloatArray
+) -> tuple[dict[str, FloatArray], FloatArray]:
+    """What ``BackboneProblem.along_itself`` says of one of several members that each instance has, at rising ``places``
+    (instance_count, count): of a ``rod`` of the member at ``place``."""
+    count = len(places)
+    # members of other lengths are asked at the same part of theirs
+    ends = backbones.ends()[:, rod].reshape(count, -1)
+    each = places[:, None] * (ends / ends[:, place, None])[..., None]
+    each[:, place] = places
+    found, lever = backbones.along_itself(rod, each.reshape(-1, places.shape[1]))
+    return {name: of_member(values, count, place) for name, values in found.items()}, of_member(lever, count, place)
+
+
 class AlongPass:
     """A pass of a ``BackboneProblem`` with columns by its unknowns and its directions at some places.
 

@@ -1,15 +1,21 @@
 """Equal steps along rods where branches end: step control takes a straight rod in a few long ones."""
 
-from collections.abc import Iterable
+from abc import abstractmethod
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
 
+from multirod.batch import IntArray
+from multirod.capabilities import Parts
 from multirod.integrators import AdaptiveIntegrator, Integrator
 
 if TYPE_CHECKING:
     from multirod.models.backbone.problem import BackboneProblem
+    from multirod.problem import BoundaryProblem
+
+P = TypeVar("P", bound="BoundaryProblem")
 
 STEPS = 96  # of a rod
 PER_RADIAN = 20  # by which it is bent at rest
@@ -27,3 +33,36 @@ def equal_steps(integrator: Integrator, backbones: "Iterable[BackboneProblem]") 
     bent = max((own.curvature_scale() * own.each(own.arrays.end[:, 0, -1])).max() for own in backbones)
     steps = int(np.clip(np.ceil(PER_RADIAN * bent), STEPS, MOST_STEPS))
     return replace(own, steps=steps)
+
+
+class PartsAtEqualSteps(Parts, Generic[P]):
+    """Of a problem whose rods are held: its branches are followed at equal steps, in pieces between clamps too.
+
+    Args:
+        problem: Whose parts they are.
+        integrator: Its own.
+        backbones: Its rods.
+    """
+
+    def __init__(self, problem: P, integrator: Integrator, backbones: "Sequence[BackboneProblem]") -> None:
+        self.problem, self._integrator, self._backbones = problem, integrator, backbones
+
+    @abstractmethod
+    def _part(self, instances: IntArray, integrator: Integrator, *, poses: bool, pieces: int = 1) -> P:
+        """Of some instances, by another integrator, with rods in so many pieces."""
+
+    def of(self, instances: IntArray, *, double: bool = False, poses: bool = False) -> P:  # noqa: D102
+        return self._part(instances, self._integrator.in_double() if double else self._integrator, poses=poses)
+
+    @property
+    def may_be_finer(self) -> bool:
+        """Not to find again what is near a fold: that asks for ``Gamma`` whole, and for the equations that were asked for."""
+        return False
+
+    def finer(self, instances: IntArray, *, poses: bool = False) -> P | None:  # noqa: D102
+        integrator = equal_steps(self._integrator, self._backbones)
+        return None if integrator is None else self._part(instances, integrator, poses=poses)
+
+    def clamped(self, instances: IntArray, pieces: int) -> P:  # noqa: D102
+        integrator = equal_steps(self._integrator, self._backbones) or self._integrator.in_double()
+        return self._part(instances, integrator, poses=True, pieces=pieces)

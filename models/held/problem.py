@@ -11,13 +11,13 @@ import warp as wp
 from numpy.typing import NDArray
 
 from multirod.batch import IntArray, take
-from multirod.capabilities import Lines, LineTest, Parts, Shapes
+from multirod.capabilities import Lines, LineTest, Shapes
 from multirod.inputs import Inputs, InputSpec
 from multirod.integrators import Integrator
 from multirod.launch import record
 from multirod.models.backbone.clamps import ClampedBackbones
 from multirod.models.backbone.designs import COMPONENTS
-from multirod.models.backbone.equal_steps import equal_steps
+from multirod.models.backbone.equal_steps import PartsAtEqualSteps
 from multirod.models.backbone.inputs import BACKBONE_INPUTS, DRIVES
 from multirod.models.backbone.problem import BackboneAssembly, BackboneProblem
 from multirod.models.backbone.units import unit_stiffness
@@ -540,33 +540,15 @@ def _least_singular_value(gamma: FloatArray) -> FloatArray:
     return least
 
 
-class HeldParts(Parts):
+class HeldParts(PartsAtEqualSteps[HeldProblem]):
     """Of a ``HeldProblem``."""
 
     def __init__(self, problem: HeldProblem) -> None:
-        self.problem = problem
-
-    def of(self, instances: IntArray, *, double: bool = False, poses: bool = False) -> HeldProblem:  # noqa: D102
-        return self._part(instances, self.problem.integrator.in_double() if double else self.problem.integrator, poses=poses)
+        super().__init__(problem, problem.integrator, [problem.rod])
 
     @property
     def may_be_clamped(self) -> bool:  # noqa: D102
         return self.problem.may_be_clamped
-
-    def clamped(self, instances: IntArray, pieces: int) -> HeldProblem:  # noqa: D102
-        return self._part(instances, self._equal_steps() or self.problem.integrator.in_double(), poses=True, pieces=pieces)
-
-    @property
-    def may_be_finer(self) -> bool:
-        """Not to find again what is near a fold: the equations are those that are asked for."""
-        return False
-
-    def finer(self, instances: IntArray, *, poses: bool = False) -> HeldProblem | None:  # noqa: D102
-        integrator = self._equal_steps()
-        return None if integrator is None else self._part(instances, integrator, poses=poses)
-
-    def _equal_steps(self) -> Integrator | None:
-        return equal_steps(self.problem.integrator, [self.problem.rod])
 
     def _part(self, instances: IntArray, integrator: Integrator, *, poses: bool, pieces: int = 1) -> HeldProblem:
         whole = self.problem

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from multirod.models.backbone.along import AlongPass
+from multirod.models.backbone.along import AlongPass, along_member, of_member
 from multirod.models.network.elements import TURNING
 from multirod.rotations import cross
 from multirod.validation import FloatArray
@@ -35,33 +35,24 @@ def columns_along(problem: "NetworkProblem", names: Sequence[str], rod: int, pla
     """(D21) What ``NetworkProblem.along`` returns."""
     group, place, tube = find_rod(problem, rod)
     problem.hand_over()
-    count, members = problem.instance_count, len(group.members)
-    # rods of other lengths are asked at the same part of theirs
-    ends = group.backbones.ends()[:, tube].reshape(count, members)
-    each = places[:, None] * (ends / ends[:, place, None])[..., None]
-    each[:, place] = places
-    found, lever = group.backbones.along_itself(tube, each.reshape(count * members, -1))
-    move, turn = base_columns(problem, names, group, place)
-    base = problem.state().ends[0].rotation[:, group.members[place]]
+    found, lever = along_member(group.backbones, tube, place, places)
+    base, move, turn = base_columns(problem, names, int(group.members[place]))
     beta = np.swapaxes(base, 1, 2) @ turn
-    result = {}
-    for name, values in found.items():
-        own = values.reshape(count, members, *values.shape[1:])[:, place]
-        result[name] = by_network(problem, names, group, place, own, beta)
+    result = {name: by_network(problem, group, place, values, beta) for name, values in found.items()}
     for name in ("position", "rotation"):
         result[name] = base[:, None] @ result[name]
-    arm = (base[:, None] @ lever.reshape(count, members, -1, 3)[:, place, :, :, None])[..., 0]
+    arm = (base[:, None] @ lever[..., None])[..., 0]
     result["rotation"] += turn[:, None]
     result["position"] += move[:, None] + np.swapaxes(cross(np.swapaxes(turn, 1, 2)[:, None], arm[:, :, None]), 2, 3)
     return result
 
 
-def base_columns(problem: "NetworkProblem", names: Sequence[str], group: "RodGroup", place: int) -> tuple[FloatArray, FloatArray]:
-    """(1), (4), (5) of ``docs/networks.md``: how the base of a rod moves and turns, in the world, by the unknowns, then by each
-    number that is named, each of shape (instance_count, 3, n + k)."""
-    rod, n, layout, state = int(group.members[place]), problem.unknown_count, problem.layout, problem.state()
+def base_columns(problem: "NetworkProblem", names: Sequence[str], rod: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(1), (4), (5) of ``docs/networks.md``: the frame of a rod's base, (instance_count, 3, 3), and how it moves and turns, in
+    the world, by the unknowns, then by each number that is named, each of shape (instance_count, 3, n + k)."""
+    n, layout, state = problem.unknown_count, problem.layout, problem.state()
     graph, end = problem.graph, state.ends[0]
-    directions = named(problem, names)
+    directions = np.concatenate([problem.directions_by(name) for name in names], axis=1)
     move, turn = np.zeros((2, problem.instance_count, 3, n + len(directions[0])))
     by_angles = end.frame[:, rod] @ end.joints.turns[:, rod]
     at = problem.places[rod, layout.angles_at[0]]
@@ -81,17 +72,10 @@ def base_columns(problem: "NetworkProblem", names: Sequence[str], group: "RodGro
         move[..., pose[:3]] = size**2 * frames.axes[:, body]
         move[..., pose[3:]] = np.swapaxes(cross(np.swapaxes(turns, 1, 2), arm[:, None]), 1, 2)
         turn[..., pose[3:]] = turns
-    return move, turn
+    return end.rotation[:, rod], move, turn
 
 
-def named(problem: "NetworkProblem", names: Sequence[str]) -> FloatArray:
-    """Directions along each number that is named, shape (instance_count or 1, k, input_count)."""
-    return np.concatenate([problem.directions_by(name) for name in names], axis=1)
-
-
-def by_network(
-    problem: "NetworkProblem", names: Sequence[str], group: "RodGroup", place: int, found: FloatArray, beta: FloatArray
-) -> FloatArray:
+def by_network(problem: "NetworkProblem", group: "RodGroup", place: int, found: FloatArray, beta: FloatArray) -> FloatArray:
     """(D21) Columns of a rod in its base, (instance_count, ..., m + turns + k), as columns (..., n + k) by the unknowns of the
     network, then by each number that is named; ``beta`` is how the base turns, in its own axes."""
     n, m, k = problem.unknown_count, group.backbones.unknown_count, beta.shape[2] - problem.unknown_count
@@ -121,18 +105,13 @@ class NetworkSensing:
 
     def launch(self) -> None:
         """Integrate."""
-        for group in self.problem.groups:
-            group.backbones.stop = self.problem.stop
-        for launch in self._launches:
-            launch.launch()
+        self.problem.integrate_by(self._launches)
 
     def curvature(self, names: Sequence[str], rod: int) -> tuple[FloatArray, FloatArray]:
         """Of the last launch, as ``BoundaryProblem.sensed`` says."""
         problem = self.problem
         group, place, tube = find_rod(problem, rod)
         found = self._passes[problem.groups.index(group)].curvature(tube)
-        shape = (problem.instance_count, len(group.members))
-        curvature, columns = (values.reshape(*shape, *values.shape[1:])[:, place] for values in found)
-        beta = np.swapaxes(problem.state().ends[0].rotation[:, group.members[place]], 1, 2)
-        beta = beta @ base_columns(problem, names, group, place)[1]
-        return curvature, by_network(problem, names, group, place, columns, beta)
+        curvature, columns = (of_member(values, problem.instance_count, place) for values in found)
+        base, _, turn = base_columns(problem, names, int(group.members[place]))
+        return curvature, by_network(problem, group, place, columns, np.swapaxes(base, 1, 2) @ turn)

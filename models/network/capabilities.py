@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multirod.batch import IntArray
-from multirod.capabilities import Joints, Loading, Parts, Shapes, Starts, Together
+from multirod.capabilities import Joints, Loading, Shapes, Starts, Together
 from multirod.integrators import Integrator
 from multirod.models.backbone.driven import LinesOfGroups
-from multirod.models.backbone.equal_steps import equal_steps
+from multirod.models.backbone.equal_steps import PartsAtEqualSteps
 from multirod.models.backbone.inputs import LOADS
 from multirod.models.network import records
 from multirod.models.network.elements import GAP_AT
@@ -28,37 +28,18 @@ CONTRACTION = 0.3  # largest ratio of Newton's steps that put a network together
 BENDING = 0.1  # L^3/EI by which rods give way along themselves where they are bent to first order
 
 
-class NetworkParts(Parts):
+class NetworkParts(PartsAtEqualSteps["NetworkProblem"]):
     """Of a ``NetworkProblem``."""
 
     def __init__(self, problem: "NetworkProblem") -> None:
-        self.problem = problem
-
-    def of(self, instances: IntArray, *, double: bool = False, poses: bool = False) -> "NetworkProblem":  # noqa: D102
-        own = self.problem.integrator
-        return self._part(instances, own.in_double() if double else own, poses)
-
-    def finer(self, instances: IntArray, *, poses: bool = False) -> "NetworkProblem | None":  # noqa: D102
-        integrator = self._equal_steps()
-        return None if integrator is None else self._part(instances, integrator, poses)
-
-    @property
-    def may_be_finer(self) -> bool:
-        """Not to find again what is near a fold: that asks for ``Gamma`` whole."""
-        return False
+        super().__init__(problem, problem.integrator, [group.backbones for group in problem.groups])
 
     @property
     def may_be_clamped(self) -> bool:
         """Not where rods slide: how long pieces are would move their clamps."""
         return not self.problem.layout.holes and all(group.backbones.may_be_clamped for group in self.problem.groups)
 
-    def clamped(self, instances: IntArray, pieces: int) -> "NetworkProblem":  # noqa: D102
-        return self._part(instances, self._equal_steps() or self.problem.integrator.in_double(), True, pieces)
-
-    def _equal_steps(self) -> Integrator | None:
-        return equal_steps(self.problem.integrator, [group.backbones for group in self.problem.groups])
-
-    def _part(self, instances: IntArray, integrator: Integrator, poses: bool, pieces: int = 1) -> "NetworkProblem":
+    def _part(self, instances: IntArray, integrator: Integrator, *, poses: bool, pieces: int = 1) -> "NetworkProblem":
         whole = self.problem
         result = type(whole)(
             whole.graph.take(whole.batch_shape, instances),

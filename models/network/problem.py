@@ -374,9 +374,13 @@ class NetworkProblem(BoundaryProblem):
         return np.where(self.loading == int(Loading.NONE), 0.0, np.where(self.loading == int(Loading.FULL), 1.0, factor))
 
     def _integrate(self) -> None:
+        self.integrate_by(self._launches)
+
+    def integrate_by(self, launches: Sequence[Any]) -> None:
+        """Integrate by some of the launches, or by what stands in the place of them, in order."""
         for group in self.groups:
             group.backbones.stop = self.stop
-        self._launch(self._launches)
+        self._launch(launches)
 
     def _launch(self, launches: Sequence[Any]) -> None:
         """Some of the launches, in order."""
@@ -397,10 +401,8 @@ class NetworkProblem(BoundaryProblem):
 
     def integrate_rods(self) -> None:
         """Integrate the rods of all instances at their unknowns; nothing that solvers read is changed."""
-        for group in self.groups:
-            group.backbones.stop = self.stop
         with self.everyone():
-            self._launch(self._launches[:-1])
+            self.integrate_by(self._launches[:-1])
 
     def _assemble(self) -> None:
         """(5) to (12) Residual, ``Gamma``, columns and pose of all instances, their rods integrated."""

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multirod.models.backbone.along import AlongPass
+from multirod.models.backbone.along import AlongPass, along_member, of_member
 from multirod.models.backbone.designs import carried
 from multirod.models.platform.designs import unknown_rates
 from multirod.validation import FloatArray
@@ -33,18 +33,11 @@ def columns_along(
 ) -> dict[str, FloatArray]:
     """(D20) What ``ParallelProblem.along`` returns; ``every`` is what the problem is aimed at."""
     group, place, own = find_rod(problem, rod)
-    count, legs = problem.instance_count, len(group.members)
     problem.to_legs()
-    # legs of other lengths are asked at the same part of theirs
-    ends = group.backbones.ends()[:, own].reshape(count, legs)
-    each = places[:, None] * (ends / ends[:, place, None])[..., None]
-    each[:, place] = places
-    found, lever = group.backbones.along_itself(own, each.reshape(count * legs, -1))
+    found, lever = along_member(group.backbones, own, place, places)
     leg, n = group.members[place], problem.unknown_count
-    rigid = carried(lever.reshape(count, legs, -1, 3)[:, place].reshape(-1, 3)).reshape(count, -1, 2, 3, 6)
-    result = {}
-    for name, values in found.items():
-        result[name] = by_robot(problem, every, leg, values.reshape(count, legs, *values.shape[1:])[:, place])
+    rigid = carried(lever.reshape(-1, 3)).reshape(len(lever), -1, 2, 3, 6)
+    result = {name: by_robot(problem, every, leg, values) for name, values in found.items()}
     start = n
     for columns in every:
         if columns.name == "base":
@@ -103,8 +96,7 @@ class LegSensing:
         problem = self.problem
         group, place, own = find_rod(problem, rod)
         found = self._passes[problem.groups.index(group)].curvature(own)
-        shape = (problem.instance_count, len(group.members))
-        curvature, columns = (values.reshape(*shape, *values.shape[1:])[:, place] for values in found)
+        curvature, columns = (of_member(values, problem.instance_count, place) for values in found)
         columns = by_robot(problem, every, group.members[place], columns)
         at_rates(problem, every, columns)
         return curvature, columns

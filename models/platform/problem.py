@@ -13,14 +13,14 @@ import warp as wp
 from numpy.typing import NDArray
 
 from multirod.batch import IntArray, take
-from multirod.capabilities import LineTest, Loading, Parts, ResultTest, Shapes
+from multirod.capabilities import LineTest, Loading, ResultTest, Shapes
 from multirod.inputs import Inputs, InputSpec
 from multirod.integrators import Integrator
 from multirod.launch import record
 from multirod.models.backbone.designs import COMPONENTS, turned_loads
 from multirod.models.backbone.driven import LinesOfGroups
 from multirod.models.backbone.ends import move_ends, ways_back
-from multirod.models.backbone.equal_steps import equal_steps
+from multirod.models.backbone.equal_steps import PartsAtEqualSteps
 from multirod.models.backbone.inputs import BACKBONE_INPUTS, DRIVES
 from multirod.models.backbone.members import drive_slices
 from multirod.models.backbone.members import drives as drive_names
@@ -860,33 +860,15 @@ def input_places(rod_count: int, inverse: bool, drives: Sequence[str] = ()) -> d
     return places | drive_slices(drives, 2 * rod_count + 3 * len(vectors))
 
 
-class PlatformParts(Parts):
+class PlatformParts(PartsAtEqualSteps[ParallelProblem]):
     """Of a ``ParallelProblem``."""
 
     def __init__(self, problem: ParallelProblem) -> None:
-        self.problem = problem
+        super().__init__(problem, problem.integrator, [group.backbones for group in problem.groups])
 
     @property
     def may_be_clamped(self) -> bool:  # noqa: D102
         return not self.problem.inverse and all(group.backbones.may_be_clamped for group in self.problem.groups)
-
-    def clamped(self, instances: IntArray, pieces: int) -> ParallelProblem:  # noqa: D102
-        return self._part(instances, self._equal_steps() or self.problem.integrator.in_double(), poses=True, pieces=pieces)
-
-    @property
-    def may_be_finer(self) -> bool:
-        """Not to find again what is near a fold: that asks for ``Gamma`` whole."""
-        return False
-
-    def finer(self, instances: IntArray, *, poses: bool = False) -> ParallelProblem | None:  # noqa: D102
-        integrator = self._equal_steps()
-        return None if integrator is None else self._part(instances, integrator, poses=poses)
-
-    def of(self, instances: IntArray, *, double: bool = False, poses: bool = False) -> ParallelProblem:  # noqa: D102
-        return self._part(instances, self.problem.integrator.in_double() if double else self.problem.integrator, poses=poses)
-
-    def _equal_steps(self) -> Integrator | None:
-        return equal_steps(self.problem.integrator, [group.backbones for group in self.problem.groups])
 
     def _part(self, instances: IntArray, integrator: Integrator, *, poses: bool, pieces: int = 1) -> ParallelProblem:
         geometry, inputs = (

@@ -135,6 +135,15 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
         return state.surprised[t] != 0 and wp.sqrt(parted) <= f64(wp.static(AGREEMENT)) * wp.sqrt(moved)
 
     @wp.func(inline=False)
+    def set_latest(state: wp.ref[PathState], t: int):
+        """The latest equilibrium is the one at hand."""
+        for i in range(state.points.shape[2]):
+            state.points[t, 0, i] = state.newton.unknowns[t, i]
+        for i in range(state.reference.shape[1]):
+            for j in range(state.reference.shape[2]):
+                state.reference[t, i, j] = state.newton.gamma[t, i, j]
+
+    @wp.func(inline=False)
     def keep(state: wp.ref[PathState], t: int, level: f64):
         """Add the equilibrium at hand to the path."""
         n = state.points.shape[2]
@@ -144,11 +153,7 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
             for i in range(n):
                 state.points[t, k, i] = state.points[t, k - 1, i]
         state.levels[t, 0] = level
-        for i in range(n):
-            state.points[t, 0, i] = state.newton.unknowns[t, i]
-        for i in range(state.reference.shape[1]):
-            for j in range(state.reference.shape[2]):
-                state.reference[t, i, j] = state.newton.gamma[t, i, j]
+        set_latest(state, t)
         state.known[t] = wp.min(state.known[t] + 1, 3)
 
     @wp.func
@@ -352,11 +357,7 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
             return why(state, t, found)
         state.iterations[t] = state.iterations[t] + state.newton.iterations[t]
         state.rough[t] = 0
-        for i in range(state.points.shape[2]):
-            state.points[t, 0, i] = state.newton.unknowns[t, i]
-        for i in range(state.reference.shape[1]):
-            for j in range(state.reference.shape[2]):
-                state.reference[t, i, j] = state.newton.gamma[t, i, j]
+        set_latest(state, t)
         return wp.static(int(Status.NOT_RUN))
 
     @wp.func(inline=False)
