@@ -41,10 +41,10 @@ if _typing.TYPE_CHECKING:
     from multirod.models.assemblies.parallel_rods import InverseParallelRods, ParallelRods
     from multirod.models.assemblies.single_rod import SingleRod
     from multirod.models.assemblies.stacked import stacked
-    from multirod.models.backbone.lines import Chamber, PushRod, Tendon
-    from multirod.models.backbone.members import Member
-    from multirod.models.network.bodies import Body, ground
-    from multirod.models.network.joints import Joint
+    from multirod.models.backbone.members.lines import Chamber, PushRod, Tendon
+    from multirod.models.backbone.members.member import Member
+    from multirod.models.network.joining.bodies import Body, ground
+    from multirod.models.network.joining.joints import Joint
     from multirod.plausibility import PlausibilityWarning
     from multirod.problem import Block, BoundaryProblem, Shape
     from multirod.recording import Recorder
@@ -174,15 +174,15 @@ _PUBLIC = {
     "inputs": "Inputs InputSpec",
     "models.assemblies.concentric_tubes": "ConcentricTubes",
     "models.assemblies.eccentric_tubes": "EccentricTubes",
-    "models.backbone.lines": "Chamber PushRod Tendon",
-    "models.backbone.members": "Member",
+    "models.backbone.members.lines": "Chamber PushRod Tendon",
+    "models.backbone.members.member": "Member",
     "history": "History",
     "integrators": "RK4 RK23 RK45 AdaptiveIntegrator FixedStepIntegrator Integrator Tableau",
     "models.assemblies.held_rod": "HeldRod",
     "models.assemblies.multibackbone": "multibackbone",
     "models.assemblies.network": "Network",
-    "models.network.bodies": "Body ground",
-    "models.network.joints": "Joint",
+    "models.network.joining.bodies": "Body ground",
+    "models.network.joining.joints": "Joint",
     "models.assemblies.parallel_rods": "InverseParallelRods ParallelRods",
     "models.assemblies.single_rod": "SingleRod",
     "models.assemblies.stacked": "stacked",

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from typing_extensions import TypeVar
 
     from multirod.integrators import Integrator
-    from multirod.models.backbone.influence import Influence
+    from multirod.models.backbone.influence.bound import Influence
     from multirod.models.backbone.kernels.layout.features import Features
-    from multirod.models.backbone.lines import Line
+    from multirod.models.backbone.members.lines import Line
     from multirod.solution import Solution
     from multirod.solver import Solver
 else:

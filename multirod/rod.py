@@ -27,8 +27,8 @@ from multirod.validation import (
 )
 
 if TYPE_CHECKING:
-    from multirod.models.backbone.lines import Line
-    from multirod.models.backbone.members import Member
+    from multirod.models.backbone.members.lines import Line
+    from multirod.models.backbone.members.member import Member
 
 SHORTEST_SECTION = 1e-300  # m: as good as none
 SAME_PLACE = 1e-12  # of its arclength: a cut that near the end of a section is there
@@ -477,7 +477,7 @@ class Rod:
 
 
 def _members(given: Any) -> "tuple[Member, ...]":
-    from multirod.models.backbone.members import Member
+    from multirod.models.backbone.members.member import Member
 
     if not isinstance(given, (list, tuple)) or not all(isinstance(member, Member) for member in given):
         refuse("Rod.members", given, "must be a list of Member")
@@ -487,7 +487,7 @@ def _members(given: Any) -> "tuple[Member, ...]":
 def _lines(given: Any, rod: Rod) -> "tuple[Line, ...]":
     if isinstance(given, (list, tuple)) and not given:
         return ()
-    from multirod.models.backbone.lines import Line, refuse_beside_friction, refuse_redundant
+    from multirod.models.backbone.members.lines import Line, refuse_beside_friction, refuse_redundant
 
     if not isinstance(given, (list, tuple)) or not all(isinstance(line, Line) for line in given):
         refuse("Rod.lines", given, "must be a list of lines, such as Tendon")
@@ -720,7 +720,7 @@ def lower(rods: Sequence[Rod], offsets: FloatArray | None = None) -> RodArrays:
 
     ``offsets`` (rod_count, 2) are those of rods that run side by side.
     """
-    from multirod.models.backbone.members import kinds
+    from multirod.models.backbone.members.member import kinds
 
     batch_shape = np.broadcast_shapes(*(rod.batch_shape for rod in rods))
     degree = profile.DEGREE if any(isinstance(s.precurvature, profile.Profile) for rod in rods for s in rod.sections) else 0

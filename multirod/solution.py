@@ -42,7 +42,7 @@ from multirod.types import (
 from multirod.validation import FloatArray, frozen, names_checked, positive_int, refuse
 
 if TYPE_CHECKING:
-    from multirod.models.backbone.lines import Line
+    from multirod.models.backbone.members.lines import Line
     from multirod.studies.terms.simplify import Dropped
 
 DEFAULT_NODE_COUNT = 51

@@ -8,7 +8,8 @@ import pytest
 
 import multirod as mr
 from multirod.elimination import LANCZOS, Elimination
-from multirod.models.network import entries, stability
+from multirod.models.network.elements import entries
+from multirod.models.network.stability import stability
 from multirod.solvers.newton.eliminated import Eliminated
 
 WIRE = mr.Rod.wire(length=0.1, diameter=2e-3, young_modulus=60e9, shear_modulus=23e9, density=6450)

@@ -11,7 +11,7 @@ from test_concentric_tubes import NAMES, assembly
 
 import multirod as mr
 from multirod.models.backbone.problem import BackboneProblem
-from multirod.models.backbone.stability import BackboneStability
+from multirod.models.backbone.stability.stability import BackboneStability
 from multirod.models.backbone.starts import quasirandom
 from multirod.problem import BoundaryProblem
 from multirod.solvers.starting.continua import Curve

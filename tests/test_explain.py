@@ -9,7 +9,7 @@ from dropping import BOUNDS, FAMILIES, SOLVER, measure
 from test_conformance import SCENES
 
 import multirod as mr
-from multirod.models.backbone.envelope import LOADS
+from multirod.models.backbone.influence.envelope import LOADS
 from multirod.studies.terms import simplified
 
 COUNT = int(os.environ.get("MULTIROD_SCENES", "100"))  # random scenes of a family; 1000 take a minute each

@@ -6,7 +6,7 @@ import warp as wp
 
 import multirod as mr
 from multirod.models.backbone import passes
-from multirod.models.backbone.kernels.integrate import make_kernel
+from multirod.models.backbone.kernels.integration.integrate import make_kernel
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.kernels.numbers.lanes import lanes
 

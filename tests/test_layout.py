@@ -1,5 +1,6 @@
 """The three folders install as one package, completely, and from one copy."""
 
+import ast
 import re
 import tomllib
 from pathlib import Path
@@ -21,6 +22,40 @@ def test_every_folder_of_modules_is_packaged():
             folders.add(file.parent.relative_to(ROOT).as_posix())
     assert folders == set(configuration["package-dir"].values())
     assert set(configuration["packages"]) == set(configuration["package-dir"])
+
+
+@pytest.mark.parametrize("top", ["models", "solvers"])
+def test_a_folder_has_a_dozen_files_at_most(top):
+    """So that a stranger finds the file of an equation by the names of few."""
+    counts = {folder.relative_to(ROOT).as_posix(): len(modules_of(folder)) for folder in folders_of(top)}
+    assert {folder: count for folder, count in counts.items() if count > 12} == {}
+
+
+def test_folders_side_by_side_do_not_need_each_other():
+    """Of two folders neither of which is inside the other, one may import the other, as modules are loaded."""
+    needs = {}
+    for folder in (folder for top in ("models", "solvers") for folder in folders_of(top)):
+        found = {place for module in modules_of(folder) for place in imported(module)}
+        needs[folder] = {place for place in found if folder not in place.parents and place not in folder.parents}
+    assert [(a, b) for a, those in needs.items() for b in those if a != b and a in needs.get(b, ())] == []
+
+
+def folders_of(top):
+    return sorted({file.parent for file in (ROOT / top).rglob("*.py")})
+
+
+def modules_of(folder):
+    return [file for file in folder.glob("*.py") if file.name != "__init__.py"]
+
+
+def imported(module):
+    """The folders below ``models`` and ``solvers`` out of which a module imports while it is loaded."""
+    for statement in ast.parse(module.read_text()).body:
+        if isinstance(statement, ast.ImportFrom):
+            parts = statement.module.split(".")
+            for path in (ROOT.joinpath(*parts[1:], alias.name) for alias in statement.names):
+                if parts[:2] in (["multirod", "models"], ["multirod", "solvers"]):
+                    yield path.parent if path.with_suffix(".py").exists() else path.parent.parent
 
 
 @pytest.mark.parametrize("folder", ["models", "solvers"])

@@ -9,7 +9,7 @@ from test_sliding import GIVEN as SLIDING
 from test_sliding import threaded
 
 import multirod as mr
-from multirod.models.network.conjugates import NetworkConjugates
+from multirod.models.network.stability.conjugates import NetworkConjugates
 from multirod.rotations import vectors
 
 PIECES = 6

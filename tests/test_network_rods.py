@@ -225,8 +225,8 @@ def test_a_column_between_lines_of_given_length_buckles_where_the_closed_form_sa
     """In their plane two elastic ones are a spring ``k`` against turns of its tip, ``x cot x = -k L/EI``; on the way to the load,
     where kinks are rounded, the network still is the single rod."""
     if sparse:
-        monkeypatch.setattr("multirod.models.network.stability.SPARSE", 1)
-        monkeypatch.setattr("multirod.models.network.stability.NEAREST", 2)
+        monkeypatch.setattr("multirod.models.network.stability.stability.SPARSE", 1)
+        monkeypatch.setattr("multirod.models.network.stability.stability.NEAREST", 2)
     axial = 200.0
     rod = column(axial_stiffness=axial)
     network, single = mr.Network(rods={"arm": rod}, joints=[mr.Joint("arm", "base", to=mr.ground)]), mr.SingleRod(rod)

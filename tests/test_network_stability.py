@@ -7,8 +7,8 @@ from scipy.special import ellipe, ellipk
 from test_network import EXACT, GIVEN, RK4, mixed, pose
 
 import multirod as mr
-from multirod.models.network import stability as network_stability
-from multirod.models.network.elements import Elements
+from multirod.models.network.elements.elements import Elements
+from multirod.models.network.stability import stability as network_stability
 
 STEEP = {name: value for name, value in GIVEN.items() if name != "moment"}  # loads with a potential
 ROUND = mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638)

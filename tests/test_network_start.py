@@ -7,7 +7,7 @@ from test_network import EXACT, FORCE, GRAVITY, RK4, hexapod
 
 import multirod as mr
 from multirod.models.network.capabilities import NetworkJoints
-from multirod.models.network.elements import Elements
+from multirod.models.network.elements.elements import Elements
 from multirod.solvers.continuation.natural import natural_branch
 
 MOST = 15  # integrations of a cold start: one apart, one together, one without loads, those of one step

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from test_parallel_rods import EXACT, FEW, HEAVY, INNER, LOADS, OUTER, ROD, SOFT, ring
 
 import multirod as mr
-from multirod.models.backbone.designs import turned_loads
+from multirod.models.backbone.derivatives.designs import turned_loads
 from multirod.models.platform.along import refuse_inverse
 
 NODES, WEIGHTS = np.array([-3, -2, -1, 1, 2, 3]), np.array([-1, 9, -45, 45, -9, 1]) / 60  # a derivative, error O(h^6)

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from test_parallel_rods import LOADS, SCENES, actuation, ring
 
 import multirod as mr
-from multirod.models.backbone.second_variation import condensed_form
+from multirod.models.backbone.stability.second_variation import condensed_form
 from multirod.solvers.continuation.natural import natural_branch
 
 STABLE, UNSTABLE, UNKNOWN, FOLD = mr.Stability.STABLE, mr.Stability.UNSTABLE, mr.Stability.UNKNOWN, mr.Stability.FOLD

@@ -13,7 +13,7 @@ from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.integrators import RK45
 from multirod.models.assemblies.inputs import HeldRodInput, HeldRodInputs, listed
 from multirod.models.assemblies.single_rod import SingleRod
-from multirod.models.backbone.designs import COMPONENTS, parameter_size
+from multirod.models.backbone.derivatives.designs import COMPONENTS, parameter_size
 from multirod.models.backbone.inputs import DRIVE_INPUTS, drive_specs
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.problem import scene_features

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from multirod.models.assemblies.network import Network
-from multirod.models.network.bodies import Body, Ground, ground
-from multirod.models.network.joints import HOLES, Joint
-from multirod.models.network.sliding import piece, uniform
+from multirod.models.network.joining.bodies import Body, Ground, ground
+from multirod.models.network.joining.joints import HOLES, Joint
+from multirod.models.network.joining.sliding import piece, uniform
 from multirod.rod import Rod
 from multirod.types import Numbers
 from multirod.validation import FloatArray, array, choice, nonnegative_float, positive_int, refuse

@@ -18,14 +18,14 @@ from multirod.models.assemblies.single_rod import SingleRod
 from multirod.models.backbone.inputs import BY_MATERIAL, DRIVE_INPUTS, DRIVES, drive_specs
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.problem import BackboneAssembly, check_drives, scene_features, surely_driven
-from multirod.models.network.bodies import Body, name_of
+from multirod.models.network.elements.groups import ON_RODS, along
 from multirod.models.network.freedom import refuse_mechanism, refuse_unheld
 from multirod.models.network.graph import ENDS, Graph
-from multirod.models.network.groups import ON_RODS, along
-from multirod.models.network.joints import ALONG as ALONG_ROD
-from multirod.models.network.joints import Joint
+from multirod.models.network.joining.bodies import Body, name_of
+from multirod.models.network.joining.joints import ALONG as ALONG_ROD
+from multirod.models.network.joining.joints import Joint
+from multirod.models.network.joining.sliding import uniform
 from multirod.models.network.problem import FOLLOWING, LOADED, PER_ROD, NetworkProblem
-from multirod.models.network.sliding import uniform
 from multirod.models.platform.problem import LEG_INPUTS
 from multirod.reuse import reusable
 from multirod.rod import Rod

@@ -23,9 +23,9 @@ from multirod.models.assemblies.inputs import (
     listed,
 )
 from multirod.models.assemblies.single_rod import SingleRod
-from multirod.models.backbone.designs import COMPONENTS, refuse_unknown
+from multirod.models.backbone.derivatives.designs import COMPONENTS, refuse_unknown
 from multirod.models.backbone.ends import ways_back
-from multirod.models.backbone.influence import Influence, influences
+from multirod.models.backbone.influence.bound import Influence, influences
 from multirod.models.backbone.inputs import BY_MATERIAL, DRIVE_INPUTS, DRIVES, drive_specs
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.problem import BackboneAssembly, check_drives, scene_features, surely_driven

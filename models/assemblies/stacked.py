@@ -6,8 +6,8 @@ from multirod.models.assemblies.concentric_tubes import ConcentricTubes
 from multirod.models.assemblies.network import Network
 from multirod.models.assemblies.parallel_rods import ParallelRods
 from multirod.models.joint_kernels import JOINTS
-from multirod.models.network.bodies import Body, Ground, ground
-from multirod.models.network.joints import Joint
+from multirod.models.network.joining.bodies import Body, Ground, ground
+from multirod.models.network.joining.joints import Joint
 from multirod.rod import Rod
 from multirod.types import Numbers
 from multirod.validation import Described, refuse

@@ -1,2 +1,5 @@
-"""One backbone: its boundary problem (``problem``), segments of it (``segments``), and the kernels that integrate it
-(``kernels``)."""
+"""One backbone: its boundary problem (``problem``), its segments (``segments``), and launches of what integrates it (``passes``).
+
+The equations are in ``kernels``; what rods carry is in ``members``. ``stability``, ``derivatives`` and ``influence`` are what is
+asked of a backbone beside its equilibrium.
+"""

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from multirod.models.backbone.envelope import SAME_PLACE
+from multirod.models.backbone.influence.envelope import SAME_PLACE
 from multirod.rod import RodArrays
 from multirod.validation import FloatArray
 

@@ -13,9 +13,9 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from multirod.models.backbone.forms import CompiledForm
 from multirod.models.backbone.passes import LanePass
 from multirod.models.backbone.segments import TOTALS
+from multirod.models.backbone.stability.forms import CompiledForm
 from multirod.rotations import vectors
 from multirod.validation import FloatArray
 

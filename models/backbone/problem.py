@@ -17,10 +17,8 @@ from multirod.capabilities import LineTest, Parts
 from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.integrators import AdaptiveIntegrator, Integrator
 from multirod.launch import LONGEST, expect
-from multirod.models.backbone.along import AlongPass
-from multirod.models.backbone.clamps import BackboneClamps, ClampedBackbones
-from multirod.models.backbone.conjugates import BackboneConjugates
-from multirod.models.backbone.designs import (
+from multirod.models.backbone.derivatives.along import AlongPass
+from multirod.models.backbone.derivatives.designs import (
     COMPONENTS,
     DEAD,
     PARAMETERS,
@@ -31,21 +29,23 @@ from multirod.models.backbone.designs import (
     refuse_unknown,
     turned_loads,
 )
-from multirod.models.backbone.driven import DrivenLines
 from multirod.models.backbone.ends import move_ends, ways_back
-from multirod.models.backbone.form_kernels import make_form
-from multirod.models.backbone.influence import Influence, influences
+from multirod.models.backbone.influence.bound import Influence, influences
 from multirod.models.backbone.inputs import BACKBONE_INPUTS, DRIVES, LOADS
 from multirod.models.backbone.kernels.layout import arguments as kernels
 from multirod.models.backbone.kernels.layout.arguments import DesignOffsets
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.kernels.layout.layout import unknowns_of
-from multirod.models.backbone.members import drive_places, drive_slices, drives, kinds
+from multirod.models.backbone.members.driven import DrivenLines
+from multirod.models.backbone.members.member import drive_places, drive_slices, drives, kinds
 from multirod.models.backbone.node_pass import NodePass, held_to_solve
 from multirod.models.backbone.passes import LanePass
 from multirod.models.backbone.segments import TOTALS, BackboneSegments
 from multirod.models.backbone.shapes import BackboneShapes
-from multirod.models.backbone.stability import BackboneStability
+from multirod.models.backbone.stability.clamps import BackboneClamps, ClampedBackbones
+from multirod.models.backbone.stability.conjugates import BackboneConjugates
+from multirod.models.backbone.stability.form_kernels import make_form
+from multirod.models.backbone.stability.stability import BackboneStability
 from multirod.models.backbone.starts import BackboneStarts
 from multirod.models.backbone.units import unit_stiffness
 from multirod.problem import FEW, Block, BoundaryProblem

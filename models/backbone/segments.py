@@ -8,9 +8,7 @@ import warp as wp
 
 from multirod.batch import IntArray
 from multirod.launch import record
-from multirod.models.backbone.kernels.layout.features import Features
-from multirod.models.backbone.kernels.layout.layout import Layout, unknowns_of
-from multirod.models.backbone.kernels.segments import (
+from multirod.models.backbone.kernels.integration.segments import (
     BASE_FORCE_AT,
     POSITION_AT,
     ROTATION_AT,
@@ -18,8 +16,10 @@ from multirod.models.backbone.kernels.segments import (
     SegmentCall,
     make_segment_kernel,
 )
+from multirod.models.backbone.kernels.layout.features import Features
+from multirod.models.backbone.kernels.layout.layout import Layout, unknowns_of
 from multirod.models.backbone.passes import deal, own, threads, width
-from multirod.models.backbone.second_variation import MOST_NODES, CondensedForm, form_by_segments, segments_needed
+from multirod.models.backbone.stability.second_variation import MOST_NODES, CondensedForm, form_by_segments, segments_needed
 from multirod.models.backbone.units import unit_stiffness
 from multirod.problem import Shape
 from multirod.rotations import from_quaternions, of_quaternions, quaternion_product, to_quaternions

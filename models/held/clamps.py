@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from multirod.capabilities import Clamps, Conjugates
-from multirod.models.backbone.clamps import BackboneClamps, ClampedBackbones
+from multirod.models.backbone.stability.clamps import BackboneClamps, ClampedBackbones
 from multirod.models.joint_kernels import REVOLUTE, SPHERICAL
 from multirod.rotations import left_jacobian, matrices
 from multirod.validation import FloatArray

@@ -15,11 +15,11 @@ from multirod.capabilities import Lines, LineTest, Shapes
 from multirod.inputs import Inputs, InputSpec
 from multirod.integrators import Integrator
 from multirod.launch import record
-from multirod.models.backbone.clamps import ClampedBackbones
-from multirod.models.backbone.designs import COMPONENTS
+from multirod.models.backbone.derivatives.designs import COMPONENTS
 from multirod.models.backbone.equal_steps import PartsAtEqualSteps
 from multirod.models.backbone.inputs import BACKBONE_INPUTS, DRIVES
 from multirod.models.backbone.problem import BackboneAssembly, BackboneProblem
+from multirod.models.backbone.stability.clamps import ClampedBackbones
 from multirod.models.backbone.units import unit_stiffness
 from multirod.models.held import held_kernels as kernels
 from multirod.models.held.along import HeldSensing, by_own_unknowns, columns_along

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.models.backbone.second_variation import (
+from multirod.models.backbone.stability.second_variation import (
     WORST_CONDITION,
     CondensedForm,
     TipJoint,
@@ -16,7 +16,7 @@ from multirod.models.backbone.second_variation import (
     compliance_form,
     symmetric_eigenvalues,
 )
-from multirod.models.backbone.stability import BackboneStability
+from multirod.models.backbone.stability.stability import BackboneStability
 from multirod.models.joint_kernels import CLAMPED, SPHERICAL
 from multirod.rotations import cross
 from multirod.stability import Modes, StabilityAnalysis

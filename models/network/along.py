@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from multirod.models.backbone.along import AlongPass, along_member, of_member
-from multirod.models.network.elements import TURNING
+from multirod.models.backbone.derivatives.along import AlongPass, along_member, of_member
+from multirod.models.network.elements.elements import TURNING
 from multirod.rotations import cross
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
-    from multirod.models.network.groups import RodGroup
+    from multirod.models.network.elements.groups import RodGroup
     from multirod.models.network.problem import NetworkProblem
 
 

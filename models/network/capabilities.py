@@ -8,12 +8,12 @@ import numpy as np
 from multirod.batch import IntArray
 from multirod.capabilities import Joints, Loading, Shapes, Starts, Together
 from multirod.integrators import Integrator
-from multirod.models.backbone.driven import LinesOfGroups
 from multirod.models.backbone.equal_steps import PartsAtEqualSteps
 from multirod.models.backbone.inputs import LOADS
-from multirod.models.network import records
-from multirod.models.network.elements import GAP_AT
-from multirod.models.network.groups import ON_RODS
+from multirod.models.backbone.members.driven import LinesOfGroups
+from multirod.models.network.elements import records
+from multirod.models.network.elements.elements import GAP_AT
+from multirod.models.network.elements.groups import ON_RODS
 from multirod.models.platform.starting import crowded
 from multirod.problem import Shape
 from multirod.validation import FloatArray

@@ -6,7 +6,7 @@ Numbers in parentheses are those of ``docs/networks.md``.
 import numpy as np
 
 from multirod.models.network.graph import GROUND, Graph
-from multirod.models.network.joints import KINDS
+from multirod.models.network.joining.joints import KINDS
 from multirod.rotations import cross, cross_matrix, matrices
 from multirod.validation import FloatArray, refuse
 

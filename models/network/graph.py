@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.batch import IntArray, take
-from multirod.models.backbone.members import drive_slices
-from multirod.models.backbone.members import drives as drive_names
+from multirod.models.backbone.members.member import drive_slices
+from multirod.models.backbone.members.member import drives as drive_names
 from multirod.models.backbone.problem import BackboneAssembly
-from multirod.models.network.bodies import Body, Ground
-from multirod.models.network.elements import Layout
-from multirod.models.network.entries import Entries
-from multirod.models.network.joints import MOST, Joint, JointTable
-from multirod.models.network.placing import Placing, placed
-from multirod.models.network.sliding import Slides, piece
+from multirod.models.network.elements.elements import Layout
+from multirod.models.network.elements.entries import Entries
+from multirod.models.network.joining.bodies import Body, Ground
+from multirod.models.network.joining.joints import MOST, Joint, JointTable
+from multirod.models.network.joining.placing import Placing, placed
+from multirod.models.network.joining.sliding import Slides, piece
 from multirod.rod import RodArrays
 from multirod.validation import FloatArray
 

@@ -10,8 +10,8 @@ of the arrays: one kernel each serves all networks.
 import warp as wp
 
 from multirod.models.joint_kernels import vector
-from multirod.models.network.end_kernels import along, end_at, extension, level_of
-from multirod.models.network.records import ALONG_VECTORS, POSE, ROD_VECTORS, TIP_POSE_AT, TURNING, Networks, RodGroup
+from multirod.models.network.elements.end_kernels import along, end_at, extension, level_of
+from multirod.models.network.elements.records import ALONG_VECTORS, POSE, ROD_VECTORS, TIP_POSE_AT, TURNING, Networks, RodGroup
 from multirod.models.rotation_kernels import left_jacobian, rotation_from_vector
 from multirod.status import Fault
 

@@ -20,20 +20,20 @@ from multirod.capabilities import LineTest, Loading, ResultTest
 from multirod.inputs import Inputs
 from multirod.integrators import Integrator
 from multirod.launch import record
-from multirod.models.backbone.members import drive_slices
+from multirod.models.backbone.members.member import drive_slices
 from multirod.models.network import network_kernels as kernels
-from multirod.models.network import records
 from multirod.models.network.along import NetworkSensing, columns_along
 from multirod.models.network.capabilities import NetworkJoints, NetworkLines, NetworkParts, NetworkShapes, NetworkStarts
-from multirod.models.network.clamps import NetworkClamps
-from multirod.models.network.conjugates import NetworkConjugates
-from multirod.models.network.element_kernels import form
-from multirod.models.network.elements import GAP_AT, OWN, POSE, Frames, Holding
-from multirod.models.network.form_rows import FormRows
+from multirod.models.network.elements import records
+from multirod.models.network.elements.element_kernels import form
+from multirod.models.network.elements.elements import GAP_AT, OWN, POSE, Frames, Holding
+from multirod.models.network.elements.groups import ALONG, ON_RODS, RodGroup, along, builds
 from multirod.models.network.graph import Graph
-from multirod.models.network.groups import ALONG, ON_RODS, RodGroup, along, builds
-from multirod.models.network.placing import placed
-from multirod.models.network.stability import NetworkStability
+from multirod.models.network.joining.placing import placed
+from multirod.models.network.stability.clamps import NetworkClamps
+from multirod.models.network.stability.conjugates import NetworkConjugates
+from multirod.models.network.stability.form_rows import FormRows
+from multirod.models.network.stability.stability import NetworkStability
 from multirod.problem import Block, BoundaryProblem
 from multirod.rotations import vectors
 from multirod.status import Status

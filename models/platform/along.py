@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multirod.models.backbone.along import AlongPass, along_member, of_member
-from multirod.models.backbone.designs import carried
+from multirod.models.backbone.derivatives.along import AlongPass, along_member, of_member
+from multirod.models.backbone.derivatives.designs import carried
 from multirod.models.platform.designs import unknown_rates
 from multirod.validation import FloatArray
 

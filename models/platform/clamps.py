@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multirod.capabilities import Clamps, Conjugates
-from multirod.models.backbone.clamps import ClampedBackbones
+from multirod.models.backbone.stability.clamps import ClampedBackbones
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:

@@ -3,7 +3,7 @@
 
 import warp as wp
 
-from multirod.models.backbone.conjugate_kernels import angle_of, longest_of, reaches
+from multirod.models.backbone.stability.conjugate_kernels import angle_of, longest_of, reaches
 from multirod.models.joint_kernels import REVOLUTE, SPHERICAL, column
 from multirod.models.platform.platform_kernels import POSE, Legs, Robots
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multirod.models.backbone.designs import COMPONENTS
+from multirod.models.backbone.derivatives.designs import COMPONENTS
 from multirod.models.platform import platform_kernels as kernels
 from multirod.rotations import cross_matrix
 from multirod.validation import FloatArray

@@ -19,7 +19,7 @@ from multirod.models.assemblies.held_rod import HeldRod
 from multirod.models.assemblies.network import Network
 from multirod.models.assemblies.parallel_rods import InverseParallelRods, ParallelRods
 from multirod.models.assemblies.single_rod import SingleRod
-from multirod.models.backbone.lines import (
+from multirod.models.backbone.members.lines import (
     Chamber,
     DisplacedTendon,
     Line,
@@ -30,8 +30,8 @@ from multirod.models.backbone.lines import (
     Tendon,
 )
 from multirod.models.joint_kernels import JOINTS
-from multirod.models.network.bodies import Body, ground
-from multirod.models.network.joints import Joint
+from multirod.models.network.joining.bodies import Body, ground
+from multirod.models.network.joining.joints import Joint
 from multirod.profile import Profile
 from multirod.rod import Rod, Section
 from multirod.validation import Described, FloatArray, choice, refuse

@@ -7,7 +7,7 @@ import numpy as np
 from multirod.assembly import Assembly
 from multirod.models.assemblies.network import Network
 from multirod.models.assemblies.parallel_rods import InverseParallelRods, ParallelRods
-from multirod.models.network.bodies import Body
+from multirod.models.network.joining.bodies import Body
 from multirod.recording.figure import Plate, drawn_rods, plate_through, solid_through
 from multirod.solution import Solution
 from multirod.validation import FloatArray

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 import multirod as mr
-from multirod.models.backbone.envelope import LOADS
+from multirod.models.backbone.influence.envelope import LOADS
 from multirod.models.backbone.problem import BackboneProblem
 
 INTEGRATOR = mr.RK4(50)

@@ -1,6 +1,7 @@
-"""What integrates a backbone, in lanes (``integrate``, and ``docs/kernels.md``).
+"""What integrates a backbone, in lanes (``integration/integrate``, and ``docs/kernels.md``).
 
-``lanes`` and ``vectors`` are the numbers; ``layout`` says how they stand. Along a stretch, in all lanes at once: ``strains``,
-``loads``, ``rates``, ``steps``. At the ends and at nodes, one lane at a time: ``grid``, ``base``, ``tip``, ``nodes``, by
-``records`` and ``scalars``.
+``numbers`` has lanes and vectors, ``layout`` how they stand. ``equations`` says what holds along a stretch, in all lanes at once
+(``strains``, ``rates``; loads are in ``loads``), and at the ends, one lane at a time (``conditions``, ``base``, ``tip``).
+``integration`` takes the steps, and ends them where stretches end (``grid``) and at nodes (``nodes``); ``records`` keeps what
+comes of it.
 """

@@ -10,7 +10,7 @@ import numpy as np
 from multirod.assembly import Assembly
 from multirod.inputs import Inputs
 from multirod.integrators import RK4, Integrator
-from multirod.models.backbone.envelope import LOADS
+from multirod.models.backbone.influence.envelope import LOADS
 from multirod.models.backbone.inputs import LOADS as SPECS
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.rod import Rod

@@ -10,7 +10,7 @@ import numpy as np
 
 from multirod.assembly import Robot
 from multirod.inputs import Inputs
-from multirod.models.backbone.envelope import LOADS
+from multirod.models.backbone.influence.envelope import LOADS
 from multirod.profile import Profile
 from multirod.rod import Rod, Section
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from multirod.models.backbone.members import Member
+    from multirod.models.backbone.members.member import Member
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from multirod.models.backbone.kernels.layout.features import Features
 
 if TYPE_CHECKING:
-    from multirod.models.backbone.members import Member
+    from multirod.models.backbone.members.member import Member
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from multirod.models.backbone.kernels.layout.arguments import START, Call, RodTa
 from multirod.models.backbone.kernels.layout.layout import Layout, Memory
 from multirod.models.backbone.kernels.numbers.lanes import lanes
 from multirod.models.backbone.kernels.numbers.scalars import turned_about_z
-from multirod.models.backbone.members import columns_in_material
+from multirod.models.backbone.members.member import columns_in_material
 
 f64 = wp.float64
 

@@ -1,0 +1,1 @@
+"""What dropping a term of a backbone's equations does, bounded beforehand."""

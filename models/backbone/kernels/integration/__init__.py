@@ -1,0 +1,1 @@
+"""Steps of an integration, where they end, and the kernels that take them."""

@@ -1,0 +1,276 @@
+# mypy: ignore-errors
+"""The kernel that integrates segments of backbones of one rod, each from a given state, with columns by that state.
+
+Numbers in parentheses are those of ``docs/model.md``. A segment begins and ends at any arclength; several, end to end, carry the
+rod (``docs/solvers.md``). The unknowns of a segment are the variations of its first state: the moment in the units of (10), the
+rotation over the rod's length, then, where something follows the tip, the base force in the units of (13).
+"""
+
+from functools import cache
+from types import SimpleNamespace
+
+import warp as wp
+
+from multirod.integrators import Tableau
+from multirod.models.backbone.kernels.instance import Instance
+from multirod.models.backbone.kernels.integration.integrate import make_carry, make_parts
+from multirod.models.backbone.kernels.layout.arguments import FAULT, OUTPUT, STOP, Call, RodTable
+from multirod.models.backbone.kernels.layout.features import Features
+from multirod.models.backbone.kernels.numbers.scalars import axes_rotation, body_rotation, rotate, rotate_inverse
+from multirod.status import Fault
+
+f64 = wp.float64
+
+ROTATION_AT, POSITION_AT, STATE_SIZE = 3, 7, 10  # M, q, p in a segment's state
+BASE_FORCE_AT = 6  # of the variations
+
+
+@wp.struct
+class SegmentCall:
+    """What one launch over segments reads and writes beside ``Call``; the first axis is the segment."""
+
+    instance: wp.array[int]
+    start: wp.array[wp.float64]  # arclength [m]
+    end: wp.array[wp.float64]
+    at_tip: wp.array[int]  # 1 where the segment ends at the tip
+    steps: wp.array[int]  # equal steps over the segment, each stretch of it its share; 0: by the integrator's error control
+    state: wp.array2d[wp.float64]  # M, q, p at the start, base frame; at the base it is that of the unknowns
+    # outputs
+    end_state: wp.array2d[wp.float64]
+    columns: wp.array3d[wp.float64]  # of the end: moment, rotation in the units of the unknowns, position [m], (.., 9, column)
+    fault: wp.array[int]
+    energy: wp.array[wp.float64]
+    work: wp.array[wp.float64]
+    line_length: wp.array2d[wp.float64]
+
+
+@cache
+def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
+    """Kernel for one set of features and one integrator; arguments ``(RodTable, Call, memory, SegmentCall)``."""
+    parts = make_parts(features, tableau, "float64", W)
+    own, grid, base, tip, record = parts.own, parts.grid, parts.base, parts.tip, parts.record
+    layout, memory_type = own.layout, own.memory_type
+    first_column, column_count, begin, onto_stretch = own.first_column, own.column_count, own.begin, own.onto_stretch
+    force_at, precurvature_here, cause = own.force_at, own.precurvature_here, own.cause
+    load_until, load_rate_until, output_arclength = grid.load_until, grid.load_rate_until, grid.output_arclength
+    make_base_of, base_force, base_state, base_column = base.make_base_of, base.base_force, base.base_state, base.base_column
+    unknown_unit = base.unknown_unit
+    write_tip, write_tip_column = tip.write_tip, tip.write_tip_column
+    frame, frame_column = tip.frame, tip.frame_column
+    body_moment, body_moment_column = tip.body_moment, tip.body_moment_column
+    state_in, column_in, force_column_in = record.state_in, record.column_in, record.force_column_in
+    put_state, put_column = record.put_state, record.put_column
+    State, Column = base.State, base.Column
+    NODES, FIXED, FORCE_ACTS = layout.NODES, layout.FIXED, layout.FORCE
+    s_, c_ = layout.state, layout.column
+    Q_AT, P_AT, N_AT, ENERGY_AT, WORK_AT = s_["frame"], s_["position"], s_["force"], s_["energy"], s_["work"]
+    LENGTHS, LENGTHS_AT = layout.LENGTHS, s_["lengths"]
+    DRIVES_VARY, load_drive_columns = layout.DRIVES_VARY, grid.load_drive_columns
+    DQ_AT, DP_AT, FORCE_STATE, COLUMN_FRAME = c_["frame"], c_["position"], layout.FORCE_STATE, layout.COLUMN_FRAME
+
+    @wp.func
+    def count(call: wp.ref[Call], seg: wp.ref[SegmentCall]) -> int:
+        return seg.instance.shape[0]
+
+    @wp.func
+    def wanted(call: wp.ref[Call], seg: wp.ref[SegmentCall], t: int) -> bool:
+        return True
+
+    @wp.func
+    def instance_of(call: wp.ref[Call], seg: wp.ref[SegmentCall], t: int) -> int:
+        return seg.instance[t]
+
+    @wp.func
+    def given_state(seg: wp.ref[SegmentCall], t: int, known: State, n0: wp.vec3d) -> State:
+        """The state where a segment begins."""
+        y = known
+        q = wp.vec4d(
+            seg.state[t, ROTATION_AT],
+            seg.state[t, wp.static(ROTATION_AT + 1)],
+            seg.state[t, wp.static(ROTATION_AT + 2)],
+            seg.state[t, wp.static(ROTATION_AT + 3)],
+        )
+        M = wp.vec3d(seg.state[t, 0], seg.state[t, 1], seg.state[t, 2])
+        if wp.static(FIXED):
+            M = rotate(q, M)
+        for j in range(3):
+            y[j] = M[j]
+            y[P_AT + j] = seg.state[t, POSITION_AT + j]
+        for j in range(4):
+            y[Q_AT + j] = q[j]
+        if wp.static(FORCE_STATE):
+            N = rotate_inverse(q, n0)
+            for j in range(3):
+                y[N_AT + j] = N[j]
+        if wp.static(NODES):
+            y[ENERGY_AT] = f64(0.0)
+        return y
+
+    @wp.func
+    def varied(case: wp.ref[Instance], y: State, known: Column, k: int) -> Column:
+        """(15), (18b) Column k by the moment or by the rotation where a segment begins."""
+        v = known
+        q = frame(y)
+        dM = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
+        if k < 3:
+            dM = wp.vec3d(known[0], known[1], known[2])
+        dq = wp.vec4d(f64(0.0), f64(0.0), f64(0.0), f64(0.0))
+        if k >= 3 and k < 6:
+            e = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
+            e[k - 3] = f64(0.5) * case.scale
+            r = wp.vec3d(q[0], q[1], q[2])
+            a = q[3] * e + wp.cross(r, e)
+            dq = wp.vec4d(a[0], a[1], a[2], -wp.dot(r, e))
+        for j in range(4):
+            v[DQ_AT + j] = dq[j]
+        if wp.static(FIXED):
+            m = wp.vec3d(y[0], y[1], y[2])
+            dM = rotate(q, dM) + wp.cross(axes_rotation(q, dq), m)
+        for j in range(3):
+            v[j] = dM[j]
+        return v
+
+    @wp.func(inline=False)
+    def enter(
+        rods: wp.ref[RodTable],
+        call: wp.ref[Call],
+        seg: wp.ref[SegmentCall],
+        case: wp.ref[Instance],
+        memory: memory_type,
+        o: int,
+        l: int,
+        p: int,
+        job: int,
+    ):
+        """A lane where its segment begins."""
+        t = job // call.parts
+        start = seg.start[t]
+        b = make_base_of(rods, call, case)
+        n0 = base_force(rods, call, case, b.q)
+        b.N = rotate_inverse(b.q, n0)
+        y = base_state(rods, call, case, b, n0)
+        n_start = n0
+        if wp.static(FORCE_ACTS):
+            if start > f64(0.0):
+                n_start -= load_until(rods, call, case, start)
+        if start > f64(0.0):
+            y = given_state(seg, t, y, n_start)
+        put_state(case, memory, o, l, y)
+        for c in range(column_count(call, job)):
+            k = first_column(call, job) + c
+            v, dn = base_column(rods, call, case, b, k)
+            if wp.static(COLUMN_FRAME):
+                if k < call.unknown_columns:
+                    if wp.static(FIXED):  # the moment's columns as the frame sees them
+                        unit = unknown_unit(rods, case, 0)
+                        for j in range(3):
+                            v[j] = f64(0.0)
+                        if k < 3:
+                            v[k] = f64(1.0) / unit[k]
+                    v = varied(case, y, v, k)
+                else:
+                    if start > f64(0.0):
+                        # what directions vary is known where the segment begins
+                        v = Column()
+                        if wp.static(FORCE_ACTS):
+                            dn -= load_rate_until(rods, call, case, start, k - call.unknown_columns)
+            put_column(case, memory, o, l, c, v, dn)
+            if wp.static(DRIVES_VARY):
+                load_drive_columns(rods, call, case, memory, o, l, c, k)
+        stop = seg.end[t]
+        if seg.at_tip[t] == 1:
+            stop = case.length
+        begin(call, case, memory, o, l, p, start, stop, n_start)
+        if wp.static(NODES):
+            output = int(0)
+            while output_arclength(rods, call, case, output + 1) <= start:
+                output += int(1)
+            call.lane[p, OUTPUT] = f64(output)
+
+    @wp.func(inline=False)
+    def go_on(
+        rods: wp.ref[RodTable],
+        call: wp.ref[Call],
+        seg: wp.ref[SegmentCall],
+        case: wp.ref[Instance],
+        memory: memory_type,
+        o: int,
+        l: int,
+        p: int,
+        job: int,
+    ):
+        """On to the next stretch, by the segment's own equal steps or as in a whole rod."""
+        t = job // call.parts
+        steps = f64(seg.steps[t])
+        multiple = f64(1.0)
+        over = call.lane[p, STOP] - seg.start[t]
+        if steps == f64(0.0):
+            steps = call.steps
+            multiple = call.step_multiple
+            over = case.length
+        onto_stretch(rods, call, case, memory, o, l, p, job, steps, multiple, over)
+
+    @wp.func(inline=False)
+    def finish(
+        rods: wp.ref[RodTable],
+        call: wp.ref[Call],
+        seg: wp.ref[SegmentCall],
+        case: wp.ref[Instance],
+        memory: memory_type,
+        o: int,
+        l: int,
+        p: int,
+        job: int,
+        s: f64,
+    ):
+        """What a lane has found where its segment ends, and the residual, if that is the tip."""
+        t = job // call.parts
+        y = state_in(case, memory, o, l)
+        n_end = force_at(call, p)
+        q = frame(y)
+        unit = unknown_unit(rods, case, 0)
+        total = f64(0.0)
+        if job % call.parts == 0:
+            M = body_moment(y)
+            for j in range(3):
+                seg.end_state[t, j] = M[j]
+                seg.end_state[t, POSITION_AT + j] = y[P_AT + j]
+                total += wp.abs(M[j])
+            for j in range(4):
+                seg.end_state[t, ROTATION_AT + j] = q[j]
+            if wp.static(NODES):
+                seg.energy[t] = y[ENERGY_AT]
+                seg.work[t] = y[WORK_AT]
+                for i in range(wp.static(LENGTHS)):
+                    seg.line_length[t, i] = y[wp.static(LENGTHS_AT) + i]
+            if seg.at_tip[t] == 1:
+                total += write_tip(rods, call, case, y, s, n_end, precurvature_here(case, memory, o, l))
+            seg.fault[t] = int(call.lane[p, FAULT])
+        first = first_column(call, job)
+        for c in range(column_count(call, job)):
+            v = column_in(case, memory, o, l, c)
+            dM = body_moment_column(y, v)
+            turn = body_rotation(q, frame_column(v)) / case.scale
+            for j in range(3):
+                seg.columns[t, j, first + c] = unit[j] * dM[j]
+                seg.columns[t, 3 + j, first + c] = turn[j]
+                seg.columns[t, 6 + j, first + c] = v[wp.static(DP_AT) + j]
+                total += wp.abs(dM[j])
+            if seg.at_tip[t] == 1:
+                dn = force_column_in(case, memory, o, l, c)
+                total += write_tip_column(rods, call, case, y, v, s, n_end, dn, first + c)
+        if not wp.isfinite(total):
+            seg.fault[t] = cause(memory, o, l, wp.static(int(Fault.NONFINITE)))
+
+    jobs = SimpleNamespace(
+        Jobs=SegmentCall, count=count, wanted=wanted, instance_of=instance_of, enter=enter, go_on=go_on, finish=finish
+    )
+    carry = make_carry(parts, features, jobs)
+
+    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+    def integrate(rods: RodTable, call: Call, memory: wp.array2d(dtype=f64), seg: SegmentCall):
+        """From the start of each segment to its end, stretch by stretch; then the residual, if that is the tip."""
+        thread = wp.tid()
+        carry(rods, call, seg, memory[thread], thread)
+
+    return integrate

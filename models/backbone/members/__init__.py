@@ -1,0 +1,1 @@
+"""What a rod carries along itself: members, and the lines among them with what drives them."""

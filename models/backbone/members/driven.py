@@ -1,0 +1,339 @@
+"""What drives the lines of one backbone, and what comes of it."""
+
+from abc import abstractmethod
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod.capabilities import Lines
+from multirod.models.backbone.members.lines import Chamber, Line, SectionChamber
+from multirod.models.backbone.members.member import CONDITION, Member, columns_in_material, drive_places
+from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.models.backbone.problem import BackboneProblem
+
+SECTIONS = 65  # places along the rod
+RIGID = 1e6  # what counts as infinite, over the bending stiffness
+SURE = 1e-3  # over the same: more than what is not infinite makes of it
+
+
+class DrivenLines(Lines):
+    """Of a ``BackboneProblem``: of all its members that are driven, in their order."""
+
+    def __init__(self, problem: "BackboneProblem") -> None:
+        self.problem = problem
+        members = problem.features.members
+        self._first = columns_in_material(members)
+        # the rod that carries each
+        self._rods = problem.features.member_rods or (0,) * len(members)
+        first, material = self._first, problem.arrays.material
+        # of each that is driven: its law, and its numbers by section (batch, section, number)
+        self._driven: list[tuple[type[Member], FloatArray]] = [
+            (kind, material[:, self._rods[k], :, first[k] : first[k + 1]])
+            for k, kind in enumerate(members)
+            if kind.drive is not None
+        ]
+        self._driven_rods = [rod for rod, kind in zip(self._rods, members, strict=True) if kind.drive is not None]
+
+    def length(self) -> FloatArray:  # noqa: D102
+        problem = self.problem
+        result = np.array(problem.node_pass(2).read("line_length"))
+        if problem.breakpoints:
+            found = problem.cut.line_length(problem.breakpoints)
+            for k in problem.breakpoints:
+                result[k] = found[k]
+        return result / self.weights()
+
+    def length_columns(self, *names: str) -> FloatArray:
+        """As said; by the directions that there are, whatever they are of."""
+        return self._at_unknowns(names, self.problem.line_length_columns.numpy() / self.weights()[..., None])
+
+    def tension_columns(self, *names: str) -> FloatArray:  # noqa: D102
+        problem, n = self.problem, self.problem.unknown_count
+        result = np.zeros((problem.instance_count, len(self._driven), n + problem.direction_count))
+        drives = slice(problem.first_drive, problem.first_drive + problem.drive_count)
+        along = problem.directions.numpy()[:, : problem.direction_count, drives][:, :, drive_places(problem.features.members)]
+        result[:, :, n:] = np.swapaxes(along, 1, 2) * self.weights()[..., None]
+        first = problem.slots.places["drives"].start
+        for j, (k, (lever, unknown)) in enumerate(self._conditions().items()):
+            unit = problem.each(problem.arrays.material[:, self._driven_rods[k], 0, :2].max(axis=-1) / lever)
+            result[:, k, n:] = 0.0
+            result[:, k, first + j] = np.where(self._driven[k][0].slackens & (unknown < 0), 0.0, unit)
+        return self._at_unknowns(names, result)
+
+    def _at_unknowns(self, names: Sequence[str], columns: FloatArray) -> FloatArray:
+        """(D9) Columns, those by parameters at fixed unknowns."""
+        rates, n = self.problem.unknown_rates(names), self.problem.unknown_count
+        if rates is not None:
+            columns = np.array(columns)
+            columns[..., n:] -= columns[..., :n] @ rates
+        return np.asarray(columns)
+
+    def tension(self) -> FloatArray:  # noqa: D102
+        result = self._inputs() * self.weights() + 0.0  # what is not filled pulls with 0, not with -0
+        for k, (lever, unknown) in self._conditions().items():
+            unit = self.problem.each(self.problem.arrays.material[:, self._driven_rods[k], 0, :2].max(axis=-1) / lever)
+            slackens = self._driven[k][0].slackens
+            result[:, k] = unit * (positive_part(unknown, self._rounding()) if slackens else unknown)
+        return result
+
+    def slack(self) -> NDArray[np.bool_]:  # noqa: D102
+        result = np.zeros((self.problem.instance_count, len(self._driven)), dtype=bool)
+        for k, (_, unknown) in self._conditions().items():
+            result[:, k] = self._driven[k][0].slackens & (unknown < 0)
+        return result
+
+    def left(self, node_count: int) -> FloatArray:  # noqa: D102
+        if not self.problem.features.friction:
+            return super().left(node_count)
+        several = len(self.problem.rods) > 1
+        members = zip(self.problem.features.members, self._rods, strict=True)
+        result = np.ones((self.problem.instance_count, len(self._driven), node_count))
+        owner = np.array([rod for kind, rod in members if kind.drive is not None])
+        for rod in sorted(set(self._rods)):  # each has its own nodes
+            found = self.problem.node_pass(node_count, rod=rod if several else None).read("node_left")
+            result[:, owner == rod] = np.moveaxis(found, 1, 2)[:, owner == rod]
+        return result
+
+    def beyond(self) -> NDArray[np.bool_]:
+        """Where lines between discs together buckle the rod, (L11)."""
+        pull = np.zeros((self.problem.instance_count, len(self.problem.rods)))
+        tension, straight = self.tension(), np.zeros((1, len(self._driven)), dtype=bool)
+        for k, (kind, own) in enumerate(self._driven):
+            if issubclass(kind, Line) and not issubclass(kind, Chamber):
+                spacing = own[..., list(kind.parameters).index("discs")].max(axis=1) * 24  # its square
+                straight[:, k] = spacing.any()
+                pull[:, self._driven_rods[k]] += tension[:, k] * self.problem.each(spacing)
+        softest = self.problem.each(self.problem.arrays.material[..., :2].min(axis=(2, 3)))
+        return np.asarray(straight & (pull >= np.pi**2 * softest)[:, self._driven_rods])
+
+    def taut(self) -> NDArray[np.bool_]:
+        """Which of the lines that are driven by their length are held by it, shape (instance_count, condition_count).
+
+        All are, a little, on the way to the load, (L8b).
+        """
+        rounded = self._rounding() > 0
+        held = [(unknown > 0) | rounded | (not self._driven[k][0].slackens) for k, (_, unknown) in self._conditions().items()]
+        return np.stack(held, axis=1)
+
+    def tension_rates(self) -> tuple[FloatArray, FloatArray]:
+        """(L7), (L8b) Of each line that is driven by its length: bending stiffness of its rod [N m^2], which over its lever is
+        the unit of its tension, and how its tension in that unit changes with its unknown, shapes (instance_count,
+        condition_count)."""
+        shape = (self.problem.instance_count, len(self._conditions()))
+        stiffness, rate, mu = np.empty(shape), np.ones(shape), self._rounding()
+        for row, (k, (_, unknown)) in enumerate(self._conditions().items()):
+            stiffness[:, row] = self.problem.each(self.problem.arrays.material[:, self._driven_rods[k], 0, :2].max(axis=-1))
+            if self._driven[k][0].slackens:
+                size = np.sqrt(unknown**2 + mu**2)
+                rate[:, row] = np.where(size > 0, (1 + unknown / np.where(size > 0, size, 1.0)) / 2, 0.0)
+        return stiffness, rate
+
+    def stretch_energy(self, length: FloatArray) -> FloatArray:
+        """What lines that are driven by their length store, less what their tensions would do if they were given [J], shape
+        (instance_count,); ``length`` is that of each (instance_count, count)."""
+        tension, total, mu = self.tension(), np.zeros(self.problem.instance_count), self._rounding()
+        for k, (lever, unknown) in self._conditions().items():
+            compliance, natural = np.moveaxis(self.problem.each(self._driven[k][1][:, 0, 1 - len(CONDITION) :][:, :2]), -1, 0)
+            total += tension[:, k] * (compliance * tension[:, k] / 2 - length[:, k])
+            if self._driven[k][0].slackens and mu.any():
+                unit = self.problem.each(self.problem.arrays.material[:, self._driven_rods[k], 0, :2].max(axis=-1) / lever)
+                total += unit * (natural * self.problem.each(lever) + compliance * unit) * rounded_energy(unknown, mu)
+        return total
+
+    def _rounding(self) -> FloatArray:
+        """(L8b) How far kinks are rounded on the way to the load [1/m], shape (instance_count,)."""
+        left = np.maximum(1 - self.problem.load_factor.numpy(), 0.0)
+        return np.asarray(left / self.problem.each(self.problem.arrays.end[:, 0, -1]))
+
+    def load(self) -> FloatArray:
+        """How large a moment what drives them makes [N m], or would, shape (instance_count,)."""
+        return np.asarray(self.load_by_rod().sum(axis=1))
+
+    def load_by_rod(self) -> FloatArray:
+        """The same of each rod, shape (instance_count, n)."""
+        problem, members, inputs = self.problem, self.problem.features.members, self._inputs()
+        weights = np.abs(self.weights())
+        by_rod, first, k = np.zeros((problem.instance_count, len(problem.rods))), 0, 0
+        for rod, kind in zip(self._rods, members, strict=True):
+            material, total = problem.arrays.material[:, rod], by_rod[:, rod]
+            offsets = np.abs(self._terms(material)).sum(axis=2).max(axis=1)
+            stiffness = material[:, :, :3].min(axis=(1, 2)) / problem.arrays.end[:, rod, -1]
+            if kind.drive is not None:
+                if kind.conditioned:
+                    lever, _, _, excess, *_ = np.moveaxis(self._driven[k][1][:, 0, -len(CONDITION) :], -1, 0)
+                    total += (np.abs(inputs[:, k]) + problem.each(np.abs(excess))) * problem.each(stiffness / lever)
+                else:
+                    lever = np.linalg.norm(offsets[:, first : first + len(kind.functions)], axis=1)
+                    total += np.abs(inputs[:, k]) * weights[:, k] * problem.each(lever)
+                k += 1
+            first += len(kind.functions)
+        return by_rod
+
+    def stays_stiff(self) -> NDArray[np.bool_]:
+        """Whether the sections of each rod, looked at ``SECTIONS`` places, resist every change of strain with their lines, (L4),
+        shape (instance_count,); False where a member with another law need not."""
+        problem, members = self.problem, self.problem.features.members
+        count = problem.instance_count
+        if all(kind.convex for kind in members):
+            return np.ones(count, dtype=bool)
+        if not all(kind.convex or issubclass(kind, Line) for kind in members):
+            return np.zeros(count, dtype=bool)
+        return np.asarray(np.all([self._least_stiffness(rod) > 0 for rod in sorted(set(self._rods))], axis=0))
+
+    def gives_way(self) -> NDArray[np.bool_]:
+        """(L9b) Whether some section of the rod surely gives way to a change of strain with its lines, shape (instance_count,):
+        then the equilibrium is no minimum of energy, whatever holds its ends. False of several rods, which hold each other."""
+        problem, members = self.problem, self.problem.features.members
+        count = problem.instance_count
+        lines_alone = len(problem.rods) == 1 and all(issubclass(kind, Line) for kind in members)
+        if all(kind.convex for kind in members) or not lines_alone:
+            return np.zeros(count, dtype=bool)
+        if any(
+            "bending" in kind.parameters and own[..., list(kind.parameters).index("bending")].any() for kind, own in self._driven
+        ):
+            return np.zeros(count, dtype=bool)  # what a push rod resists by its bending is not counted
+        return np.asarray(self._least_stiffness(0) < -SURE)
+
+    def _least_stiffness(self, rod: int) -> FloatArray:
+        """Of the sections of one rod and what it carries, against changes of strain, over its bending stiffness, shape
+        (instance_count,)."""
+        problem, members = self.problem, self.problem.features.members
+        call = problem.node_pass(SECTIONS, rod=rod if len(problem.rods) > 1 else None)
+        s = call.read("node_arclength") - problem.read("inputs")[:, problem.input_slice("translation")][:, rod, None]
+        end, material = problem.each(problem.arrays.end[:, rod]), problem.each(problem.arrays.material[:, rod])
+        section = np.minimum((s[:, :, None] > end[:, None]).sum(axis=2), end.shape[1] - 1)
+        here = np.take_along_axis(material, section[:, :, None], axis=1)
+        rho, slope = self._offsets(s, end, section, here)
+        u = call.read("node_curvature")
+        v = np.array([0.0, 0.0, 1.0]) + np.where(here[..., 6:9] > 0, here[..., 6:9] * call.read("node_force"), 0.0)
+        stiffness = np.zeros((*s.shape, 6, 6))
+        with np.errstate(divide="ignore"):
+            stiffness[..., range(3), range(3)] = here[..., :3]
+            stiffness[..., range(3, 6), range(3, 6)] = 1 / here[..., 6:9]
+        drives, k = self.tension() / self.weights(), 0
+        for j, kind in enumerate(members):
+            if kind.drive is None:
+                continue
+            if self._rods[j] == rod and not issubclass(kind, SectionChamber):
+                T = drives[:, k, None] * here[..., self._first[j]]
+                stiffness += line_stiffness(T, rho[:, :, j], slope[:, :, j], u, v)
+            k += 1
+        finite = np.where(np.isfinite(stiffness), stiffness, RIGID * here[..., :1, None])
+        return np.asarray((np.linalg.eigvalsh(finite)[..., 0] / here[..., 0]).min(axis=1))
+
+    def _offsets(
+        self, s: FloatArray, end: FloatArray, section: NDArray[np.int_], here: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """``rho`` [m] of each member that is a line, and its derivative, at arclengths of the rod, (instance_count, node, member,
+        2)."""
+        members, terms = self.problem.features.members, self._terms(here)
+        stop = np.take_along_axis(end, section, axis=1)
+        start = np.where(section > 0, np.take_along_axis(end, np.maximum(section - 1, 0), axis=1), 0.0)
+        half = np.where(stop > start, (stop - start) / 2, np.inf)
+        t, powers = (s - (start + stop) / 2) / half, np.arange(terms.shape[-2])
+        values = (t[..., None, None] ** powers @ terms)[..., 0, :]
+        slopes = (powers * t[..., None, None] ** np.maximum(powers - 1, 0) @ terms)[..., 0, :] / half[..., None]
+        rho, slope = np.zeros((2, *s.shape, len(members), 2))
+        first = 0
+        for j, kind in enumerate(members):
+            if issubclass(kind, Line):
+                rho[:, :, j], slope[:, :, j] = values[..., first : first + 2], slopes[..., first : first + 2]
+            first += len(kind.functions)
+        return rho, slope
+
+    def _terms(self, material: FloatArray) -> FloatArray:
+        """Coefficients of the functions of all members in rows (..., column) of the material, (..., degree + 1, function)."""
+        count = sum(len(kind.functions) for kind in self.problem.features.members)
+        return material[..., self._first[-1] :].reshape(*material.shape[:-1], -1, count)
+
+    def _inputs(self) -> FloatArray:
+        """What drives each, shape (instance_count, count)."""
+        places = [self.problem.first_drive + place for place in drive_places(self.problem.features.members)]
+        return np.asarray(self.problem.read("inputs")[:, places])
+
+    def weights(self) -> FloatArray:
+        """What the length of each is multiplied by in what its drive works on, shape (instance_count, count)."""
+        found = np.ones((self.problem.instance_count, len(self._driven)))
+        for k, (kind, own) in enumerate(self._driven):
+            if "weight" in kind.parameters:
+                values = own[..., list(kind.parameters).index("weight")]
+                largest = np.argmax(np.abs(values), axis=1)
+                found[:, k] = self.problem.each(np.take_along_axis(values, largest[:, None], axis=1)[:, 0])
+        return found
+
+    def _conditions(self) -> dict[int, tuple[FloatArray, FloatArray]]:
+        """Of those whose drive is unknown: lever [m] (batch,), and the unknown [1/m] (instance_count,)."""
+        numbers = [k for k, (kind, _) in enumerate(self._driven) if kind.conditioned]
+        unknowns = self.problem.read("unknowns")[:, self.problem.slots.places["drives"]]
+        return {k: (self._driven[k][1][:, 0, -len(CONDITION)], unknowns[:, row]) for row, k in enumerate(numbers)}
+
+
+def positive_part(z: FloatArray, mu: FloatArray) -> FloatArray:
+    """(L8b) max(z, 0)"""
+    return np.asarray(np.where(mu > 0, (z + np.sqrt(z * z + mu * mu) - mu) / 2, np.maximum(z, 0.0)))
+
+
+def rounded_energy(z: FloatArray, mu: FloatArray) -> FloatArray:
+    """(L8b) The integral of the positive part over what is left of z, which is how far a line hangs loose: zero without
+    rounding."""
+    size, part = np.sqrt(z * z + mu * mu), positive_part(z, mu)
+    turned = mu * mu * np.arcsinh(z / np.where(mu > 0, mu, 1.0))
+    return np.where(mu > 0, (z * z + z * size + turned) / 4 - mu * z / 2 - part * part / 2, 0.0)
+
+
+def line_stiffness(T: FloatArray, rho: FloatArray, slope: FloatArray, u: FloatArray, v: FloatArray) -> FloatArray:
+    """(L4) by (u, v) of lines of tension T (...), at rho (..., 2) with derivative ``slope``, shape (..., 6, 6)."""
+    lever = np.concatenate([rho, np.zeros((*rho.shape[:-1], 1))], axis=-1)
+    a = v + np.cross(u, lever) + np.concatenate([slope, np.zeros((*slope.shape[:-1], 1))], axis=-1)
+    size = np.linalg.norm(a, axis=-1)[..., None, None]
+    t = a[..., None] / size
+    across = T[..., None, None] / size * (np.eye(3) - t @ t.swapaxes(-1, -2))
+    # da = dv - [rho]x du
+    by = np.concatenate(
+        [np.cross(np.eye(3), lever[..., None, :]).swapaxes(-1, -2), np.broadcast_to(np.eye(3), (*size.shape[:-2], 3, 3))], axis=-1
+    )
+    return np.asarray(by.swapaxes(-1, -2) @ across @ by)
+
+
+class LinesOfGroups(Lines):
+    """Of a problem whose rods are backbones in groups of one build, each with ``members``, its rods, and ``backbones``."""
+
+    def __init__(self, problem: Any, drives: Sequence[Sequence[str]]) -> None:
+        self.problem, self.drives = problem, drives
+        # the first line of each rod, and their number
+        self.first: NDArray[np.intp] = np.cumsum([0, *map(len, drives)])
+
+    @abstractmethod
+    def hand_over(self) -> None:
+        """Unknowns and inputs to the backbones, without an integration."""
+
+    def _of_all(self, ask: Callable[[Lines], NDArray[Any]], *tail: int) -> FloatArray:
+        self.hand_over()
+        count = self.problem.instance_count
+        result = np.zeros((count, int(self.first[-1]), *tail))
+        for group in self.problem.groups:
+            if group.backbones.drive_count:
+                found = ask(group.backbones.lines)
+                found = found.reshape(count, len(group.members), *found.shape[1:])
+                for place, rod in enumerate(group.members):
+                    result[:, self.first[rod] : self.first[rod + 1]] = found[:, place]
+        return result
+
+    def length(self) -> FloatArray:  # noqa: D102
+        return self._of_all(lambda lines: lines.length())
+
+    def tension(self) -> FloatArray:  # noqa: D102
+        return self._of_all(lambda lines: lines.tension())
+
+    def slack(self) -> NDArray[np.bool_]:  # noqa: D102
+        return np.asarray(self._of_all(lambda lines: lines.slack()) != 0)
+
+    def beyond(self) -> NDArray[np.bool_]:  # noqa: D102
+        return np.asarray(self._of_all(lambda lines: lines.beyond()) != 0)
+
+    def left(self, node_count: int) -> FloatArray:  # noqa: D102
+        return self._of_all(lambda lines: lines.left(node_count), node_count)

@@ -1,0 +1,204 @@
+"""Rods clamped at places along them: every piece is integrated from the end of the one before it, and takes up a moment there.
+
+Equation (8) of ``docs/branches.md``.
+"""
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import warp as wp
+
+from multirod.batch import IntArray
+from multirod.capabilities import Clamps, Conjugates
+from multirod.launch import record
+from multirod.models.backbone.kernels.integration.segments import (
+    BASE_FORCE_AT,
+    POSITION_AT,
+    ROTATION_AT,
+    STATE_SIZE,
+    SegmentCall,
+    make_segment_kernel,
+)
+from multirod.models.backbone.kernels.layout.layout import Layout, unknowns_of
+from multirod.models.backbone.passes import deal, threads, width
+from multirod.models.backbone.units import unit_stiffness
+from multirod.rotations import from_quaternions
+from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.models.backbone.problem import BackboneProblem
+
+TURN_AT = 3  # of the variations: the turn of the frame, after the moment
+
+
+class ClampedBackbones:
+    """Single rods of a ``BackboneProblem`` with clamps, as its ``launch``: it leaves in the problem's buffers what that does.
+
+    The moments of the clamps stand among the directions: so many columns of each instance, from a number of its own on.
+
+    Args:
+        problem: With as many directions as all clamps have moments, and ``loads`` before them.
+        pieces: Of each rod, clamps between them.
+        first: Number of the first direction of each instance that is a moment of its own, shape (instance_count,).
+        loads: Directions, from the first on, along which what acts along the rods changes.
+
+    Attributes:
+        moments: That each clamp adds, in the axes of the rod there, over ``unit`` [1/m], shape (instance_count, pieces - 1, 3).
+        unit: Moment of one [N m^2], shape (instance_count, 3).
+        turned: How each clamp is turned, in its own axes, by the unknowns, along the ``loads``, then by the moments of all
+            [rad m], shape (instance_count, pieces - 1, 3, n + loads + 3 (pieces - 1)).
+        moved: How it moves, in the world [m^2], likewise.
+        frames: Of the rod at each clamp in the world, shape (instance_count, pieces - 1, 3, 3).
+        places: Where it is [m], shape (instance_count, pieces - 1, 3).
+    """
+
+    def __init__(self, problem: "BackboneProblem", pieces: int, first: IntArray, loads: int = 0) -> None:
+        self.problem, self.pieces, self.first, self.loads = problem, pieces, first, loads
+        options: dict[str, Any] = {"pose": True, "pose_sensitivities": True, "lengths": False, "directions": loads > 0}
+        self._features = replace(problem.features, segment=True, nodes=False, node_columns=False, **options)
+        d = self._features.unknown_count
+        self._own = np.delete(np.arange(d), unknowns_of(self._features).places["rotation"])
+        count, device = problem.instance_count, problem.device
+        self._call: Any = problem._make_call(0)
+        rooms = {"unknowns": (d,), "residual": (d,), "gamma": (d, d), "residual_directions": (d, max(loads, 1))}
+        rooms |= {"pose_columns": (6, d + loads)}
+        if problem.held:
+            rooms |= {"tip_wrench": (6,), "wrench_columns": (6, d + loads)}
+        for name, shape in rooms.items():
+            setattr(self._call, name, wp.zeros((count, *shape), dtype=wp.float64, device=device))
+        self._call.unknown_columns, self._call.direction_columns = d, loads
+        lanes = width("float64", device)
+        memory = deal(self._call, Layout(self._features), problem.integrator, "float64", device, count, lanes, shared=True)
+        segment: Any = SegmentCall()
+        segment.instance = wp.array(np.arange(count), dtype=wp.int32, device=device)
+        segment.steps = wp.zeros(count, dtype=wp.int32, device=device)
+        for name in ("start", "end"):
+            setattr(segment, name, wp.zeros(count, dtype=wp.float64, device=device))
+        for name in ("at_tip", "fault"):
+            setattr(segment, name, wp.zeros(count, dtype=wp.int32, device=device))
+        for name in ("state", "end_state"):
+            setattr(segment, name, wp.zeros((count, STATE_SIZE), dtype=wp.float64, device=device))
+        segment.columns = wp.zeros((count, 9, d + loads), dtype=wp.float64, device=device)
+        self._segment, tableau = segment, problem.integrator.tableau
+        self._launch = record(
+            lambda: make_segment_kernel(self._features, tableau, lanes),
+            threads(self._call, count),
+            [problem.table, self._call, memory, segment],
+            device,
+        )
+        material = problem.each(problem.arrays.material[:, 0, 0])
+        self.unit: FloatArray = np.array(unit_stiffness(material))
+        clamps, columns = pieces - 1, problem.unknown_count + loads + 3 * (pieces - 1)
+        self.moments = np.zeros((count, clamps, 3))
+        self.turned, self.moved = np.zeros((2, count, clamps, 3, columns))
+        self.frames, self.places = np.zeros((count, clamps, 3, 3)), np.zeros((count, clamps, 3))
+
+    def set_dim(self, count: int) -> None:
+        """All instances are integrated, however few are asked for."""
+
+    def launch(self) -> None:
+        """One integration of all instances, a piece after another."""
+        problem, segment, call, n = self.problem, self._segment, self._call, self.problem.unknown_count
+        count, d = problem.instance_count, self._features.unknown_count
+        unknowns = np.zeros((count, d))
+        unknowns[:, self._own] = problem.read("unknowns")
+        problem.heed_stop()
+        call.unknowns.assign(unknowns)
+        scale = np.broadcast_to(problem.table.length_scale.numpy(), count)
+        edges = np.linspace(0.0, 1.0, self.pieces + 1) * problem.ends()[:, :1]
+        state = np.zeros((count, STATE_SIZE))
+        columns = np.zeros((count, d, self.turned.shape[-1]))
+        columns[:, self._own, range(n)] = 1.0
+        moved = np.zeros((count, 3, columns.shape[2]))
+        fault, base = np.zeros(count, dtype=np.int32), np.broadcast_to(problem.table.base_rotation.numpy(), (count, 3, 3))
+        for piece in range(self.pieces):
+            last = piece == self.pieces - 1
+            segment.state.assign(state)
+            segment.start.assign(edges[:, piece])
+            segment.end.assign(edges[:, piece + 1])
+            segment.at_tip.fill_(int(last))
+            segment.fault.zero_()
+            self._launch.launch()
+            found, begin = segment.columns.numpy(), columns
+            fault = np.maximum(fault, segment.fault.numpy())
+            moved = moved + self._onward(found[:, 6:9], begin)
+            columns = np.concatenate([self._onward(found[:, :6], begin), begin[:, BASE_FORCE_AT:]], axis=1)
+            state = np.array(segment.end_state.numpy())
+            if last:
+                break
+            self.frames[:, piece] = base @ from_quaternions(state[:, ROTATION_AT:POSITION_AT])
+            self.places[:, piece] = self._in_world(base, state)
+            self.moved[:, piece] = base @ moved
+            self.turned[:, piece] = columns[:, TURN_AT : TURN_AT + 3] * scale[:, None, None]
+            state[:, :3] += self.unit * self.moments[:, piece]
+            own = n + self.loads + 3 * piece
+            columns[:, range(3), range(own, own + 3)] += 1.0
+        frame = base @ from_quaternions(state[:, ROTATION_AT:POSITION_AT])
+        problem.write("rotation", frame.reshape(count, 9))
+        problem.write("position", self._in_world(base, state))
+        turn = frame @ (columns[:, TURN_AT : TURN_AT + 3] * scale[:, None, None])
+        problem.pose_columns.assign(self._by_all(np.concatenate([base @ moved, turn], axis=1)))
+        if problem.held:
+            problem.tip_wrench.assign(call.tip_wrench.numpy())
+            problem.wrench_columns.assign(self._by_all(self._onward(call.wrench_columns.numpy(), begin)))
+        else:
+            problem.write("residual", call.residual.numpy()[:, self._own])
+            columns = np.concatenate([call.gamma.numpy(), call.residual_directions.numpy()[..., : self.loads]], axis=2)
+            gamma = self._onward(columns[:, self._own], begin)
+            problem.write("gamma", gamma[..., :n].reshape(count, n * n))
+            problem.residual_directions.assign(self._by_all(gamma)[..., n:])
+        problem.fault.assign(fault)
+
+    def _onward(self, found: FloatArray, begin: FloatArray) -> FloatArray:
+        """Columns at the end of a piece, which has ``found`` them by the state where it begins, then along the loads."""
+        n, d = self.problem.unknown_count, begin.shape[1]
+        result = found[..., :d] @ begin
+        result[..., n : n + self.loads] += found[..., d:]
+        return np.asarray(result)
+
+    def _in_world(self, base: FloatArray, state: FloatArray) -> FloatArray:
+        """Where states are [m], shape (instance_count, 3)."""
+        return np.asarray(self.problem.table.base_position.numpy() + np.einsum("bij,bj->bi", base, state[:, POSITION_AT:]))
+
+    def _by_all(self, values: FloatArray) -> FloatArray:
+        """Columns by unknowns, loads and moments as the problem has them: zero by the moments of other rods."""
+        problem, n = self.problem, self.problem.unknown_count
+        last = n + self.loads
+        result = np.zeros((problem.instance_count, values.shape[1], n + problem.direction_count))
+        result[..., :last] = values[..., :last]
+        places = n + self.first[:, None] + np.arange(values.shape[2] - last)
+        np.put_along_axis(result, np.broadcast_to(places[:, None], values[..., last:].shape), values[..., last:], axis=2)
+        return result
+
+
+class BackboneClamps(Clamps):
+    """Of a ``BackboneProblem`` whose rod is in several pieces."""
+
+    def __init__(self, problem: "BackboneProblem", chain: ClampedBackbones) -> None:
+        self.problem, self._chain = problem, chain
+        count, each = problem.instance_count, chain.pieces - 1
+        self.size = 3 * each
+        self.unit = np.broadcast_to(chain.unit[:, None], (count, each, 3)).reshape(count, self.size)
+
+    @property
+    def pairs(self) -> Conjugates:  # noqa: D102
+        pairs = self.problem.conjugates
+        assert pairs is not None  # of a free tip
+        return pairs
+
+    def put(self, moments: FloatArray) -> None:  # noqa: D102
+        self._chain.moments[:] = moments.reshape(self._chain.moments.shape)
+
+    def turned(self) -> FloatArray:  # noqa: D102
+        return self._chain.turned.reshape(len(self.unit), self.size, -1)
+
+    def moved(self) -> FloatArray:  # noqa: D102
+        return self._chain.moved
+
+    def frames(self) -> FloatArray:  # noqa: D102
+        return self._chain.frames
+
+    def places(self) -> FloatArray:
+        """Where the clamps are [m], shape (instance_count, clamp, 3)."""
+        return self._chain.places

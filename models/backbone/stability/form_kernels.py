@@ -1,0 +1,283 @@
+# mypy: ignore-errors
+"""The second variation of a backbone with a free tip, condensed to the tip, one instance a thread: ``condensed_form`` compiled.
+
+Numbers in parentheses are those of ``docs/stability.md``.
+"""
+
+from functools import cache
+
+import warp as wp
+
+from multirod.models.backbone.stability.second_variation import STIFF, WORST_CONDITION
+
+f64 = wp.float64
+PASSES = 60  # of the matrix sign function, whose error is squared in each once it is near
+SAME = 1e-9  # relative change from which on it stands
+
+
+@wp.struct
+class Form:
+    """What is condensed, and room for it; the first axis is the instance, ``m`` numbers are free at the tip."""
+
+    wanted: wp.array[int]
+    arclength: wp.array2d[wp.float64]  # of the nodes [m], NaN past the last
+    configuration: wp.array4d[wp.float64]  # (instance, node, m or more, m or more)
+    momenta: wp.array3d[wp.float64]  # of the tip, likewise
+    ends: wp.array2d[wp.float64]  # of the rods [m]
+    unit: wp.array[wp.float64]  # K/L [N m]
+    # found
+    matrix: wp.array3d[wp.float64]  # (instance, m, m)
+    conjugate: wp.array[int]
+    known: wp.array[int]
+    open: wp.array[int]  # whether eigenvalues could not be told apart: the host does it
+    # room, (instance, m, m)
+    kept: wp.array2d[int]  # rows of the rods that have not ended, in order
+    basis: wp.array3d[wp.float64]  # combinations of columns
+    torque: wp.array3d[wp.float64]  # momenta of rows and combinations that are left
+    here: wp.array3d[wp.float64]  # configuration at a node
+    inverse: wp.array3d[wp.float64]
+    before: wp.array3d[wp.float64]  # inverse at the node before
+    ratio: wp.array3d[wp.float64]
+    work: wp.array3d[wp.float64]
+
+
+@wp.func(inline=False)
+def invert(work: wp.array3d[wp.float64], inverse: wp.array3d[wp.float64], t: int, r: int) -> f64:
+    """The inverse of the first ``r`` rows and columns of ``work``, which is used up, by pivots; returns the determinant."""
+    determinant = f64(1.0)
+    for i in range(r):
+        for j in range(r):
+            inverse[t, i, j] = wp.where(i == j, f64(1.0), f64(0.0))
+    for k in range(r):
+        p = int(k)
+        for i in range(k + 1, r):
+            if wp.abs(work[t, i, k]) > wp.abs(work[t, p, k]):
+                p = i
+        if p != k:
+            determinant = -determinant
+            for j in range(r):
+                swap = work[t, k, j]
+                work[t, k, j] = work[t, p, j]
+                work[t, p, j] = swap
+                swap = inverse[t, k, j]
+                inverse[t, k, j] = inverse[t, p, j]
+                inverse[t, p, j] = swap
+        pivot = work[t, k, k]
+        determinant = determinant * pivot
+        for j in range(r):
+            work[t, k, j] = work[t, k, j] / pivot
+            inverse[t, k, j] = inverse[t, k, j] / pivot
+        for i in range(r):
+            factor = work[t, i, k]
+            if i != k and factor != f64(0.0):
+                for j in range(r):
+                    work[t, i, j] = work[t, i, j] - factor * work[t, k, j]
+                    inverse[t, i, j] = inverse[t, i, j] - factor * inverse[t, k, j]
+    return determinant
+
+
+@wp.func(inline=False)
+def square(values: wp.array3d[wp.float64], t: int, r: int) -> f64:
+    total = f64(0.0)
+    for i in range(r):
+        for j in range(r):
+            total += values[t, i, j] * values[t, i, j]
+    return total
+
+
+@wp.func
+def trace_of(values: wp.array3d[wp.float64], t: int, r: int) -> f64:
+    total = f64(0.0)
+    for i in range(r):
+        total += values[t, i, i]
+    return total
+
+
+@wp.func(inline=False)
+def negative(s: wp.ref[Form], t: int, r: int) -> int:
+    """How many eigenvalues of ``ratio`` have a negative real part: by its sign function, which Newton's method finds.
+
+    It has eigenvalues of 1 and -1 in the place of those with a positive and a negative real part.
+    """
+    size = square(s.ratio, t, r)
+    trace = trace_of(s.ratio, t, r)
+    if not wp.isfinite(size):
+        return 0
+    # none has where the matrix is nearer to some positive multiple of the identity than that is to zero
+    if trace > f64(0.0) and trace * trace > f64(r - 1) * size:
+        return 0
+    for _pass in range(wp.static(PASSES)):
+        for i in range(r):
+            for j in range(r):
+                s.work[t, i, j] = s.ratio[t, i, j]
+        determinant = wp.abs(invert(s.work, s.inverse, t, r))
+        # the scale by which eigenvalues are as far above 1 as below
+        scale = wp.pow(determinant, f64(-1.0) / f64(r))
+        change = f64(0.0)
+        for i in range(r):
+            for j in range(r):
+                value = f64(0.5) * (scale * s.ratio[t, i, j] + s.inverse[t, i, j] / scale)
+                change += (value - s.ratio[t, i, j]) * (value - s.ratio[t, i, j])
+                s.ratio[t, i, j] = value
+        if not wp.isfinite(change):
+            break
+        if change <= f64(wp.static(SAME * SAME)) * square(s.ratio, t, r):
+            return int(wp.round(f64(0.5) * (f64(r) - trace_of(s.ratio, t, r))))
+    s.open[t] = 1
+    return 0
+
+
+@wp.func(inline=False)
+def look_at(s: wp.ref[Form], t: int, node: int, r: int) -> bool:
+    """Configurations at a node by the combinations that are left, and their inverse; whether rounding leaves the signs."""
+    m = s.basis.shape[1]
+    for i in range(r):
+        row = s.kept[t, i]
+        for j in range(r):
+            total = f64(0.0)
+            for l in range(m):
+                total += s.configuration[t, node, row, l] * s.basis[t, l, j]
+            s.here[t, i, j] = total
+            s.work[t, i, j] = total
+    invert(s.work, s.inverse, t, r)
+    size = square(s.here, t, r) * square(s.inverse, t, r)
+    return size < f64(wp.static(WORST_CONDITION * WORST_CONDITION))
+
+
+@wp.func
+def next_rod(s: wp.ref[Form], t: int, after: f64, rod: int) -> int:
+    """The rod that ends next before the tip, after one that ends at ``after``; -1 if there is none."""
+    tip = s.ends[t, 0]
+    for i in range(1, s.ends.shape[1]):
+        tip = wp.max(tip, s.ends[t, i])
+    found = int(-1)
+    for i in range(s.ends.shape[1]):
+        own = s.ends[t, i]
+        if own < tip and (own > after or (own == after and i > rod)):
+            if found < 0 or own < s.ends[t, found]:
+                found = i
+    return found
+
+
+@wp.func(inline=False)
+def release(s: wp.ref[Form], t: int, place: int, r: int):
+    """(6) The angle in a row is free from here on: keep to the combinations that leave its end without torque.
+
+    These are the columns, but the first, of the reflection that takes the torque's row into the first direction.
+    """
+    m = s.basis.shape[1]
+    size = f64(0.0)
+    for j in range(r):
+        size += s.torque[t, place, j] * s.torque[t, place, j]
+    size = wp.sqrt(size)
+    # v = own +- |own| e_1, in the first row of ``ratio``
+    total = f64(0.0)
+    for j in range(r):
+        value = s.torque[t, place, j]
+        if j == 0:
+            value += wp.where(value >= f64(0.0), size, -size)
+        s.ratio[t, 0, j] = value
+        total += value * value
+    total = wp.max(total, f64(1.0e-300))
+    for i in range(m):
+        along = f64(0.0)
+        for j in range(r):
+            along += s.basis[t, i, j] * s.ratio[t, 0, j]
+        for j in range(1, r):
+            s.basis[t, i, j - 1] = s.basis[t, i, j] - f64(2.0) * along / total * s.ratio[t, 0, j]
+    for i in range(r):
+        along = f64(0.0)
+        for j in range(r):
+            along += s.torque[t, i, j] * s.ratio[t, 0, j]
+        to = wp.where(i > place, i - 1, i)
+        if i != place:
+            for j in range(1, r):
+                s.torque[t, to, j - 1] = s.torque[t, i, j] - f64(2.0) * along / total * s.ratio[t, 0, j]
+    for i in range(place, r - 1):
+        s.kept[t, i] = s.kept[t, i + 1]
+
+
+@wp.func
+def longest_rod(s: wp.ref[Form], t: int) -> int:
+    longest = int(0)
+    for i in range(1, s.ends.shape[1]):
+        if s.ends[t, i] > s.ends[t, longest]:
+            longest = i
+    return longest
+
+
+@cache
+def make_form():
+    """Kernel for (4) to (6)."""
+
+    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+    def form(s: Form):
+        t = wp.tid()
+        if s.wanted[t] == 0:
+            return
+        m = s.basis.shape[1]
+        for i in range(m):
+            s.kept[t, i] = i
+            for j in range(m):
+                s.basis[t, i, j] = wp.where(i == j, f64(1.0), f64(0.0))
+                s.matrix[t, i, j] = wp.where(i == j, f64(wp.static(STIFF)) * s.unit[t], f64(0.0))
+                s.torque[t, i, j] = s.momenta[t, i, j]
+        r = int(m)
+        known = bool(True)
+        conjugate = int(0)
+        s.open[t] = 0
+        longest = longest_rod(s, t)
+        rod = int(-1)
+        end = f64(-wp.inf)
+        node = int(0)
+        going = bool(True)
+        while going:
+            rod = next_rod(s, t, end, rod)
+            going = rod >= 0
+            end = s.ends[t, wp.where(going, rod, longest)]
+            known = look_at(s, t, node, r) and known
+            while node + 1 < s.arclength.shape[1] and not s.arclength[t, node] >= end:
+                for i in range(r):
+                    for j in range(r):
+                        s.before[t, i, j] = s.inverse[t, i, j]
+                node += 1
+                known = look_at(s, t, node, r) and known
+                for i in range(r):
+                    for j in range(r):
+                        total = f64(0.0)
+                        for l in range(r):
+                            total += s.here[t, i, l] * s.before[t, l, j]
+                        s.ratio[t, i, j] = total
+                # the sign function has its own use of what stands in ``inverse``
+                for i in range(r):
+                    for j in range(r):
+                        s.before[t, i, j] = s.inverse[t, i, j]
+                conjugate += negative(s, t, r)
+                for i in range(r):
+                    for j in range(r):
+                        s.inverse[t, i, j] = s.before[t, i, j]
+            if going:
+                row = 3 + wp.where(rod > longest, rod - 1, rod)
+                place = int(0)
+                for i in range(r):
+                    if s.kept[t, i] == row:
+                        place = i
+                total = f64(0.0)
+                for l in range(r):
+                    total += s.torque[t, place, l] * s.inverse[t, l, place]
+                if total < f64(0.0):
+                    conjugate += 1
+                release(s, t, place, r)
+                r -= 1
+        # (5)
+        for i in range(r):
+            for j in range(r):
+                total = f64(0.0)
+                for l in range(r):
+                    total += s.torque[t, i, l] * s.inverse[t, l, j]
+                s.matrix[t, s.kept[t, i], s.kept[t, j]] = total
+                known = known and wp.isfinite(total)
+        s.conjugate[t] = conjugate
+        s.known[t] = wp.where(known, 1, 0)
+
+    return form

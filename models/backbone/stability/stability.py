@@ -1,0 +1,260 @@
+"""Stability of one backbone: its second variation by columns at nodes, its potential, and what its rods say beforehand."""
+
+from functools import cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod.models.backbone.stability.mode_bounds import bound_modes
+from multirod.models.backbone.stability.second_variation import (
+    MOST_NODES,
+    CondensedForm,
+    NodeColumns,
+    TipJoint,
+    certain_determinant,
+    condensed_form,
+    segments_needed,
+    with_conditions,
+)
+from multirod.profile import DEGREE
+from multirod.stability import Modes, StabilityAnalysis
+from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.models.backbone.node_pass import NodePass
+    from multirod.models.backbone.problem import BackboneProblem
+
+FEWEST_NODES = 9
+MOST_NODES_AT_FIRST = 33
+
+
+@cache
+def _divisors(steps: int) -> NDArray[np.int_]:
+    return np.array([part for part in range(1, steps + 1) if steps % part == 0])
+
+
+class BackboneStability(StabilityAnalysis):
+    """Of a ``BackboneProblem``, free at its tip or held there."""
+
+    def __init__(self, problem: "BackboneProblem") -> None:
+        self.problem = problem
+
+    @property
+    def multistable(self) -> bool:  # noqa: D102
+        return self.problem.features.turning_count > 0
+
+    @property
+    def has_potential(self) -> NDArray[np.bool_]:  # noqa: D102
+        inputs = self.problem.read("inputs")
+        return np.asarray(self.problem.found_for("has_potential", inputs, lambda: self._has_potential(inputs)))
+
+    def _has_potential(self, inputs: FloatArray) -> NDArray[np.bool_]:
+        problem, features = self.problem, self.problem.features
+        acting = np.full(problem.instance_count, features.measured or features.friction)
+        for spec in problem.acting(inputs):
+            if not spec.potential:
+                acting |= inputs[:, problem.input_slice(spec.name)].any(axis=1)
+        if features.profile_degree >= 0:
+            moments = problem.table.profile.numpy().reshape(-1, 6, DEGREE + 1)[:, 3:]
+            acting |= bool(moments.any()) & (inputs[:, -1] != 0)
+        return np.asarray(~acting)
+
+    def potential(self) -> FloatArray:  # noqa: D102
+        call = self.problem.node_pass(2)
+        stored, work = np.array(call.read("energy")), np.array(call.read("work"))
+        if self.problem.breakpoints:
+            _, energy, done = self.problem.cut.shapes(self.problem.breakpoints, 2)
+            for k in self.problem.breakpoints:
+                stored[k], work[k] = energy[k], done[k]
+        if self.problem.features.condition_count:
+            stored += self.problem.lines.stretch_energy(call.read("line_length"))
+        return np.where(self.has_potential, stored - work, np.nan)
+
+    def modes(self) -> Modes:  # noqa: D102
+        form, determinant = self.condensed_form()
+        modes = form.modes(self.problem.stiffness_over_length())
+        potential = self.has_potential
+        judged = potential & self.problem.lines.stays_stiff() & (not self.problem.features.foundation)
+        if not judged.all():
+            modes.known[~judged] = False
+            modes.values[~judged] = np.nan
+        # det Gamma is positive where nothing acts
+        modes.diverging[:] = self._told_by_sign(potential) & (determinant < 0) | potential & self.problem.lines.gives_way()
+        return modes
+
+    def _told_by_sign(self, potential: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Where the sign of ``det Gamma`` is all that tells of instability, shape (instance_count,)."""
+        terms = self.problem.features
+        return np.asarray((~potential | terms.foundation) & (not terms.measured))
+
+    def condensed_form(self, joint: TipJoint | None = None, *, tensions_fixed: bool = False) -> tuple[CondensedForm, FloatArray]:
+        """The second variation at ``unknowns``, condensed to the tip, or to what a ``joint`` gives there, and ``det Gamma``
+        (instance_count,), where that tells more; NaN of breakpoints, of a held tip and where rounding hides its sign. Where
+        ``tensions_fixed``, those of lines of given length are not eliminated.
+
+        One integration over as many nodes as the loads call for; where the moments found call for more, another one.
+        """
+        unit, n = self.problem.stiffness_over_length(), len(self.problem.rods)
+        size = self._free() + (3 if self.problem.held else 0)
+        count = self.problem.instance_count
+        form = CondensedForm(np.full((count, size, size), np.nan), np.zeros(count, dtype=np.int32), np.zeros(count, dtype=bool))
+        determinant = np.full(count, np.nan)
+        if n > 1 and self.problem.rigid_in_torsion:
+            return form, determinant  # a torque of each that nothing determines
+        # each instance has its own number of nodes, whatever stands beside it in the batch
+        nodes = self._nodes(np.minimum(np.nan_to_num(self._segments_expected()), MOST_NODES_AT_FIRST - 2))
+        open_ = np.ones(count, dtype=bool)
+        if self.problem.breakpoints:
+            cut = list(self.problem.breakpoints)
+            form.put(cut, self.problem.cut.condensed_form(self.problem.breakpoints))
+            open_[cut] = False
+        while open_.any():
+            node_count = int(nodes[open_].min())
+            chosen = open_ & (nodes == node_count)
+            call = self.problem.node_pass(node_count, chosen, columns=True)
+            needed = self._segments_of(call)
+            done = chosen & (needed < node_count)
+            if done.any():
+                own = self._form(call, done, unit, joint)
+                if self.problem.features.condition_count and not tensions_fixed:
+                    own = self._tensions_eliminated(own, call, done)
+                form.put(done, own)
+                if not self.problem.held and (asked := done & self._told_by_sign(self.has_potential)).any():
+                    determinant[asked] = certain_determinant(call.read("gamma")[asked])
+            more = chosen & ~done & (needed < MOST_NODES - 1)
+            nodes[more] = self._nodes(needed[more])
+            open_ &= ~chosen | more
+        return form, determinant
+
+    def _nodes(self, segments: FloatArray) -> NDArray[np.int_]:
+        """Numbers of nodes for more than so many segments, evenly spaced: where some number of equal steps ends, if that can be;
+        else one more than a power of two."""
+        fewest = np.maximum(segments + 1e-6, FEWEST_NODES - 1)
+        result = 2 ** np.ceil(np.log2(fewest)).astype(int)
+        steps = self.problem.integrator.steps
+        if steps is not None:
+            parts = _divisors(steps)
+            place = np.searchsorted(parts, fewest)
+            result = np.where(place < len(parts), parts[np.minimum(place, len(parts) - 1)], result)
+        return np.asarray(1 + result)
+
+    def _free(self) -> int:
+        """Angles of a free tip: three of what ends there, and how each rod turns against it."""
+        return 3 + self.problem.features.turning_count
+
+    def _form(
+        self, call: "NodePass", chosen: NDArray[np.bool_], unit: FloatArray, joint: TipJoint | None = None
+    ) -> CondensedForm:
+        """(4) to (6) by what a pass over nodes says of the instances ``chosen``; ``unit`` is ``K/L`` [N m] of all."""
+        if self.problem.judged_often:
+            ends = self._column_ends()
+            return call.form(self._free(), ends.shape[1], self.problem.device).of(chosen, ends, unit)
+        return condensed_form(self._given(call, chosen, self._other_columns(), joint), unit[chosen])
+
+    def _other_columns(self) -> NDArray[np.intp]:
+        """Columns by which the form is made, where all tensions are fixed."""
+        # base forces that follow a load are no variations that keep the forces, and those of unloaded tubes carry a moment here
+        if not self.problem.held:
+            return np.arange(self._free())
+        drives = self.problem.slots.places["drives"]
+        return np.delete(np.arange(self.problem.unknown_count), np.arange(drives.start, drives.stop))
+
+    def _tensions_eliminated(self, form: CondensedForm, call: "NodePass", chosen: NDArray[np.bool_]) -> CondensedForm:
+        """(18)"""
+        problem, drives, others = self.problem, self.problem.slots.places["drives"], self._other_columns()
+        tensions = np.arange(drives.start, drives.stop)
+        lacking = call.read("gamma")[chosen][:, tensions + (3 if problem.held else 0)]
+        by_others, by_tensions = (self._node_columns(call, chosen, columns) for columns in (others, tensions))
+        taut = problem.lines.taut()[chosen]
+        return with_conditions(form, by_others, by_tensions, -lacking[:, :, others], -lacking[:, :, tensions], taut)
+
+    def _given(
+        self, call: "NodePass", chosen: NDArray[np.bool_], columns: NDArray[np.intp], joint: TipJoint | None
+    ) -> NodeColumns:
+        """The same with what a ``joint`` gives at the tip."""
+        found = self._node_columns(call, chosen, columns)
+        return found if joint is None else joint.take(chosen).given(found, self.problem.least_stiffness()[chosen])
+
+    def _node_columns(self, call: "NodePass", chosen: NDArray[np.bool_], columns: NDArray[np.intp]) -> NodeColumns:
+        """What a pass over nodes says of variations of the instances ``chosen`` by some of the unknowns."""
+        rows = self._free()
+        ends = self._column_ends()[chosen]
+        arclength = call.read("column_arclength")[chosen]
+        configuration = call.read("node_columns")[chosen, :, :rows][..., columns]
+        momenta = call.read("tip_columns")[chosen, :rows][..., columns]
+        if not self.problem.held:
+            return NodeColumns(arclength, configuration, momenta, ends)
+        wrench = self.problem.wrench_columns.numpy()[chosen][..., columns]
+        momenta = np.concatenate([wrench[:, 3:], momenta[:, 3:]], axis=1)
+        position = call.read("pose_columns")[chosen, :3][..., columns]
+        return NodeColumns(arclength, configuration, momenta, ends, wrench[:, :3], position)
+
+    def _column_ends(self) -> FloatArray:
+        """Where rods end [m], shape (instance_count, n or more)."""
+        ends = self.problem.ends()
+        if self.problem.features.eccentric:  # the line is what ends at the tip, as the longest rod does
+            ends = np.concatenate([ends.max(axis=1, keepdims=True), ends], axis=1)
+        return ends
+
+    def _segments_expected(self) -> FloatArray:
+        """(7) by what the moments cannot exceed."""
+        length, scale = self.problem.ends().max(axis=1), self.problem.load_scale()
+        if self.problem.held:
+            x = np.abs(self.problem.read("unknowns") - self.problem.guess())
+            stiffest = (
+                self.problem.each(self.problem.arrays.material[..., :2].max(axis=(1, 2, 3))) / self.problem.least_stiffness()
+            )
+            scale = scale + stiffest * length * (np.linalg.norm(x[:, :-3], axis=1) + np.linalg.norm(x[:, -3:], axis=1))
+        unit = self.problem.least_stiffness() / length
+        return self._segments(scale * unit, scale * unit / length, scale / length)
+
+    def _segments_of(self, call: "NodePass") -> FloatArray:
+        """(7) by the moments, forces and curvatures of a pass over nodes."""
+        values = (call.read(f"node_{name}") for name in ("moment", "force", "curvature"))
+        return self._segments(*(np.sqrt((own * own).sum(axis=2).max(axis=1)) for own in values))
+
+    def _segments(self, moment: FloatArray, force: FloatArray, curvature: FloatArray) -> FloatArray:
+        """(7) from bounds [N m], [N], [1/m], shape (instance_count,)."""
+        coupling, potential = moment, force + self.problem.magnetic_load()
+        if self.problem.features.turning_count:
+            EI, kappa = self.problem.by_section()
+            bend = EI * kappa
+            coupling = moment + bend.max(axis=2).sum(axis=1)
+            potential = potential + (bend * (kappa + curvature[:, None, None])).max(axis=2).sum(axis=1)
+        return segments_needed(self.problem.ends().max(axis=1), self.problem.least_stiffness(), coupling, potential)
+
+    def mode_bounds(self) -> FloatArray | None:  # noqa: D102
+        features = self.problem.features
+        if len(self.problem.rods) == 1 or self.problem.held or not features.torsion or features.eccentric or features.members:
+            return super().mode_bounds()
+        inputs = self.problem.read("inputs")
+        EI, kappa = self.problem.by_section()
+        start, force = inputs[:, self.problem.input_slice("translation")], self._dead_load()
+        end, compliance = self.problem.each(self.problem.arrays.end), self.problem.each(self.problem.arrays.material[..., 5])
+        given = np.concatenate([start, force[:, None]], axis=1)
+        bounds = self.problem.found_for("mode_bounds", given, lambda: bound_modes(start, end, compliance, EI, kappa, force))
+        bounds[:, 0] += np.where(self.has_potential, 0.0, 0.5 * self.problem.load_scale())
+        bounds[~self.has_potential, 1] = np.inf
+        if (
+            self.problem.features.anisotropic or self.problem.features.magnetised
+        ):  # they resist being turned against their neighbours even where all are straight
+            bounds = np.maximum(bounds, (1.0, np.inf))
+        return np.asarray(bounds)
+
+    def _dead_load(self) -> FloatArray:
+        """Bound of the dead forces' part of the internal force [N], shape (instance_count,)."""
+        inputs = self.problem.read("inputs")
+        length = self.problem.ends().max(axis=1)
+        total = np.zeros(len(inputs))
+        for spec in self.problem.acting(inputs):
+            if spec.name not in ("tip_force", "distributed_force", "gravity"):
+                continue
+            size = np.linalg.norm(inputs[:, self.problem.input_slice(spec.name)], axis=1)
+            if spec.name == "gravity":
+                size = size * self.problem.each(self.problem.arrays.material[..., 9].max(axis=2).sum(axis=1))
+            total += size * length if spec.acts == "along" else size
+        if self.problem.features.profile_degree >= 0:
+            profile = self.problem.table.profile.numpy()
+            total = total + np.abs(profile.reshape(len(profile), 6, -1)).sum(-1).max(0)[:3].sum() * length * np.abs(inputs[:, -1])
+        return np.asarray(total)

@@ -1,0 +1,1 @@
+"""What joins rods and bodies: bodies, joints, rods that slide through holes, and where bodies then stand."""

@@ -1,0 +1,248 @@
+"""Joints between the ends of rods and bodies: what they leave free, and the turns and torques of that.
+
+Numbers in parentheses are those of ``docs/networks.md``.
+"""
+
+from copy import copy
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod.assembly import pose as checked_pose
+from multirod.models.network.joining.bodies import Body, Ground, name_of
+from multirod.rotations import left_jacobian, matrices, vectors
+from multirod.types import Numbers
+from multirod.validation import FloatArray, array, choice, frozen, positive_float, refuse
+
+MOST = 3  # coordinates of a joint
+ALONG = "along"  # the end that is none: a hole
+KINDS = {"clamped": 0, "revolute": 1, "universal": 2, "spherical": 3}  # coordinates of each
+HOLES = {"prismatic": "clamped", "cylindrical": "revolute", "spherical": "spherical"}  # how each lets a rod turn
+AXES: dict[str, Any] = {"revolute": (1.0, 0.0, 0.0), "universal": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))}  # where none are given
+PERPENDICULAR = 1e-8  # that the axes of a universal joint may be off a right angle
+SMALLEST_AXIS = 1e-100  # whose square still is a number
+ROUNDED = 1e-15  # what the length of an axis of length 1 may be off
+FITTING = 8  # steps in which the coordinates of a joint are found that fit a rotation best
+
+
+class Joint:
+    """One end of a rod, and what holds it there; or a hole through which the rod slides without friction.
+
+    Args:
+        rod: Name of the rod.
+        end: ``"base"``, ``"tip"`` or ``"along"``: through a hole.
+        to: The body that holds it, or ``mr.ground``.
+        pose: Where on it: the pose that the end takes where the joint is not turned, in the frame of the body, shape (..., 4, 4);
+            the identity by default.
+        kind: ``"clamped"``; ``"revolute"``, free to turn about ``axis``; ``"universal"``, about the first of two axes, that stays
+            with the body, and the second, that goes with the rod; ``"spherical"``, free to turn. Of a hole ``"prismatic"``, a
+            long one along z of its ``pose``, in which the rod does not turn; ``"cylindrical"``, in which it turns about itself;
+            and ``"spherical"``, a ring.
+        axis: In the frame of ``pose``, shape (3,); of a universal joint two that are perpendicular, shape (2, 3). By default x,
+            or x and y.
+        stiffness: Of a spring in the joint [N m/rad], about each of its axes; of a spherical joint one number. None by default.
+        rest: Angle about each axis at which that spring is without torque [rad]. Of a spherical joint it is where ``pose`` says.
+        driven: Whether its coordinates are the input ``angle``, ``robot.inputs(angle={"arm base": 0.3})``, of the base of the rod
+            ``"arm"``: what drives it holds it there. Then it has no spring.
+        at: Of a hole, about where along the rod it is, from the base [m]: there the search begins. Holes stand in this order.
+
+    Raises:
+        ValueError: If a name is no name, a pose is none, or an axis is zero.
+        TypeError: If ``to`` is neither a ``Body`` nor ``mr.ground``.
+    """
+
+    def __init__(
+        self,
+        rod: str,
+        end: Literal["base", "tip", "along"],
+        *,
+        to: Body | Ground,
+        pose: Numbers | None = None,
+        kind: Literal["clamped", "revolute", "universal", "spherical", "prismatic", "cylindrical"] = "clamped",
+        axis: Numbers | None = None,
+        stiffness: Numbers = 0.0,
+        rest: Numbers = 0.0,
+        driven: bool = False,
+        at: float | None = None,
+    ) -> None:
+        self.rod = name_of("Joint.rod", rod)
+        self.end = choice("Joint.end", end, ("base", "tip", ALONG))
+        if not isinstance(to, (Body, Ground)):
+            raise TypeError(f"Joint.to = {to!r} is not allowed: must be a Body or mr.ground, not {type(to).__name__}")
+        self.to = to
+        self.pose = checked_pose("Joint.pose", pose)
+        self.kind = choice("Joint.kind", kind, HOLES if self.end == ALONG else KINDS)
+        self.at = None if at is None else positive_float("Joint.at", at)
+        if not isinstance(driven, (bool, np.bool_)):
+            raise TypeError(f"Joint.driven = {driven!r} is not allowed: must be True or False")
+        self.driven = bool(driven)
+        if self.end == ALONG:
+            self._be_hole(axis, stiffness, rest)
+            return
+        if at is not None:
+            refuse("Joint.at", at, f"must not be given: the joint is at the {self.end}")
+        self.axes = _axes(self.kind, axis)
+        self.stiffness = _each("Joint.stiffness", stiffness, self.kind)
+        if (self.stiffness < 0).any():
+            refuse("Joint.stiffness", stiffness, "must be >= 0")
+        if self.kind == "spherical" and (self.stiffness != self.stiffness[0]).any():
+            refuse("Joint.stiffness", stiffness, "must be one number: a spherical joint is as stiff about all axes")
+        self.rest = _each("Joint.rest", rest, self.kind)
+        if self.kind == "spherical" and self.rest.any():
+            refuse("Joint.rest", rest, "must be 0 of a spherical joint: turn its pose instead")
+        if self.driven:
+            self._be_driven(stiffness, rest)
+
+    def _be_driven(self, stiffness: object, rest: object) -> None:
+        if not self.count:
+            refuse("Joint.driven", True, "must not be given: a clamped joint has no angle")
+        if self.stiffness.any():
+            refuse("Joint.stiffness", stiffness, "must be 0: the joint is driven, and held at its angle")
+        if self.rest.any():
+            refuse("Joint.rest", rest, "must be 0: the joint is driven, and its angle is an input")
+
+    def _be_hole(self, axis: object, stiffness: object, rest: object) -> None:
+        if self.driven:
+            refuse("Joint.driven", True, "must not be given: in a hole a rod turns as it likes, or not at all")
+        if self.at is None:
+            refuse("Joint.at", None, "must say about where along the rod the hole is")
+        for name, value, none in (("axis", axis, None), ("stiffness", stiffness, 0.0), ("rest", rest, 0.0)):
+            if value is not none and value != none:
+                refuse(
+                    f"Joint.{name}",
+                    value,
+                    "must not be given: of a hole, z of its pose is where the rod goes, and it has no spring",
+                )
+        turns = HOLES[self.kind]
+        self.axes = _axes(turns, (0.0, 0.0, 1.0) if turns in AXES else None)
+        self.stiffness, self.rest = (frozen(np.zeros(KINDS[turns])) for _ in range(2))
+
+    @property
+    def count(self) -> int:
+        """Its coordinates."""
+        return KINDS[HOLES[self.kind] if self.end == ALONG else self.kind]
+
+    def around(self, end: Literal["base", "tip"]) -> "Joint":
+        """Of a hole: what it is to the end of the piece of the rod on one side of it."""
+        result = copy(self)
+        result.end, result.kind = end, HOLES[self.kind]
+        return result
+
+    def __repr__(self) -> str:
+        kind = "" if self.kind == "clamped" else f", {self.kind}{', driven' * self.driven}"
+        return f"Joint({self.rod!r}, {self.end!r}, to={self.to.name!r}{kind})"
+
+
+def _axes(kind: str, value: Any) -> FloatArray:
+    """Axes of length 1, shape (count, 3)."""
+    if kind not in AXES:
+        if value is not None:
+            refuse("Joint.axis", value, f"must not be given: a {kind} joint has none")
+        return np.eye(3)[: KINDS[kind]]
+    given = array("Joint.axis", AXES[kind] if value is None else value, (3,))
+    count = KINDS[kind]
+    if given.shape != ((3,) if count == 1 else (count, 3)):
+        refuse("Joint.axis", value, f"must have shape {'(3,)' if count == 1 else f'({count}, 3)'} for a {kind} joint")
+    axes = given.reshape(count, 3)
+    with np.errstate(over="ignore"):
+        size = np.linalg.norm(axes, axis=1)
+    if not ((size > SMALLEST_AXIS) & (size < 1 / SMALLEST_AXIS)).all():
+        refuse("Joint.axis", value, f"must have lengths from {SMALLEST_AXIS:g} to {1 / SMALLEST_AXIS:g}")
+    axes = axes / np.where(np.abs(size - 1) <= ROUNDED, 1.0, size)[:, None]
+    if count == 2 and abs(float(axes[0] @ axes[1])) > PERPENDICULAR:
+        refuse("Joint.axis", value, "must be two axes that are perpendicular")
+    return np.asarray(frozen(axes))
+
+
+def _each(field: str, value: Any, kind: str) -> FloatArray:
+    """One number for each coordinate of a joint."""
+    given = array(field, value)
+    count = KINDS[kind]
+    if given.ndim and given.shape != (count,):
+        refuse(field, value, f"must be a number, or one for each of the {count} axes of a {kind} joint")
+    if not count and given.any():
+        refuse(field, value, "must be 0: a clamped joint has no axis")
+    return np.asarray(frozen(np.broadcast_to(given, (count,))))
+
+
+@dataclass(frozen=True)
+class Turns:
+    """(2), (3) Joints at some coordinates; axes (instance, joint, ...), in the frames of the poses where they are.
+
+    Attributes:
+        rotation: Of the end in the frame of its pose, shape (..., 3, 3).
+        turns: Rotation vectors by the coordinates, as columns, shape (..., 3, 3).
+        axes: About which torques vanish, or balance springs, as columns, shape (..., 3, 3).
+        second: The axes that turn with the first, as columns, zero elsewhere, shape (..., 3, 3).
+        first: Rotation vectors by which the first turn those, shape (..., 3, 3).
+    """
+
+    rotation: FloatArray
+    turns: FloatArray
+    axes: FloatArray
+    second: FloatArray
+    first: FloatArray
+
+
+class JointTable:
+    """Several joints in numbers; the first axis is the joint.
+
+    Attributes:
+        count: Coordinates of each, shape (joint,).
+        inner: (2) ``A_1``: rotation vector of the first turn by the coordinates, shape (joint, 3, 3).
+        outer: (2) ``A_2``, of the second.
+        stiffness: Of springs, zero where there is none, shape (joint, 3).
+        rest: [rad], shape (joint, 3).
+        driven: Whether its coordinates are inputs, shape (joint,).
+        free: Coordinates of each that are unknowns, shape (joint,).
+    """
+
+    def __init__(self, joints: "list[Joint | None]") -> None:
+        size = len(joints)
+        self.count: NDArray[np.intp] = np.array([0 if joint is None else joint.count for joint in joints], dtype=np.intp)
+        self.driven: NDArray[np.bool_] = np.array([joint is not None and joint.driven for joint in joints], dtype=bool)
+        self.free: NDArray[np.intp] = np.where(self.driven, 0, self.count)
+        self.inner, self.outer = np.zeros((size, 3, 3)), np.zeros((size, 3, 3))
+        self.stiffness, self.rest = np.zeros((size, MOST)), np.zeros((size, MOST))
+        for k, joint in enumerate(joints):
+            if joint is None or not joint.count:
+                continue
+            own = slice(0, joint.count)
+            self.inner[k, :, own] = joint.axes.T
+            if joint.kind == "universal":
+                self.inner[k, :, 1], self.outer[k, :, 1] = 0.0, joint.axes[1]
+            self.stiffness[k, own], self.rest[k, own] = joint.stiffness, joint.rest
+
+    def at(self, angles: FloatArray) -> Turns:
+        """(2), (3) At coordinates (instance, joint, 3) [rad]."""
+        shape = angles.shape[:-1]
+        if not self.count.any():
+            still, none = np.broadcast_to(np.eye(3), (*shape, 3, 3)), np.broadcast_to(0.0, (*shape, 3, 3))
+            return Turns(still, none, none, none, none)
+
+        def turned(axes: FloatArray) -> tuple[FloatArray, FloatArray]:
+            a = np.einsum("jik,bjk->bji", axes, angles).reshape(-1, 3)
+            return matrices(a).reshape(*shape, 3, 3), left_jacobian(a).reshape(*shape, 3, 3) @ axes
+
+        first, by_first = turned(self.inner)
+        second, by_second = turned(self.outer)
+        carried = first @ self.outer
+        return Turns(first @ second, by_first + first @ by_second, self.inner + carried, carried, by_first)
+
+    def fitted(self, rotation: FloatArray) -> FloatArray:
+        """Coordinates at which the joints turn by rotations (instance, joint, 3, 3) as nearly as they can, from rest.
+
+        A ball with a spring stays at rest: a torque that stays the same about fixed axes has no potential.
+        """
+        angles = np.array(np.broadcast_to(self.rest, (*rotation.shape[:-2], MOST)))
+        if not self.count.any():
+            return angles
+        turned = ~((self.count == MOST) & self.stiffness.any(axis=1))
+        for _ in range(FITTING):
+            turns = self.at(angles)
+            off = rotation @ np.swapaxes(turns.rotation, -1, -2)
+            error = vectors(off.reshape(-1, 3, 3)).reshape(*rotation.shape[:-2], 3)
+            angles += turned[:, None] * np.einsum("bjki,bji->bjk", np.linalg.pinv(turns.turns), error)
+        return angles

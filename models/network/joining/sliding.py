@@ -1,0 +1,133 @@
+"""Rods that slide through holes: where they are cut, how long their pieces are, and what lets them slide.
+
+Numbers in parentheses are those of ``docs/networks.md``.
+"""
+
+from collections.abc import Mapping, Sequence
+from copy import copy
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod.models.network.joining.joints import Joint
+from multirod.rod import Rod
+from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.models.network.elements.elements import Elements
+    from multirod.models.network.problem import NetworkProblem, State
+
+DENSITY = 9  # where the mass per length stands among what kernels read of a section
+NONE = -1  # in the place of a hole
+
+
+class Slides:
+    """The pieces of all rods, which are cut at the holes through which they slide; one that does not is one piece.
+
+    Args:
+        names: Of the rods.
+        lengths: Theirs [m].
+        holes: Of some rods, from the base to the tip.
+
+    Attributes:
+        owner: The rod of each piece, shape (piece_count,).
+        holes: All of them, in the order of the pieces below them.
+        lower, upper: The hole at the base and at the tip of each piece, ``NONE`` where there is none, shape (piece_count,).
+        share: (20) Part of its rod that each piece has where unknowns are zero, shape (piece_count,).
+        pieces: How many its rod has, shape (piece_count,).
+    """
+
+    def __init__(self, names: Sequence[str], lengths: Sequence[float], holes: Mapping[str, Sequence[Joint]]) -> None:
+        owner: list[int] = []
+        lower: list[int] = []
+        upper: list[int] = []
+        share: list[float] = []
+        pieces: list[int] = []
+        self.holes: list[Joint] = []
+        for rod, (name, length) in enumerate(zip(names, lengths, strict=True)):
+            own = list(holes.get(name, ()))
+            first = len(self.holes)
+            numbers = list(range(first, first + len(own)))
+            self.holes += own
+            owner += [rod] * (len(own) + 1)
+            lower += [NONE, *numbers]
+            upper += [*numbers, NONE]
+            share += np.diff([0.0, *(float(hole.at or 0.0) for hole in own), length]).tolist() if own else [length]
+            share[-len(own) - 1 :] = [part / length for part in share[-len(own) - 1 :]]
+            pieces += [len(own) + 1] * (len(own) + 1)
+        self.owner, self.lower, self.upper = (np.array(values, dtype=np.intp) for values in (owner, lower, upper))
+        self.pieces: NDArray[np.intp] = np.array(pieces, dtype=np.intp)
+        self.share: FloatArray = np.array(share)
+
+    @property
+    def count(self) -> int:
+        """Holes."""
+        return len(self.holes)
+
+    @property
+    def first(self) -> NDArray[np.bool_]:
+        """Whether a piece begins at the base of its rod, shape (piece_count,)."""
+        return np.asarray(self.lower == NONE)
+
+    @property
+    def cut(self) -> NDArray[np.bool_]:
+        """Whether a piece is not the whole rod, shape (piece_count,)."""
+        return np.asarray(self.pieces > 1)
+
+    def of(self, rod: int) -> list[int]:
+        """Pieces of a rod, from its base."""
+        return np.flatnonzero(self.owner == rod).tolist()
+
+    def names(self, names: Sequence[str]) -> tuple[str, ...]:
+        """Of the pieces, by those of the rods."""
+        count = np.bincount(self.owner, minlength=len(names))
+        order = [k - self.of(rod)[0] for k, rod in enumerate(self.owner.tolist())]
+        return tuple(
+            names[rod] if count[rod] == 1 else f"{names[rod]}, piece {k}"
+            for k, rod in zip(order, self.owner.tolist(), strict=True)
+        )
+
+    def joint(self, piece: int, end: str, given: Joint | None) -> Joint | None:
+        """What holds an end of a piece: a hole, or what is ``given`` for that end of its rod."""
+        hole = (self.lower if end == "base" else self.upper)[piece]
+        return given if hole == NONE else self.holes[hole].around(end)
+
+    @property
+    def shared(self) -> NDArray[np.bool_]:
+        """Whether the joint at the base of a piece is that at the tip of the piece below it, shape (piece_count,)."""
+        return ~self.first
+
+
+def uniform(rod: Rod) -> bool:
+    """Whether a rod is the same all along: of one section, whose precurvature is no function of arclength."""
+    return len(rod.sections) == 1 and isinstance(rod.sections[0].precurvature, np.ndarray)
+
+
+def piece(rod: Rod, count: int) -> Rod:
+    """One of ``count`` equal pieces of a uniform rod."""
+    if count == 1:
+        return rod
+    result = copy(rod)
+    (section,) = rod.sections
+    object.__setattr__(result, "sections", (replace(section, length=section.length / count),))
+    return result
+
+
+def slid(problem: "NetworkProblem", state: "State", elements: "Elements", gap: FloatArray) -> FloatArray:
+    """(23) Of each element, how what it says of the hole at its tip and of that at its base varies, by the other variables, then
+    by its length, by rows of its gap ``gap`` (instance, piece, 3, k + 1); shape (instance, piece, 2, k + 1)."""
+    slides, layout = problem.graph.slides, problem.layout
+    L, EI = (scale[:, : problem.rod_count] for scale in (problem.length, problem.stiffness))
+    kept = [*range(layout.holes_at.start), -1]
+    tip, base = (elements.tension[:, :, k][..., kept] for k in (0, 1))
+    force, gravity = (state.level[:, None] * state.take(problem, name) for name in ("distributed_force", "gravity"))
+    density = np.stack([own.repeated(problem.batch_shape).material[:, 0, 0, DENSITY] for own in problem.graph.arrays], axis=1)
+    own = state.level[:, None, None] * state.take(problem, "rod_force").reshape(len(force), -1, 3)[:, slides.owner]
+    load = force[:, None] + own + density[..., None] * gravity[:, None]
+    local = (np.swapaxes(state.ends[0].rotation, -1, -2) @ load[..., None])[..., 0]
+    there = (slides.upper != NONE)[:, None]
+    moved = np.einsum("...i,...ik->...k", local, np.where(there[..., None], gap, 0.0))
+    tip = tip + np.where(there, L[..., None] ** 2 * moved, 0.0)
+    return np.asarray((L / EI)[..., None, None] * np.stack([tip, -base], axis=-2))

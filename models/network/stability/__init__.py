@@ -1,0 +1,1 @@
+"""The second variation of a network's energy."""

@@ -1,0 +1,117 @@
+"""What the residuals of a network do work on.
+
+Numbers in parentheses are those of ``docs/networks.md``.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import warp as wp
+
+from multirod.capabilities import Conjugates
+from multirod.models.backbone.inputs import LOADS
+from multirod.models.network.elements.elements import GAP_AT, OWN, POSE, TURN_AT, Elements
+from multirod.models.network.joining.joints import MOST
+from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.models.network.problem import NetworkProblem
+
+GIVE = 1e-8  # of ``L^3/EI``: what a tip gives way by, so that straight rods that do not stretch are no exception
+POTENTIAL = {spec.name: spec.potential for spec in LOADS}
+
+
+class NetworkConjugates(Conjugates):
+    """(25) Of a ``NetworkProblem`` with the columns of the pose: gaps and mismatches of tips, and the forces on tips that nothing
+    holds, are constraints.
+
+    Args:
+        problem: The network.
+        turns_alone: Whether the forces on bodies, and what slides, are constraints too: where these hold, places follow from how
+            all is turned.
+    """
+
+    def __init__(self, problem: "NetworkProblem", *, turns_alone: bool = False) -> None:
+        self.problem = problem
+        graph, places, bodies = problem.graph, problem.places, problem.body_count
+        L, EI = problem.length, problem.stiffness
+        count, n, rods = problem.instance_count, problem.unknown_count, problem.rod_count
+        length = L[:, :rods].mean(axis=1) * graph.depth
+        unit, scale = np.zeros((2, count, n))  # zero of constraints
+        for rod in graph.free.tolist():
+            unit[:, places[rod, TURN_AT]] = EI[:, rod, None]
+        for at in problem.layout.angles_at:
+            rod, which = np.nonzero(places[:, at] >= 0)
+            unit[:, places[rod, at.start + which]] = EI[:, rod]
+        scale[unit != 0] = 1.0
+        below = np.flatnonzero(graph.slides.upper >= 0)
+        holes = problem.first_hole + graph.slides.upper[below]
+        unit[:, holes], scale[:, holes] = (EI / L)[:, below], length[:, None]
+        poses = problem.first_pose + np.arange(POSE * bodies).reshape(-1, POSE)
+        unit[:, poses[:, :3]], scale[:, poses[:, :3]] = (EI / L)[:, rods:, None], length[:, None, None]
+        unit[:, poses[:, 3:]], scale[:, poses[:, 3:]] = EI[:, rods:, None], 1.0
+        if turns_alone:
+            unit[:, holes], unit[:, poses[:, :3]] = 0.0, 0.0
+        self.forces = np.flatnonzero(unit[0])
+        shape = (count, len(self.forces), n + problem.direction_count)
+        device = problem.device
+        self.unit: Any = wp.array(unit[:, self.forces], dtype=wp.float64, device=device)
+        self.scale: Any = wp.array(scale[:, self.forces], dtype=wp.float64, device=device)
+        self.columns: Any = wp.zeros(shape, dtype=wp.float64, device=device)
+        softest = np.zeros((count, rods))
+        for group in problem.groups:
+            softest[:, group.members] = group.backbones.least_stiffness().reshape(count, -1)
+        self.stiffness = softest.mean(axis=1) / length
+        held = graph.ends[1].held
+        gaps, forces = places[held, GAP_AT], places[held, OWN - 3 : OWN]
+        self.give = tuple((int(row), int(own), GIVE) for row, own in zip(gaps.flat, forces.flat, strict=True))
+        without = [name for name in problem._slices if name == "moment" or not POTENTIAL.get(name, True)]
+        self.without = tuple(k for name in without for k in range(problem.input_count)[problem.input_slice(name)])
+        self.has_potential = all(group.backbones.has_potential for group in problem.groups)
+
+    def update(self) -> None:  # noqa: D102
+        problem = self.problem
+        with np.errstate(all="ignore"):  # what is not finite is said by its fault
+            found = self._displaced()[:, self.forces]
+        listed = problem.buffer("order")[: problem.listed]
+        rows = listed[problem.buffer("active")[listed] != 0]
+        columns = np.array(self.columns.numpy())
+        columns[rows] = found[rows]
+        self.columns.assign(columns)
+
+    def _displaced(self) -> FloatArray:
+        """(25) What each row of the residual does work on by the unknowns, then along directions, shape
+        (instance_count, n, n + direction_count); zero of constraints."""
+        problem = self.problem
+        state, L = problem.state(), problem.length
+        n, d, graph, places, size = (
+            problem.unknown_count,
+            problem.direction_count,
+            problem.graph,
+            problem.places,
+            problem.layout.size,
+        )
+        result = np.zeros((problem.instance_count, n, n + d))
+        turn = Elements(problem).tip_turn
+        for rod in graph.free.tolist():
+            known = np.flatnonzero(places[rod] >= 0)
+            rows = places[rod, TURN_AT]
+            result[:, rows[:, None], places[rod, known]] = turn[:, rod][..., known]
+            result[:, rows, n:] = turn[:, rod, :, size : size + d]
+        for end, (at, sense) in enumerate(zip(problem.layout.angles_at, (-1.0, 1.0), strict=True)):
+            table, turns = graph.ends[end].table, state.ends[end].joints.turns
+            for rod in np.flatnonzero(table.free).tolist():
+                if end == 0 and graph.slides.shared[rod]:  # told by the tip of the piece below
+                    continue
+                rows = places[rod, at][: table.free[rod]]
+                by_angles = turns[:, rod] if table.free[rod] == MOST else np.eye(int(table.free[rod]))
+                result[:, rows[:, None], rows] = sense * L[:, rod, None, None] * by_angles
+        below = np.flatnonzero(graph.slides.upper >= 0)
+        holes = problem.first_hole + graph.slides.upper[below]
+        result[:, holes, holes] = -(L[:, below] ** 2)
+        turned = np.swapaxes(state.frames.axes, -1, -2) @ state.frames.turns[:, 1:]
+        for body in range(problem.body_count):
+            rows = problem.first_pose + POSE * body + np.arange(POSE)
+            result[:, rows[:3], rows[:3]] = L[:, problem.rod_count + body, None] ** 2
+            result[:, rows[3:, None], rows[3:]] = turned[:, body]
+        return result

@@ -1,0 +1,90 @@
+"""Eigenvalues of a large symmetric form next to zero, and how many are below them, without a dense array.
+
+Numbers in parentheses are those of ``docs/networks.md``.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod.models.backbone.stability.second_variation import symmetric_eigenvalues
+from multirod.validation import FloatArray
+
+SPARSE = 150  # rows from which that pays
+NEAREST = 8  # eigenvalues
+SOFTEST = 1e-3  # by which constraints give way, at most
+SAFE = 0.25  # of the eigenvalue next to zero, by which they may
+
+
+def nearest_to_zero(form: Any, constraints: Sequence[NDArray[np.intp]], count: int) -> tuple[FloatArray, FloatArray, int] | None:
+    """(18) Of the symmetric part of a sparse matrix: its ``count`` eigenvalues next to zero, rising, what the rest does to their
+    eigenvectors, and how many eigenvalues are lower than these; None where rounding hides it.
+
+    Args:
+        form: A matrix of SciPy's.
+        constraints: Rows that are multipliers of constraints, of each rod.
+        count: How many.
+    """
+    from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh, splu
+
+    symmetric, rest = (form + form.T) / 2, (form - form.T) / 2
+    try:
+        factors = splu(symmetric.tocsc())
+        inverse = LinearOperator(form.shape, matvec=factors.solve, dtype=np.float64)
+        start = np.random.default_rng(0).standard_normal(form.shape[0])
+        values, vectors = eigsh(symmetric, k=count, sigma=0.0, OPinv=inverse, v0=start)
+    except (RuntimeError, ArpackError):
+        return _whole(form, count)
+    order = np.argsort(values)
+    values, vectors = values[order], vectors[:, order]
+    softness = min(SOFTEST, SAFE * float(np.abs(values).min()))
+    negative = _negative(symmetric.tocsr(), constraints, softness)
+    if negative is None:
+        return _whole(form, count)
+    return values, np.linalg.norm(rest @ vectors, axis=0), negative - int((values < 0).sum())
+
+
+def _negative(form: Any, constraints: Sequence[NDArray[np.intp]], softness: float) -> int | None:
+    """Negative eigenvalues, if nothing is unstable: constraints give way so little that none changes its sign, and are then
+    eliminated, which leaves a matrix that is positive definite where its pivots are; None where it is not."""
+    from scipy.sparse import block_diag, csr_matrix
+    from scipy.sparse.linalg import splu
+
+    at = np.concatenate([np.zeros(0, dtype=np.intp), *constraints])
+    others = np.setdiff1d(np.arange(form.shape[0]), at)
+    blocks = [form[own][:, own].toarray() - softness * np.eye(len(own)) for own in constraints]
+    with np.errstate(all="ignore"):
+        if not all(np.isfinite(own).all() and (np.linalg.eigvalsh(own) < 0).all() for own in blocks):
+            return None
+    coupling = form[at][:, others]
+    inverse = block_diag([np.linalg.inv(own) for own in blocks], format="csr") if blocks else csr_matrix((0, 0))
+    left = (form[others][:, others] - coupling.T @ inverse @ coupling).tocsc()
+    try:
+        factors = splu(left, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    except RuntimeError:  # a pivot is zero
+        return None
+    symmetric = np.array_equal(factors.perm_r, factors.perm_c)
+    return len(at) if symmetric and (factors.U.diagonal() > 0).all() else None
+
+
+def _whole(form: Any, count: int) -> tuple[FloatArray, FloatArray, int] | None:
+    values, uncertainty = symmetric_eigenvalues(form.toarray()[None], np.ones(1, dtype=bool))
+    if not np.isfinite(values).all():
+        return None
+    first = int(np.clip(np.argsort(np.abs(values[0]))[:count].min(), 0, values.shape[1] - count))
+    return values[0, first : first + count], uncertainty[0, first : first + count], first
+
+
+def block_diagonal(diagonal: FloatArray, places: NDArray[np.intp], blocks: FloatArray) -> Any:
+    """A sparse matrix with a ``diagonal`` (n,), but ``blocks`` (k, 3, 3) at ``places`` (k, 3)."""
+    from scipy.sparse import csr_matrix
+
+    alone = np.ones(len(diagonal), dtype=bool)
+    alone[places.reshape(-1)] = False
+    at = np.flatnonzero(alone)
+    rows, columns = np.broadcast_arrays(places[:, :, None], places[:, None])
+    values = np.concatenate([diagonal[at], blocks.reshape(-1)])
+    both = np.concatenate([at, rows.reshape(-1)]), np.concatenate([at, columns.reshape(-1)])
+    return csr_matrix((values, both), shape=(len(diagonal), len(diagonal)))
