@@ -157,10 +157,13 @@ def _angles(end, E):
 def _wound(end, E, R, moment, sense):
     """The same with the turns that its springs have been wound by: those whose torque is that of the ``moment`` in the world."""
     angles = _angles(end, E)
-    if end["count"] not in (1, 2) or not end["springs"].any():
+    if not end["springs"].any():
         return angles
     torque = (R @ turned(end["count"], end["axes"], angles)[1]).T @ moment
     due = end["rest"] - sense * torque / end["springs"]
+    if end["count"] == 3:  # the same turn about the same axis, whole turns further
+        axis = angles / np.linalg.norm(angles)
+        return angles + 2 * np.pi * np.round(axis @ (due - angles) / (2 * np.pi)) * axis
     return angles + 2 * np.pi * np.round((due - angles) / (2 * np.pi))
 
 
