@@ -6,6 +6,8 @@ import warp as wp
 
 import multirod as mr
 from multirod.solvers.continuation.acceptance import LARGEST_RATIO, RATIO_POWERS, SMALLEST_RATIO
+from multirod.solvers.continuation.natural import Paths
+from multirod.solvers.newton.iteration import Newton
 from multirod.solvers.newton.newton_kernels import NewtonState, make_iteration
 
 N = 4
@@ -111,3 +113,31 @@ def test_no_step_jumps_past_an_imperfect_bifurcation():
     assert done.mean() > 0.9
     np.testing.assert_array_equal(np.sign(found.tip_position[done, 1]), np.sign(aside[done]))
     assert (found.stability[done] == mr.Stability.STABLE).all()
+
+
+def test_on_the_way_equilibria_are_known_to_a_part_of_the_step():
+    """Where paths went on from, against the equilibria there: near, but not to the tolerance, which only full loads are worth."""
+    random = np.random.default_rng(2)
+    count = 400
+    force = random.standard_normal((count, 3))
+    force *= 30 / np.linalg.norm(force, axis=1, keepdims=True)
+    robot = mr.SingleRod(mr.Rod(length=1, bending_stiffness=1.0, torsional_stiffness=0.8, precurvature=(0.5, 0.3, 0)))
+    problem = robot.problem(robot.inputs(tip_force=force), integrator=mr.RK4(50))
+    newton = Newton(problem, tolerance=None, max_iterations=25, line_search=True)
+    paths = Paths(problem, newton, 200)
+    outcome = paths.raise_loads(np.ones(count, dtype=bool), problem.mode_bounds())
+    assert (outcome.status == mr.Status.CONVERGED).all()
+    points, levels, known = (getattr(paths.state, name).numpy().copy() for name in ("points", "levels", "known"))
+    passed = (known == 3) & (levels[:, 2] > 0)
+    assert passed.sum() > 100
+    found = []
+    for k in (1, 2):
+        problem.write("unknowns", points[:, k])
+        with problem.at_load(np.where(passed, levels[:, k], 1.0)):
+            newton.run(passed)
+        step = np.linalg.norm(points[:, k - 1] - points[:, k], axis=1)
+        found.append((np.linalg.norm(points[:, k] - problem.read("unknowns"), axis=1) / step)[passed])
+    off = np.array(found)
+    # the bound is 1e-3 by the contraction of the last step but one; Newton's last contracts by more than that
+    assert off.max() < 1e-4
+    assert np.median(off) > 1e-9, "to the tolerance: integrations for nothing"
