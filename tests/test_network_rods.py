@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.optimize import brentq
+from test_network_branches import hold_forces_against_the_potential
 
 import multirod as mr
 
@@ -171,6 +172,65 @@ def test_columns_of_what_stands_on_a_body(rod, given, difference):
             np.testing.assert_allclose(slopes[0, :, first], by_difference, rtol=0, atol=1e-7 * scale)
             problem.write("inputs", kept)
             first += 1
+
+
+THREE = mr.ConcentricTubes([tube(0.25, 8, 0.02), tube(0.3, 5, 0.04), tube(0.24, 3, 0.05)])  # the second ends at the tip
+
+
+@pytest.mark.parametrize(
+    ("rod", "given"),
+    [(LINED, DRIVEN), (TUBES, MOVED), (THREE, {"rotation": (0.4, -0.2, 0.3), "translation": (-0.0313, -0.0217, -0.0101)})],
+    ids=["lines", "tubes", "three tubes"],
+)
+def test_forces_of_such_rods_are_the_slope_of_the_potential(rod, given):
+    """(25) Torques of tubes beside those of bodies and joints, lengths of lines kept; the base on a hinge of a body."""
+    by_name = {name: {"arm": value} for name, value in given.items()}
+    loads = {"force": {"arm": FORCE}, "gravity": GRAVITY}
+    hold_forces_against_the_potential(tower(rod, kind="revolute"), {**loads, **by_name}, push=0.003)
+
+
+PAIR = mr.ConcentricTubes(
+    [mr.Rod(length=L, bending_stiffness=0.02, torsional_stiffness=0.015, precurvature=12 * X) for L in (0.25, 0.2)]
+)
+SNAPPING = mr.Shooting(integrator=mr.RK4(100))
+
+
+def hold_the_same_events(found, expected):
+    """Of two motions: when, where to and how much energy is lost."""
+    np.testing.assert_array_equal(found.status, expected.status)
+    (mine,), (other,) = ([event for events in history.events for event in events] for history in (found, expected))
+    assert mine.status == other.status == mr.Status.SNAPPED
+    assert mine.time == pytest.approx(other.time, abs=1e-6)
+    assert mine.energy_lost == pytest.approx(other.energy_lost, rel=1e-6)
+    np.testing.assert_allclose(found.tip_position, expected.tip_position, rtol=0, atol=1e-7)
+
+
+def test_tubes_snap_in_a_network_as_they_do_alone_and_as_legs():
+    """A pair turned past its fold, then two pairs that hold a plate; and where a solve leads that begins beyond."""
+    turn = np.linspace(0, 2 * np.pi, 41)
+    rotation, force, options = (
+        np.stack([0 * turn, turn], axis=-1),
+        (0.02, 0.01, 0),
+        {"time": turn, "solver": SNAPPING, "progress": False},
+    )
+    robot = mr.Network(rods={"arm": PAIR}, joints=[mr.Joint("arm", "base", to=mr.ground)])
+    found = mr.simulate(robot, robot.inputs(rotation={"arm": rotation}, force={"arm": force}), **options)
+    expected = mr.simulate(PAIR, PAIR.inputs(rotation=rotation, tip_force=force), **options)
+    hold_the_same_events(found, expected)
+    beyond = mr.solve(robot, robot.inputs(rotation={"arm": rotation[30]}, force={"arm": force}), solver=SNAPPING)
+    same = mr.solve(PAIR, PAIR.inputs(rotation=rotation[30], tip_force=force), solver=SNAPPING)
+    for solution in (beyond, same):
+        assert (solution.status, solution.stability) == (mr.Status.LOWEST_ENERGY, mr.Stability.STABLE)
+    np.testing.assert_allclose(beyond.tip_position, same.tip_position, rtol=0, atol=1e-7)
+    feet, plate = np.array([at(0.05), at(-0.05)]), np.array([at(0.03), at(-0.03)])
+    parallel = mr.ParallelRods(legs=[PAIR] * 2, base=feet, platform=plate, platform_mass=0.02)
+    legs = np.concatenate([rotation, rotation / 6], axis=-1)
+    stacked = mr.stacked(parallel, names=["plate"])
+    motions = [mr.simulate(own, own.inputs(rotation=legs, gravity=GRAVITY), **options) for own in (stacked, parallel)]
+    hold_the_same_events(*motions)
+    beyond, same = (mr.solve(own, own.inputs(rotation=legs[26]), solver=SNAPPING) for own in (stacked, parallel))
+    assert beyond.status == same.status == mr.Status.LOWEST_ENERGY
+    np.testing.assert_allclose(beyond.tip_position, same.tip_position, rtol=0, atol=1e-7)
 
 
 def test_what_drives_lines_is_checked():

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod.batch import IntArray
 from multirod.capabilities import Starts
 from multirod.models.backbone.units import unit_stiffness
 from multirod.validation import FloatArray
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     from multirod.models.backbone.problem import BackboneProblem
 
 _PARTS = 64  # of the length, over which starts are bounded
+_APART = 10_000  # numbers between the sequences of two members
 _CROWDING = 1.5  # most equilibria are far inside the bounds
 
 
@@ -49,6 +51,24 @@ class BackboneStarts(Starts):
         turns = tau * unit[:, 2:]
         parts["moment"][..., 2], parts["torques"] = turns[..., 0], turns[..., 1:]
         return np.asarray(slots.joined(parts))
+
+    def of_member(self, numbers: IntArray, member: int, mine: slice) -> tuple[IntArray, FloatArray]:
+        """Starts of one of several backbones of assemblies, in a sequence of its own.
+
+        Args:
+            numbers: Of the entries meant, of each assembly, shape (count,).
+            member: Number of the backbone in an assembly.
+            mine: Where it stands among the instances.
+
+        Returns:
+            Which assemblies have other entries than the first, shape (k,), and their unknowns [1/m], shape (k, unknown_count).
+        """
+        rows = np.flatnonzero(numbers > 0)
+        result = np.zeros((len(rows), self.problem.unknown_count))
+        for number in np.unique(numbers[rows]).tolist():
+            start = self.guesses(1, number + _APART * member)[0, mine]
+            result[numbers[rows] == number] = start[numbers == number]
+        return rows, result
 
     def _start_sizes(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """What bounds the equilibria: moment of the loads at the base [N m], (instance_count,), torques there that the tubes'

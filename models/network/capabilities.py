@@ -124,7 +124,8 @@ class NetworkStarts(Starts):
         result = np.empty((count, *x.shape))
         for k, number in enumerate(range(first, first + count)):
             with problem.unloaded():
-                result[k] = self._bent(moved(problem, x, np.full(len(x), number)))
+                numbers = np.full(len(x), number)
+                result[k] = twisted(problem, self._bent(moved(problem, x, numbers)), numbers)
         return result
 
     def _bent(self, x: FloatArray) -> FloatArray:
@@ -162,7 +163,7 @@ class NetworkJoints(Joints):
         x = np.array(problem.apart().unknowns)
         if numbers is None:
             return problem.guess()
-        x = moved(problem, x, np.asarray(numbers))
+        x = twisted(problem, moved(problem, x, np.asarray(numbers)), np.asarray(numbers))
         self.open(x)
         return x
 
@@ -241,3 +242,18 @@ class NetworkLines(LinesOfGroups):
                 result[:, lines, problem.places[rod, there]] = own[..., there]
                 result[:, lines, n:] = own[..., size : size + columns]
         return result
+
+
+def twisted(problem: "NetworkProblem", x: FloatArray, numbers: IntArray) -> FloatArray:
+    """Unknowns with the tubes of rods turned against each other, by the entries ``numbers`` as for ``moved``; where nothing holds
+    their tip they are bent too."""
+    result = np.array(x)
+    for group in problem.groups:
+        if not group.backbones.features.torque_count:
+            continue
+        slots = group.backbones.slots.places
+        for place, rod in enumerate(group.members.tolist()):
+            rows, starts = group.backbones.starts.of_member(numbers, rod, slice(place, None, len(group.members)))
+            for name in ("torques",) if problem.graph.ends[1].held[rod] else ("moment", "torques"):
+                result[rows[:, None], problem.places[rod, slots[name]]] = starts[:, slots[name]]
+    return result

@@ -26,7 +26,7 @@ from multirod.models.network.along import NetworkSensing, columns_along
 from multirod.models.network.capabilities import NetworkJoints, NetworkLines, NetworkParts, NetworkShapes, NetworkStarts
 from multirod.models.network.elements import records
 from multirod.models.network.elements.element_kernels import form
-from multirod.models.network.elements.elements import GAP_AT, OWN, POSE, Frames, Holding
+from multirod.models.network.elements.elements import GAP_AT, POSE, Frames, Holding
 from multirod.models.network.elements.groups import ALONG, ON_RODS, RodGroup, along, builds
 from multirod.models.network.graph import Graph
 from multirod.models.network.joining.placing import placed
@@ -191,7 +191,7 @@ class NetworkProblem(BoundaryProblem):
         own.rod_count, own.body_count, own.unknown_count, own.direction_count = rods, bodies, self.unknown_count, d
         own.first_pose, own.own, own.size, own.holes = self.first_pose, layout.own, layout.size, int(layout.holes)
         own.width = layout.size + d + layout.holes
-        own.height = layout.size + records.MORE + max(map(len, graph.drives))
+        own.height = layout.size + records.MORE + max(map(len, graph.drives)) + max(rod.rod_count for rod in graph.rods) - 1
         own.effector = self.end_effector + 1 if self.end_effector < bodies else 0
         own.effector_rod = -1 if own.effector else int(graph.free[self.end_effector - bodies]) if len(graph.free) else -1
         names = ("order", "active", "load_factor", "unknowns", "inputs", "directions", "fault", "step_count", "residual")
@@ -330,9 +330,8 @@ class NetworkProblem(BoundaryProblem):
         return FormRows(self)
 
     @cached_property
-    def conjugates(self) -> NetworkConjugates | None:
-        """None where rods have unknowns of their own beside the six: torques of tubes, tensions of lines of given length."""
-        return NetworkConjugates(self) if self.pose_sensitivities and self.layout.own == OWN else None
+    def conjugates(self) -> NetworkConjugates | None:  # noqa: D102
+        return NetworkConjugates(self) if self.pose_sensitivities else None
 
     @cached_property
     def clamps(self) -> NetworkClamps | None:  # noqa: D102

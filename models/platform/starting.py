@@ -42,6 +42,8 @@ class PlatformJoints(Joints):
                 )
                 rotation = matrices(aside[:, 3:]) @ rotation
             x[:, self.problem.platform] = self.problem.pose_unknowns(position, rotation)
+        if numbers is not None:
+            x = twisted(self.problem, x, numbers)
         self.open(x)
         return x
 
@@ -96,7 +98,22 @@ class PlatformStarts(Starts):
             position, rotation = self.problem.pose_of(pose)
             for own, values in zip(self.problem.own, beam_unknowns(legs, at, position, rotation), strict=True):
                 result[k][:, own] += values
+            result[k] = twisted(self.problem, result[k], np.full(len(x), first + k))
         return result
+
+
+def twisted(problem: "ParallelProblem", x: FloatArray, numbers: IntArray) -> FloatArray:
+    """Unknowns with the tubes of legs turned against each other, each leg's own way, by the entries ``numbers`` of an endless
+    sequence, (instance_count,); by the first not at all."""
+    result = np.array(x)
+    for group in problem.groups:
+        if not group.backbones.features.torque_count:
+            continue
+        at = group.backbones.slots.places["torques"]
+        for place, leg in enumerate(group.members):
+            rows, starts = group.backbones.starts.of_member(numbers, leg, slice(place, None, len(group.members)))
+            result[rows[:, None], np.arange(problem.unknown_count)[problem.own[leg]][at]] = starts[:, at]
+    return result
 
 
 def crowded(numbers: IntArray) -> FloatArray:

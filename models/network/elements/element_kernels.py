@@ -449,6 +449,13 @@ def form(net: Networks, group: RodGroup):
                 for c in range(wp.static(TURNING) * group.turns):
                     longer += beta[c] * group.length_columns[t, i, m + c]
                 net.element[b, rod, net.size + wp.static(MORE) + i, k] = longer
+            for i in range(group.angle_count):
+                angle = f64(0.0)
+                if index >= 0:
+                    angle = group.angle_columns[t, wp.static(POSE) + i, index]
+                for c in range(wp.static(TURNING) * group.turns):
+                    angle += beta[c] * group.angle_columns[t, wp.static(POSE) + i, m + c]
+                net.element[b, rod, group.angles_at + i, k] = angle
             # the rod's own rows beside those of its tip
             for i in range(6, m):
                 total = f64(0.0)

@@ -115,6 +115,8 @@ class Elements:
         tip_turn: (5) How the tips turn, told in the axes of the bases, by the same, shape (instance, rod, 3, k).
         tip_force: Likewise how the force on them changes in the world.
         tension: (22) What slides at tips and bases [N], by the same, shape (instance, rod, 2, k); only where there are holes.
+        angles: How tubes, from the second on, turn against the frame of their rod at their ends, by the same, shape (instance,
+            rod, tube, k).
         carried: What acts along each rod in all [N], in the world, shape (instance, rod, 3).
         tip_position: In the world [m], shape (instance, rod, 3).
     """
@@ -126,6 +128,7 @@ class Elements:
         self.tip_turn: FloatArray = more[:, :, records.TIP_TURN_AT : records.TIP_TURN_AT + 3]
         self.tip_force: FloatArray = more[:, :, records.TIP_FORCE_AT : records.TIP_FORCE_AT + 3]
         self.tension: FloatArray = more[:, :, records.TENSION_AT : records.TENSION_AT + 2]
+        self.angles: FloatArray = more[:, :, problem.groups[0].angles_at - size :]
         self.carried: FloatArray = value[:, :, size + records.CARRIED_AT :][:, :, :3]
         self.tip_position: FloatArray = problem.networks.tip_position.numpy()
 

@@ -68,6 +68,7 @@ class RodGroup:
         arrays = stack([graph.arrays[k].repeated(batch_shape) for k in members], batch_shape)
         first = graph.rods[members[0]]
         self.drive = first_drive + graph.drive[self.members, : len(graph.drives[members[0]])]
+        self.angles_at = graph.layout.size + records.MORE + max(map(len, graph.drives))
         turning, size = TURNING * self.turns, int(np.prod(batch_shape))
         self.backbones = BackboneProblem(
             first.rods,
@@ -97,6 +98,8 @@ class RodGroup:
         table.drive_count, table.drives_at = own.drive_count, own.first_drive
         table.drive = wp.array(self.drive.astype(np.int32), dtype=wp.int32, device=device)
         table.lengths, table.length_columns = int(own.line_length_columns.shape[2] > 0), own.line_length_columns
+        table.angle_count, table.angle_columns = own.features.turning_count, own.angle_columns
+        table.angles_at = self.angles_at
         table.first_force = own.slots.places["force"].start
         moment_by, rest, force_unit = self._base_units()
         table.moment_by = wp.array(moment_by, dtype=wp.float64, device=device)

@@ -134,6 +134,9 @@ class RodGroup:
     drive: wp.array2d[int]  # (place, line): where that stands in the network's
     lengths: int  # whether there are columns of the lengths of lines
     length_columns: wp.array3d[wp.float64]
+    angle_count: int  # tubes of each that turn against the frame
+    angle_columns: wp.array3d[wp.float64]  # below the pose's, how these do
+    angles_at: int  # rows of an element
     table: RodTable
     turns: int  # whether the first directions are turns of the base
     slides: int  # whether the last is the length

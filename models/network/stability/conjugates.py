@@ -3,13 +3,18 @@
 Numbers in parentheses are those of ``docs/networks.md``.
 """
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
+from multirod.batch import IntArray
 from multirod.capabilities import Conjugates
 from multirod.models.backbone.inputs import LOADS
+from multirod.models.backbone.units import unit_stiffness
 from multirod.models.network.elements.elements import GAP_AT, OWN, POSE, TURN_AT, Elements
 from multirod.models.network.joining.joints import MOST
 from multirod.validation import FloatArray
@@ -21,9 +26,28 @@ GIVE = 1e-8  # of ``L^3/EI``: what a tip gives way by, so that straight rods tha
 POTENTIAL = {spec.name: spec.potential for spec in LOADS}
 
 
+@dataclass(frozen=True)
+class Tubes:
+    """Tubes of one rod, all but the one that is held or loaded at the tip, in the order of the rod's own rows.
+
+    Attributes:
+        rod: Number of the rod.
+        others: Which they are, shape (instance, tube).
+        longest: The one that ends at the tip, shape (instance,).
+        reach: Whether each reaches as far as the first, shape (instance, tube).
+        torsion: Torsional stiffness at their ends [N m^2], shape (instance, tube).
+    """
+
+    rod: int
+    others: IntArray
+    longest: IntArray
+    reach: NDArray[np.bool_]
+    torsion: FloatArray
+
+
 class NetworkConjugates(Conjugates):
-    """(25) Of a ``NetworkProblem`` with the columns of the pose: gaps and mismatches of tips, and the forces on tips that nothing
-    holds, are constraints.
+    """(25) Of a ``NetworkProblem`` with the columns of the pose: gaps and mismatches of tips, forces on tips that nothing holds,
+    and the lengths of lines are constraints.
 
     Args:
         problem: The network.
@@ -38,6 +62,8 @@ class NetworkConjugates(Conjugates):
         count, n, rods = problem.instance_count, problem.unknown_count, problem.rod_count
         length = L[:, :rods].mean(axis=1) * graph.depth
         unit, scale = np.zeros((2, count, n))  # zero of constraints
+        for tubes in self._tubes():
+            unit[:, self._rows(tubes)] = tubes.torsion
         for rod in graph.free.tolist():
             unit[:, places[rod, TURN_AT]] = EI[:, rod, None]
         for at in problem.layout.angles_at:
@@ -69,8 +95,33 @@ class NetworkConjugates(Conjugates):
         self.without = tuple(k for name in without for k in range(problem.input_count)[problem.input_slice(name)])
         self.has_potential = all(group.backbones.has_potential for group in problem.groups)
 
+    def _rows(self, tubes: Tubes) -> NDArray[np.intp]:
+        """Where the torques of tubes are residuals."""
+        return np.asarray(self.problem.places[tubes.rod, OWN : OWN + tubes.others.shape[1]])
+
+    def _tubes(self) -> Iterator[Tubes]:
+        """Those of each rod that is made of several, as they are pushed out where they were integrated last."""
+        for group in self.problem.groups:
+            own, count = group.backbones, len(group.backbones.rods)
+            if not own.features.torque_count:
+                continue
+            reach = own.arrays.end[:, :, -1] + own.read("inputs")[:, own.input_slice("translation")]
+            longest = reach.argmax(axis=1)
+            all_ = np.broadcast_to(np.arange(count), reach.shape)
+            others = all_[all_ != longest[:, None]].reshape(len(reach), count - 1)
+            torsion = own.each(unit_stiffness(own.arrays.material[:, :, -1, :3])[..., 2])
+            far = np.take_along_axis(reach >= reach[:, :1], others, axis=1)
+            stiff = np.take_along_axis(torsion, others, axis=1)
+            for place, rod in enumerate(group.members.tolist()):
+                mine = slice(place, None, len(group.members))
+                yield Tubes(rod, others[mine], longest[mine], far[mine], stiff[mine])
+
     def update(self) -> None:  # noqa: D102
         problem = self.problem
+        for tubes in self._tubes():  # which one ends at the tip, inputs say
+            unit = np.array(self.unit.numpy())
+            unit[:, np.searchsorted(self.forces, self._rows(tubes))] = tubes.torsion
+            self.unit.assign(unit)
         with np.errstate(all="ignore"):  # what is not finite is said by its fault
             found = self._displaced()[:, self.forces]
         listed = problem.buffer("order")[: problem.listed]
@@ -92,7 +143,15 @@ class NetworkConjugates(Conjugates):
             problem.layout.size,
         )
         result = np.zeros((problem.instance_count, n, n + d))
-        turn = Elements(problem).tip_turn
+        elements = Elements(problem)
+        turn = elements.tip_turn
+        for tubes in self._tubes():
+            known, rows = np.flatnonzero(places[tubes.rod] >= 0), self._rows(tubes)
+            against = np.insert(elements.angles[:, tubes.rod], 0, 0.0, axis=1)  # the frame, which is that of the first
+            angles = np.take_along_axis(against, tubes.others[..., None], axis=1)
+            angles -= tubes.reach[..., None] * np.take_along_axis(against, tubes.longest[:, None, None], axis=1)
+            result[:, rows[:, None], places[tubes.rod, known]] = angles[..., known]
+            result[:, rows, n:] = angles[..., size : size + d]
         for rod in graph.free.tolist():
             known = np.flatnonzero(places[rod] >= 0)
             rows = places[rod, TURN_AT]
