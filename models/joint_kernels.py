@@ -20,6 +20,11 @@ def vector(values: wp.array2d[wp.float64], t: int, first: int) -> wp.vec3d:
 
 
 @wp.func
+def column_of(values: wp.mat33d, k: int) -> wp.vec3d:
+    return wp.vec3d(values[0, k], values[1, k], values[2, k])
+
+
+@wp.func
 def column(values: wp.array3d[wp.float64], t: int, first: int, k: int) -> wp.vec3d:
     """Three numbers of a column."""
     return wp.vec3d(values[t, first, k], values[t, first + 1, k], values[t, first + 2, k])

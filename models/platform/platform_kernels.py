@@ -9,9 +9,11 @@ each leg's tip to the residual of its joint) and ``balance`` (the platform).
 import warp as wp
 
 from multirod.capabilities import Loading
+from multirod.models.backbone.kernels.numbers.scalars import turned_about_z
 from multirod.models.joint_kernels import (
     Joint,
     column,
+    column_of,
     joint_at,
     joint_rows,
     joint_rows_variation,
@@ -31,6 +33,7 @@ FORCE_AT = 0
 MOMENT_AT = 3
 TURN_AT = 6  # change of the moment by the rotation vector of the platform, row by row
 DIRECTIONS_AT = 15  # change of force and moment by each direction
+SOFT = 0.01  # L^3/EI by which tips give way while joints close
 
 
 @wp.struct
@@ -76,6 +79,7 @@ class Robots:
     leg_vectors: int  # LEG_VECTORS
     # of the path from open to closed joints
     opening: wp.array2d[wp.float64]  # (instance, unknown): residual of the unloaded robot where the path begins
+    soft: wp.array[wp.float64]  # (instance,): whether tips give way on it
     loading: wp.array[int]  # ``Loading``: how loads act while joints close
     # what each leg hands to the platform
     law: wp.array2d[wp.float64]  # (leg of all instances, DIRECTIONS_AT + 6 directions)
@@ -254,6 +258,9 @@ def attach(robots: Robots, legs: Legs):
     gap = to_gap * (legs.position[t] - pose.position - joint.arm)
     rows = joint_rows(joint)
     open = f64(1.0) - robots.load_factor[b]
+    give = f64(wp.static(SOFT)) * open * robots.soft[b]  # (9b)
+    turned = turned_about_z(legs.inputs[t, 0])
+    gap += give * (turned * vector(legs.unknowns, t, m - 3))
     for j in range(3):
         robots.residual[b, first + j] = gap[j] - open * robots.opening[b, first + j]
         robots.residual[b, first + 3 + j] = rows[j] - open * robots.opening[b, first + 3 + j]
@@ -275,6 +282,8 @@ def attach(robots: Robots, legs: Legs):
         if k >= m and k - m < robots.leg_direction_count:
             move, turn = pose_direction(robots, b, k - m, pose)
         gap = to_gap * (dp - move - wp.cross(turn, joint.arm))
+        if k >= m - 3 and k < m:
+            gap += give * column_of(turned, k - m + 3)
         rows = joint_rows_variation(joint, tip_turn, turn, dm, moment)
         # (8) on the platform; what a turn of it does, balance adds
         push = pull * dn

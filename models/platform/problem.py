@@ -399,6 +399,7 @@ class ParallelProblem(BoundaryProblem):
         robots.loads = self._places[kernels.PLATFORM_VECTORS[0]].start
         robots.leg_vectors = self._places[kernels.LEG_VECTORS[0]].start
         robots.opening = wp.zeros((count, self.unknown_count), dtype=wp.float64, device=device)
+        robots.soft = wp.zeros(count, dtype=wp.float64, device=device)
         robots.loading = wp.zeros(count, dtype=wp.int32, device=device)
         size = kernels.DIRECTIONS_AT + 6 * self.leg_direction_count
         robots.law = wp.zeros((count * legs, size), dtype=wp.float64, device=device)
@@ -527,7 +528,7 @@ class ParallelProblem(BoundaryProblem):
 
     def _zeros(self) -> list[Any]:
         own = self.robots
-        return [*super()._zeros(), own.opening, own.loading, own.law, own.leg_fault, own.leg_step_count]
+        return [*super()._zeros(), own.opening, own.soft, own.loading, own.law, own.leg_fault, own.leg_step_count]
 
     def takes(self, name: str) -> bool:  # noqa: D102
         if name in kernels.LEG_VECTORS:
@@ -548,7 +549,7 @@ class ParallelProblem(BoundaryProblem):
         What its residual is there is remembered and closes as ``load_factor`` goes from 0 to 1, (9).
         """
         closed = self.closed()
-        self.robots.opening.assign(closed.residual)
+        self.robots.opening.assign(closed.residual), self.robots.soft.zero_()
         return np.array(closed.unknowns)
 
     @property
@@ -583,13 +584,14 @@ class ParallelProblem(BoundaryProblem):
         """Within it, all instances may be evaluated without loads; everything is as it was afterwards."""
         records, listed = self.snapshot(), self.order.numpy()[: self.listed].copy()
         outputs = (self.fault, self.step_count, self.residual_directions, self.pose_columns)
-        kept = (self.active, self.load_factor, self.robots.opening, self.robots.loading, *outputs)
+        own = self.robots
+        kept = (self.active, self.load_factor, own.opening, own.soft, own.loading, *outputs)
         values = [np.array(array.numpy()) for array in kept]
         everything = len(listed) == self.instance_count
         if not everything:
             self.focus()
-        self.robots.opening.zero_()
-        self.robots.loading.fill_(int(Loading.RISING))
+        own.opening.zero_(), own.soft.zero_()
+        own.loading.fill_(int(Loading.RISING))
         self.active.fill_(1)
         self.load_factor.zero_()
         try:
@@ -880,7 +882,7 @@ class PlatformParts(PartsAtEqualSteps[ParallelProblem]):
         result.stop = self.problem.stop
         for name in ("inputs", "unknowns"):
             result.write(name, self.problem.read(name)[instances])
-        for name in ("opening", "loading"):
+        for name in ("opening", "soft", "loading"):
             getattr(result.robots, name).assign(getattr(self.problem.robots, name).numpy()[instances])
         return result
 

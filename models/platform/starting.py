@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from multirod.models.platform.problem import ParallelProblem
 
 REACH = (0.6, 0.6)  # of starts from the unloaded pose: in lengths, and radians
+AT_REST = 1e-9  # of the curvature scale, up to which the force in a leg is none
 CROWDING = 1.5  # most equilibria are not far
 
 
@@ -47,16 +48,20 @@ class PlatformJoints(Joints):
         self.open(x)
         return x
 
-    def open(self, unknowns: FloatArray) -> None:  # noqa: D102
-        self.problem.robots.opening.zero_()
-        with self.problem.everyone(), self.problem.at_load(0.0):
-            self.problem.robots.opening.assign(self.problem.evaluate(unknowns)[0])
+    def open(self, unknowns: FloatArray) -> None:
+        """As said; tips give way on the way where no leg carries a force yet, (9b)."""
+        problem = self.problem
+        force = np.abs(unknowns[:, problem.held_forces]).max(axis=1)
+        problem.robots.opening.zero_()
+        problem.robots.soft.assign((force < AT_REST * problem.curvature_scale()).astype(np.float64))
+        with problem.everyone(), problem.at_load(0.0):
+            problem.robots.opening.assign(problem.evaluate(unknowns)[0])
 
     def close(self, loading: Loading) -> None:  # noqa: D102
         self.problem.robots.loading.fill_(int(loading))
 
     def shut(self) -> None:  # noqa: D102
-        self.problem.robots.opening.zero_()
+        self.problem.robots.opening.zero_(), self.problem.robots.soft.zero_()
 
     def unloaded_inputs(self) -> FloatArray | None:  # noqa: D102
         if self.problem.inputs_given.profiles:

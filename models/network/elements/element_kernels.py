@@ -8,7 +8,7 @@ says what follows from it.
 import warp as wp
 
 from multirod.models.backbone.kernels.numbers.scalars import turned_about_z
-from multirod.models.joint_kernels import column, vector
+from multirod.models.joint_kernels import column, column_of, vector
 from multirod.models.network.elements.end_kernels import Behind, End, along, behind_plate, end_at, extension, level_of, nothing
 from multirod.models.network.elements.records import (
     CARRIED_AT,
@@ -255,11 +255,6 @@ def integrated(group: wp.ref[RodGroup], t: int, change: wp.ref[Change], index: i
             change.phi += beta[j] * column(group.pose_columns, t, 3, k)
             change.n += beta[j] * column(group.wrench_columns, t, 0, k)
             change.m += beta[j] * column(group.wrench_columns, t, 3, k)
-
-
-@wp.func
-def column_of(values: wp.mat33d, k: int) -> wp.vec3d:
-    return wp.vec3d(values[0, k], values[1, k], values[2, k])
 
 
 @wp.func(inline=False)
