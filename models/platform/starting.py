@@ -46,6 +46,9 @@ class PlatformJoints(Joints):
         if numbers is not None:
             x = twisted(self.problem, x, numbers)
         self.open(x)
+        if numbers is not None:  # the other way together leads to other states
+            soft = self.problem.robots.soft
+            soft.assign(soft.numpy() * (numbers % 2 == 0))
         return x
 
     def open(self, unknowns: FloatArray) -> None:
