@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from multirod.models.backbone.passes import LanePass
 from multirod.models.backbone.segments import TOTALS
-from multirod.models.backbone.stability.forms import CompiledForm
+from multirod.models.backbone.stability.forms import CompiledForm, HeldTip
 from multirod.rotations import vectors
 from multirod.validation import FloatArray
 
@@ -51,13 +51,14 @@ class NodePass:
         if columns:
             self._outputs += ["node_columns", "tip_columns", "gamma", "pose_columns", "column_arclength"]
         self._seen: dict[str, Any] = {}
-        self._form: CompiledForm | None = None
+        self._forms: dict[bool, CompiledForm] = {}
 
-    def form(self, size: int, rods: int, device: str) -> CompiledForm:
-        """What condenses its columns to the tip."""
-        if self._form is None:
-            self._form = CompiledForm(self.call, size, rods, device)
-        return self._form
+    def form(self, size: int, rods: int, device: str, tip: HeldTip | None = None) -> CompiledForm:
+        """What condenses its columns to the tip, as ``CompiledForm`` has it."""
+        key = tip is not None and tip.by_wrench
+        if key not in self._forms:
+            self._forms[key] = CompiledForm(self.call, size, rods, device, tip)
+        return self._forms[key]
 
     def read(self, name: str) -> Any:
         """An output, as it is until the next launch."""

@@ -37,6 +37,8 @@ class TipByWrench(BackboneStability):
     ) -> CondensedForm:
         """(12)"""
         problem = self.problem
+        if problem.judged_often and joint is None:
+            return self._compiled(call, chosen, unit, by_wrench=True)
         columns = self._node_columns(call, chosen, np.arange(problem.unknown_count))
         if problem.features.condition_count:
             count = len(columns.ends)

@@ -358,7 +358,7 @@ def _of_pattern(
         Y = np.delete(Y[:, done:], place, axis=2) @ free[:, None]
         P, position = np.delete(P, place, axis=1) @ free, position @ free
         first = last
-    # (5), (9)
+    # (5), (21)
     r = len(rows)
     by_tip = np.zeros((len(chosen), P.shape[-1], P.shape[-1]))
     by_tip[:, :r, :r] = here
@@ -370,7 +370,7 @@ def _of_pattern(
 
 
 def _by_force(tip_force: FloatArray) -> FloatArray:
-    """Combinations of columns (batch, c, c): first those by which the force (batch, 3, c) stays, then one a component of it."""
+    """(20) Combinations of columns (batch, c, c): those by which the force (batch, 3, c) stays, then one a component of it."""
     count, c = len(tip_force), tip_force.shape[-1]
     basis = np.broadcast_to(np.eye(c), (count, c, c)).copy()
     sound = np.isfinite(tip_force).all(axis=(1, 2)) & (np.linalg.det(np.nan_to_num(tip_force[:, :, -3:])) != 0)
@@ -381,8 +381,8 @@ def _by_force(tip_force: FloatArray) -> FloatArray:
 
 
 def _without_torque(torque: FloatArray, r: int) -> FloatArray:
-    """Combinations (batch, c, c - 1) of columns that leave a torque (batch, c) as it is: of the first r alone, then of each
-    other."""
+    """(6), (20) Combinations (batch, c, c - 1) of columns that leave a torque (batch, c) as it is: of the first r alone, then of
+    each other."""
     count, c = torque.shape
     free = np.zeros((count, c, c - 1))
     own = torque[:, :r]

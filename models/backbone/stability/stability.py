@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod.models.backbone.stability.forms import HeldTip
 from multirod.models.backbone.stability.mode_bounds import bound_modes
 from multirod.models.backbone.stability.second_variation import (
     MOST_NODES,
@@ -147,10 +148,17 @@ class BackboneStability(StabilityAnalysis):
         self, call: "NodePass", chosen: NDArray[np.bool_], unit: FloatArray, joint: TipJoint | None = None
     ) -> CondensedForm:
         """(4) to (6) by what a pass over nodes says of the instances ``chosen``; ``unit`` is ``K/L`` [N m] of all."""
-        if self.problem.judged_often:
-            ends = self._column_ends()
-            return call.form(self._free(), ends.shape[1], self.problem.device).of(chosen, ends, unit)
+        if self.problem.judged_often and joint is None:
+            return self._compiled(call, chosen, unit)
         return condensed_form(self._given(call, chosen, self._other_columns(), joint), unit[chosen])
+
+    def _compiled(
+        self, call: "NodePass", chosen: NDArray[np.bool_], unit: FloatArray, *, by_wrench: bool = False
+    ) -> CondensedForm:
+        """The same by a kernel, or (12) of docs/held.md."""
+        problem, ends = self.problem, self._column_ends()
+        tip = HeldTip(problem.wrench_columns, problem.tip_wrench, by_wrench) if problem.held else None
+        return call.form(self._free(), ends.shape[1], problem.device, tip).of(chosen, ends, unit)
 
     def _other_columns(self) -> NDArray[np.intp]:
         """Columns by which the form is made, where all tensions are fixed."""
