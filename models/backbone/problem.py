@@ -760,9 +760,13 @@ class BackboneProblem(BoundaryProblem):
         """Arclength at which each rod ends [m], shape (instance_count, n)."""
         return np.asarray(self.arrays.end[:, :, -1] + self.read("inputs")[:, self.input_slice("translation")])
 
+    def furthest_end(self) -> FloatArray:
+        """Arclength at which the last rod ends [m], shape (instance_count,)."""
+        return np.asarray(self.ends().max(axis=1))
+
     def stiffness_over_length(self) -> FloatArray:
         """What stiffnesses of the tip are counted in [N m], shape (instance_count,): the least of the rods', over the length."""
-        return np.asarray(self.least_stiffness() / self.ends().max(axis=1))
+        return np.asarray(self.least_stiffness() / self.furthest_end())
 
     def least_stiffness(self) -> FloatArray:
         """The least of all that a rod resists bending or twisting with [N m^2], shape (instance_count,)."""

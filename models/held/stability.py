@@ -42,7 +42,7 @@ class TipByWrench(BackboneStability):
         columns = self._node_columns(call, chosen, np.arange(problem.unknown_count))
         if problem.features.condition_count:
             count = len(columns.ends)
-            return CondensedForm(np.full((count, 6, 6), np.nan), np.zeros(count, dtype=np.int32), np.zeros(count, dtype=bool))
+            return CondensedForm.unknown(count, 6)
         return compliance_form(columns, problem.tip_wrench.numpy()[chosen, 3:])
 
 

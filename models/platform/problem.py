@@ -41,8 +41,8 @@ from multirod.models.platform.guess import (
     COMPLIANCES,
     SHORT,
     Attachments,
+    BeamEquilibrium,
     Legs,
-    beam_equilibrium,
     beam_reach,
     fitted_platform,
     nearest_rotation,
@@ -53,6 +53,7 @@ from multirod.models.platform.starting import PlatformJoints, PlatformStarts
 from multirod.problem import Block, BoundaryProblem, Shape
 from multirod.rod import RodArrays, stack
 from multirod.rotations import matrices
+from multirod.shared import Shared
 from multirod.validation import FloatArray, frozen
 
 POSE = kernels.POSE
@@ -548,7 +549,7 @@ class ParallelProblem(BoundaryProblem):
         What its residual is there is remembered and closes as ``load_factor`` goes from 0 to 1, (9).
         """
         closed = self.closed()
-        self.robots.opening.assign(closed.residual)
+        self._set_aside[2].write(closed.residual)
         return np.array(closed.unknowns)
 
     @property
@@ -581,25 +582,30 @@ class ParallelProblem(BoundaryProblem):
     @contextmanager
     def unloaded(self) -> Iterator[None]:
         """Within it, all instances may be evaluated without loads; everything is as it was afterwards."""
-        records, listed = self.snapshot(), self.order.numpy()[: self.listed].copy()
-        outputs = (self.fault, self.step_count, self.residual_directions, self.pose_columns)
-        kept = (self.active, self.load_factor, self.robots.opening, self.robots.loading, *outputs)
-        values = [np.array(array.numpy()) for array in kept]
+        records, listed = self.snapshot(), self.buffer("order")[: self.listed].copy()
+        for shared in self._set_aside:
+            shared.fetch()
+        values = [shared.values.copy() for shared in self._set_aside]
         everything = len(listed) == self.instance_count
         if not everything:
             self.focus()
-        self.robots.opening.zero_()
-        self.robots.loading.fill_(int(Loading.RISING))
-        self.active.fill_(1)
-        self.load_factor.zero_()
+        for shared, value in zip(self._set_aside, (1, 0.0, 0.0, int(Loading.RISING)), strict=False):
+            shared.write(value)
         try:
             yield
         finally:
             self.restore(records)
-            for array, before in zip(kept, values, strict=True):
-                array.assign(before)
+            for shared, before in zip(self._set_aside, values, strict=True):
+                shared.write(before)
             if not everything:
                 self.focus(listed)
+
+    @cached_property
+    def _set_aside(self) -> list[Shared]:
+        """What is another within ``unloaded``: which are active, at which load, how far open, how loaded; then what launches
+        write."""
+        own = (self.active, self.load_factor, self.robots.opening, self.robots.loading)
+        return [Shared.of(array) for array in (*own, self.fault, self.step_count, self.residual_directions, self.pose_columns)]
 
     def unloaded_legs(self) -> tuple[FloatArray, Legs, Attachments]:
         """Unknowns of legs that nothing holds, and what they say of how the legs bend; the problem is unloaded."""
@@ -644,19 +650,21 @@ class ParallelProblem(BoundaryProblem):
             reach, added = beam_reach(legs, at, pose[:, :3], matrices(pose[:, 3:]))
             x[:, self.platform] = reach / legs.length**2
         else:
-            position, rotation, added = beam_equilibrium(legs, at, *(np.concatenate([value] * ways) for value in start))
-            found = [self.pose_unknowns(p, R) for p, R in zip(np.split(position, ways), np.split(rotation, ways), strict=True)]
-            x[:, self.platform] = np.concatenate(found)
+            shape = (ways * self.instance_count, len(self.geometry.legs))
+            beams = self.tool(("BeamEquilibrium", *shape), lambda: BeamEquilibrium(*shape))
+            position, rotation, added = beams.found(legs, at, *(np.concatenate([value] * ways) for value in start))
+            x[:, self.platform] = self.pose_unknowns(position, rotation)
         for own, values in zip(self.own, added, strict=True):
             x[:, own] += values
         return np.split(x, ways)
 
     def pose_unknowns(self, position: FloatArray, rotation: FloatArray) -> FloatArray:
-        """The platform's unknowns (instance_count, 6) at a pose: (1), (2) solved for them."""
-        length = np.broadcast_to(self.length[:, -1:], (self.instance_count, 1))
-        turn = rotation_vectors(rotation @ np.swapaxes(self.reference[1], 1, 2))
-        move = position - self.reference[0]
-        return np.concatenate([move / length**2, turn / length], axis=1)
+        """The platform's unknowns (k, 6) at poses, all instances once or several times: (1), (2) solved for them."""
+        length, origin, start = (
+            v if len(v) == 1 else np.concatenate([v] * (len(position) // len(v))) for v in (self.length[:, -1:], *self.reference)
+        )
+        turn = rotation_vectors(rotation @ np.swapaxes(start, 1, 2))
+        return np.concatenate([(position - origin) / length**2, turn / length], axis=1)
 
     def _legs(self) -> Legs:
         """What the last integration says of the legs."""
@@ -691,8 +699,8 @@ class ParallelProblem(BoundaryProblem):
 
     def load_level(self) -> FloatArray:
         """What multiplies all loads, shape (instance_count,)."""
-        loading, level = self.robots.loading.numpy(), self.load_factor.numpy()
-        return np.select([loading == Loading.NONE, loading == Loading.FULL], [np.zeros_like(level), np.ones_like(level)], level)
+        loading = self._set_aside[3].fetched()
+        return np.where(loading == Loading.NONE, 0.0, np.where(loading == Loading.FULL, 1.0, self.buffer("load_factor")))
 
     def load_scale(self) -> FloatArray:  # noqa: D102
         inputs = self.read("inputs")

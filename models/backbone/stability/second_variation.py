@@ -97,6 +97,11 @@ class CondensedForm:
     conjugate: NDArray[np.int32]
     known: NDArray[np.bool_]
 
+    @classmethod
+    def unknown(cls, count: int, size: int) -> "CondensedForm":
+        """Of which nothing is known yet."""
+        return cls(np.full((count, size, size), np.nan), np.zeros(count, dtype=np.int32), np.zeros(count, dtype=bool))
+
     def put(self, chosen: Any, other: "CondensedForm") -> None:
         """Take the instances ``chosen``, all of those of ``other``, from it."""
         for name, mine in vars(self).items():
@@ -115,7 +120,8 @@ def symmetric_eigenvalues(form: FloatArray, known: NDArray[np.bool_]) -> tuple[F
     turned = form.swapaxes(1, 2)
     chosen = slice(None) if known.all() else known  # which copies nothing
     values[chosen], vectors = np.linalg.eigh((form + turned)[chosen] / 2)
-    uncertainty[chosen] = np.linalg.norm((form - turned)[chosen] / 2 @ vectors, axis=1)
+    lacking = (form - turned)[chosen] / 2 @ vectors
+    uncertainty[chosen] = np.sqrt((lacking * lacking).sum(axis=1))
     return values, uncertainty
 
 
