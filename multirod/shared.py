@@ -14,9 +14,29 @@ class Shared:
     """
 
     def __init__(self, shape: tuple[int, ...], dtype: Any, device: str) -> None:
-        self.array: Any = wp.zeros(shape, dtype=dtype, device=device)
-        self._same = wp.get_device(device).is_cpu
-        self.values: Any = self.array.numpy()
+        self._see(wp.zeros(shape, dtype=dtype, device=device))
+
+    @classmethod
+    def of(cls, array: Any) -> "Shared":
+        """An array that there is."""
+        result = cls.__new__(cls)
+        result._see(array)
+        return result
+
+    def _see(self, array: Any) -> None:
+        self.array: Any = array
+        self._same = array.device.is_cpu
+        self.values: Any = array.numpy()
+
+    def write(self, values: Any) -> None:
+        """Set all of it, on the device too."""
+        self.values[...] = values
+        self.send()
+
+    def fetched(self) -> Any:
+        """``values``, after ``fetch``."""
+        self.fetch()
+        return self.values
 
     def send(self) -> None:
         """What NumPy wrote to the device, where that is another."""

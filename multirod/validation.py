@@ -167,6 +167,8 @@ def device_name(field: str, value: object) -> str:
     from multirod.compiling import start_warp
 
     start_warp()
+    if isinstance(value, str) and value == "cpu":  # which there always is
+        return value
     names = [device.alias for device in wp.get_devices()]
     # "cuda" is the present one of several
     if isinstance(value, str) and (value in names or (value == "cuda" and wp.is_cuda_available())):

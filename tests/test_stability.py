@@ -8,7 +8,8 @@ from scipy.spatial.transform import Rotation
 from test_parallel_rods import LOADS, SCENES, actuation, ring
 
 import multirod as mr
-from multirod.models.backbone.stability.second_variation import condensed_form
+from multirod.models.backbone.stability.second_variation import compliance_form, condensed_form
+from multirod.models.held.stability import TipByWrench
 from multirod.solvers.continuation.natural import natural_branch
 
 STABLE, UNSTABLE, UNKNOWN, FOLD = mr.Stability.STABLE, mr.Stability.UNSTABLE, mr.Stability.UNKNOWN, mr.Stability.FOLD
@@ -229,6 +230,48 @@ def test_the_compiled_form_is_that_of_numpy(scene):
     # rounding, carried by columns whose condition may be 1e6 here
     off = np.abs(found.matrix[found.known] - own.matrix[own.known]).max(axis=(1, 2)) / size
     assert off.max() < 1e-8
+
+
+@pytest.mark.parametrize("scene", ["legs", "legs of tubes", "held rod"])
+def test_the_compiled_form_of_held_tips_is_that_of_numpy(scene):
+    """The same where the tip is held: by the turns of the tip and the force on it, or by the wrench on it."""
+    random, count = np.random.default_rng(5), 40
+    rod = {"bending_stiffness": 0.02, "torsional_stiffness": 0.015}
+    if scene == "legs of tubes":
+        leg = mr.ConcentricTubes([mr.Rod(length=0.3 - 0.06 * k, precurvature=(9 - 5 * k, k, 0), **rod) for k in range(3)])
+    else:
+        leg = mr.Rod(length=0.3, precurvature=(1, 2, 0), **rod)
+    if scene == "held rod":
+        whole = mr.HeldRod(leg)
+        problem = whole.problem(whole.inputs(end_position=np.full((count, 3), (0.02, 0, -0.01))), integrator=mr.RK4(30)).rod
+    else:
+        whole = mr.ParallelRods(legs=[leg] * 2, base=ring(2, 0.3), platform=ring(2, 0.3))
+        inputs = whole.inputs(tip_force=random.normal(size=(count // 2, 3)))
+        problem = whole.problem(inputs, integrator=mr.RK4(30)).groups[0].backbones
+    n, length = problem.unknown_count, 0.3
+    unknowns = problem.guess() + np.where(np.arange(n) < n - 3, 10, 100) * random.normal(size=(count, n))
+    every, unit = np.ones(count, dtype=bool), problem.stiffness_over_length()
+    stability = TipByWrench(problem) if scene == "held rod" else problem.stability
+    call = problem.node_pass(17, every, columns=True, unknowns=unknowns)
+    found = stability._form(call, every, unit)
+    assert found.matrix.shape == (count, n, n)
+    columns = stability._node_columns(call, every, np.arange(n))
+    moment = problem.tip_wrench.numpy()[:, 3:]
+    own = compliance_form(columns, moment) if scene == "held rod" else condensed_form(columns, unit)
+    assert own.known.sum() > 25
+    np.testing.assert_array_equal(found.known, own.known)
+    np.testing.assert_array_equal(found.conjugate[found.known], own.conjugate[own.known])
+    assert len(np.unique(own.conjugate[own.known])) >= 3
+    # moments by turns, by forces over stiffness, and positions by both: in units in which they are alike
+    scale = np.where(np.arange(n) < n - 3, 1.0, 1 / length)
+    scale = 1 / scale if scene == "held rod" else scale
+    matrices = [form.matrix[own.known] * scale[:, None] * scale for form in (found, own)]
+    # rounding, carried by columns whose condition may be 1e6 here
+    off = np.abs(matrices[0] - matrices[1]).max(axis=(1, 2)) / np.abs(matrices[1]).max(axis=(1, 2))
+    assert off.max() < 1e-8
+    # some alone, and of each what it is among all
+    some = random.random(count) < 0.4
+    np.testing.assert_array_equal(stability._form(call, some, unit).matrix, found.matrix[some])
 
 
 def test_single_rod_cases(reference_cases, make_pose):

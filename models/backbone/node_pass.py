@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from multirod.models.backbone.passes import LanePass
 from multirod.models.backbone.segments import TOTALS
-from multirod.models.backbone.stability.forms import CompiledForm
+from multirod.models.backbone.stability.forms import CompiledForm, HeldTip
 from multirod.rotations import vectors
 from multirod.validation import FloatArray
 
@@ -51,13 +51,14 @@ class NodePass:
         if columns:
             self._outputs += ["node_columns", "tip_columns", "gamma", "pose_columns", "column_arclength"]
         self._seen: dict[str, Any] = {}
-        self._form: CompiledForm | None = None
+        self._forms: dict[bool, CompiledForm] = {}
 
-    def form(self, size: int, rods: int, device: str) -> CompiledForm:
-        """What condenses its columns to the tip."""
-        if self._form is None:
-            self._form = CompiledForm(self.call, size, rods, device)
-        return self._form
+    def form(self, size: int, rods: int, device: str, tip: HeldTip | None = None) -> CompiledForm:
+        """What condenses its columns to the tip, as ``CompiledForm`` has it."""
+        key = tip is not None and tip.by_wrench
+        if key not in self._forms:
+            self._forms[key] = CompiledForm(self.call, size, rods, device, tip)
+        return self._forms[key]
 
     def read(self, name: str) -> Any:
         """An output, as it is until the next launch."""
@@ -111,6 +112,12 @@ class Ends:
             angle = 2 * np.arcsin(np.minimum(turned, 1.0))
         return np.asarray(np.maximum(angle, np.linalg.norm(self.position - other.position, axis=1) / length))
 
+    def surely_near(self, other: "Ends", length: FloatArray) -> bool:
+        """Whether all are within ``NEAR`` because no number differs by more than a third of it: soon known, of most."""
+        turned = np.abs(self.rotation - other.rotation).max(initial=0.0)
+        moved = np.abs(self.position - other.position).max(initial=0.0)
+        return bool(turned < NEAR / 3 and moved < NEAR / 3 * length.min(initial=np.inf))
+
 
 @dataclass(frozen=True)
 class Slopes:
@@ -140,7 +147,9 @@ def held_to_solve(problem: "BackboneProblem", made: NodePass, again: Again, ran:
         again: Launches one like it at other unknowns of some instances, with columns if that is asked for.
         ran: Instances that it ran over, shape (instance_count,).
     """
-    length = problem.ends().max(axis=1)
+    length = problem.furthest_end()
+    if Ends.of(made).surely_near(Ends.of(problem), length):
+        return made
     far = ran & ~(Ends.of(made).apart(Ends.of(problem), length) < NEAR)
     if not far.any():
         return made
@@ -180,7 +189,7 @@ class Correction:
     def __init__(self, problem: "BackboneProblem", solve: NodePass, again: Again) -> None:
         self.problem, self.again = problem, again
         self.there, self.left = Ends.of(solve), np.array(solve.read("residual"))
-        self.length = problem.ends().max(axis=1)
+        self.length = problem.furthest_end()
 
     def make(self, unknowns: FloatArray, chosen: NDArray[np.bool_], slopes: Slopes | None = None) -> None:
         """Change the unknowns of instances that are ``chosen``: of a pass by columns, or, by the ``slopes`` of one, without."""

@@ -220,6 +220,8 @@ class BackboneProblem(BoundaryProblem):
         self.table = self._make_table(inputs)
         self.write("inputs", self.pack(inputs))
         self.judged_often = self._judged_by_solves  # whether the second variation is condensed by a kernel of its own
+        if self.held and self.judged_often:  # what is found is judged, always: it is compiled while the others are
+            expect(make_form, device)
         self._passes: dict[Any, NodePass] = {}
         self._found: dict[str, tuple[bytes, NDArray[Any]]] = {}  # by name, for what and what
         self._designs: dict[str, Designs] = {}
@@ -412,14 +414,14 @@ class BackboneProblem(BoundaryProblem):
 
     @property
     def _may_condense(self) -> bool:
-        """Whether a kernel may condense the second variation: with a free tip, and no conditions on lines."""
-        return not self.held and not self.features.condition_count
+        """Whether a kernel may condense the second variation: without conditions on lines."""
+        return not self.features.condition_count
 
     @property
     def _judged_by_solves(self) -> bool:
         """Whether solves look at stability so often that a kernel pays which all such rods share: on the processor, of what is
-        multistable."""
-        return self._may_condense and self.features.turning_count > 0 and self._host is not None
+        multistable, as rods are whose tips are held."""
+        return self._may_condense and (self.held or self.features.turning_count > 0) and self._host is not None
 
     def _clear(self) -> None:
         super()._clear()
@@ -758,9 +760,13 @@ class BackboneProblem(BoundaryProblem):
         """Arclength at which each rod ends [m], shape (instance_count, n)."""
         return np.asarray(self.arrays.end[:, :, -1] + self.read("inputs")[:, self.input_slice("translation")])
 
+    def furthest_end(self) -> FloatArray:
+        """Arclength at which the last rod ends [m], shape (instance_count,)."""
+        return np.asarray(self.ends().max(axis=1))
+
     def stiffness_over_length(self) -> FloatArray:
         """What stiffnesses of the tip are counted in [N m], shape (instance_count,): the least of the rods', over the length."""
-        return np.asarray(self.least_stiffness() / self.ends().max(axis=1))
+        return np.asarray(self.least_stiffness() / self.furthest_end())
 
     def least_stiffness(self) -> FloatArray:
         """The least of all that a rod resists bending or twisting with [N m^2], shape (instance_count,)."""

@@ -37,10 +37,12 @@ class TipByWrench(BackboneStability):
     ) -> CondensedForm:
         """(12)"""
         problem = self.problem
+        if problem.judged_often and joint is None:
+            return self._compiled(call, chosen, unit, by_wrench=True)
         columns = self._node_columns(call, chosen, np.arange(problem.unknown_count))
         if problem.features.condition_count:
             count = len(columns.ends)
-            return CondensedForm(np.full((count, 6, 6), np.nan), np.zeros(count, dtype=np.int32), np.zeros(count, dtype=bool))
+            return CondensedForm.unknown(count, 6)
         return compliance_form(columns, problem.tip_wrench.numpy()[chosen, 3:])
 
 

@@ -7,18 +7,30 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import warp as wp
 from numpy.typing import NDArray
 
+from multirod.launch import record
 from multirod.models.joint_kernels import REVOLUTE, SPHERICAL
-from multirod.rotations import cross, cross_matrix, matrices, vectors
+from multirod.models.platform.beam_kernels import (
+    ARM_AT,
+    BEAM_SIZE,
+    FRAME_AT,
+    LENGTH_AT,
+    STIFFNESS_AT,
+    TANGENT_AT,
+    TIP_AT,
+    settle_beams,
+)
+from multirod.rotations import cross, vectors
+from multirod.shared import Shared
 from multirod.validation import FloatArray
 
 # In L^3/EI, added to the tips of beams in all directions: one that is straight and inextensible gives way along itself by
 # bending, once it has bent, and how much depends on how far it has to.
 COMPLIANCES = (1e-4, 1e-3, 1e-2, 1e-1)
 SHORT = 0.1  # of the unknowns of a guess: where Newton's step from there is no longer, no other is looked at
-ITERATIONS = 8  # 4 are enough for the tip to move by less than 1 % of what the beams are off
-SETTLED = 1e-6  # of the longest step, from which on a step of a guess is its last: each is some 1e-2 of the one before
+POSE_SIZE = 12  # numbers of a position and a rotation
 
 
 @dataclass(frozen=True)
@@ -101,34 +113,40 @@ def fitted_pose(
     return centre - np.einsum("bij,bj->bi", rotation, middle), rotation
 
 
-def beam_equilibrium(
-    legs: Legs, at: Attachments, position: FloatArray, rotation: FloatArray
-) -> tuple[FloatArray, FloatArray, list[FloatArray]]:
-    """(11) The unloaded platform, where the energy of the beams is least, from the pose given by Newton's method.
+class BeamEquilibrium:
+    """(11) The unloaded platform, where the energy of its beams is least.
 
-    Returns:
-        Position and rotation of the platform, and for each leg what to add to its unloaded unknowns.
+    Args:
+        count: Of instances.
+        legs: Of each.
     """
-    stiffness = _joint_stiffness(legs, at)
-    size = legs.length.mean(axis=1)[:, None]
-    longest = np.concatenate([0.1 * size] * 3 + [0.3 * np.ones_like(size)] * 3, axis=1)
-    setting = _Setting(legs, at)
-    moving = np.ones(len(size), dtype=bool)
-    for _ in range(ITERATIONS):
-        beams = _Beams(setting, position, rotation)
-        slope = beams.by_platform()
-        pulled = np.swapaxes(slope, -1, -2) @ stiffness
-        gradient = (pulled @ beams.strain[..., None]).sum(axis=1)
-        step = -np.linalg.solve((pulled @ slope).sum(axis=1), gradient)[..., 0]
-        share = np.abs(step / longest).max(axis=1)
-        step /= np.maximum(1.0, share)[:, None]
-        step[~moving] = 0.0  # what has settled stays: it does not depend on what else is in the batch
-        position = position + step[:, :3]
-        rotation = matrices(step[:, 3:]) @ rotation
-        moving &= ~(share < SETTLED)
-        if not moving.any():
-            break
-    return position, rotation, _unknowns(legs, _Beams(setting, position, rotation), stiffness)
+
+    def __init__(self, count: int, legs: int) -> None:
+        self._beams, self._poses = (Shared(shape, wp.float64, "cpu") for shape in ((count, legs, BEAM_SIZE), (count, POSE_SIZE)))
+        self._launch = record(lambda: settle_beams, count, [self._beams.array, self._poses.array], "cpu")
+
+    def found(
+        self, legs: Legs, at: Attachments, position: FloatArray, rotation: FloatArray
+    ) -> tuple[FloatArray, FloatArray, list[FloatArray]]:
+        """From the pose given, by Newton's method.
+
+        Returns:
+            Position and rotation of the platform, and for each leg what to add to its unloaded unknowns.
+        """
+        stiffness, setting, rows, poses = _joint_stiffness(legs, at), _Setting(legs, at), self._beams.values, self._poses.values
+        for first, values in (
+            (TIP_AT, setting.tip),
+            (TANGENT_AT, setting.tangent),
+            (ARM_AT, setting.arm),
+            (FRAME_AT, setting.frame.reshape(*rows.shape[:2], 9)),
+            (LENGTH_AT, setting.length),
+            (STIFFNESS_AT, stiffness.reshape(*rows.shape[:2], 36)),
+        ):
+            rows[..., first : first + values.shape[-1]] = values
+        poses[:, :3], poses[:, 3:] = position, rotation.reshape(-1, 9)
+        self._launch.launch()
+        position, rotation = poses[:, :3].copy(), poses[:, 3:].reshape(-1, 3, 3).copy()
+        return position, rotation, _unknowns(legs, _Beams(setting, position, rotation), stiffness)
 
 
 def beam_reach(legs: Legs, at: Attachments, position: FloatArray, rotation: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
@@ -162,7 +180,7 @@ class _Beams:
     """(11) Deflection of all beams at one pose of the platform."""
 
     def __init__(self, at: _Setting, position: FloatArray, rotation: FloatArray) -> None:
-        self.arm = arm = (rotation[:, None] @ at.arm[..., None])[..., 0]
+        arm = (rotation[:, None] @ at.arm[..., None])[..., 0]
         self.tangent = t = at.tangent
         self.deflection = d = position[:, None] + arm - at.tip
         turn = rotation_vectors(rotation[:, None] @ at.frame)
@@ -183,12 +201,6 @@ class _Beams:
         t = self.tangent[..., :, None]
         result[..., :3, :3] += t * self.by_across[..., None, :]
         result[..., :3, 3:] = t * self.by_turn[..., None, :]
-        return result
-
-    def by_platform(self) -> FloatArray:
-        """The strain by displacement and rotation of the platform, shape (..., 6, 6)."""
-        result = self.by_tip()
-        result[..., :3, 3:] -= result[..., :3, :3] @ cross_matrix(self.arm)
         return result
 
 

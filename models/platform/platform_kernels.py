@@ -22,6 +22,9 @@ from multirod.models.joint_kernels import (
 )
 from multirod.models.rotation_kernels import left_jacobian, rotation_from_vector
 
+# one module: to read Warp's headers takes longer than to compile its kernels, which are always used together
+wp.set_module_options({"max_unroll": 1})
+
 f64 = wp.float64
 
 POSE = 6  # unknowns and residuals of the platform, and of a leg's joint
@@ -147,7 +150,7 @@ def load_of(robots: Robots, b: int) -> f64:
     return robots.load_factor[b]
 
 
-@wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+@wp.kernel(enable_backward=False)
 def hand_over(robots: Robots, legs: Legs):
     """Unknowns, inputs and directions of the robots to their legs."""
     t = legs.order[wp.tid()]
@@ -236,7 +239,7 @@ def load_joint(robots: Robots, legs: Legs, t: int, b: int, leg: int, pose: Platf
     return joint
 
 
-@wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+@wp.kernel(enable_backward=False)
 def attach(robots: Robots, legs: Legs):
     """(4) to (7): residual of each leg's joint, its columns, and what the leg does to the platform."""
     t = legs.order[wp.tid()]
@@ -336,7 +339,7 @@ def attach(robots: Robots, legs: Legs):
     robots.leg_step_count[q] = legs.step_count[t]
 
 
-@wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+@wp.kernel(enable_backward=False)
 def balance(robots: Robots):
     """(8): equilibrium of each platform, with its columns; and its pose."""
     b = robots.order[wp.tid()]

@@ -41,8 +41,8 @@ from multirod.models.platform.guess import (
     COMPLIANCES,
     SHORT,
     Attachments,
+    BeamEquilibrium,
     Legs,
-    beam_equilibrium,
     beam_reach,
     fitted_platform,
     nearest_rotation,
@@ -53,6 +53,7 @@ from multirod.models.platform.starting import PlatformJoints, PlatformStarts
 from multirod.problem import Block, BoundaryProblem, Shape
 from multirod.rod import RodArrays, stack
 from multirod.rotations import matrices
+from multirod.shared import Shared
 from multirod.validation import FloatArray, frozen
 
 POSE = kernels.POSE
@@ -549,7 +550,8 @@ class ParallelProblem(BoundaryProblem):
         What its residual is there is remembered and closes as ``load_factor`` goes from 0 to 1, (9).
         """
         closed = self.closed()
-        self.robots.opening.assign(closed.residual), self.robots.soft.zero_()
+        self._set_aside["opening"].write(closed.residual)
+        self._set_aside["soft"].write(0.0)
         return np.array(closed.unknowns)
 
     @property
@@ -582,26 +584,34 @@ class ParallelProblem(BoundaryProblem):
     @contextmanager
     def unloaded(self) -> Iterator[None]:
         """Within it, all instances may be evaluated without loads; everything is as it was afterwards."""
-        records, listed = self.snapshot(), self.order.numpy()[: self.listed].copy()
-        outputs = (self.fault, self.step_count, self.residual_directions, self.pose_columns)
-        own = self.robots
-        kept = (self.active, self.load_factor, own.opening, own.soft, own.loading, *outputs)
-        values = [np.array(array.numpy()) for array in kept]
+        records, listed = self.snapshot(), self.buffer("order")[: self.listed].copy()
+        aside = self._set_aside
+        for shared in aside.values():
+            shared.fetch()
+        values = {name: shared.values.copy() for name, shared in aside.items()}
         everything = len(listed) == self.instance_count
         if not everything:
             self.focus()
-        own.opening.zero_(), own.soft.zero_()
-        own.loading.fill_(int(Loading.RISING))
-        self.active.fill_(1)
-        self.load_factor.zero_()
+        aside["active"].write(1)
+        aside["loading"].write(int(Loading.RISING))
+        for name in ("load_factor", "opening", "soft"):
+            aside[name].write(0.0)
         try:
             yield
         finally:
             self.restore(records)
-            for array, before in zip(kept, values, strict=True):
-                array.assign(before)
+            for name, before in values.items():
+                aside[name].write(before)
             if not everything:
                 self.focus(listed)
+
+    @cached_property
+    def _set_aside(self) -> dict[str, Shared]:
+        """What is another within ``unloaded``: which are active, at which load, how far open, how loaded; then what launches
+        write."""
+        arrays = {name: getattr(self.robots, name) for name in ("opening", "soft", "loading")}
+        names = ("active", "load_factor", "fault", "step_count", "residual_directions", "pose_columns")
+        return {name: Shared.of(array) for name, array in (arrays | {name: getattr(self, name) for name in names}).items()}
 
     def unloaded_legs(self) -> tuple[FloatArray, Legs, Attachments]:
         """Unknowns of legs that nothing holds, and what they say of how the legs bend; the problem is unloaded."""
@@ -646,19 +656,21 @@ class ParallelProblem(BoundaryProblem):
             reach, added = beam_reach(legs, at, pose[:, :3], matrices(pose[:, 3:]))
             x[:, self.platform] = reach / legs.length**2
         else:
-            position, rotation, added = beam_equilibrium(legs, at, *(np.concatenate([value] * ways) for value in start))
-            found = [self.pose_unknowns(p, R) for p, R in zip(np.split(position, ways), np.split(rotation, ways), strict=True)]
-            x[:, self.platform] = np.concatenate(found)
+            shape = (ways * self.instance_count, len(self.geometry.legs))
+            beams = self.tool(("BeamEquilibrium", *shape), lambda: BeamEquilibrium(*shape))
+            position, rotation, added = beams.found(legs, at, *(np.concatenate([value] * ways) for value in start))
+            x[:, self.platform] = self.pose_unknowns(position, rotation)
         for own, values in zip(self.own, added, strict=True):
             x[:, own] += values
         return np.split(x, ways)
 
     def pose_unknowns(self, position: FloatArray, rotation: FloatArray) -> FloatArray:
-        """The platform's unknowns (instance_count, 6) at a pose: (1), (2) solved for them."""
-        length = np.broadcast_to(self.length[:, -1:], (self.instance_count, 1))
-        turn = rotation_vectors(rotation @ np.swapaxes(self.reference[1], 1, 2))
-        move = position - self.reference[0]
-        return np.concatenate([move / length**2, turn / length], axis=1)
+        """The platform's unknowns (k, 6) at poses, all instances once or several times: (1), (2) solved for them."""
+        length, origin, start = (
+            v if len(v) == 1 else np.concatenate([v] * (len(position) // len(v))) for v in (self.length[:, -1:], *self.reference)
+        )
+        turn = rotation_vectors(rotation @ np.swapaxes(start, 1, 2))
+        return np.concatenate([(position - origin) / length**2, turn / length], axis=1)
 
     def _legs(self) -> Legs:
         """What the last integration says of the legs."""
@@ -693,8 +705,8 @@ class ParallelProblem(BoundaryProblem):
 
     def load_level(self) -> FloatArray:
         """What multiplies all loads, shape (instance_count,)."""
-        loading, level = self.robots.loading.numpy(), self.load_factor.numpy()
-        return np.select([loading == Loading.NONE, loading == Loading.FULL], [np.zeros_like(level), np.ones_like(level)], level)
+        loading = self._set_aside["loading"].fetched()
+        return np.where(loading == Loading.NONE, 0.0, np.where(loading == Loading.FULL, 1.0, self.buffer("load_factor")))
 
     def load_scale(self) -> FloatArray:  # noqa: D102
         inputs = self.read("inputs")

@@ -5,6 +5,7 @@ Numbers in parentheses are those of ``docs/stability.md``.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from multirod.capabilities import ResultTest
 from multirod.models.backbone.inputs import LOADS
-from multirod.models.backbone.stability.second_variation import CondensedForm, certain_determinant, symmetric_eigenvalues
+from multirod.models.backbone.stability.second_variation import certain_determinant, symmetric_eigenvalues
 from multirod.models.joint_kernels import REVOLUTE, SPHERICAL
 from multirod.models.platform.platform_kernels import POSE
 from multirod.rotations import cross, cross_matrix
@@ -25,24 +26,60 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class HeldLeg:
-    """A leg of a batch of robots, at its tip.
+class HeldLegs:
+    """The legs of a batch of robots, at their tips.
 
     Attributes:
-        form: Condensed to the rotation of the tip, free angles, and the force on it.
-        force: On the tip in the world [N], shape (batch, 3).
-        moment: On the tip in the world [N m], shape (batch, 3).
-        arm: From the platform's origin to the joint, in the world [m], shape (batch, 3).
-        joint: Its kind.
-        axis: Of a revolute joint, in the world, shape (batch, 3).
+        forms: Of each leg, condensed to the rotation of the tip, free angles, and the force on it, shapes (batch, r, r).
+        conjugate: Negative eigenvalues of what was eliminated in all of them, shape (batch,).
+        known: Whether rounding leaves all signs, shape (batch,).
+        force: On the tips in the world [N], shape (batch, leg, 3).
+        moment: On the tips in the world [N m], shape (batch, leg, 3).
+        arm: From the platform's origin to the joints, in the world [m], shape (batch, leg, 3).
+        joints: Their kinds.
+        axis: Of revolute joints, in the world, shape (batch, leg, 3).
     """
 
-    form: CondensedForm
+    forms: Sequence[FloatArray]
+    conjugate: NDArray[np.int_]
+    known: NDArray[np.bool_]
     force: FloatArray
     moment: FloatArray
     arm: FloatArray
-    joint: int
+    joints: tuple[int, ...]
     axis: FloatArray
+
+
+@dataclass(frozen=True)
+class FormPlaces:
+    """Where the variables of the legs stand in the form of a robot, those of the platform last.
+
+    Attributes:
+        size: Of the form.
+        tips: Of each leg, those of its own form, the three of its tip's rotation first: the platform's but for a spherical joint.
+        alpha: Of each leg, the angle about the axis of a revolute joint, -1 of others.
+        forces: On the tips, shape (leg, 3).
+    """
+
+    size: int
+    tips: tuple[NDArray[np.intp], ...]
+    alpha: tuple[int, ...]
+    forces: NDArray[np.intp]
+
+    @classmethod
+    @cache
+    def of(cls, sizes: tuple[int, ...], joints: tuple[int, ...]) -> "FormPlaces":
+        """Of legs whose forms have these sizes."""
+        own = [r - (0 if joint == SPHERICAL else 2 if joint == REVOLUTE else 3) for r, joint in zip(sizes, joints, strict=True)]
+        size, at = sum(own) + POSE, 0
+        tips, alpha, forces = [], [], []
+        for r, joint, free in zip(sizes, joints, own, strict=True):
+            rotation = range(at, at + 3) if joint == SPHERICAL else range(size - 3, size)
+            tips.append(np.array([*rotation, *range(at + free - (r - 3), at + free)]))
+            alpha.append(at if joint == REVOLUTE else -1)
+            at += free
+            forces.append(range(at - 3, at))
+        return cls(size, tuple(tips), tuple(alpha), np.array(forces))
 
 
 @dataclass(frozen=True)
@@ -61,14 +98,14 @@ class PlatformLoads:
 
 
 def platform_modes(
-    legs: Sequence[HeldLeg], loads: PlatformLoads, length: FloatArray, stiffness: FloatArray, potential: NDArray[np.bool_]
+    legs: HeldLegs, loads: PlatformLoads, length: FloatArray, stiffness: FloatArray, potential: NDArray[np.bool_]
 ) -> Modes:
     """(11) Modes of whole robots, counted in ``stiffness / length`` (batch,) [N m^2], [m]."""
     form, unit = _whole_form(legs, loads, length, stiffness)
     form *= unit[:, :, None] * unit[:, None, :] * (length / stiffness)[:, None, None]
     # each leg's position is held to the platform by three constraints
-    hidden = np.sum([leg.form.conjugate for leg in legs], axis=0) - 3 * len(legs)
-    known = np.all([leg.form.known for leg in legs], axis=0) & np.isfinite(form).all(axis=(1, 2))
+    hidden = legs.conjugate - 3 * len(legs.forms)
+    known = legs.known & np.isfinite(form).all(axis=(1, 2))
     values, uncertainty = symmetric_eigenvalues(form, known & potential)
     # without a potential the form is not symmetric; its determinant still has the sign of the number of modes that grow
     diverging = known & ~potential
@@ -78,45 +115,36 @@ def platform_modes(
     return Modes(values, hidden.astype(np.int32), uncertainty, known & potential, diverging)
 
 
-def _whole_form(
-    legs: Sequence[HeldLeg], loads: PlatformLoads, length: FloatArray, stiffness: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _whole_form(legs: HeldLegs, loads: PlatformLoads, length: FloatArray, stiffness: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(9), (10) The form by what is free of each leg, then the pose of the platform, and the unit of each, (batch, count)."""
     count = len(length)
-    own = [leg.form.matrix.shape[1] - (0 if leg.joint == SPHERICAL else 2 if leg.joint == REVOLUTE else 3) for leg in legs]
-    size = sum(own) + POSE
+    places = FormPlaces.of(tuple(own.shape[1] for own in legs.forms), legs.joints)
+    size, forces = places.size, places.forces.reshape(-1)
     form, unit = np.zeros((count, size, size)), np.ones((count, size))
     position, rotation = slice(size - 6, size - 3), slice(size - 3, size)
     unit[:, position] = length[:, None]
-    at = 0
-    for leg, free in zip(legs, own, strict=True):
-        variables = slice(at, at + free)
-        force = slice(at + free - 3, at + free)
-        unit[:, force] = (stiffness / length**2)[:, None]
-        # the rotation of the tip, the free angles, and the force, by the variables of the robot
-        r = leg.form.matrix.shape[1]
-        tip = np.zeros((count, r, size))
-        tip[:, range(3, r), range(at + free - (r - 3), at + free)] = 1.0
-        if leg.joint == SPHERICAL:
-            tip[:, range(3), range(at, at + 3)] = 1.0
-        else:
-            tip[:, range(3), range(size - 3, size)] = 1.0
-        if leg.joint == REVOLUTE:
-            tip[:, :3, at] = leg.axis
-            form[:, at, rotation] += cross(leg.axis, leg.moment)  # the axis turns with the platform
-        form += tip.swapaxes(1, 2) @ leg.form.matrix @ tip
-        identity, arm = np.eye(3), cross_matrix(leg.arm)
-        form[:, force, position] += identity
-        form[:, position, force] += identity
-        form[:, rotation, force] += arm
-        form[:, force, rotation] -= arm
-        form[:, rotation, rotation] += cross_matrix(leg.force) @ arm
-        at = variables.stop
+    unit[:, forces] = (stiffness / length**2)[:, None]
+    arms = cross_matrix(legs.arm)
+    turned = cross_matrix(legs.force) @ arms
+    for k, (own, at, alpha) in enumerate(zip(legs.forms, places.tips, places.alpha, strict=True)):
+        form[:, at[:, None], at] += own
+        if alpha >= 0:
+            axis = legs.axis[:, k]
+            by_angle = (own[:, :, :3] @ axis[:, :, None])[..., 0]
+            form[:, at, alpha] += by_angle
+            form[:, alpha, at] += (axis[:, None] @ own[:, :3])[:, 0]
+            form[:, alpha, alpha] += (axis * by_angle[:, :3]).sum(axis=1)
+            form[:, alpha, rotation] += cross(axis, legs.moment[:, k])  # the axis turns with the platform
+        form[:, rotation, rotation] += turned[:, k]
+    identity = np.tile(np.eye(3), (len(places.forces), 1))
+    form[:, forces, position] += identity
+    form[:, position, forces] += identity.T
+    form[:, rotation, forces] += arms.swapaxes(1, 2).reshape(count, 3, -1)
+    form[:, forces, rotation] -= arms.reshape(count, -1, 3)
     for pull, arm in loads.forces:
         form[:, rotation, rotation] -= cross_matrix(pull) @ cross_matrix(arm)
     form[:, position, rotation] += cross_matrix(loads.follower_force)
-    turned = loads.follower_moment + cross(loads.forces[0][1], loads.follower_force)
-    form[:, rotation, rotation] += cross_matrix(turned)
+    form[:, rotation, rotation] += cross_matrix(loads.follower_moment + cross(loads.forces[0][1], loads.follower_force))
     return form, unit
 
 
@@ -134,19 +162,19 @@ class PlatformStability(StabilityAnalysis):
         at = self.problem.attachments()
         arms = np.einsum("bij,blj->bli", rotation, at.arm)
         axes = np.einsum("bij,bljk,lk->bli", rotation, at.frame, at.axes)
-        held: list[HeldLeg | None] = [None] * legs
+        forms: list[FloatArray] = [np.zeros(0)] * legs
+        conjugate, known = np.zeros(count, dtype=int), np.ones(count, dtype=bool)
+        wrenches = np.zeros((count, legs, 6))
         for group in self.problem.groups:
             form, _ = group.backbones.stability.condensed_form()
-            form.known[~group.backbones.lines.stays_stiff()] = False
-            wrench = group.backbones.tip_wrench.numpy().reshape(count, -1, 6)
+            known &= (form.known & group.backbones.lines.stays_stiff()).reshape(count, -1).all(axis=1)
+            conjugate += form.conjugate.reshape(count, -1).sum(axis=1)
+            wrenches[:, group.members] = group.backbones.tip_wrench.numpy().reshape(count, -1, 6)
+            own = form.matrix.reshape(count, -1, *form.matrix.shape[1:])
             for place, leg in enumerate(group.members):
-                own = CondensedForm(*(v.reshape(count, -1, *v.shape[1:])[:, place] for v in vars(form).values()))
-                force, moment = wrench[:, place, :3], wrench[:, place, 3:]
-                held[leg] = HeldLeg(own, force, moment, arms[:, leg], int(at.joints[leg]), axes[:, leg])
-        length, stiffness = self._scale()
-        return platform_modes(
-            [leg for leg in held if leg is not None], self._loads(rotation), length, stiffness, self.has_potential
-        )
+                forms[leg] = own[:, place]
+        held = HeldLegs(forms, conjugate, known, wrenches[..., :3], wrenches[..., 3:], arms, tuple(at.joints.tolist()), axes)
+        return platform_modes(held, self._loads(rotation), *self._scale(), self.has_potential)
 
     @property
     def has_potential(self) -> NDArray[np.bool_]:

@@ -97,6 +97,11 @@ class CondensedForm:
     conjugate: NDArray[np.int32]
     known: NDArray[np.bool_]
 
+    @classmethod
+    def unknown(cls, count: int, size: int) -> "CondensedForm":
+        """Of which nothing is known yet."""
+        return cls(np.full((count, size, size), np.nan), np.zeros(count, dtype=np.int32), np.zeros(count, dtype=bool))
+
     def put(self, chosen: Any, other: "CondensedForm") -> None:
         """Take the instances ``chosen``, all of those of ``other``, from it."""
         for name, mine in vars(self).items():
@@ -115,7 +120,8 @@ def symmetric_eigenvalues(form: FloatArray, known: NDArray[np.bool_]) -> tuple[F
     turned = form.swapaxes(1, 2)
     chosen = slice(None) if known.all() else known  # which copies nothing
     values[chosen], vectors = np.linalg.eigh((form + turned)[chosen] / 2)
-    uncertainty[chosen] = np.linalg.norm((form - turned)[chosen] / 2 @ vectors, axis=1)
+    lacking = (form - turned)[chosen] / 2 @ vectors
+    uncertainty[chosen] = np.sqrt((lacking * lacking).sum(axis=1))
     return values, uncertainty
 
 
@@ -358,7 +364,7 @@ def _of_pattern(
         Y = np.delete(Y[:, done:], place, axis=2) @ free[:, None]
         P, position = np.delete(P, place, axis=1) @ free, position @ free
         first = last
-    # (5), (9)
+    # (5), (21)
     r = len(rows)
     by_tip = np.zeros((len(chosen), P.shape[-1], P.shape[-1]))
     by_tip[:, :r, :r] = here
@@ -370,7 +376,7 @@ def _of_pattern(
 
 
 def _by_force(tip_force: FloatArray) -> FloatArray:
-    """Combinations of columns (batch, c, c): first those by which the force (batch, 3, c) stays, then one a component of it."""
+    """(20) Combinations of columns (batch, c, c): those by which the force (batch, 3, c) stays, then one a component of it."""
     count, c = len(tip_force), tip_force.shape[-1]
     basis = np.broadcast_to(np.eye(c), (count, c, c)).copy()
     sound = np.isfinite(tip_force).all(axis=(1, 2)) & (np.linalg.det(np.nan_to_num(tip_force[:, :, -3:])) != 0)
@@ -381,8 +387,8 @@ def _by_force(tip_force: FloatArray) -> FloatArray:
 
 
 def _without_torque(torque: FloatArray, r: int) -> FloatArray:
-    """Combinations (batch, c, c - 1) of columns that leave a torque (batch, c) as it is: of the first r alone, then of each
-    other."""
+    """(6), (20) Combinations (batch, c, c - 1) of columns that leave a torque (batch, c) as it is: of the first r alone, then of
+    each other."""
     count, c = torque.shape
     free = np.zeros((count, c, c - 1))
     own = torque[:, :r]

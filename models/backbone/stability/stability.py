@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod.models.backbone.stability.forms import HeldTip
 from multirod.models.backbone.stability.mode_bounds import bound_modes
 from multirod.models.backbone.stability.second_variation import (
     MOST_NODES,
@@ -74,13 +75,13 @@ class BackboneStability(StabilityAnalysis):
     def modes(self) -> Modes:  # noqa: D102
         form, determinant = self.condensed_form()
         modes = form.modes(self.problem.stiffness_over_length())
-        potential = self.has_potential
-        judged = potential & self.problem.lines.stays_stiff() & (not self.problem.features.foundation)
+        potential, lines = self.has_potential, self.problem.lines
+        judged = potential & lines.stays_stiff() & (not self.problem.features.foundation)
         if not judged.all():
             modes.known[~judged] = False
             modes.values[~judged] = np.nan
         # det Gamma is positive where nothing acts
-        modes.diverging[:] = self._told_by_sign(potential) & (determinant < 0) | potential & self.problem.lines.gives_way()
+        modes.diverging[:] = self._told_by_sign(potential) & (determinant < 0) | potential & lines.gives_way()
         return modes
 
     def _told_by_sign(self, potential: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -98,12 +99,13 @@ class BackboneStability(StabilityAnalysis):
         unit, n = self.problem.stiffness_over_length(), len(self.problem.rods)
         size = self._free() + (3 if self.problem.held else 0)
         count = self.problem.instance_count
-        form = CondensedForm(np.full((count, size, size), np.nan), np.zeros(count, dtype=np.int32), np.zeros(count, dtype=bool))
+        form = CondensedForm.unknown(count, size)
         determinant = np.full(count, np.nan)
         if n > 1 and self.problem.rigid_in_torsion:
             return form, determinant  # a torque of each that nothing determines
         # each instance has its own number of nodes, whatever stands beside it in the batch
-        nodes = self._nodes(np.minimum(np.nan_to_num(self._segments_expected()), MOST_NODES_AT_FIRST - 2))
+        expected = self._segments_expected()
+        nodes = self._nodes(np.minimum(np.where(np.isnan(expected), 0.0, expected), MOST_NODES_AT_FIRST - 2))
         open_ = np.ones(count, dtype=bool)
         if self.problem.breakpoints:
             cut = list(self.problem.breakpoints)
@@ -119,7 +121,10 @@ class BackboneStability(StabilityAnalysis):
                 own = self._form(call, done, unit, joint)
                 if self.problem.features.condition_count and not tensions_fixed:
                     own = self._tensions_eliminated(own, call, done)
-                form.put(done, own)
+                if done.all():
+                    form = own
+                else:
+                    form.put(done, own)
                 if not self.problem.held and (asked := done & self._told_by_sign(self.has_potential)).any():
                     determinant[asked] = certain_determinant(call.read("gamma")[asked])
             more = chosen & ~done & (needed < MOST_NODES - 1)
@@ -147,10 +152,17 @@ class BackboneStability(StabilityAnalysis):
         self, call: "NodePass", chosen: NDArray[np.bool_], unit: FloatArray, joint: TipJoint | None = None
     ) -> CondensedForm:
         """(4) to (6) by what a pass over nodes says of the instances ``chosen``; ``unit`` is ``K/L`` [N m] of all."""
-        if self.problem.judged_often:
-            ends = self._column_ends()
-            return call.form(self._free(), ends.shape[1], self.problem.device).of(chosen, ends, unit)
+        if self.problem.judged_often and joint is None:
+            return self._compiled(call, chosen, unit)
         return condensed_form(self._given(call, chosen, self._other_columns(), joint), unit[chosen])
+
+    def _compiled(
+        self, call: "NodePass", chosen: NDArray[np.bool_], unit: FloatArray, *, by_wrench: bool = False
+    ) -> CondensedForm:
+        """The same by a kernel, or (12) of docs/held.md."""
+        problem, ends = self.problem, self._column_ends()
+        tip = HeldTip(problem.wrench_columns, problem.tip_wrench, by_wrench) if problem.held else None
+        return call.form(self._free(), ends.shape[1], problem.device, tip).of(chosen, ends, unit)
 
     def _other_columns(self) -> NDArray[np.intp]:
         """Columns by which the form is made, where all tensions are fixed."""
@@ -199,7 +211,7 @@ class BackboneStability(StabilityAnalysis):
 
     def _segments_expected(self) -> FloatArray:
         """(7) by what the moments cannot exceed."""
-        length, scale = self.problem.ends().max(axis=1), self.problem.load_scale()
+        length, scale = self.problem.furthest_end(), self.problem.load_scale()
         if self.problem.held:
             x = np.abs(self.problem.read("unknowns") - self.problem.guess())
             stiffest = (
@@ -222,7 +234,7 @@ class BackboneStability(StabilityAnalysis):
             bend = EI * kappa
             coupling = moment + bend.max(axis=2).sum(axis=1)
             potential = potential + (bend * (kappa + curvature[:, None, None])).max(axis=2).sum(axis=1)
-        return segments_needed(self.problem.ends().max(axis=1), self.problem.least_stiffness(), coupling, potential)
+        return segments_needed(self.problem.furthest_end(), self.problem.least_stiffness(), coupling, potential)
 
     def mode_bounds(self) -> FloatArray | None:  # noqa: D102
         features = self.problem.features
