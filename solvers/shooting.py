@@ -139,7 +139,10 @@ class Shooting(Solver):
                 return outcome
             newton.allow(self._left(outcome))
             go_on = None if self.at_fold == "stop" else self._go_on
-            assemble(problem, newton, outcome, lost, self.max_continuation_steps, go_on)
+            ended = assemble(problem, newton, outcome, lost, self.max_continuation_steps, go_on)
+            if go_on is None:
+                outcome.status[ended] = Status.BRANCH_END
+                chosen = chosen & ~ended
             if reached is not None and multistable:
                 self._follow(problem, newton, outcome, chosen & (outcome.status == Status.BRANCH_END), reached, ends)
             newton.allow(self._left(outcome))
