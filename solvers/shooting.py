@@ -127,6 +127,8 @@ class Shooting(Solver):
             handed, tried = np.zeros(problem.instance_count, dtype=bool), np.full(problem.instance_count, int(Status.NOT_RUN))
             outcome = natural_branch(problem, newton, self.max_continuation_steps, chosen, handed if self.fallback else None)
             reached, ends = outcome.reached, problem.read("unknowns")
+            if self.fallback and reached is not None:
+                handed |= chosen & (outcome.status == Status.MAX_ITERATIONS) & (reached > 0)
             undetermined = outcome.status == Status.UNDETERMINED  # from wherever
             chosen = chosen & ~undetermined
             tried[undetermined] = Status.UNDETERMINED
