@@ -540,7 +540,7 @@ def test_loads_are_raised_in_steps_of_their_logarithm(soft):
     force = np.array((60.0, -50.0, 30.0)) * np.array([1.0, 8.0, 64.0])[:, None]
     counts = [int(mr.solve(soft, soft.inputs(tip_force=f), solver=mr.MultipleShooting()).integrations) for f in force]
     first, second = np.diff(counts)
-    assert max(first, second) < 85, counts  # 130 by steps half as long, bent as functions of the load
+    assert max(first, second) < 68, counts  # more by an extrapolation in the load itself
     assert abs(first - second) < 0.35 * first  # a step more or less
 
 

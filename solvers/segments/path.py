@@ -450,7 +450,7 @@ class SegmentedPaths:
         before = self.systems(place)
         count, d = len(place.cuts.start), self.segments.variation_size
         rate = bend = Step(np.zeros_like(place.cuts.unknowns), np.zeros((count, d)))
-        since = np.full(len(level), np.nan)  # levels of the last tangents
+        since = np.full(len(level), np.nan)  # logarithms where the last tangents were
         checked = level.copy()  # and at which steps were
         taken_at = np.full((FORESEEN + 1, len(level)), np.nan)  # integrations taken by the last equilibria
         new = on.copy()  # whose tangents are not known yet
@@ -468,9 +468,9 @@ class SegmentedPaths:
                 systems, own = self.tangent(here, level[new], safe[new])
                 own = own.times(here.cuts, (level + safe)[new])
                 change = _change(before.cuts.chosen(new), rate.chosen(before.cuts, new), here.cuts, own)
-                way = np.log((level + safe)[new])
-                change = change.times(here.cuts, _inverse(way - since[new]))
-                bend, since[new] = bend.put(before.cuts, new, here.cuts, change), way
+                logarithm = np.log((level + safe)[new])
+                change = change.times(here.cuts, _inverse(logarithm - since[new]))
+                bend, since[new] = bend.put(before.cuts, new, here.cuts, change), logarithm
                 rate = rate.put(before.cuts, new, here.cuts, own)
                 before = before.put(new, systems) if not new.all() else systems
             passed = np.vstack([passed[-PACE:], level])
