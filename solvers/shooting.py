@@ -127,6 +127,8 @@ class Shooting(Solver):
             handed, tried = np.zeros(problem.instance_count, dtype=bool), np.full(problem.instance_count, int(Status.NOT_RUN))
             outcome = natural_branch(problem, newton, self.max_continuation_steps, chosen, handed if self.fallback else None)
             reached, ends = outcome.reached, problem.read("unknowns")
+            if self.fallback and reached is not None:
+                handed |= chosen & (outcome.status == Status.MAX_ITERATIONS) & (reached > 0)
             undetermined = outcome.status == Status.UNDETERMINED  # from wherever
             chosen = chosen & ~undetermined
             tried[undetermined] = Status.UNDETERMINED
@@ -139,7 +141,10 @@ class Shooting(Solver):
                 return outcome
             newton.allow(self._left(outcome))
             go_on = None if self.at_fold == "stop" else self._go_on
-            assemble(problem, newton, outcome, lost, self.max_continuation_steps, go_on)
+            ended = assemble(problem, newton, outcome, lost, self.max_continuation_steps, go_on)
+            if go_on is None:
+                outcome.status[ended] = Status.BRANCH_END
+                chosen = chosen & ~ended
             if reached is not None and multistable:
                 self._follow(problem, newton, outcome, chosen & (outcome.status == Status.BRANCH_END), reached, ends)
             newton.allow(self._left(outcome))

@@ -534,6 +534,16 @@ def test_an_end_at_moderate_loads_is_not_looked_for_again(wire):
     np.testing.assert_array_equal(ended.residual, alone.residual)
 
 
+@pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")
+def test_loads_are_raised_in_steps_of_their_logarithm(soft):
+    """Three doublings take three steps or four, at any load: in layers, moments go as its root."""
+    force = np.array((60.0, -50.0, 30.0)) * np.array([1.0, 8.0, 64.0])[:, None]
+    counts = [int(mr.solve(soft, soft.inputs(tip_force=f), solver=mr.MultipleShooting()).integrations) for f in force]
+    first, second = np.diff(counts)
+    assert max(first, second) < 68, counts  # more by an extrapolation in the load itself
+    assert abs(first - second) < 0.35 * first  # a step more or less
+
+
 def test_what_is_not_found_either_stays_as_it_was(soft):
     inputs = soft.inputs(tip_force=(60.0, -50.0, 30.0))
     solver = {fallback: mr.Shooting(max_continuation_steps=3, fallback=fallback) for fallback in (True, False)}

@@ -240,19 +240,37 @@ def test_a_shallow_truss_snaps_through_as_springs_do():
     np.testing.assert_allclose(found.tip_position, (0, 0, goal), rtol=0, atol=1e-7 * span)
 
 
-def test_step_control_ends_branches_where_fixed_steps_do():
-    """A frame of two strips that sways, by the default integrator: of straight rods its steps are long."""
+def swaying_frame():
+    """Two strips side by side, clamped in the ground and in a beam, and the load at which it begins to sway."""
     strip = mr.Rod(length=0.2, bending_stiffness=(0.5, 0.02), torsional_stiffness=0.015)
     beam, joints = mr.Body("beam"), []
     for name, side in (("left", -1), ("right", 1)):
         there = pose(position=(0.1 * side, 0, 0))
         joints += [mr.Joint(name, "base", to=mr.ground, pose=there), mr.Joint(name, "tip", to=beam, pose=there)]
     robot = mr.Network(rods={"left": strip, "right": strip}, bodies=[beam], joints=joints)
-    euler = 2 * np.pi**2 * 0.02 / 0.2**2
+    return robot, 2 * np.pi**2 * 0.02 / 0.2**2
+
+
+def test_step_control_ends_branches_where_fixed_steps_do():
+    """A frame of two strips that sways, by the default integrator: of straight rods its steps are long."""
+    robot, euler = swaying_frame()
     found = mr.solve(robot, robot.inputs(force={"beam": (0, 0, -1.1 * euler)}))
     assert found.status is mr.Status.BIFURCATED
     assert found.stability is mr.Stability.STABLE
     assert found.events[0].load_factor == pytest.approx(1 / 1.1, rel=1e-6)
+
+
+def test_what_is_to_stop_at_the_end_of_its_branch_gives_no_state_beyond():
+    """Nor any other that is stable; below the load at which the frame sways it makes no difference."""
+    robot, euler = swaying_frame()
+    stop = mr.Shooting(at_fold="stop")
+    beyond = mr.solve(robot, robot.inputs(force={"beam": (0, 0, -1.1 * euler)}), solver=stop)
+    assert beyond.status is mr.Status.BRANCH_END
+    assert np.isnan(beyond.tip_position).all()
+    below = robot.inputs(force={"beam": (0, 0, -0.9 * euler)})
+    stopped, followed = mr.solve(robot, below, solver=stop), mr.solve(robot, below)
+    assert stopped.status is followed.status is mr.Status.CONVERGED
+    np.testing.assert_array_equal(stopped.unknowns, followed.unknowns)
 
 
 def test_energy_descent_goes_through_the_snap():

@@ -354,8 +354,9 @@ def _quaternions(states: FloatArray) -> FloatArray:
     q = states[:, ROTATION_AT : ROTATION_AT + 4]
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         size = np.sqrt((q**2).sum(axis=1, keepdims=True))
+        sound = (size > 0) & (size < np.inf)
         # no turn where an integration failed
-        return np.where((size > 0) & (size < np.inf), q / size, (0.0, 0.0, 0.0, 1.0))
+        return np.asarray(q / size if sound.all() else np.where(sound, q / size, (0.0, 0.0, 0.0, 1.0)))
 
 
 def _matrices(states: FloatArray) -> FloatArray:

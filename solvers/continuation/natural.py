@@ -25,6 +25,7 @@ RUNAWAY = 1e3  # times the curvature scale: where tensions grow without bound
 AT_KINK = 1e-3  # of the curvature scale, that an unknown may be from a kink where a path ended: steps are 1e-7 there
 FINER = 16  # times shorter steps, where a branch led to an unstable equilibrium
 ROUNDS = 64  # integrations after each of which it is asked whether a rod creeps
+MOST_STEPS = 64 * 65_536  # of the integrator for each rod, in all integrations of a way: two seconds
 AT_END = 1e-5  # of the way, that is left where ends of rods hardly give way
 SHORT_STEPS = 12  # of a short cut, beyond which it is none
 CREEPING = 100  # steps to the full load, at the pace of the last, of what does
@@ -240,6 +241,7 @@ class Paths:
     def _follow(self, *, integrated: bool = False) -> Outcome:
         """To the ends of all paths; ``integrated`` where that has been done at their beginnings."""
         problem, state = self.problem, self.state
+        self._steps = np.zeros(problem.instance_count, dtype=np.int64)
         calls = self._newton.calls()
         if calls is not None:
             self._repeat(calls)
@@ -284,9 +286,11 @@ class Paths:
             if self.handed is not None:
                 if rounds == 0:
                     unloaded = self._newton.gamma()
-                rounds += 1
-                if remaining and rounds % ROUNDS == 0:
+                if remaining and (rounds + 1) % ROUNDS == 0:
                     remaining -= self._give_up(unloaded)
+            rounds += 1
+            if remaining and rounds % ROUNDS == 0:
+                remaining -= self._end_long()
             leave(problem, remaining)
 
     def _repeat(self, calls: Any) -> None:
@@ -318,6 +322,8 @@ class Paths:
                     unloaded = self._newton.gamma()
             if remaining and unloaded is not None:
                 remaining -= self._give_up(unloaded)
+            if remaining:
+                remaining -= self._end_long()
 
     def _eliminate(self) -> None:
         """Have what the kernel asks of ``Gamma`` found, where the problem offers ``elimination``."""
@@ -360,6 +366,19 @@ class Paths:
         own[creeping] = unknowns[creeping]
         problem.write("unknowns", own)
         return int(creeping.sum())
+
+    def _end_long(self) -> int:
+        """End those whose integrations take so many steps that they have had their part; how many there are.
+
+        Every instance on its way has taken as many integrations as rounds.
+        """
+        active = self._get("active") != 0
+        self._steps += ROUNDS * np.where(active, self.problem.step_count.numpy(), 0)
+        long = active & (self._steps > MOST_STEPS * len(self.problem.blocks))
+        if long.any():
+            self._set("status", np.where(long, Status.INTEGRATION_LIMIT, self._get("status")))
+            self._set("active", active & ~long)
+        return int(long.sum())
 
     def _doubt_ends(self, status: Any, integrations: Any) -> None:
         """Where no mode of ``Gamma`` is near zero, it is no fold and no bifurcation that steps became small at."""

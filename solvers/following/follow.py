@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.batch import IntArray
+from multirod.budget import Spent
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
-from multirod.solvers.continuation.natural import SAFE_LOAD, TURN
+from multirod.solvers.continuation.natural import MOST_STEPS, SAFE_LOAD, TURN
 from multirod.solvers.following.descent import ClampedTurns, Point, Turns
 from multirod.solvers.following.journey import NOISY, At, Clamp, Journey, Judge, Judgement, Run
 from multirod.status import failures
@@ -117,6 +118,8 @@ class _Together:
     ) -> None:
         self.part, self.before, self.after = part, before, part.read("inputs")
         self.levels = np.ones(part.instance_count)
+        self._most_steps = MOST_STEPS * len(part.blocks)
+        self._each, self._steps = np.zeros((2, part.instance_count), dtype=np.int64)  # of the longest integration, and of all
         self.tip = None if not judged or part.conjugates is None else Turns(part.conjugates)
         self._clamped = None if clamped is None else cache(clamped)
 
@@ -136,14 +139,14 @@ class _Together:
                 answers = self._integrate_clamped(clamped)
             else:
                 answers = self._judge({k: request for k, request in asked.items() if isinstance(request, Judge)})
+            self._steps[list(answers)] += self._each[list(answers)]
             for k, answer in answers.items():
                 self._next(runs, asked, k, answer)
 
-    @staticmethod
-    def _next(runs: dict[int, Run], asked: dict[int, Request], k: int, answer: Any) -> None:
+    def _next(self, runs: dict[int, Run], asked: dict[int, Request], k: int, answer: Any) -> None:
         asked.pop(k, None)
         try:
-            asked[k] = runs[k].send(answer)
+            asked[k] = runs[k].send(answer) if self._steps[k] <= self._most_steps else runs[k].throw(Spent())
         except StopIteration:
             del runs[k]
 
@@ -170,6 +173,7 @@ class _Together:
         on[list(asked)] = True
         with part.only(on):
             part.integrate()
+        self._each[on] = np.maximum(self._each[on], part.step_count.numpy()[on])
         residual, gamma = part.read("residual"), part.read("gamma").reshape(-1, n, n)
         residual[part.fault.numpy() != 0] = np.nan
         position, rotation = part.read("position"), part.read("rotation").reshape(-1, 1, 3, 3)

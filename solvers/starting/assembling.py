@@ -41,19 +41,23 @@ def assemble(
     go_on: GoOn | None = None,
     *,
     closing: bool = False,
-) -> None:
+) -> BoolArray:
     """Put the instances ``lost`` together without loads, then raise these: ``CONVERGED`` unless what that leads to is unstable.
 
     Steps pass the tests of every branch (``Paths``), ``max_steps`` at most for the joints and as many for the loads. What is not
     found is left as it is. ``go_on`` leads on from where a branch ends as loads are raised, or if so asked as joints are closed,
     and says so in the outcome that it is given; the load factor of what happens while joints are closed is 0.
+
+    Returns:
+        Whose branch ended as loads were raised, (instance_count,).
     """
-    lost = lost & (newton.allowed() > 0)
+    lost, ended = lost & (newton.allowed() > 0), np.zeros(problem.instance_count, dtype=bool)
     if problem.joints is None or problem.parts is None or not lost.any():
-        return
+        return ended
     for places in np.split(np.flatnonzero(lost), range(TOGETHER, int(lost.sum()), TOGETHER)):
         part = problem.parts.of(places)
         found = _natural(part, newton.of(part, places), max_steps, go_on, closing)
+        ended[places] = (found.status == Status.BRANCH_END) & (found.reached == 1.0)
         outcome.iterations[places] += found.iterations
         outcome.integrations[places] += found.integrations
         reached = np.flatnonzero(~failures(found.status))
@@ -62,10 +66,14 @@ def assemble(
         if outcome.reached is not None:
             outcome.reached[places[reached]] = 1.0
         problem.keep(part, places[reached], reached)
+    return ended
 
 
 def _natural(problem: BoundaryProblem, newton: Newton, max_steps: int, go_on: GoOn | None, closing: bool) -> Outcome:
-    """First the joints, then the loads; statuses as ``Paths`` gives them, ``UNSTABLE`` where that is what is reached."""
+    """First the joints, then the loads; statuses as ``Paths`` gives them, ``UNSTABLE`` where that is what is reached.
+
+    ``reached`` is the part of the way by which joints were closed.
+    """
     paths = Paths(problem, newton, max_steps)
     count, joints = problem.instance_count, _joints(problem)
     joints.close(Loading.NONE)
@@ -92,7 +100,7 @@ def _natural(problem: BoundaryProblem, newton: Newton, max_steps: int, go_on: Go
             status[whole & problem.stability.unstable()] = Status.UNSTABLE
     # legs that nothing holds take one, and the mismatch of their joints another
     integrations = 2 + closed.integrations + loaded.integrations + whole
-    result = Outcome(status, closed.iterations + loaded.iterations, integrations)
+    result = Outcome(status, closed.iterations + loaded.iterations, integrations, reached=closed.reached)
     result.events |= {k: own for k, own in events.items() if not Status(int(status[k])).failed}
     return result
 
