@@ -192,3 +192,14 @@ def test_a_motion_past_slack_and_a_limit_of_integrations(cut_short):
     assert few.status == mr.Status.INTEGRATION_LIMIT
     assert few.integrations <= 9
     assert np.isnan(few.tension).all()
+
+
+def test_tendons_pulled_and_let_out_by_the_law(cut_short):
+    """(L8c) The path ends just before its load, beside the kink of two: from a hair of slack, to an arc."""
+    angles = 2 * np.pi * np.arange(3) / 3
+    lines = [mr.Tendon((R * np.cos(a), R * np.sin(a)), driven="displacement") for a in angles]
+    robot = mr.SingleRod(mr.Rod(**OWN, lines=lines))
+    found = mr.solve(robot, robot.inputs(displacement=0.004 * np.cos(angles)), solver=mr.MultipleShooting(**PRECISE))
+    assert found.status == mr.Status.MULTIPLE_SHOOTING
+    np.testing.assert_allclose(found.tension, [EI * 0.004 / (LENGTH * R**2), 0, 0], atol=1e-9)
+    np.testing.assert_allclose(found.line_length, LENGTH - 0.004 * np.cos(angles), atol=1e-12)
