@@ -10,9 +10,10 @@ from multirod.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
 from multirod.segments import Segments, placed
 from multirod.solver import Outcome, Solver, Track
-from multirod.solvers.continuation.natural import ROUNDED_OFF
+from multirod.solvers.continuation.natural import ROUNDED_OFF, RUNAWAY
 from multirod.solvers.newton.iteration import Newton
 from multirod.solvers.segments.band import Systems
+from multirod.solvers.segments.loosened import Loosened
 from multirod.solvers.segments.path import Place, Results, SegmentedPaths
 from multirod.stability import Stability
 from multirod.status import BoolArray, IntArray, Status, failures
@@ -151,10 +152,14 @@ class MultipleShooting(Solver):
         return found
 
     def _natural(self, problem: BoundaryProblem, paths: SegmentedPaths) -> Results:
-        """Instances along their natural branches."""
+        """Instances along their natural branches; what ends beside a line at its kink, from where lines are longer, (L8c)."""
         chosen = paths.instances
         results = paths.follow(problem.guess()[chosen], _load_scale(problem)[chosen])
         paths.integrations += problem.guess_integrations
+        if len(problem.kinks) and (failed := failures(results.status)).any():
+            last = np.abs(results.place.cuts.unknowns[:, problem.kinks]).max(axis=1)
+            results.status[failed & (last > RUNAWAY * problem.curvature_scale()[chosen])] = Status.LINE_LIMIT
+            Loosened(problem, paths, results).let_out()
         return results
 
     @staticmethod

@@ -344,22 +344,12 @@ class BackboneProblem(BoundaryProblem):
 
     @property
     def segments(self) -> BackboneSegments | None:  # noqa: D102
-        alone = len(self.rods) == 1 and not self.held
-        terms = self.features
-        return self.cut if alone and not (terms.foundation or terms.condition_count or terms.friction) else None
+        return None if len(self.rods) > 1 or self.held or self.features.foundation else self.cut
 
     @property
     def segments_refused(self) -> str:  # noqa: D102
-        terms = self.features
         if len(self.rods) > 1 or self.held:
             return super().segments_refused
-        if terms.condition_count:
-            return (
-                'a line has driven = "displacement", must be "tension" or a pressure: its length is a condition on all segments '
-                "together; Shooting takes it"
-            )
-        if terms.friction:
-            return "Tendon.friction is not 0, must be 0: what it takes of a tension adds up over all segments; Shooting takes it"
         return "Rod.foundation is not 0, must be 0: a segment does not know how far its base has moved; Shooting takes it"
 
     @cached_property

@@ -1,5 +1,7 @@
 """Segments of a backbone of one rod: the launches of its segment kernels, and its states' variations."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -8,18 +10,17 @@ import warp as wp
 
 from multirod.batch import IntArray
 from multirod.launch import record
-from multirod.models.backbone.kernels.integration.segments import (
-    BASE_FORCE_AT,
-    POSITION_AT,
-    ROTATION_AT,
-    STATE_SIZE,
-    SegmentCall,
-    make_segment_kernel,
-)
+from multirod.models.backbone.kernels.integration.segments import SegmentCall, make_segment_kernel
 from multirod.models.backbone.kernels.layout.features import Features
-from multirod.models.backbone.kernels.layout.layout import Layout, unknowns_of
+from multirod.models.backbone.kernels.layout.layout import Layout, breakpoint_state, of_whole, unknowns_of
 from multirod.models.backbone.passes import deal, own, threads, width
-from multirod.models.backbone.stability.second_variation import MOST_NODES, CondensedForm, form_by_segments, segments_needed
+from multirod.models.backbone.stability.second_variation import (
+    MOST_NODES,
+    CondensedForm,
+    form_by_segments,
+    segments_needed,
+    without_tensions,
+)
 from multirod.models.backbone.units import unit_stiffness
 from multirod.problem import Shape
 from multirod.rotations import from_quaternions, of_quaternions, quaternion_product, to_quaternions
@@ -62,8 +63,9 @@ class Room:
         memory = deal(call, Layout(features), problem.integrator, "float64", device, capacity, lanes, shared=call.node_count == 0)
         shapes: dict[str, tuple[tuple[int, ...], Any]] = {name: ((capacity,), wp.int32) for name in WHOLE}
         shapes |= {name: ((capacity,), wp.float64) for name in ("start", "end", "energy", "work")}
-        shapes |= {name: ((capacity, STATE_SIZE), wp.float64) for name in ("state", "end_state")}
-        shapes["columns"] = ((capacity, 9, columns + call.direction_columns), wp.float64)
+        size, varied = breakpoint_state(features).size, unknowns_of(features).size
+        shapes |= {name: ((capacity, size), wp.float64) for name in ("state", "end_state")}
+        shapes["columns"] = ((capacity, varied + 3, columns + call.direction_columns), wp.float64)
         shapes["line_length"] = ((capacity, problem.drive_count), wp.float64)
         self._arrays = {name: wp.zeros(shape, dtype=kind, device=device) for name, (shape, kind) in shapes.items()}
         self._views = {name: a.numpy() for name, a in self._arrays.items()} if wp.get_device(device).is_cpu else {}
@@ -99,7 +101,8 @@ class Room:
 
 
 class BackboneSegments(Segments):
-    """Segments of the rod of a ``BackboneProblem``; a state is its moment [N m], frame (quaternion, scalar last) and position.
+    """Segments of the rod of a ``BackboneProblem``; a state is its moment [N m], frame (quaternion, scalar last) and position,
+    then how long lines that are driven by their length are up to there, and what friction has left of tensions.
 
     Every segment of every instance is one thread of a launch. The problem's own buffers stay as they are.
     """
@@ -109,8 +112,9 @@ class BackboneSegments(Segments):
         self.features = replace(
             problem.features, segment=True, pose=True, pose_sensitivities=True, nodes=False, node_columns=False, lengths=False
         )
-        d = self.variation_size = self.features.unknown_count
-        self.unknown_places = np.delete(np.arange(d), unknowns_of(self.features).places["rotation"])
+        self._state, self._varied = breakpoint_state(self.features), unknowns_of(self.features)
+        d = self.variation_size = self._varied.size
+        self.unknown_places = of_whole(self._varied)
         count = problem.instance_count
         self.device = device = problem.device
         self._call = call = problem._make_call(0)
@@ -122,6 +126,15 @@ class BackboneSegments(Segments):
         self._stiffness = np.broadcast_to(unit_stiffness(problem.arrays.material[:, 0, 0]), (count, 3))
         self._precurvature = np.broadcast_to(problem.arrays.precurvature[:, 0, 0, :3], (count, 3))
         self._scale = np.broadcast_to(problem.arrays.end[:, 0, -1], (count,))
+        # (5) lengths and grips per variation
+        levers = [np.broadcast_to(lever, (count,)) for lever in problem.lines.levers()]
+        grips = [np.ones(count)] * self.features.grip_count
+        self._units = np.stack([*levers, *grips, np.ones(count)], axis=1)[:, :-1] * self._scale[:, None]
+        self._sums = slice(self._state.places["lengths"].start, self._state.size)  # what adds up along the rod
+        # (12) of docs/stability.md: what works on what, first what follows, then what is given
+        names = ("moment", "lengths", "rotation", "drives")
+        self._conjugates = np.concatenate([np.arange(d)[self._varied.places[name]] for name in names])
+        self._added = slice(self._varied.places["lengths"].start, self._varied.places["grips"].stop)
         self._rooms: dict[int, Room] = {}
 
     @property
@@ -136,23 +149,26 @@ class BackboneSegments(Segments):
 
     def base_state(self, instances: IntArray, unknowns: FloatArray) -> FloatArray:  # noqa: D102
         angle = self.problem.read("inputs")[instances, self.problem.input_slice("rotation")][:, 0]
-        state = np.zeros((len(instances), STATE_SIZE))
+        state, frame = np.zeros((len(instances), self._state.size)), self._state["frame"]
         state[:, :3] = self._stiffness[instances] * (unknowns[:, :3] - self._precurvature[instances])
-        state[:, ROTATION_AT + 2], state[:, ROTATION_AT + 3] = np.sin(angle / 2), np.cos(angle / 2)
+        state[:, frame + 2], state[:, frame + 3] = np.sin(angle / 2), np.cos(angle / 2)
+        state[:, self._state.places["grips"]] = 1.0
         return state
 
     def difference(self, instances: IntArray, states: FloatArray, others: FloatArray) -> FloatArray:  # noqa: D102
         result = np.zeros((len(states), self.variation_size))
         result[:, :3] = (states[:, :3] - others[:, :3]) / self._stiffness[instances]
-        turn = quaternion_product(_quaternions(others) * (-1.0, -1.0, -1.0, 1.0), _quaternions(states))
-        result[:, 3:6] = of_quaternions(turn) / self._scale[instances, None]
+        turn = quaternion_product(self._quaternions(others) * (-1.0, -1.0, -1.0, 1.0), self._quaternions(states))
+        result[:, self._varied.places["rotation"]] = of_quaternions(turn) / self._scale[instances, None]
+        result[:, self._added] = (states[:, self._sums] - others[:, self._sums]) / self._units[instances]
         return result
 
     def moved(self, instances: IntArray, states: FloatArray, variations: FloatArray) -> FloatArray:  # noqa: D102
         result = states.copy()
         result[:, :3] += self._stiffness[instances] * variations[:, :3]
-        turn = to_quaternions(self._scale[instances, None] * variations[:, 3:6])
-        result[:, ROTATION_AT : ROTATION_AT + 4] = quaternion_product(_quaternions(states), turn)
+        turn = to_quaternions(self._scale[instances, None] * variations[:, self._varied.places["rotation"]])
+        result[:, self._state.places["frame"]] = quaternion_product(self._quaternions(states), turn)
+        result[:, self._sums] += self._units[instances] * variations[:, self._added]
         return result
 
     def growth(self, found: Propagation) -> FloatArray:  # noqa: D102
@@ -162,6 +178,19 @@ class BackboneSegments(Segments):
         norm = largest_singular_value(blocks.reshape(-1, 3, 3)).reshape(count, 2, 2)
         with np.errstate(over="ignore"):
             return np.asarray(np.maximum(np.maximum(norm[:, 0, 0], norm[:, 1, 1]), np.sqrt(norm[:, 0, 1] * norm[:, 1, 0])))
+
+    def _quaternions(self, states: FloatArray) -> FloatArray:
+        """Frames of states as unit quaternions (count, 4)."""
+        q = states[:, self._state.places["frame"]]
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            size = np.sqrt((q**2).sum(axis=1, keepdims=True))
+            sound = (size > 0) & (size < np.inf)
+            # no turn where an integration failed
+            return np.asarray(q / size if sound.all() else np.where(sound, q / size, (0.0, 0.0, 0.0, 1.0)))
+
+    def _matrices(self, states: FloatArray) -> FloatArray:
+        """Frames of states as rotation matrices (count, 3, 3)."""
+        return from_quaternions(self._quaternions(states))
 
     # ---- launches ----
 
@@ -185,23 +214,20 @@ class BackboneSegments(Segments):
     def _propagate(self, cuts: Cuts, level: FloatArray, table: Any) -> Propagation:
         problem, call, d = self.problem, self._call, self.variation_size
         problem.heed_stop()
-        count, columns = len(cuts.start), d + problem.direction_count
+        count = len(cuts.start)
         room = self._room(count, table)
         found = room.run(count, self._load(cuts, level, call))
         end, values = found["end_state"], found["columns"]
-        transition = np.zeros((count, d, columns))
-        transition[:, :6] = values[:, :6]
-        # what the base force varies by is the same everywhere
-        transition[:, BASE_FORCE_AT:d, BASE_FORCE_AT:d] = np.eye(d - BASE_FORCE_AT)
+        position = self._state.places["position"]
         mine = np.ix_(cuts.instances, self.unknown_places)
         slopes = call.residual_directions.numpy()[..., : problem.direction_count]
         return Propagation(
             end=end,
-            transition=transition,
+            transition=values[:, :d],
             residual=np.array(call.residual.numpy()[mine]),
             residual_columns=np.concatenate([call.gamma.numpy()[mine], slopes[mine]], axis=2),
-            displacement=end[:, POSITION_AT:] - cuts.states[:, POSITION_AT:],
-            displacement_columns=values[:, 6:],
+            displacement=end[:, position] - cuts.states[:, position],
+            displacement_columns=values[:, d:],
             fault=np.maximum.reduceat(found["fault"], cuts.first[:-1]),
         )
 
@@ -225,7 +251,7 @@ class BackboneSegments(Segments):
     def tip_pose(self, cuts: Cuts, found: Propagation) -> tuple[FloatArray, FloatArray]:  # noqa: D102
         R, p = self._base(cuts.instances)
         moved = np.add.reduceat(found.displacement, cuts.first[:-1])
-        turned = _matrices(found.end[cuts.first[1:] - 1])
+        turned = self._matrices(found.end[cuts.first[1:] - 1])
         return p + (R @ moved[:, :, None])[..., 0], R @ turned
 
     def tip_pose_columns(self, cuts: Cuts, found: Propagation, variations: FloatArray) -> FloatArray:  # noqa: D102
@@ -233,24 +259,26 @@ class BackboneSegments(Segments):
         R = self._base(cuts.instances)[0][0]
         moved = found.displacement_columns[:, :, :d] @ variations + found.displacement_columns[:, :, d:]
         turned = found.transition[-1, 3:6, :d] @ variations[-1] + found.transition[-1, 3:6, d:]
-        tip = R @ _matrices(found.end[-1:])[0]
+        tip = R @ self._matrices(found.end[-1:])[0]
         return np.concatenate([R @ moved.sum(axis=0), self._scale[cuts.instances[0]] * tip @ turned])
 
     def shapes(self, points: dict[int, Breakpoints], node_count: int) -> tuple[tuple[Shape, ...], FloatArray, FloatArray]:  # noqa: D102
         return self._at_nodes(points, node_count)[:3]
 
-    def line_length(self, points: dict[int, Breakpoints]) -> FloatArray:
-        """How long the lines of these instances are [m], shape (instance_count, drive_count); NaN of others."""
-        return self._at_nodes(points, 2)[3]
+    def along_lines(self, points: dict[int, Breakpoints], node_count: int) -> tuple[FloatArray, FloatArray]:
+        """How long the lines of these instances are [m], shape (instance_count, drive_count), and what friction leaves of their
+        tensions at nodes, shape (instance_count, node_count, drive_count or 0); NaN of others."""
+        return self._at_nodes(points, node_count)[3:]
 
     def _at_nodes(
         self, points: dict[int, Breakpoints], node_count: int
-    ) -> tuple[tuple[Shape, ...], FloatArray, FloatArray, FloatArray]:
+    ) -> tuple[tuple[Shape, ...], FloatArray, FloatArray, FloatArray, FloatArray]:
         problem = self.problem
         cuts, full = Cuts.of_points(points), np.ones(len(points))
         found = self.propagate(cuts, full)
         states = cuts.states.copy()
-        states[:, POSITION_AT:] = _added_up(found.displacement, cuts) - found.displacement
+        states[:, self._state.places["position"]] = _added_up(found.displacement, cuts) - found.displacement
+        states[:, self._state.places["lengths"]] = 0.0  # those of segments are asked for
         placed = replace(cuts, states=states, steps=0 * cuts.steps)
         options: dict[str, Any] = {
             "nodes": True,
@@ -278,16 +306,34 @@ class BackboneSegments(Segments):
         lengths[cuts.instances] = np.add.reduceat(led["line_length"], first)
         for value in values.values():
             value[others] = np.nan
-        return (Shape(**values),), energy, work, lengths
+        left = np.array(room.call.node_left.numpy())
+        left[others] = np.nan
+        return (Shape(**values),), energy, work, lengths, left
 
     # ---- stability ----
 
     def modes(self, points: dict[int, Breakpoints]) -> Modes:  # noqa: D102
-        instances = list(points)
-        modes = self.condensed_form(points).modes(self.problem.stiffness_over_length()[instances])
-        known = modes.known & self.problem.stability.has_potential[instances]
-        modes.put(~known, Modes.unknown(len(instances), modes.values.shape[1]))
+        instances, problem = list(points), self.problem
+        with self._known_by(points):
+            modes = self.condensed_form(points).modes(problem.stiffness_over_length()[instances])
+            known = modes.known & (problem.stability.has_potential & problem.lines.stays_stiff())[instances]
+            modes.put(~known, Modes.unknown(len(instances), modes.values.shape[1]))
+            modes.diverging[:] = (problem.stability.has_potential & problem.lines.gives_way())[instances]
         return modes
+
+    @contextmanager
+    def _known_by(self, points: dict[int, Breakpoints]) -> Iterator[None]:
+        """The problem at these equilibria, where others read what it is at."""
+        problem, before, unknowns = self.problem, self.problem.breakpoints, self.problem.read("unknowns")
+        at = unknowns.copy()
+        at[list(points)] = [own.unknowns for own in points.values()]
+        problem.breakpoints = points
+        problem.write("unknowns", at)
+        try:
+            yield
+        finally:
+            problem.breakpoints = before
+            problem.write("unknowns", unknowns)
 
     def condensed_form(self, points: dict[int, Breakpoints]) -> CondensedForm:
         """(12) The second variation of these instances, in their order; what is clamped at the base is all there is behind it."""
@@ -312,10 +358,25 @@ class BackboneSegments(Segments):
             cuts = cuts.halved(long, half, self.propagate(half, np.ones(len(half.instances))).end)
         found = self._propagate(cuts, np.ones(len(cuts.instances)), problem._twisting_table())
         base = self._base(cuts.instances)[0][cuts.owner]
-        frames, ends = (base @ _matrices(states) for states in (cuts.states, found.end))
+        frames, ends = (base @ self._matrices(states) for states in (cuts.states, found.end))
         unit = self._stiffness[cuts.instances] / self._scale[cuts.instances, None]
-        form.put(np.flatnonzero(few), form_by_segments(found.transition[:, :6, :6], frames, ends, cuts.first, unit))
+        own, W = form_by_segments(
+            found.transition[:, self._conjugates[:, None], self._conjugates], frames, ends, cuts.first, unit
+        )
+        if problem.features.condition_count:
+            own = self._tensions_eliminated(own, W, cuts, found)
+        form.put(np.flatnonzero(few), own)
         return form
+
+    def _tensions_eliminated(self, form: CondensedForm, W: FloatArray, cuts: Cuts, found: Propagation) -> CondensedForm:
+        """(18) of ``docs/stability.md``, by how moment and lengths follow from rotation and tensions at the tip, ``W``."""
+        drives, last = self._varied.places["drives"], cuts.first[1:] - 1
+        conditions = self.problem.slots.places["drives"]
+        # beside what lengths change by: what lines give way, which is none of them by another's tension
+        stretch = found.residual_columns[:, conditions, drives] + found.transition[last, self._varied.places["lengths"], drives]
+        taut = self.problem.lines.taut()[cuts.instances]
+        own, size = W[:, 3:, 3:] - stretch, np.ones(len(last))
+        return without_tensions(form, W[:, :3, 3:], W[:, 3:, :3], own, size, taut)
 
 
 def largest_singular_value(blocks: FloatArray) -> FloatArray:
@@ -347,18 +408,3 @@ def _added_up(values: FloatArray, cuts: Cuts) -> FloatArray:
         rows = cuts.first[:-1][counts > k] + k
         result[rows] += result[rows - 1]
     return result
-
-
-def _quaternions(states: FloatArray) -> FloatArray:
-    """Frames of states as unit quaternions (count, 4)."""
-    q = states[:, ROTATION_AT : ROTATION_AT + 4]
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        size = np.sqrt((q**2).sum(axis=1, keepdims=True))
-        sound = (size > 0) & (size < np.inf)
-        # no turn where an integration failed
-        return np.asarray(q / size if sound.all() else np.where(sound, q / size, (0.0, 0.0, 0.0, 1.0)))
-
-
-def _matrices(states: FloatArray) -> FloatArray:
-    """Frames of states as rotation matrices (count, 3, 3)."""
-    return from_quaternions(_quaternions(states))

@@ -124,6 +124,18 @@ class SegmentedPaths:
         self._numbers[self.instances] = np.arange(count)
         self._rooms: dict[tuple[int, ...], Room] = {}
 
+    def of(self, instances: IntArray, tolerance: FloatArray, allowed: IntArray) -> "SegmentedPaths":
+        """Other ways of some instances, by the same rules."""
+        return SegmentedPaths(
+            self.segments,
+            instances,
+            tolerance=tolerance,
+            max_iterations=self.max_iterations,
+            max_steps=self.max_steps,
+            allowed=allowed,
+            integrator=self.integrator,
+        )
+
     # ---- evaluation ----
 
     def _of(self, cuts: Cuts) -> IntArray:
@@ -511,13 +523,20 @@ class SegmentedPaths:
 
     def solve_from(self, unknowns: FloatArray) -> Results:
         """Damped Newton at the full load, from the states that integration from the base leads to; ``unknowns`` (count, n)."""
-        count = len(self.instances)
-        start, full = self.start(unknowns), np.ones(count)
-        first, _ = self.refine(self.evaluate(start, full), full)
-        place, reached = self.descend(first)
-        results = Results(np.full(count, int(Status.NOT_RUN)), place, np.full(count, np.nan), full)
-        on = self._end(results, reached, Status.STALLED)
-        self._finish(results, on)
+        full = np.ones(len(self.instances))
+        first, _ = self.refine(self.evaluate(self.start(unknowns), full), full)
+        return self._descended(first)
+
+    def settled(self, cuts: Cuts) -> Results:
+        """Damped Newton at the full load from breakpoints near equilibria."""
+        return self._descended(self.evaluate(cuts, np.ones(len(self.instances))))
+
+    def _descended(self, place: Place) -> Results:
+        """Damped Newton at the full load, from all instances' states."""
+        place, reached = self.descend(place)
+        count = len(reached)
+        results = Results(np.full(count, int(Status.NOT_RUN)), place, np.full(count, np.nan), np.ones(count))
+        self._finish(results, self._end(results, reached, Status.STALLED))
         return results
 
     def resume(self, cuts: Cuts, before: Systems) -> Results:

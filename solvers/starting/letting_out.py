@@ -1,13 +1,13 @@
 """Lines at the kink between taut and slack: found from where all are a hair longer, (L8c) of ``docs/lines.md``."""
 
 from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
-from multirod.solvers.newton.iteration import Newton
-from multirod.status import BoolArray, Status, failures
+from multirod.status import BoolArray, IntArray, Status, failures
 from multirod.validation import FloatArray
 
 NEAR_END = 1e-3  # of the load, from its end, on which a line at its kink ends a path
@@ -15,6 +15,25 @@ HAIR = 1e-6  # by which lines are let out first, times one over the size of curv
 FINER = 1e-3  # of that, next
 AT_KINK = 1e-3  # unknown, beside the size of curvatures, of a line that is slack by a hair only
 LAST = 0.3  # of the tolerance, by which lines are loose at the end
+
+
+class Corrector(Protocol):
+    """What leads from unknowns of a problem to an equilibrium near them, such as ``Newton``."""
+
+    def tolerance(self) -> FloatArray:
+        """Of the residual, shape (instance_count,)."""
+
+    def allowed(self) -> IntArray:
+        """Integrations that may be taken, shape (instance_count,)."""
+
+    def allow(self, most: IntArray) -> None:
+        """Set these."""
+
+    def run(self, chosen: BoolArray) -> None:
+        """Lead the ``chosen`` to equilibria; their unknowns stand in the problem's buffer."""
+
+    def outcome(self) -> Outcome:
+        """How the last run ended."""
 
 
 def near_the_end(problem: BoundaryProblem, outcome: Outcome, chosen: BoolArray) -> BoolArray:
@@ -26,10 +45,10 @@ def near_the_end(problem: BoundaryProblem, outcome: Outcome, chosen: BoolArray) 
 
 
 def let_out(
-    problem: BoundaryProblem, newton: Newton, outcome: Outcome, chosen: BoolArray, find: Callable[[BoolArray], Outcome]
+    problem: BoundaryProblem, newton: Corrector, outcome: Outcome, chosen: BoolArray, find: Callable[[BoolArray], Outcome]
 ) -> BoolArray:
     """(L8c) Find those of the ``chosen`` where a line is at its kink: ``find`` leads to where lines are let out by a hair, and
-    Newton's method from there to where they are not.
+    Newton's method, of all unknowns or of those at the base, from there to where they are not.
 
     Returns:
         Which are at a kink but lead to no end: as the hair vanishes, their tensions rise without bound; (instance_count,).
@@ -57,7 +76,7 @@ def let_out(
     let(hair)
     found = find(chosen)
     spend(found)
-    here = chosen & (found.status == Status.CONVERGED) & (looseness() > 0)
+    here = chosen & ~failures(found.status) & (looseness() > 0)
     going = here.copy()
     for stage in range(3):
         if not going.any():
@@ -72,7 +91,7 @@ def let_out(
         again = newton.outcome()
         again.integrations[~going] = again.iterations[~going] = 0
         spend(again)
-        going &= again.status == Status.CONVERGED
+        going &= ~failures(again.status)
     problem.write("inputs", asked)
     problem.write("unknowns", np.where(going[:, None], problem.read("unknowns"), before))
     outcome.status[going] = Status.CONVERGED

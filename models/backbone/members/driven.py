@@ -42,7 +42,7 @@ class DrivenLines(Lines):
         problem = self.problem
         result = np.array(problem.node_pass(2).read("line_length"))
         if problem.breakpoints:
-            found = problem.cut.line_length(problem.breakpoints)
+            found, _ = problem.cut.along_lines(problem.breakpoints, 2)
             for k in problem.breakpoints:
                 result[k] = found[k]
         return result / self.weights()
@@ -72,6 +72,10 @@ class DrivenLines(Lines):
             columns[..., n:] -= columns[..., :n] @ rates
         return np.asarray(columns)
 
+    def levers(self) -> list[FloatArray]:
+        """Offsets at the start of each line that is driven by its length [m], (batch,)."""
+        return [own[:, 0, -len(CONDITION)] for kind, own in self._driven if kind.conditioned]
+
     def tension(self) -> FloatArray:  # noqa: D102
         result = self._inputs() * self.weights() + 0.0  # what is not filled pulls with 0, not with -0
         for k, (lever, unknown) in self._conditions().items():
@@ -94,7 +98,11 @@ class DrivenLines(Lines):
         result = np.ones((self.problem.instance_count, len(self._driven), node_count))
         owner = np.array([rod for kind, rod in members if kind.drive is not None])
         for rod in sorted(set(self._rods)):  # each has its own nodes
-            found = self.problem.node_pass(node_count, rod=rod if several else None).read("node_left")
+            found = np.array(self.problem.node_pass(node_count, rod=rod if several else None).read("node_left"))
+            if self.problem.breakpoints:
+                _, left = self.problem.cut.along_lines(self.problem.breakpoints, node_count)
+                for k in self.problem.breakpoints:
+                    found[k] = left[k]
             result[:, owner == rod] = np.moveaxis(found, 1, 2)[:, owner == rod]
         return result
 
@@ -202,14 +210,14 @@ class DrivenLines(Lines):
         """Of the sections of one rod and what it carries, against changes of strain, over its bending stiffness, shape
         (instance_count,)."""
         problem, members = self.problem, self.problem.features.members
-        call = problem.node_pass(SECTIONS, rod=rod if len(problem.rods) > 1 else None)
-        s = call.read("node_arclength") - problem.read("inputs")[:, problem.input_slice("translation")][:, rod, None]
+        shape = problem.shapes.at_nodes(SECTIONS)[0][rod]
+        s = shape.arclength - problem.read("inputs")[:, problem.input_slice("translation")][:, rod, None]
         end, material = problem.each(problem.arrays.end[:, rod]), problem.each(problem.arrays.material[:, rod])
         section = np.minimum((s[:, :, None] > end[:, None]).sum(axis=2), end.shape[1] - 1)
         here = np.take_along_axis(material, section[:, :, None], axis=1)
         rho, slope = self._offsets(s, end, section, here)
-        u = call.read("node_curvature")
-        v = np.array([0.0, 0.0, 1.0]) + np.where(here[..., 6:9] > 0, here[..., 6:9] * call.read("node_force"), 0.0)
+        u = shape.curvature
+        v = np.array([0.0, 0.0, 1.0]) + np.where(here[..., 6:9] > 0, here[..., 6:9] * shape.force, 0.0)
         stiffness = np.zeros((*s.shape, 6, 6))
         with np.errstate(divide="ignore"):
             stiffness[..., range(3), range(3)] = here[..., :3]

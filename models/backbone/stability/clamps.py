@@ -12,15 +12,8 @@ import warp as wp
 from multirod.batch import IntArray
 from multirod.capabilities import Clamps, Conjugates
 from multirod.launch import record
-from multirod.models.backbone.kernels.integration.segments import (
-    BASE_FORCE_AT,
-    POSITION_AT,
-    ROTATION_AT,
-    STATE_SIZE,
-    SegmentCall,
-    make_segment_kernel,
-)
-from multirod.models.backbone.kernels.layout.layout import Layout, unknowns_of
+from multirod.models.backbone.kernels.integration.segments import SegmentCall, make_segment_kernel
+from multirod.models.backbone.kernels.layout.layout import Layout, breakpoint_state, of_whole, unknowns_of
 from multirod.models.backbone.passes import deal, threads, width
 from multirod.models.backbone.units import unit_stiffness
 from multirod.rotations import from_quaternions
@@ -28,8 +21,6 @@ from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
     from multirod.models.backbone.problem import BackboneProblem
-
-TURN_AT = 3  # of the variations: the turn of the frame, after the moment
 
 
 class ClampedBackbones:
@@ -57,8 +48,8 @@ class ClampedBackbones:
         self.problem, self.pieces, self.first, self.loads = problem, pieces, first, loads
         options: dict[str, Any] = {"pose": True, "pose_sensitivities": True, "lengths": False, "directions": loads > 0}
         self._features = replace(problem.features, segment=True, nodes=False, node_columns=False, **options)
-        d = self._features.unknown_count
-        self._own = np.delete(np.arange(d), unknowns_of(self._features).places["rotation"])
+        self._state, variations = breakpoint_state(self._features), unknowns_of(self._features)
+        self._turn, self._own, d = variations.places["rotation"], of_whole(variations), variations.size
         count, device = problem.instance_count, problem.device
         self._call: Any = problem._make_call(0)
         rooms = {"unknowns": (d,), "residual": (d,), "gamma": (d, d), "residual_directions": (d, max(loads, 1))}
@@ -78,8 +69,8 @@ class ClampedBackbones:
         for name in ("at_tip", "fault"):
             setattr(segment, name, wp.zeros(count, dtype=wp.int32, device=device))
         for name in ("state", "end_state"):
-            setattr(segment, name, wp.zeros((count, STATE_SIZE), dtype=wp.float64, device=device))
-        segment.columns = wp.zeros((count, 9, d + loads), dtype=wp.float64, device=device)
+            setattr(segment, name, wp.zeros((count, self._state.size), dtype=wp.float64, device=device))
+        segment.columns = wp.zeros((count, d + 3, d + loads), dtype=wp.float64, device=device)
         self._segment, tableau = segment, problem.integrator.tableau
         self._launch = record(
             lambda: make_segment_kernel(self._features, tableau, lanes),
@@ -107,7 +98,7 @@ class ClampedBackbones:
         call.unknowns.assign(unknowns)
         scale = np.broadcast_to(problem.table.length_scale.numpy(), count)
         edges = np.linspace(0.0, 1.0, self.pieces + 1) * problem.ends()[:, :1]
-        state = np.zeros((count, STATE_SIZE))
+        state, frame_at = np.zeros((count, self._state.size)), self._state.places["frame"]
         columns = np.zeros((count, d, self.turned.shape[-1]))
         columns[:, self._own, range(n)] = 1.0
         moved = np.zeros((count, 3, columns.shape[2]))
@@ -122,22 +113,22 @@ class ClampedBackbones:
             self._launch.launch()
             found, begin = segment.columns.numpy(), columns
             fault = np.maximum(fault, segment.fault.numpy())
-            moved = moved + self._onward(found[:, 6:9], begin)
-            columns = np.concatenate([self._onward(found[:, :6], begin), begin[:, BASE_FORCE_AT:]], axis=1)
+            moved = moved + self._onward(found[:, d:], begin)
+            columns = self._onward(found[:, :d], begin)
             state = np.array(segment.end_state.numpy())
             if last:
                 break
-            self.frames[:, piece] = base @ from_quaternions(state[:, ROTATION_AT:POSITION_AT])
+            self.frames[:, piece] = base @ from_quaternions(state[:, frame_at])
             self.places[:, piece] = self._in_world(base, state)
             self.moved[:, piece] = base @ moved
-            self.turned[:, piece] = columns[:, TURN_AT : TURN_AT + 3] * scale[:, None, None]
+            self.turned[:, piece] = columns[:, self._turn] * scale[:, None, None]
             state[:, :3] += self.unit * self.moments[:, piece]
             own = n + self.loads + 3 * piece
             columns[:, range(3), range(own, own + 3)] += 1.0
-        frame = base @ from_quaternions(state[:, ROTATION_AT:POSITION_AT])
+        frame = base @ from_quaternions(state[:, frame_at])
         problem.write("rotation", frame.reshape(count, 9))
         problem.write("position", self._in_world(base, state))
-        turn = frame @ (columns[:, TURN_AT : TURN_AT + 3] * scale[:, None, None])
+        turn = frame @ (columns[:, self._turn] * scale[:, None, None])
         problem.pose_columns.assign(self._by_all(np.concatenate([base @ moved, turn], axis=1)))
         if problem.held:
             problem.tip_wrench.assign(call.tip_wrench.numpy())
@@ -159,7 +150,9 @@ class ClampedBackbones:
 
     def _in_world(self, base: FloatArray, state: FloatArray) -> FloatArray:
         """Where states are [m], shape (instance_count, 3)."""
-        return np.asarray(self.problem.table.base_position.numpy() + np.einsum("bij,bj->bi", base, state[:, POSITION_AT:]))
+        return np.asarray(
+            self.problem.table.base_position.numpy() + np.einsum("bij,bj->bi", base, state[:, self._state.places["position"]])
+        )
 
     def _by_all(self, values: FloatArray) -> FloatArray:
         """Columns by unknowns, loads and moments as the problem has them: zero by the moments of other rods."""

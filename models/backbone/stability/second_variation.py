@@ -228,7 +228,7 @@ def with_conditions(
         taut: Which lines are, shape (batch, line).
     """
     last = -1 - (~np.isnan(columns.arclength))[:, ::-1].argmax(axis=1)
-    every, c, count = np.arange(len(last)), columns.configuration.shape[-1], taut.shape[1]
+    every, c = np.arange(len(last)), columns.configuration.shape[-1]
 
     def at_tip(of: NodeColumns) -> tuple[FloatArray, FloatArray]:
         """What is given there, and what follows from it."""
@@ -245,18 +245,35 @@ def with_conditions(
     given = np.where(known[:, None, None], given, np.eye(c))
     at_given = np.linalg.solve(given, np.concatenate([np.broadcast_to(np.eye(c), given.shape), -by_given], axis=2))
     couple, lengths = follows @ at_given[:, :, c:] + by_follows, gaps @ at_given
-    own = np.where(taut[:, :, None] & taut[:, None], lengths[:, :, c:] + own_gaps, -np.eye(count))
-    own = np.where(known[:, None, None], own, -np.eye(count))
-    couple, turns = np.where(taut[:, None], couple, 0.0), np.where(taut[:, :, None], lengths[:, :, :c], 0.0)
-    rigid = (np.abs(np.linalg.eigvals(own)) < RIGID * np.abs(own_gaps).max(axis=(1, 2), initial=1.0)[:, None]).any(axis=1)
-    rigid &= known
-    known &= (np.linalg.cond(own) < WORST_CONDITION) | rigid
+    size = np.abs(own_gaps).max(axis=(1, 2), initial=1.0)
+    form = replace(form, known=known)
+    return without_tensions(form, couple, lengths[:, :, :c], lengths[:, :, c:] + own_gaps, size, taut)
+
+
+def without_tensions(
+    form: CondensedForm, couple: FloatArray, turns: FloatArray, own: FloatArray, size: FloatArray, taut: NDArray[np.bool_]
+) -> CondensedForm:
+    """(18) ``form`` with the tensions eliminated that are not fixed.
+
+    Args:
+        form: With all tensions fixed, of c variations of the tip.
+        couple: What these tensions do there where it is held, shape (batch, c, line).
+        turns: How what each line is too long by changes with the tip, shape (batch, line, c).
+        own: The same with tensions where the tip is held, shape (batch, line, line).
+        size: Of such changes where it is free, shape (batch,).
+        taut: Which lines are, shape (batch, line).
+    """
+    count, known = taut.shape[1], form.known
+    given = np.where(taut[:, :, None] & taut[:, None], own, -np.eye(count))
+    own = np.where(known[:, None, None], given, -np.eye(count))
+    couple, turns = np.where(taut[:, None], couple, 0.0), np.where(taut[:, :, None], turns, 0.0)
+    rigid = (np.abs(np.linalg.eigvals(own)) < RIGID * size[:, None]).any(axis=1) & known
+    known = known & ((np.linalg.cond(own) < WORST_CONDITION) | rigid)
     own = np.where((known & ~rigid)[:, None, None], own, -np.eye(count))
     negative = (np.linalg.eigvals(own).real < 0).sum(axis=1)
     matrix = form.matrix - couple @ np.linalg.solve(own, turns)
     for k in np.flatnonzero(rigid):
-        own_k = np.where(taut[k][:, None] & taut[k], lengths[k, :, c:] + own_gaps[k], -np.eye(count))
-        matrix[k], negative[k], known[k] = _held(form.matrix[k], couple[k], turns[k], own_k)
+        matrix[k], negative[k], known[k] = _held(form.matrix[k], couple[k], turns[k], given[k])
     return CondensedForm(matrix, form.conjugate + (negative - count).astype(np.int32), known)
 
 
@@ -279,20 +296,24 @@ def _held(matrix: FloatArray, couple: FloatArray, turns: FloatArray, own: FloatA
 
 def form_by_segments(
     transition: FloatArray, frames: FloatArray, ends: FloatArray, first: NDArray[np.integer[Any]], unit: FloatArray
-) -> CondensedForm:
+) -> tuple[CondensedForm, FloatArray]:
     """(4), (5) from what each segment makes of a variation, so that columns cannot grow apart, (12).
 
     Args:
-        transition: Of moment, then rotation, in the frames where segments begin and end, shape (segment, 6, 6); the segments of
-            one instance after those of another.
+        transition: Of moment and lengths of lines, then of rotation and tensions, in the frames where segments begin and end,
+            shape (segment, 6 + 2 line, 6 + 2 line); the segments of one instance after those of another.
         frames: Where they begin, body to world, shape (segment, 3, 3).
         ends: Where they end, likewise.
         first: Where the segments of each instance begin, then how many there are, shape (batch + 1,).
         unit: Moment per rotation of the units in ``transition`` [N m], shape (batch, 3).
+
+    Returns:
+        With all tensions fixed; and how the tip's moment [N m] and the lengths vary with its rotation, in the world, and with the
+        tensions, shape (batch, 3 + line, 3 + line).
     """
-    count, lengths = len(first) - 1, np.diff(first)
+    count, lengths, h = len(first) - 1, np.diff(first), transition.shape[1] // 2
     conjugate, known = np.zeros(count, dtype=np.int32), np.zeros(count, dtype=bool)
-    W = np.zeros((count, 3, 3))
+    W = np.zeros((count, h, h))
     turns, inverses = np.empty((2, len(transition), 3, 3))
     with np.errstate(all="ignore"):  # what is not sound need not be finite
         for k in range(int(lengths.max())):
@@ -301,11 +322,14 @@ def form_by_segments(
             rows = first[on] + k
             T = transition[rows]
             if k == 0:
-                Y, P = T[:, 3:, :3], T[:, :3, :3]
+                begin = np.delete(T, np.s_[3 : h + 3], axis=2)  # by the moment there, and by tensions
+                Y, P = begin[:, h:], begin[:, :h]
             else:
-                Y, P = T[:, 3:, 3:] + T[:, 3:, :3] @ W[on], T[:, :3, 3:] + T[:, :3, :3] @ W[on]
-            turns[rows], inverses[rows] = Y, _by_cofactors(Y)
-            W[on] = P @ inverses[rows]
+                Y, P = T[:, h:, h:] + T[:, h:, :h] @ W[on], T[:, :h, h:] + T[:, :h, :h] @ W[on]
+            turns[rows], inverses[rows] = Y[:, :3, :3], _by_cofactors(Y[:, :3, :3])
+            # tensions stay as they are
+            W[on] = np.concatenate([P[:, :, :3] @ inverses[rows], P[:, :, 3:]], axis=2)
+            W[on, :, 3:] -= W[on, :, :3] @ Y[:, :3, 3:]
         sound, later = _sound(turns, inverses), np.ones(len(turns), dtype=bool)
         later[first[:-1]] = False
         known[:] = np.logical_and.reduceat(sound, first[:-1])
@@ -313,9 +337,10 @@ def form_by_segments(
     conjugate[:] = np.add.reduceat(np.where(later, negative, 0), first[:-1])
     # the rotation of the tip in the world
     tip = ends[first[1:] - 1]
-    matrix = tip @ (unit[:, :, None] * W) @ tip.swapaxes(1, 2)
-    matrix[~known], conjugate[~known] = np.nan, 0
-    return CondensedForm(matrix, conjugate, known)
+    W[:, :3] = tip @ (unit[:, :, None] * W[:, :3])
+    W[:, :, :3] = W[:, :, :3] @ tip.swapaxes(1, 2)
+    W[~known], conjugate[~known] = np.nan, 0
+    return CondensedForm(W[:, :3, :3].copy(), conjugate, known), W
 
 
 def _of_pattern(

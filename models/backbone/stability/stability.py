@@ -69,7 +69,7 @@ class BackboneStability(StabilityAnalysis):
             for k in self.problem.breakpoints:
                 stored[k], work[k] = energy[k], done[k]
         if self.problem.features.condition_count:
-            stored += self.problem.lines.stretch_energy(call.read("line_length"))
+            stored += self.problem.lines.stretch_energy(self.problem.lines.length())
         return np.where(self.has_potential, stored - work, np.nan)
 
     def modes(self) -> Modes:  # noqa: D102

@@ -168,8 +168,44 @@ def make_conditions(layout: Layout) -> SimpleNamespace:
     for j in reversed(range(len(number))):
         writers = make_writers(j, writers)
 
+    def make_length(j: int, rest):
+        """Where length j stands in a state and in a column, and how long one is, and those after it."""
+        lever, rod, length = at[j], rod_of[j], LENGTHS_AT + number[j]
+        rest_place, rest_unit = rest
+
+        @wp.func
+        def length_place(i: int) -> int:
+            if i == wp.static(j):
+                return wp.static(length)
+            return rest_place(i)
+
+        @wp.func
+        def length_unit(rods: wp.ref[RodTable], case: wp.ref[Instance], i: int) -> f64:
+            """(L7) Length per residual [m^2]."""
+            if i == wp.static(j):
+                return rods.material[case.rods, wp.static(rod), 0, wp.static(lever)] * case.scale
+            return rest_unit(rods, case, i)
+
+        return length_place, length_unit
+
+    @wp.func
+    def no_place(i: int) -> int:
+        """After the last."""
+        return -1
+
+    @wp.func
+    def no_unit(rods: wp.ref[RodTable], case: wp.ref[Instance], i: int) -> f64:
+        """After the last."""
+        return f64(1.0)
+
+    lengths = (no_place, no_unit)
+    for j in reversed(range(len(number))):
+        lengths = make_length(j, lengths)
+
     return SimpleNamespace(
         first=FIRST,
+        length_place=lengths[0],
+        length_unit=lengths[1],
         drive_of=dict(zip(number, drives, strict=True)),
         rate_of=dict(zip(number, rates, strict=True)),
         write=writers[0],

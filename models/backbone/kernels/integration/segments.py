@@ -3,7 +3,8 @@
 
 Numbers in parentheses are those of ``docs/model.md``. A segment begins and ends at any arclength; several, end to end, carry the
 rod (``docs/solvers.md``). The unknowns of a segment are the variations of its first state: the moment in the units of (10), the
-rotation over the rod's length, then, where something follows the tip, the base force in the units of (13).
+rotation over the rod's length, lengths of lines and what friction leaves of them, (5) there; then what is the same all along:
+tensions in the units of (L7) of ``docs/lines.md`` and, where something follows the tip, the base force in the units of (13).
 """
 
 from functools import cache
@@ -16,13 +17,11 @@ from multirod.models.backbone.kernels.instance import Instance
 from multirod.models.backbone.kernels.integration.integrate import make_carry, make_parts
 from multirod.models.backbone.kernels.layout.arguments import FAULT, OUTPUT, STOP, Call, RodTable
 from multirod.models.backbone.kernels.layout.features import Features
+from multirod.models.backbone.kernels.layout.layout import breakpoint_state
 from multirod.models.backbone.kernels.numbers.scalars import axes_rotation, body_rotation, rotate, rotate_inverse
 from multirod.status import Fault
 
 f64 = wp.float64
-
-ROTATION_AT, POSITION_AT, STATE_SIZE = 3, 7, 10  # M, q, p in a segment's state
-BASE_FORCE_AT = 6  # of the variations
 
 
 @wp.struct
@@ -34,10 +33,10 @@ class SegmentCall:
     end: wp.array[wp.float64]
     at_tip: wp.array[int]  # 1 where the segment ends at the tip
     steps: wp.array[int]  # equal steps over the segment, each stretch of it its share; 0: by the integrator's error control
-    state: wp.array2d[wp.float64]  # M, q, p at the start, base frame; at the base it is that of the unknowns
+    state: wp.array2d[wp.float64]  # ``breakpoint_state`` at the start; at the base it is that of the unknowns
     # outputs
     end_state: wp.array2d[wp.float64]
-    columns: wp.array3d[wp.float64]  # of the end: moment, rotation in the units of the unknowns, position [m], (.., 9, column)
+    columns: wp.array3d[wp.float64]  # of the end: variations in the units of the unknowns, position [m], (.., d + 3, column)
     fault: wp.array[int]
     energy: wp.array[wp.float64]
     work: wp.array[wp.float64]
@@ -66,6 +65,13 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
     Q_AT, P_AT, N_AT, ENERGY_AT, WORK_AT = s_["frame"], s_["position"], s_["force"], s_["energy"], s_["work"]
     LENGTHS, LENGTHS_AT = layout.LENGTHS, s_["lengths"]
     DRIVES_VARY, load_drive_columns = layout.DRIVES_VARY, grid.load_drive_columns
+    conditions, CONDITIONS = grid.conditions, layout.CONDITIONS
+    write_conditions, write_condition_column = conditions.write, conditions.write_column
+    length_unit, length_place = conditions.length_unit, conditions.length_place
+    GRIPS, GRIPS_AT = features.grip_count, s_["grips"]  # a column's stands alike
+    b_, u_ = breakpoint_state(features), layout.unknowns.places
+    FRAME_IN, POSITION_IN, LENGTHS_IN, GRIPS_IN = b_["frame"], b_["position"], b_["lengths"], b_["grips"]
+    TURN, LONGER, GRIP, VARIED = u_["rotation"].start, u_["lengths"].start, u_["grips"].start, layout.UNKNOWNS
     DQ_AT, DP_AT, FORCE_STATE, COLUMN_FRAME = c_["frame"], c_["position"], layout.FORCE_STATE, layout.COLUMN_FRAME
 
     @wp.func
@@ -85,39 +91,43 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
         """The state where a segment begins."""
         y = known
         q = wp.vec4d(
-            seg.state[t, ROTATION_AT],
-            seg.state[t, wp.static(ROTATION_AT + 1)],
-            seg.state[t, wp.static(ROTATION_AT + 2)],
-            seg.state[t, wp.static(ROTATION_AT + 3)],
+            seg.state[t, FRAME_IN],
+            seg.state[t, wp.static(FRAME_IN + 1)],
+            seg.state[t, wp.static(FRAME_IN + 2)],
+            seg.state[t, wp.static(FRAME_IN + 3)],
         )
         M = wp.vec3d(seg.state[t, 0], seg.state[t, 1], seg.state[t, 2])
         if wp.static(FIXED):
             M = rotate(q, M)
         for j in range(3):
             y[j] = M[j]
-            y[P_AT + j] = seg.state[t, POSITION_AT + j]
+            y[P_AT + j] = seg.state[t, POSITION_IN + j]
         for j in range(4):
             y[Q_AT + j] = q[j]
         if wp.static(FORCE_STATE):
             N = rotate_inverse(q, n0)
             for j in range(3):
                 y[N_AT + j] = N[j]
+        for i in range(wp.static(CONDITIONS)):
+            y[length_place(i)] = seg.state[t, wp.static(LENGTHS_IN) + i]
+        for i in range(wp.static(GRIPS)):
+            y[wp.static(GRIPS_AT) + i] = seg.state[t, wp.static(GRIPS_IN) + i]
         if wp.static(NODES):
             y[ENERGY_AT] = f64(0.0)
         return y
 
     @wp.func
-    def varied(case: wp.ref[Instance], y: State, known: Column, k: int) -> Column:
-        """(15), (18b) Column k by the moment or by the rotation where a segment begins."""
+    def varied(rods: wp.ref[RodTable], case: wp.ref[Instance], y: State, known: Column, k: int) -> Column:
+        """(15), (18b) Column k by what varies where a segment begins: the moment, the rotation, a length or a grip."""
         v = known
         q = frame(y)
         dM = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
         if k < 3:
             dM = wp.vec3d(known[0], known[1], known[2])
         dq = wp.vec4d(f64(0.0), f64(0.0), f64(0.0), f64(0.0))
-        if k >= 3 and k < 6:
+        if k >= wp.static(TURN) and k < wp.static(TURN + 3):
             e = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
-            e[k - 3] = f64(0.5) * case.scale
+            e[k - wp.static(TURN)] = f64(0.5) * case.scale
             r = wp.vec3d(q[0], q[1], q[2])
             a = q[3] * e + wp.cross(r, e)
             dq = wp.vec4d(a[0], a[1], a[2], -wp.dot(r, e))
@@ -128,6 +138,12 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
             dM = rotate(q, dM) + wp.cross(axes_rotation(q, dq), m)
         for j in range(3):
             v[j] = dM[j]
+        for i in range(wp.static(CONDITIONS)):
+            if k == wp.static(LONGER) + i:
+                v[length_place(i)] = length_unit(rods, case, i)
+        for i in range(wp.static(GRIPS)):
+            if k == wp.static(GRIP) + i:
+                v[wp.static(GRIPS_AT) + i] = case.scale
         return v
 
     @wp.func(inline=False)
@@ -167,7 +183,7 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
                             v[j] = f64(0.0)
                         if k < 3:
                             v[k] = f64(1.0) / unit[k]
-                    v = varied(case, y, v, k)
+                    v = varied(rods, case, y, v, k)
                 else:
                     if start > f64(0.0):
                         # what directions vary is known where the segment begins
@@ -234,10 +250,14 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
             M = body_moment(y)
             for j in range(3):
                 seg.end_state[t, j] = M[j]
-                seg.end_state[t, POSITION_AT + j] = y[P_AT + j]
+                seg.end_state[t, POSITION_IN + j] = y[P_AT + j]
                 total += wp.abs(M[j])
             for j in range(4):
-                seg.end_state[t, ROTATION_AT + j] = q[j]
+                seg.end_state[t, FRAME_IN + j] = q[j]
+            for i in range(wp.static(CONDITIONS)):
+                seg.end_state[t, wp.static(LENGTHS_IN) + i] = y[length_place(i)]
+            for i in range(wp.static(GRIPS)):
+                seg.end_state[t, wp.static(GRIPS_IN) + i] = y[wp.static(GRIPS_AT) + i]
             if wp.static(NODES):
                 seg.energy[t] = y[ENERGY_AT]
                 seg.work[t] = y[WORK_AT]
@@ -245,20 +265,31 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
                     seg.line_length[t, i] = y[wp.static(LENGTHS_AT) + i]
             if seg.at_tip[t] == 1:
                 total += write_tip(rods, call, case, y, s, n_end, precurvature_here(case, memory, o, l))
+                if wp.static(CONDITIONS > 0):
+                    total += write_conditions(rods, call, case, y)
             seg.fault[t] = int(call.lane[p, FAULT])
         first = first_column(call, job)
         for c in range(column_count(call, job)):
             v = column_in(case, memory, o, l, c)
             dM = body_moment_column(y, v)
             turn = body_rotation(q, frame_column(v)) / case.scale
+            k = first + c
+            for i in range(wp.static(VARIED)):  # tensions and the base force stay
+                seg.columns[t, i, k] = wp.where(i == k, f64(1.0), f64(0.0))
             for j in range(3):
-                seg.columns[t, j, first + c] = unit[j] * dM[j]
-                seg.columns[t, 3 + j, first + c] = turn[j]
-                seg.columns[t, 6 + j, first + c] = v[wp.static(DP_AT) + j]
+                seg.columns[t, j, k] = unit[j] * dM[j]
+                seg.columns[t, wp.static(TURN) + j, k] = turn[j]
+                seg.columns[t, wp.static(VARIED) + j, k] = v[wp.static(DP_AT) + j]
                 total += wp.abs(dM[j])
+            for i in range(wp.static(CONDITIONS)):
+                seg.columns[t, wp.static(LONGER) + i, k] = v[length_place(i)] / length_unit(rods, case, i)
+            for i in range(wp.static(GRIPS)):
+                seg.columns[t, wp.static(GRIP) + i, k] = v[wp.static(GRIPS_AT) + i] / case.scale
             if seg.at_tip[t] == 1:
                 dn = force_column_in(case, memory, o, l, c)
-                total += write_tip_column(rods, call, case, y, v, s, n_end, dn, first + c)
+                total += write_tip_column(rods, call, case, y, v, s, n_end, dn, k)
+                if wp.static(CONDITIONS > 0):
+                    total += write_condition_column(rods, call, case, v, k)
         if not wp.isfinite(total):
             seg.fault[t] = cause(memory, o, l, wp.static(int(Fault.NONFINITE)))
 

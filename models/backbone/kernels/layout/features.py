@@ -160,6 +160,12 @@ class Features:
         return any(kind.rubs for kind in self.members)
 
     @property
+    def grip_count(self) -> int:
+        """Drives of which friction takes something along the rod."""
+        return sum(kind.drive is not None for kind in self.members) * self.friction
+
+    @property
     def unknown_count(self) -> int:
-        """Unknowns of an instance."""
-        return 3 * (self.moment + self.segment + self.base_force_unknown) + self.torque_count + self.condition_count
+        """Unknowns of an instance; of a segment, variations where it begins."""
+        count = 3 * (self.moment + self.base_force_unknown) + self.torque_count + self.condition_count
+        return count + (3 + self.condition_count + self.grip_count) * self.segment

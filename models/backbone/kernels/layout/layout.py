@@ -60,6 +60,9 @@ class Record:
         return [slot.unit for slot in self.slots for _ in range(slot.size)]
 
 
+BREAKPOINT = ("rotation", "lengths", "grips")  # what varies where a segment begins beside the unknowns
+
+
 def unknowns_of(features: Features, *, moment: bool | None = None, force: bool | None = None) -> Record:
     """The unknowns of a backbone, (10), and so its columns, and in the same order its residuals.
 
@@ -72,8 +75,29 @@ def unknowns_of(features: Features, *, moment: bool | None = None, force: bool |
             Slot("moment", 3 * moment, "1/length"),
             Slot("torques", features.torque_count, "1/length"),  # of the rods that turn against the frame
             Slot("rotation", 3 * features.segment, "1/length"),
+            Slot("lengths", features.condition_count * features.segment, "1/length"),  # of these members, up to a segment
+            Slot("grips", features.grip_count * features.segment, "1/length"),  # what friction leaves of drives there
             Slot("drives", features.condition_count, "1/length"),  # of members whose drive is unknown
             Slot("force", 3 * force, "1/length"),
+        ]
+    )
+
+
+def of_whole(unknowns: Record) -> NDArray[np.intp]:
+    """Places of the unknowns of the rod among those of its segments."""
+    inner = np.concatenate([np.arange(unknowns.size)[unknowns.places[name]] for name in BREAKPOINT])
+    return np.setdiff1d(np.arange(unknowns.size), inner)
+
+
+def breakpoint_state(features: Features) -> Record:
+    """The state where a segment begins, in the body frame and the frame of the base."""
+    return Record(
+        [
+            Slot("moment", 3, "moment"),
+            Slot("frame", 4),
+            Slot("position", 3, "length"),
+            Slot("lengths", features.condition_count, "length"),  # up to there, of members whose drive is unknown
+            Slot("grips", features.grip_count),  # what friction has left of drives
         ]
     )
 
@@ -144,7 +168,7 @@ class Layout:
             Slot("angles", f.turning_count),
             Slot("torques", self.TORQUES, "moment"),
             Slot("lengths", self.LENGTHS, "length"),  # what drives of members work on
-            Slot("grips", self.DRIVES * f.friction),  # what friction leaves of each drive
+            Slot("grips", f.grip_count),  # what friction leaves of each drive
         ]
         self.state = Record(
             [
