@@ -369,3 +369,36 @@ def test_what_is_refused(start, changes, error, message):
 def test_limits_that_are_refused(given, message):
     with pytest.raises(ValueError, match="(?s)" + message):
         mr.Limits(**given)
+
+
+@pytest.fixture(scope="module")
+def segment():
+    """Three tendons of given length, under a weight; and inputs at which all are taut."""
+    angles = np.radians([90, 210, 330])
+    offsets = 0.008 * np.column_stack([np.cos(angles), np.sin(angles)])
+    lines = [mr.Tendon(offset, driven="displacement", axial_stiffness=2000.0) for offset in offsets]
+    wire = mr.Rod.wire(length=0.2, diameter=1.4e-3, young_modulus=60e9, shear_modulus=23e9, density=6450, lines=lines)
+    robot = mr.SingleRod(wire)
+    return robot, robot.inputs(displacement=2e-4, tip_force=(0, 0, -0.49), gravity=(0, 0, -9.81))
+
+
+@pytest.mark.parametrize("most", [2e-3, 1e-3, 5e-4])
+def test_what_limits_hold_is_an_equilibrium(segment, most):
+    """Where lines turn slack on the way, steps along the limits ended before the rod was at rest."""
+    robot, inputs = segment
+    limits = mr.Limits(displacement=(-most, most))
+    found = mr.reach(robot, mr.Pose(position=(0.04, 0, 0.18)), inputs, free="displacement", limits=limits)
+    assert found.status == mr.Status.AT_LIMIT
+    solved = mr.solve(robot, found.inputs).raise_if_failed()
+    # the residual's tolerance, 1e-9 of the largest curvature, by what the tip makes of it
+    np.testing.assert_allclose(found.tip_position, solved.tip_position, rtol=0, atol=1e-8)
+    assert found.target_error == pytest.approx(np.linalg.norm(solved.tip_position - (0.04, 0, 0.18)), abs=1e-8)
+
+
+def test_a_target_comes_before_the_middle(segment):
+    """In the middle of the limits all tendons are slack, and nothing moves."""
+    robot, inputs = segment
+    options = {"free": "displacement", "limits": mr.Limits(displacement=(-0.012, 0.012))}
+    target = mr.Pose(axis=(0.3, 0.1, 1))
+    assert mr.reach(robot, target, inputs, prefer="smallest motion", **options).status == mr.Status.REACHED
+    assert mr.reach(robot, target, inputs, prefer="middle", **options).status == mr.Status.REACHED

@@ -146,7 +146,18 @@ class Search:
             while under_way:
                 under_way = self._pass(under_way)
         arrays.fetch()
+        self._settle(np.flatnonzero(chosen & (self.status == Status.AT_LIMIT)))
         self._say_why(np.flatnonzero(self.status == NOT_REACHED))
+
+    def _settle(self, rows: IntArray) -> IntArray:
+        """Bring those that limits hold to their equilibria, as steps along limits may end before the rest of the robot is at rest;
+        which of the rows could not be brought there."""
+        if not len(rows):
+            return rows
+        self.here.x[rows], self.here.p[rows] = self.last.x[rows], self.last.p[rows]
+        settled = self._settled(rows)
+        self.last.put(settled, self.here)
+        return np.setdiff1d(rows, settled)
 
     def _pass(self, under_way: int) -> int:
         """Integrations of those under way until one of them ends or asks, which then is answered; how many are under way then."""
@@ -272,6 +283,11 @@ class Search:
             self.status[self._not_stable(unstable)] = Status.UNSTABLE
         sound = chosen & (self._first_sign != 0)
         self.origin_errors[sound] = self._first_errors[sound]
+        missed = chosen & (self.status != Status.REACHED)
+        if self._values["settings"][PULLED] and missed.any():  # the target comes before the middle
+            self._values["settings"][PULLED] = 0.0
+            self.sought(missed)
+            self._values["settings"][PULLED] = 1.0
 
     def returned(self) -> None:
         """Put those back to where they began that are not ``REACHED`` and ended farther off than that; statuses stay.
@@ -322,6 +338,7 @@ class Search:
 
     def leave(self) -> None:
         """Leave the problem's buffers at ``last``, and what its own test refuses as failed."""
+        self.status[self._settle(np.flatnonzero(self.status == Status.AT_LIMIT))] = Status.UNREACHABLE
         rows = np.flatnonzero(self._found())
         self.status[rows[self.beyond(rows)]] = Status.OUT_OF_LIMITS  # of another start
         problem, found = self.task.problem, self._found()
