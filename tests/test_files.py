@@ -713,7 +713,11 @@ def test_a_dataset_has_names_units_and_the_robot(history, tmp_path):
     assert data["tip_position"].dims == ("time", "instance", "component")
     assert data["position"].dims == ("time", "instance", "rod", "node", "component")
     assert dict(data.sizes)["node"] == 5
-    assert all({"units", "long_name"} <= set(value.attrs) for name, value in data.data_vars.items() if name != "status")
+    assert all(
+        {"units", "long_name"} <= set(value.attrs)
+        for name, value in data.data_vars.items()
+        if name not in ("status", "stability")
+    )
     np.testing.assert_array_equal(data["position"].isel(rod=0), history.rod(0, nodes=5).position)
     np.testing.assert_array_equal(data["input_tip_force"], history.inputs.tip_force)
     np.testing.assert_array_equal(data["time"], history.time)
@@ -724,6 +728,12 @@ def test_a_dataset_has_names_units_and_the_robot(history, tmp_path):
     meaning = dict(zip(codes["flag_values"].tolist(), codes["flag_meanings"].split(), strict=True))
     assert [meaning[code] for code in data["status"].values[:, 1].tolist()] == [mr.Status(k).name for k in history.status[:, 1]]
     assert meaning[int(mr.Status.MAX_ITERATIONS)] in codes["failed"].split()
+    codes = data["stability"].attrs
+    assert (
+        dict(zip(codes["flag_values"].tolist(), codes["flag_meanings"].split(), strict=True))[int(mr.Stability.STABLE)]
+        == "STABLE"
+    )
+    np.testing.assert_array_equal(data["stability"], history.stability)
     (tmp_path / "robot.toml").write_text(data.attrs["robot"])
     assert_same(mr.load(tmp_path / "robot.toml"), history.assembly)
     history.save(tmp_path / "run.nc", nodes=5)

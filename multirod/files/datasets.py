@@ -1,5 +1,6 @@
 """Results as ``xarray.Dataset``, and as netCDF."""
 
+from enum import IntEnum
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from multirod.history import History
 from multirod.models.assemblies.network import Network
 from multirod.recording.figure import drawn_lines, drawn_rods
 from multirod.solution import Solution
+from multirod.stability import Stability
 from multirod.status import Status
 from multirod.validation import FloatArray, positive_int
 
@@ -59,7 +61,11 @@ def dataset(solution: Solution, nodes: int | None) -> Any:
         positive_int("to_xarray.nodes", nodes, 2)
     xarray = optional("xarray", "xarray", "datasets")
     axes = _axes(solution)
-    variables: dict[str, Any] = {"status": (axes, np.asarray(solution.status, dtype=np.int32), _flags())}
+    ends = _flags(Status, "why each instance ended") | {"failed": " ".join(status.name for status in Status if status.failed)}
+    variables: dict[str, Any] = {
+        "status": (axes, np.asarray(solution.status, dtype=np.int32), ends),
+        "stability": (axes, np.asarray(solution.stability, dtype=np.int32), _flags(Stability, "whether it is stable")),
+    }
     for name, own, unit, meaning in RESULTS:
         variables[name] = ((*axes, *own), getattr(solution, name), {"units": unit, "long_name": meaning})
     if isinstance(solution, History):
@@ -87,15 +93,11 @@ def _axes(solution: Solution) -> tuple[str, ...]:
     return (*(["time"] if timed else []), *(["instance"] if count == 1 else [f"instance_{k}" for k in range(count)]))
 
 
-def _flags() -> dict[str, Any]:
-    """Of the status, as the conventions for climate and forecast data have it."""
-    every = list(Status)
-    return {
-        "long_name": "why each instance ended",
-        "flag_values": np.array(every, dtype=np.int32),
-        "flag_meanings": " ".join(status.name for status in every),
-        "failed": " ".join(status.name for status in every if status.failed),
-    }
+def _flags(kind: type[IntEnum], meaning: str) -> dict[str, Any]:
+    """What values of an enumeration are, as the conventions for climate and forecast data have it."""
+    every = list(kind)
+    names = " ".join(value.name for value in every)
+    return {"long_name": meaning, "flag_values": np.array(every, dtype=np.int32), "flag_meanings": names}
 
 
 def _lines(solution: Solution, axes: tuple[str, ...]) -> dict[str, Any]:

@@ -150,8 +150,8 @@ class Search:
         self._say_why(np.flatnonzero(self.status == NOT_REACHED))
 
     def _settle(self, rows: IntArray) -> IntArray:
-        """Bring those that limits hold to their equilibria, as steps along limits may end before the rest of the robot is at rest;
-        which of the rows could not be brought there."""
+        """Bring those that limits hold to their equilibria: steps along limits may end before the rest of the robot is at rest.
+        Which of the rows could not be brought there."""
         if not len(rows):
             return rows
         self.here.x[rows], self.here.p[rows] = self.last.x[rows], self.last.p[rows]

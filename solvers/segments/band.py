@@ -314,11 +314,12 @@ def _near_one(shift: FloatArray, left: FloatArray) -> BoolArray:
     result = np.zeros(len(shift), dtype=bool)
     finite = np.isfinite(shift).all(axis=(1, 2)) & np.isfinite(left)
     power, bound, E = 1.0, np.full(len(shift), np.inf), np.where(finite[:, None, None], shift, 0.0)
-    while power <= RATIO_POWERS:
-        bound = np.minimum(bound, np.linalg.norm(E, axis=(1, 2)) ** (1 / power))
-        if (bound < 0.5 * (1 - SMALLEST_RATIO)).all():
-            break
-        E, power = E @ E, 2 * power
+    with np.errstate(over="ignore", invalid="ignore"):  # a power that is too large bounds nothing
+        while power <= RATIO_POWERS:
+            bound = np.fmin(bound, np.linalg.norm(E, axis=(1, 2)) ** (1 / power))
+            if (bound < 0.5 * (1 - SMALLEST_RATIO)).all():
+                break
+            E, power = E @ E, 2 * power
     # half of the radius, as Arnoldi's method need not have settled
     result[finite & (bound < 0.5 * (1 - SMALLEST_RATIO))] = True
     open_ = np.flatnonzero(finite & ~result)
