@@ -40,6 +40,19 @@ def test_folders_side_by_side_do_not_need_each_other():
     assert [(a, b) for a, those in needs.items() for b in those if a != b and a in needs.get(b, ())] == []
 
 
+def test_pages_are_as_wide_as_the_code():
+    """But for rows of tables, equations, images, and what programs print."""
+    wide = []
+    for page in sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]):
+        block = None
+        for number, line in enumerate(page.read_text(encoding="utf-8").splitlines(), 1):
+            if fence := re.match(r"\s*```(\w*)", line):
+                block = fence[1] if block is None else None
+            elif block in (None, "python") and len(line) > 130 and not line.startswith(("|", "![", "    ")):
+                wide.append(f"{page.name}:{number}")
+    assert wide == []
+
+
 def folders_of(top):
     return sorted({file.parent for file in (ROOT / top).rglob("*.py")})
 
