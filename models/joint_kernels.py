@@ -7,6 +7,9 @@ from multirod.models.rotation_kernels import inverse_right_jacobian, rotation_ve
 
 f64 = wp.float64
 
+SOFT = 0.01  # L^3/EI by which tips give way while joints close
+AT_REST = 1e-9  # of the curvature scale, up to which the force in a rod is none: then they do
+
 CLAMPED = 0
 REVOLUTE = 1
 SPHERICAL = 2

@@ -1,5 +1,6 @@
 """Many starts for one backbone: base moments and torques that its equilibria can have."""
 
+from collections.abc import Callable, Container, Iterable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
     from multirod.models.backbone.problem import BackboneProblem
 
 _PARTS = 64  # of the length, over which starts are bounded
-_APART = 10_000  # numbers between the sequences of two members
+APART = 10_000  # numbers between the sequences of two members of an assembly
 _CROWDING = 1.5  # most equilibria are far inside the bounds
 
 
@@ -52,24 +53,6 @@ class BackboneStarts(Starts):
         parts["moment"][..., 2], parts["torques"] = turns[..., 0], turns[..., 1:]
         return np.asarray(slots.joined(parts))
 
-    def of_member(self, numbers: IntArray, member: int, mine: slice) -> tuple[IntArray, FloatArray]:
-        """Starts of one of several backbones of assemblies, in a sequence of its own.
-
-        Args:
-            numbers: Of the entries meant, of each assembly, shape (count,).
-            member: Number of the backbone in an assembly.
-            mine: Where it stands among the instances.
-
-        Returns:
-            Which assemblies have other entries than the first, shape (k,), and their unknowns [1/m], shape (k, unknown_count).
-        """
-        rows = np.flatnonzero(numbers > 0)
-        result = np.zeros((len(rows), self.problem.unknown_count))
-        for number in np.unique(numbers[rows]).tolist():
-            start = self.guesses(1, number + _APART * member)[0, mine]
-            result[numbers[rows] == number] = start[numbers == number]
-        return rows, result
-
     def _start_sizes(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """What bounds the equilibria: moment of the loads at the base [N m], (instance_count,), torques there that the tubes'
         precurvatures give each other [N m], (instance_count, n), and the unknowns of a unit moment or torque.
@@ -99,6 +82,36 @@ class BackboneStarts(Starts):
         EI, kappa = self.problem.by_section()
         values = (np.take_along_axis(value, section, axis=2)[..., 0] * present for value in (EI, EI * kappa))
         return next(values), next(values)
+
+
+def twisted(
+    members: Iterable[tuple["BackboneProblem", Sequence[int]]],
+    x: FloatArray,
+    numbers: IntArray,
+    places: Callable[[int], IntArray],
+    bent: Container[int] = (),
+) -> FloatArray:
+    """Unknowns of assemblies with the tubes of their rods turned against each other, each rod's own way.
+
+    Args:
+        members: Backbones of each build, and the numbers of their rods in an assembly.
+        x: Unknowns [1/m], shape (instance_count, n).
+        numbers: Of the entries meant of an endless sequence, by the first of which nothing is turned, shape (instance_count,).
+        places: Where the unknowns of a rod stand among those of its assembly.
+        bent: Rods that are bent too, as they start by themselves.
+    """
+    result, rows = np.array(x), np.flatnonzero(numbers > 0)
+    for backbones, rods in members:
+        if not backbones.features.torque_count:
+            continue
+        slots = backbones.slots.places
+        for place, rod in enumerate(rods):
+            at = np.r_[slots["moment"], slots["torques"]] if rod in bent else np.r_[slots["torques"]]
+            for number in np.unique(numbers[rows]).tolist():
+                own = np.flatnonzero(numbers == number)
+                start = backbones.starts.guesses(1, number + APART * rod)[0, place :: len(rods)]
+                result[np.ix_(own, places(rod)[at])] = start[np.ix_(own, at)]
+    return result
 
 
 def quasirandom(numbers: NDArray[np.int_], dimensions: int) -> FloatArray:

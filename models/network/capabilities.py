@@ -11,6 +11,7 @@ from multirod.integrators import Integrator
 from multirod.models.backbone.equal_steps import PartsAtEqualSteps
 from multirod.models.backbone.inputs import LOADS
 from multirod.models.backbone.members.driven import LinesOfGroups
+from multirod.models.backbone.starts import APART
 from multirod.models.network.elements import records
 from multirod.models.network.elements.elements import GAP_AT
 from multirod.models.network.elements.groups import ON_RODS
@@ -21,7 +22,6 @@ from multirod.validation import FloatArray
 if TYPE_CHECKING:
     from multirod.models.network.problem import NetworkProblem
 
-APART = 10_000  # numbers between the sequences of two bodies
 CLOSING = 6  # steps of Newton's method by which a network is put together at once
 WIDEST = 3.0  # times the first of them, that any may be
 CONTRACTION = 0.3  # largest ratio of Newton's steps that put a network together at once, as of those on a branch
@@ -125,7 +125,7 @@ class NetworkStarts(Starts):
         for k, number in enumerate(range(first, first + count)):
             with problem.unloaded():
                 numbers = np.full(len(x), number)
-                result[k] = twisted(problem, self._bent(moved(problem, x, numbers)), numbers)
+                result[k] = problem.twisted(self._bent(moved(problem, x, numbers)), numbers)
         return result
 
     def _bent(self, x: FloatArray) -> FloatArray:
@@ -163,7 +163,7 @@ class NetworkJoints(Joints):
         x = np.array(problem.apart().unknowns)
         if numbers is None:
             return problem.guess()
-        x = twisted(problem, moved(problem, x, np.asarray(numbers)), np.asarray(numbers))
+        x = problem.twisted(moved(problem, x, np.asarray(numbers)), np.asarray(numbers))
         self.open(x)
         return x
 
@@ -242,18 +242,3 @@ class NetworkLines(LinesOfGroups):
                 result[:, lines, problem.places[rod, there]] = own[..., there]
                 result[:, lines, n:] = own[..., size : size + columns]
         return result
-
-
-def twisted(problem: "NetworkProblem", x: FloatArray, numbers: IntArray) -> FloatArray:
-    """Unknowns with the tubes of rods turned against each other, by the entries ``numbers`` as for ``moved``; where nothing holds
-    their tip they are bent too."""
-    result = np.array(x)
-    for group in problem.groups:
-        if not group.backbones.features.torque_count:
-            continue
-        slots = group.backbones.slots.places
-        for place, rod in enumerate(group.members.tolist()):
-            rows, starts = group.backbones.starts.of_member(numbers, rod, slice(place, None, len(group.members)))
-            for name in ("torques",) if problem.graph.ends[1].held[rod] else ("moment", "torques"):
-                result[rows[:, None], problem.places[rod, slots[name]]] = starts[:, slots[name]]
-    return result

@@ -21,6 +21,8 @@ from multirod.inputs import Inputs
 from multirod.integrators import Integrator
 from multirod.launch import record
 from multirod.models.backbone.members.member import drive_slices
+from multirod.models.backbone.starts import twisted
+from multirod.models.joint_kernels import AT_REST
 from multirod.models.network import network_kernels as kernels
 from multirod.models.network.along import NetworkSensing, columns_along
 from multirod.models.network.capabilities import NetworkJoints, NetworkLines, NetworkParts, NetworkShapes, NetworkStarts
@@ -39,7 +41,6 @@ from multirod.rotations import vectors
 from multirod.status import Status
 from multirod.validation import FloatArray
 
-AT_REST = 1e-9  # of the curvature scale, up to which the force in a rod is none
 CLOSED = 1e-4  # of a length, that a gap is closed to
 GAP_LOAD = 12.0  # EI/L^3: what a rod resists with where its tip is moved across
 
@@ -546,6 +547,12 @@ class NetworkProblem(BoundaryProblem):
             except np.linalg.LinAlgError:
                 continue
         return result
+
+    def twisted(self, x: FloatArray, numbers: IntArray) -> FloatArray:
+        """Unknowns with the tubes of rods turned against each other, as ``models.backbone.starts.twisted`` has it; where nothing
+        holds their tip they are bent too."""
+        members = [(group.backbones, group.members.tolist()) for group in self.groups]
+        return twisted(members, x, numbers, lambda rod: self.places[rod], self.graph.free.tolist())
 
     def _set_angles(self, x: FloatArray, at: slice, angles: FloatArray) -> None:
         """Angles (instance_count, rod, 3) as unknowns."""

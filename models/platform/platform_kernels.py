@@ -11,6 +11,7 @@ import warp as wp
 from multirod.capabilities import Loading
 from multirod.models.backbone.kernels.numbers.scalars import turned_about_z
 from multirod.models.joint_kernels import (
+    SOFT,
     Joint,
     column,
     column_of,
@@ -36,7 +37,6 @@ FORCE_AT = 0
 MOMENT_AT = 3
 TURN_AT = 6  # change of the moment by the rotation vector of the platform, row by row
 DIRECTIONS_AT = 15  # change of force and moment by each direction
-SOFT = 0.01  # L^3/EI by which tips give way while joints close
 
 
 @wp.struct

@@ -25,6 +25,7 @@ from multirod.models.backbone.members.driven import LinesOfGroups
 from multirod.models.backbone.members.member import drive_slices
 from multirod.models.backbone.members.member import drives as drive_names
 from multirod.models.backbone.problem import BackboneAssembly, BackboneProblem
+from multirod.models.backbone.starts import twisted
 from multirod.models.platform import platform_kernels as kernels
 from multirod.models.platform.along import LegSensing, columns_along
 from multirod.models.platform.clamps import PlatformClamps
@@ -612,6 +613,12 @@ class ParallelProblem(BoundaryProblem):
         arrays = {name: getattr(self.robots, name) for name in ("opening", "soft", "loading")}
         names = ("active", "load_factor", "fault", "step_count", "residual_directions", "pose_columns")
         return {name: Shared.of(array) for name, array in (arrays | {name: getattr(self, name) for name in names}).items()}
+
+    def twisted(self, x: FloatArray, numbers: IntArray) -> FloatArray:
+        """Unknowns with the tubes of legs turned against each other, as ``models.backbone.starts.twisted`` has it."""
+        every = np.arange(self.unknown_count)
+        members = [(group.backbones, list(group.members)) for group in self.groups]
+        return twisted(members, x, numbers, lambda leg: every[self.own[leg]])
 
     def unloaded_legs(self) -> tuple[FloatArray, Legs, Attachments]:
         """Unknowns of legs that nothing holds, and what they say of how the legs bend; the problem is unloaded."""

@@ -8,6 +8,7 @@ from multirod.batch import IntArray
 from multirod.capabilities import Joints, Loading, Starts
 from multirod.models.backbone.inputs import LOADS
 from multirod.models.backbone.starts import quasirandom
+from multirod.models.joint_kernels import AT_REST
 from multirod.models.platform import platform_kernels as kernels
 from multirod.models.platform.guess import COMPLIANCES, beam_unknowns, fitted_platform
 from multirod.rotations import matrices
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
     from multirod.models.platform.problem import ParallelProblem
 
 REACH = (0.6, 0.6)  # of starts from the unloaded pose: in lengths, and radians
-AT_REST = 1e-9  # of the curvature scale, up to which the force in a leg is none
 CROWDING = 1.5  # most equilibria are not far
 
 
@@ -44,7 +44,7 @@ class PlatformJoints(Joints):
                 rotation = matrices(aside[:, 3:]) @ rotation
             x[:, self.problem.platform] = self.problem.pose_unknowns(position, rotation)
         if numbers is not None:
-            x = twisted(self.problem, x, numbers)
+            x = self.problem.twisted(x, numbers)
         self.open(x)
         if numbers is not None:  # the other way together leads to other states
             soft = self.problem.robots.soft
@@ -106,22 +106,8 @@ class PlatformStarts(Starts):
             position, rotation = self.problem.pose_of(pose)
             for own, values in zip(self.problem.own, beam_unknowns(legs, at, position, rotation), strict=True):
                 result[k][:, own] += values
-            result[k] = twisted(self.problem, result[k], np.full(len(x), first + k))
+            result[k] = self.problem.twisted(result[k], np.full(len(x), first + k))
         return result
-
-
-def twisted(problem: "ParallelProblem", x: FloatArray, numbers: IntArray) -> FloatArray:
-    """Unknowns with the tubes of legs turned against each other, each leg's own way, by the entries ``numbers`` of an endless
-    sequence, (instance_count,); by the first not at all."""
-    result = np.array(x)
-    for group in problem.groups:
-        if not group.backbones.features.torque_count:
-            continue
-        at = group.backbones.slots.places["torques"]
-        for place, leg in enumerate(group.members):
-            rows, starts = group.backbones.starts.of_member(numbers, leg, slice(place, None, len(group.members)))
-            result[rows[:, None], np.arange(problem.unknown_count)[problem.own[leg]][at]] = starts[:, at]
-    return result
 
 
 def crowded(numbers: IntArray) -> FloatArray:

@@ -8,13 +8,12 @@ says what follows from it.
 import warp as wp
 
 from multirod.models.backbone.kernels.numbers.scalars import turned_about_z
-from multirod.models.joint_kernels import column, column_of, vector
+from multirod.models.joint_kernels import SOFT, column, column_of, vector
 from multirod.models.network.elements.end_kernels import Behind, End, along, behind_plate, end_at, extension, level_of, nothing
 from multirod.models.network.elements.records import (
     CARRIED_AT,
     MORE,
     POSE,
-    SOFT,
     TENSION_AT,
     TIP_FORCE_AT,
     TIP_POSE_AT,

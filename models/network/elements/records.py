@@ -7,7 +7,6 @@ from multirod.models.backbone.kernels.layout.arguments import RodTable
 
 POSE = 6  # unknowns of a body
 TURNING = 3  # directions in which the base of a rod may turn
-SOFT = 0.01  # L^3/EI by which the ends of rods give way while the network is put together
 ALONG_VECTORS = 4  # inputs that act along rods; the third of them is gravity
 ROD_VECTORS = 2  # the first of them, that are given for single rods too
 # rows of an element after those of its variables

@@ -3,7 +3,7 @@
 Numbers in parentheses are those of ``docs/networks.md``.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -118,19 +118,21 @@ class NetworkConjugates(Conjugates):
 
     def update(self) -> None:  # noqa: D102
         problem = self.problem
-        for tubes in self._tubes():  # which one ends at the tip, inputs say
+        all_tubes = list(self._tubes())  # which one ends at the tip, inputs say
+        if all_tubes:
             unit = np.array(self.unit.numpy())
-            unit[:, np.searchsorted(self.forces, self._rows(tubes))] = tubes.torsion
+            for tubes in all_tubes:
+                unit[:, np.searchsorted(self.forces, self._rows(tubes))] = tubes.torsion
             self.unit.assign(unit)
         with np.errstate(all="ignore"):  # what is not finite is said by its fault
-            found = self._displaced()[:, self.forces]
+            found = self._displaced(all_tubes)[:, self.forces]
         listed = problem.buffer("order")[: problem.listed]
         rows = listed[problem.buffer("active")[listed] != 0]
         columns = np.array(self.columns.numpy())
         columns[rows] = found[rows]
         self.columns.assign(columns)
 
-    def _displaced(self) -> FloatArray:
+    def _displaced(self, all_tubes: Sequence[Tubes]) -> FloatArray:
         """(25) What each row of the residual does work on by the unknowns, then along directions, shape
         (instance_count, n, n + direction_count); zero of constraints."""
         problem = self.problem
@@ -145,7 +147,7 @@ class NetworkConjugates(Conjugates):
         result = np.zeros((problem.instance_count, n, n + d))
         elements = Elements(problem)
         turn = elements.tip_turn
-        for tubes in self._tubes():
+        for tubes in all_tubes:
             known, rows = np.flatnonzero(places[tubes.rod] >= 0), self._rows(tubes)
             against = np.insert(elements.angles[:, tubes.rod], 0, 0.0, axis=1)  # the frame, which is that of the first
             angles = np.take_along_axis(against, tubes.others[..., None], axis=1)
