@@ -31,7 +31,8 @@ SINGLE_TOLERANCE = 1e-5  # the same where rods are integrated in single precisio
 DOUBLE_ROUNDING = float(np.finfo(np.float64).eps)
 NOTHING = 1e-12  # of the largest singular value of Gamma: what straight rods answer a force along themselves with
 ALONE = 1e-6  # of a change of unknowns, that is of others
-FEW = 8  # instances of a problem that is kept for later calls, and its tools with it
+FEW = 8  # instances of which one thread does all, what comes between integrations too
+SMALL = 2**19  # numbers in the records of a problem that may be kept for later calls, and its tools with it
 BUFFERS = (
     "order",
     "active",
@@ -276,9 +277,14 @@ class BoundaryProblem(Uncopied, ABC):
     def expect_judging(self) -> None:
         """Be told that ``stability`` will be asked for often: what takes a kernel of its own may pay from here on."""
 
+    @property
+    def may_be_kept(self) -> bool:
+        """Whether it may serve again after it was used, and its tools with it: on the CPU, where it is not large."""
+        return self._host is not None and self._host.size <= SMALL
+
     def tool(self, key: Any, make: Callable[[], Any]) -> Any:
-        """What a solver works with on this problem: made anew, or, for a problem of few instances, kept with it under ``key``."""
-        if self.instance_count > FEW:
+        """What a solver works with on this problem: made anew, or, for a problem that may be kept, kept with it under ``key``."""
+        if not self.may_be_kept:
             return make()
         if key not in self._tools:
             self._tools[key] = make()

@@ -13,9 +13,10 @@ import warp as wp
 from multirod.assembly import Assembly
 from multirod.batch import IntArray
 from multirod.inputs import Inputs
-from multirod.problem import FEW, BoundaryProblem
+from multirod.problem import SMALL, BoundaryProblem
 
 MOST = 32  # problems kept in all; the one that was not asked for longest goes first
+ROOM = 2 * SMALL  # numbers in the records of all of them: some ten times as many are kept with them
 
 Maker = TypeVar("Maker", bound=Callable[..., Any])
 
@@ -38,6 +39,7 @@ class Kept:
         self._problems: OrderedDict[int, tuple[Any, BoundaryProblem, Any]] = OrderedDict()
         self._by_key: dict[Any, list[int]] = {}
         self._next = 0
+        self._size = 0
 
     def take(self, robot: Assembly, key: Any) -> BoundaryProblem | None:
         """A problem of this robot, out of what is kept; None if there is none."""
@@ -55,11 +57,15 @@ class Kept:
             self._problems[self._next] = ref(robot), problem, key
             self._by_key.setdefault(key, []).append(self._next)
             self._next += 1
-            if len(self._problems) > MOST:
+            self._size += problem.records.size
+            for number in [number for number, (owner, _, _) in self._problems.items() if owner() is None]:
+                self._remove(number)
+            while len(self._problems) > MOST or self._size > ROOM:
                 self._remove(next(iter(self._problems)))
 
     def _remove(self, number: int) -> None:
-        key = self._problems.pop(number)[2]
+        _, problem, key = self._problems.pop(number)
+        self._size -= problem.records.size
         numbers = self._by_key[key]
         numbers.remove(number)
         if not numbers:
@@ -75,13 +81,12 @@ if hasattr(os, "register_at_fork"):
 def borrowed(
     robot: Assembly, inputs: Inputs, *, instances: IntArray | None = None, device: str = "cpu", **options: Any
 ) -> Iterator[BoundaryProblem]:
-    """``robot.problem(inputs, ...)`` for as long as it is needed: of few instances on the CPU it may be one that was made before,
-    as new.
+    """``robot.problem(inputs, ...)`` for as long as it is needed: on the CPU it may be one that was made before, as new.
 
     What is read from it must be copied. After an error it is not used again.
     """
     key = None
-    if instances is not None and 0 < len(instances) <= FEW and not robot.batch_shape and _is_reusable(robot, inputs):
+    if instances is not None and len(instances) and not robot.batch_shape and _is_reusable(robot, inputs):
         inputs, instances = inputs.take(inputs.batch_shape, instances), None
     if instances is None and wp.get_device(device).is_cpu and _is_reusable(robot, inputs):
         key = _key(robot, inputs, options)
@@ -89,7 +94,7 @@ def borrowed(
     if problem is None or not problem.renew(inputs):
         problem = robot.problem(inputs, instances=instances, device=device, **options)
     yield problem
-    if key is not None and problem.instance_count <= FEW:
+    if key is not None and problem.may_be_kept:
         KEPT.put(robot, key, problem)
 
 

@@ -94,8 +94,8 @@ class Shooting(Solver):
         return Newton(problem, tolerance=self.tolerance, max_iterations=self.max_iterations, line_search=self.line_search)
 
     def _newton(self, problem: BoundaryProblem) -> Newton:
-        """The same for one solve; of few instances on the CPU it is kept with the problem for the next."""
-        if not wp.get_device(problem.device).is_cpu:
+        """The same for one solve; it is kept with a problem that may be kept, for the next."""
+        if not problem.may_be_kept:
             return self.newton(problem)
         key = ("Newton", self.tolerance, self.max_iterations, self.line_search)
         newton: Newton = problem.tool(key, lambda: self.newton(problem))

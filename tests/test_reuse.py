@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import multirod as mr
-from multirod.problem import FEW
-from multirod.reuse import KEPT, MOST
+from multirod.problem import FEW, SMALL
+from multirod.reuse import KEPT, MOST, ROOM
 from multirod.studies.scenes import six_legs, three_tubes
 
 WIRE = mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638, precurvature=(14, 5, 0))
@@ -62,17 +62,44 @@ def test_results_keep_what_they_hold(name):
         np.testing.assert_array_equal(value, copy)
 
 
-def test_few_are_kept_and_none_of_a_large_batch():
+def batch_of(name, scenes, count):
+    """Inputs of so many instances, which take the scenes in turn."""
+    values = {key: np.array([SCENES[name][k].get(key) for k in scenes], dtype=float) for key in SCENES[name][scenes[0]]}
+    if name == "rod":
+        values["rotation"] = values["rotation"][:, None]
+    return {key: np.resize(value, (count, value.shape[1])) for key, value in values.items()}
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_what_went_before_does_not_show_in_batches(name):
+    batches = [batch_of(name, scenes, 2 * FEW) for scenes in ((0, 2), (1, 0), (2, 1))]
+    fresh = []
+    for values in batches:
+        KEPT.forget()
+        fresh.append(answers(ROBOTS[name], values))
+    assert KEPT._problems
+    for k in (1, 0, 0, 2, 1):
+        assert answers(ROBOTS[name], batches[k]) == fresh[k]
+
+
+def test_small_problems_are_kept_as_long_as_there_is_room_and_their_robot():
     KEPT.forget()
-    robot = ROBOTS["rod"]
-    mr.solve(robot, robot.inputs(tip_force=np.zeros((FEW + 1, 3)) + [1.0, 0, 0]))
-    assert not KEPT._problems
+    robots = []
     for count in range(1, MOST + 8):
-        other = mr.SingleRod(mr.Rod(length=0.1 * count, bending_stiffness=1.0, torsional_stiffness=1.0))
-        mr.solve(other, other.inputs(tip_force=(0.1, 0, 0)))
-    del other
-    gc.collect()
+        robots.append(mr.SingleRod(mr.Rod(length=0.1 * count, bending_stiffness=1.0, torsional_stiffness=1.0)))
+        mr.solve(robots[-1], robots[-1].inputs(tip_force=(0.1, 0, 0)))
     assert len(KEPT._problems) == MOST
+    robot = ROBOTS["rod"]
+    robots.clear()
+    gc.collect()
+    mr.solve(robot, robot.inputs(tip_force=(0.1, 0, 0)))
+    assert {owner() for owner, _, _ in KEPT._problems.values()} == {robot}
+    numbers = next(reversed(KEPT._problems.values()))[1].records.size
+    for count in np.linspace(0.6, 0.9, 6) * SMALL / numbers:
+        mr.solve(robot, robot.inputs(tip_force=np.full((int(count), 3), 0.1)), threads=1, progress=False)
+        assert KEPT._size == sum(problem.records.size for _, problem, _ in KEPT._problems.values()) <= ROOM
+    problem = robot.problem(robot.inputs(tip_force=np.zeros((SMALL // numbers + 1, 3))), integrator=mr.RK45())
+    assert not problem.may_be_kept
 
 
 def test_a_robot_that_takes_the_place_of_another_has_problems_of_its_own():

@@ -499,14 +499,15 @@ class BackboneProblem(BoundaryProblem):
             yield
             return
         whole = self.launch
-        self.launch = self._record(replace(f, pose=False), self._call)
+        self.launch = self.tool("without poses", lambda: self._record(replace(f, pose=False), self._call))
+        self.launch.set_dim(self.listed)
         try:
             yield
         finally:
             self.launch = whole
         active = self.active.numpy().copy()
         self.active.fill_(1)
-        self._record(replace(f, directions=False), self._call, columns=(0, 0)).launch()
+        self.tool("poses", lambda: self._record(replace(f, directions=False), self._call, columns=(0, 0))).launch()
         self.active.assign(active)
 
     def guess(self) -> FloatArray:  # noqa: D102
@@ -631,7 +632,11 @@ class BackboneProblem(BoundaryProblem):
     def along_itself(self, rod: int, places: FloatArray) -> tuple[dict[str, FloatArray], FloatArray]:
         """``AlongPass.at`` of the last integration's unknowns, inputs and directions."""
         self._refuse_side_by_side()
-        made: AlongPass = self.tool(("along", places.shape[1]), lambda: AlongPass(self, places.shape[1]))
+        made: AlongPass
+        if self.instance_count > FEW:  # it has columns at all places
+            made = AlongPass(self, places.shape[1])
+        else:
+            made = self.tool(("along", places.shape[1]), lambda: AlongPass(self, places.shape[1]))
         return made.at(places, rod)
 
     def _refuse_side_by_side(self) -> None:

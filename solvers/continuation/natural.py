@@ -109,8 +109,8 @@ class Paths:
 
     @classmethod
     def of(cls, problem: BoundaryProblem, newton: Newton, max_steps: int) -> "Paths":
-        """New ones, or, of few instances on the CPU, those that were kept with ``newton``, as new."""
-        if problem.instance_count > FEW or not wp.get_device(problem.device).is_cpu:
+        """New ones, or, of a problem that may be kept, those that were kept with ``newton``, as new."""
+        if not problem.may_be_kept:
             return cls(problem, newton, max_steps)
         if newton.paths is None:
             newton.paths = cls(problem, newton, max_steps)
