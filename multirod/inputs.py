@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from os import PathLike
 from types import MappingProxyType
 from typing import Any, Literal
@@ -65,7 +66,10 @@ class InputSpec:
 class InputSpecs(tuple[InputSpec, ...]):
     """The inputs of an assembly, which show themselves as a table."""
 
-    __slots__ = ()
+    @cached_property
+    def by_name(self) -> Mapping[str, InputSpec]:
+        """Each by its name."""
+        return {spec.name: spec for spec in self}
 
     def rows(self) -> list[tuple[str, str, str, str]]:
         """Name, unit, shape and meaning of each; what may be a function of arclength has a star."""
@@ -104,7 +108,7 @@ class Inputs:
 
     def __init__(self, specs: Sequence[InputSpec], rod_count: int, values: Mapping[str, Any], length: float = 0.0) -> None:
         """Check and broadcast ``values``; ``length`` is the range over which functions of arclength are resolved [m]."""
-        self._specs = {spec.name: spec for spec in specs}
+        self._specs = specs.by_name if isinstance(specs, InputSpecs) else {spec.name: spec for spec in specs}
         self._rod_count = rod_count
         unknown_names("inputs()", values, self._specs)
         self._arrays: dict[str, FloatArray] = {}

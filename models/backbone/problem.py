@@ -475,8 +475,8 @@ class BackboneProblem(BoundaryProblem):
     def integrate_alike(self) -> bool:  # noqa: D102
         if self._host is None or self.instance_count <= FEW or self.arrays.batch_shape or self.base.ndim > 2 or self._followed:
             return False
-        loads = [self.input_slice(spec.name) for spec in LOADS]
-        inputs = np.delete(self.read("inputs"), np.concatenate([np.arange(own.start, own.stop) for own in loads]), axis=1)
+        loads = np.concatenate([np.arange(own.start, own.stop) for _, own in self._loads])
+        inputs = np.delete(self.read("inputs"), loads, axis=1)
         unknowns, active = self.read("unknowns"), self.buffer("active")
         if not active.all() or self.buffer("load_factor").any() or any((own != own[0]).any() for own in (inputs, unknowns)):
             return False
@@ -707,8 +707,13 @@ class BackboneProblem(BoundaryProblem):
 
     def acting(self, inputs: FloatArray) -> list[InputSpec]:
         """The loads that are not zero in all instances of ``inputs`` (instance_count, input_count)."""
-        acting = np.any(inputs != 0, axis=0).tolist()
-        return [spec for spec in LOADS if any(acting[self.input_slice(spec.name)])]
+        acting = inputs.any(axis=0).tolist()
+        return [spec for spec, own in self._loads if any(acting[own])]
+
+    @cached_property
+    def _loads(self) -> list[tuple[InputSpec, slice]]:
+        """The loads, and where they stand in a row of inputs."""
+        return [(spec, self.input_slice(spec.name)) for spec in LOADS]
 
     def _medium_load(self) -> FloatArray:
         """How much a medium bends rods that are not straight, ``k L^4/EI`` times their bend, shape (instance_count,)."""
@@ -785,6 +790,17 @@ class BackboneProblem(BoundaryProblem):
         coefficients = self.arrays.precurvature.reshape(*self.arrays.precurvature.shape[:3], -1, 3)
         kappa = np.linalg.norm(coefficients[..., :2], axis=-1).sum(axis=-1)
         return self.each(self.arrays.material[..., :2].max(axis=-1)), self.each(kappa)
+
+    def bend_by_section(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """``EI |u*_xy|`` [N m] of each section, (instance_count, n, section), the most of each rod together, (instance_count,),
+        and ``|u*_xy|`` as ``by_section`` has it."""
+        return self._bend_by_section
+
+    @cached_property
+    def _bend_by_section(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        EI, kappa = self._by_section
+        bend = EI * kappa
+        return bend, bend.max(axis=2).sum(axis=1), kappa
 
     def each(self, values: FloatArray) -> FloatArray:
         """Values of the rods' batch, one an instance."""

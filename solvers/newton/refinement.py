@@ -41,13 +41,13 @@ def refine(problem: BoundaryProblem, newton: Newton, outcome: Outcome, chosen: N
 
 def _amplify(gamma: FloatArray) -> NDArray[np.bool_]:
     """Whether the inverse of a matrix (k, n, n) is that large, in the 2-norm; shape (k,)."""
-    n = gamma.shape[-1]
-    # a bound that costs nothing: the product of all singular values but one, over that of all
-    with np.errstate(divide="ignore"):
-        most = (n - 1) * np.log(np.linalg.norm(gamma, axis=(1, 2)))
-    bound = most >= np.log(AMPLIFICATION) + np.linalg.slogdet(gamma)[1]
-    result = bound.copy()
-    if not bound.any():
-        return np.asarray(result)
-    result[bound] = np.linalg.svd(gamma[bound], compute_uv=False)[:, -1] * AMPLIFICATION <= 1.0
+    try:
+        inverse = np.linalg.inv(gamma)
+    except np.linalg.LinAlgError:
+        result = np.ones(len(gamma), dtype=bool)
+    else:
+        # its Frobenius norm is never less, and soon known
+        result = ~((inverse * inverse).sum(axis=(1, 2)) < AMPLIFICATION**2)
+    if result.any():
+        result[result] = np.linalg.svd(gamma[result], compute_uv=False)[:, -1] * AMPLIFICATION <= 1.0
     return np.asarray(result)

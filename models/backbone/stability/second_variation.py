@@ -107,6 +107,16 @@ class CondensedForm:
         for name, mine in vars(self).items():
             mine[chosen] = getattr(other, name)
 
+    def surely_stable(self) -> bool:
+        """Whether all are known to be positive definite: sooner told than eigenvalues."""
+        if not self.known.all() or self.conjugate.any():
+            return False
+        try:
+            np.linalg.cholesky(self.matrix + self.matrix.swapaxes(1, 2))
+        except np.linalg.LinAlgError:
+            return False
+        return True
+
     def modes(self, unit: FloatArray) -> Modes:
         """Of a backbone with a free tip, eigenvalues counted in ``unit`` [N m], shape (batch,)."""
         values, uncertainty = symmetric_eigenvalues(self.matrix / unit[:, None, None], self.known)

@@ -19,7 +19,7 @@ from multirod.models.backbone.stability.second_variation import (
     with_conditions,
 )
 from multirod.profile import DEGREE
-from multirod.stability import Modes, StabilityAnalysis
+from multirod.stability import Modes, Stability, StabilityAnalysis
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -72,8 +72,17 @@ class BackboneStability(StabilityAnalysis):
             stored += self.problem.lines.stretch_energy(self.problem.lines.length())
         return np.where(self.has_potential, stored - work, np.nan)
 
-    def modes(self) -> Modes:  # noqa: D102
+    def unstable(self) -> NDArray[np.bool_]:  # noqa: D102
         form, determinant = self.condensed_form()
+        terms = self.problem.features
+        if not (terms.members or terms.foundation) and self.has_potential.all() and form.surely_stable():
+            return np.zeros(self.problem.instance_count, dtype=bool)
+        return np.asarray(self._modes(form, determinant).stability == Stability.UNSTABLE)
+
+    def modes(self) -> Modes:  # noqa: D102
+        return self._modes(*self.condensed_form())
+
+    def _modes(self, form: CondensedForm, determinant: FloatArray) -> Modes:
         modes = form.modes(self.problem.stiffness_over_length())
         potential, lines = self.has_potential, self.problem.lines
         judged = potential & lines.stays_stiff() & (not self.problem.features.foundation)
@@ -230,9 +239,8 @@ class BackboneStability(StabilityAnalysis):
         """(7) from bounds [N m], [N], [1/m], shape (instance_count,)."""
         coupling, potential = moment, force + self.problem.magnetic_load()
         if self.problem.features.turning_count:
-            EI, kappa = self.problem.by_section()
-            bend = EI * kappa
-            coupling = moment + bend.max(axis=2).sum(axis=1)
+            bend, most, kappa = self.problem.bend_by_section()
+            coupling = moment + most
             potential = potential + (bend * (kappa + curvature[:, None, None])).max(axis=2).sum(axis=1)
         return segments_needed(self.problem.furthest_end(), self.problem.least_stiffness(), coupling, potential)
 
