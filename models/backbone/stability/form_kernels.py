@@ -48,39 +48,105 @@ class Form:
     work: wp.array3d[wp.float64]
 
 
-@wp.func(inline=False)
-def invert(work: wp.array3d[wp.float64], inverse: wp.array3d[wp.float64], t: int, r: int) -> f64:
+# matrices of an instance, their rows one after another: Warp's own loops find the place of each number anew
+_OWN = "double* __restrict {0} = &wp::index({0}_, t, 0, 0); const int {0}w = {0}_.shape[2]; "
+
+
+def _own(*names: str) -> str:
+    return "".join(_OWN.format(name) for name in names)
+
+
+@wp.func_native(
+    _own("work", "inverse")
+    + """
+    double determinant = 1.0;
+    for (int i = 0; i < r; ++i)
+        for (int j = 0; j < r; ++j)
+            inverse[i * inversew + j] = i == j ? 1.0 : 0.0;
+    for (int k = 0; k < r; ++k) {
+        int p = k;
+        for (int i = k + 1; i < r; ++i)
+            if (wp::abs(work[i * workw + k]) > wp::abs(work[p * workw + k])) p = i;
+        double* pivots = work + k * workw;
+        double* own = inverse + k * inversew;
+        if (p != k) {
+            determinant = -determinant;
+            double* other = work + p * workw;
+            double* others = inverse + p * inversew;
+            for (int j = 0; j < r; ++j) {
+                double swap = pivots[j]; pivots[j] = other[j]; other[j] = swap;
+                swap = own[j]; own[j] = others[j]; others[j] = swap;
+            }
+        }
+        const double pivot = pivots[k];
+        determinant *= pivot;
+        for (int j = 0; j < r; ++j) {
+            pivots[j] /= pivot;
+            own[j] /= pivot;
+        }
+        for (int i = 0; i < r; ++i) {
+            const double factor = work[i * workw + k];
+            if (i == k || factor == 0.0) continue;
+            for (int j = 0; j < r; ++j) {
+                work[i * workw + j] -= factor * pivots[j];
+                inverse[i * inversew + j] -= factor * own[j];
+            }
+        }
+    }
+    return determinant;
+    """
+)
+def invert(work_: wp.array3d[wp.float64], inverse_: wp.array3d[wp.float64], t: int, r: int) -> wp.float64:
     """The inverse of the first ``r`` rows and columns of ``work``, which is used up, by pivots; returns the determinant."""
-    determinant = f64(1.0)
-    for i in range(r):
-        for j in range(r):
-            inverse[t, i, j] = wp.where(i == j, f64(1.0), f64(0.0))
-    for k in range(r):
-        p = int(k)
-        for i in range(k + 1, r):
-            if wp.abs(work[t, i, k]) > wp.abs(work[t, p, k]):
-                p = i
-        if p != k:
-            determinant = -determinant
-            for j in range(r):
-                swap = work[t, k, j]
-                work[t, k, j] = work[t, p, j]
-                work[t, p, j] = swap
-                swap = inverse[t, k, j]
-                inverse[t, k, j] = inverse[t, p, j]
-                inverse[t, p, j] = swap
-        pivot = work[t, k, k]
-        determinant = determinant * pivot
-        for j in range(r):
-            work[t, k, j] = work[t, k, j] / pivot
-            inverse[t, k, j] = inverse[t, k, j] / pivot
-        for i in range(r):
-            factor = work[t, i, k]
-            if i != k and factor != f64(0.0):
-                for j in range(r):
-                    work[t, i, j] = work[t, i, j] - factor * work[t, k, j]
-                    inverse[t, i, j] = inverse[t, i, j] - factor * inverse[t, k, j]
-    return determinant
+    ...
+
+
+@wp.func_native(
+    _own("basis", "here", "work")
+    + """
+    for (int i = 0; i < r; ++i) {
+        const double* row = &wp::index(configuration, t, node, wp::index(kept, t, i), 0);
+        for (int j = 0; j < r; ++j) {
+            double total = 0.0;
+            for (int l = 0; l < basisw; ++l)
+                total += row[l] * basis[l * basisw + j];
+            here[i * herew + j] = total;
+            work[i * workw + j] = total;
+        }
+    }
+    """
+)
+def combined(
+    configuration: wp.array4d[wp.float64],
+    kept: wp.array2d[int],
+    basis_: wp.array3d[wp.float64],
+    here_: wp.array3d[wp.float64],
+    work_: wp.array3d[wp.float64],
+    t: int,
+    node: int,
+    r: int,
+):
+    """The rows of a node's configuration that are kept, by the combinations of ``basis``, into ``here`` and ``work``."""
+    ...
+
+
+@wp.func_native(
+    _own("here", "before", "ratio")
+    + """
+    for (int i = 0; i < r; ++i)
+        for (int j = 0; j < r; ++j) {
+            double total = 0.0;
+            for (int l = 0; l < r; ++l)
+                total += here[i * herew + l] * before[l * beforew + j];
+            ratio[i * ratiow + j] = total;
+        }
+    """
+)
+def multiplied(
+    here_: wp.array3d[wp.float64], before_: wp.array3d[wp.float64], ratio_: wp.array3d[wp.float64], t: int, r: int
+):
+    """``here`` times ``before``, of the first ``r`` rows and columns, into ``ratio``."""
+    ...
 
 
 @wp.func(inline=False)
@@ -137,14 +203,7 @@ def negative(s: wp.ref[Form], t: int, r: int) -> int:
 @wp.func(inline=False)
 def look_at(s: wp.ref[Form], t: int, node: int, r: int) -> bool:
     """Configurations at a node by the combinations that are left, and their inverse; whether rounding leaves the signs."""
-    for i in range(r):
-        row = s.kept[t, i]
-        for j in range(r):
-            total = f64(0.0)
-            for l in range(s.basis.shape[1]):
-                total += s.configuration[t, node, row, l] * s.basis[t, l, j]
-            s.here[t, i, j] = total
-            s.work[t, i, j] = total
+    combined(s.configuration, s.kept, s.basis, s.here, s.work, t, node, r)
     invert(s.work, s.inverse, t, r)
     size = square(s.here, t, r) * square(s.inverse, t, r)
     return size < f64(wp.static(WORST_CONDITION * WORST_CONDITION))
@@ -312,12 +371,7 @@ def longest_rod(s: wp.ref[Form], t: int) -> int:
 @wp.func(inline=False)
 def step_back(s: wp.ref[Form], t: int, r: int):
     """``ratio`` of what is found at a node to what stands in ``before``, where ``inverse`` then takes its place."""
-    for i in range(r):
-        for j in range(r):
-            total = f64(0.0)
-            for l in range(r):
-                total += s.here[t, i, l] * s.before[t, l, j]
-            s.ratio[t, i, j] = total
+    multiplied(s.here, s.before, s.ratio, t, r)
     # the sign function has its own use of what stands in ``inverse``
     for i in range(r):
         for j in range(r):
