@@ -24,8 +24,8 @@ from multirod.reuse import borrowed
 from multirod.scene import Scene, stand_in
 from multirod.segments import taken
 from multirod.solver import SETTLED, Outcome
-from multirod.stability import Modes, Stability, modes_of
-from multirod.status import Status, failures
+from multirod.stability import Modes, Stabilities, Stability, modes_of
+from multirod.status import Status, Statuses, failures
 from multirod.types import (
     AxesGiven,
     AxesOrArray,
@@ -221,7 +221,7 @@ class Solution(Generic[Robot_co]):
         """
         if not self.batch_shape:
             return Status(int(self._outcome.status.reshape(-1)[0]))
-        return self._shaped(self._outcome.status)
+        return Statuses.of(self._shaped(self._outcome.status))
 
     @cached_property
     def events(self) -> tuple[BranchEvent, ...] | NDArray[np.object_] | Any:
@@ -411,7 +411,7 @@ class Solution(Generic[Robot_co]):
     def stability(self) -> StabilityOrArray | Any:
         """``Stability`` of each equilibrium, shape (...); a ``Stability`` where there are no leading axes."""
         values = self._modes.stability
-        return self._shaped(values) if self.batch_shape else Stability(int(values[0]))
+        return Stabilities.of(self._shaped(values)) if self.batch_shape else Stability(int(values[0]))
 
     @cached_property
     def stability_margin(self) -> FloatArray:

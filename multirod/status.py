@@ -1,20 +1,18 @@
 """Why each instance of a solve ended."""
 
 from enum import IntEnum
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from multirod.codes import Code, Codes
 
 IntArray = NDArray[np.integer[Any]]
 BoolArray = NDArray[np.bool_]
 
 
-def _refuse_text(name: str) -> NoReturn:
-    raise TypeError(f"a Status is compared with a Status, not with {name!r}: mr.Status.CONVERGED, or status.name == 'CONVERGED'")
-
-
-class Status(IntEnum):
+class Status(Code):
     """Why an instance ended. Written by kernels and recordings: never renumbered.
 
     ``failed`` says whether the instance's arrays hold NaN; ``message`` says what happened and what to try. Its ``name`` is a
@@ -52,21 +50,6 @@ class Status(IntEnum):
     OUT_OF_HOLE = 28
     UNDETERMINED = 29
 
-    def __str__(self) -> str:
-        return self.name
-
-    def __eq__(self, other: object) -> bool:
-        if isinstance(other, str):
-            _refuse_text(other)
-        return int.__eq__(self, other)
-
-    def __ne__(self, other: object) -> bool:
-        if isinstance(other, str):
-            _refuse_text(other)
-        return int.__ne__(self, other)
-
-    __hash__ = int.__hash__
-
     @property
     def failed(self) -> bool:
         """Whether there is no result: the instance's arrays hold NaN."""
@@ -82,6 +65,12 @@ class Status(IntEnum):
     def message(self) -> str:
         """What happened, and what to try."""
         return _MESSAGES[self]
+
+
+class Statuses(Codes):
+    """An array of the values of ``Status``: ``statuses[k].name``."""
+
+    kind = Status
 
 
 _WITH_RESULT = frozenset(
