@@ -54,7 +54,7 @@ class Codes(Integers):
         """A view."""
         return np.asarray(values).view(cls)
 
-    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:  # noqa: D105
+    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
         for given in inputs:
             if isinstance(given, (str, list, tuple, np.ndarray)) and np.asarray(given).dtype.kind == "U":
                 self.kind.refuse_text(str(np.asarray(given).flat[0]))

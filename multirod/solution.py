@@ -480,13 +480,16 @@ class Solution(Generic[Robot_co]):
         return self._of_lines(lambda lines: lines.tension())
 
     @cached_property
-    def slack(self) -> NDArray[np.bool_]:
-        """Whether each line hangs loose, shape (..., line_count), in their order; False where there is no result.
+    def slack(self) -> np.ma.MaskedArray[Any, np.dtype[np.bool_]]:
+        """Whether each line hangs loose, shape (..., line_count), in their order; masked where there is no result.
+
+        An array of bools has no NaN: what is masked prints as ``--``, and is neither counted nor chosen by it.
 
         Raises:
             AttributeError: If no rod has lines.
         """
-        return np.asarray(np.nan_to_num(self._of_lines(lambda lines: lines.slack())) != 0)
+        loose = self._of_lines(lambda lines: lines.slack())
+        return np.ma.MaskedArray(frozen(loose == 1), mask=frozen(np.isnan(loose)))
 
     @cached_property
     def line_length(self) -> FloatArray:

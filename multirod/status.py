@@ -49,6 +49,7 @@ class Status(Code):
     OUT_OF_REACH = 27
     OUT_OF_HOLE = 28
     UNDETERMINED = 29
+    LINES_TOO_SHORT = 30
 
     @property
     def failed(self) -> bool:
@@ -122,11 +123,12 @@ _MESSAGES = {
     Status.OUT_OF_LIMITS: "the translations that lead to this pose are beyond the limits that inverse() was given, or leave "
     "nothing of a leg in use; or the shape at the start of reach() is beyond its limits: ask for another pose, give wider "
     "limits, or begin elsewhere",
-    Status.LINE_LIMIT: "a line is where its law ends: pulled or bent to less than a tenth of its rod's length at some place, or "
-    "so tight that lines together buckle the rod between its discs; or lines that do not stretch cannot all be as long as their "
-    "displacements say; or another member's law has no strains for what the rod carries: lower tensions, displacements or "
-    "loads, let opposite lines out by negative displacements, and all by a millionth of the rod's length more, or give lines an "
-    "axial_stiffness (docs/lines.md)",
+    Status.LINE_LIMIT: "a line is where its law ends, pulled or bent to less than a tenth of its rod's length at some place; or, "
+    "with discs, so tight that lines together buckle the rod between two; or, with members of other packages, what the rod "
+    "carries has no strains: lower tensions, displacements or loads, or move discs closer (docs/lines.md)",
+    Status.LINES_TOO_SHORT: "lines that do not stretch cannot all be as short as their displacements say, or not without a "
+    "tension that rises without bound: let opposite lines out by negative displacements, and all by a millionth of the rod's "
+    "length more, or give lines an axial_stiffness (docs/lines.md)",
     Status.LOWEST_ENERGY: "the residual is within the tolerance; raising loads (of tubes also precurvature and the angles "
     "between them) in proportion ends before the full load, so this is the stable equilibrium of lowest potential energy that "
     "was found from many starts (for a parallel robot whose loads have no potential, where raising these leads from "

@@ -550,6 +550,13 @@ GROUPS: dict[str, list[Mistake]] = {
             "mr.Status.CONVERGED",
         ),
         Mistake(
+            "statuses of a batch compared with a string",
+            "mr.solve(robot, robot.inputs(tip_force=[(1, 0, 0), (0, 1, 0)])).status == 'CONVERGED'",
+            TypeError,
+            "a Status is compared with a Status, not with 'CONVERGED'",
+            "mr.Status.CONVERGED",
+        ),
+        Mistake(
             "inputs as a dictionary",
             "mr.solve(robot, {'tip_force': (1, 0, 0)})",
             TypeError,
