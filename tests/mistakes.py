@@ -546,7 +546,7 @@ GROUPS: dict[str, list[Mistake]] = {
             "a status compared with a string",
             "mr.Status.CONVERGED == 'CONVERGED'",
             TypeError,
-            "status.name == 'CONVERGED'",
+            "its .name == 'CONVERGED'",
             "mr.Status.CONVERGED",
         ),
         Mistake(
