@@ -24,8 +24,8 @@ from multirod.reuse import borrowed
 from multirod.scene import Scene, stand_in
 from multirod.segments import taken
 from multirod.solver import SETTLED, Outcome
-from multirod.stability import Modes, Stability, modes_of
-from multirod.status import Status, failures
+from multirod.stability import Modes, Stabilities, Stability, modes_of
+from multirod.status import Status, Statuses, failures
 from multirod.types import (
     AxesGiven,
     AxesOrArray,
@@ -221,7 +221,7 @@ class Solution(Generic[Robot_co]):
         """
         if not self.batch_shape:
             return Status(int(self._outcome.status.reshape(-1)[0]))
-        return self._shaped(self._outcome.status)
+        return Statuses.of(self._shaped(self._outcome.status))
 
     @cached_property
     def events(self) -> tuple[BranchEvent, ...] | NDArray[np.object_] | Any:
@@ -411,7 +411,7 @@ class Solution(Generic[Robot_co]):
     def stability(self) -> StabilityOrArray | Any:
         """``Stability`` of each equilibrium, shape (...); a ``Stability`` where there are no leading axes."""
         values = self._modes.stability
-        return self._shaped(values) if self.batch_shape else Stability(int(values[0]))
+        return Stabilities.of(self._shaped(values)) if self.batch_shape else Stability(int(values[0]))
 
     @cached_property
     def stability_margin(self) -> FloatArray:
@@ -480,13 +480,16 @@ class Solution(Generic[Robot_co]):
         return self._of_lines(lambda lines: lines.tension())
 
     @cached_property
-    def slack(self) -> NDArray[np.bool_]:
-        """Whether each line hangs loose, shape (..., line_count), in their order; False where there is no result.
+    def slack(self) -> np.ma.MaskedArray[Any, np.dtype[np.bool_]]:
+        """Whether each line hangs loose, shape (..., line_count), in their order; masked where there is no result.
+
+        An array of bools has no NaN: what is masked prints as ``--``, and is neither counted nor chosen by it.
 
         Raises:
             AttributeError: If no rod has lines.
         """
-        return np.asarray(np.nan_to_num(self._of_lines(lambda lines: lines.slack())) != 0)
+        loose = self._of_lines(lambda lines: lines.slack())
+        return np.ma.MaskedArray(frozen(loose == 1), mask=frozen(np.isnan(loose)))
 
     @cached_property
     def line_length(self) -> FloatArray:

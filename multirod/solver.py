@@ -97,6 +97,11 @@ SETTLED = (
 )
 
 
+def knows(guess: FloatArray) -> NDArray[np.bool_]:
+    """Of which instances there is a guess, (instance_count,): what failed is NaN."""
+    return np.asarray(np.isfinite(guess).all(axis=1))
+
+
 def refuse_unfit(problem: BoundaryProblem, outcome: Outcome) -> None:
     """Say so where what a solver found is no result, for a problem that tests this, or where there can be none."""
     if failures(outcome.status).any():
@@ -121,7 +126,7 @@ class Track(Uncopied, ABC):
         """Bring the unknowns up to the problem's present inputs."""
 
     def start(self, unknowns: FloatArray) -> None:
-        """Take ``unknowns`` (instance_count, n) as the first guess."""
+        """Take ``unknowns`` (instance_count, n) as the first guess, of instances whose row is not NaN."""
         self.problem.write("unknowns", unknowns)
 
 
@@ -150,7 +155,8 @@ class Solver(ABC):
 
         Args:
             problem: The problem; its buffers hold the result.
-            guess: Unknowns to start from (instance_count, n); without it, the natural branch is meant.
+            guess: Unknowns to start from (instance_count, n); without it, the natural branch is meant. So it is of instances
+                whose row is NaN, as of what failed, where the problem offers parts.
 
         Raises:
             ValueError: If the problem is not supported; the message gives every reason.
@@ -160,9 +166,25 @@ class Solver(ABC):
         if reasons:
             raise ValueError(f"{type(self).__name__} cannot take this problem: " + "; ".join(reasons))
         with problem.alone, problem.everyone(), problem.at_load(1.0):
-            outcome = self._solve(problem, guess)
+            known = None if guess is None else knows(guess)
+            if known is None or known.all():
+                outcome = self._solve(problem, guess)
+            elif known.any() and problem.parts is not None:
+                outcome = self._some_guessed(problem, guess, known)
+            else:
+                outcome = self._solve(problem, None if not known.any() else guess)
             refuse_unfit(problem, outcome)
         return outcome
+
+    def _some_guessed(self, problem: BoundaryProblem, guess: Any, known: NDArray[np.bool_]) -> Outcome:
+        """From a guess where there is one, without where there is none: each as it is alone."""
+        assert problem.parts is not None
+        places, outcomes = [np.flatnonzero(known), np.flatnonzero(~known)], []
+        for own, start in zip(places, (guess[known], None), strict=True):
+            part = problem.parts.of(own)
+            outcomes.append(self._solve(part, start))
+            problem.keep(part, own)
+        return Outcome.joined(outcomes).take(np.argsort(np.concatenate(places)))
 
     @abstractmethod
     def _solve(self, problem: BoundaryProblem, guess: FloatArray | None) -> Outcome:

@@ -2,12 +2,12 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod.codes import Code, Codes
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 NEUTRAL = 1e-6  # of stiffness over length: a mode no stiffer than this is neutral
 
 
-class Stability(IntEnum):
+class Stability(Code):
     """Whether an equilibrium is a minimum of the total potential energy (``docs/stability.md``). Never renumbered.
 
     ``UNKNOWN``: the loads have no potential (a moment on the tip or along the rod, a load that follows the tip, a measured
@@ -31,8 +31,11 @@ class Stability(IntEnum):
     FOLD = 2
     UNSTABLE = 3
 
-    def __str__(self) -> str:
-        return self.name
+
+class Stabilities(Codes):
+    """An array of the values of ``Stability``: ``stabilities[k].name``."""
+
+    kind = Stability
 
 
 @dataclass(frozen=True)

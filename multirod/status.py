@@ -1,20 +1,18 @@
 """Why each instance of a solve ended."""
 
 from enum import IntEnum
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from multirod.codes import Code, Codes
 
 IntArray = NDArray[np.integer[Any]]
 BoolArray = NDArray[np.bool_]
 
 
-def _refuse_text(name: str) -> NoReturn:
-    raise TypeError(f"a Status is compared with a Status, not with {name!r}: mr.Status.CONVERGED, or status.name == 'CONVERGED'")
-
-
-class Status(IntEnum):
+class Status(Code):
     """Why an instance ended. Written by kernels and recordings: never renumbered.
 
     ``failed`` says whether the instance's arrays hold NaN; ``message`` says what happened and what to try. Its ``name`` is a
@@ -51,21 +49,7 @@ class Status(IntEnum):
     OUT_OF_REACH = 27
     OUT_OF_HOLE = 28
     UNDETERMINED = 29
-
-    def __str__(self) -> str:
-        return self.name
-
-    def __eq__(self, other: object) -> bool:
-        if isinstance(other, str):
-            _refuse_text(other)
-        return int.__eq__(self, other)
-
-    def __ne__(self, other: object) -> bool:
-        if isinstance(other, str):
-            _refuse_text(other)
-        return int.__ne__(self, other)
-
-    __hash__ = int.__hash__
+    LINES_TOO_SHORT = 30
 
     @property
     def failed(self) -> bool:
@@ -82,6 +66,12 @@ class Status(IntEnum):
     def message(self) -> str:
         """What happened, and what to try."""
         return _MESSAGES[self]
+
+
+class Statuses(Codes):
+    """An array of the values of ``Status``: ``statuses[k].name``."""
+
+    kind = Status
 
 
 _WITH_RESULT = frozenset(
@@ -133,11 +123,12 @@ _MESSAGES = {
     Status.OUT_OF_LIMITS: "the translations that lead to this pose are beyond the limits that inverse() was given, or leave "
     "nothing of a leg in use; or the shape at the start of reach() is beyond its limits: ask for another pose, give wider "
     "limits, or begin elsewhere",
-    Status.LINE_LIMIT: "a line is where its law ends: pulled or bent to less than a tenth of its rod's length at some place, or "
-    "so tight that lines together buckle the rod between its discs; or lines that do not stretch cannot all be as long as their "
-    "displacements say; or another member's law has no strains for what the rod carries: lower tensions, displacements or "
-    "loads, let opposite lines out by negative displacements, and all by a millionth of the rod's length more, or give lines an "
-    "axial_stiffness (docs/lines.md)",
+    Status.LINE_LIMIT: "a line is where its law ends, pulled or bent to less than a tenth of its rod's length at some place; or, "
+    "with discs, so tight that lines together buckle the rod between two; or, with members of other packages, what the rod "
+    "carries has no strains: lower tensions, displacements or loads, or move discs closer (docs/lines.md)",
+    Status.LINES_TOO_SHORT: "lines that do not stretch cannot all be as short as their displacements say, or not without a "
+    "tension that rises without bound: let opposite lines out by negative displacements, and all by a millionth of the rod's "
+    "length more, or give lines an axial_stiffness (docs/lines.md)",
     Status.LOWEST_ENERGY: "the residual is within the tolerance; raising loads (of tubes also precurvature and the angles "
     "between them) in proportion ends before the full load, so this is the stable equilibrium of lowest potential energy that "
     "was found from many starts (for a parallel robot whose loads have no potential, where raising these leads from "

@@ -9,7 +9,7 @@ import numpy as np
 from multirod.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
 from multirod.segments import Segments, placed
-from multirod.solver import Outcome, Solver, Track
+from multirod.solver import Outcome, Solver, Track, knows
 from multirod.solvers.continuation.natural import ROUNDED_OFF, RUNAWAY
 from multirod.solvers.newton.iteration import Newton
 from multirod.solvers.segments.band import Systems
@@ -158,7 +158,7 @@ class MultipleShooting(Solver):
         paths.integrations += problem.guess_integrations
         if len(problem.kinks) and (failed := failures(results.status)).any():
             last = np.abs(results.place.cuts.unknowns[:, problem.kinks]).max(axis=1)
-            results.status[failed & (last > RUNAWAY * problem.curvature_scale()[chosen])] = Status.LINE_LIMIT
+            results.status[failed & (last > RUNAWAY * problem.curvature_scale()[chosen])] = Status.LINES_TOO_SHORT
             Loosened(problem, paths, results).let_out()
         return results
 
@@ -265,6 +265,7 @@ class _Resumed(Track):
         paths = solver._paths(problem, everyone, np.full(len(everyone), solver.max_integrations))
         if first is not None:
             results = paths.solve_from(first)
+            self._anew(paths, results, ~knows(first))
         elif not self.known.any():
             results = solver._natural(problem, paths)
         else:
@@ -288,14 +289,18 @@ class _Resumed(Track):
         results = Results(np.full(count, int(Status.NOT_RUN)), self.last, np.full(count, np.nan), np.ones(count))
         results.put(known, some)
         paths.integrations[known], paths.iterations[known] = resumed.integrations, resumed.iterations
-        again = results.status == Status.NOT_RUN
-        if again.any():
-            left = paths.allowed[again] - paths.integrations[again]
-            anew = solver._paths(problem, np.flatnonzero(again), left)
-            results.put(again, solver._natural(problem, anew))
-            paths.integrations[again] += anew.integrations
-            paths.iterations[again] = anew.iterations
+        self._anew(paths, results, results.status == Status.NOT_RUN)
         return results
+
+    def _anew(self, paths: SegmentedPaths, results: Results, again: BoolArray) -> None:
+        """Solve some instances without a guess."""
+        if not again.any():
+            return
+        left = paths.allowed[again] - paths.integrations[again]
+        anew = self.solver._paths(self.problem, np.flatnonzero(again), left)
+        results.put(again, self.solver._natural(self.problem, anew))
+        paths.integrations[again] += anew.integrations
+        paths.iterations[again] = anew.iterations
 
 
 def _load_scale(problem: BoundaryProblem) -> FloatArray:

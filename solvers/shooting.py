@@ -9,7 +9,7 @@ import warp as wp
 
 from multirod.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
-from multirod.solver import Outcome, Solver, Track
+from multirod.solver import Outcome, Solver, Track, knows
 from multirod.solvers.continuation.natural import TURN, Paths, natural_branch
 from multirod.solvers.following.follow import follow
 from multirod.solvers.multiple_shooting import MultipleShooting
@@ -162,7 +162,7 @@ class Shooting(Solver):
         if lost.any() and reached is not None and not multistable:
             self._follow(problem, newton, outcome, lost, reached, ends)
         if unbounded is not None:
-            outcome.status[unbounded & failures(outcome.status)] = Status.LINE_LIMIT
+            outcome.status[unbounded & failures(outcome.status)] = Status.LINES_TOO_SHORT
         return outcome
 
     def _within_reach(self, problem: BoundaryProblem, newton: Newton, chosen: BoolArray, beyond: BoolArray) -> Outcome:
@@ -190,7 +190,7 @@ class Shooting(Solver):
         unbounded = let_out(
             problem, newton, outcome, at_end, lambda some: natural_branch(problem, newton, self.max_continuation_steps, some)
         )
-        outcome.status[unbounded] = Status.LINE_LIMIT  # no fold or bifurcation to be followed
+        outcome.status[unbounded] = Status.LINES_TOO_SHORT  # no fold or bifurcation to be followed
         return unbounded
 
     def _go_on(self, problem: BoundaryProblem, newton: Newton, outcome: Outcome) -> None:
@@ -324,10 +324,10 @@ class NewtonTrack(Track):
         return np.asarray(self._past[:, 0])
 
     def start(self, unknowns: FloatArray) -> None:
-        """Take ``unknowns`` as the sample before the first."""
-        self._past[:, 0], self._points[0] = unknowns, 1
-        self.known[:] = True
-        self.all_known = True
+        """Take ``unknowns`` as the sample before the first, of instances whose row is not NaN."""
+        self.known = knows(unknowns)
+        self.all_known = bool(self.known.all())
+        self._past[:, 0], self._points[0] = np.where(self.known[:, None], unknowns, self.problem.guess()), 1
 
     def step(self) -> Outcome:
         """Extrapolate, iterate to the tolerance, and make sure of the branch."""
@@ -443,7 +443,7 @@ class NewtonTrack(Track):
             found.integrations += first.integrations
             return found
 
-        outcome.status[let_out(problem, newton, outcome, stuck, find)] = Status.LINE_LIMIT
+        outcome.status[let_out(problem, newton, outcome, stuck, find)] = Status.LINES_TOO_SHORT
 
     @staticmethod
     def _take_in(chosen: Any, again: Outcome, outcome: Outcome) -> None:

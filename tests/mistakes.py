@@ -546,7 +546,14 @@ GROUPS: dict[str, list[Mistake]] = {
             "a status compared with a string",
             "mr.Status.CONVERGED == 'CONVERGED'",
             TypeError,
-            "status.name == 'CONVERGED'",
+            "its .name == 'CONVERGED'",
+            "mr.Status.CONVERGED",
+        ),
+        Mistake(
+            "statuses of a batch compared with a string",
+            "mr.solve(robot, robot.inputs(tip_force=[(1, 0, 0), (0, 1, 0)])).status == 'CONVERGED'",
+            TypeError,
+            "a Status is compared with a Status, not with 'CONVERGED'",
             "mr.Status.CONVERGED",
         ),
         Mistake(

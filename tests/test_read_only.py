@@ -145,3 +145,34 @@ def test_what_things_are_made_of_may_change_afterwards(wire: mr.Rod) -> None:
     assert np.array_equal(expected.energy, energy)
     assert np.array_equal(expected.time, TIME)
     assert np.array_equal(start.step().unknowns, kept)
+
+
+def test_statuses_of_a_batch_have_names_and_refuse_strings():
+    robot = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638))
+    for found, kind in ((solution(robot, batch=True).status, mr.Status), (solution(robot, batch=True).stability, mr.Stability)):
+        name = kind(1).name
+        assert found[0].name == name
+        assert str(found) == f"[{name} {name}]"
+        assert type(found == kind(1)) is np.ndarray
+        assert (found == kind(1)).all()
+        assert str(pickle.loads(pickle.dumps(found))) == str(found)
+        for compare in (lambda a, b: a == b, lambda a, b: b != a, lambda a, b: b in a, lambda a, b: a == [b, b]):
+            with pytest.raises(TypeError, match=f"a {kind.__name__} is compared with a {kind.__name__}, not with '{name}'"):
+                compare(found, name)
+        with pytest.raises(AttributeError, match=r"\[k\]\.name"):
+            _ = found.name
+
+
+@pytest.mark.parametrize("solver", [NEWTON, mr.Observer(integrator=INTEGRATOR)], ids=["Newton", "observer"])
+def test_what_failed_is_no_guess(solver):
+    """Each instance starts as it would alone: by bits from its guess, or without one."""
+    robot = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638, precurvature=(14, 5, 0)))
+    lost = failed(robot)
+    assert lost.failed.any()
+    inputs = lost.inputs
+    found = mr.solve(robot, inputs, solver=solver, guess=lost).raise_if_failed()
+    alone = mr.solve(robot, inputs, solver=solver)
+    np.testing.assert_array_equal(found.unknowns[lost.failed], alone.unknowns[lost.failed])
+    tracker = mr.Tracker(robot, solver=solver, dt=0.005, inputs=inputs, guess=lost)
+    for _ in range(2):
+        assert not tracker.step().failed.any()

@@ -36,7 +36,7 @@ RESULTS = (
 OF_LINES = (
     ("tension", "N", "tension of each line, negative where it pushes"),
     ("line_length", "m", "length of each line between its start and its end on the rod"),
-    ("slack", "1", "whether each line hangs loose"),
+    ("slack", "1", "1 where a line hangs loose, 0 where it does not"),
 )
 ALONG = (
     ("arclength", (), "m", "arclength from the base"),
@@ -106,7 +106,8 @@ def _lines(solution: Solution, axes: tuple[str, ...]) -> dict[str, Any]:
     found = {}
     for name, unit, meaning in OF_LINES:
         try:
-            found[name] = ((*axes, "line"), getattr(solution, name), {"units": unit, "long_name": meaning})
+            value = np.ma.filled(np.ma.asarray(getattr(solution, name), np.float64), np.nan)
+            found[name] = ((*axes, "line"), value, {"units": unit, "long_name": meaning})
         except NotImplementedError:  # an assembly that says nothing of its lines
             return {}
     return found

@@ -75,9 +75,9 @@ def solve(
         inputs: Made by ``robot.inputs(...)``; none are all zero.
         solver: ``Shooting()`` by default.
         guess: Where to start: a ``Solution``, also one under other loads, or unknowns (..., n). A robot without loads takes the
-            more unknowns of the same robot under loads too, and leaves out those that it has not. Without a guess, the
-            equilibrium on the natural branch is meant: the one reached from the unloaded assembly by raising all loads in
-            proportion.
+            more unknowns of the same robot under loads too, and leaves out those that it has not. Instances of a
+            ``Solution`` that failed start without a guess. Without one, the equilibrium on the natural branch is meant: the one
+            reached from the unloaded assembly by raising all loads in proportion.
         device: Warp device.
         threads: That share the parts of a batch on the CPU; one for each core by default.
         instances: Numbers, in the flattened batch, of the only ones to be solved, shape (k,): the result has that shape.

@@ -252,7 +252,7 @@ class Paths:
         if len(problem.kinks) and (failed := failures(counts["status"])).any():
             # lines that cannot all be as short as they are to be
             last = np.abs(state.points.numpy()[:, 0, problem.kinks]).max(axis=1)
-            counts["status"][failed & (last > RUNAWAY * problem.curvature_scale())] = Status.LINE_LIMIT
+            counts["status"][failed & (last > RUNAWAY * problem.curvature_scale())] = Status.LINES_TOO_SHORT
         return Outcome(**counts, reached=self._get("levels")[:, 0].copy())
 
     def _launch_all(self, integrated: bool) -> None:

@@ -29,7 +29,7 @@ class Loosened:
         self._outcome = Outcome.zeros(problem.instance_count)
 
     def let_out(self) -> None:
-        """Find what is at a kink, and say ``LINE_LIMIT`` of what has no end there."""
+        """Find what is at a kink, and say ``LINES_TOO_SHORT`` of what has no end there."""
         problem, paths, results = self.problem, self.paths, self.results
         outcome = Outcome.zeros(problem.instance_count)
         outcome.status[:] = Status.CONVERGED
@@ -51,7 +51,7 @@ class Loosened:
             last = self._last
             part = Results(last.status[found], last.place.chosen(found), last.residual[found], last.level[found])
             results.put(found, part)
-        results.status[unbounded[mine]] = Status.LINE_LIMIT
+        results.status[unbounded[mine]] = Status.LINES_TOO_SHORT
 
     # ---- what ``Corrector`` asks for ----
 

@@ -40,7 +40,7 @@ def near_the_end(problem: BoundaryProblem, outcome: Outcome, chosen: BoolArray) 
     """Those of the ``chosen`` whose path ended just before its load, where lines may be at their kinks; (instance_count,)."""
     if not len(problem.kink_inputs) or outcome.reached is None:
         return np.zeros(problem.instance_count, dtype=bool)
-    ended = np.isin(outcome.status, (Status.STALLED, Status.BRANCH_END, Status.LINE_LIMIT))
+    ended = np.isin(outcome.status, (Status.STALLED, Status.BRANCH_END, Status.LINE_LIMIT, Status.LINES_TOO_SHORT))
     return np.asarray(chosen & ended & (outcome.reached > 1 - NEAR_END))
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 
 from multirod.problem import BoundaryProblem
-from multirod.solver import Outcome, Track
+from multirod.solver import Outcome, Track, knows
 from multirod.solvers.continuation.acceptance import same_branch
 from multirod.status import Fault, Status
 from multirod.validation import FloatArray, frozen
@@ -56,8 +56,9 @@ class SampledTrack(Track):
         return Status.CONVERGED
 
     def start(self, unknowns: FloatArray) -> None:
-        """Take ``unknowns`` as those of the first sample."""
-        self.state.following.assign(np.ascontiguousarray(unknowns, dtype=np.float64))
+        """Take ``unknowns`` as those of the first sample, of instances whose row is not NaN."""
+        known = knows(unknowns)[:, None]
+        self.state.following.assign(np.where(known, unknowns, self.state.following.numpy()))
 
     def step(self) -> Outcome:
         """The next sample."""

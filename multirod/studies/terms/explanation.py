@@ -271,7 +271,14 @@ class Explanation:
                 value = self.cost.without.get(term.name)
                 row.append("" if value is None else f"{1e6 * value:.2f}")
             rows.append(row)
-        return head, columns, rows, "not asked for, not compiled in: " + (", ".join(self.absent) or "nothing")
+        below = "not asked for, not compiled in: " + (", ".join(self.absent) or "nothing")
+        holding = [f"rods[{k}]" for k, rod in enumerate(self.robot.rods) if rod.lines]
+        if holding and not any(isfinite(term.error) for term in self.terms if term.droppable):
+            below += (
+                f"\nnothing is promised, simplify= drops nothing: what lines of {', '.join(holding)} hold back is not bounded;"
+                " solve(*explanation.without(name)) says what a term does"
+            )
+        return head, columns, rows, below
 
     def __str__(self) -> str:
         head, columns, found, below = self.as_table()
