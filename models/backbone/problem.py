@@ -707,7 +707,7 @@ class BackboneProblem(BoundaryProblem):
 
     def acting(self, inputs: FloatArray) -> list[InputSpec]:
         """The loads that are not zero in all instances of ``inputs`` (instance_count, input_count)."""
-        acting = inputs.any(axis=0).tolist()
+        acting: list[bool] = np.any(inputs, axis=0).tolist()
         return [spec for spec, own in self._loads if any(acting[own])]
 
     @cached_property
