@@ -98,7 +98,6 @@ def _own(*names: str) -> str:
 )
 def invert(work_: wp.array3d[wp.float64], inverse_: wp.array3d[wp.float64], t: int, r: int) -> wp.float64:
     """The inverse of the first ``r`` rows and columns of ``work``, which is used up, by pivots; returns the determinant."""
-    ...
 
 
 @wp.func_native(
@@ -127,7 +126,6 @@ def combined(
     r: int,
 ):
     """The rows of a node's configuration that are kept, by the combinations of ``basis``, into ``here`` and ``work``."""
-    ...
 
 
 @wp.func_native(
@@ -142,11 +140,8 @@ def combined(
         }
     """
 )
-def multiplied(
-    here_: wp.array3d[wp.float64], before_: wp.array3d[wp.float64], ratio_: wp.array3d[wp.float64], t: int, r: int
-):
+def multiplied(here_: wp.array3d[wp.float64], before_: wp.array3d[wp.float64], ratio_: wp.array3d[wp.float64], t: int, r: int):
     """``here`` times ``before``, of the first ``r`` rows and columns, into ``ratio``."""
-    ...
 
 
 @wp.func(inline=False)
