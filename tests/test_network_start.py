@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 from random_networks import draw, violation
-from test_network import EXACT, FORCE, GRAVITY, RK4, hexapod
+from test_network import EXACT, FORCE, GRAVITY, RK4, hexapod, parallel
 
 import multirod as mr
 from multirod.models.network.capabilities import NetworkJoints
+from multirod.models.network.elements import groups
 from multirod.models.network.elements.elements import Elements
 from multirod.solvers.continuation.natural import natural_branch
 
@@ -28,6 +29,20 @@ def test_equal_legs_are_put_together_at_once(scale, monkeypatch):
     # residuals of 1e-11, and legs that give way along themselves by 1e-3 of what they do across
     np.testing.assert_allclose(found.tip_position, expected.tip_position, atol=1e-9)
     np.testing.assert_allclose(found.energy, expected.energy, rtol=1e-7)
+
+
+def test_rods_on_bodies_are_integrated_apart_from_those_on_the_ground_or_with_them(monkeypatch):
+    """Whichever takes fewer columns: to the same residual and ``Gamma``."""
+    found = []
+    tower = mr.stacked(parallel(6, 0.08), parallel(6, 0.06))
+    inputs = tower.inputs(translation=0.001 * np.arange(12), gravity=GRAVITY)
+    for cost, count in ((lambda count, columns, lanes: columns**3, 1), (lambda count, columns, lanes: count * columns, 2)):
+        monkeypatch.setattr(groups, "cost_of", cost)
+        problem = tower.problem(inputs, integrator=RK4)
+        assert len(problem.groups) == count
+        found.append(problem.evaluate(problem.guess() + 0.1))
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-12 * np.abs(other).max())
 
 
 @pytest.mark.parametrize("kind", ["clamped", "spherical"])

@@ -40,11 +40,16 @@ def parts_of(count: int, columns: int, lanes: int) -> int:
     """
     if lanes == 1:
         return 1
+    return min(range(1, max(columns, 1) + 1), key=lambda parts: (_cost(count, columns, lanes, parts), parts))
 
-    def cost(parts: int) -> float:
-        return -(-count * parts // lanes) * (BASE_COST + -(-columns // parts))
 
-    return min(range(1, max(columns, 1) + 1), key=lambda parts: (cost(parts), parts))
+def cost_of(count: int, columns: int, lanes: int) -> float:
+    """What a launch over ``count`` instances takes, in columns of one that all lanes carry."""
+    return _cost(count, columns, lanes, parts_of(count, columns, lanes))
+
+
+def _cost(count: int, columns: int, lanes: int, parts: int) -> float:
+    return -(-count * parts // lanes) * (BASE_COST + -(-columns // parts))
 
 
 def own(call: Any) -> Any:

@@ -21,6 +21,7 @@ from multirod.inputs import Inputs
 from multirod.integrators import Integrator
 from multirod.launch import record
 from multirod.models.backbone.members.member import drive_slices
+from multirod.models.backbone.passes import width
 from multirod.models.backbone.starts import twisted
 from multirod.models.joint_kernels import AT_REST
 from multirod.models.network import network_kernels as kernels
@@ -167,7 +168,8 @@ class NetworkProblem(BoundaryProblem):
         count, shape = self.instance_count, self.batch_shape
         self.layout = graph.layout
         drives = self._slices[ALONG[-1]].stop
-        self.groups = [RodGroup(graph, members, shape, direction_count, drives, options, pieces) for members in builds(graph)]
+        together = builds(graph, bool(options["enabled"]), count, width(integrator.precision, device))
+        self.groups = [RodGroup(graph, members, shape, direction_count, drives, options, pieces) for members in together]
         self.rounding = self.groups[0].backbones.rounding
         size = self.rod_count + self.body_count
         scales = [np.broadcast_to(scale.reshape(*graph.batch_shape, size), (*shape, size)) for scale in graph.scales()]
@@ -372,6 +374,19 @@ class NetworkProblem(BoundaryProblem):
         """What multiplies the loads of each instance, shape (instance_count,)."""
         factor = self.load_factor.numpy()
         return np.where(self.loading == int(Loading.NONE), 0.0, np.where(self.loading == int(Loading.FULL), 1.0, factor))
+
+    @cached_property
+    def launches(self) -> tuple[Any, ...] | None:
+        """Where the rods of each build are one launch, and ``Gamma`` is not eliminated along the graph, which is SciPy's."""
+        if self._host is None or self.elimination is not None:
+            return None
+        result: list[Any] = []
+        for k, group in enumerate(self.groups):
+            own = group.backbones.launches
+            if own is None:
+                return None
+            result += [self._launches[3 * k + 1], *own, self._launches[3 * k + 3]]
+        return (self._launches[0], *result, self._launches[-1])
 
     def _integrate(self) -> None:
         self.integrate_by(self._launches)

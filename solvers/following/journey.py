@@ -19,6 +19,7 @@ from multirod.status import Status
 from multirod.validation import FloatArray
 
 OVERSHOOT = 1e-3  # of the load, or of the way between two samples: first step beyond a critical point
+LEFT = 0.05  # of the rest of the way, where that leads nowhere: what is put together stiffens as its inverse
 DECIDED = 1e-4  # of K/L: a mode as unstable, or a moment as large, decides
 CLEAR = 3e-3  # of K/L: as unstable it is wanted where no moment drives it, before the end of the way
 NEAR = 5.0  # turn to a branch that leaves, over the root of how unstable the other is: 2.6 of a column [rad]
@@ -250,11 +251,14 @@ class Journey:
             clamped = yield Clamp(critical.unknowns, critical.level)
             if clamped is not None:
                 landed = yield from self._leave_by(clamped)
+                step = LEFT * (1 - critical.level)
+                if landed is None and step < self._overshoot(critical):
+                    landed = yield from self._leave_by(clamped, step)
         return landed
 
-    def _leave_by(self, critical: Point) -> Run:
-        """The same by the displacements that a point tells of."""
-        beyond = yield from self._pass(critical)
+    def _leave_by(self, critical: Point, step: float | None = None) -> Run:
+        """The same by the displacements that a point tells of, first a ``step`` beyond it."""
+        beyond = yield from self._pass(critical, self._overshoot(critical) if step is None else step)
         if beyond is None:
             return None
         slope = self._slope(beyond)
@@ -323,9 +327,8 @@ class Journey:
             return None
         return Status.SNAPPED if ratio > APART else Status.BIFURCATED
 
-    def _pass(self, critical: Point) -> Run:
+    def _pass(self, critical: Point, step: float) -> Run:
         """The critical unknowns at a level beyond, where it is decided that they are left; None where it is not at the end."""
-        step = self._overshoot(critical)
         while True:
             level = min(1.0, critical.level + step)
             beyond = yield from self._beyond(critical, level)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from multirod.batch import IntArray
 from multirod.inputs import Inputs
+from multirod.models.backbone.passes import cost_of
 from multirod.models.backbone.problem import BackboneProblem
 from multirod.models.backbone.units import unit_stiffness
 from multirod.models.network.elements import records
@@ -61,9 +62,7 @@ class RodGroup:
         pieces: int = 1,
     ) -> None:
         self.members: NDArray[np.intp] = np.array(members)
-        base = graph.ends[0]
-        moving = (base.frame[self.members] != 0) | (base.table.count[self.members] > 0)
-        self.turns = bool(options["enabled"]) and bool(moving.any())
+        self.turns = bool(options["enabled"]) and bool(_moving(graph)[self.members].any())
         self.slides = bool(graph.slides.cut[self.members].any())
         arrays = stack([graph.arrays[k].repeated(batch_shape) for k in members], batch_shape)
         first = graph.rods[members[0]]
@@ -133,10 +132,35 @@ class RodGroup:
         return own.read("position").reshape(-1, size, 3), own.read("rotation").reshape(-1, size, 3, 3)
 
 
-def builds(graph: Graph) -> list[list[int]]:
-    """Rods by their build, what one kernel integrates, and by how many pieces they are cut into."""
+def builds(graph: Graph, loaded: bool, count: int, lanes: int) -> list[list[int]]:
+    """Rods by their build, what one kernel integrates, and by how many pieces they are cut into.
+
+    Where something acts along rods, those whose bases turn have columns more, and are launched by themselves if that takes less.
+
+    Args:
+        graph: The network.
+        loaded: Whether anything acts along rods.
+        count: Instances.
+        lanes: Of a launch.
+    """
     found: dict[Any, list[int]] = {}
     for k, (rod, arrays) in enumerate(zip(graph.rods, graph.arrays, strict=True)):
         key = (rod.rod_count, rod.transmission, arrays.members, arrays.member_rods, int(graph.slides.pieces[k]))
         found.setdefault(key, []).append(k)
-    return list(found.values())
+    if not loaded:
+        return list(found.values())
+    moving = _moving(graph)
+    result = []
+    for members in found.values():
+        still, turned = ([k for k in members if moving[k] == which] for which in (False, True))
+        columns = int(graph.own[members[0]])
+        apart = cost_of(count * len(still), columns, lanes) + cost_of(count * len(turned), columns + TURNING, lanes)
+        split = still and turned and apart < cost_of(count * len(members), columns + TURNING, lanes)
+        result += [still, turned] if split else [members]
+    return result
+
+
+def _moving(graph: Graph) -> NDArray[np.bool_]:
+    """Whose bases turn, on bodies or in joints, shape (rod,)."""
+    base = graph.ends[0]
+    return np.asarray((base.frame != 0) | (base.table.count > 0))
