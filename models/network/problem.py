@@ -168,7 +168,7 @@ class NetworkProblem(BoundaryProblem):
         count, shape = self.instance_count, self.batch_shape
         self.layout = graph.layout
         drives = self._slices[ALONG[-1]].stop
-        together = builds(graph, bool(options["enabled"]), count, width(integrator.precision, device))
+        together = builds(graph, bool(options["enabled"]), width(integrator.precision, device))
         self.groups = [RodGroup(graph, members, shape, direction_count, drives, options, pieces) for members in together]
         self.rounding = self.groups[0].backbones.rounding
         size = self.rod_count + self.body_count

@@ -132,15 +132,15 @@ class RodGroup:
         return own.read("position").reshape(-1, size, 3), own.read("rotation").reshape(-1, size, 3, 3)
 
 
-def builds(graph: Graph, loaded: bool, count: int, lanes: int) -> list[list[int]]:
+def builds(graph: Graph, loaded: bool, lanes: int) -> list[list[int]]:
     """Rods by their build, what one kernel integrates, and by how many pieces they are cut into.
 
-    Where something acts along rods, those whose bases turn have columns more, and are launched by themselves if that takes less.
+    Where something acts along rods, those whose bases turn have columns more, and are launched by themselves if that takes less
+    of one instance: those of a batch are integrated as they are alone.
 
     Args:
         graph: The network.
         loaded: Whether anything acts along rods.
-        count: Instances.
         lanes: Of a launch.
     """
     found: dict[Any, list[int]] = {}
@@ -154,8 +154,8 @@ def builds(graph: Graph, loaded: bool, count: int, lanes: int) -> list[list[int]
     for members in found.values():
         still, turned = ([k for k in members if moving[k] == which] for which in (False, True))
         columns = int(graph.own[members[0]])
-        apart = cost_of(count * len(still), columns, lanes) + cost_of(count * len(turned), columns + TURNING, lanes)
-        split = still and turned and apart < cost_of(count * len(members), columns + TURNING, lanes)
+        apart = cost_of(len(still), columns, lanes) + cost_of(len(turned), columns + TURNING, lanes)
+        split = still and turned and apart < cost_of(len(members), columns + TURNING, lanes)
         result += [still, turned] if split else [members]
     return result
 
