@@ -9,6 +9,7 @@ chosen among them, and what is left over goes on to the next. That is Gaussian e
 import warp as wp
 
 f64 = wp.float64
+SQUARE = wp.constant(0.1)  # of a vector, that is left of it where what is taken off it need not be looked at again
 wp.set_module_options({"max_unroll": 1, "enable_backward": False})
 
 
@@ -101,21 +102,26 @@ def eliminate(band: wp.ref[Band], t: int, k: int):
     F = band.factors
     for c in range(columns):
         p = int(c)
+        most = wp.abs(F[s, c, c])
         for i in range(c + 1, rows):
-            if wp.abs(F[s, i, c]) > wp.abs(F[s, p, c]):
+            size = wp.abs(F[s, i, c])
+            if size > most:
                 p = i
+                most = size
         band.pivots[s, c] = p
         if p != c:
             for j in range(width):
                 swap = F[s, c, j]
                 F[s, c, j] = F[s, p, j]
                 F[s, p, j] = swap
-        if F[s, c, c] == f64(0.0) or not wp.isfinite(F[s, c, c]):
+        pivot = F[s, c, c]
+        if pivot == f64(0.0) or not wp.isfinite(pivot):
             band.singular[t] = 1
             return
         for i in range(c + 1, rows):
-            if F[s, i, c] != f64(0.0):
-                m = F[s, i, c] / F[s, c, c]
+            m = F[s, i, c]
+            if m != f64(0.0):
+                m = m / pivot
                 F[s, i, c] = m
                 for j in range(c + 1, width):
                     F[s, i, j] = F[s, i, j] - m * F[s, c, j]
@@ -151,8 +157,9 @@ def substitute(band: wp.ref[Band], t: int, right: wp.ref[Sides], x: wp.ref[Sides
             w[s, c] = w[s, p]
             w[s, p] = swap
         for c in range(columns):
+            value = w[s, c]
             for i in range(c + 1, rows):
-                w[s, i] = w[s, i] - F[s, i, c] * w[s, c]
+                w[s, i] = w[s, i] - F[s, i, c] * value
     for b in range(count):
         k = count - 1 - b
         s = begin + k
@@ -322,9 +329,11 @@ def change(before: Band, after: Band, space: Krylov, right: Sides, x: Sides):
             for i in range(d):
                 space.rows[s, k + 1, i] = right.rows[s, i] - space.rows[s, k, i]
         whole = size_of(before, space, t, k + 1)
-        for _again in range(2):  # once leaves rounding, by which vectors are not square to each other
-            leave(before, space, t, k)
+        leave(before, space, t, k)
         norm = size_of(before, space, t, k + 1)
+        if norm < f64(SQUARE) * whole:  # rounding is left, by which vectors are not square to each other
+            leave(before, space, t, k)
+            norm = size_of(before, space, t, k + 1)
         if k == wp.min(most, size) - 1:
             if most < size:
                 space.left[t] = norm

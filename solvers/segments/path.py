@@ -458,6 +458,7 @@ class SegmentedPaths:
             return
         level = results.level  # of all, as they are reached
         step, passed = np.ones(len(level)), np.zeros((0, len(level)))
+        taken_before = np.zeros((0, len(level)), dtype=int)
         place = results.place
         before = self.systems(place)
         count, d = len(place.cuts.start), self.segments.variation_size
@@ -469,7 +470,12 @@ class SegmentedPaths:
         for done in range(self.max_steps):
             on = on & (level < 1.0)
             if done >= PACE:
-                on &= ~_hopeless(passed[-PACE], level, self.max_steps - done)
+                slow = _hopeless(passed[-PACE], level, self.max_steps - done)
+                # at what a step took since then, the integrations that are left are so many steps
+                each = (self.integrations - taken_before[-PACE]) / PACE
+                poor = on & _hopeless(passed[-PACE], level, (self.allowed - self.integrations) / np.maximum(each, 1.0))
+                self._spent |= poor & ~slow
+                on &= ~slow
             costs = np.where(np.isnan(taken_at[0]), 0.0, np.diff(taken_at, axis=0).min(axis=0))
             self._spent |= on & (costs * _fewest_steps(level, safe) > self.allowed - self.integrations)
             on = self._end(results, ~(on & self._spent), Status.INTEGRATION_LIMIT) & on
@@ -485,7 +491,7 @@ class SegmentedPaths:
                 bend, since[new] = bend.put(before.cuts, new, here.cuts, change), logarithm
                 rate = rate.put(before.cuts, new, here.cuts, own)
                 before = before.put(new, systems) if not new.all() else systems
-            passed = np.vstack([passed[-PACE:], level])
+            passed, taken_before = np.vstack([passed[-PACE:], level]), np.vstack([taken_before[-PACE:], self.integrations])
             goal = np.minimum(1.0, level + np.minimum(step, np.maximum(safe, LOAD_RATIO * level)))
             taken = goal - level
             here, cuts = place.chosen(on), before.cuts.chosen(on)
@@ -613,7 +619,7 @@ def _fewest_steps(level: FloatArray, safe: FloatArray) -> FloatArray:
     return np.asarray(np.floor(-np.log(np.minimum(1.0, np.maximum(level, safe / LOAD_RATIO))) / np.log(1 + LOAD_RATIO)))
 
 
-def _hopeless(before: FloatArray, level: FloatArray, left: int) -> BoolArray:
+def _hopeless(before: FloatArray, level: FloatArray, left: FloatArray | int) -> BoolArray:
     """Whether the steps that are left lead nowhere near the full load, at the pace since the level ``PACE`` steps before."""
     with np.errstate(divide="ignore", invalid="ignore"):
         steps = (1.0 - level) / (level - before)
