@@ -360,7 +360,7 @@ class HeldUnits:
     Attributes:
         stiffness: Moment [N m^2] by axis, shape (batch, 3).
         length: Rotation, and position by its square [m], shape (batch,).
-        bending: Force, over the square of the length [N m^2], shape (batch,).
+        bending: Force, over the length [N m^2], shape (batch,).
         base: Frame in which positions and forces are told, body to world, shape (batch, 3, 3).
     """
 
@@ -426,7 +426,7 @@ def compliance_by_segments(
         rotation = L * (tip @ at_tip[:, h : h + 3])
         position = L**2 * (units.base @ at_tip[:, 3:6])
         force = np.zeros((count, 3, h))
-        force[:, :, 3:6] = units.base * (units.bending / units.length**2)[:, None, None]
+        force[:, :, 3:6] = units.base * (units.bending / units.length)[:, None, None]
         # per length, as the unknowns are: so that one condition number has a meaning
         K = (units.bending / units.length)[:, None, None]
         given = [at_tip[:, h + 6 :], _tip_moment(at_tip, tip, every, units, moment) / K, force / (K / L)]
