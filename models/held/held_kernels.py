@@ -279,9 +279,7 @@ class Tip:
 
 
 @wp.func
-def tip_of(
-    held: Held, b: int, neutral: bool, position: wp.vec3d, rotation: wp.mat33d, force: wp.vec3d, moment: wp.vec3d
-) -> Tip:
+def tip_of(held: Held, b: int, neutral: bool, position: wp.vec3d, rotation: wp.mat33d, force: wp.vec3d, moment: wp.vec3d) -> Tip:
     """A tip of this pose, at which the rod carries this force and moment, all in the world."""
     tip = Tip()
     path = held.load_factor[b]
@@ -334,21 +332,15 @@ def tip_rows_variation(
     turn = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
     if d >= 0:
         first = held.pose
-        move = path * wp.vec3d(
-            held.directions[b, d, first], held.directions[b, d, first + 1], held.directions[b, d, first + 2]
-        )
+        move = path * wp.vec3d(held.directions[b, d, first], held.directions[b, d, first + 1], held.directions[b, d, first + 2])
         first += 3
         turn = tip.end.turn * wp.vec3d(
             held.directions[b, d, first], held.directions[b, d, first + 1], held.directions[b, d, first + 2]
         )
         first = held.tip_loads
-        dn -= path * wp.vec3d(
-            held.directions[b, d, first], held.directions[b, d, first + 1], held.directions[b, d, first + 2]
-        )
+        dn -= path * wp.vec3d(held.directions[b, d, first], held.directions[b, d, first + 1], held.directions[b, d, first + 2])
         first += 3
-        dm -= path * wp.vec3d(
-            held.directions[b, d, first], held.directions[b, d, first + 1], held.directions[b, d, first + 2]
-        )
+        dm -= path * wp.vec3d(held.directions[b, d, first], held.directions[b, d, first + 1], held.directions[b, d, first + 2])
     shift = tip.to_guide * ((dp - move - wp.cross(turn, tip.apart)) / (L * L))
     if held.slides != 0:
         push = (L * bent) * (tip.to_guide * (dn - wp.cross(turn, tip.force)))

@@ -312,7 +312,7 @@ class HeldProblem(BoundaryProblem):
         return self.rod.cut
 
     @property
-    def breakpoints(self) -> dict[int, Breakpoints]:  # type: ignore[override]
+    def breakpoints(self) -> dict[int, Breakpoints]:
         """As said; the rod's too."""
         return self.rod.breakpoints
 

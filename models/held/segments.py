@@ -3,8 +3,8 @@
 Numbers in parentheses are those of ``docs/held.md``.
 """
 
-from contextlib import contextmanager
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -12,8 +12,6 @@ import numpy as np
 import warp as wp
 
 from multirod.batch import IntArray
-from multirod.launch import record
-from multirod.models.backbone.passes import own
 from multirod.models.backbone.segments import BackboneSegments
 from multirod.models.backbone.stability.second_variation import (
     CondensedForm,
@@ -92,16 +90,18 @@ class HeldSegments(BackboneSegments):
             [every[self._moment], every[drives], every[self._force], every[self._rotation][: held.turns]]
         )
         columns = own_size + max(held.direction_count, 1)
-        for name, shape in {"tip_wrench": (6,), "wrench_columns": (6, columns)}.items():
+        shapes: dict[str, tuple[int, ...]] = {"tip_wrench": (6,), "wrench_columns": (6, columns), "inputs": (rod.input_count,)}
+        shapes["directions"] = (max(held.direction_count, 1), rod.input_count)
+        for name, shape in shapes.items():
             setattr(call, name, wp.zeros((count, *shape), dtype=wp.float64, device=device))
-        call.inputs = wp.zeros((count, rod.input_count), dtype=wp.float64, device=device)
-        call.directions = wp.zeros((count, max(held.direction_count, 1), rod.input_count), dtype=wp.float64, device=device)
-        self._held: Any = kernels.Held()
+        table: Any = kernels.Held()
         for name in held.table._cls.vars:
-            setattr(self._held, name, getattr(held.table, name))
-        self._held.load_factor = call.load_factor
-        self._held.unknowns = wp.zeros((count, held.unknown_count), dtype=wp.float64, device=device)
-        self._held.direction_count = held.direction_count
+            setattr(table, name, getattr(held.table, name))
+        table.load_factor, table.unknowns = (
+            call.load_factor,
+            wp.zeros((count, held.unknown_count), dtype=wp.float64, device=device),
+        )
+        self._held = table
 
     @property
     def direction_count(self) -> int:  # noqa: D102
@@ -165,7 +165,7 @@ class HeldSegments(BackboneSegments):
 
     # ---- launches ----
 
-    def _load(self, cuts: Cuts, level: FloatArray, call: Any) -> dict[str, Any]:  # noqa: D102
+    def _load(self, cuts: Cuts, level: FloatArray, call: Any) -> dict[str, Any]:
         held, chosen = self.held, cuts.instances
         begin = self._beginning(chosen, cuts.unknowns, level)
         m, along, last = held.rod.unknown_count, held.table.along, held.table.rod_inputs
@@ -205,7 +205,6 @@ class HeldSegments(BackboneSegments):
         return result
 
     def _propagate(self, cuts: Cuts, level: FloatArray, table: Any) -> Propagation:
-        call, held = self._call, self.held
         found = self._launched(cuts, level, table)
         begin = self._beginning(cuts.instances, cuts.unknowns, level)
         transition = self._transitions(cuts, found)
@@ -247,9 +246,7 @@ class HeldSegments(BackboneSegments):
             result[:, 12:, self._base_moment] = self.held.stiffness[chosen, None, None] * np.eye(3)
         return result
 
-    def _residual(
-        self, cuts: Cuts, end: FloatArray, at_tip: FloatArray, level: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
+    def _residual(self, cuts: Cuts, end: FloatArray, at_tip: FloatArray, level: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(5), (7), (8), (11) and their columns as ``Propagation`` has them, but by the state of the base where there is one
         segment."""
         held, call, chosen, d, K = self.held, self._call, cuts.instances, self.variation_size, self.direction_count
@@ -331,7 +328,10 @@ class HeldSegments(BackboneSegments):
         cuts, few = self._cut_for_modes(points)
         if not few.any():
             return form
-        found = self._launched(cuts, np.ones(len(cuts.instances)), self.problem._twisting_table())
+        table = self.problem._twisting_table()
+        if table is self.problem.table:  # whose base is turned in its joint
+            table = self.table
+        found = self._launched(cuts, np.ones(len(cuts.instances)), table)
         chosen = cuts.instances
         transition, first = self._transitions(cuts, found), cuts.first
         names = (self._moment, self._position), (self._rotation, self._force)

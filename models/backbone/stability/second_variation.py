@@ -404,10 +404,7 @@ def compliance_by_segments(
             on = np.flatnonzero(lengths > k)
             rows, last = first[on] + k, lengths[on] == k + 1
             T = transition[rows]
-            if k == 0:
-                led = np.delete(T, np.s_[3 : h + 3], axis=2)
-            else:
-                led = T[:, :, h:] + T[:, :, :h] @ W[on]
+            led = np.delete(T, np.s_[3 : h + 3], axis=2) if k == 0 else T[:, :, h:] + T[:, :, :h] @ W[on]
             Y, P = led[:, h : h + 3], led[:, :h]
             turned = ends[rows] @ Y[:, :, :3] @ frames[rows].swapaxes(1, 2)
             if last.any():
@@ -446,9 +443,7 @@ def compliance_by_segments(
     return result
 
 
-def _tip_moment(
-    led: FloatArray, tip: FloatArray, chosen: NDArray[np.intp], units: HeldUnits, moment: FloatArray
-) -> FloatArray:
+def _tip_moment(led: FloatArray, tip: FloatArray, chosen: NDArray[np.intp], units: HeldUnits, moment: FloatArray) -> FloatArray:
     """How the moment on tips with these frames varies by rotations along geodesics, in the world [N m], (k, 3, h); ``led`` has
     variations at the tip (k, 2 h, h)."""
     h = led.shape[2]
