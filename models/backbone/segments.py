@@ -26,6 +26,7 @@ from multirod.problem import Shape
 from multirod.rotations import from_quaternions, of_quaternions, quaternion_product, to_quaternions
 from multirod.segments import Breakpoints, Cuts, Propagation, Segments
 from multirod.stability import Modes
+from multirod.status import BoolArray
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -49,17 +50,27 @@ class Room:
         table: The rods.
         capacity: Segments.
         columns: By the states where segments begin; without any there are none by directions either.
+        directions: Along which there are columns.
+        given: Whether states at the base are given too.
     """
 
     def __init__(
-        self, problem: "BackboneProblem", features: Features, call: Any, table: Any, capacity: int, columns: int
+        self,
+        problem: "BackboneProblem",
+        features: Features,
+        call: Any,
+        table: Any,
+        capacity: int,
+        columns: int,
+        directions: int,
+        given: bool,
     ) -> None:
         self.call, self.table = own(call), table
         device, lanes = problem.device, width("float64", problem.device)
         call = self.call
         if call.node_count == 0:  # else a segment's steps are those of a whole rod
             call.step_limit = min(call.step_limit, STEPS_ALLOWED)
-        call.unknown_columns, call.direction_columns = columns, problem.direction_count if columns else 0
+        call.unknown_columns, call.direction_columns = columns, directions if columns else 0
         memory = deal(call, Layout(features), problem.integrator, "float64", device, capacity, lanes, shared=call.node_count == 0)
         shapes: dict[str, tuple[tuple[int, ...], Any]] = {name: ((capacity,), wp.int32) for name in WHOLE}
         shapes |= {name: ((capacity,), wp.float64) for name in ("start", "end", "energy", "work")}
@@ -71,6 +82,7 @@ class Room:
         self._views = {name: a.numpy() for name, a in self._arrays.items()} if wp.get_device(device).is_cpu else {}
         self._count = 0  # of the last launch
         self._seg: Any = SegmentCall()
+        self._seg.given = int(given)
         for name, array in self._arrays.items():
             setattr(self._seg, name, array)
 
@@ -107,8 +119,13 @@ class BackboneSegments(Segments):
     Every segment of every instance is one thread of a launch. The problem's own buffers stay as they are.
     """
 
+    own_arguments: tuple[str, ...] = ("load_factor", "unknowns", "residual")  # of launches, in place of the problem's
+    given_at_base = False  # whether states are, which else follow from the unknowns
+    fewest_for_modes = 1
+
     def __init__(self, problem: "BackboneProblem") -> None:
         self.problem = problem
+        self.table: Any = problem.table
         self.features = replace(
             problem.features, segment=True, pose=True, pose_sensitivities=True, nodes=False, node_columns=False, lengths=False
         )
@@ -209,18 +226,21 @@ class BackboneSegments(Segments):
         return dict(zip(names, values, strict=True))
 
     def propagate(self, cuts: Cuts, level: FloatArray) -> Propagation:  # noqa: D102
-        return self._propagate(cuts, level, self.problem.table)
+        return self._propagate(cuts, level, self.table)
+
+    def _launched(self, cuts: Cuts, level: FloatArray, table: Any) -> dict[str, Any]:
+        """What a launch over all segments finds."""
+        self.problem.heed_stop()
+        count = len(cuts.start)
+        return self._room(count, table).run(count, self._load(cuts, level, self._call))
 
     def _propagate(self, cuts: Cuts, level: FloatArray, table: Any) -> Propagation:
-        problem, call, d = self.problem, self._call, self.variation_size
-        problem.heed_stop()
-        count = len(cuts.start)
-        room = self._room(count, table)
-        found = room.run(count, self._load(cuts, level, call))
+        call, d = self._call, self.variation_size
+        found = self._launched(cuts, level, table)
         end, values = found["end_state"], found["columns"]
         position = self._state.places["position"]
         mine = np.ix_(cuts.instances, self.unknown_places)
-        slopes = call.residual_directions.numpy()[..., : problem.direction_count]
+        slopes = call.residual_directions.numpy()[..., : self.direction_count]
         return Propagation(
             end=end,
             transition=values[:, :d],
@@ -236,15 +256,18 @@ class BackboneSegments(Segments):
         capacity = 1 << max(count - 1, 3).bit_length()
         room = self._rooms.get(capacity)
         if room is None or room.table is not table:
-            room = Room(self.problem, self.features, self._call, table, capacity, self.variation_size)
-            if table is self.problem.table:
+            room = self._make_room(self.features, self._call, table, capacity, self._varied.size)
+            if table is self.table:
                 self._rooms[capacity] = room
         return room
+
+    def _make_room(self, features: Features, call: Any, table: Any, capacity: int, columns: int) -> Room:
+        return Room(self.problem, features, call, table, capacity, columns, self.direction_count, self.given_at_base)
 
     # ---- results ----
 
     def _base(self, instances: IntArray) -> tuple[FloatArray, FloatArray]:
-        table = self.problem.table
+        table = self.table
         rows = instances * table.base_stride
         return table.base_rotation.numpy()[rows], table.base_position.numpy()[rows]
 
@@ -289,11 +312,11 @@ class BackboneSegments(Segments):
         features = replace(self.features, **options)
         call = problem._make_call(node_count)
         call.node_rod = 0
-        for name in ("load_factor", "unknowns", "residual"):
+        for name in self.own_arguments:
             setattr(call, name, getattr(self._call, name))
         problem.heed_stop()
         count = len(placed.start)
-        room = Room(problem, features, call, problem.table, count, 0)
+        room = self._make_room(features, call, self.table, count, 0)
         led = room.run(count, self._load(placed, full, room.call))
         others = np.setdiff1d(np.arange(problem.instance_count), list(points))
         names = (*NODE_FIELDS, *(TOTALS if features.members else ()))
@@ -341,21 +364,10 @@ class BackboneSegments(Segments):
         form = CondensedForm(np.full((count, 3, 3), np.nan), np.zeros(count, dtype=np.int32), np.zeros(count, dtype=bool))
         if not count:
             return form
-        problem, cuts = self.problem, Cuts.of_points(points)
-        everyone = cuts.instances
-        shape = self.shapes(points, LOOKED_AT)[0][0]
-        moment, force = (np.linalg.norm(v[everyone], axis=2).max(axis=1) for v in (shape.total_moment, shape.total_force))
-        moment = np.maximum(moment, np.maximum.reduceat(np.linalg.norm(cuts.states[:, :3], axis=1), cuts.first[:-1]))
-        length = self.length(everyone)
-        needed = segments_needed(length, problem.least_stiffness()[everyone], moment, force)
-        few = needed < MOST_NODES - 1
+        problem = self.problem
+        cuts, few = self._cut_for_modes(points)
         if not few.any():
             return form
-        cuts = cuts.chosen(few)
-        length, needed = length[few], needed[few]
-        while (long := (cuts.end - cuts.start) * needed[cuts.owner] > length[cuts.owner]).any():
-            half = cuts.halves(long)
-            cuts = cuts.halved(long, half, self.propagate(half, np.ones(len(half.instances))).end)
         found = self._propagate(cuts, np.ones(len(cuts.instances)), problem._twisting_table())
         base = self._base(cuts.instances)[0][cuts.owner]
         frames, ends = (base @ self._matrices(states) for states in (cuts.states, found.end))
@@ -367,6 +379,27 @@ class BackboneSegments(Segments):
             own = self._tensions_eliminated(own, W, cuts, found)
         form.put(np.flatnonzero(few), own)
         return form
+
+    def _cut_for_modes(self, points: dict[int, Breakpoints]) -> tuple[Cuts, BoolArray]:
+        """Segments of these instances so short that none holds a conjugate point, (7) of ``docs/stability.md``, and which have so
+        few, (len(points),): those that the segments are of."""
+        cuts = Cuts.of_points(points)
+        everyone = cuts.instances
+        shape = self.shapes(points, LOOKED_AT)[0][0]
+        moment, force = (np.linalg.norm(v[everyone], axis=2).max(axis=1) for v in (shape.total_moment, shape.total_force))
+        moment = np.maximum(moment, np.maximum.reduceat(np.linalg.norm(cuts.states[:, :3], axis=1), cuts.first[:-1]))
+        length = self.length(everyone)
+        needed = segments_needed(length, self.problem.least_stiffness()[everyone], moment, force)
+        needed = np.maximum(needed, self.fewest_for_modes)
+        few = needed < MOST_NODES - 1
+        if not few.any():
+            return cuts, few
+        cuts = cuts.chosen(few)
+        length, needed = length[few], needed[few]
+        while (long := (cuts.end - cuts.start) * needed[cuts.owner] > length[cuts.owner]).any():
+            half = cuts.halves(long)
+            cuts = cuts.halved(long, half, self.propagate(half, np.ones(len(half.instances))).end)
+        return cuts, few
 
     def _tensions_eliminated(self, form: CondensedForm, W: FloatArray, cuts: Cuts, found: Propagation) -> CondensedForm:
         """(18) of ``docs/stability.md``, by how moment and lengths follow from rotation and tensions at the tip, ``W``."""

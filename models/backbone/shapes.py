@@ -38,8 +38,18 @@ class BackboneShapes(Shapes):
         (instance_count,)."""
         call = self.problem.node_pass(2)
         base = np.broadcast_to(self.problem.table.base_position.numpy(), (self.problem.instance_count, 3))
-        tip = (self.problem.tip_wrench.numpy()[:, :3] * (call.read("position") - base)).sum(axis=1)
-        lost = np.asarray(tip - call.read("work"))
-        if self.problem.features.condition_count:
-            lost += self.problem.lines.stretch_energy(call.read("line_length"))
-        return np.array(call.read("energy")), lost
+        force, position = np.array(self.problem.tip_wrench.numpy()[:, :3]), np.array(call.read("position"))
+        stored, work = np.array(call.read("energy")), np.array(call.read("work"))
+        driven = self.problem.features.condition_count > 0
+        lengths = np.array(call.read("line_length")) if driven else np.zeros(0)
+        if self.problem.breakpoints:
+            (shape,), energy, done = self.problem.cut.shapes(self.problem.breakpoints, 2)
+            for k in self.problem.breakpoints:
+                stored[k], work[k], position[k] = energy[k], done[k], shape.position[k, -1]
+                force[k] = shape.rotation[k, -1] @ shape.total_force[k, -1]
+            if driven:
+                lengths = self.problem.lines.length()
+        lost = (force * (position - base)).sum(axis=1) - work
+        if driven:
+            lost += self.problem.lines.stretch_energy(lengths)
+        return stored, np.asarray(lost)

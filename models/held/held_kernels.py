@@ -264,6 +264,98 @@ def to_unknowns(held: Held, b: int, values: wp.array3d[wp.float64], others: wp.a
     values[b, row, n + 1] = turn[1] * by_force[0] + turn[0] * by_force[1]
 
 
+@wp.struct
+class Tip:
+    """The tip of a rod as what holds the end sees it."""
+
+    end: End
+    joint: Joint
+    to_guide: wp.mat33d
+    apart: wp.vec3d
+    force: wp.vec3d  # that the rod carries there, less what acts on the tip, in the world
+    moment: wp.vec3d
+    neutral: int
+    phase: Phase
+
+
+@wp.func
+def tip_of(held: Held, b: int, neutral: bool, position: wp.vec3d, rotation: wp.mat33d, force: wp.vec3d, moment: wp.vec3d) -> Tip:
+    """A tip of this pose, at which the rod carries this force and moment, all in the world."""
+    tip = Tip()
+    path = held.load_factor[b]
+    tip.end = end_pose(held, b)
+    tip.force = force - path * vector(held.inputs, b, held.tip_loads)
+    tip.moment = moment - path * vector(held.inputs, b, held.tip_loads + 3)
+    tip.joint = joint_at(held.joint, held.axis, tip.end.rotation, rotation, tip.moment)
+    tip.joint.length = held.length[b]
+    tip.joint.curvature = f64(1.0) / held.stiffness[b]
+    tip.to_guide = wp.transpose(tip.end.rotation * held.guide)
+    tip.apart = position - tip.end.position
+    tip.neutral = int(neutral)
+    if neutral:
+        tip.phase.axis = held.base_frame[b] * wp.vec3d(f64(0.0), f64(0.0), f64(1.0))
+        tip.phase.across = phase_of(held, b)
+        tip.phase.lag = tip.joint.curvature * wp.dot(tip.phase.across, base_moment(held, b))
+        pulled = wp.cross(tip.phase.axis, tip.force)
+        twisted = wp.cross(tip.phase.axis, tip.moment)
+        by_pull, by_twist = phase_rows(held, b, tip.joint, tip.to_guide, pulled, twisted)
+        tip.phase.pull = by_pull
+        tip.phase.twist = by_twist
+    return tip
+
+
+@wp.func
+def tip_rows(held: Held, b: int, tip: Tip):
+    """(5), (7), (11): the residuals at the end, those of its position first."""
+    L = held.length[b]
+    gap = tip.to_guide * (tip.apart / (L * L))
+    pull = (L * tip.joint.curvature) * (tip.to_guide * tip.force)
+    if held.slides != 0:
+        gap[2] = pull[2]
+    rows = joint_rows(tip.joint)
+    if tip.neutral != 0:
+        gap += tip.phase.lag * tip.phase.pull
+        rows += tip.phase.lag * tip.phase.twist
+    return gap, rows
+
+
+@wp.func
+def tip_rows_variation(
+    held: Held, b: int, tip: Tip, d: int, dp: wp.vec3d, tip_turn: wp.vec3d, dn: wp.vec3d, dm: wp.vec3d, db: wp.vec3d
+):
+    """(5), (7), (11): their change where the tip moves and turns, force and moment there and the moment at the base ``db``
+    change, and, unless d is negative, along direction d."""
+    L = held.length[b]
+    bent = tip.joint.curvature
+    path = held.load_factor[b]
+    move = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
+    turn = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
+    if d >= 0:
+        first = held.pose
+        move = path * wp.vec3d(held.directions[b, d, first], held.directions[b, d, first + 1], held.directions[b, d, first + 2])
+        first += 3
+        turn = tip.end.turn * wp.vec3d(
+            held.directions[b, d, first], held.directions[b, d, first + 1], held.directions[b, d, first + 2]
+        )
+        first = held.tip_loads
+        dn -= path * wp.vec3d(held.directions[b, d, first], held.directions[b, d, first + 1], held.directions[b, d, first + 2])
+        first += 3
+        dm -= path * wp.vec3d(held.directions[b, d, first], held.directions[b, d, first + 1], held.directions[b, d, first + 2])
+    shift = tip.to_guide * ((dp - move - wp.cross(turn, tip.apart)) / (L * L))
+    if held.slides != 0:
+        push = (L * bent) * (tip.to_guide * (dn - wp.cross(turn, tip.force)))
+        shift[2] = push[2]
+    change = joint_rows_variation(tip.joint, tip_turn, turn, dm, tip.moment)
+    if tip.neutral != 0:
+        lags = bent * wp.dot(tip.phase.across, db)
+        by_force = wp.cross(tip.phase.axis, dn) - wp.cross(turn, wp.cross(tip.phase.axis, tip.force))
+        by_moment = wp.cross(tip.phase.axis, dm) - wp.cross(tip_turn, wp.cross(tip.phase.axis, tip.moment))
+        more, twist = phase_rows(held, b, tip.joint, tip.to_guide, by_force, by_moment)
+        shift += lags * tip.phase.pull + tip.phase.lag * more
+        change += lags * tip.phase.twist + tip.phase.lag * twist
+    return shift, change
+
+
 @wp.kernel(module="unique", enable_backward=False)
 def hold(held: Held):
     """(5), (7), (8), (11): the residual with its columns, and the pose of the tip with them."""
@@ -271,42 +363,17 @@ def hold(held: Held):
     if held.active[b] == 0:
         return
     zero = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
-    path = held.load_factor[b]
-    open = f64(1.0) - path
+    open = f64(1.0) - held.load_factor[b]
     m = held.rod_unknowns
     for i in range(wp.static(POSE)):
         to_unknowns(held, b, held.rod_pose_columns, held.rod_pose_columns, m, i)
         to_unknowns(held, b, held.wrench_columns, held.wrench_columns, m, i)
     for i in range(wp.static(POSE), m):
         to_unknowns(held, b, held.rod_gamma, held.rod_residual_directions, 0, i)
-    L = held.length[b]
     bent = f64(1.0) / held.stiffness[b]
-    end = end_pose(held, b)
-    tip_force = path * vector(held.inputs, b, held.tip_loads)
-    tip_moment = path * vector(held.inputs, b, held.tip_loads + 3)
-    force = vector(held.wrench, b, 0) - tip_force
-    moment = vector(held.wrench, b, 3) - tip_moment
-    joint = joint_at(held.joint, held.axis, end.rotation, held.rod_rotation[b], moment)
-    joint.length = L
-    joint.curvature = bent
-    to_guide = wp.transpose(end.rotation * held.guide)
-    apart = held.rod_position[b] - end.position
-    gap = to_guide * (apart / (L * L))
-    pull = (L * bent) * (to_guide * force)
-    if held.slides != 0:
-        gap[2] = pull[2]
-    rows = joint_rows(joint)
-    phase = Phase()
-    if held.neutral[b] != 0:
-        phase.axis = held.base_frame[b] * wp.vec3d(f64(0.0), f64(0.0), f64(1.0))
-        phase.across = phase_of(held, b)
-        phase.lag = bent * wp.dot(phase.across, base_moment(held, b))
-        pulled = wp.cross(phase.axis, force)
-        by_pull, by_twist = phase_rows(held, b, joint, to_guide, pulled, wp.cross(phase.axis, moment))
-        phase.pull = by_pull
-        phase.twist = by_twist
-        gap += phase.lag * by_pull
-        rows += phase.lag * by_twist
+    force, moment = vector(held.wrench, b, 0), vector(held.wrench, b, 3)
+    tip = tip_of(held, b, held.neutral[b] != 0, held.rod_position[b], held.rod_rotation[b], force, moment)
+    gap, rows = tip_rows(held, b, tip)
     total = f64(0.0)
     for j in range(3):
         held.residual[b, j] = gap[j] - open * held.opening[b, j]
@@ -322,33 +389,16 @@ def hold(held: Held):
         tip_turn = column(held.rod_pose_columns, b, 3, k)
         dn = column(held.wrench_columns, b, 0, k)
         dm = column(held.wrench_columns, b, 3, k)
-        move = zero
-        turn = zero
+        d = int(-1)
         if k >= m + held.direction_count:
             # (9) the rod turns with its base as one
             a = turn_axis(held, b, k - m - held.direction_count)
             dp += wp.cross(a, held.rod_position[b] - held.base_position[b])
             tip_turn += a
-            dn += wp.cross(a, vector(held.wrench, b, 0))
-            dm += wp.cross(a, vector(held.wrench, b, 3))
+            dn += wp.cross(a, force)
+            dm += wp.cross(a, moment)
         elif k >= m:
             d = k - m
-            first = held.pose
-            move = path * wp.vec3d(
-                held.directions[b, d, first], held.directions[b, d, first + 1], held.directions[b, d, first + 2]
-            )
-            first += 3
-            turn = end.turn * wp.vec3d(
-                held.directions[b, d, first], held.directions[b, d, first + 1], held.directions[b, d, first + 2]
-            )
-            first = held.tip_loads
-            dn -= path * wp.vec3d(
-                held.directions[b, d, first], held.directions[b, d, first + 1], held.directions[b, d, first + 2]
-            )
-            first += 3
-            dm -= path * wp.vec3d(
-                held.directions[b, d, first], held.directions[b, d, first + 1], held.directions[b, d, first + 2]
-            )
         if held.pose_columns.shape[2] > 1:
             place = k
             if k >= m + held.direction_count:
@@ -356,21 +406,10 @@ def hold(held: Held):
             elif k >= m:
                 place = k + held.turns
             write_rows(held.pose_columns, b, 0, place, dp, tip_turn)
-        shift = to_guide * ((dp - move - wp.cross(turn, apart)) / (L * L))
-        if held.slides != 0:
-            push = (L * bent) * (to_guide * (dn - wp.cross(turn, force)))
-            shift[2] = push[2]
-        change = joint_rows_variation(joint, tip_turn, turn, dm, moment)
         db = zero
         if k < 3:
             db[k] = held.stiffness[b]
-        if held.neutral[b] != 0:
-            lags = bent * wp.dot(phase.across, db)
-            by_force = wp.cross(phase.axis, dn) - wp.cross(turn, wp.cross(phase.axis, force))
-            by_moment = wp.cross(phase.axis, dm) - wp.cross(tip_turn, wp.cross(phase.axis, moment))
-            more, twist = phase_rows(held, b, joint, to_guide, by_force, by_moment)
-            shift += lags * phase.pull + phase.lag * more
-            change += lags * phase.twist + phase.lag * twist
+        shift, change = tip_rows_variation(held, b, tip, d, dp, tip_turn, dn, dm, db)
         for j in range(3):
             write_entry(held, b, j, k, shift[j])
             write_entry(held, b, 3 + j, k, change[j])
@@ -388,3 +427,40 @@ def hold(held: Held):
         fault = 1
     held.fault[b] = fault
     held.step_count[b] = held.rod_step_count[b]
+
+
+@wp.struct
+class Ends:
+    """Tips of rods that are known by their segments, in the world; the first axis is what ``instance`` lists."""
+
+    instance: wp.array[int]
+    position: wp.array[wp.vec3d]
+    rotation: wp.array[wp.mat33d]
+    wrench: wp.array2d[wp.float64]
+    # how position, rotation, force, moment and, in its own frame, the moment at the base vary (.., 15, column); columns along
+    # directions are the last
+    columns: wp.array3d[wp.float64]
+    # outputs
+    residual: wp.array2d[wp.float64]
+    residual_columns: wp.array3d[wp.float64]
+
+
+@wp.kernel(module="unique", enable_backward=False)
+def hold_ends(held: Held, ends: Ends):
+    """(5), (7), (11) of rods that are known by their segments."""
+    t = wp.tid()
+    b = ends.instance[t]
+    open = f64(1.0) - held.load_factor[b]
+    force, moment = vector(ends.wrench, t, 0), vector(ends.wrench, t, 3)
+    tip = tip_of(held, b, is_neutral(held, b), ends.position[t], ends.rotation[t], force, moment)
+    gap, rows = tip_rows(held, b, tip)
+    for j in range(3):
+        ends.residual[t, j] = gap[j] - open * held.opening[b, j]
+        ends.residual[t, 3 + j] = rows[j] - open * held.opening[b, 3 + j]
+    count = ends.columns.shape[2]
+    for k in range(count):
+        d = wp.max(k - (count - held.direction_count), -1)
+        dp, tip_turn = column(ends.columns, t, 0, k), column(ends.columns, t, 3, k)
+        dn, dm = column(ends.columns, t, 6, k), column(ends.columns, t, 9, k)
+        shift, change = tip_rows_variation(held, b, tip, d, dp, tip_turn, dn, dm, column(ends.columns, t, 12, k))
+        write_rows(ends.residual_columns, t, 0, k, shift, change)

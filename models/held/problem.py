@@ -24,6 +24,7 @@ from multirod.models.backbone.units import unit_stiffness
 from multirod.models.held import held_kernels as kernels
 from multirod.models.held.along import HeldSensing, by_own_unknowns, columns_along
 from multirod.models.held.clamps import HeldClamps
+from multirod.models.held.segments import HeldSegments
 from multirod.models.held.stability import HeldStability
 from multirod.models.held.start import bent_rods
 from multirod.models.held.starts import HeldStarts
@@ -31,6 +32,7 @@ from multirod.models.joint_kernels import REVOLUTE, SPHERICAL
 from multirod.problem import Block, BoundaryProblem, Shape
 from multirod.rod import RodArrays
 from multirod.rotations import left_jacobian, matrices, vectors
+from multirod.segments import Breakpoints, taken
 from multirod.validation import FloatArray
 
 ROD_INPUTS = tuple(spec for spec in BACKBONE_INPUTS if spec.acts in ("base", "along"))  # what acts on the rod itself
@@ -121,6 +123,17 @@ def _across(axis: FloatArray) -> FloatArray:
     return np.stack([first, np.cross(axis, first)], axis=1)
 
 
+class HeldBackbone(BackboneProblem):
+    """The rod of a ``HeldProblem``, whose segments begin and end where that says."""
+
+    whole: "HeldProblem"
+
+    @cached_property
+    def cut(self) -> HeldSegments:
+        """Its segments, with what holds the ends."""
+        return HeldSegments(self.whole)
+
+
 class HeldProblem(BoundaryProblem):
     """One rod whose ends are held (``docs/held.md``).
 
@@ -187,7 +200,7 @@ class HeldProblem(BoundaryProblem):
         design: bool,
         enabled: Sequence[str],
         pieces: int,
-    ) -> BackboneProblem:
+    ) -> HeldBackbone:
         """The rod as a backbone whose tip is held, as many as there are instances."""
         holders, rod = self.holders, self.holders.rod
         names = [spec.name for spec in ROD_INPUTS] + [name for name in DRIVES if name in inputs.specs]
@@ -195,7 +208,7 @@ class HeldProblem(BoundaryProblem):
         given |= {name: inputs.array(name) for name in names if name in inputs.given and name not in given}
         reach = max((p.ends[-1] for p in inputs.profiles.values()), default=0.0)
         specs = tuple(spec for spec in rod.input_specs if spec.name in names)
-        return BackboneProblem(
+        result = HeldBackbone(
             rod.rods,
             np.broadcast_to(holders.base, (*shape, 4, 4)),
             Inputs(specs, rod.rod_count, given, reach),
@@ -210,6 +223,8 @@ class HeldProblem(BoundaryProblem):
             arrays=holders.arrays,
             pieces=pieces,
         )
+        result.whole = self
+        return result
 
     def _make_table(self) -> Any:
         holders, rod, count, device = self.holders, self.rod, self.instance_count, self.device
@@ -291,6 +306,19 @@ class HeldProblem(BoundaryProblem):
     @property
     def lines(self) -> "HeldLines":  # noqa: D102
         return HeldLines(self)
+
+    @property
+    def segments(self) -> HeldSegments:  # noqa: D102
+        return self.rod.cut
+
+    @property
+    def breakpoints(self) -> dict[int, Breakpoints]:
+        """As said; the rod's too."""
+        return self.rod.breakpoints
+
+    @breakpoints.setter
+    def breakpoints(self, points: dict[int, Breakpoints]) -> None:
+        self.rod.breakpoints = points
 
     @property
     def parts(self) -> "HeldParts":  # noqa: D102
@@ -561,6 +589,7 @@ class HeldParts(PartsAtEqualSteps[HeldProblem]):
             result.write(name, whole.read(name)[instances])
         for name in ("rest_position", "rest_turn", "opening", "direct"):
             getattr(result.table, name).assign(getattr(whole.table, name).numpy()[instances])
+        result.breakpoints = taken(whole.breakpoints, instances)
         return result
 
 

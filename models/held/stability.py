@@ -45,6 +45,10 @@ class TipByWrench(BackboneStability):
             return CondensedForm.unknown(count, 6)
         return compliance_form(columns, problem.tip_wrench.numpy()[chosen, 3:])
 
+    def by_breakpoints(self) -> CondensedForm:
+        """Of what is known so, others have it."""
+        return CondensedForm.unknown(len(self.problem.breakpoints), 6)
+
 
 class HeldStability(StabilityAnalysis):
     """Of a ``HeldProblem``: with both ends held there are several equilibria."""
@@ -60,8 +64,15 @@ class HeldStability(StabilityAnalysis):
         if turns:
             rod.launch.launch()  # which finds its columns by what acts along it
         condensed, _ = TipByWrench(rod).condensed_form(tensions_fixed=True)
-        condensed.known[~rod.lines.stays_stiff()] = False
         matrix = self._with_base(condensed) if turns else condensed.matrix
+        wrench = rod.tip_wrench.numpy()
+        if problem.breakpoints:
+            points, cut = list(problem.breakpoints), rod.cut
+            by_segments, wrench = cut.condensed_form(problem.breakpoints), wrench.copy()
+            wrench[points] = cut.wrench(problem.breakpoints)
+            matrix[points] = by_segments.matrix
+            condensed.conjugate[points], condensed.known[points] = by_segments.conjugate, by_segments.known
+        condensed.known[~rod.lines.stays_stiff()] = False
         stiffness = np.asarray(rod.least_stiffness())
         by = self._held_by()
         unit = np.ones((problem.instance_count, by.shape[1]))
@@ -77,7 +88,7 @@ class HeldStability(StabilityAnalysis):
         if diverging.any():
             sign = np.sign(certain_determinant(form[diverging]))
             diverging[diverging] = sign * (-1.0) ** hidden[diverging] < 0
-        for k, neutral in self._neutral(by, form, known & potential):
+        for k, neutral in self._neutral(by, form, known & potential, wrench):
             across = np.linalg.svd(neutral[None])[2][1:]
             own, loose = symmetric_eigenvalues((across @ form[k] @ across.T)[None], np.ones(1, dtype=bool))
             values[k], uncertainty[k] = np.append(own[0], np.inf), np.append(loose[0], 0.0)
@@ -95,15 +106,18 @@ class HeldStability(StabilityAnalysis):
         by[:, turns + 3 :, m:] = frame @ forces
         return by
 
-    def _neutral(self, by: FloatArray, form: FloatArray, known: NDArray[np.bool_]) -> list[tuple[int, FloatArray]]:
-        """(15) Instances that a turn about the axis of their base costs nothing, and how their variables change by it.
+    def _neutral(
+        self, by: FloatArray, form: FloatArray, known: NDArray[np.bool_], wrench: FloatArray
+    ) -> list[tuple[int, FloatArray]]:
+        """(15) Instances that a turn about the axis of their base costs nothing, and how their variables change by it; ``wrench``
+        is that on their tips.
 
         A straight rod has no such turn: forces across it are rounding, and any direction may be theirs. So it is one only where
         the form resists it by nothing, (16).
         """
         problem = self.problem
         found = []
-        base, wrench = problem.rod.table.base_rotation.numpy(), problem.rod.tip_wrench.numpy()
+        base = problem.rod.table.base_rotation.numpy()
         unit = np.sqrt(problem.rod.least_stiffness() / problem.length)
         for k in np.flatnonzero(known & (problem.table.neutral.numpy() != 0)):
             axis = base[k % len(base), :, 2]
@@ -166,7 +180,8 @@ class HeldStability(StabilityAnalysis):
         inputs = problem.read("inputs")
         force, moment = (inputs[:, problem.input_slice(name)] for name in ("tip_force", "tip_moment"))
         force = problem.load_factor.numpy()[:, None] * force
-        total -= (force * (problem.rod.node_pass(2).read("position") - problem.goal()[0])).sum(axis=1)
+        position = problem.rod.shapes.at_nodes(2)[0][0].position[:, -1]
+        total -= (force * (position - problem.goal()[0])).sum(axis=1)
         turned = moment.any(axis=1) & (problem.holders.joint != CLAMPED)
         return np.where(self.has_potential & ~turned, total, np.nan)
 

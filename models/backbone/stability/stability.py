@@ -118,7 +118,7 @@ class BackboneStability(StabilityAnalysis):
         open_ = np.ones(count, dtype=bool)
         if self.problem.breakpoints:
             cut = list(self.problem.breakpoints)
-            form.put(cut, self.problem.cut.condensed_form(self.problem.breakpoints))
+            form.put(cut, self.by_breakpoints())
             open_[cut] = False
         while open_.any():
             node_count = int(nodes[open_].min())
@@ -140,6 +140,10 @@ class BackboneStability(StabilityAnalysis):
             nodes[more] = self._nodes(needed[more])
             open_ &= ~chosen | more
         return form, determinant
+
+    def by_breakpoints(self) -> CondensedForm:
+        """The same of instances that are known by their breakpoints, in their order."""
+        return self.problem.cut.condensed_form(self.problem.breakpoints)
 
     def _nodes(self, segments: FloatArray) -> NDArray[np.int_]:
         """Numbers of nodes for more than so many segments, evenly spaced: where some number of equal steps ends, if that can be;

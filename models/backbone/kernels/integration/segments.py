@@ -33,7 +33,8 @@ class SegmentCall:
     end: wp.array[wp.float64]
     at_tip: wp.array[int]  # 1 where the segment ends at the tip
     steps: wp.array[int]  # equal steps over the segment, each stretch of it its share; 0: by the integrator's error control
-    state: wp.array2d[wp.float64]  # ``breakpoint_state`` at the start; at the base it is that of the unknowns
+    state: wp.array2d[wp.float64]  # ``breakpoint_state`` at the start; at the base it is that of the unknowns, unless
+    given: int  # 1 where states at the base are given too, and what they vary by is known there
     # outputs
     end_state: wp.array2d[wp.float64]
     columns: wp.array3d[wp.float64]  # of the end: variations in the units of the unknowns, position [m], (.., d + 3, column)
@@ -161,6 +162,7 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
         """A lane where its segment begins."""
         t = job // call.parts
         start = seg.start[t]
+        given = start > f64(0.0) or seg.given == 1
         b = make_base_of(rods, call, case)
         n0 = base_force(rods, call, case, b.q)
         b.N = rotate_inverse(b.q, n0)
@@ -169,7 +171,7 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
         if wp.static(FORCE_ACTS):
             if start > f64(0.0):
                 n_start -= load_until(rods, call, case, start)
-        if start > f64(0.0):
+        if given:
             y = given_state(seg, t, y, n_start)
         put_state(case, memory, o, l, y)
         for c in range(column_count(call, job)):
@@ -185,10 +187,11 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
                             v[k] = f64(1.0) / unit[k]
                     v = varied(rods, case, y, v, k)
                 else:
-                    if start > f64(0.0):
+                    if given:
                         # what directions vary is known where the segment begins
                         v = Column()
-                        if wp.static(FORCE_ACTS):
+                    if wp.static(FORCE_ACTS):
+                        if start > f64(0.0):
                             dn -= load_rate_until(rods, call, case, start, k - call.unknown_columns)
             put_column(case, memory, o, l, c, v, dn)
             if wp.static(DRIVES_VARY):
