@@ -14,7 +14,6 @@ from multirod import plausibility
 from multirod.assembly import Assembly, Robot, Robot_co
 from multirod.batch import IntArray, broadcast_shapes, parts, run, take, thread_count
 from multirod.inputs import Inputs
-from multirod.launch import expect
 from multirod.problem import BoundaryProblem
 from multirod.reuse import borrowed
 from multirod.running.simulation import as_solver, solve
@@ -22,12 +21,12 @@ from multirod.scene import Scene
 from multirod.solution import Solution
 from multirod.solver import Outcome, Solver
 from multirod.status import Status, failures
+from multirod.tasks.drive import expect_search
 from multirod.tasks.formulation import Task, freed, options, with_values
 from multirod.tasks.limits import LimitRows, Limits, freed_labels, known_rows, middle, nearest, refuse_start, told
 from multirod.tasks.redundancy import steadied
 from multirod.tasks.rows import Pose
 from multirod.tasks.search import Goals, Place, Prefer, Search
-from multirod.tasks.search_kernels import make_search
 from multirod.types import Index
 from multirod.validation import (
     Described,
@@ -180,7 +179,7 @@ def reach(
     """
     method = as_solver(robot, solver)
     device = device_name("device", device)
-    expect(make_search, device)
+    expect_search(device)
     instance("target", target, Pose, "a Pose, such as Pose(position=(0.1, 0, 0.2))")
     plausibility.of_place("target.position", target.position)
     if not target.complete.all():

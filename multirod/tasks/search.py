@@ -162,14 +162,11 @@ class Search:
     def _pass(self, under_way: int) -> int:
         """Integrations of those under way until one of them ends or asks, which then is answered; how many are under way then."""
         arrays, problem = self._arrays, self.task.problem
-        left, asked = under_way, 0
         with ExitStack() as only:
             if under_way < len(self.status):
                 arrays.fetch()
                 only.enter_context(problem.only(self._values["phase"] != ENDED))
-            while left == under_way and not asked:
-                arrays.integrate()
-                left, asked = arrays.launch()
+            left, asked = arrays.go_on(under_way)
         while asked:
             arrays.fetch()
             self._answer()
