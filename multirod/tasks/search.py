@@ -249,6 +249,10 @@ class Search:
         """Whether the equilibria at ``last`` are not stable, as far as that can be said, shape (len(rows),)."""
         if not len(rows):
             return np.zeros(0, dtype=bool)
+        problem = self.task.problem
+        self.task.write(self.last.x, self.last.p)
+        if len(rows) == problem.instance_count and problem.stability is not None and problem.stability.surely_stable():
+            return np.zeros(len(rows), dtype=bool)
         stability = self.modes(rows).stability
         return np.asarray((stability == Stability.UNSTABLE) | (stability == Stability.FOLD))
 
