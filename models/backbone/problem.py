@@ -190,6 +190,7 @@ class BackboneProblem(BoundaryProblem):
         self.first_drive = 2 * len(rods) + 3 * len(kernels.INPUT_VECTORS)  # of a row of inputs
         self._slices: dict[str, slice] = {}  # what was asked for: a search asks again and again
         self._taken: dict[str, bool] = {}
+        self._form_expected = False
         n = self.slots.size
         super().__init__(
             unknown_count=n,
@@ -402,7 +403,9 @@ class BackboneProblem(BoundaryProblem):
     def expect_judging(self) -> None:  # noqa: D102
         if self._may_condense:
             self.judged_often = True
-            expect(make_form, self.device)
+            if not self._form_expected:
+                self._form_expected = True
+                expect(make_form, self.device)
 
     @property
     def _may_condense(self) -> bool:

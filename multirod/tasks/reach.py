@@ -22,7 +22,7 @@ from multirod.solution import Solution
 from multirod.solver import Outcome, Solver
 from multirod.status import Status, failures
 from multirod.tasks.drive import expect_search
-from multirod.tasks.formulation import Task, freed, options, with_values
+from multirod.tasks.formulation import Task, freed, with_values
 from multirod.tasks.limits import LimitRows, Limits, freed_labels, known_rows, middle, nearest, refuse_start, told
 from multirod.tasks.redundancy import steadied
 from multirod.tasks.rows import Pose
@@ -104,6 +104,7 @@ class _Work:
     limits: LimitRows
     of_shape: Limits | None
     unit: FloatArray
+    options: dict[str, Any]
     centre: FloatArray | None
     prefer: Prefer
     starts: int
@@ -182,7 +183,7 @@ def reach(
     expect_search(device)
     instance("target", target, Pose, "a Pose, such as Pose(position=(0.1, 0, 0.2))")
     plausibility.of_place("target.position", target.position)
-    if not target.complete.all():
+    if not target.whole:
         refuse("target", target, "must be finite: NaN is for a measurement that is missing")
     if guess is not None:
         instance("guess", guess, Solution, "a Solution")
@@ -200,15 +201,14 @@ def reach(
         shape = broadcast_shapes(given.batch_shape, robot.batch_shape, target.batch_shape)
     except ValueError:
         refuse("target", Described(f"leading axes {target.batch_shape}"), f"must broadcast with the inputs' {given.batch_shape}")
-    rows, unit = known_rows(robot, limits, free)
-    held = [getattr(given, name) for name in free]
-    begin = np.concatenate([np.broadcast_to(value, (*shape, value.shape[-1])) for value in held], axis=-1)
+    rows, unit, problem_options = known_rows(robot, limits, free)
+    begin = np.concatenate([_spread(getattr(given, name), shape) for name in free], axis=-1)
     refuse_start("limits", rows, begin.reshape(-1, begin.shape[-1]), robot, free)
     centre = middle(rows) if prefer == "middle" else None
     if centre is not None and np.isnan(centre).any():
         refuse("prefer", prefer, "needs limits on both sides of every freed input, which have a middle")
     first = solve(robot, given, solver=method, threads=threads, device=device, progress=False) if guess is None else guess
-    unknowns = np.broadcast_to(first.unknowns, (*shape, first.unknown_count)).reshape(-1, first.unknown_count)
+    unknowns = _spread(first.unknowns, shape).reshape(-1, first.unknown_count)
     work = _Work(
         robot=robot,
         target=target,
@@ -217,6 +217,7 @@ def reach(
         limits=rows,
         of_shape=limits if limits is not None and limits.of_shape else None,
         unit=unit,
+        options=problem_options,
         centre=centre,
         prefer=prefer,
         starts=starts,
@@ -234,6 +235,11 @@ def reach(
     return _run(work, status, spent, thread_count(threads))
 
 
+def _spread(values: FloatArray, shape: tuple[int, ...]) -> FloatArray:
+    """Rows (..., n) with these leading axes."""
+    return values if values.shape[:-1] == shape else np.broadcast_to(values, (*shape, values.shape[-1]))
+
+
 def _run(work: _Work, status: NDArray[np.int32], spent: NDArray[np.int32], threads: int) -> Reached[Any]:
     count, k = prod(work.batch_shape), len(work.unit)
     records: dict[str, Any] = {}
@@ -247,7 +253,7 @@ def _run(work: _Work, status: NDArray[np.int32], spent: NDArray[np.int32], threa
         settings: dict[str, Any] = {"integrator": work.method.integrator, "device": work.device, "instances": numbers}
         with ExitStack() as held:
             with work.lock:
-                made = borrowed(work.robot, work.inputs, **settings, **options(work.robot, work.free))
+                made = borrowed(work.robot, work.inputs, **settings, **work.options)
                 problem: BoundaryProblem = held.enter_context(made)
                 problem.stop = stop
             search = _search(work, problem, piece, numbers, status[piece])
