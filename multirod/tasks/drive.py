@@ -101,7 +101,7 @@ class DriveArrays:
             blocks.append(block)
             place = block.array.ptr
             for name, (shape, dtype) in own.items():
-                array = wp.array(ptr=place if bytes_of[name] else None, shape=shape, dtype=dtype, device=device)
+                array: Any = wp.array(ptr=place if bytes_of[name] else None, shape=shape, dtype=dtype, device=device)
                 self._share(self._state, name, array)
                 place += bytes_of[name]
         return blocks

@@ -164,9 +164,7 @@ def told(error: float, angle: float, at_limit: str) -> dict[str, str]:
 _KNOWN: dict[Any, tuple[Any, LimitRows, FloatArray, dict[str, Any]]] = {}
 
 
-def known_rows(
-    robot: Assembly, limits: Limits | None, free: Sequence[str]
-) -> tuple[LimitRows, FloatArray, dict[str, Any]]:
+def known_rows(robot: Assembly, limits: Limits | None, free: Sequence[str]) -> tuple[LimitRows, FloatArray, dict[str, Any]]:
     """``limit_rows``, ``input_units`` and the ``options`` of problems as they were found before, the same objects, for a target
     after another."""
     key = id(robot), None if limits is None else limits.key, tuple(free)

@@ -284,8 +284,8 @@ def attend(s: wp.ref[Drive], t: int):
 def make_search(repeats: bool):
     """Kernel for all that a search does between two integrations.
 
-    Where it ``repeats``, one thread may do all: with ``rounds``, it has an integration launched so many times at most, and goes on
-    after each, until an instance ends or asks.
+    Where it ``repeats``, one thread may do all: with ``rounds``, it has an integration launched so many times at most, and goes
+    on after each, until an instance ends or asks.
     """
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})

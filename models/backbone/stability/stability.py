@@ -78,12 +78,12 @@ class BackboneStability(StabilityAnalysis):
         if not problem.judged_often or not may_be_sure(problem) or not self.has_potential.all():
             return False
         own: SureStability = problem.tool("surely stable", lambda: SureStability(problem))
-        nodes = max(FEWEST_NODES, int(self._nodes(np.array(0.0)))) if own.nodes == 0 else own.nodes
-        if own.holds(nodes):
-            return True
-        more = own.needed
-        if own.nodes <= more < MOST_NODES_AT_FIRST - 1:
-            return own.holds(int(self._nodes(np.array(more))))
+        # by as many nodes as the last look called for, then by as many as this one does
+        tried = 0
+        while tried <= own.needed < MOST_NODES_AT_FIRST - 1:
+            tried = int(self._nodes(np.array(own.needed)))
+            if own.holds(tried):
+                return True
         return False
 
     def unstable(self) -> NDArray[np.bool_]:  # noqa: D102

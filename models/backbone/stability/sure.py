@@ -1,9 +1,12 @@
 """Stability of few instances that is beyond doubt, in one launch: of most results nothing else is asked."""
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from multirod.launch import record
 from multirod.models.backbone.node_pass import NEAR, NodePass
@@ -12,6 +15,7 @@ from multirod.models.backbone.stability.sure_kernels import Sure, make_sure
 from multirod.problem import FEW
 from multirod.repeated_kernels import callable_from_kernels
 from multirod.shared import Shared
+from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
     from multirod.models.backbone.problem import BackboneProblem
@@ -38,34 +42,36 @@ class SureStability:
         problem: Of which ``may_be_sure`` holds.
 
     Attributes:
-        nodes: Of the last look; 0 before the first.
+        needed: Segments that the last look called for; 0 before the first.
     """
 
     def __init__(self, problem: "BackboneProblem") -> None:
         self._problem = problem
-        self.nodes = 0
-        self._launch: Any = None
-        self._kept: tuple[Any, ...] = ()  # what the launch works in
+        self.needed = 0.0
+        self._looks: dict[int, _Look | None] = {}  # by nodes; None where a kernel cannot launch others
 
     def holds(self, nodes: int) -> bool:
         """Whether all instances are stable at the problem's unknowns, by so many nodes; False says nothing."""
-        if nodes != self.nodes:
-            self._make(nodes)
-        if self._launch is None:
+        if nodes not in self._looks:
+            self._looks[nodes] = self._made(nodes)
+        look = self._looks[nodes]
+        if look is None:
             return False
-        self._launch.launch()
-        return bool(self._sure.all())
+        look.launch()
+        self.needed = float(look.needed.max())
+        return bool(look.sure.all())
 
-    @property
-    def needed(self) -> float:
-        """Segments that the last look called for."""
-        return float(self._needed.max())
-
-    def _make(self, nodes: int) -> None:
-        problem, self.nodes = self._problem, nodes
+    def _made(self, nodes: int) -> "_Look | None":
+        problem = self._problem
         made: NodePass = problem.nodes_of_all(nodes)
-        free, n, device = 3 + problem.features.turning_count, len(problem.rods), problem.device
+        free, n, device, count = 3 + problem.features.turning_count, len(problem.rods), problem.device, problem.instance_count
         form = made.form(free, n, device)
+        form.want_all()
+        if made.launch.recorded is None:
+            return None
+        calls = [callable_from_kernels(launches) for launches in (made.launch.recorded, (form.launch,))]
+        if None in calls:
+            return None
         state: Any = Sure()
         problem.share(state, ("inputs", "fault", "position", "rotation"))
         state.first, state.near = problem.input_slice("translation").start, NEAR / 3
@@ -80,12 +86,25 @@ class SureStability:
         state.node_position, state.node_rotation = made.call.position, made.call.rotation
         for name in ("ends", "unit", "matrix", "conjugate", "known", "open"):
             setattr(state, name, form.array(name))
-        form.want_all()
-        count = problem.instance_count
         needed, sure = Shared((count,), wp.float64, device), Shared((count,), wp.int32, device)
-        state.needed, state.sure, self._needed, self._sure = needed.array, sure.array, needed.values, sure.values
+        state.needed, state.sure = needed.array, sure.array
         state.work = wp.zeros((count, free, free), dtype=wp.float64, device=device)
-        launches = made.launch.recorded
-        calls = None if launches is None else callable_from_kernels((*launches, form.launch))
-        self._launch = None if calls is None else record(make_sure, 1, [state, calls], device)
-        self._kept = made, form, state, calls
+        launch = record(make_sure, 1, [state, *calls], device)
+        return _Look(launch.launch, needed.values, sure.values, (made, form, state, *calls))
+
+
+@dataclass(frozen=True)
+class _Look:
+    """By some number of nodes.
+
+    Attributes:
+        launch: Looks.
+        needed: Segments that each instance called for, shape (instance_count,).
+        sure: Which are surely stable, likewise.
+        kept: What the launch works in.
+    """
+
+    launch: Callable[[], None]
+    needed: FloatArray
+    sure: NDArray[np.int32]
+    kept: tuple[Any, ...]

@@ -120,17 +120,24 @@ def positive(s: wp.ref[Sure], t: int) -> bool:
 
 @cache
 def make_sure():
-    """Kernel, of one thread, that launches a pass over nodes and what condenses it, and looks at what they leave."""
+    """Kernel, of one thread, that launches a pass over nodes and, if these are enough, what condenses it, and looks at what they
+    leave."""
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
-    def sure(s: Sure, calls: Calls):
+    def sure(s: Sure, nodes: Calls, form: Calls):
         for t in range(s.sure.shape[0]):
             ends_of(s, t)
-        launch_all(calls)
+        launch_all(nodes)
+        all_good = bool(True)
         for t in range(s.sure.shape[0]):
+            s.sure[t] = 0
             s.needed[t] = segments(s, t)
             good = s.needed[t] < f64(s.node_moment.shape[1]) and s.fault[t] == 0 and as_solved(s, t)
-            good = good and s.known[t] != 0 and s.open[t] == 0 and s.conjugate[t] == 0
-            s.sure[t] = wp.where(good and positive(s, t), 1, 0)
+            all_good = all_good and good
+        if all_good:
+            launch_all(form)
+            for t in range(s.sure.shape[0]):
+                good = s.known[t] != 0 and s.open[t] == 0 and s.conjugate[t] == 0
+                s.sure[t] = wp.where(good and positive(s, t), 1, 0)
 
     return sure
