@@ -434,3 +434,24 @@ def test_what_is_surely_stable_is_stable_and_most_of_what_is_stable_is_told_so()
     assert all(stability == mr.Stability.STABLE for sure, stability, _ in seen if sure)
     assert all(sure for sure, _, margin in seen if margin > 0.1)
     assert {sure for sure, _, _ in seen} == {True, False}
+
+
+def test_the_smallest_tensions_that_turn_a_tip_leave_a_tendon_slack():
+    """Of three tendons round a rod, what all pull alike does next to nothing: of the least, one does not pull."""
+    places = [(0.008 * np.cos(angle), 0.008 * np.sin(angle)) for angle in (0.0, 2.1, 4.2)]
+    rod = mr.Rod(length=0.2, bending_stiffness=0.02, torsional_stiffness=0.015, lines=[mr.Tendon(place) for place in places])
+    arm = mr.SingleRod(rod)
+    start = mr.solve(arm, arm.inputs(tension=(4.0, 3.0, 2.0)), solver=SOLVER)
+    there = mr.solve(arm, arm.inputs(tension=(3.0, 3.5, 2.0)), solver=SOLVER)
+    target = mr.Pose(axis=there.tip_rotation[:, 2])
+    found = {
+        prefer: mr.reach(arm, target, free=("tension",), prefer=prefer, guess=start, solver=SOLVER)
+        for prefer in ("smallest motion", "smallest tension")
+    }
+    assert all(one.status == mr.Status.REACHED for one in found.values())
+    near, least = (one.inputs.tension for one in found.values())
+    assert (least**2).sum() < 0.5 * (near**2).sum()
+    assert 0 <= least.min() < 1e-3
+    assert found["smallest tension"].target_angle < 1e-6
+    with pytest.raises(ValueError, match="needs tension to be free"):
+        mr.reach(TUBES, mr.Pose(position=(0, 0, 0.1)), MOTION[0], free=FREE, prefer="smallest tension")

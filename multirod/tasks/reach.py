@@ -158,8 +158,9 @@ def reach(
         inputs: Where the search begins, and all that is not free; those of ``guess`` by default.
         free: Names of the inputs to be chosen, such as ``("rotation", "translation")``.
         limits: Kept at every step; what the robot cannot do is a limit without them.
-        prefer: What is done with freedom that the target leaves: the ``"smallest motion"`` from the start, the ``"middle"`` of
-            the limits, or the largest ``"stability"`` margin.
+        prefer: What is done with freedom that the target leaves: the ``"smallest motion"`` from the start, the
+            ``"smallest tension"`` of lines, by their squares, the ``"middle"`` of the limits, or the largest ``"stability"``
+            margin.
         starts: How many other starts are scattered within the limits; what is not reached is tried from the nearest of them.
         guess: The equilibrium at ``inputs``, so that it need not be solved for.
         solver: For the start; its integrator is that of the search too. ``Shooting()`` by default.
@@ -205,6 +206,8 @@ def reach(
     begin = np.concatenate([_spread(getattr(given, name), shape) for name in free], axis=-1)
     refuse_start("limits", rows, begin.reshape(-1, begin.shape[-1]), robot, free)
     centre = middle(rows) if prefer == "middle" else None
+    if prefer == "smallest tension":
+        centre = _slack(robot, free, begin.reshape(-1, begin.shape[-1]))
     if centre is not None and np.isnan(centre).any():
         refuse("prefer", prefer, "needs limits on both sides of every freed input, which have a middle")
     first = solve(robot, given, solver=method, threads=threads, device=device, progress=False) if guess is None else guess
@@ -233,6 +236,17 @@ def reach(
     if guess is None:
         spent += np.broadcast_to(first.integrations, shape).reshape(-1)
     return _run(work, status, spent, thread_count(threads))
+
+
+def _slack(robot: Assembly, free: tuple[str, ...], begin: FloatArray) -> FloatArray:
+    """Where no line is tense and all else that is free is as at first, ``begin`` (b, k), shape (k,)."""
+    if "tension" not in free:
+        refuse("prefer", "smallest tension", "needs tension to be free")
+    sizes = {spec.name: spec.size(robot.rod_count) for spec in robot.input_specs}
+    others = np.concatenate([np.full(sizes[name], name != "tension") for name in free])
+    if np.ptp(begin[:, others], axis=0).any():
+        refuse("prefer", "smallest tension", "needs what else is free to begin at one place for all targets")
+    return np.where(others, begin[0] if len(begin) else 0.0, 0.0)
 
 
 def _spread(values: FloatArray, shape: tuple[int, ...]) -> FloatArray:

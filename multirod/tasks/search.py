@@ -26,7 +26,7 @@ SETTLING = 4  # integrations that an equilibrium that was found by other kernels
 CAREFUL = 0.125  # part of the way that is gone at once where all of it ended at an equilibrium that is not stable
 NODES = 33  # of each rod, where its curvature is looked at
 
-Prefer = Literal["smallest motion", "middle", "stability"]
+Prefer = Literal["smallest motion", "smallest tension", "middle", "stability"]
 BoolArray = NDArray[np.bool_]
 
 
