@@ -375,7 +375,7 @@ def of_pose(field: str, poses: FloatArray) -> None:
 
 def of_place(field: str, position: FloatArray | None) -> None:
     """Warn of a place, of a target or measured, that is far away; what is missing of it is NaN."""
-    if position is not None:
+    if position is not None and not np.abs(position).max(initial=0.0) <= LENGTH.high:
         LENGTH.check(field, np.maximum(np.abs(position), LENGTH.low))
 
 

@@ -166,6 +166,11 @@ class StabilityAnalysis(ABC):
         """Whether paths begin at a stable equilibrium among several: a step may then end at another, and its ends not tell."""
         return self.multistable and self.guess_is_stable
 
+    def surely_stable(self) -> bool:
+        """Whether all that is at ``unknowns`` is stable beyond doubt, which ``modes`` would take longer to say; False, as by
+        default, says nothing."""
+        return False
+
     def unstable(self) -> NDArray[np.bool_]:
         """Whether what is at ``unknowns`` is known to be unstable, shape (instance_count,)."""
         return np.asarray(self.modes().stability == Stability.UNSTABLE)

@@ -402,3 +402,56 @@ def test_a_target_comes_before_the_middle(segment):
     target = mr.Pose(axis=(0.3, 0.1, 1))
     assert mr.reach(robot, target, inputs, prefer="smallest motion", **options).status == mr.Status.REACHED
     assert mr.reach(robot, target, inputs, prefer="middle", **options).status == mr.Status.REACHED
+
+
+def test_what_is_surely_stable_is_stable_and_most_of_what_is_stable_is_told_so():
+    """One launch of few instances against their modes: strongly curved tubes, stable and unstable, one problem after another."""
+    strong = mr.ConcentricTubes(
+        [
+            mr.Rod(
+                length=0.4 - 0.1 * k,
+                bending_stiffness=0.01 * (1 + k),
+                torsional_stiffness=0.0077 * (1 + k),
+                precurvature=(18.0 - 4 * k, 0, 0),
+            )
+            for k in range(3)
+        ]
+    )
+    random, seen = np.random.default_rng(3), []
+    for angles in random.uniform(-1, 1, (12, 2)) * np.repeat([0.4, 3.0], 6)[:, None]:
+        inputs = strong.inputs(rotation=(0, *angles), translation=(-0.06, -0.04, -0.02), tip_force=(0, 0.05, 0.02))
+        found = mr.solve(strong, inputs, solver=SOLVER, guess=np.zeros(5))
+        if found.failed:
+            continue
+        problem = Task.of(strong, inputs, FREE, integrator=mr.RK4(30)).problem
+        problem.write("unknowns", problem.adopt(found.unknowns[None]))
+        problem.expect_judging()
+        problem.integrate()
+        modes = problem.stability.modes()
+        seen.append((problem.stability.surely_stable(), int(modes.stability[0]), float(modes.eigenvalue(0)[0])))
+        # again, over what the last look left
+        assert problem.stability.surely_stable() == seen[-1][0]
+    assert all(stability == mr.Stability.STABLE for sure, stability, _ in seen if sure)
+    assert all(sure for sure, _, margin in seen if margin > 0.1)
+    assert {sure for sure, _, _ in seen} == {True, False}
+
+
+def test_the_smallest_tensions_that_turn_a_tip_leave_a_tendon_slack():
+    """Of three tendons round a rod, what all pull alike does next to nothing: of the least, one does not pull."""
+    places = [(0.008 * np.cos(angle), 0.008 * np.sin(angle)) for angle in (0.0, 2.1, 4.2)]
+    rod = mr.Rod(length=0.2, bending_stiffness=0.02, torsional_stiffness=0.015, lines=[mr.Tendon(place) for place in places])
+    arm = mr.SingleRod(rod)
+    start = mr.solve(arm, arm.inputs(tension=(4.0, 3.0, 2.0)), solver=SOLVER)
+    there = mr.solve(arm, arm.inputs(tension=(3.0, 3.5, 2.0)), solver=SOLVER)
+    target = mr.Pose(axis=there.tip_rotation[:, 2])
+    found = {
+        prefer: mr.reach(arm, target, free=("tension",), prefer=prefer, guess=start, solver=SOLVER)
+        for prefer in ("smallest motion", "smallest tension")
+    }
+    assert all(one.status == mr.Status.REACHED for one in found.values())
+    near, least = (one.inputs.tension for one in found.values())
+    assert (least**2).sum() < 0.5 * (near**2).sum()
+    assert 0 <= least.min() < 1e-3
+    assert found["smallest tension"].target_angle < 1e-6
+    with pytest.raises(ValueError, match="needs tension to be free"):
+        mr.reach(TUBES, mr.Pose(position=(0, 0, 0.1)), MOTION[0], free=FREE, prefer="smallest tension")

@@ -188,6 +188,9 @@ class BackboneProblem(BoundaryProblem):
         self.drives = drives(self.features.members)
         self.drive_count = len(self.drives)
         self.first_drive = 2 * len(rods) + 3 * len(kernels.INPUT_VECTORS)  # of a row of inputs
+        self._slices: dict[str, slice] = {}  # what was asked for: a search asks again and again
+        self._taken: dict[str, bool] = {}
+        self._form_expected = False
         n = self.slots.size
         super().__init__(
             unknown_count=n,
@@ -400,7 +403,9 @@ class BackboneProblem(BoundaryProblem):
     def expect_judging(self) -> None:  # noqa: D102
         if self._may_condense:
             self.judged_often = True
-            expect(make_form, self.device)
+            if not self._form_expected:
+                self._form_expected = True
+                expect(make_form, self.device)
 
     @property
     def _may_condense(self) -> bool:
@@ -425,8 +430,10 @@ class BackboneProblem(BoundaryProblem):
         return [*super()._zeros(), *lines, *((self.tip_wrench, self.wrench_columns) if self.held else ())]
 
     def takes(self, name: str) -> bool:  # noqa: D102
-        needed = [feature for feature, names in FEATURE_INPUTS.items() if name in names]
-        return all(getattr(self.features, feature) for feature in needed)
+        if name not in self._taken:
+            needed = [feature for feature, names in FEATURE_INPUTS.items() if name in names]
+            self._taken[name] = all(getattr(self.features, feature) for feature in needed)
+        return self._taken[name]
 
     def pack(self, inputs: Inputs) -> FloatArray:  # noqa: D102
         packed = super().pack(inputs)
@@ -434,6 +441,12 @@ class BackboneProblem(BoundaryProblem):
         return packed
 
     def input_slice(self, name: str) -> slice:  # noqa: D102
+        found = self._slices.get(name)
+        if found is None:
+            found = self._slices[name] = self._slice_of(name)
+        return found
+
+    def _slice_of(self, name: str) -> slice:
         n = len(self.rods)
         if name in ("rotation", "translation"):
             start = 0 if name == "rotation" else n
@@ -758,7 +771,10 @@ class BackboneProblem(BoundaryProblem):
 
     def ends(self) -> FloatArray:
         """Arclength at which each rod ends [m], shape (instance_count, n)."""
-        return np.asarray(self.arrays.end[:, :, -1] + self.read("inputs")[:, self.input_slice("translation")])
+        inputs = self.input_view()
+        if inputs is None:
+            inputs = self.read("inputs")
+        return np.asarray(self.arrays.end[:, :, -1] + inputs[:, self.input_slice("translation")])
 
     def furthest_end(self) -> FloatArray:
         """Arclength at which the last rod ends [m], shape (instance_count,)."""
@@ -897,6 +913,10 @@ class BackboneProblem(BoundaryProblem):
             made.write("unknowns", unknowns)
         made.launch.launch()
         return made
+
+    def nodes_of_all(self, node_count: int) -> NodePass:
+        """A pass by columns over nodes of all rods together and all instances, not launched yet."""
+        return self._make_node_pass(node_count, False, True, None, None, {})
 
     def _make_node_pass(
         self, node_count: int, chosen: bool, columns: bool, rod: int | None, unknowns: FloatArray | None, changes: dict[str, Any]

@@ -32,6 +32,11 @@ class Columns:
         target.slopes, target.moved = (own.array for own in self._own)
         target.first = 0
 
+    @property
+    def in_place(self) -> bool:
+        """Whether kernels read them where the integration leaves them."""
+        return not self._own
+
     def update(self) -> None:
         """After an integration."""
         if self._own:

@@ -64,6 +64,11 @@ class ControlStep:
         self._kept["good_unknowns"].assign(unknowns)
         self._kept["good_values"].assign(values)
 
+    def prepare(self, *kinds: Kind) -> None:
+        """Make the launches for targets of these kinds: one that is not made takes a sample as long as forty do."""
+        for kind in kinds:
+            self._launches[kind] = self._made(kind)
+
     def launch(self, kind: Kind) -> tuple[FloatArray, FloatArray, int]:
         """From an integration to the next one's place.
 
@@ -73,7 +78,7 @@ class ControlStep:
         """
         self._columns.update()
         if kind not in self._launches:
-            self._launches[kind] = self._made(kind)
+            self.prepare(kind)
         if self._shared:
             self._launches[kind]()
             found, told, status = self._views

@@ -172,6 +172,7 @@ class Controller(Uncopied, Generic[Robot_co]):
         weight = np.array([1 / self._length**2, 1 / self._length])
         self._step = ControlStep(self._task, self._rows, self._unit, weight, (1 - keep**2, (1 - keep) ** 2))
         self._step.start(x, p)
+        self._step.prepare((1, 0, 0), (1, 1, 0))  # what most loops ask for: a position, a pose
         self._task.write(x, p)
         self._lock = Lock()
 

@@ -76,9 +76,12 @@ class Task:
     def __init__(self, problem: BoundaryProblem, free: Sequence[str]) -> None:
         self.problem = problem
         self.free = tuple(free)
-        every = np.arange(problem.input_count)
-        self.places: NDArray[np.intp] = np.concatenate([every[problem.input_slice(name)] for name in self.free])
+        self.places: NDArray[np.intp] = problem.tool(("places", self.free), self._placed)
         problem.aim(*self.free)
+
+    def _placed(self) -> NDArray[np.intp]:
+        every = np.arange(self.problem.input_count)
+        return np.concatenate([every[self.problem.input_slice(name)] for name in self.free])
 
     @classmethod
     def of(

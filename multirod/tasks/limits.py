@@ -14,7 +14,7 @@ from multirod.assembly import Assembly
 from multirod.models.assemblies.concentric_tubes import ConcentricTubes
 from multirod.models.assemblies.parallel_rods import ParallelRods
 from multirod.remarks import Remarks
-from multirod.tasks.formulation import input_units
+from multirod.tasks.formulation import input_units, options
 from multirod.validation import FloatArray, array, nonnegative_float, number, positive_float, refuse, shown, unknown_names
 
 SHORTEST = 1e-3  # of its length, what of a rod stays in use
@@ -161,18 +161,19 @@ def told(error: float, angle: float, at_limit: str) -> dict[str, str]:
     return {name: text for name, text in parts.items() if text}
 
 
-_KNOWN: dict[Any, tuple[Any, LimitRows, FloatArray]] = {}
+_KNOWN: dict[Any, tuple[Any, LimitRows, FloatArray, dict[str, Any]]] = {}
 
 
-def known_rows(robot: Assembly, limits: Limits | None, free: Sequence[str]) -> tuple[LimitRows, FloatArray]:
-    """``limit_rows`` and ``input_units`` as they were found before, the same objects, for a target after another."""
+def known_rows(robot: Assembly, limits: Limits | None, free: Sequence[str]) -> tuple[LimitRows, FloatArray, dict[str, Any]]:
+    """``limit_rows``, ``input_units`` and the ``options`` of problems as they were found before, the same objects, for a target
+    after another."""
     key = id(robot), None if limits is None else limits.key, tuple(free)
     found = _KNOWN.get(key)
     if found is None or found[0]() is not robot:
         if len(_KNOWN) >= MOST_KNOWN:
             _KNOWN.clear()
-        found = _KNOWN[key] = ref(robot), limit_rows(robot, limits, free), input_units(robot, free)
-    return found[1], found[2]
+        found = _KNOWN[key] = ref(robot), limit_rows(robot, limits, free), input_units(robot, free), options(robot, free)
+    return found[1:]
 
 
 def limit_rows(robot: Assembly, limits: Limits | None, free: Sequence[str]) -> LimitRows:

@@ -14,7 +14,6 @@ from multirod import plausibility
 from multirod.assembly import Assembly, Robot, Robot_co
 from multirod.batch import IntArray, broadcast_shapes, parts, run, take, thread_count
 from multirod.inputs import Inputs
-from multirod.launch import expect
 from multirod.problem import BoundaryProblem
 from multirod.reuse import borrowed
 from multirod.running.simulation import as_solver, solve
@@ -22,12 +21,12 @@ from multirod.scene import Scene
 from multirod.solution import Solution
 from multirod.solver import Outcome, Solver
 from multirod.status import Status, failures
-from multirod.tasks.formulation import Task, freed, options, with_values
+from multirod.tasks.drive import expect_search
+from multirod.tasks.formulation import Task, freed, with_values
 from multirod.tasks.limits import LimitRows, Limits, freed_labels, known_rows, middle, nearest, refuse_start, told
 from multirod.tasks.redundancy import steadied
 from multirod.tasks.rows import Pose
 from multirod.tasks.search import Goals, Place, Prefer, Search
-from multirod.tasks.search_kernels import make_search
 from multirod.types import Index
 from multirod.validation import (
     Described,
@@ -105,6 +104,7 @@ class _Work:
     limits: LimitRows
     of_shape: Limits | None
     unit: FloatArray
+    options: dict[str, Any]
     centre: FloatArray | None
     prefer: Prefer
     starts: int
@@ -158,8 +158,9 @@ def reach(
         inputs: Where the search begins, and all that is not free; those of ``guess`` by default.
         free: Names of the inputs to be chosen, such as ``("rotation", "translation")``.
         limits: Kept at every step; what the robot cannot do is a limit without them.
-        prefer: What is done with freedom that the target leaves: the ``"smallest motion"`` from the start, the ``"middle"`` of
-            the limits, or the largest ``"stability"`` margin.
+        prefer: What is done with freedom that the target leaves: the ``"smallest motion"`` from the start, the
+            ``"smallest tension"`` of lines, by their squares, the ``"middle"`` of the limits, or the largest ``"stability"``
+            margin.
         starts: How many other starts are scattered within the limits; what is not reached is tried from the nearest of them.
         guess: The equilibrium at ``inputs``, so that it need not be solved for.
         solver: For the start; its integrator is that of the search too. ``Shooting()`` by default.
@@ -180,10 +181,10 @@ def reach(
     """
     method = as_solver(robot, solver)
     device = device_name("device", device)
-    expect(make_search, device)
+    expect_search(device)
     instance("target", target, Pose, "a Pose, such as Pose(position=(0.1, 0, 0.2))")
     plausibility.of_place("target.position", target.position)
-    if not target.complete.all():
+    if not target.whole:
         refuse("target", target, "must be finite: NaN is for a measurement that is missing")
     if guess is not None:
         instance("guess", guess, Solution, "a Solution")
@@ -201,15 +202,16 @@ def reach(
         shape = broadcast_shapes(given.batch_shape, robot.batch_shape, target.batch_shape)
     except ValueError:
         refuse("target", Described(f"leading axes {target.batch_shape}"), f"must broadcast with the inputs' {given.batch_shape}")
-    rows, unit = known_rows(robot, limits, free)
-    held = [getattr(given, name) for name in free]
-    begin = np.concatenate([np.broadcast_to(value, (*shape, value.shape[-1])) for value in held], axis=-1)
+    rows, unit, problem_options = known_rows(robot, limits, free)
+    begin = np.concatenate([_spread(getattr(given, name), shape) for name in free], axis=-1)
     refuse_start("limits", rows, begin.reshape(-1, begin.shape[-1]), robot, free)
     centre = middle(rows) if prefer == "middle" else None
+    if prefer == "smallest tension":
+        centre = _slack(robot, free, begin.reshape(-1, begin.shape[-1]))
     if centre is not None and np.isnan(centre).any():
         refuse("prefer", prefer, "needs limits on both sides of every freed input, which have a middle")
     first = solve(robot, given, solver=method, threads=threads, device=device, progress=False) if guess is None else guess
-    unknowns = np.broadcast_to(first.unknowns, (*shape, first.unknown_count)).reshape(-1, first.unknown_count)
+    unknowns = _spread(first.unknowns, shape).reshape(-1, first.unknown_count)
     work = _Work(
         robot=robot,
         target=target,
@@ -218,6 +220,7 @@ def reach(
         limits=rows,
         of_shape=limits if limits is not None and limits.of_shape else None,
         unit=unit,
+        options=problem_options,
         centre=centre,
         prefer=prefer,
         starts=starts,
@@ -235,6 +238,22 @@ def reach(
     return _run(work, status, spent, thread_count(threads))
 
 
+def _slack(robot: Assembly, free: tuple[str, ...], begin: FloatArray) -> FloatArray:
+    """Where no line is tense and all else that is free is as at first, ``begin`` (b, k), shape (k,)."""
+    if "tension" not in free:
+        refuse("prefer", "smallest tension", "needs tension to be free")
+    sizes = {spec.name: spec.size(robot.rod_count) for spec in robot.input_specs}
+    others = np.concatenate([np.full(sizes[name], name != "tension") for name in free])
+    if np.ptp(begin[:, others], axis=0).any():
+        refuse("prefer", "smallest tension", "needs what else is free to begin at one place for all targets")
+    return np.where(others, begin[0] if len(begin) else 0.0, 0.0)
+
+
+def _spread(values: FloatArray, shape: tuple[int, ...]) -> FloatArray:
+    """Rows (..., n) with these leading axes."""
+    return values if values.shape[:-1] == shape else np.broadcast_to(values, (*shape, values.shape[-1]))
+
+
 def _run(work: _Work, status: NDArray[np.int32], spent: NDArray[np.int32], threads: int) -> Reached[Any]:
     count, k = prod(work.batch_shape), len(work.unit)
     records: dict[str, Any] = {}
@@ -248,7 +267,7 @@ def _run(work: _Work, status: NDArray[np.int32], spent: NDArray[np.int32], threa
         settings: dict[str, Any] = {"integrator": work.method.integrator, "device": work.device, "instances": numbers}
         with ExitStack() as held:
             with work.lock:
-                made = borrowed(work.robot, work.inputs, **settings, **options(work.robot, work.free))
+                made = borrowed(work.robot, work.inputs, **settings, **work.options)
                 problem: BoundaryProblem = held.enter_context(made)
                 problem.stop = stop
             search = _search(work, problem, piece, numbers, status[piece])

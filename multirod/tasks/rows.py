@@ -87,6 +87,11 @@ class Pose:
             result &= np.isfinite(value).all(axis=tuple(range(-tail, 0)))
         return result
 
+    @property
+    def whole(self) -> bool:
+        """Whether all are complete."""
+        return all(bool(np.isfinite(value).all()) for value, _ in self._parts())
+
     def rows(self, length: float, batch_shape: tuple[int, ...] = (), instances: IntArray | None = None) -> "PoseRows":
         """The rows of some instances of a batch to whose leading axes this broadcasts.
 

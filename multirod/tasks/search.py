@@ -26,7 +26,7 @@ SETTLING = 4  # integrations that an equilibrium that was found by other kernels
 CAREFUL = 0.125  # part of the way that is gone at once where all of it ended at an equilibrium that is not stable
 NODES = 33  # of each rod, where its curvature is looked at
 
-Prefer = Literal["smallest motion", "middle", "stability"]
+Prefer = Literal["smallest motion", "smallest tension", "middle", "stability"]
 BoolArray = NDArray[np.bool_]
 
 
@@ -146,6 +146,8 @@ class Search:
             while under_way:
                 under_way = self._pass(under_way)
         arrays.fetch()
+        if (self.status == Status.REACHED).all():
+            return
         self._settle(np.flatnonzero(chosen & (self.status == Status.AT_LIMIT)))
         self._say_why(np.flatnonzero(self.status == NOT_REACHED))
 
@@ -162,14 +164,11 @@ class Search:
     def _pass(self, under_way: int) -> int:
         """Integrations of those under way until one of them ends or asks, which then is answered; how many are under way then."""
         arrays, problem = self._arrays, self.task.problem
-        left, asked = under_way, 0
         with ExitStack() as only:
             if under_way < len(self.status):
                 arrays.fetch()
                 only.enter_context(problem.only(self._values["phase"] != ENDED))
-            while left == under_way and not asked:
-                arrays.integrate()
-                left, asked = arrays.launch()
+            left, asked = arrays.go_on(under_way)
         while asked:
             arrays.fetch()
             self._answer()
@@ -204,9 +203,9 @@ class Search:
 
     def held(self, rows: IntArray) -> BoolArray:
         """Which freed inputs stand at a limit, shape (len(rows), k)."""
-        limits, unit = self.goals.limits, self.goals.unit
-        at, size = self.last.p[rows] @ limits.matrix.T, np.abs(limits.matrix) @ unit
-        near = (at - limits.low <= NEAR_LIMIT * size) | (limits.high - at <= NEAR_LIMIT * size)
+        limits, least = self.goals.limits, self._values["near"]
+        at = self.last.p[rows] @ limits.matrix.T
+        near = (at - limits.low <= least) | (limits.high - at <= least)
         return np.asarray((near[:, :, None] & (limits.matrix != 0)).any(axis=1))
 
     def modes(self, rows: IntArray) -> Modes:
@@ -252,6 +251,10 @@ class Search:
         """Whether the equilibria at ``last`` are not stable, as far as that can be said, shape (len(rows),)."""
         if not len(rows):
             return np.zeros(0, dtype=bool)
+        problem = self.task.problem
+        self.task.write(self.last.x, self.last.p)
+        if len(rows) == problem.instance_count and problem.stability is not None and problem.stability.surely_stable():
+            return np.zeros(len(rows), dtype=bool)
         stability = self.modes(rows).stability
         return np.asarray((stability == Stability.UNSTABLE) | (stability == Stability.FOLD))
 
@@ -294,6 +297,8 @@ class Search:
 
         A result, ``AT_LIMIT``, only where that is stable and within the limits of shapes.
         """
+        if (self.status == Status.REACHED).all():
+            return
         nearer = np.linalg.norm(self.origin_errors, axis=1) < np.linalg.norm(self.errors, axis=1)
         rows = np.flatnonzero(nearer & (self.status != Status.REACHED))
         if not len(rows):
@@ -339,13 +344,14 @@ class Search:
     def leave(self) -> None:
         """Leave the problem's buffers at ``last``, and what its own test refuses as failed."""
         self.status[self._settle(np.flatnonzero(self.status == Status.AT_LIMIT))] = Status.UNREACHABLE
-        rows = np.flatnonzero(self._found())
-        self.status[rows[self.beyond(rows)]] = Status.OUT_OF_LIMITS  # of another start
+        if self.goals.of_shape is not None:
+            rows = np.flatnonzero(self._found())
+            self.status[rows[self.beyond(rows)]] = Status.OUT_OF_LIMITS  # of another start
         problem, found = self.task.problem, self._found()
         differ = (problem.read("unknowns") != self.last.x).any(axis=1) | (self.here.x != self.last.x).any(axis=1)
         stale = found & (differ | (self.here.p != self.last.p).any(axis=1))
-        self.here.put(stale, self.last)
         if stale.any():
+            self.here.put(stale, self.last)
             self.task.evaluate(self.last.x, self.last.p, stale)
             self.integrations[stale] += 1
         self.task.write(self.last.x, self.last.p)

@@ -5,6 +5,7 @@ from functools import cache
 
 import warp as wp
 
+from multirod.repeated_kernels import Calls, launch_all
 from multirod.status import Status
 from multirod.tasks.drive_kernels import (
     LEAST,
@@ -262,24 +263,45 @@ def proceed(s: wp.ref[Drive], t: int):
         end(s, t, wp.static(int(Status.INTEGRATION_LIMIT)))
 
 
+@wp.func(inline=False)
+def attend(s: wp.ref[Drive], t: int):
+    """One instance, after its integration."""
+    if s.phase[t] == wp.static(BEGINNING):
+        begin(s, t)
+    elif s.phase[t] == wp.static(OPEN):
+        if s.settings[wp.static(RESUMED)] == f64(0.0) or s.asked[t] != wp.static(NOTHING):
+            proceed(s, t)
+    if s.phase[t] == wp.static(OPEN):
+        wp.atomic_add(s.count, 0, 1)
+        if s.asked[t] != wp.static(NOTHING):
+            wp.atomic_add(s.count, 1, 1)
+        put(s.task.unknowns, s.here_x, t)
+        for j in range(s.unit.shape[0]):
+            s.task.inputs[t, s.task.places[j]] = s.here_p[t, j]
+
+
 @cache
-def make_search():
-    """Kernel for all that a search does between two integrations."""
+def make_search(repeats: bool):
+    """Kernel for all that a search does between two integrations.
+
+    Where it ``repeats``, one thread may do all: with ``rounds``, it has an integration launched so many times at most, and goes
+    on after each, until an instance ends or asks.
+    """
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
-    def search(s: Drive):
-        t = wp.tid()
-        if s.phase[t] == wp.static(BEGINNING):
-            begin(s, t)
-        elif s.phase[t] == wp.static(OPEN):
-            if s.settings[wp.static(RESUMED)] == f64(0.0) or s.asked[t] != wp.static(NOTHING):
-                proceed(s, t)
-        if s.phase[t] == wp.static(OPEN):
-            wp.atomic_add(s.count, 0, 1)
-            if s.asked[t] != wp.static(NOTHING):
-                wp.atomic_add(s.count, 1, 1)
-            put(s.task.unknowns, s.here_x, t)
-            for j in range(s.unit.shape[0]):
-                s.task.inputs[t, s.task.places[j]] = s.here_p[t, j]
+    def search(s: Drive, calls: Calls, rounds: int):
+        if rounds == 0:
+            attend(s, wp.tid())
+            return
+        if wp.static(repeats):
+            under_way = s.count[0]
+            done = int(0)
+            while done < rounds and s.count[0] == under_way and s.count[1] == 0:
+                launch_all(calls)
+                s.count[0] = 0
+                s.count[1] = 0
+                for t in range(s.phase.shape[0]):
+                    attend(s, t)
+                done += 1
 
     return search

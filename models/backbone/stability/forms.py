@@ -61,6 +61,19 @@ class CompiledForm:
             setattr(state, name, wp.zeros((count, columns, columns), dtype=wp.float64, device=device))
         self._launch = record(make_form, count, [state], device)
 
+    @property
+    def launch(self) -> Any:
+        """The recorded launch."""
+        return self._launch
+
+    def array(self, name: str) -> Any:
+        """What kernels share with it: ``ends`` and ``unit``, which it is given, or what it finds."""
+        return self._shared[name].array
+
+    def want_all(self) -> None:
+        """Have launches condense all instances."""
+        self._shared["wanted"].write(1)
+
     def of(self, chosen: NDArray[np.bool_], ends: FloatArray, unit: FloatArray) -> CondensedForm:
         """That of the instances chosen (batch,), whose rods end at ``ends`` (batch, rod), ``unit`` being ``K/L`` (batch,)."""
         shared = self._shared
@@ -70,7 +83,9 @@ class CompiledForm:
         self._launch.launch()
         for name in ("matrix", "conjugate", "known", "open"):
             shared[name].fetch()
-        matrix, conjugate, known, left = (shared[name].values[chosen] for name in ("matrix", "conjugate", "known", "open"))
+        found = (shared[name].values for name in ("matrix", "conjugate", "known", "open"))
+        whole = bool(chosen.all())
+        matrix, conjugate, known, left = (values.copy() if whole else values[chosen] for values in found)
         result = CondensedForm(matrix, conjugate, known != 0)
         if left.any():
             rows = np.flatnonzero(chosen)[left != 0]

@@ -18,6 +18,7 @@ from multirod.models.backbone.stability.second_variation import (
     segments_needed,
     with_conditions,
 )
+from multirod.models.backbone.stability.sure import SureStability, may_be_sure
 from multirod.profile import DEGREE
 from multirod.stability import Modes, Stability, StabilityAnalysis
 from multirod.validation import FloatArray
@@ -47,8 +48,8 @@ class BackboneStability(StabilityAnalysis):
 
     @property
     def has_potential(self) -> NDArray[np.bool_]:  # noqa: D102
-        inputs = self.problem.read("inputs")
-        return np.asarray(self.problem.found_for("has_potential", inputs, lambda: self._has_potential(inputs)))
+        inputs, turned = self.problem.read("inputs"), 2 * len(self.problem.rods)  # and pushed, which is no load
+        return np.asarray(self.problem.found_for("has_potential", inputs[:, turned:], lambda: self._has_potential(inputs)))
 
     def _has_potential(self, inputs: FloatArray) -> NDArray[np.bool_]:
         problem, features = self.problem, self.problem.features
@@ -71,6 +72,19 @@ class BackboneStability(StabilityAnalysis):
         if self.problem.features.condition_count:
             stored += self.problem.lines.stretch_energy(self.problem.lines.length())
         return np.where(self.has_potential, stored - work, np.nan)
+
+    def surely_stable(self) -> bool:  # noqa: D102
+        problem = self.problem
+        if not problem.judged_often or not may_be_sure(problem) or not self.has_potential.all():
+            return False
+        own: SureStability = problem.tool("surely stable", lambda: SureStability(problem))
+        # by as many nodes as the last look called for, then by as many as this one does
+        tried = 0
+        while tried <= own.needed < MOST_NODES_AT_FIRST - 1:
+            tried = int(self._nodes(np.array(own.needed)))
+            if own.holds(tried):
+                return True
+        return False
 
     def unstable(self) -> NDArray[np.bool_]:  # noqa: D102
         form, determinant = self.condensed_form()
@@ -108,16 +122,17 @@ class BackboneStability(StabilityAnalysis):
         unit, n = self.problem.stiffness_over_length(), len(self.problem.rods)
         size = self._free() + (3 if self.problem.held else 0)
         count = self.problem.instance_count
-        form = CondensedForm.unknown(count, size)
+        form: CondensedForm | None = None
         determinant = np.full(count, np.nan)
         if n > 1 and self.problem.rigid_in_torsion:
-            return form, determinant  # a torque of each that nothing determines
+            return CondensedForm.unknown(count, size), determinant  # a torque of each that nothing determines
         # each instance has its own number of nodes, whatever stands beside it in the batch
         expected = self._segments_expected()
         nodes = self._nodes(np.minimum(np.where(np.isnan(expected), 0.0, expected), MOST_NODES_AT_FIRST - 2))
         open_ = np.ones(count, dtype=bool)
         if self.problem.breakpoints:
             cut = list(self.problem.breakpoints)
+            form = CondensedForm.unknown(count, size)
             form.put(cut, self.by_breakpoints())
             open_[cut] = False
         while open_.any():
@@ -133,13 +148,16 @@ class BackboneStability(StabilityAnalysis):
                 if done.all():
                     form = own
                 else:
+                    form = CondensedForm.unknown(count, size) if form is None else form
                     form.put(done, own)
                 if not self.problem.held and (asked := done & self._told_by_sign(self.has_potential)).any():
                     determinant[asked] = certain_determinant(call.read("gamma")[asked])
+                if done.all():
+                    break
             more = chosen & ~done & (needed < MOST_NODES - 1)
             nodes[more] = self._nodes(needed[more])
             open_ &= ~chosen | more
-        return form, determinant
+        return CondensedForm.unknown(count, size) if form is None else form, determinant
 
     def by_breakpoints(self) -> CondensedForm:
         """The same of instances that are known by their breakpoints, in their order."""

@@ -1,0 +1,110 @@
+"""Stability of few instances that is beyond doubt, in one launch: of most results nothing else is asked."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from multirod.launch import record
+from multirod.models.backbone.node_pass import NEAR, NodePass
+from multirod.models.backbone.passes import LanePass
+from multirod.models.backbone.stability.sure_kernels import Sure, make_sure
+from multirod.problem import FEW
+from multirod.repeated_kernels import callable_from_kernels
+from multirod.shared import Shared
+from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.models.backbone.problem import BackboneProblem
+
+
+def may_be_sure(problem: "BackboneProblem") -> bool:
+    """Whether a problem is one of those that ``SureStability`` looks at: free rods under loads with a potential, on the CPU."""
+    own = problem.features
+    others = (own.members, own.eccentric, own.magnetised, own.foundation, own.measured, own.friction, own.profile_degree >= 0)
+    return (
+        own.moment
+        and not any(others)
+        and not (problem.held or problem.breakpoints or (own.turning_count and problem.rigid_in_torsion))
+        and wp.get_device(problem.device).is_cpu
+        and problem.instance_count <= FEW
+        and isinstance(problem.launch, LanePass)
+    )
+
+
+class SureStability:
+    """Finds which equilibria are surely stable, as ``BackboneStability.modes`` would.
+
+    Args:
+        problem: Of which ``may_be_sure`` holds.
+
+    Attributes:
+        needed: Segments that the last look called for; 0 before the first.
+    """
+
+    def __init__(self, problem: "BackboneProblem") -> None:
+        self._problem = problem
+        self.needed = 0.0
+        self._looks: dict[int, _Look | None] = {}  # by nodes; None where a kernel cannot launch others
+
+    def holds(self, nodes: int) -> bool:
+        """Whether all instances are stable at the problem's unknowns, by so many nodes; False says nothing."""
+        if nodes not in self._looks:
+            self._looks[nodes] = self._made(nodes)
+        look = self._looks[nodes]
+        if look is None:
+            return False
+        look.launch()
+        self.needed = float(look.needed.max())
+        return bool(look.sure.all())
+
+    def _made(self, nodes: int) -> "_Look | None":
+        problem = self._problem
+        made: NodePass = problem.nodes_of_all(nodes)
+        free, n, device, count = 3 + problem.features.turning_count, len(problem.rods), problem.device, problem.instance_count
+        form = made.form(free, n, device)
+        form.want_all()
+        if made.launch.recorded is None:
+            return None
+        calls = [callable_from_kernels(launches) for launches in (made.launch.recorded, (form.launch,))]
+        if None in calls:
+            return None
+        state: Any = Sure()
+        problem.share(state, ("inputs", "fault", "position", "rotation"))
+        state.first, state.near = problem.input_slice("translation").start, NEAR / 3
+        bend, _, kappa = problem.bend_by_section()
+        if not problem.features.turning_count:
+            bend, kappa = np.zeros_like(bend), np.zeros_like(kappa)
+        constants = {"length": problem.each(problem.arrays.end[:, :, -1]), "stiffness": problem.least_stiffness()}
+        for name, values in (constants | {"bend": bend, "kappa": kappa}).items():
+            setattr(state, name, wp.array(np.ascontiguousarray(values), dtype=wp.float64, device=device))
+        for name in ("column_arclength", "node_curvature", "node_moment", "node_force"):
+            setattr(state, name, getattr(made.call, name))
+        state.node_position, state.node_rotation = made.call.position, made.call.rotation
+        for name in ("ends", "unit", "matrix", "conjugate", "known", "open"):
+            setattr(state, name, form.array(name))
+        needed, sure = Shared((count,), wp.float64, device), Shared((count,), wp.int32, device)
+        state.needed, state.sure = needed.array, sure.array
+        state.work = wp.zeros((count, free, free), dtype=wp.float64, device=device)
+        launch = record(make_sure, 1, [state, *calls], device)
+        return _Look(launch.launch, needed.values, sure.values, (made, form, state, *calls))
+
+
+@dataclass(frozen=True)
+class _Look:
+    """By some number of nodes.
+
+    Attributes:
+        launch: Looks.
+        needed: Segments that each instance called for, shape (instance_count,).
+        sure: Which are surely stable, likewise.
+        kept: What the launch works in.
+    """
+
+    launch: Callable[[], None]
+    needed: FloatArray
+    sure: NDArray[np.int32]
+    kept: tuple[Any, ...]
