@@ -191,6 +191,7 @@ class BackboneProblem(BoundaryProblem):
         self._slices: dict[str, slice] = {}  # what was asked for: a search asks again and again
         self._taken: dict[str, bool] = {}
         self._form_expected = False
+        self.renewals = 0  # how often it has served again
         n = self.slots.size
         super().__init__(
             unknown_count=n,
@@ -398,6 +399,7 @@ class BackboneProblem(BoundaryProblem):
         self._clear()
         self.inputs_given = inputs
         self.write("inputs", self.pack(inputs))
+        self.renewals += 1
         return True
 
     def expect_judging(self) -> None:  # noqa: D102
