@@ -246,8 +246,10 @@ class Segments(ABC):
         variation_size: Components ``d`` of a variation.
         unknown_places: Which of them the unknowns vary at the base, shape (n,).
         device: Warp device.
+        end_held: Whether the pose of the tip is given, so that where it is tells nothing of what holds it.
     """
 
+    end_held = False
     variation_size: int
     unknown_places: NDArray[np.intp]
     device: str

@@ -24,6 +24,7 @@ NOISY = 1e2  # norm of Gamma from which the integrator's noise may look like the
 POLISH = 5  # iterations on the unknowns alone
 MAX_INTEGRATIONS = 2600  # some seconds; the hardest loads of docs/solvers.md take 300
 SAME_POSE = 1e-7  # of the length, and of a rotation: how near these lead to the tip that the segments lead to
+ROUNDED = 1.0  # of the tolerance, that rounding may leave where the tip is held: its pose then tells nothing of the reactions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -225,7 +226,8 @@ class MultipleShooting(Solver):
         """Newton on the unknowns alone, which converges to the same pose where the problem is well conditioned; not tried where
         their ``rounding`` alone, (instance_count,), leaves far more than the tolerance."""
         problem.write("unknowns", unknowns)
-        tried = (outcome.status == Status.MULTIPLE_SHOOTING) & (rounding < ROUNDED_OFF * problem.tolerance(self.tolerance))
+        far = ROUNDED if segments.end_held else ROUNDED_OFF
+        tried = (outcome.status == Status.MULTIPLE_SHOOTING) & (rounding < far * problem.tolerance(self.tolerance))
         if tried.any():
             newton = Newton(problem, tolerance=self.tolerance, max_iterations=POLISH, line_search=False)
             newton.run(tried)

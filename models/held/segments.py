@@ -69,6 +69,7 @@ class HeldSegments(BackboneSegments):
 
     own_arguments = (*BackboneSegments.own_arguments, "inputs", "directions", "tip_wrench", "wrench_columns")
     given_at_base = True
+    end_held = True
     fewest_for_modes = 2  # before whose last the tip's own rotation is eliminated
 
     def __init__(self, held: "HeldProblem") -> None:
