@@ -30,6 +30,8 @@ MOST_STEPS = 128
 MOST_SEGMENTS = 20_000
 MOST_ROUNDS = 10
 COLUMN_ERROR = 1e-6  # of a segment's transition, relative
+PATIENCE = 2  # halvings of a step, after which the equilibrium that it starts from is found to the tolerance
+POLISH = 10  # Newton's steps by which that is found
 NEAR = 1e-3  # Newton steps no longer than this, relative to the last step of the load, are left on the way
 CHECKED = 1.25  # growth of the load after which the steps of segments are looked at again on the way
 COUNTED_AS_ONE = 192  # segments integrated, or Jacobians of so many compared
@@ -467,6 +469,7 @@ class SegmentedPaths:
         checked = level.copy()  # and at which steps were
         taken_at = np.full((FORESEEN + 1, len(level)), np.nan)  # integrations taken by the last equilibria
         new = on.copy()  # whose tangents are not known yet
+        halved = np.zeros(len(level), dtype=int)  # how often the present step was
         for done in range(self.max_steps):
             on = on & (level < 1.0)
             if done >= PACE:
@@ -519,8 +522,36 @@ class SegmentedPaths:
                 on = on & self._end(results, ~new | (self._fault == 0), Status.STALLED)
             failed = on & ~new
             step[failed] = 0.5 * taken[failed]
+            halved = np.where(failed, halved + 1, 0)
+            if self.segments.end_held and (rough := on & (halved == PATIENCE)).any():
+                polished, good = self._polished(place.chosen(rough), level[rough], before.chosen(rough))
+                place = results.place = place.put(_among(rough, good), polished.chosen(good))
+                new |= _among(rough, good)
             small = step < MIN_STEP * np.minimum(1.0, np.maximum(level, safe))
             on = on & self._end(results, ~(failed & (small | self._spent)), Status.BRANCH_END)
+
+    def _polished(self, place: Place, level: FloatArray, before: Systems) -> tuple[Place, BoolArray]:
+        """Equilibria that were known to a part of a step, found to the tolerance, and which are, (count,).
+
+        Newton's steps need not contract: what is left of positions pulls at a rod whose end is held by its axial stiffness, so
+        that the second may be longer than the first.
+        """
+        mine = self._of(place.cuts)
+        reached, on = np.zeros(len(mine), dtype=bool), np.ones(len(mine), dtype=bool)
+        for _ in range(POLISH):
+            here = place.chosen(on)
+            _, step, there, able = self._linearised(here)
+            reached[np.flatnonzero(on)[there]] = True
+            on[np.flatnonzero(on)[~able]] = False
+            if not on.any():
+                break
+            cuts = self.moved(here.cuts.chosen(able), step.chosen(here.cuts, able))
+            self.iterations[mine[on]] += 1
+            place = place.put(on, self.evaluate(cuts, level[on]))
+        reached &= self._fault[mine] == 0
+        if reached.any():
+            reached[reached] = before.chosen(reached).same_branch(self.systems(place.chosen(reached)))
+        return place, reached
 
     def _expected(self, found: Cuts, last: Cuts, expected: Cuts) -> BoolArray:
         """Whether equilibria lie where the tangents led."""
