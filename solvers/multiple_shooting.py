@@ -24,7 +24,7 @@ NOISY = 1e2  # norm of Gamma from which the integrator's noise may look like the
 POLISH = 5  # iterations on the unknowns alone
 MAX_INTEGRATIONS = 2600  # some seconds; the hardest loads of docs/solvers.md take 300
 SAME_POSE = 1e-7  # of the length, and of a rotation: how near these lead to the tip that the segments lead to
-ROUNDED = 1.0  # of the tolerance, that rounding may leave where the tip is held: its pose then tells nothing of the reactions
+ROUNDED = 0.05  # of the tolerance, that rounding may leave where the tip is held, whose pose tells nothing of what holds it
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -110,10 +110,11 @@ def test_segments_lead_where_shooting_leads(name, monkeypatch):
         np.testing.assert_allclose(found.jacobian(of), expected.jacobian(of), atol=1e-5, err_msg=of)
 
 
+@pytest.mark.parametrize("place", [1.02, 1.05])  # beyond the first, steps are halved where the axial stiffness pulls
 @pytest.mark.parametrize("solver", [mr.MultipleShooting(), mr.Shooting()], ids=repr)
-def test_a_network_of_pieces_agrees(solver):
+def test_a_network_of_pieces_agrees(solver, place):
     end = np.eye(4)
-    end[:3, :3], end[2, 3] = Rotation.from_rotvec((1.5, 0, 0)).as_matrix(), 1.02
+    end[:3, :3], end[2, 3] = Rotation.from_rotvec((1.5, 0, 0)).as_matrix(), place
     whole = mr.HeldRod(mr.Rod(length=1, **STIFF), end=end)
     found = mr.solve(whole, whole.inputs(), solver=solver).raise_if_failed()
     pieces = [f"piece {k}" for k in range(4)]
@@ -124,9 +125,10 @@ def test_a_network_of_pieces_agrees(solver):
     cut = mr.Network(rods=dict.fromkeys(pieces, mr.Rod(length=0.25, **STIFF)), bodies=between, joints=joints)
     expected = mr.solve(cut, cut.inputs()).raise_if_failed()
     assert found.stability is expected.stability is mr.Stability.STABLE
-    np.testing.assert_allclose(found.energy, expected.energy, rtol=1e-5)
+    # what integrations to 1e-8 leave
+    np.testing.assert_allclose(found.energy, expected.energy, rtol=1e-7)
     last = expected.rod(pieces[-1])
-    np.testing.assert_allclose(found.end_force, last.rotation[-1] @ last.force[-1], rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(found.end_force, last.rotation[-1] @ last.force[-1], rtol=1e-7, atol=1e-5)
     shape = found.rod(0, nodes=33)
     assert np.isfinite(shape.position).all()
     middle = np.concatenate([expected.rod(name, nodes=9).position[k > 0 :] for k, name in enumerate(pieces)])
