@@ -32,6 +32,8 @@ def same_branch(gamma: FloatArray, before: FloatArray) -> NDArray[np.bool_]:
     with np.errstate(all="ignore"):
         E = gamma @ np.linalg.inv(start) - RATIO_CENTRE * np.eye(n)
         while power <= RATIO_POWERS:
-            bound = np.fmin(bound, np.linalg.norm(E, axis=(1, 2)) ** (1 / power))
+            bound = np.fmin(bound, np.sqrt((E * E).sum(axis=(1, 2))) ** (1 / power))
+            if (bound < RATIO_RADIUS).all():
+                break
             E, power = E @ E, 2 * power
     return np.asarray(regular & (bound < RATIO_RADIUS))
