@@ -2,6 +2,7 @@
 
 import importlib.util
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from multirod.wrapped import WrappedProblem
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 WIRE = mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638, precurvature=(14, 5, 0))
+STRAIGHT = mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638)
 
 
 def example(name: str) -> Any:
@@ -34,6 +36,47 @@ def test_own_assemblies_conform(scene: str, given: str, tip_rod: int | None) -> 
     robot = SCENES[scene].robot()
     inputs = robot.inputs(**SCENES[scene].inputs[given])[0]
     check_assembly(robot, inputs, tip_rod=tip_rod, vary=("tip_force", "rotation", "translation"))
+
+
+def at(x: float = 0, y: float = 0, z: float = 0) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, 3] = x, y, z
+    return pose
+
+
+def held_rod() -> tuple[mr.Assembly, mr.Inputs]:
+    robot = mr.HeldRod(STRAIGHT, end=at(0.05, 0, 0.37))
+    return robot, robot.inputs(distributed_force=(0.1, 0.2, 0))
+
+
+def eccentric_tubes() -> tuple[mr.Assembly, mr.Inputs]:
+    def tube(outer: float, inner: float, curvature: float) -> mr.Rod:
+        sizes = {"length": 0.15, "outer_diameter": outer, "inner_diameter": inner}
+        return mr.Rod.tube(**sizes, young_modulus=60e9, shear_modulus=23e9, precurvature=(0, curvature, 0))
+
+    robot = mr.EccentricTubes([tube(1e-3, 0.7e-3, 5), tube(1.2e-3, 0.8e-3, -3)], offsets=[(1e-3, 0), (-1e-3, 0)])
+    return robot, robot.inputs(tip_force=(0.05, 0.02, 0))
+
+
+def tendons() -> tuple[mr.Assembly, mr.Inputs]:
+    lines = [mr.Tendon(offset=(0.008 * np.cos(a), 0.008 * np.sin(a))) for a in (0, 2.1, 4.2)]
+    robot = mr.SingleRod(mr.Rod(length=0.2, bending_stiffness=0.01, torsional_stiffness=0.0077, lines=lines))
+    return robot, robot.inputs(tension=(1.5, 0.7, 0.5), tip_force=(0.1, 0.05, 0))
+
+
+def network() -> tuple[mr.Assembly, mr.Inputs]:
+    top = mr.Body("top", mass=0.02)
+    places = {"left": at(-0.05), "right": at(0.05)}
+    joints = [mr.Joint(name, "base", to=mr.ground, pose=pose) for name, pose in places.items()]
+    joints += [mr.Joint(name, "tip", to=top, pose=pose) for name, pose in places.items()]
+    robot = mr.Network(rods=dict.fromkeys(places, STRAIGHT), bodies=[top], joints=joints, end_effector=top)
+    return robot, robot.inputs(force={"top": (0.3, 0.2, 0)}, gravity=(0, 0, -9.81))
+
+
+@pytest.mark.parametrize("made", [held_rod, eccentric_tubes, tendons, network])
+def test_other_own_assemblies_conform(made: Callable[[], tuple[mr.Assembly, mr.Inputs]]) -> None:
+    robot, inputs = made()
+    check_assembly(robot, inputs, tip_rod=0 if made is tendons else None)
 
 
 @pytest.mark.parametrize("inputs", [{"tip_force": (0.3, 0.2, 0.1), "rotation": 0.4}, {"follower_force": (0.2, 0.1, 0)}])

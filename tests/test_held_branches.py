@@ -70,6 +70,53 @@ def test_step_control_ends_branches_where_fixed_steps_do(kind):
     assert found.events[0].load_factor == pytest.approx(1 / 1.1, rel=1e-6)
 
 
+CLAMPED = 4 * np.pi**2 * EI / 0.2**2  # critical load of a strip clamped at both ends
+
+
+def clamped_column():
+    end = np.eye(4)
+    end[2, 3] = 0.2
+    return mr.HeldRod(mr.Rod(length=0.2, bending_stiffness=(1.5 * EI, EI), torsional_stiffness=EI), end=end, slide=(0, 0, 1))
+
+
+def test_step_control_sees_the_columns_of_a_clamped_column():
+    """Which control of a straight rod's state does not: it took three steps, and ``Gamma`` never lost its sign."""
+    robot, thrust = clamped_column(), -CLAMPED * np.array([0.5, 1.0, 1.2])[:, None] * (0, 0, 1)
+    inputs = robot.inputs(tip_force=thrust)
+    gammas = []
+    for integrator in mr.RK45(), mr.RK4(400):
+        problem = robot.problem(inputs, integrator=integrator)
+        x = np.zeros((3, problem.unknown_count))
+        for _ in range(3):  # of straight rods Newton's method finds the force at once
+            residual, gamma = problem.evaluate(x)
+            x -= np.linalg.solve(gamma, residual[..., None])[..., 0]
+        gammas.append(problem.evaluate(x)[1])
+    assert (problem.step_count.numpy() == 400).all()
+    # steps of 0.6 of what a wave takes for a radian leave 0.6^6/720 each of a column, of some 10
+    np.testing.assert_allclose(gammas[0], gammas[1], rtol=0, atol=1e-3 * np.abs(gammas[1]).max())
+    signs = np.sign(np.linalg.det(gammas[0]))
+    assert signs[0] == -signs[2]  # one mode has vanished
+
+
+def test_a_clamped_column_buckles_in_motions_and_at_once_by_the_default_integrator():
+    robot, time = clamped_column(), np.linspace(0, 1, 21)
+    thrust = -1.5 * CLAMPED * time[:, None] * (0, 0, 1)
+    history = mr.simulate(robot, robot.inputs(tip_force=thrust), time=time).raise_if_failed()
+    assert names(history) == ["BIFURCATED"]
+    assert (history.stability == mr.Stability.STABLE).all()
+    (event,) = said(history)
+    assert event.time == pytest.approx(1 / 1.5, rel=1e-5)
+    tracker = mr.Tracker(robot, inputs=robot.inputs(tip_force=thrust[0]))
+    samples = [tracker.step(tip_force=force) for force in thrust]
+    assert [sample.status.name for sample in samples if sample.status is not mr.Status.CONVERGED] == ["BIFURCATED"]
+    found = mr.solve(robot, robot.inputs(tip_force=-1.5 * CLAMPED * np.array([0, 0, 1])))
+    assert (found.status, found.stability) == (mr.Status.BIFURCATED, mr.Stability.STABLE)
+    assert found.events[0].load_factor == pytest.approx(1 / 1.5, rel=1e-5)
+    # a quarter of a clamped column is an elastica of a free one: the ends meet as those of four
+    k = brentq(lambda k: 2 * ellipk(k * k) / np.pi - np.sqrt(1.5), 1e-6, 0.99)
+    assert found.tip_position[2] == pytest.approx(0.2 * (2 * ellipe(k * k) / ellipk(k * k) - 1), abs=1e-7)
+
+
 def test_an_arch_snaps_through_as_links_that_creep():
     """Its ends pushed together by a tenth, then pressed from above: not by its tip, which is held."""
     robot, span = mr.HeldRod(STRIP), 0.9 * LENGTH

@@ -1,6 +1,7 @@
 """Instances side by side in the lanes of one thread: none sees another, and how they are dealt out does not matter."""
 
 import numpy as np
+import programs
 import pytest
 import warp as wp
 
@@ -9,6 +10,7 @@ from multirod.models.backbone import passes
 from multirod.models.backbone.kernels.integration.integrate import make_kernel
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.kernels.numbers.lanes import lanes
+from multirod.studies.scenes import SCENES
 
 RK4, RK45 = mr.RK4(20), mr.RK45()
 
@@ -128,3 +130,42 @@ def test_a_gpu_can_run_the_same_source(tmp_path):
     module = make_kernel(features, RK4.tableau, "float64", 1).module
     wp.compile_aot_module(module, device=None, arch=80, module_dir=str(tmp_path), use_ptx=True)
     assert [file.suffix for file in tmp_path.iterdir()].count(".ptx") == 1
+
+
+KERNELS_OF_A_SCENE = """
+import sys, tempfile
+from pathlib import Path
+import warp as wp
+wp.config.optimization_level = 1  # what is compiled matters here, not how fast it is
+import multirod as mr
+from multirod.compiling import COMPILER
+from multirod.models.backbone import passes
+from multirod.studies.scenes import load
+passes.WIDTH.update(float64=1, float32=1)  # a lane a thread, as on a GPU
+modules, request = {}, COMPILER.request
+def remember(module, device):
+    modules[module.name] = module
+    return request(module, device)
+COMPILER.request = remember
+motion = load(sys.argv[1]).first(6)
+robot = motion.robot
+solution = mr.solve(robot, motion.inputs[0]).raise_if_failed()
+solution.rod(0), solution.jacobian("tip_force"), solution.stability, solution.energy
+for solver in mr.Shooting(), mr.Observer(feed_forward=True):
+    mr.simulate(robot, motion.inputs, time=motion.time, solver=solver)
+for name, module in modules.items():
+    with tempfile.TemporaryDirectory() as folder:
+        wp.compile_aot_module(module, device=None, arch=80, module_dir=folder, use_ptx=True)
+        assert len(list(Path(folder).glob("*.ptx"))) == 1, name
+    print(name)
+"""
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_a_gpu_can_run_every_kernel_of_a_scene(scene: str) -> None:
+    """Of solves, shapes, derivatives, stability and motions by Newton's method and by the observer, compiled to PTX."""
+    done = programs.run("-c", KERNELS_OF_A_SCENE, scene)
+    assert done.returncode == 0, done.stderr
+    kernels = done.stdout.split()
+    for kind in "integrate", "newton":
+        assert any(kind in kernel for kernel in kernels), kernels

@@ -15,6 +15,8 @@ from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul,
 LONGER, SHORTER = 5.0, 0.2  # most by which a step may grow or shrink
 SAFETY = 0.9
 CUT = 1.01  # a step that ends so near before the end of the stretch goes to it
+# longest step by which waves of the columns are followed, and of what it is the least, in lengths of the rod
+WAVE, SHORTEST_WAVE = 0.6, 1e-3
 
 
 def make_steps(layout: Layout, memory: Memory, tableau: Tableau, rate: SimpleNamespace, W: int, d) -> SimpleNamespace:
@@ -48,6 +50,7 @@ def make_steps(layout: Layout, memory: Memory, tableau: Tableau, rate: SimpleNam
     CONTROLLED = steps["controlled"]
     Z, STATE, PLACE, COLUMNS, COLUMN_SIZE = memory.STRETCH, memory.STATE, memory.PLACES, memory.COLUMNS, memory.COLUMN_SIZE
     GIVEN, PLACE_SIZE = layout.column.size, layout.place.size
+    HELD, FORCE_AT = layout.features.held, layout.place["force"]
     base_rates, column_rates = rate.base_rates, rate.column_rates
     inverse_root = L.power_root(tableau.order)
 
@@ -97,6 +100,18 @@ def make_steps(layout: Layout, memory: Memory, tableau: Tableau, rate: SimpleNam
         own = block(b, wp.static(MOMENT_AT), wp.static(MOMENT_SIZE)) + small
         longest = row(memory, o + wp.static(LONGEST))
         return least(longest / (d(1.0) + root(change / own)), d(0.1) * longest)
+
+    @wp.func
+    def wave_size(memory: memory_type, z: int, a: int) -> Real:
+        """Longest step that follows the columns of a held rod under the force at a place, (20b): control by a straight rod's
+        state does not see them."""
+        force = fill(d(0.0))
+        for k in range(3):
+            n = row(memory, a + wp.static(FORCE_AT) + k)
+            force = force + n * n
+        length = row(memory, z + wp.static(UNIT_LENGTH))
+        wave = root(row(memory, z + wp.static(UNIT_FORCE)) / root(force)) * length
+        return largest(d(WAVE) * wave, d(SHORTEST_WAVE) * length)
 
     @wp.func
     def column_steps(memory: memory_type, o: int, h: Real, count: int):
@@ -152,6 +167,8 @@ def make_steps(layout: Layout, memory: Memory, tableau: Tableau, rate: SimpleNam
             if wp.static(i == 0):
                 if any_less(size, zero):
                     size = where_less(size, zero, first_size(memory, o, b, f, small), size)
+                if wp.static(HELD):
+                    size = least(wave_size(memory, z, o + wp.static(PLACE)), size)
                 last = where_less(d(CUT) * size, rest, zero, one)
                 step = active * where_less(half, last, rest, size)
         trial = advance(b, step, k)
