@@ -50,7 +50,8 @@ def make_steps(layout: Layout, memory: Memory, tableau: Tableau, rate: SimpleNam
     CONTROLLED = steps["controlled"]
     Z, STATE, PLACE, COLUMNS, COLUMN_SIZE = memory.STRETCH, memory.STATE, memory.PLACES, memory.COLUMNS, memory.COLUMN_SIZE
     GIVEN, PLACE_SIZE = layout.column.size, layout.place.size
-    HELD, FORCE_AT = layout.features.held, layout.place["force"]
+    HELD, FORCE_AT, SEVERAL = layout.features.held, layout.place["force"], layout.TUBES
+    SOFT_AT = z["softness"] if SEVERAL else z["compliance"]
     base_rates, column_rates = rate.base_rates, rate.column_rates
     inverse_root = L.power_root(tableau.order)
 
@@ -109,9 +110,11 @@ def make_steps(layout: Layout, memory: Memory, tableau: Tableau, rate: SimpleNam
         for k in range(3):
             n = row(memory, a + wp.static(FORCE_AT) + k)
             force = force + n * n
-        length = row(memory, z + wp.static(UNIT_LENGTH))
-        wave = root(row(memory, z + wp.static(UNIT_FORCE)) / root(force)) * length
-        return largest(d(WAVE) * wave, d(SHORTEST_WAVE) * length)
+        soft = row(memory, z + wp.static(SOFT_AT))
+        if wp.static(not SEVERAL):  # of the softer of its axes
+            soft = largest(soft, row(memory, z + wp.static(SOFT_AT + 1)))
+        wave = root(fill(d(1.0)) / (soft * root(force)))
+        return largest(d(WAVE) * wave, d(SHORTEST_WAVE) * row(memory, z + wp.static(UNIT_LENGTH)))
 
     @wp.func
     def column_steps(memory: memory_type, o: int, h: Real, count: int):
