@@ -222,3 +222,50 @@ def test_what_a_controller_refuses(start, changes, error, message):
 def test_samples_that_are_refused(start, sample, error, message):
     with pytest.raises(error, match="(?s)" + message):
         loop_of(start, 100).step(**sample)
+
+
+def column(force):
+    """A straight rod of 0.4 m outside under a force along it [N], which buckles to all sides at once, from what length on."""
+    robot = mr.SingleRod(mr.Rod(length=0.6, bending_stiffness=0.2233, torsional_stiffness=0.0638))
+    return robot, robot.inputs(translation=-0.2, tip_force=(0, 0, -force)), np.pi / 2 * np.sqrt(0.2233 / force)
+
+
+def test_two_modes_that_are_lost_at_once_are_unstable():
+    """The sign of det Gamma does not change there."""
+    robot, inputs, buckles = column(2.204)
+    loop = mr.Controller(robot, dt=0.01, free="translation", inputs=inputs, integrator=STEPS)
+    looked = 0
+    for z in np.linspace(0.4, 0.58, 50):
+        command = loop.step(position=(0, 0, z))
+        looked += int(command.integrations) - 1
+        if z < buckles:
+            assert command.status is mr.Status.TRACKING
+            assert command.stability is mr.Stability.STABLE
+            before = command.inputs
+        else:
+            assert command.status is mr.Status.UNSTABLE
+            assert loop._step._kept["good_values"].numpy()[0, 0] == before.translation[0]
+    assert looked <= 1 + (np.linspace(0.4, 0.58, 50) > buckles).sum()  # of those before, the last may be looked at
+    for _ in range(6):  # each of 0.3 units (9) of 0.06 m at most
+        again = loop.step(position=(0, 0, 0.42))
+        assert again.status is mr.Status.TRACKING
+    np.testing.assert_allclose(again.inputs.translation, -0.18, atol=1e-9)
+
+
+def test_a_load_that_buckles_the_rod_between_two_samples_is_unstable():
+    """The unknowns of a straight rod do not move."""
+    robot, inputs, _ = column(1.0)
+    loop = mr.Controller(robot, dt=0.01, free="translation", inputs=inputs, integrator=STEPS)
+    for _ in range(3):
+        assert loop.step(position=(0, 0, 0.4)).status is mr.Status.TRACKING
+    assert loop.step(position=(0, 0, 0.4), tip_force=(0, 0, -5.0)).status is mr.Status.UNSTABLE
+    assert loop.step(position=(0, 0, 0.4), tip_force=(0, 0, -1.0)).status is mr.Status.TRACKING
+
+
+def test_an_unstable_start_is_refused():
+    robot, inputs, buckles = column(5.0)
+    assert buckles < 0.4
+    straight = mr.solve(robot, inputs, guess=np.zeros(3))
+    assert straight.stability is mr.Stability.UNSTABLE
+    with pytest.raises(ValueError, match=r"Controller\.guess = an unstable equilibrium is not allowed: must be stable"):
+        mr.Controller(robot, dt=0.01, free="translation", guess=straight, integrator=STEPS)

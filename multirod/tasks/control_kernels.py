@@ -11,6 +11,7 @@ from multirod.solvers.newton.newton_kernels import failure_of
 from multirod.status import Status
 from multirod.tasks.condensed_kernels import Condensed, across, axis_rows, condense, position_rows, rotation_rows, tilt
 from multirod.tasks.programme_kernels import Programme, keep_limits, place_rows
+from multirod.tasks.watch_kernels import FAR, LOOK, NOTHING, Watched, strayed
 
 f64 = wp.float64
 SOFTNESS = 1e-8  # of the largest number of J, squared: a ten thousandth of what moves the tip most is damped
@@ -57,6 +58,16 @@ class Control:
     begun: wp.array[wp.float64]  # the sign of det Gamma at the start, 0 before
     good_unknowns: wp.array2d[wp.float64]
     good_values: wp.array2d[wp.float64]
+    watched: Watched
+    curvature: wp.float64  # scale of unknowns [1/m], whose steps are told by it, those of values in units (9)
+    foreseen: wp.array[wp.float64]  # the way to the sample's place from the last command, likewise
+    doubt: wp.array[int]  # what has to be done about the sample, as ``watch_kernels`` says
+    # of the sample before, for one that turns out not to be stable
+    before_unknowns: wp.array2d[wp.float64]
+    before_values: wp.array2d[wp.float64]
+    before_position: wp.array[wp.vec3d]
+    before_rotation: wp.array[wp.mat33d]
+    before_tip: wp.array[int]
     # of the problem, and its copy for the sample
     records: wp.array2d[wp.float64]
     record: wp.array2d[wp.float64]
@@ -100,7 +111,7 @@ def place_target(s: Control, t: int):
 
 @wp.func
 def judge(s: Control, t: int) -> int:
-    """Whether there is a stable equilibrium to go on from: the sign of det Gamma changes at a fold."""
+    """Whether there is an equilibrium to go on from that is not past a fold, where the sign of det Gamma changes."""
     total = f64(0.0)
     for i in range(s.step.r.shape[1]):
         total += s.step.r[t, i]
@@ -193,19 +204,36 @@ def bounded(s: Control, t: int, side: int):
 
 
 @wp.func
-def place_start(s: Control, t: int, from_here: bool):
-    """(2) Unknowns and values of the problem after ``change``; from the integration's on, ``a`` belongs to it."""
+def place_start(s: Control, t: int, from_here: bool) -> f64:
+    """(2) Unknowns and values of the problem after ``change``; from the integration's on, ``a`` belongs to it. How far that
+    is, of unknowns in scales of curvature, of values in units (9)."""
     k = s.unit.shape[0]
+    far = f64(0.0)
     for i in range(s.task.unknowns.shape[1]):
         x = s.task.unknowns[t, i]
         if from_here:
             x += s.task.shift[t, i, 0]
         for j in range(k):
             x += s.task.shift[t, i, 1 + j] * (s.unit[j] * s.step.change[t, j])
+        far = wp.max(far, wp.abs(x - s.task.unknowns[t, i]) / s.curvature)
         s.task.unknowns[t, i] = x
     for j in range(k):
+        far = wp.max(far, wp.abs(s.step.change[t, j]))
         s.values[t, j] = s.values[t, j] + s.unit[j] * s.step.change[t, j]
         s.task.inputs[t, s.task.places[j]] = s.values[t, j]
+    return far
+
+
+@wp.func
+def keep_before(s: Control, t: int):
+    """The sample before."""
+    for i in range(s.task.unknowns.shape[1]):
+        s.before_unknowns[t, i] = s.good_unknowns[t, i]
+    for j in range(s.unit.shape[0]):
+        s.before_values[t, j] = s.good_values[t, j]
+    s.before_position[t] = s.tip_position[t]
+    s.before_rotation[t] = s.tip_rotation[t]
+    s.before_tip[t] = s.has_tip[t]
 
 
 @wp.func(inline=False)
@@ -302,6 +330,7 @@ def make_control():
         for i in range(3):
             s.told[t, wp.static(OFFSET) + i] = s.offset[t, 0][i]
             s.told[t, wp.static(TARGET) + i] = s.position[t][i]
+        s.doubt[t] = wp.static(NOTHING)
         status = int(wp.static(int(Status.TRACKING)))
         if s.task.fault[t] != 0:
             status = failure_of(s.task.fault[t])
@@ -318,7 +347,12 @@ def make_control():
             tell(s, t)
             if s.told[t, wp.static(HELD)] != f64(0.0):
                 status = wp.static(int(Status.AT_LIMIT))
-            place_start(s, t, True)
+            gone = place_start(s, t, True)
+            s.doubt[t] = strayed(s.watched, s.task.gamma, t, gone + s.foreseen[t])
+            if gone > f64(wp.static(FAR)) and s.watched.on != 0:
+                s.doubt[t] = wp.static(LOOK)
+            s.foreseen[t] = f64(0.0)
+            keep_before(s, t)
             move_tip(s, t)
             keep_record(s, t)
             for i in range(s.task.unknowns.shape[1]):
@@ -329,7 +363,7 @@ def make_control():
                 for i in range(s.ahead.shape[1]):
                     s.step.r[t, i] = s.ahead[t, i]
                 bounded(s, t, 1)
-                place_start(s, t, False)
+                s.foreseen[t] = place_start(s, t, False)
         for j in range(k):
             s.told[t, wp.static(FREE) + j] = s.good_values[t, j]
         s.status[t] = status
