@@ -269,3 +269,41 @@ def test_an_unstable_start_is_refused():
     assert straight.stability is mr.Stability.UNSTABLE
     with pytest.raises(ValueError, match=r"Controller\.guess = an unstable equilibrium is not allowed: must be stable"):
         mr.Controller(robot, dt=0.01, free="translation", guess=straight, integrator=STEPS)
+
+
+@pytest.fixture(scope="module")
+def pulled():
+    """A rod with three tendons, and inputs that bend it."""
+    lines = [mr.Tendon(offset=(0.008 * np.cos(angle), 0.008 * np.sin(angle))) for angle in (0, 2.1, 4.2)]
+    robot = mr.SingleRod(mr.Rod(length=0.2, bending_stiffness=0.01, torsional_stiffness=0.0077, lines=lines))
+    return robot, robot.inputs(tension=(1.5, 0.7, 0.5))
+
+
+def test_distances_are_told_apart_from_angles(pulled):
+    robot, inputs = pulled
+    there = mr.solve(robot, inputs)
+    turned = matrices(np.array([[0.2, 0.1, 0.3]]))[0] @ there.tip_rotation
+    for target in ({"axis": turned[:, 2]}, {"rotation": turned}, {"position": there.tip_position - (0, 0, 1e-3)}):
+        loop = mr.Controller(robot, dt=0.01, free="tension", inputs=inputs, integrator=STEPS)
+        command = loop.step(**target)
+        told = {"position": command.target_error, "angle": command.target_angle}
+        asked = "position" if "position" in target else "angle"
+        assert np.isfinite(told.pop(asked))
+        assert np.isnan(list(told.values())).all()
+        assert ("target_error" in str(command)) == (asked == "position")
+        assert ("target_angle" in str(command)) == (asked == "angle")
+    # the tip cannot be turned about itself: 0.3 rad of the turn are left, and what turning it otherwise makes of these
+    loop = mr.Controller(robot, dt=0.01, free="tension", inputs=inputs, integrator=STEPS)
+    for _ in range(20):
+        command = loop.step(rotation=turned)
+    assert 0.25 < command.target_angle < 0.35
+
+
+def test_an_axis_half_a_turn_away_is_as_far_as_it_is(pulled):
+    robot, inputs = pulled
+    back = -mr.solve(robot, inputs, solver=SOLVER).tip_rotation[:, 2]
+    loop = mr.Controller(robot, dt=0.01, free="tension", inputs=inputs, integrator=STEPS)
+    first = loop.step(axis=back)
+    assert not first.failed
+    assert 2.0 < first.target_angle <= np.pi  # steps are bounded
+    assert np.abs(first.inputs.tension - inputs.tension).max() > 1e-2

@@ -9,7 +9,7 @@ import warp as wp
 from multirod.launch import record
 from multirod.shared import Shared
 from multirod.tasks.condensed import condensed
-from multirod.tasks.control_kernels import ERROR, FREE, HELD, SINGULAR, Control, make_control
+from multirod.tasks.control_kernels import ANGLE, ERROR, FREE, HELD, SINGULAR, Control, make_control
 from multirod.tasks.formulation import Task
 from multirod.tasks.limits import LimitRows
 from multirod.tasks.programme import programme
@@ -114,7 +114,7 @@ class ControlStep:
             kept[name].zero_()
         values = kept["good_values"].numpy()
         self._whole.write(kept["good_unknowns"].numpy(), values)
-        told[[SINGULAR, HELD]], told[ERROR] = 0.0, np.nan
+        told[[SINGULAR, HELD]], told[[ERROR, ANGLE]] = 0.0, np.nan
         told[FREE : FREE + k], told[FREE + k : FREE + 7 * k], told[FREE + 7 * k :] = values[0], np.nan, 0.0
 
     def _made(self, kind: Kind) -> Any:

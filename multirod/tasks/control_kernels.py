@@ -20,7 +20,8 @@ NEAR = 1e-6  # of a target [1/m], within which a limit does not hold it back
 SHORT = 1e-3  # part of what is asked for that a step leaves over where nothing else holds it: the task is singular
 
 # where the numbers of a sample stand in ``told``
-ERROR, SINGULAR, HELD, OFFSET, TARGET, FREE = 0, 1, 2, 3, 6, 9  # p, the pose's columns by p, row by row, at_limit
+# the last: p, the pose's columns by p, row by row, at_limit
+ERROR, SINGULAR, HELD, OFFSET, TARGET, ANGLE, FREE = 0, 1, 2, 3, 6, 9, 10
 
 
 @wp.struct
@@ -262,15 +263,19 @@ def tell(s: Control, t: int):
     k = s.step.J.shape[2]
     short = f64(0.0)
     asked = f64(0.0)
-    square = f64(0.0)
+    first = wp.where(s.kind[0] != 0, 3, 0)
+    off = f64(0.0)
+    angle = f64(0.0)
     for i in range(m):
         left = s.rows[t, i]
         asked = wp.max(asked, wp.abs(left))
         for j in range(k):
             left += s.step.J[t, i, j] * s.step.change[t, j]
         short = wp.max(short, wp.abs(left))
-        if i < 3:
-            square += left * left
+        if i < first:
+            off += left * left
+        else:
+            angle += left * left
     held = int(0)
     for i in range(s.low.shape[0]):
         if s.step.held[t, i] != 0:
@@ -279,7 +284,8 @@ def tell(s: Control, t: int):
                 if s.step.limits[i, j] != f64(0.0):
                     s.told[t, wp.static(FREE) + 7 * k + j] = f64(1.0)
     near = f64(wp.static(NEAR))
-    s.told[t, wp.static(ERROR)] = wp.sqrt(square) / wp.where(s.kind[0] != 0, s.weight[0], s.weight[1])
+    s.told[t, wp.static(ERROR)] = wp.where(first > 0, wp.sqrt(off) / s.weight[0], f64(wp.nan))
+    s.told[t, wp.static(ANGLE)] = wp.where(m > first, wp.sqrt(angle) / s.weight[1], f64(wp.nan))
     if held == 0 and short > wp.max(near, f64(wp.static(SHORT)) * asked):
         s.told[t, wp.static(SINGULAR)] = f64(1.0)
     if held != 0 and short > near:
@@ -302,6 +308,7 @@ def fail(s: Control, t: int):
     keep_record(s, t)
     k = s.unit.shape[0]
     s.told[t, wp.static(ERROR)] = f64(wp.nan)
+    s.told[t, wp.static(ANGLE)] = f64(wp.nan)
     for i in range(6 * k):
         s.told[t, wp.static(FREE) + k + i] = f64(wp.nan)
     for i in range(s.task.unknowns.shape[1]):

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from functools import cached_property
-from math import exp, hypot, nan
+from math import exp, hypot
 from threading import Lock
 from typing import Any, Generic
 
@@ -25,7 +25,7 @@ from multirod.solver import Outcome
 from multirod.solvers.shooting import Shooting
 from multirod.status import Status
 from multirod.tasks.control import ControlStep, Kind
-from multirod.tasks.control_kernels import ERROR, FREE, OFFSET, SINGULAR, TARGET, make_control
+from multirod.tasks.control_kernels import ANGLE, ERROR, FREE, OFFSET, SINGULAR, TARGET, make_control
 from multirod.tasks.formulation import Task, freed, input_units, with_values
 from multirod.tasks.given import plain, turned
 from multirod.tasks.limits import SAME, LimitRows, Limits, freed_labels, limit_rows, nearest, refuse_start, told
@@ -63,8 +63,13 @@ class Command(Solution[Robot_co]):
 
     @property
     def target_error(self) -> float:
-        """Distance of the model's tip from the position asked for, what was measured taken into account [m]."""
+        """Distance of the model's tip from the position asked for, what was measured taken into account [m]; NaN if none was."""
         return float(self._told[ERROR])
+
+    @property
+    def target_angle(self) -> float:
+        """Angle of the model's tip from the rotation or the axis asked for, likewise [rad]."""
+        return float(self._told[ANGLE])
 
     @property
     def singular(self) -> bool:
@@ -88,13 +93,13 @@ class Command(Solution[Robot_co]):
 
     @cached_property
     def _remarks(self) -> Remarks:  # type: ignore[override]  # found when it is asked for
-        return self._rows.remarks(self._by_free(0)[0], self._told[TARGET:FREE] if self._aims else None, self.target_error)
+        return self._rows.remarks(self._by_free(0)[0], self._told[TARGET:ANGLE] if self._aims else None, self.target_error)
 
     @property
     def _asides(self) -> dict[str, str]:
         labels = freed_labels(self.free, [getattr(self.inputs, name).shape[-1] for name in self.free])
         held = ", ".join(label for label, own in zip(labels, self.at_limit, strict=True) if own)
-        return told(self.target_error, nan, held) | ({"singular": "yes"} if self.singular else {})
+        return told(self.target_error, self.target_angle, held) | ({"singular": "yes"} if self.singular else {})
 
     def _jacobian(self, names: tuple[object, ...], of: str, at: Any, rod: int | str) -> FloatArray:
         """By the inputs that are free, without another integration: the columns of the sample's own."""

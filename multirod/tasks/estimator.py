@@ -121,7 +121,8 @@ class Estimator(Uncopied, Generic[Robot_co]):
 
         Returns:
             The estimate, ``TRACKING``, or ``UNSTABLE`` where it is known not to be stable; ``solution`` has the unknowns that go
-            with it, and the tip's pose that was expected before these measurements. The first sample is estimated by itself, as ``estimate`` does.
+            with it, and the tip's pose that was expected before these measurements. The first sample is estimated by itself, as
+            ``estimate`` does.
 
         Raises:
             TypeError: If a name is not an input of the robot, or is estimated.
