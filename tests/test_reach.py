@@ -491,3 +491,19 @@ def test_rows_of_an_axis_have_their_derivatives_up_to_half_a_turn():
     # a turn about the direction that was taken leads back as far as it goes
     direction = errors[0] / np.pi
     np.testing.assert_allclose(np.linalg.norm(direction @ maps[0, :, 3:]), 1.0, rtol=1e-9)
+
+
+def test_a_margin_that_is_not_known_is_not_within_its_limit():
+    """A force that follows the tip has no potential."""
+    robot = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638, precurvature=(14, 5, 0)))
+    start = mr.solve(robot, robot.inputs(follower_force=(0.3, 0, 0.1)))
+    assert start.stability is mr.Stability.UNKNOWN
+    for margin, status in ((100.0, mr.Status.OUT_OF_LIMITS), (1e-3, mr.Status.OUT_OF_LIMITS), (None, mr.Status.REACHED)):
+        found = mr.reach(
+            robot,
+            mr.Pose(position=start.tip_position),
+            start.inputs,
+            free=FREE,
+            limits=mr.Limits(stability_margin=margin),
+        )
+        assert found.status is status
