@@ -162,6 +162,35 @@ def expect(s: Control, t: int) -> bool:
 
 
 @wp.func(inline=False)
+def leaves_over(s: Control, t: int) -> bool:
+    """Whether the step does not meet all rows."""
+    asked = f64(0.0)
+    short = f64(0.0)
+    for i in range(s.step.J.shape[1]):
+        left = s.step.r[t, i]
+        asked = wp.max(asked, wp.abs(left))
+        for j in range(s.step.J.shape[2]):
+            left += s.step.J[t, i, j] * s.step.sides[t, j, 0]
+        short = wp.max(short, wp.abs(left))
+    return short > f64(wp.static(SHORT)) * asked
+
+
+@wp.func(inline=False)
+def solve_rows(s: Control, t: int):
+    """(8) Without limits, for this sample's rows and the next one's."""
+    m = s.step.J.shape[1]
+    k = s.step.J.shape[2]
+    place_rows(s.step, s.step.system, t)
+    for j in range(k):
+        for side in range(2):
+            s.step.sides[t, j, side] = f64(0.0)
+    for i in range(m):
+        s.step.sides[t, k + i, 0] = -s.step.r[t, i]
+        s.step.sides[t, k + i, 1] = -s.ahead[t, i]
+    eliminate(s.step.system, s.step.sides, t)
+
+
+@wp.func(inline=False)
 def factor(s: Control, t: int):
     """(8) The steps of this sample and of the next one where no limit holds, into columns of ``sides``."""
     m = s.step.J.shape[1]
@@ -173,14 +202,19 @@ def factor(s: Control, t: int):
             s.step.J[t, i, j] = s.step.J[t, i, j] * s.unit[j]
             largest = wp.max(largest, wp.abs(s.step.J[t, i, j]))
     s.step.softness[t] = f64(wp.static(SOFTNESS)) * largest * largest
-    place_rows(s.step, s.step.system, t)
-    for j in range(k):
-        for side in range(2):
-            s.step.sides[t, j, side] = f64(0.0)
-    for i in range(m):
-        s.step.sides[t, k + i, 0] = -s.rows[t, i]
-        s.step.sides[t, k + i, 1] = -s.ahead[t, i]
-    eliminate(s.step.system, s.step.sides, t)
+    solve_rows(s, t)
+    if leaves_over(s, t):
+        # what no step meets would be asked for at each sample, and add up along directions that move the tip next to nothing
+        for i in range(m):
+            for side in range(2):
+                met = f64(0.0)
+                for j in range(k):
+                    met += s.step.J[t, i, j] * s.step.sides[t, j, side]
+                if side == 0:
+                    s.step.r[t, i] = -met
+                else:
+                    s.ahead[t, i] = -met
+        solve_rows(s, t)
 
 
 @wp.func(inline=False)
