@@ -222,3 +222,107 @@ def test_what_a_controller_refuses(start, changes, error, message):
 def test_samples_that_are_refused(start, sample, error, message):
     with pytest.raises(error, match="(?s)" + message):
         loop_of(start, 100).step(**sample)
+
+
+def column(force):
+    """A straight rod of 0.4 m outside under a force along it [N], which buckles to all sides at once, from what length on."""
+    robot = mr.SingleRod(mr.Rod(length=0.6, bending_stiffness=0.2233, torsional_stiffness=0.0638))
+    return robot, robot.inputs(translation=-0.2, tip_force=(0, 0, -force)), np.pi / 2 * np.sqrt(0.2233 / force)
+
+
+def test_two_modes_that_are_lost_at_once_are_unstable():
+    """The sign of det Gamma does not change there."""
+    robot, inputs, buckles = column(2.204)
+    loop = mr.Controller(robot, dt=0.01, free="translation", inputs=inputs, integrator=STEPS)
+    looked = 0
+    for z in np.linspace(0.4, 0.58, 50):
+        command = loop.step(position=(0, 0, z))
+        looked += int(command.integrations) - 1
+        if z < buckles:
+            assert command.status is mr.Status.TRACKING
+            assert command.stability is mr.Stability.STABLE
+            before = command.inputs
+        else:
+            assert command.status is mr.Status.UNSTABLE
+            assert loop._step._kept["good_values"].numpy()[0, 0] == before.translation[0]
+    assert looked <= 1 + (np.linspace(0.4, 0.58, 50) > buckles).sum()  # of those before, the last may be looked at
+    for _ in range(6):  # each of 0.3 units (9) of 0.06 m at most
+        again = loop.step(position=(0, 0, 0.42))
+        assert again.status is mr.Status.TRACKING
+    np.testing.assert_allclose(again.inputs.translation, -0.18, atol=1e-9)
+
+
+def test_a_load_that_buckles_the_rod_between_two_samples_is_unstable():
+    """The unknowns of a straight rod do not move."""
+    robot, inputs, _ = column(1.0)
+    loop = mr.Controller(robot, dt=0.01, free="translation", inputs=inputs, integrator=STEPS)
+    for _ in range(3):
+        assert loop.step(position=(0, 0, 0.4)).status is mr.Status.TRACKING
+    assert loop.step(position=(0, 0, 0.4), tip_force=(0, 0, -5.0)).status is mr.Status.UNSTABLE
+    assert loop.step(position=(0, 0, 0.4), tip_force=(0, 0, -1.0)).status is mr.Status.TRACKING
+
+
+def test_an_unstable_start_is_refused():
+    robot, inputs, buckles = column(5.0)
+    assert buckles < 0.4
+    straight = mr.solve(robot, inputs, guess=np.zeros(3))
+    assert straight.stability is mr.Stability.UNSTABLE
+    with pytest.raises(ValueError, match=r"Controller\.guess = an unstable equilibrium is not allowed: must be stable"):
+        mr.Controller(robot, dt=0.01, free="translation", guess=straight, integrator=STEPS)
+
+
+@pytest.fixture(scope="module")
+def pulled():
+    """A rod with three tendons, and inputs that bend it."""
+    lines = [mr.Tendon(offset=(0.008 * np.cos(angle), 0.008 * np.sin(angle))) for angle in (0, 2.1, 4.2)]
+    robot = mr.SingleRod(mr.Rod(length=0.2, bending_stiffness=0.01, torsional_stiffness=0.0077, lines=lines))
+    return robot, robot.inputs(tension=(1.5, 0.7, 0.5))
+
+
+def test_distances_are_told_apart_from_angles(pulled):
+    robot, inputs = pulled
+    there = mr.solve(robot, inputs)
+    turned = matrices(np.array([[0.2, 0.1, 0.3]]))[0] @ there.tip_rotation
+    for target in ({"axis": turned[:, 2]}, {"rotation": turned}, {"position": there.tip_position - (0, 0, 1e-3)}):
+        loop = mr.Controller(robot, dt=0.01, free="tension", inputs=inputs, integrator=STEPS)
+        command = loop.step(**target)
+        told = {"position": command.target_error, "angle": command.target_angle}
+        asked = "position" if "position" in target else "angle"
+        assert np.isfinite(told.pop(asked))
+        assert np.isnan(list(told.values())).all()
+        assert ("target_error" in str(command)) == (asked == "position")
+        assert ("target_angle" in str(command)) == (asked == "angle")
+    # the tip cannot be turned about itself: 0.3 rad of the turn are left, and what turning it otherwise makes of these
+    loop = mr.Controller(robot, dt=0.01, free="tension", inputs=inputs, integrator=STEPS)
+    for _ in range(20):
+        command = loop.step(rotation=turned)
+    assert 0.25 < command.target_angle < 0.35
+
+
+def test_an_axis_half_a_turn_away_is_as_far_as_it_is(pulled):
+    robot, inputs = pulled
+    back = -mr.solve(robot, inputs, solver=SOLVER).tip_rotation[:, 2]
+    loop = mr.Controller(robot, dt=0.01, free="tension", inputs=inputs, integrator=STEPS)
+    first = loop.step(axis=back)
+    assert not first.failed
+    assert 2.0 < first.target_angle <= np.pi  # steps are bounded
+    assert np.abs(first.inputs.tension - inputs.tension).max() > 1e-2
+
+
+def test_what_cannot_be_met_does_not_add_up_along_what_moves_the_tip_by_nothing():
+    """Push rods all pushed at once do not move the tip of a rod that does not stretch."""
+    modulus, wide = 60e9, 0.8e-3
+    own = {"bending_stiffness": modulus * np.pi / 64 * wide**4, "axial_stiffness": 1e3 * modulus * np.pi / 4 * wide**2}
+    angles = np.radians([0, 120, 240])
+    lines = [mr.PushRod(offset=(0.004 * np.cos(angle), 0.004 * np.sin(angle)), **own) for angle in angles]
+    robot = mr.SingleRod(mr.Rod.wire(length=0.1, diameter=1e-3, young_modulus=modulus, shear_modulus=23e9, lines=lines))
+    start = mr.solve(robot, robot.inputs(displacement=-0.0032 * np.cos(angles)))
+    loop = mr.Controller(robot, dt=0.01, free="displacement", guess=start, integrator=STEPS)
+    # a circle in a plane, where the tip moves on a bowl
+    for w in 2 * np.pi * np.arange(50) / 50:
+        command = loop.step(position=start.tip_position + 0.01 * np.array([np.cos(w) - 1, np.sin(w), 0]))
+        assert command.status is mr.Status.TRACKING
+        # 9 N at the start, for 3.2 mm, which grow to 4.3 mm; a micrometre of all three at once is 300 N
+        assert np.abs(command.tension).max() < 20
+    assert command.singular
+    assert command.target_error < 0.012  # not nearer than the bowl is

@@ -344,3 +344,45 @@ def test_bad_walks():
             mr.Walk(sigma)
     with pytest.raises(TypeError, match="Walk.start must be a Prior"):
         mr.Walk(1.0, start=0.5)
+
+
+def test_two_modes_that_are_lost_at_once_are_unstable_also_in_a_batch():
+    """A straight rod under a force along it: the sign of det Gamma does not change where it buckles to all sides."""
+    rod = mr.SingleRod(mr.Rod(length=0.6, bending_stiffness=0.2233, torsional_stiffness=0.0638))
+    buckles = np.pi**2 * 0.2233 / (4 * 0.6**2)
+    meter = mr.Estimator(
+        rod,
+        dt=0.01,
+        inputs=rod.inputs(tip_force=[(0, 0, -0.8 * buckles), (0, 0, -0.1 * buckles)]),
+        unknown={"tip_moment": mr.Walk(0.01, start=mr.Prior(0, sigma=0.001))},
+        sensors=mr.Pose(position=(0, 0, 0.6), sigma=1e-3),
+        integrator=STEPS,
+    )
+    said = []
+    for part in (0.8, 0.9, 1.03, 1.06):
+        sample = meter.step([(0, 0, 0.6)], tip_force=[(0, 0, -part * buckles), (0, 0, -0.1 * buckles)])
+        said.append([status.name for status in sample.status])
+    assert said[1] == ["TRACKING", "TRACKING"]
+    assert [first for first, _ in said[2:]] == ["UNSTABLE", "UNSTABLE"]
+    assert [second for _, second in said[1:]] == ["TRACKING"] * 3
+
+
+def test_forces_on_a_platform_that_is_held_are_estimated_sample_by_sample():
+    """The inverse problem has a test of its own of what is found, whose integrations are told."""
+    base, platform = np.tile(np.eye(4), (2, 6, 1, 1))
+    for pose, angles in ((base, (-10, 10, 110, 130, 230, 250)), (platform, (-50, 50, 70, 170, 190, 290))):
+        pose[:, :2, 3] = 0.087 * np.stack([np.cos(np.radians(angles)), np.sin(np.radians(angles))], axis=1)
+    leg = mr.Rod(length=0.4, bending_stiffness=0.157, torsional_stiffness=0.126)
+    held = mr.ParallelRods(legs=[leg] * 6, base=base, platform=platform).inverse()
+    place = (0.02, 0, 0.39)
+    meter = mr.Estimator(
+        held,
+        dt=0.01,
+        inputs=held.inputs(platform_position=place),
+        unknown={"tip_force": mr.Walk(0.3)},
+        sensors=mr.Pose(position=place, sigma=1e-3),
+        integrator=STEPS,
+    )
+    for k in range(4):
+        sample = meter.step([place])
+        assert sample.status is (mr.Status.TRACKING if k else mr.Status.CONVERGED)

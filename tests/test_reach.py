@@ -455,3 +455,55 @@ def test_the_smallest_tensions_that_turn_a_tip_leave_a_tendon_slack():
     assert found["smallest tension"].target_angle < 1e-6
     with pytest.raises(ValueError, match="needs tension to be free"):
         mr.reach(TUBES, mr.Pose(position=(0, 0, 0.1)), MOTION[0], free=FREE, prefer="smallest tension")
+
+
+def test_an_axis_half_a_turn_away_is_as_far_as_it_is():
+    lines = [mr.Tendon(offset=(0.008 * np.cos(angle), 0.008 * np.sin(angle))) for angle in (0, 2.1, 4.2)]
+    robot = mr.SingleRod(mr.Rod(length=0.2, bending_stiffness=0.01, torsional_stiffness=0.0077, lines=lines))
+    start = mr.solve(robot, robot.inputs(tension=(1.5, 0.7, 0.5)))
+    found = mr.reach(robot, mr.Pose(axis=-start.tip_rotation[:, 2]), start.inputs, free="tension")
+    assert found.failed
+    assert 1.0 < found.target_angle <= np.pi  # it was 0, with another status
+
+
+def test_rows_of_an_axis_have_their_derivatives_up_to_half_a_turn():
+    axis = np.array([0.6, 0.0, 0.8])
+    frame = matrices(np.array([[0.3, 2.0, 1.0]]))[0]
+    pose = mr.Pose(axis=axis).rows(1.0)
+    zero = np.zeros((1, 3))
+    for angle in (0.5, 2.0, 2.2, 3.0, np.pi - 0.011):
+        # a tip that is turned from the axis by the angle, about something across it
+        across = np.cross(axis, (0.2, 0.5, -0.4))
+        tip = matrices((angle * across / np.linalg.norm(across))[None])[0] @ matrices(np.array([[0, np.arctan2(0.6, 0.8), 0]]))[0]
+        tip = tip @ matrices(np.array([[0, 0, 0.7]]))[0]
+        errors, maps = pose.errors(zero, tip[None])
+        np.testing.assert_allclose(np.linalg.norm(errors), angle, rtol=1e-9)
+        h = 1e-6
+        for j in range(3):
+            ahead, behind = (pose.errors(zero, (matrices(s * h * np.eye(3)[[j]])[0] @ tip)[None])[0] for s in (1, -1))
+            # of differences: h^2 by the third derivative, of the order of 1/sin^3, and rounding over h
+            np.testing.assert_allclose(
+                maps[0, :, 3 + j], (ahead - behind)[0] / (2 * h), atol=1e-8 + h**2 / np.sin(angle) ** 3 * 10
+            )
+    half = mr.Pose(axis=frame[:, 2]).rows(1.0)
+    errors, maps = half.errors(zero, (frame @ np.diag([1.0, -1, -1]))[None])
+    np.testing.assert_allclose(np.linalg.norm(errors), np.pi, rtol=1e-12)
+    # a turn about the direction that was taken leads back as far as it goes
+    direction = errors[0] / np.pi
+    np.testing.assert_allclose(np.linalg.norm(direction @ maps[0, :, 3:]), 1.0, rtol=1e-9)
+
+
+def test_a_margin_that_is_not_known_is_not_within_its_limit():
+    """A force that follows the tip has no potential."""
+    robot = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638, precurvature=(14, 5, 0)))
+    start = mr.solve(robot, robot.inputs(follower_force=(0.3, 0, 0.1)))
+    assert start.stability is mr.Stability.UNKNOWN
+    for margin, status in ((100.0, mr.Status.OUT_OF_LIMITS), (1e-3, mr.Status.OUT_OF_LIMITS), (None, mr.Status.REACHED)):
+        found = mr.reach(
+            robot,
+            mr.Pose(position=start.tip_position),
+            start.inputs,
+            free=FREE,
+            limits=mr.Limits(stability_margin=margin),
+        )
+        assert found.status is status

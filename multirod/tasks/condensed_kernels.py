@@ -7,6 +7,9 @@ from multirod.models.rotation_kernels import inverse_right_jacobian, rotation_ve
 from multirod.solvers.newton.linear_algebra_kernels import eliminate
 
 f64 = wp.float64
+BACK = -0.5  # cosine below which (6) goes by the angle: at half a turn there is no quotient
+AIMLESS = 1e-12  # sine below which no direction is the shorter way back, and one is taken
+SIDEWAYS = 1e-2  # least sine in derivatives by turns that do not lead back: others are not to be lost beside these
 
 
 @wp.struct
@@ -117,10 +120,22 @@ def across(axis: wp.vec3d) -> wp.mat33d:
 
 
 @wp.func
+def about(turned: wp.vec3d, axis: wp.vec3d) -> wp.vec3d:
+    """The direction about which a tangent is turned from the axis, whose product with it is ``turned``."""
+    if wp.length(turned) > f64(wp.static(AIMLESS)):
+        return wp.normalize(turned)
+    frame = across(axis)
+    return wp.vec3d(frame[0, 0], frame[0, 1], frame[0, 2])
+
+
+@wp.func
 def tilt(tangent: wp.vec3d, axis: wp.vec3d) -> wp.vec3d:
     """(6) Before it is taken across."""
-    found = swing(wp.max(wp.dot(axis, tangent), f64(-1.0)))
-    return found[0] * wp.cross(axis, tangent)
+    cosine = wp.dot(axis, tangent)
+    turned = wp.cross(axis, tangent)
+    if cosine > f64(wp.static(BACK)):
+        return swing(cosine)[0] * turned
+    return wp.atan2(wp.length(turned), cosine) * about(turned, axis)
 
 
 @wp.func(inline=False)
@@ -129,12 +144,18 @@ def axis_rows(s: Condensed, r: wp.array2d[wp.float64], J: wp.array3d[wp.float64]
     R = s.rotation[t]
     tangent = wp.vec3d(R[0, 2], R[1, 2], R[2, 2])
     cosine = wp.dot(goal, tangent)
-    found = swing(wp.max(cosine, f64(-1.0)))
     turned = wp.cross(goal, tangent)
     moved = cosine * wp.identity(3, dtype=f64) - wp.outer(tangent, goal)
-    change = found[0] * moved - found[1] * wp.outer(turned, turned)
+    change = wp.mat33d()
+    if cosine > f64(wp.static(BACK)):
+        found = swing(cosine)
+        change = found[0] * moved - found[1] * wp.outer(turned, turned)
+    else:
+        direction = about(turned, goal)
+        quotient = wp.atan2(wp.length(turned), cosine) / wp.max(wp.length(turned), f64(wp.static(SIDEWAYS)))
+        change = quotient * moved + (f64(1.0) - quotient * cosine) * wp.outer(direction, direction)
     frame = across(goal)
-    error = frame * (found[0] * turned)
+    error = frame * tilt(tangent, goal)
     by = frame * change
     for i in range(2):
         place_row(s, r, J, t, row + i, error[i], wp.vec3d(by[i, 0], by[i, 1], by[i, 2]), 3, weight)

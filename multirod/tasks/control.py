@@ -9,10 +9,11 @@ import warp as wp
 from multirod.launch import record
 from multirod.shared import Shared
 from multirod.tasks.condensed import condensed
-from multirod.tasks.control_kernels import FREE, Control, make_control
+from multirod.tasks.control_kernels import ANGLE, ERROR, FREE, HELD, SINGULAR, Control, make_control
 from multirod.tasks.formulation import Task
 from multirod.tasks.limits import LimitRows
 from multirod.tasks.programme import programme
+from multirod.tasks.watch import Watch
 from multirod.validation import FloatArray
 
 Kind = tuple[int, int, int]  # whether a target has a position, a rotation, an axis
@@ -27,14 +28,24 @@ class ControlStep:
         unit: (9), shape (k,).
         weight: Of rows of the position and of angles, shape (2,).
         gains: (15) Of the offset and of its drift.
+        watch: Of the stability of samples.
 
     Attributes:
         given: By name what to write before ``launch``: ``position``, ``rotation``, ``axis``, ``seen_position``,
             ``seen_rotation``, and ``seen``, of both 0, 1 for measured, -1 for missing.
     """
 
-    def __init__(self, task: Task, rows: LimitRows, unit: FloatArray, weight: FloatArray, gains: tuple[float, float]) -> None:
+    def __init__(
+        self,
+        task: Task,
+        rows: LimitRows,
+        unit: FloatArray,
+        weight: FloatArray,
+        gains: tuple[float, float],
+        watch: Watch,
+    ) -> None:
         problem = task.problem
+        self._whole, self._watch = task, watch
         self._problem, device = problem, problem.device
         self._rows, self._unit, self._weight, self._gains = rows, unit, weight, gains
         vectors = {"position": wp.vec3d, "rotation": wp.mat33d, "axis": wp.vec3d}
@@ -48,13 +59,16 @@ class ControlStep:
         kept |= dict.fromkeys(("tip_position", "last_position", "last_axis"), ((), wp.vec3d))
         kept |= dict.fromkeys(("tip_rotation", "last_rotation"), ((), wp.mat33d))
         kept |= {"has_tip": ((), wp.int32), "last_kind": ((), wp.vec3i), "begun": ((), wp.float64), "status": ((), wp.int32)}
-        sizes = {"good_unknowns": problem.unknown_count, "good_values": task.count, "values": task.count}
+        kept |= {"foreseen": ((), wp.float64), "doubt": ((), wp.int32), "before_tip": ((), wp.int32)}
+        kept |= {"before_position": ((), wp.vec3d), "before_rotation": ((), wp.mat33d)}
+        sizes = {"before_unknowns": problem.unknown_count, "before_values": task.count}
+        sizes |= {"good_unknowns": problem.unknown_count, "good_values": task.count, "values": task.count}
         sizes |= {"record": problem.records.shape[1], "told": FREE + 8 * task.count}
         kept |= {name: ((size,), wp.float64) for name, size in sizes.items()}
         self._kept: dict[str, Any] = {
             name: wp.zeros((1, *shape), dtype=dtype, device=device) for name, (shape, dtype) in kept.items()
         }
-        self._views = [self._kept[name].numpy() for name in ("record", "told", "status")]
+        self._views = [self._kept[name].numpy() for name in ("record", "told", "status", "doubt")]
         self._shared = wp.get_device(device).is_cpu
         self._launches: dict[Kind, Callable[[], None]] = {}
         self._states: list[Any] = []  # whose arrays the launches work in
@@ -69,25 +83,39 @@ class ControlStep:
         for kind in kinds:
             self._launches[kind] = self._made(kind)
 
-    def launch(self, kind: Kind) -> tuple[FloatArray, FloatArray, int]:
+    def launch(self, kind: Kind) -> tuple[FloatArray, FloatArray, int, int]:
         """From an integration to the next one's place.
 
         Returns:
             The problem's records at the command, shape (1, size); what is told of it, as ``control_kernels`` says where, shape
-            (size,); its status.
+            (size,); its status; what has to be done about it, as ``watch_kernels`` says.
         """
         self._columns.update()
         if kind not in self._launches:
             self.prepare(kind)
         if self._shared:
             self._launches[kind]()
-            found, told, status = self._views
-            return found.copy(), told[0].copy(), int(status[0])
+            found, told, status, doubt = self._views
+            return found.copy(), told[0].copy(), int(status[0]), int(doubt[0])
         for each in self._given.values():
             each.send()
         self._launches[kind]()
-        found, told, status = (self._kept[name].numpy() for name in ("record", "told", "status"))
-        return found, told[0], int(status[0])
+        found, told, status, doubt = (self._kept[name].numpy() for name in ("record", "told", "status", "doubt"))
+        return found, told[0], int(status[0]), int(doubt[0])
+
+    def refuse(self, told: FloatArray) -> None:
+        """Take the last sample back, which is not stable: the next starts from the one before, and ``told`` says so."""
+        kept, k = self._kept, self._count
+        names = {"good_unknowns": "unknowns", "good_values": "values"}
+        names |= {"tip_position": "position", "tip_rotation": "rotation", "has_tip": "tip"}
+        for name, before in names.items():
+            kept[name].assign(kept[f"before_{before}"])
+        for name in ("last_kind", "motion"):
+            kept[name].zero_()
+        values = kept["good_values"].numpy()
+        self._whole.write(kept["good_unknowns"].numpy(), values)
+        told[[SINGULAR, HELD]], told[[ERROR, ANGLE]] = 0.0, np.nan
+        told[FREE : FREE + k], told[FREE + k : FREE + 7 * k], told[FREE + 7 * k :] = values[0], np.nan, 0.0
 
     def _made(self, kind: Kind) -> Any:
         state: Any = Control()
@@ -102,6 +130,7 @@ class ControlStep:
         constants = {"unit": self._unit, "low": self._rows.low, "high": self._rows.high, "limits": self._rows.matrix}
         for name, values in constants.items():
             setattr(state, name, self._constant(values))
+        state.watched, state.curvature = self._watch.state, float(self._problem.curvature_scale()[0])
         state.weight, state.gain, state.kind = wp.vec2d(*self._weight), wp.vec2d(*self._gains), wp.vec3i(*kind)
         self._states.append(state)
         return record(make_control, 1, [state], self._problem.device).launch

@@ -11,6 +11,7 @@ from multirod.solvers.newton.newton_kernels import failure_of
 from multirod.status import Status
 from multirod.tasks.condensed_kernels import Condensed, across, axis_rows, condense, position_rows, rotation_rows, tilt
 from multirod.tasks.programme_kernels import Programme, keep_limits, place_rows
+from multirod.tasks.watch_kernels import FAR, LOOK, NOTHING, Watched, strayed
 
 f64 = wp.float64
 SOFTNESS = 1e-8  # of the largest number of J, squared: a ten thousandth of what moves the tip most is damped
@@ -19,7 +20,8 @@ NEAR = 1e-6  # of a target [1/m], within which a limit does not hold it back
 SHORT = 1e-3  # part of what is asked for that a step leaves over where nothing else holds it: the task is singular
 
 # where the numbers of a sample stand in ``told``
-ERROR, SINGULAR, HELD, OFFSET, TARGET, FREE = 0, 1, 2, 3, 6, 9  # p, the pose's columns by p, row by row, at_limit
+# the last: p, the pose's columns by p, row by row, at_limit
+ERROR, SINGULAR, HELD, OFFSET, TARGET, ANGLE, FREE = 0, 1, 2, 3, 6, 9, 10
 
 
 @wp.struct
@@ -57,6 +59,16 @@ class Control:
     begun: wp.array[wp.float64]  # the sign of det Gamma at the start, 0 before
     good_unknowns: wp.array2d[wp.float64]
     good_values: wp.array2d[wp.float64]
+    watched: Watched
+    curvature: wp.float64  # scale of unknowns [1/m], whose steps are told by it, those of values in units (9)
+    foreseen: wp.array[wp.float64]  # the way to the sample's place from the last command, likewise
+    doubt: wp.array[int]  # what has to be done about the sample, as ``watch_kernels`` says
+    # of the sample before, for one that turns out not to be stable
+    before_unknowns: wp.array2d[wp.float64]
+    before_values: wp.array2d[wp.float64]
+    before_position: wp.array[wp.vec3d]
+    before_rotation: wp.array[wp.mat33d]
+    before_tip: wp.array[int]
     # of the problem, and its copy for the sample
     records: wp.array2d[wp.float64]
     record: wp.array2d[wp.float64]
@@ -100,7 +112,7 @@ def place_target(s: Control, t: int):
 
 @wp.func
 def judge(s: Control, t: int) -> int:
-    """Whether there is a stable equilibrium to go on from: the sign of det Gamma changes at a fold."""
+    """Whether there is an equilibrium to go on from that is not past a fold, where the sign of det Gamma changes."""
     total = f64(0.0)
     for i in range(s.step.r.shape[1]):
         total += s.step.r[t, i]
@@ -150,6 +162,35 @@ def expect(s: Control, t: int) -> bool:
 
 
 @wp.func(inline=False)
+def leaves_over(s: Control, t: int) -> bool:
+    """Whether the step does not meet all rows."""
+    asked = f64(0.0)
+    short = f64(0.0)
+    for i in range(s.step.J.shape[1]):
+        left = s.step.r[t, i]
+        asked = wp.max(asked, wp.abs(left))
+        for j in range(s.step.J.shape[2]):
+            left += s.step.J[t, i, j] * s.step.sides[t, j, 0]
+        short = wp.max(short, wp.abs(left))
+    return short > f64(wp.static(SHORT)) * asked
+
+
+@wp.func(inline=False)
+def solve_rows(s: Control, t: int):
+    """(8) Without limits, for this sample's rows and the next one's."""
+    m = s.step.J.shape[1]
+    k = s.step.J.shape[2]
+    place_rows(s.step, s.step.system, t)
+    for j in range(k):
+        for side in range(2):
+            s.step.sides[t, j, side] = f64(0.0)
+    for i in range(m):
+        s.step.sides[t, k + i, 0] = -s.step.r[t, i]
+        s.step.sides[t, k + i, 1] = -s.ahead[t, i]
+    eliminate(s.step.system, s.step.sides, t)
+
+
+@wp.func(inline=False)
 def factor(s: Control, t: int):
     """(8) The steps of this sample and of the next one where no limit holds, into columns of ``sides``."""
     m = s.step.J.shape[1]
@@ -161,14 +202,19 @@ def factor(s: Control, t: int):
             s.step.J[t, i, j] = s.step.J[t, i, j] * s.unit[j]
             largest = wp.max(largest, wp.abs(s.step.J[t, i, j]))
     s.step.softness[t] = f64(wp.static(SOFTNESS)) * largest * largest
-    place_rows(s.step, s.step.system, t)
-    for j in range(k):
-        for side in range(2):
-            s.step.sides[t, j, side] = f64(0.0)
-    for i in range(m):
-        s.step.sides[t, k + i, 0] = -s.rows[t, i]
-        s.step.sides[t, k + i, 1] = -s.ahead[t, i]
-    eliminate(s.step.system, s.step.sides, t)
+    solve_rows(s, t)
+    if leaves_over(s, t):
+        # what no step meets would be asked for at each sample, and add up along directions that move the tip next to nothing
+        for i in range(m):
+            for side in range(2):
+                met = f64(0.0)
+                for j in range(k):
+                    met += s.step.J[t, i, j] * s.step.sides[t, j, side]
+                if side == 0:
+                    s.step.r[t, i] = -met
+                else:
+                    s.ahead[t, i] = -met
+        solve_rows(s, t)
 
 
 @wp.func(inline=False)
@@ -193,19 +239,36 @@ def bounded(s: Control, t: int, side: int):
 
 
 @wp.func
-def place_start(s: Control, t: int, from_here: bool):
-    """(2) Unknowns and values of the problem after ``change``; from the integration's on, ``a`` belongs to it."""
+def place_start(s: Control, t: int, from_here: bool) -> f64:
+    """(2) Unknowns and values of the problem after ``change``; from the integration's on, ``a`` belongs to it. How far that
+    is, of unknowns in scales of curvature, of values in units (9)."""
     k = s.unit.shape[0]
+    far = f64(0.0)
     for i in range(s.task.unknowns.shape[1]):
         x = s.task.unknowns[t, i]
         if from_here:
             x += s.task.shift[t, i, 0]
         for j in range(k):
             x += s.task.shift[t, i, 1 + j] * (s.unit[j] * s.step.change[t, j])
+        far = wp.max(far, wp.abs(x - s.task.unknowns[t, i]) / s.curvature)
         s.task.unknowns[t, i] = x
     for j in range(k):
+        far = wp.max(far, wp.abs(s.step.change[t, j]))
         s.values[t, j] = s.values[t, j] + s.unit[j] * s.step.change[t, j]
         s.task.inputs[t, s.task.places[j]] = s.values[t, j]
+    return far
+
+
+@wp.func
+def keep_before(s: Control, t: int):
+    """The sample before."""
+    for i in range(s.task.unknowns.shape[1]):
+        s.before_unknowns[t, i] = s.good_unknowns[t, i]
+    for j in range(s.unit.shape[0]):
+        s.before_values[t, j] = s.good_values[t, j]
+    s.before_position[t] = s.tip_position[t]
+    s.before_rotation[t] = s.tip_rotation[t]
+    s.before_tip[t] = s.has_tip[t]
 
 
 @wp.func(inline=False)
@@ -234,15 +297,19 @@ def tell(s: Control, t: int):
     k = s.step.J.shape[2]
     short = f64(0.0)
     asked = f64(0.0)
-    square = f64(0.0)
+    first = wp.where(s.kind[0] != 0, 3, 0)
+    off = f64(0.0)
+    angle = f64(0.0)
     for i in range(m):
         left = s.rows[t, i]
         asked = wp.max(asked, wp.abs(left))
         for j in range(k):
             left += s.step.J[t, i, j] * s.step.change[t, j]
         short = wp.max(short, wp.abs(left))
-        if i < 3:
-            square += left * left
+        if i < first:
+            off += left * left
+        else:
+            angle += left * left
     held = int(0)
     for i in range(s.low.shape[0]):
         if s.step.held[t, i] != 0:
@@ -251,7 +318,8 @@ def tell(s: Control, t: int):
                 if s.step.limits[i, j] != f64(0.0):
                     s.told[t, wp.static(FREE) + 7 * k + j] = f64(1.0)
     near = f64(wp.static(NEAR))
-    s.told[t, wp.static(ERROR)] = wp.sqrt(square) / wp.where(s.kind[0] != 0, s.weight[0], s.weight[1])
+    s.told[t, wp.static(ERROR)] = wp.where(first > 0, wp.sqrt(off) / s.weight[0], f64(wp.nan))
+    s.told[t, wp.static(ANGLE)] = wp.where(m > first, wp.sqrt(angle) / s.weight[1], f64(wp.nan))
     if held == 0 and short > wp.max(near, f64(wp.static(SHORT)) * asked):
         s.told[t, wp.static(SINGULAR)] = f64(1.0)
     if held != 0 and short > near:
@@ -274,6 +342,7 @@ def fail(s: Control, t: int):
     keep_record(s, t)
     k = s.unit.shape[0]
     s.told[t, wp.static(ERROR)] = f64(wp.nan)
+    s.told[t, wp.static(ANGLE)] = f64(wp.nan)
     for i in range(6 * k):
         s.told[t, wp.static(FREE) + k + i] = f64(wp.nan)
     for i in range(s.task.unknowns.shape[1]):
@@ -302,6 +371,7 @@ def make_control():
         for i in range(3):
             s.told[t, wp.static(OFFSET) + i] = s.offset[t, 0][i]
             s.told[t, wp.static(TARGET) + i] = s.position[t][i]
+        s.doubt[t] = wp.static(NOTHING)
         status = int(wp.static(int(Status.TRACKING)))
         if s.task.fault[t] != 0:
             status = failure_of(s.task.fault[t])
@@ -318,7 +388,12 @@ def make_control():
             tell(s, t)
             if s.told[t, wp.static(HELD)] != f64(0.0):
                 status = wp.static(int(Status.AT_LIMIT))
-            place_start(s, t, True)
+            gone = place_start(s, t, True)
+            s.doubt[t] = strayed(s.watched, s.task.gamma, t, gone + s.foreseen[t])
+            if gone > f64(wp.static(FAR)) and s.watched.on != 0:
+                s.doubt[t] = wp.static(LOOK)
+            s.foreseen[t] = f64(0.0)
+            keep_before(s, t)
             move_tip(s, t)
             keep_record(s, t)
             for i in range(s.task.unknowns.shape[1]):
@@ -329,7 +404,7 @@ def make_control():
                 for i in range(s.ahead.shape[1]):
                     s.step.r[t, i] = s.ahead[t, i]
                 bounded(s, t, 1)
-                place_start(s, t, False)
+                s.foreseen[t] = place_start(s, t, False)
         for j in range(k):
             s.told[t, wp.static(FREE) + j] = s.good_values[t, j]
         s.status[t] = status

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from functools import cached_property
-from math import exp, hypot, nan
+from math import exp, hypot
 from threading import Lock
 from typing import Any, Generic
 
@@ -25,11 +25,13 @@ from multirod.solver import Outcome
 from multirod.solvers.shooting import Shooting
 from multirod.status import Status
 from multirod.tasks.control import ControlStep, Kind
-from multirod.tasks.control_kernels import ERROR, FREE, OFFSET, SINGULAR, TARGET, make_control
+from multirod.tasks.control_kernels import ANGLE, ERROR, FREE, OFFSET, SINGULAR, TARGET, make_control
 from multirod.tasks.formulation import Task, freed, input_units, with_values
 from multirod.tasks.given import plain, turned
 from multirod.tasks.limits import SAME, LimitRows, Limits, freed_labels, limit_rows, nearest, refuse_start, told
 from multirod.tasks.rows import SMALLEST_AXIS, Pose
+from multirod.tasks.watch import Watch
+from multirod.tasks.watch_kernels import LOOK, NEXT
 from multirod.types import Numbers
 from multirod.validation import Described, FloatArray, array, device_name, frozen, instance, positive_float, refuse, unknown_names
 
@@ -37,7 +39,8 @@ LAG = 5.0  # samples, of the correction by default
 OWN = "position", "rotation", "axis", "measured_position", "measured_rotation"  # of a sample, beside inputs
 # shared by all samples
 CODES: list[Any] = [frozen(np.array([code], dtype=np.int32)) for code in range(max(Status) + 1)]
-ONCE: Any = frozen(np.ones(1, dtype=np.int32))
+ALONE = np.arange(1)  # of instances, the only one
+ONCE, TWICE = (frozen(np.array([count], dtype=np.int32)) for count in (1, 2))
 
 
 class Command(Solution[Robot_co]):
@@ -60,8 +63,13 @@ class Command(Solution[Robot_co]):
 
     @property
     def target_error(self) -> float:
-        """Distance of the model's tip from the position asked for, what was measured taken into account [m]."""
+        """Distance of the model's tip from the position asked for, what was measured taken into account [m]; NaN if none was."""
         return float(self._told[ERROR])
+
+    @property
+    def target_angle(self) -> float:
+        """Angle of the model's tip from the rotation or the axis asked for, likewise [rad]."""
+        return float(self._told[ANGLE])
 
     @property
     def singular(self) -> bool:
@@ -85,13 +93,13 @@ class Command(Solution[Robot_co]):
 
     @cached_property
     def _remarks(self) -> Remarks:  # type: ignore[override]  # found when it is asked for
-        return self._rows.remarks(self._by_free(0)[0], self._told[TARGET:FREE] if self._aims else None, self.target_error)
+        return self._rows.remarks(self._by_free(0)[0], self._told[TARGET:ANGLE] if self._aims else None, self.target_error)
 
     @property
     def _asides(self) -> dict[str, str]:
         labels = freed_labels(self.free, [getattr(self.inputs, name).shape[-1] for name in self.free])
         held = ", ".join(label for label, own in zip(labels, self.at_limit, strict=True) if own)
-        return told(self.target_error, nan, held) | ({"singular": "yes"} if self.singular else {})
+        return told(self.target_error, self.target_angle, held) | ({"singular": "yes"} if self.singular else {})
 
     def _jacobian(self, names: tuple[object, ...], of: str, at: Any, rod: int | str) -> FloatArray:
         """By the inputs that are free, without another integration: the columns of the sample's own."""
@@ -121,7 +129,7 @@ class Controller(Uncopied, Generic[Robot_co]):
 
     Raises:
         TypeError: If an argument is not what it must be, or an input is not one of the robot's.
-        ValueError: If a number is out of range, or the limits exclude the start, or there are leading axes.
+        ValueError: If a number is out of range, or the limits exclude the start or it is unstable, or there are leading axes.
         SolveError: If there is no equilibrium at the start.
     """
 
@@ -170,11 +178,21 @@ class Controller(Uncopied, Generic[Robot_co]):
         self._plain, self._names = PlainInputs(robot, problem, given, self.free), {spec.name for spec in robot.input_specs}
         keep = exp(-self.dt / lag)
         weight = np.array([1 / self._length**2, 1 / self._length])
-        self._step = ControlStep(self._task, self._rows, self._unit, weight, (1 - keep**2, (1 - keep) ** 2))
+        self._watch = Watch(problem)
+        self._step = ControlStep(self._task, self._rows, self._unit, weight, (1 - keep**2, (1 - keep) ** 2), self._watch)
         self._step.start(x, p)
         self._step.prepare((1, 0, 0), (1, 1, 0))  # what most loops ask for: a position, a pose
-        self._task.write(x, p)
+        self._begin(x, p, "Controller.inputs" if guess is None else "Controller.guess")
         self._lock = Lock()
+
+    def _begin(self, x: FloatArray, p: FloatArray, field: str) -> None:
+        """At a stable equilibrium, as far as that can be said."""
+        self._task.evaluate(x, p)
+        gamma = self._watch.gamma()
+        if self._watch.unstable(ALONE).any():
+            refuse(field, Described("an unstable equilibrium"), "must be stable: a robot would leave it")
+        self._watch.keep(ALONE, gamma)
+        self._task.write(x, p)
 
     def _zeros(self, given: Inputs) -> dict[str, FloatArray]:
         """Freed inputs that were not given."""
@@ -221,8 +239,8 @@ class Controller(Uncopied, Generic[Robot_co]):
 
         Returns:
             The inputs to apply, with the equilibrium that they lead to. ``TRACKING``; ``AT_LIMIT`` where a limit holds the tip
-            back. A failure is ``UNSTABLE`` where the equilibrium lost its stability at a fold, or that of the integration; the
-            next sample then starts from the last good one.
+            back. A failure is ``UNSTABLE`` where the command is known not to be stable, or that of the integration; the next
+            sample then starts from the last good one. ``integrations`` is 2 where the command itself was looked at.
 
         Raises:
             TypeError: If a name is not an input of the robot, or is free.
@@ -236,8 +254,10 @@ class Controller(Uncopied, Generic[Robot_co]):
         try:
             seen = self._seen(measured_position, measured_rotation)
             kind = self._aim(position, rotation, axis)
-            if changes and not self._plain.write(changes):
-                self._change(changes)
+            if changes:
+                if not self._plain.write(changes):
+                    self._change(changes)
+                self._watch.compare()
             return self._sample(kind, seen)
         finally:
             self._lock.release()
@@ -299,8 +319,32 @@ class Controller(Uncopied, Generic[Robot_co]):
         problem = self._task.problem
         with problem.alone:
             problem.integrate()
-            record, told, status = self._step.launch(kind)
-        result: Command[Robot_co] = Command(self._scene, record, Outcome(CODES[status], ONCE, ONCE))
+            record, told, status, doubt = self._step.launch(kind)
+            spent = ONCE
+            if doubt == NEXT:
+                self._watch.keep(ALONE, self._watch.gamma())
+            elif doubt == LOOK:
+                spent = TWICE
+                if self._unstable(record):
+                    status = int(Status.UNSTABLE)
+                    self._step.refuse(told)
+        result: Command[Robot_co] = Command(self._scene, record, Outcome(CODES[status], ONCE, spent))
         result.missing = -1 in seen
         result._free, result._told, result._rows, result._aims = self.free, told, self._rows, kind[0] == 1
         return result
+
+    def _unstable(self, record: FloatArray) -> bool:
+        """Whether a command is unstable: by an integration at it, and where ``Gamma`` there does not say so, by its modes."""
+        problem, fields = self._task.problem, self._task.problem.record_fields
+        names = "unknowns", "inputs"
+        ahead = [problem.read(name) for name in names]
+        for name in names:
+            problem.write(name, record[:, fields[name]])
+        problem.integrate()
+        gamma = self._watch.gamma()
+        unstable = not self._watch.near(ALONE, gamma)[0] and bool(self._watch.unstable(ALONE)[0])
+        if not unstable:
+            self._watch.keep(ALONE, gamma)
+        for name, values in zip(names, ahead, strict=True):
+            problem.write(name, values)
+        return unstable

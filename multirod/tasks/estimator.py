@@ -21,14 +21,16 @@ from multirod.shared import Shared
 from multirod.solution import Solution
 from multirod.solver import Outcome, Solver, Track
 from multirod.solvers.shooting import Shooting
-from multirod.status import failures
+from multirod.status import Status, failures
 from multirod.tasks.condensed import condensed
 from multirod.tasks.curvature import Curvature, Places
 from multirod.tasks.estimate import Estimate, Known, Part, at_means, block_diagonal, remarked
 from multirod.tasks.filter_kernels import Filter, make_filter
-from multirod.tasks.formulation import freed, options, places_of
+from multirod.tasks.formulation import freed, input_units, options, places_of
 from multirod.tasks.priors import Prior, Walk
 from multirod.tasks.sensors import Live, Sensor, batch_of, checked
+from multirod.tasks.watch import Watch
+from multirod.tasks.watch_kernels import LOOK, NEXT
 from multirod.types import Numbers
 from multirod.validation import Described, FloatArray, device_name, frozen, instance, positive_float, refuse
 
@@ -118,8 +120,9 @@ class Estimator(Uncopied, Generic[Robot_co]):
             **changes: Inputs by name that have changed, as for ``Tracker.step``; what is not named keeps its value.
 
         Returns:
-            The estimate, ``TRACKING``; ``solution`` has the unknowns that go with it, and the tip's pose that was expected before
-            these measurements. The first sample is estimated by itself, as ``estimate`` does.
+            The estimate, ``TRACKING``, or ``UNSTABLE`` where it is known not to be stable; ``solution`` has the unknowns that go
+            with it, and the tip's pose that was expected before these measurements. The first sample is estimated by itself, as
+            ``estimate`` does.
 
         Raises:
             TypeError: If a name is not an input of the robot, or is estimated.
@@ -194,7 +197,7 @@ class _Filter(Solver):
         count, k = start.shape[:2]
         sizes = dict.fromkeys(("walked", "covariance", "free"), (k, k)) | {"mean": (k,), "square": (), "sign": ()}
         self.state = {name: Shared((count, *shape), wp.float64, known.device) for name, shape in sizes.items()}
-        self.state |= {name: Shared((count,), wp.int32, known.device) for name in ("begun", "status")}
+        self.state |= {name: Shared((count,), wp.int32, known.device) for name in ("begun", "status", "doubt")}
         for name, values in {"walked": walked, "covariance": start, "free": start}.items():
             self.state[name].values[:] = values
         self.mean, self.covariance, self.free, self.square, self.sign, self.begun, self.status = (
@@ -270,6 +273,11 @@ class _FilterTrack(Track):
         state.weight = wp.array(np.array(weights), dtype=wp.vec2d, device=problem.device)
         state.gated = int(known.most is not None)
         state.most = wp.array(np.zeros(1) if known.most is None else known.most, dtype=wp.float64, device=problem.device)
+        self._watch = Watch(problem)
+        state.watched = self._watch.state
+        units = {"curvature": problem.curvature_scale(), "unit": input_units(known.known.robot, known.names)}
+        for name, values in units.items():
+            setattr(state, name, wp.array(np.ascontiguousarray(values), dtype=wp.float64, device=problem.device))
         self._state = state  # whose arrays the launch works in
         self._launch = record(make_filter, count, [state], problem.device)
         self._placed = False
@@ -296,16 +304,46 @@ class _FilterTrack(Track):
             self._tell()
             for shared in self._sent:
                 shared.send()
+            mean, covariance = known.mean.copy(), known.covariance.copy()
             self._launch.launch()
             for shared in self._fetched:
                 shared.fetch()
+            spent = known.once.copy()
+            if known.state["doubt"].values.any():
+                self._look(spent, mean, covariance)
         known.unknowns = problem.read("unknowns")
         if known.most is not None:
             known.leave_out()
-        if not known.sound:  # what begins anew says otherwise
-            return Outcome(known.status.copy(), known.once.copy(), known.once.copy())
-        known.sound = bool(known.begun.all())
-        return Outcome(known.status.copy(), known.once, known.once)
+        if known.sound:  # else what begins anew says otherwise
+            known.sound = bool(known.begun.all())
+        return Outcome(known.status.copy(), known.once.copy(), spent)
+
+    def _look(self, spent: NDArray[np.int32], mean: FloatArray, covariance: FloatArray) -> None:
+        """(17) of docs/tasks.md: whether samples are stable that may not be; one that is not is lost, and what was estimated
+        before is kept."""
+        known, problem, watch = self.known, self.problem, self._watch
+        doubt = known.state["doubt"].values
+        rows = np.flatnonzero(doubt == NEXT)
+        if len(rows):
+            watch.keep(rows, watch.gamma()[rows])
+        rows = np.flatnonzero(doubt == LOOK)
+        if not len(rows):
+            return
+        with problem.only(doubt == LOOK):
+            self.task.integrate()
+        spent[rows] += 1
+        gamma = watch.gamma()
+        stable = watch.near(rows, gamma[rows])
+        if not stable.all():
+            stable[~stable] = ~watch.unstable(rows[~stable])
+        watch.keep(rows[stable], gamma[rows[stable]])
+        lost = rows[~stable]
+        if not len(lost):
+            return
+        known.status[lost], known.begun[lost], known.square[lost] = Status.UNSTABLE, 0, np.nan
+        known.mean[lost] = mean[lost]
+        known.covariance[lost] = covariance[lost] + known.state["walked"].values[lost]
+        self.task.write(problem.read("unknowns"), known.mean)
 
     def _tell(self) -> None:
         """Rows that kernels do not know of; columns that they do not find."""
@@ -335,6 +373,8 @@ class _FilterTrack(Track):
         self.task.evaluate(known.unknowns, known.mean, np.isin(np.arange(len(known.begun)), chosen))
         gamma = self.problem.read("gamma")[chosen].reshape(len(chosen), *2 * (part.x.shape[1],))
         known.sign[chosen] = _signs(gamma)
+        begun = known.begun[chosen] != 0
+        self._watch.keep(chosen[begun], gamma[begun])
         outcome.status[chosen], outcome.iterations[chosen] = ended.status, ended.iterations
         outcome.integrations[chosen] = ended.integrations + 1
 

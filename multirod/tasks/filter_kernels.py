@@ -9,6 +9,7 @@ from multirod.solvers.newton.linear_algebra_kernels import eliminate
 from multirod.solvers.newton.newton_kernels import failure_of
 from multirod.status import Status
 from multirod.tasks.condensed_kernels import Condensed, axis_rows, condense, position_rows, rotation_rows
+from multirod.tasks.watch_kernels import FAR, LOOK, NOTHING, Watched, strayed
 
 f64 = wp.float64
 
@@ -40,6 +41,11 @@ class Filter:
     free: wp.array3d[wp.float64]  # the covariance had nothing been measured
     square: wp.array[wp.float64]  # of what was measured and not expected
     status: wp.array[int]
+    # whether it is stable
+    watched: Watched
+    curvature: wp.array[wp.float64]  # scale of unknowns [1/m], (instance)
+    unit: wp.array[wp.float64]  # (9) of docs/tasks.md, (k)
+    doubt: wp.array[int]  # what has to be done about the sample, as ``watch_kernels`` says
     # room
     r: wp.array2d[wp.float64]  # (3), (instance, m)
     J: wp.array3d[wp.float64]
@@ -181,6 +187,19 @@ def judge(s: Filter, t: int) -> int:
     return wp.where(wp.isfinite(total), wp.static(int(Status.TRACKING)), wp.static(int(Status.NONFINITE)))
 
 
+@wp.func
+def look(s: Filter, t: int) -> int:
+    """Whether the sample may have lost its stability, which the sign does not say of two modes at once."""
+    far = f64(0.0)
+    for i in range(s.unknowns.shape[1]):
+        far = wp.max(far, wp.abs(s.unknowns[t, i] - s.task.unknowns[t, i]) / s.curvature[t])
+    for j in range(s.unit.shape[0]):
+        far = wp.max(far, wp.abs(s.sides[t, j, 0]) / s.unit[j])
+    # inputs that are not estimated change too: each is compared
+    found = strayed(s.watched, s.task.gamma, t, f64(wp.inf))
+    return wp.where(far > f64(wp.static(FAR)) and s.watched.on != 0, wp.static(LOOK), found)
+
+
 @cache
 def make_filter():
     """Kernel for one sample: from the integration at what is expected to the estimate, and to the next integration's place."""
@@ -195,6 +214,7 @@ def make_filter():
                 s.covariance[t, i, j] = s.covariance[t, i, j] + s.walked[t, i, j]
         for i in range(s.rejected.shape[1]):
             s.rejected[t, i] = 0
+        s.doubt[t] = wp.static(NOTHING)
         if s.begun[t] == 0:
             return
         if s.task.fault[t] == 0:
@@ -209,6 +229,7 @@ def make_filter():
             s.begun[t] = 0
             s.square[t] = f64(wp.nan)
             return
+        s.doubt[t] = look(s, t)
         for i in range(s.unknowns.shape[1]):
             s.task.unknowns[t, i] = s.unknowns[t, i]
         for i in range(k):

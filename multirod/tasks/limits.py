@@ -34,7 +34,8 @@ class Limits:
         gap: Of concentric tubes: the least distance between the bases of neighbours, and between their tips, which then are in
             order too, the innermost furthest out [m]. None, the default, is the order of the bases alone.
         curvature: Largest bending ``|u_xy|`` of any rod [1/m].
-        stability_margin: Least ``Solution.stability_margin``.
+        stability_margin: Least ``Solution.stability_margin``. Where that is not known, as of loads without a potential, nothing
+            is within it: ``OUT_OF_LIMITS``.
         **inputs: Pairs ``(low, high)`` by the name of an input, each a number or one for each rod or line, such as
             ``translation=([-0.2, -0.1], [0, 0])`` of two tubes; ``inf`` is no limit.
 

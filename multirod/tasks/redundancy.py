@@ -21,7 +21,7 @@ def steadied(search: Search) -> None:
         return
     length = np.full(count, FIRST)
     margin = np.full(count, np.nan)
-    margin[rows] = search.stability(rows)[1]
+    margin[rows] = search.margin(rows)
     rows = rows[np.isfinite(margin[rows])]
     for _ in range(ROUNDS):
         rows = rows[length[rows] >= LEAST]
@@ -39,7 +39,7 @@ def steadied(search: Search) -> None:
         better = np.zeros(count, dtype=bool)
         now = np.full(count, -np.inf)
         if len(found):
-            now[found] = np.nan_to_num(search.stability(found)[1], nan=-np.inf)
+            now[found] = np.nan_to_num(search.margin(found), nan=-np.inf)
             better[found] = now[found] > margin[found]
         worse = rows[~better[rows]]
         search.last.put(worse, best)
@@ -61,7 +61,7 @@ def _ascent(search: Search, rows: IntArray) -> FloatArray:
             d = sign * DIFFERENCE * across[:, :, j]
             search.last.x[rows] = here.x[rows] + (search.by[rows] @ d[..., None])[..., 0]
             search.last.p[rows] = here.p[rows] + search.goals.unit * d
-            slopes[:, j] += sign * np.nan_to_num(search.stability(rows)[1], posinf=0.0, neginf=0.0)
+            slopes[:, j] += sign * np.nan_to_num(search.margin(rows), posinf=0.0, neginf=0.0)
         search.integrations[rows] += 2
     search.last.put(rows, here)
     size = np.maximum(np.linalg.norm(slopes, axis=1, keepdims=True), 1e-300)

@@ -15,6 +15,9 @@ from multirod.types import Numbers
 from multirod.validation import Described, FloatArray, array, refuse
 
 SMALLEST_AXIS = 1e-100  # whose square still is a number
+BACK = -0.5  # cosine below which (6) goes by the angle: at half a turn there is no quotient
+AIMLESS = 1e-12  # sine below which no direction is the shorter way back, and one is taken
+SIDEWAYS = 1e-2  # least sine in derivatives by turns that do not lead back: others are not to be lost beside these
 NEAR = 1e-3  # of 1 less a cosine, below which the angle over its sine is a series
 
 
@@ -171,14 +174,22 @@ def _tilt(tangent: FloatArray, axis: FloatArray) -> tuple[FloatArray, FloatArray
     u = 1 - cosine
     near = u < NEAR
     angle = np.arctan2(np.linalg.norm(turned, axis=-1), cosine)
-    sine2 = np.where(near, 1.0, np.maximum(1 - cosine**2, 1e-300))
+    back = cosine <= BACK
+    sine2 = np.where(near | back, 1.0, 1 - cosine**2)
     far = angle / np.sqrt(sine2)
     quotient = np.where(near, 1 + u * (1 / 3 + u * (2 / 15 + u * 2 / 35)), far)
     slope = np.where(near, -(1 / 3 + u * (4 / 15 + u * 6 / 35)), (cosine * far - 1) / sine2)
     moved = cosine[..., None, None] * np.eye(3) - tangent[..., :, None] * axis[..., None, :]
     by_cosine = -turned  # cosine changes by w . (tangent x axis)
     change = quotient[..., None, None] * moved + slope[..., None, None] * turned[..., :, None] * by_cosine[..., None, :]
-    return quotient[..., None] * (across @ turned[..., None])[..., 0], across @ change
+    tilt = quotient[..., None] * turned
+    if back.any():
+        sine = np.linalg.norm(turned[back], axis=-1, keepdims=True)
+        about = np.where(sine > AIMLESS, turned[back] / np.maximum(sine, AIMLESS), first[back])
+        tilt[back] = angle[back, None] * about
+        quotient, straight = (angle[back, None] / np.maximum(sine, SIDEWAYS))[..., None], about[:, :, None] * about[:, None, :]
+        change[back] = quotient * moved[back] + (1 - quotient * cosine[back, None, None]) * straight
+    return (across @ tilt[..., None])[..., 0], across @ change
 
 
 def _vector(field: str, value: Any) -> FloatArray:

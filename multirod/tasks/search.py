@@ -219,10 +219,9 @@ class Search:
             return modes_of(part.of(rows))
         return modes_of(problem).take(rows)
 
-    def stability(self, rows: IntArray) -> tuple[NDArray[np.int32], FloatArray]:
-        """Values of ``Stability`` of the equilibria at ``last``, and their margins, shapes (len(rows),)."""
-        modes = self.modes(rows)
-        return modes.stability, modes.eigenvalue(0)
+    def margin(self, rows: IntArray) -> FloatArray:
+        """Stability margins of the equilibria at ``last``, NaN where not known, shape (len(rows),)."""
+        return self.modes(rows).eigenvalue(0)
 
     def bending(self, rows: IntArray) -> FloatArray:
         """Largest curvature of any rod [1/m], shape (len(rows),)."""
@@ -235,7 +234,7 @@ class Search:
         return np.asarray(np.max(most, axis=0))
 
     def beyond(self, rows: IntArray) -> BoolArray:
-        """Whether the shapes at ``last`` are beyond their limits, shape (len(rows),)."""
+        """Whether the shapes at ``last`` are beyond their limits, or not known to be within, shape (len(rows),)."""
         limits = self.goals.of_shape
         result = np.zeros(len(rows), dtype=bool)
         if limits is None or not len(rows):
@@ -243,8 +242,7 @@ class Search:
         if limits.curvature is not None:
             result |= self.bending(rows) > limits.curvature
         if limits.stability_margin is not None:
-            stability, margin = self.stability(rows)
-            result |= ~(margin >= limits.stability_margin) & (stability != Stability.UNKNOWN)
+            result |= ~(self.margin(rows) >= limits.stability_margin)  # NaN is not within either
         return result
 
     def unstable(self, rows: IntArray) -> BoolArray:

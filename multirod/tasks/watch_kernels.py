@@ -1,0 +1,81 @@
+# mypy: ignore-errors
+"""How far ``Gamma`` is from where the equilibrium was last known to be stable. Numbers in parentheses: ``docs/tasks.md``."""
+
+import warp as wp
+
+f64 = wp.float64
+NEAR = 0.4  # left side of (17), up to which the matrix that samples are compared with stays
+SURE = 0.8  # up to which no mode was lost; at 1 one may be: the rest is for what a sample's correction adds
+FAR = 0.1  # correction, of unknowns in scales of curvature, of values in units (9), that takes a sample where Gamma is not known;
+# and the way of samples in a row that need not be compared, where (17) grows as it did
+
+# what has to be done about a sample: nothing; compare the next ones with it; look whether it is stable
+NOTHING, NEXT, LOOK = 0, 1, 2
+
+
+@wp.struct
+class Watched:
+    """What samples are compared with; the first axis is the instance."""
+
+    on: int  # whether there is anything to be watched
+    anchor: wp.array3d[wp.float64]  # Gamma where it was last known to be stable, (instance, n, n)
+    inverse: wp.array3d[wp.float64]  # S^-1 of its inverse, transposed; NaN where none is known
+    scale: wp.array2d[wp.float64]  # S, (instance, n)
+    room: wp.array3d[wp.float64]  # (instance, 1, n)
+    path: wp.array2d[wp.float64]  # gone since then, in the units of FAR: by now, by the last comparison; what (17) said there
+
+
+OFF = """
+const int n = inverse.shape[1];
+double* r = &wp::index(room, t, 0, 0);
+double total = 0.0;
+for (int j = 0; j < n && !(total > most); j++) {
+    for (int i = 0; i < n; i++) r[i] = 0.0;
+    for (int k = 0; k < n; k++) {
+        const double off = wp::index(gamma, t, k, j) - wp::index(anchor, t, k, j);
+        if (off == 0.0) continue;
+        const double m = wp::index(scale, t, j) * off;
+        const double* b = &wp::index(inverse, t, k, 0);
+        _Pragma("clang loop interleave_count(1)") for (int i = 0; i < n; i++) r[i] += m * b[i];
+    }
+    double p = 0.0, q = 0.0;
+    for (int i = 0; i + 1 < n; i += 2) { p += r[i] * r[i]; q += r[i + 1] * r[i + 1]; }
+    total += p + q + (n % 2 ? r[n - 1] * r[n - 1] : 0.0);
+}
+r[0] = total;
+"""
+
+
+# of legs most numbers do not change
+@wp.func_native(OFF)
+def far_off(
+    gamma: wp.array3d[wp.float64],
+    anchor: wp.array3d[wp.float64],
+    inverse: wp.array3d[wp.float64],
+    scale: wp.array2d[wp.float64],
+    room: wp.array3d[wp.float64],
+    t: int,
+    most: wp.float64,
+):
+    """(17) The square of its left side into the first number of ``room``, or more than ``most``."""
+
+
+@wp.func(inline=False)
+def strayed(w: Watched, gamma: wp.array3d[wp.float64], t: int, gone: f64) -> int:
+    """(17) Whether ``Gamma`` may have been singular on the way from where it is known, ``gone`` farther than the last sample."""
+    if w.on == 0:
+        return wp.static(NOTHING)
+    if not wp.isfinite(w.inverse[t, 0, 0]):
+        return wp.static(LOOK)
+    w.path[t, 0] = w.path[t, 0] + gone
+    on = w.path[t, 0] - w.path[t, 1]
+    if w.path[t, 1] > f64(0.0) and on < f64(wp.static(FAR)):
+        if w.path[t, 2] * (f64(1.0) + f64(2.0) * on / w.path[t, 1]) < f64(wp.static(NEAR)):
+            return wp.static(NOTHING)
+    far_off(gamma, w.anchor, w.inverse, w.scale, w.room, t, f64(wp.static(SURE * SURE)))
+    found = wp.sqrt(w.room[t, 0, 0])
+    w.path[t, 1] = w.path[t, 0]
+    w.path[t, 2] = found
+    if found < f64(wp.static(NEAR)):
+        return wp.static(NOTHING)
+    return wp.where(found < f64(wp.static(SURE)), wp.static(NEXT), wp.static(LOOK))
