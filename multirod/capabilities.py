@@ -228,7 +228,7 @@ class Conjugates(ABC):
         scale: What counts as one in each: 1 of an angle [rad], the length of a position [m], shape (instance_count, m).
         stiffness: What counts as one in the stiffness of the displacements so scaled, ``K/L`` [N m], shape (instance_count,).
         give: Where what is rigid is made to give a little: row of the residual, unknown, and what is added to that of
-            ``columns``, or of ``Gamma``.
+            ``columns``, or of ``Gamma``, one number or shape (instance_count,).
         without: Numbers of a row of ``inputs`` whose loads have no potential where they are not zero.
         has_potential: Whether everything else has one.
     """
@@ -238,7 +238,7 @@ class Conjugates(ABC):
     columns: Any
     scale: Any
     stiffness: FloatArray
-    give: "tuple[tuple[int, int, float], ...]" = ()
+    give: "tuple[tuple[int, int, float | FloatArray], ...]" = ()
     without: "tuple[int, ...]" = ()
     has_potential: bool = True
 

@@ -58,8 +58,8 @@ class Status(Code):
 
     @property
     def event(self) -> bool:
-        """Whether there is a result, on another branch of equilibria than the one that was followed: neither a failure nor plain
-        convergence."""
+        """Whether there is a result, and the way there left the branch of equilibria that was followed: neither a failure nor
+        plain convergence."""
         return self in _EVENTS
 
     @property
@@ -92,15 +92,22 @@ _WITH_RESULT = frozenset(
     }
 )
 
-_EVENTS = frozenset({Status.LOWEST_ENERGY, Status.BIFURCATED, Status.SNAPPED})
+_EVENTS = frozenset({Status.LOWEST_ENERGY, Status.BIFURCATED, Status.SNAPPED, Status.DAMPED})
 
 
-_FAILED = np.isin(np.arange(max(Status) + 1), [int(status) for status in Status if status.failed])
+_CODES = np.arange(max(Status) + 1)
+_FAILED = np.isin(_CODES, [int(status) for status in Status if status.failed])
+_EVENT = np.isin(_CODES, [int(status) for status in _EVENTS])
 
 
 def failures(values: IntArray) -> BoolArray:
     """``Status.failed`` of an array of statuses."""
     return np.asarray(_FAILED.take(values, mode="clip"))
+
+
+def left_branch(values: IntArray) -> BoolArray:
+    """``Status.event`` of an array of statuses."""
+    return np.asarray(_EVENT.take(values, mode="clip"))
 
 
 _MESSAGES = {

@@ -114,7 +114,10 @@ class EnergyDescentTrack(SampledTrack):
         lists = {"forces": pairs.forces, "constraints": constraints, "without": pairs.without}
         for name, numbers in (lists | {"give_row": rows, "give_column": columns}).items():
             setattr(state, name, wp.array(np.array(numbers, dtype=np.int32), dtype=wp.int32, device=device))
-        state.give = wp.array(np.array(values, dtype=np.float64), dtype=wp.float64, device=device)
+        give = np.zeros((count, len(values)))
+        for k, by in enumerate(values):
+            give[:, k] = by
+        state.give = wp.array(give, dtype=wp.float64, device=device)
         state.has_potential = int(pairs.has_potential)
         room = {"following": (n,), "size": (), "margin": (), "form": (m, m), "system": (n, n), "sides": (n, m + 2)}
         room |= {"matrix": (m, m), "modes": (m, m), "values": (m,), "gradient": (m, 2), "steps": (m, 2)}

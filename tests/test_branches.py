@@ -186,6 +186,7 @@ def test_events_are_saved_and_said(loop, tmp_path):
     assert said[place][0] in loop._repr_html_()
     assert mr.Status.SNAPPED.event
     assert not mr.Status.SNAPPED.failed
+    assert mr.Status.DAMPED.event
     assert not mr.Status.CONVERGED.event
     assert not mr.Status.BRANCH_END.event
 

@@ -42,3 +42,5 @@ def test_statuses_are_those_of_the_package() -> None:
     page = (PAGES[0].parent / "statuses.md").read_text(encoding="utf-8")
     rows = [tuple(part.strip() for part in row.split("|")[1:4]) for row in re.findall(r"^\| `.*", page, re.MULTILINE)]
     assert rows == [(f"`{s.name}`", "no" if s.failed else "yes", s.message) for s in mr.Status]
+    (events,) = re.findall(r"^A status with a result is an event.*?:\n(.*?)\.", page, re.MULTILINE | re.DOTALL)
+    assert set(re.findall(r"`(\w+)`", events)) == {s.name for s in mr.Status if s.event}

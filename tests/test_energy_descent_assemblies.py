@@ -215,6 +215,65 @@ def test_without_a_potential_damped_dynamics_take_its_place_and_say_so(wire, loa
     np.testing.assert_allclose(found.tip_position, exact.tip_position, rtol=0, atol=1e-8)
 
 
+STRAIGHT = mr.Rod(length=0.2, bending_stiffness=0.02, torsional_stiffness=0.015)
+UNKNOWN_BASE_FORCE = {
+    "a rod": (mr.SingleRod(STRAIGHT), {"follower_force": (0.06, 0, 0)}),
+    "a rod that is only pulled": (mr.SingleRod(STRAIGHT), {"follower_force": (0, 0, 0.06)}),
+    "tubes": (mr.ConcentricTubes([STRAIGHT, tube(0.15, (0, 0, 0))]), {"follower_force": (0.3, 0.1, -0.5)}),
+    "in a medium": (
+        mr.SingleRod(mr.Rod(length=0.2, bending_stiffness=0.02, torsional_stiffness=0.015, foundation=8.0)),
+        {"tip_force": (0.06, 0, 0)},
+    ),
+}
+
+
+@pytest.mark.parametrize("name", UNKNOWN_BASE_FORCE)
+def test_straight_rods_that_do_not_stretch_are_no_exception_where_the_base_force_is_unknown(name):
+    """(15) An axial force moves nothing of them: without it ``Y`` has no inverse."""
+    robot, given = UNKNOWN_BASE_FORCE[name]
+    inputs = robot.inputs(**given)
+    exact = mr.solve(robot, inputs, solver=NEWTON).raise_if_failed()
+    found = mr.solve(robot, inputs, solver=DESCENT).raise_if_failed()
+    assert found.status == mr.Status.CONVERGED
+    assert found.integrations <= DESCENT.ramp + 3  # the ramp's, and two or three of Newton's method: (15) does not slow it
+    # both stop at a residual of 1e-9/L or so, by Newton's steps that leave far less
+    np.testing.assert_allclose(found.tip_position, exact.tip_position, rtol=0, atol=1e-10)
+
+
+def test_a_straight_rod_is_driven_far_by_a_follower_force_and_says_so():
+    robot = mr.SingleRod(STRAIGHT)
+    inputs = robot.inputs(follower_force=(3, 1, -0.5))
+    exact = mr.solve(robot, inputs, solver=NEWTON).raise_if_failed()
+    found = mr.solve(robot, inputs, solver=DESCENT, guess=mr.solve(robot, robot.inputs(), solver=NEWTON)).raise_if_failed()
+    assert found.status == mr.Status.DAMPED
+    np.testing.assert_allclose(found.tip_position, exact.tip_position, rtol=0, atol=1e-8)  # as of the bent wire
+
+
+def test_a_column_that_a_follower_force_presses_comes_to_no_rest_where_it_flutters():
+    """Straight is an equilibrium under any: its damped dynamics leave it where ``A`` has an eigenvalue with a negative real
+    part."""
+    robot = mr.SingleRod(STRAIGHT)
+    rest = mr.solve(robot, robot.inputs(), solver=NEWTON)
+    for size, settles in ((10, True), (12, False)):  # EI/L^2; it flutters at 11.7
+        inputs = robot.inputs(follower_force=(0.1, 0, -size * 0.02 / 0.2**2))
+        exact = mr.solve(robot, inputs, solver=NEWTON).raise_if_failed()
+        problem, pairs = columned(robot, inputs)
+        problem.evaluate(problem.adopt(exact.unknowns[None]))
+        assert (np.linalg.eigvals(pairs.reduced(problem).form[0]).real.min() > 0) == settles
+        found = mr.solve(robot, inputs, solver=DESCENT, guess=rest)
+        assert found.status == (mr.Status.DAMPED if settles else mr.Status.MAX_ITERATIONS)
+
+
+def test_what_is_rigid_gives_by_its_own_length_in_a_batch():
+    lengths = np.array((0.2, 0.8))
+    robot = mr.SingleRod(mr.Rod(length=lengths, bending_stiffness=0.02, torsional_stiffness=np.inf))
+    inputs = robot.inputs(follower_force=[(0.06, 0.02, -0.05), (0.006, 0.002, -0.005)])
+    both = mr.solve(robot, inputs, solver=DESCENT).raise_if_failed()
+    for k in range(2):
+        alone = mr.solve(robot, inputs, solver=DESCENT, instances=[k])
+        np.testing.assert_array_equal(both.unknowns[k], alone.unknowns[0])
+
+
 def test_what_is_unstable_though_the_tip_be_held_is_no_result():
     """A straight column under 12 EI/L^2 would buckle with its tip held upright, at pi^2: its tip's turn does not show it."""
     robot = mr.SingleRod(mr.Rod(length=1, bending_stiffness=(1, 1.5), torsional_stiffness=0.8))

@@ -993,6 +993,34 @@ def test_where_a_robot_buckled_the_shape_before_and_the_status_in_words(tmp_path
     assert not labels[1]
 
 
+@pytest.mark.parametrize("name", ["LOWEST_ENERGY", "DAMPED"])
+def test_where_a_robot_came_to_a_state_in_other_ways_that_are_no_plain_convergence_it_says_so_too(name, tmp_path):
+    if name == "DAMPED":
+        solver = mr.EnergyDescent(integrator=mr.RK4(50))
+        robot = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638, precurvature=(14, 5, 0)))
+        rest = mr.solve(robot, robot.inputs())
+        found = mr.solve(robot, robot.inputs(follower_force=(1.0, 0.5, -2)), solver=solver, guess=rest)
+    else:
+        tubes = [
+            mr.Rod(length=length, bending_stiffness=0.02, torsional_stiffness=0.015, precurvature=(curvature, 0, 0))
+            for length, curvature in ((0.3, 9), (0.25, 8))
+        ]
+        robot = mr.ConcentricTubes(tubes)
+        rest, found = (mr.solve(robot, robot.inputs(rotation=(0, angle))) for angle in (0.5, 5))
+    assert rest.status == mr.Status.CONVERGED
+    assert found.status == mr.Status[name]
+    with mr.Recorder(tmp_path / "run.rrd", nodes=11) as recorder:
+        for k, solution in enumerate((rest, found, rest)):
+            recorder.log(0.1 * k, solution)
+    recording = Recording(tmp_path / "run.rrd")
+    labels = recording.column("/world/failed/status", "Points3D:labels")
+    assert labels[0][0].startswith(f"{name}\n")
+    assert not labels[1]
+    (during, after) = recording.column("/world/failed/rods/rod_0", "LineStrips3D:strips")
+    np.testing.assert_allclose(during[0], rest.rod(0, nodes=11).position, atol=1e-7)  # the viewer's single precision
+    assert not after
+
+
 def test_two_robots_are_overlaid(history, tmp_path):
     stiffer = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.4, torsional_stiffness=0.0638, name="stiff"))
     other = make_history(robot=stiffer)

@@ -23,7 +23,7 @@ Entities (``[instance_k]`` only where there is a batch axis). ``ROD`` is a rod's
 ``/inputs/NAME[/instance_k]``              every input that was given as numbers, a series a component or rod
 ``/PROFILE/...``                           ``curvature``, ``moment``, ``force``, ``strain``, ``difference`` along rods, as drawn
 ``/world/[instance_k/]names/ROD``          names of rods
-``/world/[instance_k/]failed/...``         where samples failed: the last shape before, and the status in words
+``/world/[instance_k/]failed/...``         where samples failed, or are an event: the last shape before, and the status in words
 ``/legend``                                what colours mean, and the scale of arrows
 ``/status[/instance_k]``                   name of ``Status``, one row a change
 =========================================  ==============================================================================

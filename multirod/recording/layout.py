@@ -51,7 +51,7 @@ def description(stage: Stage, title: str, solver: str, total: int, compared: str
         + ". Where a section ends they may jump.",
         "",
         "**Status** of each sample; one that failed has no shape, no numbers in the plots, and the last shape before in grey. "
-        + "One in which the robot buckled or snapped has the shape before in grey too.",
+        + "One in which the robot buckled, snapped, or left its branch otherwise has the shape before in grey too.",
     ]
     return "\n".join(lines)
 

@@ -20,7 +20,7 @@ from multirod.recording.loads import DrawnLoad, acting, arrow_ends, largest
 from multirod.recording.stage import TIP_AXES, Stage, final_scale, frame_ends, given, live_scale, targets
 from multirod.recording.style import scales, styles
 from multirod.remarks import Remarks
-from multirod.status import Status, failures
+from multirod.status import Status, failures, left_branch
 from multirod.strains import strains
 from multirod.validation import FloatArray
 
@@ -367,12 +367,12 @@ class Writer:
     def _write_failed(
         self, k: int, steps: NDArray[np.int64], times: FloatArray, codes: NDArray[Any], positions: Sequence[FloatArray]
     ) -> None:
-        """Where samples begin to fail, buckle or snap, the last shape before and what happened, in words; where they end,
-        nothing."""
+        """Where samples begin to fail, or what is an event begins, the last shape before and what happened, in words; where they
+        end, nothing."""
         import rerun as rr
 
         failed = failures(codes)
-        told = failed | np.isin(codes, (Status.BIFURCATED, Status.SNAPPED))
+        told = failed | left_branch(codes)
         last = self._last_sound.setdefault(k, [np.zeros((0, 3)) for _ in positions])
         states = np.where(told, codes, -1)
         path = self.stage.world("failed/status", k)

@@ -43,7 +43,7 @@ class DescentState:
     curvature: wp.array[wp.float64]  # what counts as one in the unknowns [1/m]
     give_row: wp.array[int]
     give_column: wp.array[int]
-    give: wp.array[wp.float64]
+    give: wp.array2d[wp.float64]
     without: wp.array[int]  # inputs that have no potential
     has_potential: int
     # of the descent
@@ -104,9 +104,9 @@ def make_descent(feed_forward: bool):
             state.sides[t, r, m + 1] = f64(0.0)
             if wp.static(feed_forward):
                 state.sides[t, r, m + 1] = -state.residual_directions[t, r, 0]
-        for i in range(state.give.shape[0]):
+        for i in range(state.give.shape[1]):
             r = state.give_row[i]
-            state.system[t, r, state.give_column[i]] = state.system[t, r, state.give_column[i]] + state.give[i]
+            state.system[t, r, state.give_column[i]] = state.system[t, r, state.give_column[i]] + state.give[t, i]
         eliminate(state.system, state.sides, t)
 
     @wp.func(inline=False)

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from multirod.problem import BoundaryProblem
 
 GIVE = 1e-6  # of the compliance in bending: what a rod that is rigid in torsion gives way by
+STRETCH = 1e-8  # of ``L^3/EI``: what a tip gives way by along a rod whose base force is unknown
 
 
 class BackboneConjugates(Conjugates):
@@ -54,7 +55,10 @@ class BackboneConjugates(Conjugates):
         rigid = terms.eccentric or not np.isfinite(last[:, :, 2]).all()
         if rigid and moment >= 0:
             # of an instance that is not rigid it is as little
-            self.give = ((moment + 2, moment + 2, GIVE * float(length.max())),)
+            self.give += ((moment + 2, moment + 2, GIVE * length),)
+        if force >= 0:
+            # a straight rod that does not stretch; others give way by as little more
+            self.give += ((self.forces[force + 2], places["force"].start + 2, STRETCH * length**2),)
         vectors = [spec.name for spec in LOADS if not spec.potential]
         self.without = tuple(k for name in vectors for k in range(problem.input_count)[problem.input_slice(name)])
         self.has_potential = problem.has_potential
