@@ -120,6 +120,20 @@ def test_a_clamped_column_buckles_in_motions_and_at_once_by_the_default_integrat
     assert found.tip_position[2] == pytest.approx(0.2 * (2 * ellipe(k * k) / ellipk(k * k) - 1), abs=1e-7)
 
 
+def test_a_straight_rod_held_where_it_rests_says_what_is_not_determined():
+    """It ended in ``BRANCH_END`` after 17,000 integrations; a motion that begins there goes on as soon as the end is moved."""
+    end = np.eye(4)
+    end[2, 3] = 0.2
+    robot = mr.HeldRod(mr.Rod(length=0.2, bending_stiffness=EI, torsional_stiffness=0.015), end=end)
+    found = mr.solve(robot)
+    assert found.status is mr.Status.UNDETERMINED
+    assert found.integrations < 100
+    moved = np.zeros((4, 3))
+    moved[:, 2] = -0.004 * np.arange(4)
+    history = mr.simulate(robot, robot.inputs(end_position=moved), time=np.arange(4.0))
+    assert names(history) == ["UNDETERMINED"]
+
+
 def test_an_arch_snaps_through_as_links_that_creep():
     """Its ends pushed together by a tenth, then pressed from above: not by its tip, which is held."""
     robot, span = mr.HeldRod(STRIP), 0.9 * LENGTH

@@ -519,6 +519,10 @@ class HeldProblem(BoundaryProblem):
         position, turn = (inputs[:, self.input_slice(name)] for name in POSE_INPUTS)
         return self.end_position + position, matrices(turn) @ self.end_frame
 
+    @property
+    def held_forces(self) -> NDArray[np.intp]:  # noqa: D102
+        return np.arange(self.rod.unknown_count - 3, self.rod.unknown_count)
+
     def goal_is_neutral(self) -> NDArray[np.bool_]:
         """(10) As the last evaluation found it, shape (instance_count,)."""
         return np.asarray(self.table.neutral.numpy() != 0)
