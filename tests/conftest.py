@@ -3,11 +3,13 @@
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import multirod as mr
+from multirod.compiling import COMPILER
 
 DATA = Path(__file__).parent / "data"
 CASE_FIXTURES = {"single_rod_case": "single_rod", "tube_case": "concentric_tubes", "parallel_case": "parallel_continuum_robot"}
@@ -38,6 +40,31 @@ def load_cases(model: str) -> list[dict]:
     """Stored reference cases of one model, in order of their names."""
     cases = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(DATA.glob("*.json"))]
     return [case for case in cases if case["model"] == model]
+
+
+# distinct kernels that `make test` asks for, less those of programs that it starts: to be lowered, never raised without a reason
+KERNELS = 1000000
+asked_for: set[str] = set()
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node: Any) -> None:
+    """Of one of several processes."""
+    asked_for.update(getattr(node, "workeroutput", {}).get("kernels", ()))
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
+    """A run of all that `make test` runs fails where it asks for more kernels than it did: a minute more for each fifty."""
+    config = session.config
+    if hasattr(config, "workeroutput"):
+        config.workeroutput["kernels"] = sorted(COMPILER.kernels)
+        return
+    asked_for.update(COMPILER.kernels)
+    if exitstatus == pytest.ExitCode.OK and config.getoption("quick") and config.args_source is config.ArgsSource.TESTPATHS:
+        print(f"\n{len(asked_for)} kernels (at most {KERNELS})")
+        if len(asked_for) > KERNELS:
+            session.exitstatus = pytest.ExitCode.TESTS_FAILED
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
