@@ -135,3 +135,12 @@ def test_robots_that_do_not_tell_say_so(wire):
     robot = mr.EccentricTubes([wire, wire], offsets=[(0.002, 0), (-0.002, 0)])
     with pytest.raises(NotImplementedError, match="derivatives along rods side by side are not known"):
         mr.estimate(robot, unknown=PRIOR, measured=mr.Curvature(at=0.1, value=(0, 0), sigma=0.1))
+
+
+def test_where_the_start_fails_the_estimate_says_so():
+    """The end of a rod of 0.4 m that does not stretch is held 0.5 m away: an array of no instances has rows too."""
+    held = mr.HeldRod(mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638))
+    bent = mr.Curvature(at=0.2, value=(1, 0), sigma=BENT)
+    found = mr.estimate(held, held.inputs(end_position=(0, 0, 0.1)), unknown=PRIOR, measured=bent)
+    assert found.status is mr.Status.OUT_OF_REACH
+    assert np.isnan(found.value("tip_force")).all()

@@ -344,3 +344,26 @@ def test_bad_walks():
             mr.Walk(sigma)
     with pytest.raises(TypeError, match="Walk.start must be a Prior"):
         mr.Walk(1.0, start=0.5)
+
+
+def test_samples_of_a_robot_whose_results_are_tested():
+    """Legs whose lengths are found for a pose: each result is tested to be one, which counts integrations of its own."""
+    leg = mr.Rod.tube(length=0.4, outer_diameter=2e-3, young_modulus=200e9, shear_modulus=80e9)
+    around = np.tile(np.eye(4), (6, 1, 1))
+    for k, degrees in enumerate((-10, 10, 110, 130, 230, 250)):
+        around[k, :2, 3] = 0.087 * np.cos(np.radians(degrees)), 0.087 * np.sin(np.radians(degrees))
+    robot = mr.ParallelRods(legs=[leg] * 6, base=around, platform=around).inverse()
+    known = robot.inputs(platform_position=(0.02, 0, 0.39))
+    tip = mr.solve(robot, known)
+    meter = mr.Estimator(
+        robot,
+        dt=1e-2,
+        inputs=known,
+        unknown={"tip_force": mr.Walk(0.3)},
+        sensors=mr.Pose(position=tip.tip_position, sigma=5e-4),
+        integrator=mr.RK4(50),
+    )
+    for _ in range(3):
+        sample = meter.step([tip.tip_position])
+    assert sample.status is mr.Status.TRACKING
+    assert sample.integrations == 1
