@@ -39,6 +39,7 @@ ROUNDED = 1e-9  # of the largest of some numbers, what is not shown
 FORCES = ("tip_force", "follower_force")  # whose covariance can be drawn
 RESTORED = 0.5  # of the residual: a step that leaves no more of it is taken too
 SLACK = 1e-9  # of the squares' sum, that rounding may add
+PLACE = ("x", "p", "square", "gap", "towards", "by", "step", "covariance")
 
 
 class Estimate(Generic[Robot_co]):
@@ -304,6 +305,9 @@ class Part:
         self.step, self.covariance = np.zeros((self.count, k)), np.full((self.count, k, k), np.nan)
         self.square, self.gap = np.full((2, self.count), np.inf)
         self.part = np.ones(self.count)
+        self.restoring, self.based = np.zeros((2, self.count), dtype=bool)
+        self.base = {name: np.array(getattr(self, name)) for name in PLACE}
+        self.base_part = np.ones(self.count)
         given = getattr(scene.solver, "tolerance", None)
         scale = problem.curvature_scale()
         self.tolerance = np.maximum(problem.tolerance(given), TOLERANCE * scale if given is None else 0.0)
@@ -363,8 +367,10 @@ class Part:
     def _advance(self, active: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """One integration where the next step leads; which instances go on."""
         part = np.where(active, self.part, 0.0)[:, None]
-        x = self.x + np.where(part > 0, self.towards, 0.0) + part * (self.by @ self.step[..., None])[..., 0]
-        p = self.bounds.kept(self.p + part * self.step, self.p)
+        still = self.restoring[:, None]
+        along, step = np.where(still, part, part > 0), np.where(still, 0.0, part)
+        x = self.x + np.where(along > 0, along * self.towards, 0.0) + step * (self.by @ self.step[..., None])[..., 0]
+        p = self.bounds.kept(self.p + step * self.step, self.p)
         chosen = np.flatnonzero(active)
         found = self.task.evaluate(x, p, active)
         self.outcome.iterations[chosen] += 1
@@ -382,6 +388,7 @@ class Part:
         with np.errstate(invalid="ignore"):
             closer = square <= self.square[chosen] * (1 + SLACK) + SETTLED**2
             closer |= gap <= RESTORED * self.gap[chosen]  # what was less there was that of no equilibrium
+            closer = np.where(self.restoring[chosen], gap < self.gap[chosen], closer)
             came_off = closer & (gap <= np.maximum(self.sharpest[chosen], self.gap[chosen]))
         came_off &= np.isfinite(J).all(axis=(1, 2))
         own = chosen[came_off]
@@ -396,9 +403,40 @@ class Part:
         self.part[own] = np.minimum(1.0, 2 * self.part[own])
         self.part[chosen[~came_off]] /= 2
         go_on = np.zeros(self.count, dtype=bool)
-        go_on[own[~settled]] = True
-        go_on[chosen[~came_off]] = self.part[chosen[~came_off]] >= 0.5**HALVINGS
+        go_on[chosen] = True
+        go_on[own[settled]] = False
+        self._rest(own[~settled], go_on)
+        self._restore(chosen[~came_off], go_on)
         return go_on
+
+    def _rest(self, own: NDArray[np.intp], go_on: NDArray[np.bool_]) -> None:
+        """Those that are at an equilibrium now go on from there, or from the last one, where (1) was less."""
+        own = own[self.gap[own] <= self.tolerance[own]]
+        worse = self.restoring[own] & self.based[own] & ~(self.square[own] < self.base["square"][own])
+        self._go_back(own[worse], go_on)
+        own = own[~worse]
+        self.part[own] = np.where(self.restoring[own], 1.0, self.part[own])
+        self.restoring[own], self.based[own], self.base_part[own] = False, True, self.part[own]
+        for name, values in self.base.items():
+            values[own] = getattr(self, name)[own]
+
+    def _restore(self, own: NDArray[np.intp], go_on: NDArray[np.bool_]) -> None:
+        """Those whose step did not come off, however short: where it began at no equilibrium, that is sought, ``p`` as it is."""
+        short = own[self.part[own] < 0.5**HALVINGS]
+        sought = ~self.restoring[short] & (self.gap[short] > self.tolerance[short]) & np.isfinite(self.gap[short])
+        self.restoring[short[sought]], self.part[short[sought]] = True, 1.0
+        short = short[~sought]
+        back = self.restoring[short] & self.based[short]
+        go_on[short[~back]] = False
+        self._go_back(short[back], go_on)
+
+    def _go_back(self, own: NDArray[np.intp], go_on: NDArray[np.bool_]) -> None:
+        """To the last equilibrium, from which the next step is a quarter as long as the last was."""
+        for name, values in self.base.items():
+            getattr(self, name)[own] = values[own]
+        self.base_part[own] /= 4
+        self.part[own], self.restoring[own] = self.base_part[own], False
+        go_on[own] = self.part[own] >= 0.5**HALVINGS
 
 
 def _joined(scene: Known, pieces: Sequence[Part]) -> Estimate[Any]:
