@@ -139,6 +139,14 @@ class Equilibrium:
         result[absent | solution.failed] = np.nan
         return result
 
+    def refuse_unknown(self, names: Sequence[str]) -> None:
+        """Refuse names by which derivatives are not known, before anything is solved.
+
+        Raises:
+            NotImplementedError: If there is one.
+        """
+        self.robot.input_directions(*names)
+
     def columns(self, solution: Solution[Any], absent: NDArray[np.bool_], names: Sequence[str]) -> list[FloatArray]:
         """(D15) Derivatives by each name, (..., *output, *tail), NaN where there is no result."""
         found = np.array(solution.jacobian(*names))

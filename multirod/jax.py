@@ -43,6 +43,7 @@ class Function:
         Raises:
             TypeError: If a name is none of an input or number of the robot.
             ValueError: If a shape is not that of the name; or, as the robot is solved, a value is out of range.
+            NotImplementedError: If it is differentiated by what derivatives of such a robot are not known by.
         """
         return self._of(tuple(values))(*self._batched(values))
 
@@ -92,6 +93,7 @@ class Function:
 
         def rule(arrays: Any, tangents: Any) -> Any:
             live = tuple(k for k, t in enumerate(tangents) if not isinstance(t, jax.custom_derivatives.SymbolicZero))
+            own.refuse_unknown([names[k] for k in live])  # here, where JAX traces: an error of the callback is JAX's own
             value, *columns = jax.pure_callback(partial(host, live), shapes(arrays, live), *arrays, vmap_method="expand_dims")
             rates = jax.numpy.zeros_like(value)
             for k, column in zip(live, columns, strict=True):

@@ -112,7 +112,7 @@ def refuse_unfit(problem: BoundaryProblem, outcome: Outcome) -> None:
     refusals = problem.result_test.refusals(settled)
     refused = found & (refusals != Status.NOT_RUN)
     outcome.status[refused] = refusals[refused]
-    outcome.integrations += problem.result_test.integrations * settled
+    outcome.integrations = outcome.integrations + problem.result_test.integrations * settled  # it may be another's
 
 
 class Track(Uncopied, ABC):

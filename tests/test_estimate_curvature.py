@@ -135,3 +135,41 @@ def test_robots_that_do_not_tell_say_so(wire):
     robot = mr.EccentricTubes([wire, wire], offsets=[(0.002, 0), (-0.002, 0)])
     with pytest.raises(NotImplementedError, match="derivatives along rods side by side are not known"):
         mr.estimate(robot, unknown=PRIOR, measured=mr.Curvature(at=0.1, value=(0, 0), sigma=0.1))
+
+
+def test_where_the_start_fails_the_estimate_says_so():
+    """The end of a rod of 0.4 m that does not stretch is held 0.5 m away: an array of no instances has rows too."""
+    held = mr.HeldRod(mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638))
+    bent = mr.Curvature(at=0.2, value=(1, 0), sigma=BENT)
+    found = mr.estimate(held, held.inputs(end_position=(0, 0, 0.1)), unknown=PRIOR, measured=bent)
+    assert found.status is mr.Status.OUT_OF_REACH
+    assert np.isnan(found.value("tip_force")).all()
+
+
+def test_steps_from_what_is_no_equilibrium_do_not_stall():
+    """A chain of two rods sways: on the way the squares are less than at any equilibrium that is near."""
+    half = mr.Rod.wire(length=0.2, diameter=2e-3, young_modulus=60e9, shear_modulus=23e9)
+    middle, end = mr.Body("middle", mass=0.05), mr.Body("end", mass=0.05)
+    joints = [
+        mr.Joint("first", "base", to=mr.ground),
+        mr.Joint("first", "tip", to=middle),
+        mr.Joint("second", "base", to=middle),
+        mr.Joint("second", "tip", to=end),
+    ]
+    chain = mr.Network(rods={"first": half, "second": half}, bodies=[middle, end], joints=joints)
+    known = {"rotation": {"second": 0.5}, "gravity": (1.0, 0, -9.81)}
+    solver = mr.Shooting(integrator=mr.RK4(50))
+    truth = mr.solve(chain, chain.inputs(**known, force={"end": (0.1, 0, 0)}), solver=solver)
+    tip = mr.Pose(position=truth.tip_position, rotation=truth.tip_rotation, sigma=(5e-4, 5e-3))
+    unknown = {"force": mr.Prior(0, sigma=0.25)}
+    for rod in (0, 1):
+        shape = truth.rod(rod, nodes=201)
+        for node in (50, 100, 150):
+            bent = mr.Curvature(at=float(shape.arclength[node]), value=shape.curvature[node], sigma=BENT, rod=rod)
+            found = mr.estimate(chain, chain.inputs(**known), unknown=unknown, measured=[tip, bent], solver=solver)
+            assert found.status is mr.Status.CONVERGED
+            assert found.integrations <= 45  # of which 24 find the start
+            near = mr.estimate(chain, chain.inputs(**known), unknown=unknown, measured=[tip, bent], solver=solver, guess=truth)
+            # each is a hundredth of a standard deviation off at most
+            off = np.abs(found.value("force") - near.value("force")) / near.sigma("force")
+            assert off.max() < 0.02

@@ -95,6 +95,19 @@ def test_vmap_over_some_of_the_values(tip):
     np.testing.assert_array_equal(both[1, 0], tip(tip_force=forces[1], precurvature=curves[0]))
 
 
+def test_a_derivative_that_is_not_known_is_refused_as_it_is_traced():
+    """By the error of ``Solution.jacobian``, not by one of JAX around it; values are those of any robot."""
+    bent = mr.Rod(length=0.2, bending_stiffness=0.01, torsional_stiffness=0.008, lines=[mr.Tendon(offset=(0.005, 0))])
+    pulled = mr.jax.function(mr.SingleRod(bent))
+    length = pulled.value_of("length")
+    assert np.isfinite(pulled(length=length, tension=[0.5])).all()
+    for differentiate in (jax.jacrev, jax.jacfwd, lambda f: jax.jit(jax.jacrev(f))):
+        with pytest.raises(NotImplementedError, match="by length of a rod with lines are not known"):
+            differentiate(lambda own: pulled(length=own, tension=[0.5]))(length)
+        # by what is known it is differentiated all the same
+        assert np.isfinite(differentiate(lambda own: pulled(length=length, tension=own))(np.array([0.5]))).all()
+
+
 @pytest.mark.parametrize(
     ("call", "error", "message"),
     [

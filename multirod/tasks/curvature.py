@@ -113,7 +113,7 @@ class CurvatureRows:
         count, n = found.residual.shape
         told = np.empty((count, *self.value.shape[1:], 1 + found.curvature_columns.shape[-1]))
         self.put(found.curvature, found.curvature_columns, told)
-        told = told.reshape(count, self.count, -1)
+        told = told.reshape(count, self.count, told.shape[-1])
         return told[..., 0], told[..., 1 : 1 + n], told[..., 1 + n :]
 
     def put(self, curvature: FloatArray, columns: FloatArray, told: FloatArray) -> None:

@@ -20,10 +20,11 @@ from multirod.solution import Solution
 from multirod.solver import Outcome, Solver, refuse_unfit
 from multirod.stability import Stability, modes_of
 from multirod.status import Status, failures
+from multirod.tasks.bounded import Bounds
 from multirod.tasks.curvature import Places
 from multirod.tasks.formulation import Evaluation, freed, places_of, with_values
-from multirod.tasks.formulation import options as task_options
 from multirod.tasks.inference import kept, posterior, principal, roots, units
+from multirod.tasks.limits import freed_labels, known_rows
 from multirod.tasks.priors import Prior
 from multirod.tasks.sensors import Measured, Sensor, batch_of, checked, refuse_nothing
 from multirod.types import Numbers
@@ -38,6 +39,7 @@ ROUNDED = 1e-9  # of the largest of some numbers, what is not shown
 FORCES = ("tip_force", "follower_force")  # whose covariance can be drawn
 RESTORED = 0.5  # of the residual: a step that leaves no more of it is taken too
 SLACK = 1e-9  # of the squares' sum, that rounding may add
+PLACE = ("x", "p", "square", "gap", "towards", "by", "step", "covariance")
 
 
 class Estimate(Generic[Robot_co]):
@@ -69,8 +71,11 @@ class Estimate(Generic[Robot_co]):
         degrees: NDArray[np.intp],
         dropped: tuple[str, ...] = (),
         rejected: NDArray[np.bool_] | None = None,
+        *,
+        bounds: Bounds,
     ) -> None:
         self.solution = solution
+        self._bounds = bounds
         self.dropped = dropped
         self.rejected: NDArray[np.bool_] = frozen(np.zeros_like(missing) if rejected is None else rejected)
         self.unknown = tuple(places)
@@ -158,6 +163,12 @@ class Estimate(Generic[Robot_co]):
         """Whether measurements say more of each component than its prior does, (..., k) by name: half of its variance went."""
         return {name: np.asarray(frozen(self.kept(name) <= SEEN)) for name in self.unknown}
 
+    @cached_property
+    def at_limit(self) -> NDArray[np.bool_]:
+        """Which of the unknown numbers, in the order of ``unknown``, stand at a limit of the robot, such as a tension of 0, shape
+        (..., k); those of an ``Estimator``, after its first sample, at one or beyond."""
+        return np.asarray(frozen(self._bounds.at_limit(self._mean)))
+
     def _place(self, name: str) -> slice:
         return self._places[choice("name", name, self._places)]
 
@@ -168,6 +179,9 @@ class Estimate(Generic[Robot_co]):
             return f"Estimate({self.status.name}: {self.status.message})"
         parts = [f"{name} {_numbers(self.value(name))} +- {_numbers(self.sigma(name))}" for name in self.unknown]
         parts += [f"unobservable: {said}" for name in self.unknown for said in [self._unseen(name)] if said]
+        labels = freed_labels(self.unknown, [self.value(name).shape[-1] for name in self.unknown])
+        held = [label for label, own in zip(labels, self.at_limit.tolist(), strict=True) if own]
+        parts += [f"at a limit: {', '.join(held)}"] if held else []
         parts += [f"without {', '.join(self.dropped)}"] if self.dropped else []
         return f"Estimate({self.status.name}; {'; '.join(parts)})"
 
@@ -274,7 +288,9 @@ class Part:
         self.scene, self.piece = scene, piece
         robot, inputs, names = scene.robot, scene.inputs, tuple(scene.priors)
         options: dict[str, Any] = {"integrator": scene.solver.integrator, "device": scene.device, "instances": instances}
-        problem = robot.problem(inputs, **options, **task_options(robot, names))
+        limits, unit, task_options = known_rows(robot, None, names)
+        self.bounds = Bounds(limits, unit)
+        problem = robot.problem(inputs, **options, **task_options)
         self.measured = measured or Measured(scene.sensors, scene.places, scene.batch_shape, instances)
         whole = (scene.batch_shape, instances)
         self.task = self.measured.task(problem, names)
@@ -289,6 +305,9 @@ class Part:
         self.step, self.covariance = np.zeros((self.count, k)), np.full((self.count, k, k), np.nan)
         self.square, self.gap = np.full((2, self.count), np.inf)
         self.part = np.ones(self.count)
+        self.restoring, self.based = np.zeros((2, self.count), dtype=bool)
+        self.base = {name: np.array(getattr(self, name)) for name in PLACE}
+        self.base_part = np.ones(self.count)
         given = getattr(scene.solver, "tolerance", None)
         scale = problem.curvature_scale()
         self.tolerance = np.maximum(problem.tolerance(given), TOLERANCE * scale if given is None else 0.0)
@@ -348,8 +367,10 @@ class Part:
     def _advance(self, active: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """One integration where the next step leads; which instances go on."""
         part = np.where(active, self.part, 0.0)[:, None]
-        x = self.x + np.where(part > 0, self.towards, 0.0) + part * (self.by @ self.step[..., None])[..., 0]
-        p = self.p + part * self.step
+        still = self.restoring[:, None]
+        along, step = np.where(still, part, part > 0), np.where(still, 0.0, part)
+        x = self.x + np.where(along > 0, along * self.towards, 0.0) + step * (self.by @ self.step[..., None])[..., 0]
+        p = self.bounds.kept(self.p + step * self.step, self.p)
         chosen = np.flatnonzero(active)
         found = self.task.evaluate(x, p, active)
         self.outcome.iterations[chosen] += 1
@@ -367,21 +388,55 @@ class Part:
         with np.errstate(invalid="ignore"):
             closer = square <= self.square[chosen] * (1 + SLACK) + SETTLED**2
             closer |= gap <= RESTORED * self.gap[chosen]  # what was less there was that of no equilibrium
+            closer = np.where(self.restoring[chosen], gap < self.gap[chosen], closer)
             came_off = closer & (gap <= np.maximum(self.sharpest[chosen], self.gap[chosen]))
         came_off &= np.isfinite(J).all(axis=(1, 2))
         own = chosen[came_off]
-        planned = posterior(J[came_off], r[came_off], root[came_off], away[came_off], units(J[came_off], self.prior[own]))
+        told = J[came_off], r[came_off], root[came_off], away[came_off], units(J[came_off], self.prior[own])
+        planned = posterior(*told)
+        step, length = self.bounds.step(planned, p[came_off], told)
         towards, by = found.take(came_off).eliminated
         self.x[own], self.p[own], self.square[own], self.gap[own] = x[came_off], p[came_off], square[came_off], gap[came_off]
-        self.towards[own], self.by[own], self.step[own], self.covariance[own] = towards, by, planned.step, planned.covariance
-        settled = (planned.length <= SETTLED) & (gap[came_off] <= self.tolerance[own])
+        self.towards[own], self.by[own], self.step[own], self.covariance[own] = towards, by, step, planned.covariance
+        settled = (length <= SETTLED) & (gap[came_off] <= self.tolerance[own])
         self.outcome.status[own[settled]] = Status.CONVERGED
         self.part[own] = np.minimum(1.0, 2 * self.part[own])
         self.part[chosen[~came_off]] /= 2
         go_on = np.zeros(self.count, dtype=bool)
-        go_on[own[~settled]] = True
-        go_on[chosen[~came_off]] = self.part[chosen[~came_off]] >= 0.5**HALVINGS
+        go_on[chosen] = True
+        go_on[own[settled]] = False
+        self._rest(own[~settled], go_on)
+        self._restore(chosen[~came_off], go_on)
         return go_on
+
+    def _rest(self, own: NDArray[np.intp], go_on: NDArray[np.bool_]) -> None:
+        """Those that are at an equilibrium now go on from there, or from the last one, where (1) was less."""
+        own = own[self.gap[own] <= self.tolerance[own]]
+        worse = self.restoring[own] & self.based[own] & ~(self.square[own] < self.base["square"][own])
+        self._go_back(own[worse], go_on)
+        own = own[~worse]
+        self.part[own] = np.where(self.restoring[own], 1.0, self.part[own])
+        self.restoring[own], self.based[own], self.base_part[own] = False, True, self.part[own]
+        for name, values in self.base.items():
+            values[own] = getattr(self, name)[own]
+
+    def _restore(self, own: NDArray[np.intp], go_on: NDArray[np.bool_]) -> None:
+        """Those whose step did not come off, however short: where it began at no equilibrium, that is sought, ``p`` as it is."""
+        short = own[self.part[own] < 0.5**HALVINGS]
+        sought = ~self.restoring[short] & (self.gap[short] > self.tolerance[short]) & np.isfinite(self.gap[short])
+        self.restoring[short[sought]], self.part[short[sought]] = True, 1.0
+        short = short[~sought]
+        back = self.restoring[short] & self.based[short]
+        go_on[short[~back]] = False
+        self._go_back(short[back], go_on)
+
+    def _go_back(self, own: NDArray[np.intp], go_on: NDArray[np.bool_]) -> None:
+        """To the last equilibrium, from which the next step is a quarter as long as the last was."""
+        for name, values in self.base.items():
+            getattr(self, name)[own] = values[own]
+        self.base_part[own] /= 4
+        self.part[own], self.restoring[own] = self.base_part[own], False
+        go_on[own] = self.part[own] >= 0.5**HALVINGS
 
 
 def _joined(scene: Known, pieces: Sequence[Part]) -> Estimate[Any]:
@@ -411,7 +466,7 @@ def _joined(scene: Known, pieces: Sequence[Part]) -> Estimate[Any]:
     missing = np.concatenate([part.measured.missing for part in pieces])
     missing = missing.reshape((*shape, missing.shape[-1]))
     dropped = () if shape else first.measured.dropped()
-    return Estimate(solution, places, mean, covariance, prior, missing, misfit, rows - flat, dropped)
+    return Estimate(solution, places, mean, covariance, prior, missing, misfit, rows - flat, dropped, bounds=first.bounds)
 
 
 def remarked(places: Mapping[str, slice], covariance: FloatArray, measured: Measured) -> Remarks:

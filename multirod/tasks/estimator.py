@@ -22,11 +22,13 @@ from multirod.solution import Solution
 from multirod.solver import Outcome, Solver, Track
 from multirod.solvers.shooting import Shooting
 from multirod.status import Status, failures
+from multirod.tasks.bounded import Bounds
 from multirod.tasks.condensed import condensed
 from multirod.tasks.curvature import Curvature, Places
 from multirod.tasks.estimate import Estimate, Known, Part, at_means, block_diagonal, remarked
 from multirod.tasks.filter_kernels import Filter, make_filter
 from multirod.tasks.formulation import freed, input_units, options, places_of
+from multirod.tasks.limits import known_rows
 from multirod.tasks.priors import Prior, Walk
 from multirod.tasks.sensors import Live, Sensor, batch_of, checked
 from multirod.tasks.watch import Watch
@@ -94,6 +96,7 @@ class Estimator(Uncopied, Generic[Robot_co]):
         self._filter.present = self._present
         self._robot, self._places = robot, places_of(given, names)
         self._whole, self._dt = whole, step
+        self._bounds = Bounds(*known_rows(robot, None, names)[:2])
         self._lock = Lock()
         self._tracker = _Tracker(robot, self._filter, step, given, device)
 
@@ -157,6 +160,7 @@ class Estimator(Uncopied, Generic[Robot_co]):
                 known.counted.reshape(shape),
                 () if shape else known.live.dropped() + known.outliers(),
                 known.rejected.reshape((*shape, -1)),
+                bounds=self._bounds,
             )
         finally:
             self._lock.release()

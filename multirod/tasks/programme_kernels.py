@@ -1,6 +1,8 @@
 # mypy: ignore-errors
 """The step of all tasks: a small quadratic programme, one a thread. Numbers in parentheses: ``docs/tasks.md``."""
 
+from functools import cache
+
 import warp as wp
 
 from multirod.solvers.newton.linear_algebra_kernels import eliminate
@@ -152,3 +154,14 @@ def keep_limits(q: Programme, t: int):
             if turned <= f64(wp.static(ROUNDED)) * (f64(1.0) + largest):
                 return
             q.held[t, worst] = 0
+
+
+@cache
+def make_keeping():
+    """Kernel that brings the steps of several programmes back within their limits, where they are beyond them."""
+
+    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+    def keep(q: Programme):
+        keep_limits(q, wp.tid())
+
+    return keep

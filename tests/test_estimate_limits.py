@@ -1,0 +1,115 @@
+"""Estimates stay within what the robot can do: against bounded least squares by differences, nothing of the package's steps."""
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+import multirod as mr
+
+POSITION, ANGLE = 1e-4, 1e-3  # of the sensor
+SIGMA, MEAN = 1.0, 0.5  # of the prior [N]
+
+
+@pytest.fixture(scope="module")
+def robot():
+    around = [mr.Tendon(offset=(0.008 * np.cos(angle), 0.008 * np.sin(angle))) for angle in (0, 2.1, 4.2)]
+    return mr.SingleRod(mr.Rod(length=0.2, bending_stiffness=0.01, torsional_stiffness=0.0077, lines=around))
+
+
+def seen(robot, tension, off=(0, 0, 0)):
+    """What a sensor says of the robot under these tensions, off by so much [m]."""
+    tip = mr.solve(robot, robot.inputs(tension=tension))
+    return mr.Pose(position=tip.tip_position + off, rotation=tip.tip_rotation, sigma=(POSITION, ANGLE))
+
+
+@pytest.fixture(scope="module")
+def slack(robot):
+    """Two lines are slack, and the tip is seen a millimetre farther in the direction of the third."""
+    return seen(robot, (1.5, 0, 0), (1e-3, 0, 0))
+
+
+def bounded(robot, sensor, mean, sigma):
+    """The most probable tensions that pull, by differences of equilibria."""
+
+    def off(tension):
+        tip = mr.solve(robot, robot.inputs(tension=np.maximum(tension, 0)))
+        turned = tip.tip_rotation @ sensor.rotation.T
+        angle = np.array([turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0], turned[1, 0] - turned[0, 1]]) / 2
+        return np.concatenate([(tip.tip_position - sensor.position) / POSITION, angle / ANGLE, (tension - mean) / sigma])
+
+    return least_squares(off, np.full(3, 0.5), bounds=(0, np.inf), xtol=1e-12, ftol=1e-12)
+
+
+def test_tensions_are_the_most_probable_ones_that_pull(robot, slack):
+    found = mr.estimate(robot, unknown={"tension": mr.Prior(MEAN, sigma=SIGMA)}, measured=slack)
+    expected = bounded(robot, slack, MEAN, SIGMA)
+    # least_squares ends within its bounds: 1e-3 of the prior's deviation, far below what is known of a tension, 0.5
+    np.testing.assert_allclose(found.value("tension"), expected.x, atol=1e-3 * SIGMA)
+    np.testing.assert_allclose(found.misfit, 2 * expected.cost, rtol=1e-4)
+    np.testing.assert_array_equal(found.value("tension")[1:], 0)
+    np.testing.assert_array_equal(found.at_limit, [False, True, True])
+    assert "at a limit: tension[1], tension[2]" in repr(found)
+    again = mr.solve(robot, robot.inputs(tension=found.value("tension")))
+    # the last step is a hundredth of a standard deviation at most
+    np.testing.assert_allclose(found.solution.tip_position, again.tip_position, atol=0.01 * POSITION)
+
+
+def test_the_covariance_is_as_if_there_were_no_limit(robot, slack):
+    found = mr.estimate(robot, unknown={"tension": mr.Prior(MEAN, sigma=SIGMA)}, measured=slack)
+    J = found.solution.jacobian("tension") / np.repeat([POSITION, ANGLE], 3)[:, None]
+    expected = np.linalg.inv(J.T @ J + np.eye(3) / SIGMA**2)
+    np.testing.assert_allclose(found.covariance("tension"), expected, rtol=1e-5, atol=1e-5)  # as near as the equilibrium is
+
+
+def test_what_begins_at_a_limit_leaves_it(robot):
+    """By the sign of its multiplier: all tensions are 0 at first."""
+    sensor = seen(robot, (1.5, 0.3, 0.2))
+    found = mr.estimate(robot, unknown={"tension": mr.Prior(0, sigma=SIGMA)}, measured=sensor)
+    expected = bounded(robot, sensor, 0, SIGMA)
+    np.testing.assert_allclose(found.value("tension"), expected.x, atol=1e-3 * SIGMA)  # as above
+    np.testing.assert_array_equal(found.at_limit, [False, False, True])  # what all have in common is not seen, and small
+    flat = mr.estimate(robot, unknown={"tension": mr.Prior(0, sigma=np.inf)}, measured=sensor)
+    assert flat.value("tension").min() >= 0
+    # the last step is a hundredth of a standard deviation at most
+    np.testing.assert_allclose(flat.solution.tip_position, sensor.position, atol=0.01 * POSITION)
+
+
+def test_each_of_a_batch_is_as_alone(robot, slack):
+    """Bitwise, whether others are at a limit or not."""
+    tight = seen(robot, (1.5, 0.8, 0.9))
+    both = mr.Pose(
+        position=np.array([slack.position, tight.position, slack.position]),
+        rotation=np.array([slack.rotation, tight.rotation, slack.rotation]),
+        sigma=(POSITION, ANGLE),
+    )
+    prior = {"tension": mr.Prior([[MEAN] * 3, [MEAN] * 3, [MEAN / 2] * 3], sigma=[[SIGMA] * 3, [SIGMA] * 3, [3 * SIGMA] * 3])}
+    batch = mr.estimate(robot, unknown=prior, measured=both)
+    np.testing.assert_array_equal(batch.at_limit.any(axis=1), [True, False, True])
+    for k, (sensor, mean, sigma) in enumerate(((slack, MEAN, SIGMA), (tight, MEAN, SIGMA), (slack, MEAN / 2, 3 * SIGMA))):
+        alone = mr.estimate(robot, unknown={"tension": mr.Prior(mean, sigma=sigma)}, measured=sensor)
+        np.testing.assert_array_equal(alone.value("tension"), batch.value("tension")[k])
+
+
+def test_tubes_stay_in_their_order():
+    """Seen where the tip would be if the inner one began in front of the other, to first order."""
+    tubes = [
+        mr.Rod(length=length, bending_stiffness=EI, torsional_stiffness=EI / 1.3, precurvature=(curved, 0, 0))
+        for length, EI, curved in ((0.3, 0.004, 9), (0.2, 0.02, 5))
+    ]
+    robot = mr.ConcentricTubes(tubes)
+    tip = mr.solve(robot, robot.inputs(translation=(-0.1, -0.1)))
+    between = mr.Pose(position=tip.tip_position + tip.jacobian("translation")[:3] @ (0.01, -0.01), sigma=POSITION)
+    known = robot.inputs(translation=(-0.1, -0.1))
+    found = mr.estimate(robot, known, unknown={"translation": mr.Prior(sigma=0.02)}, measured=between).raise_if_failed()
+    assert found.at_limit.all()
+    inner, outer = found.value("translation")
+    assert outer - 1e-9 < inner <= outer  # kept by 1e-10 of what counts as one, a tenth of the length
+    robot.inputs(translation=found.value("translation"))
+
+
+def test_the_first_sample_of_a_loop_is_within_limits(robot, slack):
+    walk = mr.Walk(1.0, start=mr.Prior(MEAN, sigma=SIGMA))
+    meter = mr.Estimator(robot, dt=1e-2, unknown={"tension": walk}, sensors=slack)
+    first = meter.step([(slack.position, slack.rotation)])
+    np.testing.assert_array_equal(first.at_limit, [False, True, True])
+    robot.inputs(tension=first.value("tension"))
