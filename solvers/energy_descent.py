@@ -10,7 +10,7 @@ from multirod.integrators import RK45, Integrator
 from multirod.launch import record
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome, Solver
-from multirod.solvers.tracking.energy_descent_kernels import DescentState, make_descent
+from multirod.solvers.tracking.energy_descent_kernels import NUDGE, DescentState, make_descent
 from multirod.solvers.tracking.sampled import SampledTrack
 from multirod.status import Status
 from multirod.validation import FloatArray, boolean, positive_float, positive_int
@@ -141,8 +141,19 @@ class EnergyDescentTrack(SampledTrack):
         self._damped |= state.damped.numpy() != 0
         # without a potential a form may be stable whose symmetric part is not definite
         for k in np.flatnonzero(within & ~held & self._without_potential()):
-            held[k] = np.linalg.eigvals(state.form.numpy()[k]).real.min() > 0
+            rates, modes = np.linalg.eig(state.form.numpy()[k])
+            fastest = int(rates.real.argmin())
+            held[k] = rates[fastest].real > 0
+            if not held[k]:
+                self._leave(int(k), modes[:, fastest].real)
         return within & held
+
+    def _leave(self, instance: int, mode: FloatArray) -> None:
+        """(16) Off an equilibrium that damped dynamics would leave, though nothing pushes, along a mode (m,)."""
+        step = NUDGE * self.state.radius * mode * np.sign(mode[np.abs(mode).argmax()]) / np.linalg.norm(mode)
+        following = np.array(self.state.following.numpy())
+        following[instance] += self.state.sides.numpy()[instance, :, : len(mode)] @ step
+        self.state.following.assign(following)
 
     def _without_potential(self) -> Any:
         pairs, inputs = self._pairs, self.problem.read("inputs")

@@ -249,6 +249,23 @@ def test_a_straight_rod_is_driven_far_by_a_follower_force_and_says_so():
     np.testing.assert_allclose(found.tip_position, exact.tip_position, rtol=0, atol=1e-8)  # as of the bent wire
 
 
+@pytest.mark.parametrize("given", [{"tip_moment": (0, 0, 1e-3)}, {"tip_moment": (1e-3, 0, 0)}, {"follower_force": (0, 0, -0.01)}])
+def test_what_is_unstable_is_left_without_a_potential_though_nothing_pushes(given):
+    """(16) A strip that symmetry holds straight beyond Euler's load bends to where one lands that was pushed to the side."""
+    robot = mr.SingleRod(mr.Rod(length=0.2, bending_stiffness=(1.8, 0.0125), torsional_stiffness=0.019))
+    rest = mr.solve(robot, robot.inputs(), solver=NEWTON)
+    force = np.array((0, 0, -1.5 * np.pi**2 / 4 * 0.0125 / 0.2**2))
+    straight = mr.solve(robot, robot.inputs(tip_force=force, **given), solver=NEWTON, guess=rest)
+    found = mr.solve(robot, robot.inputs(tip_force=force, **given), solver=DESCENT, guess=rest).raise_if_failed()
+    assert found.status == mr.Status.DAMPED
+    side = np.sign(found.tip_position[0])
+    pushed = robot.inputs(tip_force=force + (side * 0.05, 0, 0), **given)
+    bent = mr.solve(robot, pushed, solver=DESCENT, guess=rest).raise_if_failed()
+    expected = mr.solve(robot, robot.inputs(tip_force=force, **given), solver=NEWTON, guess=bent).raise_if_failed()
+    assert np.linalg.norm(found.tip_position - straight.tip_position) > 0.5 * 0.2
+    np.testing.assert_allclose(found.tip_position, expected.tip_position, rtol=0, atol=1e-8)  # both to the same residual
+
+
 def test_a_column_that_a_follower_force_presses_comes_to_no_rest_where_it_flutters():
     """Straight is an equilibrium under any: its damped dynamics leave it where ``A`` has an eigenvalue with a negative real
     part."""

@@ -1,12 +1,14 @@
 """What rescues cost in a batch, and what rods at the extremes cost one by one, in integrations and processor time.
 
-OMP_NUM_THREADS=1 python tests/benchmarks/rescued.py                  a batch of 10,000, with and without 1 % of hard ones
+OMP_NUM_THREADS=1 python tests/benchmarks/rescued.py                  batches of 10,000, with and without 1 % of hard ones: that
+                                                                      only segments solve, that buckle, and tubes that snap
 OMP_NUM_THREADS=1 python tests/benchmarks/rescued.py --extremes 5000  random extreme single rods, each alone
 """
 
 import argparse
 import sys
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from time import process_time
 
@@ -18,10 +20,13 @@ from meant import meant
 from random_scenes import SINGLE, Scene, draw
 
 import multirod as mr
+from multirod.batch import IntArray
 from multirod.validation import FloatArray
 
 LENGTH, EI = 0.4, 0.02
 SLOW = 2.0  # s
+
+Pair = tuple[mr.Assembly, dict[str, FloatArray], dict[str, FloatArray]]  # a robot, its easy inputs, and with hard ones
 
 
 def _rescued(robot: mr.SingleRod, size: FloatArray, rng: np.random.Generator) -> FloatArray:
@@ -32,28 +37,71 @@ def _rescued(robot: mr.SingleRod, size: FloatArray, rng: np.random.Generator) ->
     return force[solution.status == mr.Status.MULTIPLE_SHOOTING]
 
 
-@meant()
-def batch(count: int, part: float) -> None:
+def _pulled(count: int, hard: IntArray, rng: np.random.Generator) -> Pair:
     """Forces of up to 12 EI/L^2 every way, and the same with a part of them of 600 to 2400, which only segments solve."""
     rod = mr.Rod(length=LENGTH, bending_stiffness=(EI, 1.5 * EI), torsional_stiffness=0.6 * EI, precurvature=(4, -2, 6))
-    robot, rng, unit = mr.SingleRod(rod), np.random.default_rng(0), EI / LENGTH**2
+    robot, unit = mr.SingleRod(rod), EI / LENGTH**2
     way = rng.normal(size=(count, 3))
     way /= np.linalg.norm(way, axis=1)[:, None]
     easy = way * unit * rng.uniform(0, 12, size=(count, 1))
     mixed = easy.copy()
-    hard = rng.choice(count, int(part * count), replace=False)
     mixed[hard] = _rescued(robot, unit * rng.uniform(600, 2400, size=(3 * len(hard), 1)), rng)[: len(hard)]
+    return robot, {"tip_force": easy}, {"tip_force": mixed}
+
+
+def _pressed(count: int, hard: IntArray, rng: np.random.Generator) -> Pair:
+    """Straight strips under up to 0.9 of Euler's load, and the same with a part of them under 1.05 to 1.5 of it."""
+    robot = mr.SingleRod(mr.Rod(length=LENGTH, bending_stiffness=(EI, 2 * EI), torsional_stiffness=0.6 * EI))
+    critical = np.pi**2 / 4 * EI / LENGTH**2
+    easy = np.zeros((count, 3))
+    easy[:, 2] = -critical * rng.uniform(0, 0.9, count)
+    mixed = easy.copy()
+    mixed[hard, 2] = -critical * rng.uniform(1.05, 1.5, len(hard))
+    return robot, {"tip_force": easy}, {"tip_force": mixed}
+
+
+def _turned(count: int, hard: IntArray, rng: np.random.Generator) -> Pair:
+    """Pairs of curved tubes that are turned by up to 3 rad, and the same with a part of them by 4.5 to 6, which snap."""
+    robot = mr.ConcentricTubes(
+        [mr.Rod(length=0.3, bending_stiffness=EI, torsional_stiffness=0.75 * EI, precurvature=(9, 0, 0)),
+         mr.Rod(length=0.25, bending_stiffness=EI, torsional_stiffness=0.75 * EI, precurvature=(8, 0, 0))]
+    )  # fmt: skip
+    easy = np.zeros((count, 2))
+    easy[:, 1] = rng.uniform(-3, 3, count)
+    mixed = easy.copy()
+    mixed[hard, 1] = rng.uniform(4.5, 6, len(hard))
+    return robot, {"rotation": easy}, {"rotation": mixed}
+
+
+@meant()
+def batch(name: str, count: int, part: float) -> None:
+    """One batch with and without what is hard, in turns."""
+    rng = np.random.default_rng(0)
+    hard = rng.choice(count, int(part * count), replace=False)
+    robot, easy, mixed = BATCHES[name](count, hard, rng)
     seconds: dict[str, list[float]] = {"without": [], "with": []}
-    for _ in range(3):
-        for name, force in (("without", easy), ("with", mixed)):
+    for k in range(4):
+        for which, given in (("without", easy), ("with", mixed)):
             start = process_time()
-            solution = mr.solve(robot, robot.inputs(tip_force=force), threads=1, progress=False)
-            seconds[name].append(process_time() - start)
+            solution = mr.solve(robot, robot.inputs(**given), threads=1, progress=False)
+            taken = process_time() - start
+            if k == 0:
+                continue  # compiles
+            seconds[which].append(taken)
             said = Counter(str(status) for status in map(mr.Status, solution.status))
-            print(f"{count} rods {name} hard ones: {seconds[name][-1]:.2f} s, {dict(said)}", flush=True)
+            print(f"{count} {name}, {which} hard ones: {taken:.2f} s, {dict(said)}", flush=True)
     ratio = np.array(seconds["with"]) / seconds["without"]
-    print(f"| {count} rods, {part:.0%} of them rescued | ratio of processor times {np.median(ratio):.2f} "
-          f"({ratio.min():.2f} to {ratio.max():.2f}) |")  # fmt: skip
+    each = 1e3 * (np.array(seconds["with"]) - seconds["without"]) / len(hard)
+    print(f"| {count} {name}, {part:.0%} hard | ratio of processor times {np.median(ratio):.2f} ({ratio.min():.2f} to "
+          f"{ratio.max():.2f}) | {np.median(each):.1f} ms a hard one ({each.min():.1f} to {each.max():.1f}), "
+          f"{solution.integrations[hard].mean():.0f} integrations |")  # fmt: skip
+
+
+BATCHES: dict[str, Callable[[int, IntArray, np.random.Generator], Pair]] = {
+    "pulled rods": _pulled,
+    "pressed strips": _pressed,
+    "turned tubes": _turned,
+}
 
 
 @meant()
@@ -97,7 +145,8 @@ def main() -> None:
     if options.extremes:
         extremes(options.extremes, options.seed)
     else:
-        batch(options.count, 0.01)
+        for name in BATCHES:
+            batch(name, options.count, 0.01)
 
 
 if __name__ == "__main__":
