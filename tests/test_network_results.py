@@ -82,9 +82,7 @@ TUBES = mr.ConcentricTubes([tube(0.2, 1.2e-3, 0.8e-3), tube(0.12, 2e-3, 1.5e-3)]
 def test_loads_on_tips_of_tubes_are_drawn_where_they_act(effector, back):
     wire = mr.Rod.wire(length=0.15, diameter=1e-3, young_modulus=60e9, shear_modulus=23e9)
     joints = [mr.Joint(name, "base", to=mr.ground, pose=at(x=x)) for name, x in (("arm", 0.0), ("wire", 0.1))]
-    robots = {
-        end: mr.Network(rods={"arm": TUBES, "wire": wire}, joints=joints, end_effector=end) for end in ("arm", effector)
-    }
+    robots = {end: mr.Network(rods={"arm": TUBES, "wire": wire}, joints=joints, end_effector=end) for end in ("arm", effector)}
     given = {"translation": {"arm": (back, 0)}, "force": {"arm": (0.05, 0.02, 0)}, "follower_force": {"arm": (0, 0.03, 0)}}
     found = {end: mr.solve(robot, robot.inputs(**given)).raise_if_failed() for end, robot in robots.items()}
     tip, frame = found["arm"].tip_position, found["arm"].tip_rotation

@@ -185,9 +185,7 @@ class Network(Assembly):
     @property
     def angle_names(self) -> tuple[str, ...]:
         """Of the numbers of ``angle``: ``driven_joints``, with the number of the coordinate where a joint has several."""
-        return tuple(
-            f"{name} {k}" if count > 1 else name for name, count in self.graph.driven.items() for k in range(count)
-        )
+        return tuple(f"{name} {k}" if count > 1 else name for name, count in self.graph.driven.items() for k in range(count))
 
     def tubes_of(self, name: str) -> range:
         """Where a rod as given, by its name, stands among ``rods``: one number, or one for each of its tubes."""
