@@ -763,12 +763,19 @@ class Solution(Generic[Robot_co]):
             if failed.size > 1:
                 where = f"{failed.sum()} of {failed.size} instances failed ({self._counts(failed)}); the first is {first}: "
             reached = self._outcome.reached
+            moves = self._loose(first) if status is Status.LOOSE else ""
             part = "" if reached is None else f", {reached.reshape(-1)[first]:.1%} of the load reached"
             raise SolveError(
                 f"{where}{status.name} after {self._outcome.iterations.reshape(-1)[first]} iterations, "
-                f"residual {self.residual.reshape(-1)[first]:.3g} 1/m{part}: {status.message}"
+                f"residual {self.residual.reshape(-1)[first]:.3g} 1/m{part}: {status.message}{moves}"
             )
         return self
+
+    def _loose(self, instance: int) -> str:
+        """Which body of a loose network moves most, as the end of a message."""
+        with self._problem() as problem:
+            name = problem.loose()[instance]
+        return f" (body {name!r} moves most)" if name else ""
 
     @contextmanager
     def _problem(self, piece: slice | None = None, **options: Any) -> Iterator[BoundaryProblem]:
