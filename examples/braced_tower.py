@@ -55,7 +55,7 @@ def tower(storeys: int, braced: bool) -> mr.Network:
             if braced:  # from the foot of a leg to the head of the next; free to turn at both ends, but not about itself
                 brace, rise = f"brace {level + 1}.{k}", corner(k + 1) + [0, 0, HEIGHT] - corner(k)
                 rods[brace] = wire(float(np.linalg.norm(rise)), BRACE)
-                joints.append(mr.Joint(brace, "base", to=below, pose=pose(corner(k), rise), kind="universal"))
+                joints.append(mr.Joint(brace, "base", to=below, pose=pose(corner(k), rise), kind="universal", axis=np.eye(3)[:2]))
                 joints.append(mr.Joint(brace, "tip", to=plate, pose=pose(corner(k + 1), rise), kind="spherical"))
     return mr.Network(rods=rods, bodies=plates, joints=joints)
 

@@ -242,6 +242,11 @@ class Conjugates(ABC):
     without: "tuple[int, ...]" = ()
     has_potential: bool = True
 
+    def natural(self) -> FloatArray:
+        """The least stiffness of the displacements far from any fold, over ``stiffness``, 1 or less, shape (instance_count,): how
+        near a fold is, is judged against it. It may integrate."""
+        return np.ones_like(self.stiffness)
+
     @abstractmethod
     def update(self) -> None:
         """After an integration: ``unit`` and ``columns`` as they are there."""

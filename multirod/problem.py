@@ -650,6 +650,11 @@ class BoundaryProblem(Uncopied, ABC):
             result[k] = len(neutral) > 0 and np.abs(neutral[:, others]).max() < ALONE
         return result
 
+    def loose(self) -> list[str]:
+        """Of each instance the body that moves most, by its name, where the assembly moves at rest and without loads though no
+        rod is bent, a mechanism; ``""`` where it does not. It integrates nothing if ``guess`` was called."""
+        return [""] * self.instance_count
+
     @property
     def kinks(self) -> NDArray[np.intp]:
         """Unknowns, by their numbers, at whose zero the residual has a kink at the full load, and none at less."""

@@ -39,7 +39,7 @@ from multirod.types import (
     StabilityOrArray,
     StatusOrArray,
 )
-from multirod.validation import FloatArray, frozen, names_checked, positive_int, refuse
+from multirod.validation import FloatArray, frozen, meant, names_checked, positive_int, refuse
 
 if TYPE_CHECKING:
     from multirod.models.backbone.members.lines import Line
@@ -465,7 +465,9 @@ class Solution(Generic[Robot_co]):
         names = [r.name for r in self.assembly.rods]
         index = names.index(rod) if isinstance(rod, str) and rod in names else rod
         if isinstance(index, bool) or not isinstance(index, (int, np.integer)) or not -len(names) <= index < len(names):
-            refuse("rod", rod, _known(names))
+            tubes = [name for name in names if name and isinstance(rod, str) and name.rpartition(" ")[0] == rod]
+            hint = f"; did you mean {tubes[0]!r}, the first of its {len(tubes)} tubes?" if tubes else ""
+            refuse("rod", rod, _known(names) + (hint or (meant(rod, filter(None, names)) if isinstance(rod, str) else "")))
         return int(index) % len(names)
 
     @cached_property
@@ -761,12 +763,19 @@ class Solution(Generic[Robot_co]):
             if failed.size > 1:
                 where = f"{failed.sum()} of {failed.size} instances failed ({self._counts(failed)}); the first is {first}: "
             reached = self._outcome.reached
+            moves = self._loose(first) if status is Status.LOOSE else ""
             part = "" if reached is None else f", {reached.reshape(-1)[first]:.1%} of the load reached"
             raise SolveError(
                 f"{where}{status.name} after {self._outcome.iterations.reshape(-1)[first]} iterations, "
-                f"residual {self.residual.reshape(-1)[first]:.3g} 1/m{part}: {status.message}"
+                f"residual {self.residual.reshape(-1)[first]:.3g} 1/m{part}: {status.message}{moves}"
             )
         return self
+
+    def _loose(self, instance: int) -> str:
+        """Which body of a loose network moves most, as the end of a message."""
+        with self._problem() as problem:
+            name = problem.loose()[instance]
+        return f" (body {name!r} moves most)" if name else ""
 
     @contextmanager
     def _problem(self, piece: slice | None = None, **options: Any) -> Iterator[BoundaryProblem]:

@@ -50,6 +50,7 @@ class Status(Code):
     OUT_OF_HOLE = 28
     UNDETERMINED = 29
     LINES_TOO_SHORT = 30
+    LOOSE = 31
 
     @property
     def failed(self) -> bool:
@@ -172,6 +173,8 @@ _MESSAGES = {
     "translation, place the hole elsewhere on it, or lower what pulls",
     Status.UNDETERMINED: "straight rods that do not stretch share what they carry in ways that nothing determines: give them an "
     "axial_stiffness, or hold what they carry by fewer of them (by three, where they stand side by side)",
+    Status.LOOSE: "the network is loose, a mechanism: where it stands, bodies move though no rod is bent, and what acts does not "
+    "hold them; clamp a joint, turn an axis so that not all are parallel, or give joints a stiffness",
     Status.MULTIPLE_SHOOTING: "the residual is within the tolerance, by multiple shooting: the rod is so long, soft or "
     "strongly loaded that its unknowns at the base alone do not determine the tip, and gamma is NaN",
 }

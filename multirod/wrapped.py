@@ -105,6 +105,9 @@ class WrappedProblem(BoundaryProblem):
     def guess(self) -> FloatArray:  # noqa: D102
         return self.inner.guess()
 
+    def loose(self) -> list[str]:  # noqa: D102
+        return self.inner.loose()
+
     @property
     def natural_singular_value(self) -> FloatArray:  # noqa: D102
         self.present()

@@ -34,7 +34,8 @@ class EnergyDescent(Solver):
             move by its legs' length counts as a radian.
         feed_forward: Whether the unknowns also follow the inputs' rates, extrapolated from the last samples.
         fold_threshold: Least stiffness of all modes over ``K/L``, of one rod ``solution.stability_margin``, with the length at
-            the start, below which the status is ``NEAR_FOLD``: 1 is a straight unloaded rod. It is also that where a step was
+            the start, below which the status is ``NEAR_FOLD``: 1 is a straight unloaded rod. Of networks it counts in units of
+            that of the unloaded network, 1 at most, as soft rods may stand beside stiff ones. It is also that where a step was
             longer than an eighth of the radius.
         tolerance: Largest residual for ``solve``, max norm [1/m]; None is that of ``Shooting``.
         max_iterations: Samples allowed for ``solve``.
@@ -126,7 +127,8 @@ class EnergyDescentTrack(SampledTrack):
         for name in ("status", "damped"):
             setattr(state, name, wp.zeros(count, dtype=wp.int32, device=device))
         state.corrected = int(corrected)
-        state.radius, state.fold_threshold = options.radius, options.fold_threshold
+        state.radius = options.radius
+        state.fold_threshold = wp.array(options.fold_threshold * pairs.natural(), dtype=wp.float64, device=device)
         self._damped = np.zeros(count, dtype=bool)
         self._launch = record(lambda: make_descent(options.feed_forward), count, [state], device)
         self._bind(problem, state, options.feed_forward, first)

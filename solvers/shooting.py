@@ -29,6 +29,8 @@ SIDES = ("positive", "negative")
 SAME = 1e-6  # unknowns that are, beside 1/m and themselves
 FRESH = 1e-3  # of the way between two samples, that the first step from where a motion has just come to is
 DIP = 0.1  # of the load, that is taken off on the way past a kink
+# by which a loose network may end that no other way led to a result
+WITHOUT_REASON = (Status.STALLED, Status.BRANCH_END, Status.SINGULAR_JACOBIAN, Status.INTEGRATION_LIMIT, Status.MAX_ITERATIONS)
 _CONVERGED = int(Status.CONVERGED)
 
 
@@ -129,9 +131,10 @@ class Shooting(Solver):
             reached, ends = outcome.reached, problem.read("unknowns")
             if self.fallback and reached is not None:
                 handed |= chosen & (outcome.status == Status.MAX_ITERATIONS) & (reached > 0)
-            undetermined = outcome.status == Status.UNDETERMINED  # from wherever
-            chosen = chosen & ~undetermined
-            tried[undetermined] = Status.UNDETERMINED
+            for status in (Status.UNDETERMINED, Status.LOOSE):  # from wherever
+                known = outcome.status == status
+                chosen = chosen & ~known
+                tried[known] = status
             newton.allow(self._left(outcome))
             refine(problem, newton, outcome, chosen)
             unbounded = self._let_out(problem, newton, outcome, chosen)
@@ -163,6 +166,9 @@ class Shooting(Solver):
             self._follow(problem, newton, outcome, lost, reached, ends)
         if unbounded is not None:
             outcome.status[unbounded & failures(outcome.status)] = Status.LINES_TOO_SHORT
+        lost = np.isin(outcome.status, WITHOUT_REASON)
+        if lost.any():
+            outcome.status[lost & np.array([name != "" for name in problem.loose()])] = Status.LOOSE
         return outcome
 
     def _within_reach(self, problem: BoundaryProblem, newton: Newton, chosen: BoolArray, beyond: BoolArray) -> Outcome:

@@ -57,6 +57,8 @@ def _draw(rng, most_rods, most_bodies, load):
     places = np.stack([rng.normal(0, 0.06, count), rng.normal(0, 0.06, count), 0.2 * level], axis=1)
     gravity = np.array([0, 0, -9.81]) if rng.random() < 0.5 else np.zeros(3)
     bodies = [{"mass": float(rng.choice([0.0, 0.02])), "mass_centre": rng.normal(0, 0.01, 3)} for _ in range(count)]
+    for own in bodies:
+        own["mass_centre"] = own["mass_centre"] * (own["mass"] > 0)  # where nothing weighs there is none
     nodes = [
         mr.Body(f"b{k}", pose=_pose(np.eye(3), places[k]) if rng.random() < 0.7 else None, **own) for k, own in enumerate(bodies)
     ]

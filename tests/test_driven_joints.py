@@ -160,15 +160,15 @@ def test_driven_joints_are_saved_and_what_they_cannot_be_is_named(tmp_path):
         plain.inputs(angle={"arm base": 0.1})
     for match, more in (
         ("Joint.driven = True .* a clamped joint has no angle", {}),
-        ("Joint.stiffness = 0.1 .* the joint is driven", {"kind": "revolute", "stiffness": 0.1}),
-        ("Joint.rest = 0.1 .* its angle is an input", {"kind": "revolute", "rest": 0.1}),
+        ("Joint.stiffness = 0.1 .* the joint is driven", {"kind": "revolute", "axis": (1, 0, 0), "stiffness": 0.1}),
+        ("Joint.rest = 0.1 .* its angle is an input", {"kind": "revolute", "axis": (1, 0, 0), "rest": 0.1}),
     ):
         with pytest.raises(ValueError, match=match):
             mr.Joint("arm", "base", to=mr.ground, driven=True, **more)
     with pytest.raises(ValueError, match="Joint.driven = True .* in a hole"):
         mr.Joint("arm", "along", at=0.1, to=mr.ground, kind="spherical", driven=True)
     with pytest.raises(ValueError, match="rod 'arm' is free to move"):  # as the same joint that is not driven is
-        mr.Network(rods={"arm": BENT}, joints=[mr.Joint("arm", "base", to=mr.ground, kind="revolute")])
+        mr.Network(rods={"arm": BENT}, joints=[mr.Joint("arm", "base", to=mr.ground, kind="revolute", axis=(1, 0, 0))])
 
 
 def test_angles_are_read_by_name_and_kept_with_a_solution(tmp_path):

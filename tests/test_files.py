@@ -68,7 +68,7 @@ def network(rod=ROD, holes=(), **more):
     joints = [
         mr.Joint("left", "base", to=mr.ground, pose=poses(0.05)[0]),
         mr.Joint("left", "tip", to=plate, pose=poses(0.03)[0], kind="revolute", axis=(0, 1, 3), stiffness=0.2, rest=1 / 3),
-        mr.Joint("right", "base", to=mr.ground, pose=poses(0.05)[1], kind="universal", stiffness=(0.3, 0)),
+        mr.Joint("right", "base", to=mr.ground, pose=poses(0.05)[1], kind="universal", axis=np.eye(3)[:2], stiffness=(0.3, 0)),
         mr.Joint("right", "tip", to=plate, pose=poses(0.03)[1], kind="spherical", stiffness=0.1),
         mr.Joint("upper", "base", to=plate),
         mr.Joint("upper", "tip", to=top, kind="universal", axis=[(0, 0, 3), (0.7, 0.1, 0)], stiffness=0.1, rest=(0.1, -0.2)),

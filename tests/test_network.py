@@ -13,6 +13,7 @@ EXACT = mr.Shooting(tolerance=1e-11, integrator=RK4)
 FINE = mr.Shooting(tolerance=1e-11, integrator=mr.RK4(400))  # whose steps of a free rod and of a held one agree to 1e-11
 LEG = mr.Rod.tube(length=0.4, outer_diameter=2e-3, young_modulus=200e9, shear_modulus=80e9, density=7850.0)
 BASE_ANGLES, PLATE_ANGLES = (-10, 10, 110, 130, 230, 250), (-50, 50, 70, 170, 190, 290)
+X = (1, 0, 0)
 FORCE, GRAVITY = np.array([0.5, -0.3, -2.0]), np.array([0, 0, -9.81])
 
 
@@ -33,8 +34,9 @@ def legs(count=6):
 def hexapod(kind="clamped", heavy=True):
     plate = mr.Body("plate", mass=0.1, mass_centre=(0.01, 0.02, 0.03)) if heavy else mr.Body("plate")
     on_ground, on_plate = circle(BASE_ANGLES, 0.087), circle(PLATE_ANGLES, 0.087)
+    axis = X if kind == "revolute" else None
     joints = [mr.Joint(f"leg {k}", "base", to=mr.ground, pose=on_ground[k]) for k in range(6)]
-    joints += [mr.Joint(f"leg {k}", "tip", to=plate, pose=on_plate[k], kind=kind) for k in range(6)]
+    joints += [mr.Joint(f"leg {k}", "tip", to=plate, pose=on_plate[k], kind=kind, axis=axis) for k in range(6)]
     return mr.Network(rods=legs(), bodies=[plate], joints=joints)
 
 
@@ -158,11 +160,11 @@ def mixed(end_effector="top", base=None):
     joints = [
         mr.Joint("left", "base", to=mr.ground, pose=on_ground[0]),
         mr.Joint("left", "tip", to=plate, pose=on_plate[0], kind="revolute", axis=(0, 0.6, 0.8), stiffness=0.2),
-        mr.Joint("right", "base", to=mr.ground, pose=on_ground[1], kind="universal", stiffness=(0.3, 0)),
+        mr.Joint("right", "base", to=mr.ground, pose=on_ground[1], kind="universal", axis=np.eye(3)[:2], stiffness=(0.3, 0)),
         mr.Joint("right", "tip", to=plate, pose=on_plate[1], kind="spherical", stiffness=0.1),
         mr.Joint("upper", "base", to=plate, pose=pose((0.2, 0, 0), (0.01, 0, 0.02)), kind="spherical", stiffness=0.4),
-        mr.Joint("upper", "tip", to=top, kind="universal", stiffness=(0.1, 0.2), rest=(0.1, -0.2)),
-        mr.Joint("feeler", "base", to=top, pose=pose((0.3, 0.5, 0), (0, 0, 0.01)), kind="revolute", stiffness=0.3),
+        mr.Joint("upper", "tip", to=top, kind="universal", axis=np.eye(3)[:2], stiffness=(0.1, 0.2), rest=(0.1, -0.2)),
+        mr.Joint("feeler", "base", to=top, pose=pose((0.3, 0.5, 0), (0, 0, 0.01)), kind="revolute", axis=X, stiffness=0.3),
     ]
     rods = dict.fromkeys(("left", "right", "upper", "feeler"), BENT)
     return mr.Network(rods=rods, bodies=[plate, top], joints=joints, end_effector=end_effector, base=base)
@@ -505,7 +507,9 @@ def test_what_nothing_holds_or_moves_freely_is_named():
         joints=[mr.Joint("leg", "base", to=mr.ground, kind="spherical"), ball],
     )
     refused(
-        "rod 'leg' is free to move: its base turns", bodies=[], joints=[mr.Joint("leg", "base", to=mr.ground, kind="revolute")]
+        "rod 'leg' is free to move: its base turns",
+        bodies=[],
+        joints=[mr.Joint("leg", "base", to=mr.ground, kind="revolute", axis=X)],
     )
     # what has a spring is held
     mr.Network(rods=rods, bodies=[plate], joints=[base, mr.Joint("leg", "tip", to=plate, kind="spherical", stiffness=0.1)])
@@ -522,7 +526,10 @@ def test_joints_and_bodies_are_checked():
         ("Joint.axis .* a clamped joint has none", {"axis": (1, 0, 0)}),
         ("two axes that are perpendicular", {"kind": "universal", "axis": ((1, 0, 0), (1, 1, 0))}),
         (r"must have shape \(3,\) for a revolute joint", {"kind": "revolute", "axis": ((1, 0, 0), (0, 1, 0))}),
-        ("Joint.stiffness = -1 is not allowed: must be >= 0", {"kind": "revolute", "stiffness": -1}),
+        ("Joint.stiffness = -1 is not allowed: must be >= 0", {"kind": "revolute", "axis": (1, 0, 0), "stiffness": -1}),
+        (r"Joint.axis = None .* must be given for a revolute joint: one of shape \(3,\)", {"kind": "revolute"}),
+        (r"Joint.axis = None .* a universal joint: two .* shape \(2, 3\)", {"kind": "universal", "stiffness": 0.1}),
+        ("Joint.rest = 0.3 .* without a stiffness", {"kind": "revolute", "axis": (1, 0, 0), "rest": 0.3}),
         ("a clamped joint has no axis", {"stiffness": 1.0}),
         ("turn its pose instead", {"kind": "spherical", "rest": 0.1}),
         ("as stiff about all axes", {"kind": "spherical", "stiffness": (1, 1, 2)}),
@@ -536,6 +543,8 @@ def test_joints_and_bodies_are_checked():
         mr.Body("ground")
     with pytest.raises(ValueError, match="Body.mass = -1"):
         mr.Body("plate", mass=-1)
+    with pytest.raises(ValueError, match="Body.mass_centre = .* must not be given without a mass"):
+        mr.Body("plate", mass_centre=(0, 0, 0.1))
     with pytest.warns(mr.PlausibilityWarning, match="Body.mass = 120 kg of 'plate'"):
         mr.Body("plate", mass=120)
 

@@ -31,7 +31,15 @@ def robot():
         mr.Joint("right", "tip", to=plate, pose=pose((0, 0, 0), (0.06, 0, 0)), kind="spherical"),
         mr.Joint("mast", "base", to=plate, kind="revolute", axis=(0, 1, 0), driven=True),
         mr.Joint("mast", "tip", to=top),
-        mr.Joint("finger", "base", to=plate, pose=pose((0.2, 0, 0), (0, 0.03, 0.01)), kind="universal", stiffness=0.4),
+        mr.Joint(
+            "finger",
+            "base",
+            to=plate,
+            pose=pose((0.2, 0, 0), (0, 0.03, 0.01)),
+            kind="universal",
+            axis=np.eye(3)[:2],
+            stiffness=0.4,
+        ),
     ]
     rods = {"left": WIRE, "right": WIRE, "mast": WIRE, "finger": FINGER}
     return mr.Network(rods=rods, bodies=[plate, top], joints=joints, end_effector=top)

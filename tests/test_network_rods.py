@@ -113,7 +113,7 @@ def tower(rod, kind="clamped", foot=None):
     """Such a rod on a body that a wire carries."""
     wire = mr.Rod.wire(length=0.2, diameter=3e-3, young_modulus=60e9, shear_modulus=23e9)
     body = mr.Body("body")
-    more = {"kind": kind, "stiffness": 0.3} if kind == "revolute" else {"kind": kind}
+    more = {"kind": kind, "axis": X, "stiffness": 0.3} if kind == "revolute" else {"kind": kind}
     joints = [
         mr.Joint("wire", "base", to=mr.ground),
         mr.Joint("wire", "tip", to=body),

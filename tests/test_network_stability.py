@@ -94,7 +94,7 @@ def test_columns_with_springs_at_their_tips(load, monkeypatch):
     plate = mr.Body("plate")
     joints = [
         mr.Joint("column", "base", to=mr.ground, pose=pose((0.3, 0, 0.2))),
-        mr.Joint("column", "tip", to=plate, kind="universal", stiffness=springs),
+        mr.Joint("column", "tip", to=plate, kind="universal", axis=np.eye(3)[:2], stiffness=springs),
     ]
     robot = mr.Network(rods={"column": ROUND}, bodies=[plate], joints=joints)
     size = load * np.pi**2 / 4 * EI / L**2
@@ -122,7 +122,7 @@ def test_a_strut_without_end_moments_buckles():
     beam = mr.Rod(length=0.4, bending_stiffness=2.0, torsional_stiffness=1.0)
     joints = [
         mr.Joint("strut", "base", to=mr.ground, kind="spherical"),
-        mr.Joint("strut", "tip", to=plate, kind="universal"),
+        mr.Joint("strut", "tip", to=plate, kind="universal", axis=np.eye(3)[:2]),
         mr.Joint("beam", "base", to=mr.ground, pose=pose((0, np.pi / 2, 0), (-0.4, 0, 0.4))),
         mr.Joint("beam", "tip", to=plate, pose=pose((0, np.pi / 2, 0))),
     ]

@@ -97,7 +97,10 @@ def test_robots_and_inputs(robot):
 def test_a_network_says_what_its_rods_are_joined_to(robot):
     plate = mr.Body("plate", mass=0.05)
     rods = dict.fromkeys(("leg", "mast", "thread"), robot.rods[0])
-    ends = [mr.Joint("leg", "base", to=mr.ground), mr.Joint("leg", "tip", to=plate, kind="revolute", stiffness=1.0)]
+    ends = [
+        mr.Joint("leg", "base", to=mr.ground),
+        mr.Joint("leg", "tip", to=plate, kind="revolute", axis=(1, 0, 0), stiffness=1.0),
+    ]
     joints = [*ends, mr.Joint("mast", "base", to=plate), mr.Joint("thread", "base", to=mr.ground)]
     joints.append(mr.Joint("thread", "along", to=plate, kind="spherical", at=0.2))
     network = mr.Network(rods=rods, bodies=[plate], joints=joints, end_effector="mast")

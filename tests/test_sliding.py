@@ -23,7 +23,9 @@ GIVEN = {
 def threaded(kinds=KINDS, base=None):
     """A rod beside a chain of three, through a hole in each of its bodies; its tip is free."""
     bodies = [mr.Body(name, mass=0.01) for name in "abc"]
-    joints = [mr.Joint("rod", "base", to=mr.ground, pose=pose(position=(0.03, 0, 0)), kind="revolute", stiffness=0.3)]
+    joints = [
+        mr.Joint("rod", "base", to=mr.ground, pose=pose(position=(0.03, 0, 0)), kind="revolute", axis=(1, 0, 0), stiffness=0.3)
+    ]
     for k, (name, body, kind) in enumerate(zip(("one", "two", "three"), bodies, kinds, strict=True)):
         joints += [mr.Joint(name, "base", to=bodies[k - 1] if k else mr.ground), mr.Joint(name, "tip", to=body)]
         hole = pose((0.1 * k, 0, 0), (0.03, 0.01 * k, 0))

@@ -156,7 +156,7 @@ def robots() -> dict[str, list[mr.Assembly]]:
         "HeldRod": [mr.HeldRod(plain), mr.HeldRod(lined)],
         "Network": [
             mr.Network(rods={"wire": rod}, joints=[mr.Joint("wire", "base", to=mr.ground, **how)])
-            for rod, how in ((plain, {}), (plain, {"kind": "revolute", "driven": True}), (lined, {}))
+            for rod, how in ((plain, {}), (plain, {"kind": "revolute", "axis": (1, 0, 0), "driven": True}), (lined, {}))
         ],
     }
 

@@ -175,6 +175,23 @@ class Network(Assembly):
         numbers of ``angle``."""
         return tuple(self.graph.driven)
 
+    def vectors_on(self, spec: InputSpec) -> tuple[str, ...]:
+        """Names of what the vectors of an input act on, bodies and free tips or rods, in their order; none of one that is no
+        vector on each of these, such as what drives lines or joints."""
+        if spec.count is None or spec.load is None:
+            return ()
+        return {"tip": self.load_places, "along": self.graph.whole_names}.get(spec.acts, ())
+
+    @property
+    def angle_names(self) -> tuple[str, ...]:
+        """Of the numbers of ``angle``: ``driven_joints``, with the number of the coordinate where a joint has several."""
+        return tuple(f"{name} {k}" if count > 1 else name for name, count in self.graph.driven.items() for k in range(count))
+
+    def tubes_of(self, name: str) -> range:
+        """Where a rod as given, by its name, stands among ``rods``: one number, or one for each of its tubes."""
+        first = self.graph.first_tube[self.graph.whole_names.index(name) :]
+        return range(int(first[0]), int(first[1]))
+
     @property
     def batch_shape(self) -> tuple[int, ...]:
         """Leading axes of the rods' parameters and of the poses."""

@@ -52,7 +52,7 @@ def stacked(
     below: Body | Ground = ground
     for name, robot in zip(called, robots, strict=True):
         geometry = robot.geometry
-        platform = Body(name, mass=geometry.mass, mass_centre=geometry.mass_centre)
+        platform = Body(name, mass=geometry.mass, mass_centre=geometry.mass_centre if geometry.mass else (0.0, 0.0, 0.0))
         for k, leg in enumerate(robot.legs):
             own, kind = f"{name} {k}", kinds[int(geometry.joints[k])]
             rods[own] = leg

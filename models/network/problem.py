@@ -37,7 +37,7 @@ from multirod.models.network.stability.clamps import NetworkClamps
 from multirod.models.network.stability.conjugates import NetworkConjugates
 from multirod.models.network.stability.form_rows import FormRows
 from multirod.models.network.stability.stability import NetworkStability
-from multirod.problem import Block, BoundaryProblem
+from multirod.problem import ALONE, NOTHING, Block, BoundaryProblem
 from multirod.rotations import vectors
 from multirod.status import Status
 from multirod.validation import FloatArray
@@ -306,6 +306,19 @@ class NetworkProblem(BoundaryProblem):
         )
         return np.asarray(super().undetermined() & (np.abs(gaps).max(axis=1, initial=0.0) < CLOSED))
 
+    def loose(self) -> list[str]:
+        """(33) Told by the network taken apart and unloaded, whose rods give way along themselves."""
+        names, gamma = [""] * self.instance_count, self.apart().gamma
+        rods = np.concatenate([self.places[k, :own] for k, own in enumerate(self.graph.own.tolist())])
+        for k in np.flatnonzero(np.isfinite(gamma).all(axis=1)).tolist() if self.body_count else ():
+            _, sizes, ways = np.linalg.svd(self.entries.dense(gamma[k]))
+            neutral = ways[sizes < NOTHING * sizes[0]]
+            if len(neutral) and np.abs(neutral[:, rods]).max() < ALONE:
+                moves = neutral[:, self.first_pose :].reshape(len(neutral), self.body_count, POSE).copy()
+                moves[..., :3] *= self.length[k, None, self.rod_count :, None]
+                names[k] = self.graph.bodies[int(np.linalg.norm(moves, axis=(0, 2)).argmax())].name
+        return names
+
     def _forces(self, rods: NDArray[np.intp]) -> NDArray[np.intp]:
         """Unknowns that are forces at the bases of some rods."""
         return np.asarray(self.places[rods[:, None], self.graph.along[rods, None] + np.arange(-2, 1)].reshape(-1))
@@ -314,6 +327,10 @@ class NetworkProblem(BoundaryProblem):
     def kinks(self) -> NDArray[np.intp]:  # noqa: D102
         own = [self.places[rod, group.backbones.kinks] for group in self.groups for rod in group.members.tolist()]
         return np.sort(np.concatenate(own))
+
+    @property
+    def segments_refused(self) -> str:  # noqa: D102
+        return "it is a network, whose rods are not cut into segments yet: take Shooting, Observer or EnergyDescent"
 
     @property
     def parts(self) -> NetworkParts:  # noqa: D102

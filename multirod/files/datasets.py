@@ -123,7 +123,9 @@ def _inputs(solution: Solution, axes: tuple[str, ...]) -> dict[str, Any]:
         counted = f"line_by_{name}" if spec.acts == "lines" else f"number_of_{name}"
         own: tuple[str, ...] = ("rod" if spec.per_rod else "component" if spec.count is None else counted,)
         every = np.broadcast_to(value, (*solution.batch_shape, value.shape[-1]))
-        if isinstance(solution.assembly, Network) and spec.load and spec.count is not None:
+        if isinstance(solution.assembly, Network) and spec.name == "angle":
+            own = ("coordinate",)
+        elif isinstance(solution.assembly, Network) and solution.assembly.vectors_on(spec):
             own = ("load_place" if spec.acts == "tip" else "whole_rod", "component")
             every = every.reshape(*solution.batch_shape, -1, 3)
         found[f"input_{name}"] = ((*axes, *own), every, {"units": spec.unit, "long_name": spec.description})
@@ -169,7 +171,7 @@ def _coordinates(solution: Solution) -> dict[str, Any]:
     names = {"component": COMPONENTS, "director": DIRECTORS, "rod": [rod.name for rod in rods], "line": lines}
     if isinstance(assembly, Network):
         names |= {"body": [body.name for body in assembly.bodies], "load_place": list(assembly.load_places)}
-        names |= {"whole_rod": list(assembly.graph.whole_names)}
+        names |= {"whole_rod": list(assembly.graph.whole_names), "coordinate": list(assembly.angle_names)}
     for spec in solution.inputs.specs.values():
         if spec.count is not None and spec.acts == "lines":
             driven = [line.drive is not None and line.drive[0] == spec.name for _, line in assembly.lines]

@@ -1,7 +1,7 @@
 """Curves of a history over time."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -81,19 +81,22 @@ def _inputs(history: History) -> list[Panel]:
         ]
         own = names if spec.per_rod else driven if spec.count is not None else ["x", "y", "z"]
         vector = not spec.per_rod and spec.count is None
-        if isinstance(history.assembly, Network) and spec.count is not None:
-            panels += _on_places(history.assembly, spec, every)
-            continue
+        if isinstance(history.assembly, Network):
+            places = history.assembly.vectors_on(spec)
+            if places:
+                panels += _on_places(places, spec, every)
+                continue
+            own = list(history.assembly.angle_names) if spec.name == "angle" else own
         panels.append(Panel(f"{spec.name}\n[{spec.unit}]", every, tuple(own) if len(own) > 1 else (), vector))
     if not panels:
         refuse("quantity", "inputs", "no input was given as numbers: there is nothing to plot")
     return panels
 
 
-def _on_places(robot: Network, spec: InputSpec, values: FloatArray) -> list[Panel]:
-    """An axes for each body or tip that a load acts on."""
+def _on_places(places: Sequence[str], spec: InputSpec, values: FloatArray) -> list[Panel]:
+    """An axes for each body, tip or rod that a load acts on."""
     axes = ("x", "y", "z")
-    own = {place: values[..., 3 * k : 3 * k + 3] for k, place in enumerate(robot.load_places)}
+    own = {place: values[..., 3 * k : 3 * k + 3] for k, place in enumerate(places)}
     acting = {place: value for place, value in own.items() if value.any()} or own
     return [Panel(f"{spec.name} on {place}\n[{spec.unit}]", value, axes, vector=True) for place, value in acting.items()]
 

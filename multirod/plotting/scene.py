@@ -16,6 +16,7 @@ from multirod.problem import Shape
 from multirod.recording.bodies import body_through, least_around
 from multirod.recording.columns import circles
 from multirod.recording.figure import DrawnRod, Plate, bases, discs, drawn_lines, drawn_rods, plate_through
+from multirod.recording.loads import place_of
 from multirod.solution import Solution
 from multirod.validation import FloatArray
 
@@ -320,12 +321,10 @@ def _on_places(solution: Solution, robot: Network) -> list[Arrow]:
         if spec.acts != "tip" or spec.load is None:
             continue
         turns, words = spec.load == "moment", spec.name.replace("_", " ")
-        for place, vector in zip(robot.load_places, getattr(solution.inputs, spec.name).reshape(-1, 3), strict=True):
+        for k, vector in enumerate(getattr(solution.inputs, spec.name).reshape(-1, 3)):
             if vector.any():
-                body = place in [body.name for body in robot.bodies]
-                origin = solution.body_position(place) if body else solution.rod(place).position[-1]
-                if spec.follows:
-                    vector = (solution.body_rotation(place) if body else solution.rod(place).rotation[-1]) @ vector
+                place, (origin, frame) = robot.load_places[k], place_of(solution, robot, k)
+                vector = frame @ vector if spec.follows else vector
                 said = f"{words} on {place} {np.linalg.norm(vector):.3g} {spec.unit}"
                 color = _MOMENT if turns else _FORCE
                 found.append(Arrow(said, color, origin[None], vector[None], f"tip {spec.load}", turns))

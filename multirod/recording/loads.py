@@ -9,6 +9,7 @@ from multirod.assembly import Assembly
 from multirod.history import History
 from multirod.inputs import Inputs, InputSpec
 from multirod.models.assemblies.network import Network
+from multirod.solution import Solution
 from multirod.validation import FloatArray
 
 
@@ -81,7 +82,7 @@ def acting(block: History) -> dict[DrawnLoad, tuple[FloatArray, FloatArray]]:
             continue
         vector = _vectors(block, _given(block.inputs, own))
         if isinstance(block.assembly, Network):
-            origin, frame = _place(block, block.assembly, own.place)
+            origin, frame = place_of(block, block.assembly, own.place, nodes=2)
             if own.follows:
                 vector = np.einsum("...ij,...j->...i", frame, vector)
         else:
@@ -121,12 +122,21 @@ def _turned(block: History, value: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("...ij,...j->...i", block.tip_rotation, _vectors(block, value)))
 
 
-def _place(block: History, robot: Network, place: int) -> tuple[FloatArray, FloatArray]:
-    """Origin and frame of a body, or of a free tip."""
+def place_of(solution: Solution, robot: Network, place: int, *, nodes: int | None = None) -> tuple[FloatArray, FloatArray]:
+    """Origin [m] and frame, in the world, of one of a network's ``load_places``, shapes (..., 3), (..., 3, 3).
+
+    Of tubes in each other, that of the tube that reaches furthest, where loads act.
+    """
     name = robot.load_places[place]
     if name == robot.end_effector:
-        return block.tip_position, block.tip_rotation
+        return solution.tip_position, solution.tip_rotation
     if place < len(robot.bodies):
-        return block.body_position(name), block.body_rotation(name)
-    shape = block.rod(name, nodes=2)
-    return np.asarray(shape.position[..., -1, :]), np.asarray(shape.rotation[..., -1, :, :])
+        return solution.body_position(name), solution.body_rotation(name)
+    shapes = [solution.rod(k, nodes=nodes) for k in robot.tubes_of(name)]
+    end = np.stack([shape.arclength[..., -1] for shape in shapes], axis=-1).argmax(axis=-1)
+    position = np.stack([shape.position[..., -1, :] for shape in shapes], axis=-2)
+    rotation = np.stack([shape.rotation[..., -1, :, :] for shape in shapes], axis=-3)
+    return (
+        np.take_along_axis(position, end[..., None, None], axis=-2)[..., 0, :],
+        np.take_along_axis(rotation, end[..., None, None, None], axis=-3)[..., 0, :, :],
+    )

@@ -159,10 +159,13 @@ def _series(stage: Stage, k: int) -> Styled:
         if spec.per_rod:
             labels = [rod.name for rod in stage.rods]
             shades = [rod.color for rod in stage.rods]
-        if isinstance(stage.assembly, Network) and spec.count is not None:
-            places = stage.assembly.load_places
+        places = stage.assembly.vectors_on(spec) if isinstance(stage.assembly, Network) else ()
+        if places:
             labels = [f"{place} {axis}" for place in places for axis in "xyz"] if len(places) > 1 else labels
             shades = [PALETTE[i % len(PALETTE)] for i in range(len(labels))] if len(places) > 1 else shades
+        elif isinstance(stage.assembly, Network) and spec.name == "angle":
+            labels = list(stage.assembly.angle_names)
+            shades = [PALETTE[i % len(PALETTE)] for i in range(len(labels))]
         elif spec.count is not None:
             labels = [line.name for line in stage.driven_by(spec.name)]
             shades = [PALETTE[stage.lines.index(line) % len(PALETTE)] for line in stage.driven_by(spec.name)]

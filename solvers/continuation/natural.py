@@ -26,6 +26,7 @@ AT_KINK = 1e-3  # of the curvature scale, that an unknown may be from a kink whe
 FINER = 16  # times shorter steps, where a branch led to an unstable equilibrium
 ROUNDS = 64  # integrations after each of which it is asked whether a rod creeps
 MOST_STEPS = 32 * 65_536  # of the integrator for each rod, in all integrations of a way: one second
+UNLOADED = 1e-9  # of ``EI/L^2``: loads that are none, and gaps that are closed
 AT_END = 1e-5  # of the way, that is left where ends of rods hardly give way
 SHORT_STEPS = 12  # of a short cut, beyond which it is none
 CREEPING = 100  # steps to the full load, at the pace of the last, of what does
@@ -431,6 +432,10 @@ def natural_branch(
             there &= (reached > 1 - AT_END) | (reached == 0)
         if there.any():
             outcome.status[there & problem.undetermined()] = Status.UNDETERMINED
+            # what loads hold though it is loose is found by other ways
+            at_rest = there & (problem.load_scale() < UNLOADED)
+            if at_rest.any():
+                outcome.status[at_rest & np.array([name != "" for name in problem.loose()])] = Status.LOOSE
     return outcome
 
 

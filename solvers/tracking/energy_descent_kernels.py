@@ -64,7 +64,7 @@ class DescentState:
     # options
     corrected: int  # whether the pose and the unknowns are to be those after the step
     radius: wp.float64
-    fold_threshold: wp.float64
+    fold_threshold: wp.array[wp.float64]  # of the margin, in units of what is natural
 
 
 @cache
@@ -189,7 +189,7 @@ def make_descent(feed_forward: bool):
         size = f64(0.0)
         for i in range(m):
             size += state.gradient[t, i, side] * state.gradient[t, i, side]
-        damping = wp.max(wp.sqrt(size) / radius, state.fold_threshold * state.stiffness[t]) - least
+        damping = wp.max(wp.sqrt(size) / radius, state.fold_threshold[t] * state.stiffness[t]) - least
         damping = wp.max(damping, f64(0.0))
         other = 1 - side
         for i in range(m):
@@ -256,7 +256,7 @@ def make_descent(feed_forward: bool):
 
         reduce(state, t)
         find_form(state, t)
-        enough = state.fold_threshold * state.stiffness[t]
+        enough = state.fold_threshold[t] * state.stiffness[t]
         least = enough
         known = m <= wp.static(FEW)
         if not known:
@@ -304,7 +304,7 @@ def make_descent(feed_forward: bool):
                 state.unknowns[t, i] = x
         status = int(wp.static(int(Status.TRACKING)))
         far = length_of(state, t, 0) >= f64(wp.static(LARGE)) * state.radius or wp.min(part, ahead) < f64(1.0)
-        if state.margin[t] < state.fold_threshold or far:
+        if state.margin[t] < state.fold_threshold[t] or far:
             status = int(wp.static(int(Status.NEAR_FOLD)))
         state.status[t] = status
 

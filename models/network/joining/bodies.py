@@ -26,12 +26,13 @@ class Body:
     Args:
         name: By which inputs and results call it.
         mass: [kg]; gravity acts on it at ``mass_centre``.
-        mass_centre: In the frame of the body [m], shape (3,).
+        mass_centre: In the frame of the body [m], shape (3,); only with a ``mass``.
         pose: About where it is, in the frame of the ground, shape (4, 4): where the search begins. By default it follows from the
             rods at rest.
 
     Raises:
-        ValueError: If the name is empty or ``"ground"``, a number is out of range, or the pose is none.
+        ValueError: If the name is empty or ``"ground"``, a number is out of range, the pose is none, or there is a
+            ``mass_centre`` without a mass.
     """
 
     def __init__(
@@ -46,6 +47,8 @@ class Body:
         self.mass = nonnegative_float("Body.mass", mass)
         plausibility.of_body(self.name, self.mass)
         self.mass_centre = vector("Body.mass_centre", mass_centre)
+        if self.mass_centre.any() and not self.mass:
+            refuse("Body.mass_centre", mass_centre, "must not be given without a mass: where nothing weighs it does nothing")
         self.pose = None if pose is None else one_pose("Body.pose", pose)
 
     def __repr__(self) -> str:

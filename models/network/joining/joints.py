@@ -20,7 +20,7 @@ MOST = 3  # coordinates of a joint
 ALONG = "along"  # the end that is none: a hole
 KINDS = {"clamped": 0, "revolute": 1, "universal": 2, "spherical": 3}  # coordinates of each
 HOLES = {"prismatic": "clamped", "cylindrical": "revolute", "spherical": "spherical"}  # how each lets a rod turn
-AXES: dict[str, Any] = {"revolute": (1.0, 0.0, 0.0), "universal": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))}  # where none are given
+AXES = {"revolute": "one of shape (3,)", "universal": "two that are perpendicular, shape (2, 3)"}  # that must be given
 PERPENDICULAR = 1e-8  # that the axes of a universal joint may be off a right angle
 SMALLEST_AXIS = 1e-100  # whose square still is a number
 ROUNDED = 1e-15  # what the length of an axis of length 1 may be off
@@ -40,16 +40,17 @@ class Joint:
             with the body, and the second, that goes with the rod; ``"spherical"``, free to turn. Of a hole ``"prismatic"``, a
             long one along z of its ``pose``, in which the rod does not turn; ``"cylindrical"``, in which it turns about itself;
             and ``"spherical"``, a ring.
-        axis: In the frame of ``pose``, shape (3,); of a universal joint two that are perpendicular, shape (2, 3). By default x,
-            or x and y.
+        axis: In the frame of ``pose``, shape (3,); of a universal joint two that are perpendicular, shape (2, 3). These
+            two kinds must have it: none is more natural than another.
         stiffness: Of a spring in the joint [N m/rad], about each of its axes; of a spherical joint one number. None by default.
-        rest: Angle about each axis at which that spring is without torque [rad]. Of a spherical joint it is where ``pose`` says.
+        rest: Angle about each axis at which that spring is without torque [rad]; only with a ``stiffness``. Of a spherical
+            joint it is where ``pose`` says.
         driven: Whether its coordinates are the input ``angle``, ``robot.inputs(angle={"arm base": 0.3})``, of the base of the rod
             ``"arm"``: what drives it holds it there. Then it has no spring.
         at: Of a hole, about where along the rod it is, from the base [m]: there the search begins. Holes stand in this order.
 
     Raises:
-        ValueError: If a name is no name, a pose is none, or an axis is zero.
+        ValueError: If a name is no name, a pose is none, an axis is missing or zero, or there is a ``rest`` without a spring.
         TypeError: If ``to`` is neither a ``Body`` nor ``mr.ground``.
     """
 
@@ -94,6 +95,8 @@ class Joint:
             refuse("Joint.rest", rest, "must be 0 of a spherical joint: turn its pose instead")
         if self.driven:
             self._be_driven(stiffness, rest)
+        if self.rest.any() and not self.stiffness.any():
+            refuse("Joint.rest", rest, "must not be given without a stiffness: where there is no spring it does nothing")
 
     def _be_driven(self, stiffness: object, rest: object) -> None:
         if not self.count:
@@ -141,7 +144,9 @@ def _axes(kind: str, value: Any) -> FloatArray:
         if value is not None:
             refuse("Joint.axis", value, f"must not be given: a {kind} joint has none")
         return np.eye(3)[: KINDS[kind]]
-    given = array("Joint.axis", AXES[kind] if value is None else value, (3,))
+    if value is None:
+        refuse("Joint.axis", value, f"must be given for a {kind} joint: {AXES[kind]}, in the frame of its pose")
+    given = array("Joint.axis", value, (3,))
     count = KINDS[kind]
     if given.shape != ((3,) if count == 1 else (count, 3)):
         refuse("Joint.axis", value, f"must have shape {'(3,)' if count == 1 else f'({count}, 3)'} for a {kind} joint")

@@ -95,6 +95,24 @@ class NetworkConjugates(Conjugates):
         self.without = tuple(k for name in without for k in range(problem.input_count)[problem.input_slice(name)])
         self.has_potential = all(group.backbones.has_potential for group in problem.groups)
 
+    def natural(self) -> FloatArray:
+        """That of the unloaded network, whose rods give way along themselves: where soft rods stand beside stiff ones, it is far
+        below 1."""
+        problem, result = self.problem, np.ones(self.problem.instance_count)
+        apart = problem.apart().unknowns
+        with problem.unloaded(), np.errstate(all="ignore"):
+            problem.write("unknowns", apart)
+            problem.soft[:] = 1.0
+            problem.integrate()
+            try:
+                form = self.reduced(problem).form
+            except np.linalg.LinAlgError:
+                return result
+        for k in np.flatnonzero(np.isfinite(form).all(axis=(1, 2))).tolist():
+            least = float(np.linalg.eigvalsh(0.5 * (form[k] + form[k].T))[0]) / self.stiffness[k]
+            result[k] = least if 0 < least < 1 else 1.0
+        return result
+
     def _rows(self, tubes: Tubes) -> NDArray[np.intp]:
         """Where the torques of tubes are residuals."""
         return np.asarray(self.problem.places[tubes.rod, OWN : OWN + tubes.others.shape[1]])

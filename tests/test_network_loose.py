@@ -1,0 +1,54 @@
+"""Networks that are loose at one place: bodies move though no rod is bent."""
+
+import numpy as np
+import pytest
+from test_network_rods import at
+
+import multirod as mr
+
+WIRE = mr.Rod.wire(length=0.3, diameter=2e-3, young_modulus=60e9, shear_modulus=23e9)
+
+
+def swing(**hinge):
+    """Two rods between parallel hinges, and a wire on the body that they carry, which moves with it."""
+    body, top = mr.Body("table"), mr.Body("top")
+    hinge = {"kind": "revolute", "axis": (0, 1, 0)} | hinge
+    joints = [
+        mr.Joint(f"leg {k}", end, to=to, pose=at(x=x), **hinge)
+        for k, x in enumerate((-0.1, 0.1))
+        for end, to in (("base", mr.ground), ("tip", body))
+    ]
+    joints += [mr.Joint("mast", "base", to=body), mr.Joint("mast", "tip", to=top)]
+    short = mr.Rod.wire(length=0.05, diameter=2e-3, young_modulus=60e9, shear_modulus=23e9)
+    return mr.Network(rods={"leg 0": WIRE, "leg 1": WIRE, "mast": short}, bodies=[body, top], joints=joints)
+
+
+def three_legs():
+    plate = mr.Body("plate")
+    universal = {"kind": "universal", "axis": np.eye(3)[:2]}
+    angles = np.radians([0, 120, 240])
+    joints = [
+        mr.Joint(f"leg {k}", end, to=to, pose=at(0.1 * np.cos(a), 0.1 * np.sin(a)), **universal)
+        for k, a in enumerate(angles)
+        for end, to in (("base", mr.ground), ("tip", plate))
+    ]
+    return mr.Network(rods={f"leg {k}": WIRE for k in range(3)}, bodies=[plate], joints=joints)
+
+
+@pytest.mark.parametrize(("made", "names"), [(swing, ("table", "top")), (three_legs, ("plate",))])
+def test_mechanisms_are_told_at_once_and_name_what_moves(made, names):
+    robot = made()
+    found = mr.solve(robot, robot.inputs())
+    assert found.status is mr.Status.LOOSE
+    assert found.status.failed
+    assert found.integrations < 100  # of thousands that other ways are given
+    with pytest.raises(mr.SolveError, match=rf"LOOSE .* a mechanism.*\(body '({'|'.join(names)})' moves most\)"):
+        found.raise_if_failed()
+
+
+def test_what_loads_or_springs_hold_is_solved():
+    robot = swing()
+    hung = mr.solve(robot, robot.inputs(force={"table": (0, 0, 0.5)})).raise_if_failed()
+    np.testing.assert_allclose(hung.body_position("table"), (0, 0, 0.3), atol=1e-9)  # straight up, as rods do not stretch
+    robot = swing(stiffness=0.1)
+    assert mr.solve(robot, robot.inputs()).status is mr.Status.CONVERGED

@@ -1,0 +1,105 @@
+"""Tasks and stored cases on networks: ``reach``, ``Controller`` and ``Estimator`` checked by solves, and the short forms."""
+
+import numpy as np
+import pytest
+from test_cases import BUCKLED, TIGHT, robot_and_inputs
+from test_network_rods import at
+from test_parallel_rods import stored_robot
+
+import multirod as mr
+
+STEPS = mr.RK4(50)
+SOLVER = mr.Shooting(tolerance=1e-11, integrator=STEPS)
+WIRE = mr.Rod.wire(length=0.3, diameter=2e-3, young_modulus=60e9, shear_modulus=23e9)
+
+
+@pytest.fixture(scope="module")
+def robot():
+    """Three legs on a plate, and a mast on that."""
+    plate, top = mr.Body("plate"), mr.Body("top")
+    joints = [mr.Joint("mast", "base", to=plate), mr.Joint("mast", "tip", to=top)]
+    for k, angle in enumerate(np.radians([0, 120, 240])):
+        joints.append(mr.Joint(f"leg {k}", "base", to=mr.ground, pose=at(0.08 * np.cos(angle), 0.08 * np.sin(angle))))
+        joints.append(
+            mr.Joint(f"leg {k}", "tip", to=plate, pose=at(0.06 * np.cos(angle), 0.06 * np.sin(angle)), kind="spherical")
+        )
+    return mr.Network(rods={f"leg {k}": WIRE for k in range(3)} | {"mast": WIRE}, bodies=[plate, top], joints=joints)
+
+
+@pytest.fixture(scope="module")
+def start(robot):
+    given = robot.inputs(translation=(0.01, 0, 0.005, 0), force={"top": (0.1, 0.05, 0)})
+    return mr.solve(robot, given, solver=SOLVER).raise_if_failed()
+
+
+def solved(robot, inputs, guess):
+    values = {name: getattr(inputs, name) for name in ("translation", "force")}
+    return mr.solve(robot, robot.inputs(**values), solver=SOLVER, guess=guess).raise_if_failed()
+
+
+def test_a_position_is_reached(robot, start):
+    target = start.tip_position + (0.004, -0.003, 0.002)
+    found = mr.reach(robot, mr.Pose(position=target), free=("translation",), guess=start, solver=SOLVER)
+    assert found.status is mr.Status.REACHED
+    # 1e-6 of the tip's position are asked for by default, of rods of 0.3 m
+    np.testing.assert_allclose(solved(robot, found.inputs, found).tip_position, target, atol=1e-6)
+
+
+def test_a_moving_target_is_followed(robot, start):
+    loop = mr.Controller(robot, dt=0.005, free="translation", guess=start, integrator=STEPS)
+    for k in range(20):
+        target = start.tip_position + 2e-5 * k * np.array([1, -1, 0.5])
+        command = loop.step(position=target)
+        assert command.status is mr.Status.TRACKING
+        assert command.integrations == 1
+    # second order in what a sample moves, 3e-5 m, over bending radii of decimetres
+    np.testing.assert_allclose(solved(robot, command.inputs, command).tip_position, target, atol=1e-6)
+
+
+def test_a_force_is_estimated_from_the_pose(robot, start):
+    sensor = mr.Pose(position=start.tip_position, rotation=start.tip_rotation, sigma=(1e-5, 1e-3))
+    walks = {"force": mr.Walk(0.3, start=mr.Prior(0, sigma=0.5))}
+    inputs = robot.inputs(translation=(0.01, 0, 0.005, 0))
+    meter = mr.Estimator(robot, integrator=STEPS, dt=0.005, unknown=walks, sensors=sensor)
+    for _ in range(40):
+        sample = meter.step([(start.tip_position, start.tip_rotation)], translation=inputs.translation)
+    off = (sample.value("force") - start.inputs.force) / sample.sigma("force")
+    # measurements are exact: what is left is the pull of the prior, far within what the estimate says of itself
+    assert np.abs(off).max() < 0.05
+
+
+def test_a_stored_rod_in_a_network_is_a_single_rod(single_rod_case, make_pose):
+    """The same equations at the same steps, in other unknowns."""
+    if single_rod_case["difficulty"] != "standard" or single_rod_case["id"].startswith(BUCKLED):
+        pytest.skip("its columns grow, and rounding with them, or it has a twin")
+    robot, inputs = robot_and_inputs(single_rod_case, make_pose)
+    names = {"tip_force": "force", "tip_moment": "moment"}
+    given = {names.get(name, name): getattr(inputs, name) for name in inputs.given}
+    network = mr.Network(rods={"rod": robot.rods[0]}, joints=[mr.Joint("rod", "base", to=mr.ground)], base=robot.base)
+    expected = mr.solve(robot, inputs, solver=TIGHT).raise_if_failed()
+    found = mr.solve(network, network.inputs(**given), solver=TIGHT).raise_if_failed()
+    length = float(robot.rods[0].length)
+    # both at steps whose errors are 1e-12; SingleRod knows force and moment along the rod in closed form, where the network
+    # integrates them, so that fixed steps of RK4 would differ by their own errors, up to 2e-5 of the length at 50
+    np.testing.assert_allclose(found.tip_position, expected.tip_position, rtol=0, atol=1e-11 * length)
+    np.testing.assert_allclose(found.tip_rotation, expected.tip_rotation, rtol=0, atol=3e-11)
+
+
+def test_stored_parallel_robots_as_networks(parallel_case, make_pose):
+    """Legs are integrated alike there: at the same steps of RK4, rounding is left, and 1e-11 of the residual [1/m] over L^2."""
+    if parallel_case["difficulty"] != "standard":
+        pytest.skip("its columns grow, and rounding with them")
+    parallel, inputs = stored_robot(parallel_case, make_pose)
+    names = {"tip_force": "force", "tip_moment": "moment"}
+    given = {names.get(name, name): getattr(inputs, name) for name in inputs.given}
+    point = given.pop("force_point")  # forces act on the origin of a body: it stands there
+    platform = parallel.geometry.platform.copy()
+    platform[:, :3, 3] -= point
+    turning = [rod["twist_free"] for rod in parallel_case["inputs"]["rods"]]
+    joints = ["revolute" if free else "clamped" for free in turning]
+    network = mr.stacked(mr.ParallelRods(legs=parallel.legs, base=parallel.geometry.base, platform=platform, joints=joints))
+    expected = mr.solve(parallel, inputs, solver=SOLVER).raise_if_failed()
+    found = mr.solve(network, network.inputs(**given), solver=SOLVER).raise_if_failed()
+    place = found.tip_position - found.tip_rotation @ point
+    np.testing.assert_allclose(place, expected.tip_position, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found.tip_rotation, expected.tip_rotation, rtol=0, atol=1e-11)
