@@ -1,7 +1,7 @@
 """Fixtures that several test files share."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -88,6 +88,15 @@ def written_here(monkeypatch: pytest.MonkeyPatch) -> None:
         raise OSError("no process is to be started")
 
     monkeypatch.setattr("multirod.recording.recorder.WritingProcess", refused)
+
+
+@pytest.fixture
+def no_display(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Plots are drawn without a window, and closed."""
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    yield
+    pyplot.close("all")
 
 
 @pytest.fixture

@@ -411,14 +411,6 @@ def test_plots_have_bodies_and_what_acts_on_them():
     assert [line.get_ydata().tolist() for line in panel.lines if line.get_label() == "x"] == [[0.1, 0.2, 0.3]]
 
 
-@pytest.fixture
-def no_display(monkeypatch):
-    monkeypatch.setenv("MPLBACKEND", "Agg")
-    pyplot = pytest.importorskip("matplotlib.pyplot")
-    yield
-    pyplot.close("all")
-
-
 # ---- parallel robots on top of each other ----
 
 

@@ -7,14 +7,6 @@ from test_network_rods import at
 import multirod as mr
 
 
-@pytest.fixture
-def no_display(monkeypatch):
-    monkeypatch.setenv("MPLBACKEND", "Agg")
-    pyplot = pytest.importorskip("matplotlib.pyplot")
-    yield
-    pyplot.close("all")
-
-
 def finger(count):
     lines = [mr.Tendon(offset=(0.006 * np.cos(a), 0.006 * np.sin(a))) for a in 2 * np.pi / count * np.arange(count)]
     return mr.Rod(length=0.15, bending_stiffness=0.02, torsional_stiffness=0.015, lines=lines)

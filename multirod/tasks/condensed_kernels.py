@@ -5,11 +5,9 @@ import warp as wp
 
 from multirod.models.rotation_kernels import inverse_right_jacobian, rotation_vector, swing
 from multirod.solvers.newton.linear_algebra_kernels import eliminate
+from multirod.tasks.rows import AIMLESS, BACK, SIDEWAYS
 
 f64 = wp.float64
-BACK = -0.5  # cosine below which (6) goes by the angle: at half a turn there is no quotient
-AIMLESS = 1e-12  # sine below which no direction is the shorter way back, and one is taken
-SIDEWAYS = 1e-2  # least sine in derivatives by turns that do not lead back: others are not to be lost beside these
 
 
 @wp.struct

@@ -312,15 +312,17 @@ class _FilterTrack(Track):
             self._launch.launch()
             for shared in self._fetched:
                 shared.fetch()
-            spent = known.once.copy()
+            spent = known.once
             if known.state["doubt"].values.any():
+                spent = spent.copy()
                 self._look(spent, mean, covariance)
         known.unknowns = problem.read("unknowns")
         if known.most is not None:
             known.leave_out()
-        if known.sound:  # else what begins anew says otherwise
-            known.sound = bool(known.begun.all())
-        return Outcome(known.status.copy(), known.once.copy(), spent)
+        if not known.sound:  # what begins anew says otherwise
+            return Outcome(known.status.copy(), known.once.copy(), spent.copy())
+        known.sound = bool(known.begun.all())
+        return Outcome(known.status.copy(), known.once, spent)
 
     def _look(self, spent: NDArray[np.int32], mean: FloatArray, covariance: FloatArray) -> None:
         """(17) of docs/tasks.md: whether samples are stable that may not be; one that is not is lost, and what was estimated
