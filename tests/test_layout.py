@@ -1,6 +1,7 @@
 """The three folders install as one package, completely, and from one copy."""
 
 import ast
+import importlib
 import re
 import tomllib
 from pathlib import Path
@@ -22,6 +23,61 @@ def test_every_folder_of_modules_is_packaged():
             folders.add(file.parent.relative_to(ROOT).as_posix())
     assert folders == set(configuration["package-dir"].values())
     assert set(configuration["packages"]) == set(configuration["package-dir"])
+
+
+LONGEST = 400  # lines of a file that a stranger reads at one sitting
+# longer than that, and the one thing that each is; a file that holds several is to be split, so that this list may only shrink
+LONG = {
+    "models/assemblies/network.py": "the assembly Network",
+    "models/assemblies/parallel_rods.py": "the assembly ParallelRods, and what turns it around",
+    "models/backbone/kernels/equations/tip.py": "conditions at the tip",
+    "models/backbone/kernels/integration/grid.py": "nodes and ends of sections that steps end at",
+    "models/backbone/kernels/integration/integrate.py": "the kernel of an integration",
+    "models/backbone/kernels/members/tube_friction.py": "friction of lines in tubes",
+    "models/backbone/kernels/members/tubes.py": "lines in tubes",
+    "models/backbone/members/lines.py": "tendons, push rods and chambers",
+    "models/backbone/problem.py": "the boundary problem of a backbone",
+    "models/backbone/segments.py": "the segments of a backbone",
+    "models/backbone/stability/form_kernels.py": "the second variation of a backbone, its kernels",
+    "models/backbone/stability/second_variation.py": "the second variation of a backbone",
+    "models/held/held_kernels.py": "what holds the end of a rod, its kernels",
+    "models/held/problem.py": "the boundary problem of a held rod",
+    "models/network/elements/element_kernels.py": "rods of a network, their kernels",
+    "models/network/problem.py": "the boundary problem of a network",
+    "models/platform/platform_kernels.py": "what a platform adds to its legs, its kernels",
+    "models/platform/problem.py": "the boundary problem of legs on a platform",
+    "multirod/files/kinds.py": "what a file may hold",
+    "multirod/plausibility.py": "numbers that are hardly meant",
+    "multirod/problem.py": "the boundary problem",
+    "multirod/recording/writer.py": "what writes a recording",
+    "multirod/rod.py": "rods",
+    "multirod/solution.py": "the solution",
+    "multirod/tasks/calibrate.py": "calibration",
+    "multirod/tasks/control_kernels.py": "a controller's step",
+    "multirod/tasks/estimate.py": "estimation",
+    "multirod/tasks/estimator.py": "estimation in a loop",
+    "multirod/tasks/reach.py": "inputs for a pose",
+    "multirod/testing/conformance.py": "what an assembly has to keep",
+    "solvers/continuation/continuation_kernels.py": "a step along a branch",
+    "solvers/continuation/natural.py": "the natural branch",
+    "solvers/following/journey.py": "the way from where a branch ends",
+    "solvers/newton/newton_kernels.py": "Newton's iteration",
+    "solvers/segments/path.py": "a branch by multiple shooting",
+    "solvers/shooting.py": "the solver Shooting",
+    "solvers/tracking/observer_kernels.py": "the observer's step",
+}
+
+
+def test_a_file_is_one_thing_of_some_pages_at_most():
+    lengths = {
+        file.relative_to(ROOT).as_posix(): len(file.read_text().splitlines())
+        for top in ("multirod", "models", "solvers")
+        for file in (ROOT / top).rglob("*.py")
+    }
+    too_long = {name: length for name, length in lengths.items() if length > LONGEST and name not in LONG}
+    assert too_long == {}
+    listed_for_nothing = [name for name in LONG if lengths.get(name, 0) <= LONGEST]
+    assert listed_for_nothing == []
 
 
 @pytest.mark.parametrize("top", ["models", "solvers"])
@@ -51,6 +107,29 @@ def test_pages_are_as_wide_as_the_code():
             elif block in (None, "python") and len(line) > 130 and not line.startswith(("|", "![", "    ")):
                 wide.append(f"{page.name}:{number}")
     assert wide == []
+
+
+def test_no_solvers_inside_is_used_by_the_contract():
+    """Out of ``multirod.solvers`` it takes modules that stand on top, and what a folder's ``__init__`` offers."""
+    inside = []
+    for module in (ROOT / "multirod").rglob("*.py"):
+        for statement in ast.walk(ast.parse(module.read_text())):
+            if isinstance(statement, ast.ImportFrom) and statement.module.startswith("multirod.solvers."):
+                offered = offers(statement.module)
+                names = [f"{statement.module}.{alias.name}" for alias in statement.names if alias.name not in offered]
+            elif isinstance(statement, ast.Import):
+                names = [alias.name for alias in statement.names if alias.name.startswith("multirod.solvers.")]
+            else:
+                continue
+            inside += [f"{module.relative_to(ROOT).as_posix()}: {name}" for name in names]
+    assert inside == []
+
+
+def offers(name):
+    """What a module of ``multirod.solvers`` offers: of one on top all public names, of a folder what it lists."""
+    module = importlib.import_module(name)
+    on_top = Path(module.__file__).parent == ROOT / "solvers"
+    return [own for own in vars(module) if not own.startswith("_")] if on_top else getattr(module, "__all__", ())
 
 
 def folders_of(top):

@@ -14,8 +14,7 @@ from multirod.integrators import RK45
 from multirod.profile import Profile
 from multirod.running.simulation import solve
 from multirod.solution import IncompleteWarning, Solution, SolveError
-from multirod.solvers.continuation.branch import Branch, BranchLost
-from multirod.solvers.continuation.branch_step import Change, Point
+from multirod.solvers.continuation import Branch, BranchLost, Change, Point
 from multirod.solvers.shooting import Shooting
 from multirod.stability import Stability
 from multirod.status import Status, failures

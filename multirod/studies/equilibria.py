@@ -14,9 +14,9 @@ from multirod.inputs import Inputs
 from multirod.problem import BoundaryProblem
 from multirod.running.simulation import solve
 from multirod.solution import IncompleteWarning, Solution, SolveError
-from multirod.solvers.continuation.branch import Branch
+from multirod.solvers.continuation import Branch
 from multirod.solvers.shooting import Shooting
-from multirod.solvers.starting.multistart import ROUND, SAME, STARTS, Catalogue, converge, degrees, limits
+from multirod.solvers.starting import ROUND, SAME, STARTS, Catalogue, converge, degrees, limits
 from multirod.stability import Stability
 from multirod.status import Status, failures
 from multirod.studies.critical_loads import natural_start, unloaded, within

@@ -3,8 +3,8 @@
 
 import warp as wp
 
+from multirod.kernels.linear_algebra_kernels import eliminate
 from multirod.models.rotation_kernels import inverse_right_jacobian, rotation_vector, swing
-from multirod.solvers.newton.linear_algebra_kernels import eliminate
 from multirod.tasks.rows import AIMLESS, BACK, SIDEWAYS
 
 f64 = wp.float64

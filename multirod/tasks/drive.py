@@ -6,9 +6,9 @@ from typing import Any
 
 import warp as wp
 
+from multirod.kernels.repeated_kernels import Calls, callable_from_kernels
 from multirod.launch import expect, record
 from multirod.problem import FEW
-from multirod.repeated_kernels import Calls, callable_from_kernels
 from multirod.shared import Shared
 from multirod.tasks.condensed import condensed
 from multirod.tasks.drive_kernels import SETTINGS, Drive

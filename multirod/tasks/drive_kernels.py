@@ -3,7 +3,7 @@
 
 import warp as wp
 
-from multirod.solvers.newton.linear_algebra_kernels import eliminate
+from multirod.kernels.linear_algebra_kernels import eliminate
 from multirod.tasks.condensed_kernels import Condensed, axis_rows, condense, place_errors, position_rows, rotation_rows
 from multirod.tasks.programme_kernels import Programme, keep_limits, place_rows, place_sides
 

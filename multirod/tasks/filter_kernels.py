@@ -5,8 +5,8 @@ from functools import cache
 
 import warp as wp
 
-from multirod.solvers.newton.linear_algebra_kernels import eliminate
-from multirod.solvers.newton.newton_kernels import failure_of
+from multirod.kernels.failure_kernels import failure_of
+from multirod.kernels.linear_algebra_kernels import eliminate
 from multirod.status import Status
 from multirod.tasks.condensed_kernels import Condensed, axis_rows, condense, position_rows, rotation_rows
 from multirod.tasks.watch_kernels import FAR, LOOK, NOTHING, Watched, strayed

@@ -5,7 +5,7 @@ from functools import cache
 
 import warp as wp
 
-from multirod.solvers.newton.linear_algebra_kernels import eliminate
+from multirod.kernels.linear_algebra_kernels import eliminate
 
 f64 = wp.float64
 ROUNDED = 1e-12  # of the largest number of a row: what of a limit is rounding

@@ -5,7 +5,7 @@ from functools import cache
 
 import warp as wp
 
-from multirod.repeated_kernels import Calls, launch_all
+from multirod.kernels.repeated_kernels import Calls, launch_all
 from multirod.status import Status
 from multirod.tasks.drive_kernels import (
     LEAST,

@@ -9,7 +9,8 @@ from functools import cache
 
 import warp as wp
 
-from multirod.repeated_kernels import Calls, launch_all
+from multirod.kernels.failure_kernels import failure_of
+from multirod.kernels.repeated_kernels import Calls, launch_all
 from multirod.solvers.continuation.acceptance import (
     CONTRACTION,
     LARGEST_RATIO,
@@ -18,7 +19,7 @@ from multirod.solvers.continuation.acceptance import (
     SMALLEST_RATIO,
     SURPRISE,
 )
-from multirod.solvers.newton.newton_kernels import NewtonState, begin, failure_of, make_iteration
+from multirod.solvers.newton.newton_kernels import NewtonState, begin, make_iteration
 from multirod.status import Fault, Status
 
 AGREEMENT = 0.25  # the same from half the way to where twice the step led: half for one that stays a distance away

@@ -6,9 +6,9 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from multirod.kernels.repeated_kernels import Calls
 from multirod.launch import expect, record
 from multirod.problem import FEW, BoundaryProblem
-from multirod.repeated_kernels import Calls
 from multirod.solver import Outcome
 from multirod.solvers.continuation.acceptance import RATIO_TESTS
 from multirod.solvers.continuation.continuation_kernels import FALL, LOOKING, PathState, make_path

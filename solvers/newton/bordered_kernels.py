@@ -20,7 +20,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from multirod.solvers.newton.linear_algebra_kernels import add_row, copy_row, fill_row, subtract_row, swap_rows
+from multirod.kernels.linear_algebra_kernels import add_row, copy_row, fill_row, subtract_row, swap_rows
 
 f64 = wp.float64
 

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from multirod.kernels.repeated_kernels import Calls, callable_from_kernels
 from multirod.launch import expect, record
 from multirod.problem import DOUBLE_ROUNDING, FEW, BoundaryProblem
-from multirod.repeated_kernels import Calls, callable_from_kernels
 from multirod.solver import Outcome
 from multirod.solvers.newton.bordered_kernels import front_width
 from multirod.solvers.newton.eliminated import Eliminated

@@ -6,9 +6,10 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from multirod.repeated_kernels import Calls, launch_all
+from multirod.kernels.failure_kernels import failure_of
+from multirod.kernels.linear_algebra_kernels import add_row, copy_row, eliminate, fill_row
+from multirod.kernels.repeated_kernels import Calls, launch_all
 from multirod.solvers.newton.bordered_kernels import Arrow, make_bordered
-from multirod.solvers.newton.linear_algebra_kernels import add_row, copy_row, eliminate, fill_row
 from multirod.status import Fault, Status
 
 
@@ -58,16 +59,6 @@ UNLIKE = 1.0e30
 CHANGE_POWERS = 8.0
 LARGE_CHANGE = 0.5  # of Gamma: no mode has vanished or changed sign where the change is less than 1
 f64 = wp.float64
-
-
-@wp.func
-def failure_of(fault: int) -> int:
-    """Status of an instance that a failed integration ends."""
-    if fault == wp.static(int(Fault.STEP_LIMIT)):
-        return wp.static(int(Fault.STEP_LIMIT.status))
-    if fault == wp.static(int(Fault.STRAIN_LAW)):
-        return wp.static(int(Fault.STRAIN_LAW.status))
-    return wp.static(int(Fault.NONFINITE.status))
 
 
 @wp.func

@@ -5,9 +5,9 @@ from functools import cache
 
 import warp as wp
 
+from multirod.kernels.failure_kernels import failure_of
+from multirod.kernels.linear_algebra_kernels import eliminate
 from multirod.models.rotation_kernels import rotation_from_vector
-from multirod.solvers.newton.linear_algebra_kernels import eliminate
-from multirod.solvers.newton.newton_kernels import failure_of
 from multirod.solvers.tracking.symmetric_kernels import diagonalise, is_definite
 from multirod.status import Status
 

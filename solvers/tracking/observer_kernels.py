@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from multirod.solvers.newton.linear_algebra_kernels import make_linear_algebra
-from multirod.solvers.newton.newton_kernels import failure_of
+from multirod.kernels.failure_kernels import failure_of
+from multirod.kernels.linear_algebra_kernels import make_linear_algebra
 from multirod.status import Status
 
 f64 = wp.float64

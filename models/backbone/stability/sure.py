@@ -8,12 +8,12 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from multirod.kernels.repeated_kernels import callable_from_kernels
 from multirod.launch import record
 from multirod.models.backbone.node_pass import NEAR, NodePass
 from multirod.models.backbone.passes import LanePass
 from multirod.models.backbone.stability.sure_kernels import Sure, make_sure
 from multirod.problem import FEW
-from multirod.repeated_kernels import callable_from_kernels
 from multirod.shared import Shared
 from multirod.validation import FloatArray
 
