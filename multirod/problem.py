@@ -145,7 +145,7 @@ class BoundaryProblem(Uncopied, ABC):
         arrow: Where ``Gamma`` is an arrow, blocks on the diagonal that meet only in a border of last rows and columns: the first
             index of each, of the border, and ``n``; else empty.
         unknowns: Where to evaluate [1/m], shape (instance_count, n).
-        order: Instances that launches pass over: the first ``listed`` entries, which ``focus`` sets, shape (instance_count,).
+        order: Instances that launches pass over: the first ``listed`` entries, shape (instance_count,); ``focused`` sets them.
         listed: How many.
         active: Instances that are evaluated (1) or left as they are (0), shape (instance_count,).
         load_factor: What multiplies all loads of an instance, and the part of the way from ``guess`` to the robot as it is,
@@ -259,8 +259,6 @@ class BoundaryProblem(Uncopied, ABC):
 
     def _clear(self) -> None:
         """All buffers as they are at first, on the CPU."""
-        if self.listed < self.instance_count:
-            self.focus()
         for values, first in self._first_values:
             values.fill(first)
         self.breakpoints, self.stop, self.budget = {}, None, None
@@ -374,13 +372,29 @@ class BoundaryProblem(Uncopied, ABC):
         """Within it, integrations may leave the end effector's pose out, where that saves time; it is found in the end."""
         yield
 
-    def focus(self, instances: IntArray | None = None) -> None:
-        """Let launches pass over these instances alone, (k,), to which all that are active belong; over all by default."""
+    def _pass_over(self, instances: IntArray | None) -> None:
+        """Let launches pass over these instances alone, (k,), or over all; a problem with problems within tells these."""
         chosen = np.arange(self.instance_count) if instances is None else instances
         listed = np.arange(self.instance_count, dtype=np.int32)
         listed[: len(chosen)] = chosen
         self._set("order", listed)
         self.listed = len(chosen)
+
+    @contextmanager
+    def focused(self, instances: IntArray | None = None) -> Iterator[Callable[[IntArray], None]]:
+        """Within it, launches pass over these instances alone, (k,), to which all that are active belong, or over all; then over
+        those as before.
+
+        What it yields may be called within it, with those that are left (m,): of an iteration, of which more and more end.
+        """
+        before = None if self.listed == self.instance_count else np.array(self.buffer("order")[: self.listed])
+        if instances is not None or before is not None:
+            self._pass_over(instances)
+        try:
+            yield self._pass_over
+        finally:
+            if before is not None or self.listed < self.instance_count:
+                self._pass_over(before)
 
     @contextmanager
     def at_load(self, factor: float | FloatArray) -> Iterator[None]:
@@ -395,16 +409,13 @@ class BoundaryProblem(Uncopied, ABC):
     @contextmanager
     def only(self, chosen: NDArray[np.bool_]) -> Iterator[None]:
         """Within it, these instances, (instance_count,), are active, and launches pass over them alone; then as it was."""
-        active, listed = np.array(self.buffer("active")), np.array(self.buffer("order")[: self.listed])
+        active = np.array(self.buffer("active"))
         self._set("active", chosen)
-        if self.listed < self.instance_count or not chosen.all():
-            self.focus(np.flatnonzero(chosen))
         try:
-            yield
+            with self.focused(None if chosen.all() else np.flatnonzero(chosen)):
+                yield
         finally:
             self._set("active", active)
-            if self.listed != len(listed) or len(listed) < self.instance_count:
-                self.focus(None if len(listed) == self.instance_count else listed)
 
     @contextmanager
     def everyone(self) -> Iterator[None]:

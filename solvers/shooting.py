@@ -341,7 +341,7 @@ class NewtonTrack(Track):
         if self.all_known and self.inputs is not None and not self._any_fresh and (calls := newton.calls()) is not None:
             if self._sample is None or self._sample[0] is not calls:
                 self._sample = calls, newton.repeating(calls, self._state)
-            newton.everyone()
+            problem.heed_stop()
             self._sample[1].launch()
             if self._good[0]:
                 return newton.outcome()

@@ -483,8 +483,8 @@ class BackboneProblem(BoundaryProblem):
     def launches(self) -> tuple[Any, ...] | None:  # noqa: D102
         return self.launch.recorded if isinstance(self.launch, LanePass) and not self._followed else None
 
-    def focus(self, instances: IntArray | None = None) -> None:  # noqa: D102
-        super().focus(instances)
+    def _pass_over(self, instances: IntArray | None) -> None:
+        super()._pass_over(instances)
         self.launch.set_dim(self.listed)
 
     def integrate_alike(self) -> bool:  # noqa: D102
@@ -520,10 +520,8 @@ class BackboneProblem(BoundaryProblem):
             yield
         finally:
             self.launch = whole
-        active = self.active.numpy().copy()
-        self.active.fill_(1)
-        self.tool("poses", lambda: self._record(replace(f, directions=False), self._call, columns=(0, 0))).launch()
-        self.active.assign(active)
+        with self.everyone():
+            self.tool("poses", lambda: self._record(replace(f, directions=False), self._call, columns=(0, 0))).launch()
 
     def guess(self) -> FloatArray:  # noqa: D102
         result = np.zeros((self.instance_count, self.unknown_count))

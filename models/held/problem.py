@@ -353,9 +353,9 @@ class HeldProblem(BoundaryProblem):
 
     # ---- the interface ----
 
-    def focus(self, instances: IntArray | None = None) -> None:  # noqa: D102
-        super().focus(instances)
-        self.rod.focus(instances)
+    def _pass_over(self, instances: IntArray | None) -> None:
+        super()._pass_over(instances)
+        self.rod._pass_over(instances)
         for launch in self._launches[::2]:
             launch.set_dim(self.listed)
 
@@ -371,9 +371,8 @@ class HeldProblem(BoundaryProblem):
 
     def to_rod(self) -> None:
         """Unknowns and inputs to the rod, without an integration."""
-        if self.listed < self.instance_count:
-            self.focus()
-        self._launches[0].launch()
+        with self.focused():
+            self._launches[0].launch()
 
     def renew(self, inputs: Inputs) -> bool:  # noqa: D102
         if inputs.profiles or self.inputs_given.profiles:

@@ -366,11 +366,11 @@ class NetworkProblem(BoundaryProblem):
         name = ON_RODS.get(name, name)
         return name not in ALONG or all(group.backbones.takes(name) for group in self.groups)
 
-    def focus(self, instances: IntArray | None = None) -> None:  # noqa: D102
-        super().focus(instances)
+    def _pass_over(self, instances: IntArray | None) -> None:
+        super()._pass_over(instances)
         first, *of_groups, last = self._launches
         for k, group in enumerate(self.groups):
-            group.focus(None if instances is None else np.asarray(instances))
+            group.pass_over(None if instances is None else np.asarray(instances))
             for launch in of_groups[3 * k : 3 * k + 3 : 2]:
                 launch.set_dim(group.backbones.listed)
         for launch in (first, last):

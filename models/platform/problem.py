@@ -474,13 +474,13 @@ class ParallelProblem(BoundaryProblem):
 
     # ---- the interface ----
 
-    def focus(self, instances: IntArray | None = None) -> None:  # noqa: D102
-        super().focus(instances)
+    def _pass_over(self, instances: IntArray | None) -> None:
+        super()._pass_over(instances)
         launches = iter(self._launches)
         for group in self.groups:
             count = len(group.members)
             rows = None if instances is None else (np.asarray(instances)[:, None] * count + np.arange(count)).reshape(-1)
-            group.backbones.focus(rows)
+            group.backbones._pass_over(rows)
             for _ in range(3):
                 next(launches).set_dim(group.backbones.listed)
         next(launches).set_dim(self.listed)
@@ -585,26 +585,22 @@ class ParallelProblem(BoundaryProblem):
     @contextmanager
     def unloaded(self) -> Iterator[None]:
         """Within it, all instances may be evaluated without loads; everything is as it was afterwards."""
-        records, listed = self.snapshot(), self.buffer("order")[: self.listed].copy()
+        records = self.snapshot()
         aside = self._set_aside
         for shared in aside.values():
             shared.fetch()
         values = {name: shared.values.copy() for name, shared in aside.items()}
-        everything = len(listed) == self.instance_count
-        if not everything:
-            self.focus()
         aside["active"].write(1)
         aside["loading"].write(int(Loading.RISING))
         for name in ("load_factor", "opening", "soft"):
             aside[name].write(0.0)
         try:
-            yield
+            with self.focused():
+                yield
         finally:
             self.restore(records)
             for name, before in values.items():
                 aside[name].write(before)
-            if not everything:
-                self.focus(listed)
 
     @cached_property
     def _set_aside(self) -> dict[str, Shared]:
@@ -836,10 +832,9 @@ class ParallelProblem(BoundaryProblem):
 
     def to_legs(self) -> None:
         """Unknowns and inputs to the legs, without an integration."""
-        if self.listed < self.instance_count:
-            self.focus()
-        for launch in self._launches[:-1:3]:
-            launch.launch()
+        with self.focused():
+            for launch in self._launches[:-1:3]:
+                launch.launch()
 
     def pose(self) -> tuple[FloatArray, FloatArray]:
         """(1), (2) Position (instance_count, 3) and rotation (instance_count, 3, 3) of the platform."""

@@ -1,5 +1,7 @@
 """Following a branch of equilibria in steps that are sure to stay on it."""
 
+from collections.abc import Callable
+from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
@@ -12,7 +14,7 @@ from multirod.problem import FEW, BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.continuation.acceptance import RATIO_TESTS
 from multirod.solvers.continuation.continuation_kernels import FALL, LOOKING, PathState, make_path
-from multirod.solvers.newton.iteration import Newton, leave
+from multirod.solvers.newton.iteration import Newton, narrowing
 from multirod.status import Status, failures
 from multirod.validation import FloatArray
 
@@ -218,10 +220,9 @@ class Paths:
         state.points.assign(np.repeat(unknowns[:, None], 3, axis=1))
         state.reference.assign(np.ascontiguousarray(gamma).reshape(state.reference.shape))
         self._set_out(chosen, known=1)
-        outcome = self._follow()
+        with problem.at_load(1.0) if dip else nullcontext():  # paths that end on the way leave theirs
+            outcome = self._follow()
         problem.write("inputs", after)
-        if dip:
-            self._set("load_factor", 1.0)  # that of paths which ended on the way
         return outcome
 
     def at_kink(self) -> BoolArray:
@@ -247,7 +248,8 @@ class Paths:
         if calls is not None:
             self._repeat(calls)
         else:
-            self._launch_all(integrated)
+            with narrowing(problem) as narrow:
+                self._launch_all(integrated, narrow)
         counts: dict[str, Any] = {name: self._get(name) for name in ("status", "iterations", "integrations")}
         self._doubt_ends(counts["status"], counts["integrations"])
         if len(problem.kinks) and (failed := failures(counts["status"])).any():
@@ -256,8 +258,8 @@ class Paths:
             counts["status"][failed & (last > RUNAWAY * problem.curvature_scale())] = Status.LINES_TOO_SHORT
         return Outcome(**counts, reached=self._get("levels")[:, 0].copy())
 
-    def _launch_all(self, integrated: bool) -> None:
-        """Integrations and launches until no instance is on its way."""
+    def _launch_all(self, integrated: bool, narrow: Callable[[int], None]) -> None:
+        """Integrations and launches until no instance is on its way; ``narrow`` is told how many are."""
         problem, state = self.problem, self.state
         if self._launch is None:
             self._launch = record(self._make, problem.instance_count, [state, Calls(), 0], problem.device)
@@ -292,7 +294,7 @@ class Paths:
             rounds += 1
             if remaining and rounds % ROUNDS == 0:
                 remaining -= self._end_long()
-            leave(problem, remaining)
+            narrow(remaining)
 
     def _repeat(self, calls: Any) -> None:
         """The same for few instances: a kernel repeats both, ``ROUNDS`` times in two launches."""

@@ -1,6 +1,7 @@
 """Instances whose branch ended, all on their way at once: every launch integrates for all of them."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import cache, partial
 from typing import Any
 
@@ -134,11 +135,14 @@ class _Together:
             clamped = {k: at for k, at in asked.items() if isinstance(at, At | Clamp) and k not in plain}
             answers: dict[int, Any]
             if plain:
-                answers = self._integrate(plain)
+                with self._placed(self.part, {k: at.level for k, at in plain.items()}):
+                    answers = self._integrate(plain)
             elif clamped:
                 answers = self._integrate_clamped(clamped)
             else:
-                answers = self._judge({k: request for k, request in asked.items() if isinstance(request, Judge)})
+                judged = {k: request for k, request in asked.items() if isinstance(request, Judge)}
+                with self._placed(self.part, {k: judge.point.level for k, judge in judged.items()}):
+                    answers = self._judge(judged)
             self._steps[list(answers)] += self._each[list(answers)]
             for k, answer in answers.items():
                 self._next(runs, asked, k, answer)
@@ -150,14 +154,17 @@ class _Together:
         except StopIteration:
             del runs[k]
 
-    def _place(self, part: BoundaryProblem, levels: dict[int, float]) -> None:
-        """Levels at which instances are to be integrated."""
+    @contextmanager
+    def _placed(self, part: BoundaryProblem, levels: dict[int, float]) -> Iterator[None]:
+        """Within it, instances are at these levels, the others at those where they were last."""
         for k, level in levels.items():
             self.levels[k] = level
         if self.before is None:
-            part.load_factor.assign(self.levels)
+            with part.at_load(self.levels):
+                yield
         else:
             part.write("inputs", self.before + self.levels[:, None] * (self.after - self.before))
+            yield
 
     def _put(self, unknowns: dict[int, FloatArray]) -> None:
         values = self.part.read("unknowns")
@@ -168,7 +175,6 @@ class _Together:
     def _integrate(self, asked: Mapping[int, At]) -> dict[int, Point]:
         part, n = self.part, self.part.unknown_count
         self._put({k: at.unknowns for k, at in asked.items()})
-        self._place(part, {k: at.level for k, at in asked.items()})
         on = np.zeros(part.instance_count, dtype=bool)
         on[list(asked)] = True
         with part.only(on):
@@ -195,12 +201,12 @@ class _Together:
         for k, at in asked.items():
             unknowns[k, : len(at.unknowns)] = at.unknowns
         turns.put(unknowns)
-        self._place(part, {k: at.level for k, at in asked.items()})
-        part.integrate()
-        residual, gamma, unit, turned = turns.after(unknowns)
+        with self._placed(part, {k: at.level for k, at in asked.items()}):
+            part.integrate()
+            residual, gamma, unit, turned = turns.after(unknowns)
+            moved = np.concatenate([turns.clamps.moved(), part.pose_columns.numpy()[:, None, :3, :size]], axis=1)
+            frames = np.concatenate([turns.clamps.frames(), part.read("rotation").reshape(-1, 1, 3, 3)], axis=1)
         residual[part.fault.numpy() != 0] = np.nan
-        moved = np.concatenate([turns.clamps.moved(), part.pose_columns.numpy()[:, None, :3, :size]], axis=1)
-        frames = np.concatenate([turns.clamps.frames(), part.read("rotation").reshape(-1, 1, 3, 3)], axis=1)
         fields = residual, gamma, unit, turned, moved, part.read("position"), frames, turns.stiffness
         return {k: _point(unknowns[k], at.level, turns.forces, *(field[k] for field in fields)) for k, at in asked.items()}
 
@@ -208,7 +214,6 @@ class _Together:
         stability = self.part.stability
         assert stability is not None  # or there was nothing to follow
         self._put({k: judge.point.unknowns for k, judge in asked.items()})
-        self._place(self.part, {k: judge.point.level for k, judge in asked.items()})
         with self.part.everyone():
             modes, potential = stability.modes(), stability.potential()
         return {k: Judgement(modes.take([k]), float(potential[k])) for k in asked}

@@ -1,5 +1,7 @@
 """Newton's iteration on the buffers of one problem, many instances in each launch."""
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cached_property
 from typing import Any
 
@@ -13,7 +15,7 @@ from multirod.solver import Outcome
 from multirod.solvers.newton.bordered_kernels import front_width
 from multirod.solvers.newton.eliminated import Eliminated
 from multirod.solvers.newton.newton_kernels import CHANGE_POWERS, LARGE_CHANGE, PROBES, NewtonState, Sample, make_newton
-from multirod.status import IntArray, Status
+from multirod.status import BoolArray, IntArray, Status
 from multirod.validation import FloatArray
 
 _CONVERGED = int(Status.CONVERGED)
@@ -28,14 +30,17 @@ SLOW = 0.1  # contraction of a sample's Newton steps, from which what has severa
 FEWER = 0.7  # of the instances that launches pass over, below which those that have ended leave
 
 
-def leave(problem: BoundaryProblem, remaining: int) -> None:
-    """Have launches pass over the active instances alone, of which ``remaining`` are left, where that saves time; over all at the
-    end."""
-    if not remaining:
-        if problem.listed < problem.instance_count:
-            problem.focus()
-    elif remaining < FEWER * problem.listed:
-        problem.focus(np.flatnonzero(problem.active.numpy()))
+@contextmanager
+def narrowing(problem: BoundaryProblem) -> Iterator[Callable[[int], None]]:
+    """Within it, launches pass over all instances at first, and over the active ones alone, where that saves time, once what it
+    yields is told how many of them are left."""
+    with problem.focused() as focus:
+
+        def narrow(remaining: int) -> None:
+            if 0 < remaining < FEWER * problem.listed:
+                focus(np.flatnonzero(problem.active.numpy()))
+
+        yield narrow
 
 
 class Newton:
@@ -260,27 +265,23 @@ class Newton:
         self.start(chosen)
         self.go_on()
 
-    def everyone(self) -> None:
-        """Have launches pass over all instances, and an end made here where one was asked for."""
-        leave(self.problem, 0)
-        self.problem.heed_stop()
-
     def go_on(self) -> None:
         """Iterate until no instance is active."""
         calls = self.calls()
         if calls is None or self._remaining is None:
-            while self.iterate():
-                pass
+            with self.iterating() as iterate:
+                while iterate():
+                    pass
             return
         if self._loop is None or self._loop[0] is not calls:
             self._loop = calls, self.repeating(calls)
-        while self._remaining[0]:
-            self.problem.heed_stop()
-            self._loop[1].launch()
+        with self.problem.focused():
+            while self._remaining[0]:
+                self.problem.heed_stop()
+                self._loop[1].launch()
 
     def start(self, chosen: Any = None) -> None:
         """Begin with the chosen instances (bool, (instance_count,); all by default) at ``problem.unknowns``."""
-        leave(self.problem, 0)
         if self._starting is not None:
             counters, measures, active = self._starting
             if self._remaining is not None:
@@ -294,8 +295,25 @@ class Newton:
         self.state.merit.fill_(-1.0)
         self.state.active.assign(np.ones(self.problem.instance_count, dtype=np.int32) if chosen is None else np.int32(chosen))
 
-    def iterate(self) -> int:
-        """One integration of all active instances, and what follows from it; the number still active."""
+    @contextmanager
+    def iterating(self) -> Iterator[Callable[[], int]]:
+        """Within it, what it yields is one integration of all active instances and what follows from it, and returns how many are
+        still active; launches pass over fewer and fewer."""
+        with narrowing(self.problem) as narrow:
+
+            def iterate() -> int:
+                remaining = self._iterate()
+                narrow(remaining)
+                return remaining
+
+            yield iterate
+
+    def give_up(self, chosen: BoolArray) -> None:
+        """End the iteration of some instances, (instance_count,), where they are."""
+        active = self.problem.active.numpy()
+        self.state.active.assign(np.where(chosen, 0, active).astype(np.int32))
+
+    def _iterate(self) -> int:
         if self._remaining is not None:
             self._remaining[0] = 0
         else:
@@ -308,9 +326,7 @@ class Newton:
             self._dim = self.problem.listed
             self._launch.set_dim(self._dim)
         self._launch.launch()
-        remaining = int(self._remaining[0] if self._remaining is not None else self.state.remaining.numpy()[0])
-        leave(self.problem, remaining)
-        return remaining
+        return int(self._remaining[0] if self._remaining is not None else self.state.remaining.numpy()[0])
 
     def outcome(self) -> Outcome:
         """Copies of the counts and statuses."""

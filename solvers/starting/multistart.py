@@ -130,12 +130,13 @@ def converge(problem: BoundaryProblem, newton: Newton, guesses: FloatArray, chos
     """Newton's method from ``guesses`` (instance_count, n), given up beyond ``limit`` (instance_count, n); who converged."""
     problem.write("unknowns", np.where(chosen[:, None], guesses, problem.read("unknowns")))
     newton.start(chosen)
-    for _ in range(PATIENCE):
-        if not newton.iterate():
-            break
-        wandering = (np.abs(problem.read("unknowns")) > limit).any(axis=1)
-        if wandering.any():
-            problem.active.assign(problem.active.numpy() * ~wandering)
+    with newton.iterating() as iterate:
+        for _ in range(PATIENCE):
+            if not iterate():
+                break
+            wandering = (np.abs(problem.read("unknowns")) > limit).any(axis=1)
+            if wandering.any():
+                newton.give_up(wandering)
     return chosen & (newton.outcome().status == Status.CONVERGED)
 
 

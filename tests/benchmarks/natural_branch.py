@@ -112,10 +112,9 @@ def follow(problem: BoundaryProblem, steps: int) -> tuple[Any, Any]:
     """Level and unknowns at the end of each branch, by steps of 1/steps at most."""
     count, n = problem.instance_count, problem.unknown_count
     points, levels = np.zeros((4, count, n)), np.zeros((4, count))
-    problem.load_factor.fill_(0.0)
-    problem.active.fill_(1)
-    points[0] = problem.guess()
-    _, gamma = problem.evaluate(points[0])
+    with problem.everyone(), problem.at_load(0.0):
+        points[0] = problem.guess()
+        _, gamma = problem.evaluate(points[0])
     signs = np.sign(np.linalg.det(gamma))
     known = np.ones(count, dtype=int)
     step = np.full(count, 1.0 / steps)
@@ -123,15 +122,12 @@ def follow(problem: BoundaryProblem, steps: int) -> tuple[Any, Any]:
     open_ = np.ones(count, dtype=bool)
     while open_.any():
         at = np.flatnonzero(open_)
-        problem.active.assign(open_.astype(np.int32))
-        problem.focus(at)
         goal = np.minimum(1.0, levels[0] + step)
         factor = np.ones(count)
         factor[at] = goal[at]
-        problem.load_factor.assign(factor)
         guess = points[0].copy()
         guess[at] = extrapolate(points[:, at], levels[:, at], known[at], goal[at])
-        first, gamma = _correction(problem, guess, at)
+        first, gamma = _correction(problem, guess, at, factor)
         found = guess.copy()
         found[at] += first
         size, moved = np.linalg.norm(first, axis=1), np.linalg.norm(found[at] - points[0, at], axis=1)
@@ -139,14 +135,10 @@ def follow(problem: BoundaryProblem, steps: int) -> tuple[Any, Any]:
         rough = np.flatnonzero(good & (size > 1e-7))
         if len(rough):
             again = at[rough]
-            active = np.zeros(count, dtype=np.int32)
-            active[again] = 1
-            problem.active.assign(active)
-            problem.focus(again)
             length = size[rough]
             for _ in range(3):
                 last = length
-                second, newer = _correction(problem, found, again)
+                second, newer = _correction(problem, found, again, factor)
                 length = np.linalg.norm(second, axis=1)
                 good[rough] &= (length <= SLOWEST * last) | (length < 1e-9)
                 found[again] += np.nan_to_num(second)
@@ -167,14 +159,13 @@ def follow(problem: BoundaryProblem, steps: int) -> tuple[Any, Any]:
         # equilibria far behind say nothing of a branch that turns here
         known[failures >= TURNING] = 1
         open_ &= (levels[0] < 1.0) & (step > SHORTEST)
-    problem.active.fill_(1)
-    problem.focus()
-    problem.load_factor.fill_(1.0)
     return levels[0], points[0]
 
 
-def _correction(problem: BoundaryProblem, unknowns: Any, at: Any) -> tuple[Any, Any]:
-    residual, gamma = problem.evaluate(unknowns)
+def _correction(problem: BoundaryProblem, unknowns: Any, at: Any, factor: Any) -> tuple[Any, Any]:
+    """Newton's step of the instances ``at`` (k,), and ``Gamma``, at a load factor of each instance."""
+    with problem.only(np.isin(np.arange(problem.instance_count), at)), problem.at_load(factor):
+        residual, gamma = problem.evaluate(unknowns)
     residual, gamma = residual[at], gamma[at]
     sound = np.isfinite(residual).all(axis=1) & (np.linalg.det(np.nan_to_num(gamma)) != 0)
     result = np.full(residual.shape, np.nan)

@@ -121,10 +121,10 @@ class RodGroup:
         moment_by[:, 2, 2 : 2 + len(own.rods)] = own.each(units[..., 2])
         return moment_by, np.zeros((own.instance_count, 3)), force_unit
 
-    def focus(self, rows: IntArray | None) -> None:
-        """Let launches pass over the rods of these instances alone."""
+    def pass_over(self, rows: IntArray | None) -> None:
+        """Let launches pass over the rods of these instances alone, or over all, as the network does."""
         size = len(self.members)
-        self.backbones.focus(None if rows is None else (rows[:, None] * size + np.arange(size)).reshape(-1))
+        self.backbones._pass_over(None if rows is None else (rows[:, None] * size + np.arange(size)).reshape(-1))
 
     def tips(self) -> tuple[FloatArray, FloatArray]:
         """Position (instance, rod, 3) and rotation (instance, rod, 3, 3) of the tips in the frames of the bases, integrated."""
