@@ -10,7 +10,7 @@ from rod_equations import RodEquations
 from scipy.spatial.transform import Rotation
 
 import multirod as mr
-from multirod.models.backbone.stability.second_variation import certain_determinant
+from multirod.models.backbone.stability.condensing.second_variation import certain_determinant
 from multirod.solvers.energy_descent import EnergyDescentTrack
 
 L = 0.4

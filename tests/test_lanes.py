@@ -6,10 +6,10 @@ import pytest
 import warp as wp
 
 import multirod as mr
-from multirod.models.backbone import passes
 from multirod.models.backbone.kernels.integration.integrate import make_kernel
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.kernels.numbers.lanes import lanes
+from multirod.models.backbone.passes import lane_pass
 from multirod.studies.scenes import SCENES
 
 RK4, RK45 = mr.RK4(20), mr.RK45()
@@ -67,9 +67,9 @@ def test_lanes_do_not_see_each_other(robot, integrator):
 @pytest.mark.parametrize("integrator", [RK4, RK45], ids=str)
 @pytest.mark.parametrize("parts", [2, 3, 20])
 def test_columns_may_stand_in_lanes_of_their_own(robot, integrator, parts, monkeypatch):
-    monkeypatch.setattr(passes, "parts_of", lambda count, columns, lanes: 1)
+    monkeypatch.setattr(lane_pass, "parts_of", lambda count, columns, lanes: 1)
     together = results(problem_of(robot, integrator, 3))
-    monkeypatch.setattr(passes, "parts_of", lambda count, columns, lanes: min(parts, columns))
+    monkeypatch.setattr(lane_pass, "parts_of", lambda count, columns, lanes: min(parts, columns))
     apart = results(problem_of(robot, integrator, 3))
     for name, value in together.items():
         np.testing.assert_array_equal(apart[name], value, err_msg=name)
@@ -79,18 +79,18 @@ def test_columns_may_stand_in_lanes_of_their_own(robot, integrator, parts, monke
 def test_more_and_fewer_lanes(robot, width, monkeypatch):
     """Other code of the same equations: to rounding."""
     usual = results(problem_of(robot, RK4, 5))
-    monkeypatch.setitem(passes.WIDTH, "float64", width)
+    monkeypatch.setitem(lane_pass.WIDTH, "float64", width)
     other = results(problem_of(robot, RK4, 5))
     for name, value in usual.items():
         np.testing.assert_allclose(other[name], value, rtol=0, atol=1e-12 * max(1.0, np.abs(value).max()), err_msg=name)
 
 
 def test_a_lone_robot_gets_a_lane_a_column_and_a_batch_none():
-    assert passes.parts_of(1, 3, 4) == 3
-    assert passes.parts_of(1, 12, 4) == 4
-    assert passes.parts_of(1000, 12, 4) == 1
-    assert passes.parts_of(1, 0, 4) == 1
-    assert passes.parts_of(1, 12, 1) == 1
+    assert lane_pass.parts_of(1, 3, 4) == 3
+    assert lane_pass.parts_of(1, 12, 4) == 4
+    assert lane_pass.parts_of(1000, 12, 4) == 1
+    assert lane_pass.parts_of(1, 0, 4) == 1
+    assert lane_pass.parts_of(1, 12, 1) == 1
 
 
 @pytest.mark.parametrize(("scalar", "width"), [(wp.float64, 1), (wp.float64, 4), (wp.float32, 8)])
@@ -139,9 +139,9 @@ import warp as wp
 wp.config.optimization_level = 1  # what is compiled matters here, not how fast it is
 import multirod as mr
 from multirod.compiling import COMPILER
-from multirod.models.backbone import passes
+from multirod.models.backbone.passes import lane_pass
 from multirod.studies.scenes import load
-passes.WIDTH.update(float64=1, float32=1)  # a lane a thread, as on a GPU
+lane_pass.WIDTH.update(float64=1, float32=1)  # a lane a thread, as on a GPU
 modules, request = {}, COMPILER.request
 def remember(module, device):
     modules[module.name] = module

@@ -10,7 +10,8 @@ from scipy.optimize import brentq, fsolve
 from scipy.special import ellipk
 
 import multirod as mr
-from multirod.models.backbone.stability.second_variation import CondensedForm, NodeColumns, with_conditions
+from multirod.models.backbone.stability.condensing.second_variation import CondensedForm, NodeColumns
+from multirod.models.backbone.stability.condensing.tensions import with_conditions
 from multirod.solvers.tracking.kinks import follows
 
 EI, GJ, LENGTH, R = 0.01, 0.0077, 0.2, 0.008

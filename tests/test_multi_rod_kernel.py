@@ -305,5 +305,5 @@ def test_an_iterate_of_no_length_ends_and_writes_no_node(translation, wire):
     problem.write("inputs", inputs)
     problem.evaluate(problem.guess())
     problem.write("unknowns", problem.guess())
-    shape = problem.node_pass(5, unknowns=problem.guess()).read("node_position")
+    shape = problem.nodes.over(5, unknowns=problem.guess()).read("node_position")
     assert shape.shape == (1, 5, 3)

@@ -18,7 +18,7 @@ import yaml
 
 import multirod as mr
 from multirod import cli
-from multirod.models.backbone import passes
+from multirod.models.backbone.passes import lane_pass
 
 WITH_PROGRAMS = [page for page in pages.PAGES if any(block.language == "python" for block in pages.blocks(page))]
 
@@ -39,7 +39,7 @@ def nothing_drawn(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 @pytest.mark.parametrize("page", WITH_PROGRAMS, ids=name)
 def test_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setitem(passes.WIDTH, "float64", passes.WIDTH["float64"])  # a page may set it
+    monkeypatch.setitem(lane_pass.WIDTH, "float64", lane_pass.WIDTH["float64"])  # a page may set it
     namespace: dict[str, object] = {"__name__": "page"}
     shown = pages.shown(page)
     with np.printoptions():  # a page may set them

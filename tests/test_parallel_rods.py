@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import multirod as mr
-from multirod.models.backbone.problem import BackboneProblem
+from multirod.models.backbone.nodes.node_passes import NodePasses
 from multirod.models.platform.guess import BeamEquilibrium, _joint_stiffness, fitted_platform
 from multirod.models.platform.problem import ParallelProblem
 from multirod.problem import BoundaryProblem
@@ -658,7 +658,7 @@ def count_integrations(monkeypatch) -> list[int]:
         monkeypatch.setattr(kind, method.__name__, call)
 
     counted(mr.BoundaryProblem, mr.BoundaryProblem.integrate, 0)
-    counted(BackboneProblem, BackboneProblem.node_pass, 1)
+    counted(NodePasses, NodePasses.over, 1)
     return counts
 
 

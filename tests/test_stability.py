@@ -8,7 +8,8 @@ from scipy.spatial.transform import Rotation
 from test_parallel_rods import LOADS, SCENES, actuation, ring
 
 import multirod as mr
-from multirod.models.backbone.stability.second_variation import compliance_form, condensed_form
+from multirod.models.backbone.stability.condensing.by_nodes import compliance_form, condensed_form
+from multirod.models.backbone.stability.condensing.forms import form_of
 from multirod.models.held.stability import TipByWrench
 from multirod.solvers.continuation.natural import natural_branch
 
@@ -216,10 +217,10 @@ def test_the_compiled_form_is_that_of_numpy(scene):
     problem = robot.problem(inputs, integrator=mr.RK4(30))
     # no equilibria, and more bent than so many steps tell: a pass at unknowns of its own ends where it does
     unknowns = problem.guess() + 10 * random.normal(size=(count, problem.unknown_count))
-    every, unit = np.ones(count, dtype=bool), problem.stiffness_over_length()
-    stability, call = problem.stability, problem.node_pass(17, every, columns=True, unknowns=unknowns)
+    every, unit = np.ones(count, dtype=bool), problem.sizes.stiffness_over_length()
+    stability, call = problem.stability, problem.nodes.over(17, every, columns=True, unknowns=unknowns)
     ends = stability._column_ends()
-    found = call.form(stability._free(), ends.shape[1], "cpu").of(every, ends, unit)
+    found = form_of(call, stability._free(), ends.shape[1], "cpu").of(every, ends, unit)
     finite = np.isfinite(call.read("tip_columns")).all(axis=(1, 2))  # the last steps of some overflow
     own = condensed_form(stability._node_columns(call, finite, np.arange(stability._free())), unit[finite])
     assert own.known.sum() > 40
@@ -250,9 +251,9 @@ def test_the_compiled_form_of_held_tips_is_that_of_numpy(scene):
         problem = whole.problem(inputs, integrator=mr.RK4(30)).groups[0].backbones
     n, length = problem.unknown_count, 0.3
     unknowns = problem.guess() + np.where(np.arange(n) < n - 3, 10, 100) * random.normal(size=(count, n))
-    every, unit = np.ones(count, dtype=bool), problem.stiffness_over_length()
+    every, unit = np.ones(count, dtype=bool), problem.sizes.stiffness_over_length()
     stability = TipByWrench(problem) if scene == "held rod" else problem.stability
-    call = problem.node_pass(17, every, columns=True, unknowns=unknowns)
+    call = problem.nodes.over(17, every, columns=True, unknowns=unknowns)
     found = stability._form(call, every, unit)
     assert found.matrix.shape == (count, n, n)
     columns = stability._node_columns(call, every, np.arange(n))

@@ -10,8 +10,8 @@ import numpy as np
 
 from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.models.assemblies.inputs import ConcentricTubesInput, ConcentricTubesInputs, listed
-from multirod.models.backbone.inputs import BY_MATERIAL, DRIVE_INPUTS, DRIVES, TUBE_INPUTS, drive_specs
-from multirod.models.backbone.problem import BackboneAssembly, surely_driven
+from multirod.models.backbone.assembly import BackboneAssembly
+from multirod.models.backbone.inputs import BY_MATERIAL, DRIVE_INPUTS, DRIVES, TUBE_INPUTS, drive_specs, surely_driven
 from multirod.rod import Rod
 from multirod.types import Numbers
 from multirod.validation import FloatArray, refuse, sequence

@@ -10,8 +10,8 @@ from multirod import plausibility
 from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.models.assemblies.concentric_tubes import refuse_behind_plate
 from multirod.models.assemblies.inputs import EccentricTubesInput, EccentricTubesInputs, listed
+from multirod.models.backbone.assembly import BackboneAssembly
 from multirod.models.backbone.inputs import BY_MATERIAL, TUBE_INPUTS
-from multirod.models.backbone.problem import BackboneAssembly
 from multirod.rod import Rod, RodArrays, lower
 from multirod.types import Numbers
 from multirod.validation import FloatArray, array, refuse, sequence

@@ -16,7 +16,7 @@ from multirod.models.assemblies.single_rod import SingleRod
 from multirod.models.backbone.derivatives.designs import COMPONENTS, parameter_size
 from multirod.models.backbone.inputs import DRIVE_INPUTS, drive_specs
 from multirod.models.backbone.kernels.layout.features import Features
-from multirod.models.backbone.problem import scene_features
+from multirod.models.backbone.terms import scene_features
 from multirod.models.held.problem import END_INPUTS, POSE_INPUTS, ROD_INPUTS, TIP_SPECS, HeldProblem, Holders
 from multirod.models.joint_kernels import JOINTS
 from multirod.reuse import reusable

@@ -15,9 +15,10 @@ from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.models.assemblies.concentric_tubes import ConcentricTubes
 from multirod.models.assemblies.inputs import NetworkInput, NetworkInputs, listed
 from multirod.models.assemblies.single_rod import SingleRod
-from multirod.models.backbone.inputs import BY_MATERIAL, DRIVE_INPUTS, DRIVES, drive_specs
+from multirod.models.backbone.assembly import BackboneAssembly
+from multirod.models.backbone.inputs import BY_MATERIAL, DRIVE_INPUTS, DRIVES, check_drives, drive_specs, surely_driven
 from multirod.models.backbone.kernels.layout.features import Features
-from multirod.models.backbone.problem import BackboneAssembly, check_drives, scene_features, surely_driven
+from multirod.models.backbone.terms import scene_features
 from multirod.models.network.elements.groups import ON_RODS, along
 from multirod.models.network.freedom import refuse_mechanism, refuse_unheld
 from multirod.models.network.graph import ENDS, Graph

@@ -23,12 +23,13 @@ from multirod.models.assemblies.inputs import (
     listed,
 )
 from multirod.models.assemblies.single_rod import SingleRod
+from multirod.models.backbone.assembly import BackboneAssembly
 from multirod.models.backbone.derivatives.designs import COMPONENTS, refuse_unknown
-from multirod.models.backbone.ends import ways_back
+from multirod.models.backbone.derivatives.ends import ways_back
 from multirod.models.backbone.influence.bound import Influence, influences
-from multirod.models.backbone.inputs import BY_MATERIAL, DRIVE_INPUTS, DRIVES, drive_specs
+from multirod.models.backbone.inputs import BY_MATERIAL, DRIVE_INPUTS, DRIVES, check_drives, drive_specs, surely_driven
 from multirod.models.backbone.kernels.layout.features import Features
-from multirod.models.backbone.problem import BackboneAssembly, check_drives, scene_features, surely_driven
+from multirod.models.backbone.terms import scene_features
 from multirod.models.joint_kernels import CLAMPED, JOINTS
 from multirod.models.platform import platform_kernels as kernels
 from multirod.models.platform.designs import PARAMETERS, parameter_size

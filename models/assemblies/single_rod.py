@@ -8,20 +8,19 @@ import numpy as np
 
 from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.models.assemblies.inputs import SingleRodInput, SingleRodInputs, listed
-from multirod.models.backbone.inputs import BACKBONE_INPUTS, BY_MATERIAL, DRIVE_INPUTS, DRIVES, drive_specs
-from multirod.models.backbone.problem import BackboneAssembly, surely_driven
+from multirod.models.backbone.assembly import BackboneAssembly
+from multirod.models.backbone.inputs import (
+    BACKBONE_INPUTS,
+    BY_MATERIAL,
+    DRIVE_INPUTS,
+    DRIVES,
+    TIP_CURVATURE,
+    drive_specs,
+    surely_driven,
+)
 from multirod.rod import Rod
 from multirod.types import Numbers
 from multirod.validation import refuse
-
-TIP_CURVATURE = InputSpec(
-    name="tip_curvature",
-    unit="1/m",
-    acts="sensor",
-    optional=True,
-    measured=True,
-    description="measured curvature at the tip, tip frame",
-)
 
 
 class SingleRod(BackboneAssembly):

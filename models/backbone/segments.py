@@ -13,14 +13,11 @@ from multirod.launch import record
 from multirod.models.backbone.kernels.integration.segments import SegmentCall, make_segment_kernel
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.kernels.layout.layout import Layout, breakpoint_state, of_whole, unknowns_of
-from multirod.models.backbone.passes import deal, own, threads, width
-from multirod.models.backbone.stability.second_variation import (
-    MOST_NODES,
-    CondensedForm,
-    form_by_segments,
-    segments_needed,
-    without_tensions,
-)
+from multirod.models.backbone.passes.buffers import NODE_FIELDS, TOTALS
+from multirod.models.backbone.passes.lane_pass import deal, own, threads, width
+from multirod.models.backbone.stability.condensing.by_segments import form_by_segments
+from multirod.models.backbone.stability.condensing.second_variation import MOST_NODES, CondensedForm, segments_needed
+from multirod.models.backbone.stability.condensing.tensions import without_tensions
 from multirod.models.backbone.units import unit_stiffness
 from multirod.problem import Shape
 from multirod.rotations import from_quaternions, of_quaternions, quaternion_product, to_quaternions
@@ -34,10 +31,8 @@ if TYPE_CHECKING:
 
 STEPS_ALLOWED = 16384  # of a segment: numbers that overflow on its equal steps would go on by ever shorter ones
 LOOKED_AT = 33  # nodes at which moments and forces are bounded
-TOTALS = ("total_moment", "total_force")  # where members carry a part
 WHOLE = ("instance", "at_tip", "steps", "fault")  # numbers of a segment
 FOUND = ("end_state", "columns", "fault", "energy", "work", "line_length")
-NODE_FIELDS = ("arclength", "position", "rotation", "curvature", "moment", "force")
 
 
 class Room:
@@ -134,7 +129,7 @@ class BackboneSegments(Segments):
         self.unknown_places = of_whole(self._varied)
         count = problem.instance_count
         self.device = device = problem.device
-        self._call = call = problem._make_call(0)
+        self._call = call = problem.buffers.call()
         call.load_factor = wp.ones(count, dtype=wp.float64, device=device)
         call.unknowns = wp.zeros((count, d), dtype=wp.float64, device=device)
         call.residual = wp.zeros((count, d), dtype=wp.float64, device=device)
@@ -310,7 +305,7 @@ class BackboneSegments(Segments):
             "lengths": problem.drive_count > 0,
         }
         features = replace(self.features, **options)
-        call = problem._make_call(node_count)
+        call = problem.buffers.call(node_count)
         call.node_rod = 0
         for name in self.own_arguments:
             setattr(call, name, getattr(self._call, name))
@@ -338,7 +333,7 @@ class BackboneSegments(Segments):
     def modes(self, points: dict[int, Breakpoints]) -> Modes:  # noqa: D102
         instances, problem = list(points), self.problem
         with self._known_by(points):
-            modes = self.condensed_form(points).modes(problem.stiffness_over_length()[instances])
+            modes = self.condensed_form(points).modes(problem.sizes.stiffness_over_length()[instances])
             known = modes.known & (problem.stability.has_potential & problem.lines.stays_stiff())[instances]
             modes.put(~known, Modes.unknown(len(instances), modes.values.shape[1]))
             modes.diverging[:] = (problem.stability.has_potential & problem.lines.gives_way())[instances]
@@ -368,7 +363,7 @@ class BackboneSegments(Segments):
         cuts, few = self._cut_for_modes(points)
         if not few.any():
             return form
-        found = self._propagate(cuts, np.ones(len(cuts.instances)), problem._twisting_table())
+        found = self._propagate(cuts, np.ones(len(cuts.instances)), problem.buffers.twisting_table())
         base = self._base(cuts.instances)[0][cuts.owner]
         frames, ends = (base @ self._matrices(states) for states in (cuts.states, found.end))
         unit = self._stiffness[cuts.instances] / self._scale[cuts.instances, None]
@@ -389,7 +384,7 @@ class BackboneSegments(Segments):
         moment, force = (np.linalg.norm(v[everyone], axis=2).max(axis=1) for v in (shape.total_moment, shape.total_force))
         moment = np.maximum(moment, np.maximum.reduceat(np.linalg.norm(cuts.states[:, :3], axis=1), cuts.first[:-1]))
         length = self.length(everyone)
-        needed = segments_needed(length, self.problem.least_stiffness()[everyone], moment, force)
+        needed = segments_needed(length, self.problem.sizes.least_stiffness[everyone], moment, force)
         needed = np.maximum(needed, self.fewest_for_modes)
         few = needed < MOST_NODES - 1
         if not few.any():

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multirod.capabilities import Shapes
-from multirod.models.backbone.segments import NODE_FIELDS, TOTALS
+from multirod.models.backbone.passes.buffers import NODE_FIELDS, TOTALS
 from multirod.problem import Shape
 from multirod.validation import FloatArray
 
@@ -21,7 +21,7 @@ class BackboneShapes(Shapes):
 
     def at_nodes(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:  # noqa: D102
         fields = (*NODE_FIELDS, *(TOTALS if self.problem.features.members else ()))
-        calls = [self.problem.node_pass(node_count, rod=rod) for rod in range(len(self.problem.rods))]
+        calls = [self.problem.nodes.over(node_count, rod=rod) for rod in range(len(self.problem.rods))]
         shapes = [{name: np.array(call.read(f"node_{name}")) for name in fields} for call in calls]
         energy = np.array(calls[0].read("energy"))
         if self.problem.breakpoints:
@@ -36,7 +36,7 @@ class BackboneShapes(Shapes):
     def stored_and_lost(self) -> tuple[FloatArray, FloatArray]:
         """Elastic energy, and the potential energy of what acts along a held rod but not at its tip [J], shape
         (instance_count,)."""
-        call = self.problem.node_pass(2)
+        call = self.problem.nodes.over(2)
         base = np.broadcast_to(self.problem.table.base_position.numpy(), (self.problem.instance_count, 3))
         force, position = np.array(self.problem.tip_wrench.numpy()[:, :3]), np.array(call.read("position"))
         stored, work = np.array(call.read("energy")), np.array(call.read("work"))

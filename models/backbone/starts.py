@@ -79,7 +79,7 @@ class BackboneStarts(Starts):
         section = (s[..., None] >= end).sum(axis=2)[..., None]
         present = section[..., 0] < end.shape[2]
         section = np.minimum(section, end.shape[2] - 1)
-        EI, kappa = self.problem.by_section()
+        EI, kappa = self.problem.sizes.by_section
         values = (np.take_along_axis(value, section, axis=2)[..., 0] * present for value in (EI, EI * kappa))
         return next(values), next(values)
 

@@ -35,7 +35,7 @@ def by_own_unknowns(problem: "HeldProblem", found: FloatArray) -> FloatArray:
 def columns_along(problem: "HeldProblem", names: Sequence[str], places: FloatArray) -> dict[str, FloatArray]:
     """(D20) What ``HeldProblem.along`` returns."""
     problem.to_rod()
-    found, lever = problem.rod.along_itself(0, places)
+    found, lever = problem.rod.derivatives.along_itself(0, places)
     m, d, n = problem.rod.unknown_count, problem.direction_count, problem.unknown_count
     for j, axis in enumerate(np.moveaxis(problem.turn_axes(), 2, 0)):
         found["position"][..., m + d + j] += cross(axis[:, None], lever)

@@ -38,7 +38,7 @@ class HeldConjugates(Conjugates):
         self.unit: Any = wp.array(np.ascontiguousarray(unit), dtype=wp.float64, device=problem.device)
         self.scale: Any = wp.ones(shape, dtype=wp.float64, device=problem.device)
         self.columns: Any = wp.zeros((*shape, n + problem.direction_count), dtype=wp.float64, device=problem.device)
-        self.stiffness = np.asarray(problem.rod.least_stiffness() / problem.length)
+        self.stiffness = np.asarray(problem.rod.sizes.least_stiffness / problem.length)
 
     def update(self) -> None:  # noqa: D102
         problem, holders, m = self.problem, self.problem.holders, self.problem.rod.unknown_count

@@ -15,10 +15,11 @@ from multirod.capabilities import Lines, LineTest, Shapes
 from multirod.inputs import Inputs, InputSpec
 from multirod.integrators import Integrator
 from multirod.launch import record
+from multirod.models.backbone.assembly import BackboneAssembly
 from multirod.models.backbone.derivatives.designs import COMPONENTS
 from multirod.models.backbone.equal_steps import PartsAtEqualSteps
 from multirod.models.backbone.inputs import BACKBONE_INPUTS, DRIVES
-from multirod.models.backbone.problem import BackboneAssembly, BackboneProblem
+from multirod.models.backbone.problem import BackboneProblem
 from multirod.models.backbone.stability.clamps import ClampedBackbones
 from multirod.models.backbone.units import unit_stiffness
 from multirod.models.held import held_kernels as kernels
@@ -408,7 +409,7 @@ class HeldProblem(BoundaryProblem):
             return
         rows, column = np.zeros(rod.directions.shape), 0
         for name in names:
-            own = rod.designs(name).rows() if name in COMPONENTS else self.directions_by(name)
+            own = rod.derivatives.designs(name).rows() if name in COMPONENTS else self.directions_by(name)
             if name in COMPONENTS:
                 rows[:, column : column + own.shape[1], rod.input_count :] = own[..., rod.input_count :]
             column += own.shape[1]
@@ -417,7 +418,7 @@ class HeldProblem(BoundaryProblem):
     def directions_by(self, name: str) -> FloatArray:
         """As said; none along a number of the rod."""
         if name in COMPONENTS:
-            return np.zeros((1, self.rod.designs(name).count, self.directions.shape[2]))
+            return np.zeros((1, self.rod.derivatives.designs(name).count, self.directions.shape[2]))
         return super().directions_by(name)
 
     def aimed(self, *names: str) -> tuple[FloatArray, FloatArray]:
@@ -439,7 +440,7 @@ class HeldProblem(BoundaryProblem):
         for name in names:
             rates = np.zeros((self.instance_count, self.unknown_count, self.directions_by(name).shape[1]))
             if name == "bending_stiffness":
-                relative = self.rod.designs(name).largest() / self.stiffness[:, None]
+                relative = self.rod.derivatives.designs(name).largest() / self.stiffness[:, None]
                 rates[:, scaled] = -x[:, scaled, None] * relative[:, None]
             parts.append(rates)
         return np.concatenate(parts, axis=2)

@@ -13,11 +13,8 @@ import warp as wp
 
 from multirod.batch import IntArray
 from multirod.models.backbone.segments import BackboneSegments
-from multirod.models.backbone.stability.second_variation import (
-    CondensedForm,
-    HeldUnits,
-    compliance_by_segments,
-)
+from multirod.models.backbone.stability.condensing.by_segments import HeldUnits, compliance_by_segments
+from multirod.models.backbone.stability.condensing.second_variation import CondensedForm
 from multirod.models.held import held_kernels as kernels
 from multirod.rotations import cross, cross_matrix, left_jacobian, matrices, quaternion_product, to_quaternions
 from multirod.segments import Breakpoints, Cuts, Propagation
@@ -77,7 +74,7 @@ class HeldSegments(BackboneSegments):
         super().__init__(rod)
         self.held = held
         count, device, call = held.instance_count, held.device, self._call
-        self.table = rod._make_table(None)  # whose base is as its holder: what turns in a joint there are states
+        self.table = rod.buffers.table()  # whose base is as its holder: what turns in a joint there are states
         own_size = self._varied.size  # of variations as the kernel has them
         self._position = slice(own_size, own_size + 3)
         carries = held.turns > 0 or bool(held.alike.any())
@@ -329,7 +326,7 @@ class HeldSegments(BackboneSegments):
         cuts, few = self._cut_for_modes(points)
         if not few.any():
             return form
-        table = self.problem._twisting_table()
+        table = self.problem.buffers.twisting_table()
         if table is self.problem.table:  # whose base is turned in its joint
             table = self.table
         found = self._launched(cuts, np.ones(len(cuts.instances)), table)

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.models.backbone.stability.second_variation import (
+from multirod.models.backbone.stability.condensing.by_nodes import compliance_form
+from multirod.models.backbone.stability.condensing.second_variation import (
     WORST_CONDITION,
     CondensedForm,
     TipJoint,
     certain_determinant,
-    compliance_form,
     symmetric_eigenvalues,
 )
 from multirod.models.backbone.stability.stability import BackboneStability
@@ -23,7 +23,7 @@ from multirod.stability import Modes, StabilityAnalysis
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
-    from multirod.models.backbone.node_pass import NodePass
+    from multirod.models.backbone.nodes.node_pass import NodePass
     from multirod.models.held.problem import HeldProblem
 
 FREE = 1e-2  # of the form, and of what is bent: what a turn that costs nothing leaves, by tolerances and the integration's error
@@ -73,7 +73,7 @@ class HeldStability(StabilityAnalysis):
             matrix[points] = by_segments.matrix
             condensed.conjugate[points], condensed.known[points] = by_segments.conjugate, by_segments.known
         condensed.known[~rod.lines.stays_stiff()] = False
-        stiffness = np.asarray(rod.least_stiffness())
+        stiffness = np.asarray(rod.sizes.least_stiffness)
         by = self._held_by()
         unit = np.ones((problem.instance_count, by.shape[1]))
         unit[:, turns : turns + 3] = (stiffness / length)[:, None]
@@ -118,7 +118,7 @@ class HeldStability(StabilityAnalysis):
         problem = self.problem
         found = []
         base = problem.rod.table.base_rotation.numpy()
-        unit = np.sqrt(problem.rod.least_stiffness() / problem.length)
+        unit = np.sqrt(problem.rod.sizes.least_stiffness / problem.length)
         for k in np.flatnonzero(known & (problem.table.neutral.numpy() != 0)):
             axis = base[k % len(base), :, 2]
             change = np.concatenate([cross(axis, wrench[k, 3:]), cross(axis, wrench[k, :3])])

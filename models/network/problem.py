@@ -21,7 +21,7 @@ from multirod.inputs import Inputs
 from multirod.integrators import Integrator
 from multirod.launch import record
 from multirod.models.backbone.members.member import drive_slices
-from multirod.models.backbone.passes import width
+from multirod.models.backbone.passes.lane_pass import width
 from multirod.models.backbone.starts import twisted
 from multirod.models.joint_kernels import AT_REST
 from multirod.models.network import network_kernels as kernels

@@ -38,7 +38,7 @@ def design_rows(problem: "ParallelProblem", group: "LegGroup", name: str) -> Flo
 
     Shape (instance_count, leg, k, width).
     """
-    rows = group.backbones.designs(name).rows()
+    rows = group.backbones.derivatives.designs(name).rows()
     return _padded(problem, group, rows.reshape(problem.instance_count, len(group.members), *rows.shape[1:]), name)
 
 
@@ -129,7 +129,7 @@ def leg_rates(problem: "ParallelProblem", columns: "InputColumns") -> FloatArray
     """(D9) of the legs, shape (instance_count, n, numbers)."""
     rates = np.zeros((problem.instance_count, problem.unknown_count, columns.numbers))
     for group in problem.groups:
-        own = group.backbones.designs(columns.name).unknown_rates()
+        own = group.backbones.derivatives.designs(columns.name).unknown_rates()
         own = np.swapaxes(own, 1, 2).reshape(problem.instance_count, len(group.members), -1, own.shape[1])
         own = _padded(problem, group, own, columns.name)
         for place, leg in enumerate(group.members):

@@ -17,14 +17,15 @@ from multirod.capabilities import LineTest, Loading, ResultTest, Shapes
 from multirod.inputs import Inputs, InputSpec
 from multirod.integrators import Integrator
 from multirod.launch import record
+from multirod.models.backbone.assembly import BackboneAssembly
 from multirod.models.backbone.derivatives.designs import COMPONENTS, turned_loads
-from multirod.models.backbone.ends import move_ends, ways_back
+from multirod.models.backbone.derivatives.ends import move_ends, ways_back
 from multirod.models.backbone.equal_steps import PartsAtEqualSteps
 from multirod.models.backbone.inputs import BACKBONE_INPUTS, DRIVES
 from multirod.models.backbone.members.driven import LinesOfGroups
 from multirod.models.backbone.members.member import drive_slices
 from multirod.models.backbone.members.member import drives as drive_names
-from multirod.models.backbone.problem import BackboneAssembly, BackboneProblem
+from multirod.models.backbone.problem import BackboneProblem
 from multirod.models.backbone.starts import twisted
 from multirod.models.platform import platform_kernels as kernels
 from multirod.models.platform.along import LegSensing, columns_along

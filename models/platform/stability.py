@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from multirod.capabilities import ResultTest
 from multirod.models.backbone.inputs import LOADS
-from multirod.models.backbone.stability.second_variation import certain_determinant, symmetric_eigenvalues
+from multirod.models.backbone.stability.condensing.second_variation import certain_determinant, symmetric_eigenvalues
 from multirod.models.joint_kernels import REVOLUTE, SPHERICAL
 from multirod.models.platform.platform_kernels import POSE
 from multirod.rotations import cross, cross_matrix

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import multirod as mr
-from multirod.models.backbone.problem import BackboneProblem
+from multirod.models.backbone.nodes.node_passes import NodePasses
 
 
 def seconds(call: Callable[[], object], rounds: int) -> float:
@@ -55,17 +55,17 @@ def scenes(count: int) -> dict[str, tuple[mr.Assembly, mr.Inputs]]:
 def passes(problem: mr.BoundaryProblem) -> float:
     """Integrations of each leg that ``modes`` takes, the mean over instances."""
     taken: dict[int, float] = {}
-    node_pass = BackboneProblem.node_pass
+    over = NodePasses.over
 
-    def counted(self: BackboneProblem, node_count: int, chosen: NDArray[np.bool_], **options: object) -> object:
+    def counted(self: NodePasses, node_count: int, chosen: NDArray[np.bool_], **options: object) -> object:
         taken[id(self)] = taken.get(id(self), 0.0) + float(chosen.mean())
-        return node_pass(self, node_count, chosen, **options)
+        return over(self, node_count, chosen, **options)
 
-    BackboneProblem.node_pass = counted  # type: ignore[method-assign, assignment]
+    NodePasses.over = counted  # type: ignore[method-assign, assignment]
     try:
         problem.stability.modes()
     finally:
-        BackboneProblem.node_pass = node_pass  # type: ignore[method-assign]
+        NodePasses.over = over  # type: ignore[method-assign]
     return max(taken.values())
 
 

@@ -35,10 +35,10 @@ def along_member(
     (instance_count, count): of a ``rod`` of the member at ``place``."""
     count = len(places)
     # members of other lengths are asked at the same part of theirs
-    ends = backbones.ends()[:, rod].reshape(count, -1)
+    ends = backbones.sizes.ends()[:, rod].reshape(count, -1)
     each = places[:, None] * (ends / ends[:, place, None])[..., None]
     each[:, place] = places
-    found, lever = backbones.along_itself(rod, each.reshape(-1, places.shape[1]))
+    found, lever = backbones.derivatives.along_itself(rod, each.reshape(-1, places.shape[1]))
     return {name: of_member(values, count, place) for name, values in found.items()}, of_member(lever, count, place)
 
 
@@ -62,7 +62,7 @@ class AlongPass:
         self.problem, self.layout = problem, Layout(features)
         n, batch, device = problem.unknown_count, problem.instance_count, problem.device
         columns = n + problem.direction_count
-        self._call: Any = problem._make_call(count + 1)
+        self._call: Any = problem.buffers.call(count + 1)
         self._call.node_rod = 0
         shapes = {
             "residual": (n,),
@@ -82,7 +82,7 @@ class AlongPass:
                 self._call.tip_wrench = wp.zeros((batch, 6), dtype=wp.float64, device=device)
                 self._call.wrench_columns = wp.zeros((batch, 6, columns), dtype=wp.float64, device=device)
         self._bending: dict[int, tuple[Any, Any, FloatArray | None]] = {}
-        self._launch = problem._record(features, self._call, columns=(n, problem.direction_count))
+        self._launch = problem.lane_pass(features, self._call, columns=(n, problem.direction_count))
 
     def at(self, places: FloatArray, rod: int) -> tuple[dict[str, FloatArray], FloatArray]:
         """Columns of ``QUANTITIES`` of a rod at rising ``places`` (instance_count, count), by unknowns, then by directions, each

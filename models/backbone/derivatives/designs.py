@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from multirod.models.backbone.inputs import LOADS
 from multirod.models.backbone.kernels.layout.arguments import DesignOffsets
 from multirod.models.backbone.units import unit_stiffness
+from multirod.models.backbone.unknowns import base_torques
 from multirod.rotations import cross_matrix
 from multirod.validation import FloatArray
 
@@ -22,7 +24,7 @@ if TYPE_CHECKING:
 COMPONENTS = {"precurvature": 3, "bending_stiffness": 2, "torsional_stiffness": 1, "length": 1}  # numbers of a section
 PARAMETERS = (*COMPONENTS, "base")
 POSE = 6
-DEAD = ("tip_force", "tip_moment", "distributed_force", "distributed_moment", "gravity", "magnetic_field")  # fixed in the world
+DEAD = tuple(spec.name for spec in LOADS if not spec.follows)  # fixed in the world
 
 
 def parameter_size(name: str, rods: Sequence["Rod"]) -> int:
@@ -149,7 +151,7 @@ class Designs:
         if self._name == "precurvature":
             integrals = half[..., None] * (part[..., None] ** (powers + 1) - (-1.0) ** (powers + 1)) / (powers + 1)
             return np.asarray((self._twisting * integrals[:, None]).sum(axis=(-2, -1)))
-        torque = problem.base_torques()[..., None]
+        torque = base_torques(problem)[..., None]
         if self._name == "torsional_stiffness":
             return np.asarray((self.softness[..., 2] * (behind * compliance * torque)[:, None]).sum(axis=-1))
         # an end that moves behind the plate leaves more to the piece before it, and less to the one after

@@ -40,7 +40,7 @@ class DrivenLines(Lines):
 
     def length(self) -> FloatArray:  # noqa: D102
         problem = self.problem
-        result = np.array(problem.node_pass(2).read("line_length"))
+        result = np.array(problem.nodes.over(2).read("line_length"))
         if problem.breakpoints:
             found, _ = problem.cut.along_lines(problem.breakpoints, 2)
             for k in problem.breakpoints:
@@ -66,7 +66,7 @@ class DrivenLines(Lines):
 
     def _at_unknowns(self, names: Sequence[str], columns: FloatArray) -> FloatArray:
         """(D9) Columns, those by parameters at fixed unknowns."""
-        rates, n = self.problem.unknown_rates(names), self.problem.unknown_count
+        rates, n = self.problem.derivatives.unknown_rates(names), self.problem.unknown_count
         if rates is not None:
             columns = np.array(columns)
             columns[..., n:] -= columns[..., :n] @ rates
@@ -98,7 +98,7 @@ class DrivenLines(Lines):
         result = np.ones((self.problem.instance_count, len(self._driven), node_count))
         owner = np.array([rod for kind, rod in members if kind.drive is not None])
         for rod in sorted(set(self._rods)):  # each has its own nodes
-            found = np.array(self.problem.node_pass(node_count, rod=rod if several else None).read("node_left"))
+            found = np.array(self.problem.nodes.over(node_count, rod=rod if several else None).read("node_left"))
             if self.problem.breakpoints:
                 _, left = self.problem.cut.along_lines(self.problem.breakpoints, node_count)
                 for k in self.problem.breakpoints:

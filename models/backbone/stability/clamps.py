@@ -14,7 +14,7 @@ from multirod.capabilities import Clamps, Conjugates
 from multirod.launch import record
 from multirod.models.backbone.kernels.integration.segments import SegmentCall, make_segment_kernel
 from multirod.models.backbone.kernels.layout.layout import Layout, breakpoint_state, of_whole, unknowns_of
-from multirod.models.backbone.passes import deal, threads, width
+from multirod.models.backbone.passes.lane_pass import deal, threads, width
 from multirod.models.backbone.units import unit_stiffness
 from multirod.rotations import from_quaternions
 from multirod.validation import FloatArray
@@ -51,7 +51,7 @@ class ClampedBackbones:
         self._state, variations = breakpoint_state(self._features), unknowns_of(self._features)
         self._turn, self._own, d = variations.places["rotation"], of_whole(variations), variations.size
         count, device = problem.instance_count, problem.device
-        self._call: Any = problem._make_call(0)
+        self._call: Any = problem.buffers.call()
         rooms = {"unknowns": (d,), "residual": (d,), "gamma": (d, d), "residual_directions": (d, max(loads, 1))}
         rooms |= {"pose_columns": (6, d + loads)}
         if problem.held:
@@ -97,7 +97,7 @@ class ClampedBackbones:
         problem.heed_stop()
         call.unknowns.assign(unknowns)
         scale = np.broadcast_to(problem.table.length_scale.numpy(), count)
-        edges = np.linspace(0.0, 1.0, self.pieces + 1) * problem.ends()[:, :1]
+        edges = np.linspace(0.0, 1.0, self.pieces + 1) * problem.sizes.ends()[:, :1]
         state, frame_at = np.zeros((count, self._state.size)), self._state.places["frame"]
         columns = np.zeros((count, d, self.turned.shape[-1]))
         columns[:, self._own, range(n)] = 1.0

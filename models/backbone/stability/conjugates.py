@@ -51,7 +51,7 @@ class BackboneConjugates(Conjugates):
             unit[:, force : force + 3] = (problem.each(last[:, 0, :2].max(axis=1)) / length)[:, None]
         self.unit, self.scale = array(unit), array(scale)
         self.columns = wp.zeros((count, m, n + problem.direction_count), dtype=wp.float64, device=device)
-        self.stiffness: FloatArray = problem.stiffness_over_length()
+        self.stiffness: FloatArray = problem.sizes.stiffness_over_length()
         rigid = terms.eccentric or not np.isfinite(last[:, :, 2]).all()
         if rigid and moment >= 0:
             # of an instance that is not rigid it is as little

@@ -6,25 +6,25 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.models.backbone.stability.forms import HeldTip
-from multirod.models.backbone.stability.mode_bounds import bound_modes
-from multirod.models.backbone.stability.second_variation import (
+from multirod.models.backbone.stability.condensing.by_nodes import condensed_form
+from multirod.models.backbone.stability.condensing.forms import HeldTip, form_of
+from multirod.models.backbone.stability.condensing.second_variation import (
     MOST_NODES,
     CondensedForm,
     NodeColumns,
     TipJoint,
     certain_determinant,
-    condensed_form,
     segments_needed,
-    with_conditions,
 )
+from multirod.models.backbone.stability.condensing.tensions import with_conditions
+from multirod.models.backbone.stability.mode_bounds import bound_modes
 from multirod.models.backbone.stability.sure import SureStability, may_be_sure
 from multirod.profile import DEGREE
 from multirod.stability import Modes, Stability, StabilityAnalysis
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
-    from multirod.models.backbone.node_pass import NodePass
+    from multirod.models.backbone.nodes.node_pass import NodePass
     from multirod.models.backbone.problem import BackboneProblem
 
 FEWEST_NODES = 9
@@ -55,7 +55,7 @@ class BackboneStability(StabilityAnalysis):
     def _has_potential(self, inputs: FloatArray) -> NDArray[np.bool_]:
         problem, features = self.problem, self.problem.features
         acting = np.full(problem.instance_count, features.measured or features.friction)
-        for spec in problem.acting(inputs):
+        for spec in problem.sizes.acting(inputs):
             if not spec.potential:
                 acting |= inputs[:, problem.input_slice(spec.name)].any(axis=1)
         if features.profile_degree >= 0:
@@ -64,7 +64,7 @@ class BackboneStability(StabilityAnalysis):
         return np.asarray(~acting)
 
     def potential(self) -> FloatArray:  # noqa: D102
-        call = self.problem.node_pass(2)
+        call = self.problem.nodes.over(2)
         stored, work = np.array(call.read("energy")), np.array(call.read("work"))
         if self.problem.breakpoints:
             _, energy, done = self.problem.cut.shapes(self.problem.breakpoints, 2)
@@ -100,7 +100,7 @@ class BackboneStability(StabilityAnalysis):
         return self._modes(*self.condensed_form())
 
     def _modes(self, form: CondensedForm, determinant: FloatArray) -> Modes:
-        modes = form.modes(self.problem.stiffness_over_length())
+        modes = form.modes(self.problem.sizes.stiffness_over_length())
         potential, lines = self.has_potential, self.problem.lines
         judged = potential & lines.stays_stiff() & (not self.problem.features.foundation)
         if not judged.all():
@@ -122,12 +122,12 @@ class BackboneStability(StabilityAnalysis):
 
         One integration over as many nodes as the loads call for; where the moments found call for more, another one.
         """
-        unit, n = self.problem.stiffness_over_length(), len(self.problem.rods)
+        unit, n = self.problem.sizes.stiffness_over_length(), len(self.problem.rods)
         size = self._free() + (3 if self.problem.held else 0)
         count = self.problem.instance_count
         form: CondensedForm | None = None
         determinant = np.full(count, np.nan)
-        if n > 1 and self.problem.rigid_in_torsion:
+        if n > 1 and self.problem.sizes.rigid_in_torsion:
             return CondensedForm.unknown(count, size), determinant  # a torque of each that nothing determines
         # each instance has its own number of nodes, whatever stands beside it in the batch
         expected = self._segments_expected()
@@ -141,7 +141,7 @@ class BackboneStability(StabilityAnalysis):
         while open_.any():
             node_count = int(nodes[open_].min())
             chosen = open_ & (nodes == node_count)
-            call = self.problem.node_pass(node_count, chosen, columns=True)
+            call = self.problem.nodes.over(node_count, chosen, columns=True)
             needed = self._segments_of(call)
             done = chosen & (needed < node_count)
             if done.any():
@@ -196,7 +196,7 @@ class BackboneStability(StabilityAnalysis):
         """The same by a kernel, or (12) of docs/held.md."""
         problem, ends = self.problem, self._column_ends()
         tip = HeldTip(problem.wrench_columns, problem.tip_wrench, by_wrench) if problem.held else None
-        return call.form(self._free(), ends.shape[1], problem.device, tip).of(chosen, ends, unit)
+        return form_of(call, self._free(), ends.shape[1], problem.device, tip).of(chosen, ends, unit)
 
     def _other_columns(self) -> NDArray[np.intp]:
         """Columns by which the form is made, where all tensions are fixed."""
@@ -220,7 +220,7 @@ class BackboneStability(StabilityAnalysis):
     ) -> NodeColumns:
         """The same with what a ``joint`` gives at the tip."""
         found = self._node_columns(call, chosen, columns)
-        return found if joint is None else joint.take(chosen).given(found, self.problem.least_stiffness()[chosen])
+        return found if joint is None else joint.take(chosen).given(found, self.problem.sizes.least_stiffness[chosen])
 
     def _node_columns(self, call: "NodePass", chosen: NDArray[np.bool_], columns: NDArray[np.intp]) -> NodeColumns:
         """What a pass over nodes says of variations of the instances ``chosen`` by some of the unknowns."""
@@ -238,21 +238,21 @@ class BackboneStability(StabilityAnalysis):
 
     def _column_ends(self) -> FloatArray:
         """Where rods end [m], shape (instance_count, n or more)."""
-        ends = self.problem.ends()
+        ends = self.problem.sizes.ends()
         if self.problem.features.eccentric:  # the line is what ends at the tip, as the longest rod does
             ends = np.concatenate([ends.max(axis=1, keepdims=True), ends], axis=1)
         return ends
 
     def _segments_expected(self) -> FloatArray:
         """(7) by what the moments cannot exceed."""
-        length, scale = self.problem.furthest_end(), self.problem.load_scale()
+        length, scale = self.problem.sizes.furthest_end(), self.problem.load_scale()
         if self.problem.held:
             x = np.abs(self.problem.read("unknowns") - self.problem.guess())
             stiffest = (
-                self.problem.each(self.problem.arrays.material[..., :2].max(axis=(1, 2, 3))) / self.problem.least_stiffness()
+                self.problem.each(self.problem.arrays.material[..., :2].max(axis=(1, 2, 3))) / self.problem.sizes.least_stiffness
             )
             scale = scale + stiffest * length * (np.linalg.norm(x[:, :-3], axis=1) + np.linalg.norm(x[:, -3:], axis=1))
-        unit = self.problem.least_stiffness() / length
+        unit = self.problem.sizes.least_stiffness / length
         return self._segments(scale * unit, scale * unit / length, scale / length)
 
     def _segments_of(self, call: "NodePass") -> FloatArray:
@@ -262,19 +262,19 @@ class BackboneStability(StabilityAnalysis):
 
     def _segments(self, moment: FloatArray, force: FloatArray, curvature: FloatArray) -> FloatArray:
         """(7) from bounds [N m], [N], [1/m], shape (instance_count,)."""
-        coupling, potential = moment, force + self.problem.magnetic_load()
+        coupling, potential = moment, force + self.problem.sizes.magnetic_load()
         if self.problem.features.turning_count:
-            bend, most, kappa = self.problem.bend_by_section()
+            bend, most, kappa = self.problem.sizes.bend_by_section
             coupling = moment + most
             potential = potential + (bend * (kappa + curvature[:, None, None])).max(axis=2).sum(axis=1)
-        return segments_needed(self.problem.furthest_end(), self.problem.least_stiffness(), coupling, potential)
+        return segments_needed(self.problem.sizes.furthest_end(), self.problem.sizes.least_stiffness, coupling, potential)
 
     def mode_bounds(self) -> FloatArray | None:  # noqa: D102
         features = self.problem.features
         if len(self.problem.rods) == 1 or self.problem.held or not features.torsion or features.eccentric or features.members:
             return super().mode_bounds()
         inputs = self.problem.read("inputs")
-        EI, kappa = self.problem.by_section()
+        EI, kappa = self.problem.sizes.by_section
         start, force = inputs[:, self.problem.input_slice("translation")], self._dead_load()
         end, compliance = self.problem.each(self.problem.arrays.end), self.problem.each(self.problem.arrays.material[..., 5])
         given = np.concatenate([start, force[:, None]], axis=1)
@@ -290,9 +290,9 @@ class BackboneStability(StabilityAnalysis):
     def _dead_load(self) -> FloatArray:
         """Bound of the dead forces' part of the internal force [N], shape (instance_count,)."""
         inputs = self.problem.read("inputs")
-        length = self.problem.ends().max(axis=1)
+        length = self.problem.sizes.ends().max(axis=1)
         total = np.zeros(len(inputs))
-        for spec in self.problem.acting(inputs):
+        for spec in self.problem.sizes.acting(inputs):
             if spec.name not in ("tip_force", "distributed_force", "gravity"):
                 continue
             size = np.linalg.norm(inputs[:, self.problem.input_slice(spec.name)], axis=1)

@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from multirod.kernels.repeated_kernels import callable_from_kernels
 from multirod.launch import record
-from multirod.models.backbone.node_pass import NEAR, NodePass
-from multirod.models.backbone.passes import LanePass
+from multirod.models.backbone.nodes.correction import NEAR
+from multirod.models.backbone.nodes.node_pass import NodePass
+from multirod.models.backbone.passes.lane_pass import LanePass
+from multirod.models.backbone.stability.condensing.forms import form_of
 from multirod.models.backbone.stability.sure_kernels import Sure, make_sure
 from multirod.problem import FEW
 from multirod.shared import Shared
@@ -28,7 +30,7 @@ def may_be_sure(problem: "BackboneProblem") -> bool:
     return (
         own.moment
         and not any(others)
-        and not (problem.held or problem.breakpoints or (own.turning_count and problem.rigid_in_torsion))
+        and not (problem.held or problem.breakpoints or (own.turning_count and problem.sizes.rigid_in_torsion))
         and wp.get_device(problem.device).is_cpu
         and problem.instance_count <= FEW
         and isinstance(problem.launch, LanePass)
@@ -63,9 +65,9 @@ class SureStability:
 
     def _made(self, nodes: int) -> "_Look | None":
         problem = self._problem
-        made: NodePass = problem.nodes_of_all(nodes)
+        made: NodePass = problem.nodes.of_all(nodes)
         free, n, device, count = 3 + problem.features.turning_count, len(problem.rods), problem.device, problem.instance_count
-        form = made.form(free, n, device)
+        form = form_of(made, free, n, device)
         form.want_all()
         if made.launch.recorded is None:
             return None
@@ -75,10 +77,10 @@ class SureStability:
         state: Any = Sure()
         problem.share(state, ("inputs", "fault", "position", "rotation"))
         state.first, state.near = problem.input_slice("translation").start, NEAR / 3
-        bend, _, kappa = problem.bend_by_section()
+        bend, _, kappa = problem.sizes.bend_by_section
         if not problem.features.turning_count:
             bend, kappa = np.zeros_like(bend), np.zeros_like(kappa)
-        constants = {"length": problem.each(problem.arrays.end[:, :, -1]), "stiffness": problem.least_stiffness()}
+        constants = {"length": problem.each(problem.arrays.end[:, :, -1]), "stiffness": problem.sizes.least_stiffness}
         for name, values in (constants | {"bend": bend, "kappa": kappa}).items():
             setattr(state, name, wp.array(np.ascontiguousarray(values), dtype=wp.float64, device=device))
         for name in ("column_arclength", "node_curvature", "node_moment", "node_force"):

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from multirod.batch import IntArray
 from multirod.inputs import Inputs
-from multirod.models.backbone.passes import cost_of
+from multirod.models.backbone.passes.lane_pass import cost_of
 from multirod.models.backbone.problem import BackboneProblem
 from multirod.models.backbone.units import unit_stiffness
 from multirod.models.network.elements import records

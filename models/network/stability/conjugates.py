@@ -86,7 +86,7 @@ class NetworkConjugates(Conjugates):
         self.columns: Any = wp.zeros(shape, dtype=wp.float64, device=device)
         softest = np.zeros((count, rods))
         for group in problem.groups:
-            softest[:, group.members] = group.backbones.least_stiffness().reshape(count, -1)
+            softest[:, group.members] = group.backbones.sizes.least_stiffness.reshape(count, -1)
         self.stiffness = softest.mean(axis=1) / length
         held = graph.ends[1].held
         gaps, forces = places[held, GAP_AT], places[held, OWN - 3 : OWN]

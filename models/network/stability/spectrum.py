@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.models.backbone.stability.second_variation import symmetric_eigenvalues
+from multirod.models.backbone.stability.condensing.second_variation import symmetric_eigenvalues
 from multirod.validation import FloatArray
 
 SPARSE = 150  # rows from which that pays

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.models.backbone.stability.second_variation import (
+from multirod.models.backbone.stability.condensing.second_variation import (
     STIFF,
     WORST_CONDITION,
     TipJoint,

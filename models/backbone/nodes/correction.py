@@ -1,4 +1,4 @@
-"""Passes over nodes, and how they are held to the solve whose result they look at.
+"""How passes over nodes are held to the solve whose result they look at.
 
 A pass over nodes ends stretches at nodes, so that its steps need not be those of the solve. Along a rod under a strong pull a
 difference grows by ``exp(L sqrt(F / EI))``, and the same unknowns then lead elsewhere. Numbers in parentheses are those of
@@ -7,22 +7,19 @@ difference grows by ``exp(L sqrt(F / EI))``, and the same unknowns then lead els
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-import warp as wp
 from numpy.typing import NDArray
 
-from multirod.models.backbone.passes import LanePass
-from multirod.models.backbone.segments import TOTALS
-from multirod.models.backbone.stability.forms import CompiledForm, HeldTip
+from multirod.models.backbone.nodes.node_pass import NodePass
 from multirod.rotations import vectors
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
     from multirod.models.backbone.problem import BackboneProblem
 
-Again = Callable[[FloatArray, NDArray[np.bool_], bool], "NodePass"]
+Again = Callable[[FloatArray, NDArray[np.bool_], bool], NodePass]
 
 NEAR = 1e-3  # [rad], and of the length: what ends that near each other differ by is what the integration leaves of a shape
 LOST = 0.1  # the same: what ends that far from the solve, corrected or not, is another shape
@@ -31,61 +28,12 @@ LONGEST_MOVE = 0.5  # the same: within that the tip moves about as its columns s
 MOST_CORRECTIONS = 24
 
 
-class NodePass:
-    """A pass over nodes, which may be launched again.
+class Read(Protocol):
+    """What has arrays to be read."""
 
-    Args:
-        call: Its arguments, with outputs of its own.
-        launch: Its launch.
-        columns: Whether it carries columns.
-        members: Whether the rod carries members.
-        host: Whether NumPy sees its arrays in place.
-    """
-
-    def __init__(self, call: Any, launch: LanePass, columns: bool, members: bool, host: bool) -> None:
-        self.call, self.launch, self.columns, self._in_place = call, launch, columns, host
-        nodes = [f"node_{name}" for name in ("arclength", "position", "rotation", "curvature", "moment", "force")]
-        self._outputs = [*nodes, "energy", "work", "residual", "position", "rotation"]
-        if members:
-            self._outputs += [*(f"node_{name}" for name in TOTALS), "line_length", "node_left"]
-        if columns:
-            self._outputs += ["node_columns", "tip_columns", "gamma", "pose_columns", "column_arclength"]
-        self._seen: dict[str, Any] = {}
-        self._forms: dict[bool, CompiledForm] = {}
-
-    def form(self, size: int, rods: int, device: str, tip: HeldTip | None = None) -> CompiledForm:
-        """What condenses its columns to the tip, as ``CompiledForm`` has it."""
-        key = tip is not None and tip.by_wrench
-        if key not in self._forms:
-            self._forms[key] = CompiledForm(self.call, size, rods, device, tip)
-        return self._forms[key]
-
-    def read(self, name: str) -> Any:
-        """An output, as it is until the next launch."""
-        if name not in self._seen or not self._in_place:
-            self._seen[name] = getattr(self.call, name).numpy()
-        return self._seen[name]
-
-    def write(self, name: str, values: Any) -> None:
-        """Set an argument."""
-        if self._in_place:
-            self.read(name)[:] = values
-        else:
-            target = getattr(self.call, name)
-            target.assign(np.asarray(values, dtype=np.int32 if target.dtype is wp.int32 else np.float64))
-
-    def clear(self) -> None:
-        """Outputs as they were at first, where they are seen in place."""
-        for name in self._outputs:
-            self.read(name).fill(np.nan if name == "column_arclength" else 0.0)
-
-    def lose(self, instances: NDArray[np.bool_]) -> None:
-        """Nothing is known of these instances: NaN but for where nodes are."""
-        for name in self._outputs:
-            if name not in ("node_arclength", "column_arclength") and getattr(self.call, name).size:
-                values = np.array(self.read(name))
-                values[instances] = np.nan
-                self.write(name, values)
+    def read(self, name: str) -> FloatArray:
+        """One of them."""
+        ...
 
 
 class Ends:
@@ -100,7 +48,7 @@ class Ends:
         self.position, self.rotation = position, rotation.reshape(-1, 3, 3)
 
     @classmethod
-    def of(cls, source: Any) -> "Ends":
+    def of(cls, source: Read) -> "Ends":
         """Of what has them to be read."""
         return cls(source.read("position"), source.read("rotation"))
 
@@ -147,19 +95,19 @@ def held_to_solve(problem: "BackboneProblem", made: NodePass, again: Again, ran:
         again: Launches one like it at other unknowns of some instances, with columns if that is asked for.
         ran: Instances that it ran over, shape (instance_count,).
     """
-    length = problem.furthest_end()
+    length = problem.sizes.furthest_end()
     if Ends.of(made).surely_near(Ends.of(problem), length):
         return made
     far = ran & ~(Ends.of(made).apart(Ends.of(problem), length) < NEAR)
     if not far.any():
         return made
-    solve = problem.bare_pass(2, far)  # the records may be of other unknowns
+    solve = problem.nodes.bare(2, far)  # the records may be of other unknowns
     there = Ends.of(solve)
     far &= ~(Ends.of(made).apart(there, length) < NEAR)
     if not far.any():
         return made
     if problem.integrator.adaptive:  # which chooses steps by what states there are
-        solve = problem.end_pass(far)
+        solve = problem.nodes.to_tip(far)
         there = Ends.of(solve)
     result = made
     if made.read("residual").shape[1] == solve.read("residual").shape[1]:
@@ -189,7 +137,7 @@ class Correction:
     def __init__(self, problem: "BackboneProblem", solve: NodePass, again: Again) -> None:
         self.problem, self.again = problem, again
         self.there, self.left = Ends.of(solve), np.array(solve.read("residual"))
-        self.length = problem.furthest_end()
+        self.length = problem.sizes.furthest_end()
 
     def make(self, unknowns: FloatArray, chosen: NDArray[np.bool_], slopes: Slopes | None = None) -> None:
         """Change the unknowns of instances that are ``chosen``: of a pass by columns, or, by the ``slopes`` of one, without."""
@@ -205,7 +153,7 @@ class Correction:
         problem, steps = self.problem, self.problem.integrator.steps
         if steps is None or len(problem.rods) > 1 or problem.unknown_count != 3:
             return
-        shape = problem.bare_pass(steps + 1, open_)
+        shape = problem.nodes.bare(steps + 1, open_)
         open_ &= Ends.of(shape).apart(self.there, self.length) < NEAR
         places, frames = np.array(shape.read("node_arclength")), np.array(shape.read("node_rotation"))
         for _ in range(MOST_CORRECTIONS):

@@ -8,7 +8,7 @@ from functools import cache
 
 import warp as wp
 
-from multirod.models.backbone.stability.second_variation import STIFF, WORST_CONDITION
+from multirod.models.backbone.stability.condensing.second_variation import STIFF, WORST_CONDITION
 
 f64 = wp.float64
 PASSES = 60  # of the matrix sign function, whose error is squared in each once it is near

@@ -8,8 +8,10 @@ import warp as wp
 from numpy.typing import NDArray
 
 from multirod.launch import record
-from multirod.models.backbone.stability.form_kernels import Form, make_form
-from multirod.models.backbone.stability.second_variation import CondensedForm, NodeColumns, compliance_form, condensed_form
+from multirod.models.backbone.nodes.node_pass import NodePass
+from multirod.models.backbone.stability.condensing.by_nodes import compliance_form, condensed_form
+from multirod.models.backbone.stability.condensing.form_kernels import Form, make_form
+from multirod.models.backbone.stability.condensing.second_variation import CondensedForm, NodeColumns
 from multirod.shared import Shared
 from multirod.validation import FloatArray
 
@@ -27,6 +29,12 @@ class HeldTip:
     wrench_columns: Any
     wrench: Any
     by_wrench: bool = False
+
+
+def form_of(made: NodePass, size: int, rods: int, device: str, tip: HeldTip | None = None) -> "CompiledForm":
+    """What condenses the columns of a pass over nodes to the tip, kept with it."""
+    by_wrench = tip is not None and tip.by_wrench
+    return made.tool(("form", by_wrench), lambda: CompiledForm(made.call, size, rods, device, tip))
 
 
 class CompiledForm:

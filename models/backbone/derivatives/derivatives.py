@@ -1,0 +1,131 @@
+"""Derivatives of a backbone by inputs and by parameters of its rods, at its tip and along it.
+
+Numbers in parentheses are those of ``docs/derivatives.md``.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multirod.models.backbone.derivatives.along import AlongPass
+from multirod.models.backbone.derivatives.designs import COMPONENTS, DEAD, POSE, Designs, carried, turned_loads
+from multirod.problem import FEW
+from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.models.backbone.problem import BackboneProblem
+
+
+class BackboneDerivatives:
+    """Of a ``BackboneProblem``."""
+
+    def __init__(self, problem: "BackboneProblem") -> None:
+        self.problem = problem
+
+        self.followed: tuple[str, ...] = ()  # what directions by inputs and unknowns are by
+        self._designs: dict[str, Designs] = {}
+
+    def follow(self, names: Sequence[str]) -> bool:
+        """Whether directions by these depend on inputs and unknowns, so that they are found at each integration."""
+        behind_plate = self.problem.transmission and any(name in COMPONENTS for name in names)
+        self.followed = tuple(names) if "base" in names or behind_plate else ()
+        return bool(self.followed)
+
+    def directions_by(self, name: str) -> FloatArray:
+        """Directions along each number of a parameter, shape (instance_count, k, directions.shape[2])."""
+        return turned_loads(self.problem, DEAD) if name == "base" else self.designs(name).rows()
+
+    def fix_unknowns(self, names: Sequence[str], slopes: FloatArray, moved: FloatArray) -> None:
+        """(D9) Make of columns of residual and pose by parameters, what is at the base fixed, those with the unknowns fixed."""
+        rates, n = self.unknown_rates(names), self.problem.unknown_count
+        if rates is not None:
+            slopes -= self.problem.read("gamma").reshape(-1, n, n) @ rates
+            moved -= self.problem.pose_columns.numpy()[:, :, :n] @ rates
+        for own in self._columns_of(names, "base"):
+            moved[:, :, own] += carried(self.problem.read("position") - self._base_position())
+
+    def _columns_of(self, names: Sequence[str], wanted: str) -> Iterator[slice]:
+        """Where the columns by one of the names stand."""
+        if wanted not in names:
+            return
+        first = 0
+        for name in names:
+            size = self._size(name)
+            if name == wanted:
+                yield slice(first, first + size)
+            first += size
+
+    def _size(self, name: str) -> int:
+        """How many columns are by a name."""
+        if name in COMPONENTS:
+            return self.designs(name).count
+        if name == "base":
+            return POSE
+        place = self.problem.input_slice(name)
+        return int(place.stop - place.start)
+
+    def designs(self, name: str) -> Designs:
+        """How the rods change with a parameter: the same as long as there is the problem."""
+        if name not in self._designs:
+            self._designs[name] = Designs(self.problem, name)
+        return self._designs[name]
+
+    def unknown_rates(self, names: Sequence[str]) -> FloatArray | None:
+        """(D9) How the unknowns must change with each number for what is at the base to stay, (instance_count, n, k); None where
+        they need not."""
+        if self.problem.eliminates or not any(name in COMPONENTS for name in names):
+            return None
+        size = (self.problem.instance_count, self.problem.unknown_count)
+        rates = [
+            self.designs(name).unknown_rates() if name in COMPONENTS else np.zeros((*size, self._size(name))) for name in names
+        ]
+        return np.concatenate(rates, axis=2)
+
+    def along(self, names: Sequence[str], rod: int, places: FloatArray) -> dict[str, FloatArray]:
+        """Derivatives of ``along.QUANTITIES`` at ``places`` (instance_count, count), rising arclengths of a rod, by the unknowns,
+        then, these fixed, by each number that the problem is aimed at, each (instance_count, count, 3, n + k)."""
+        found, lever = self.along_itself(rod, places)
+        rates, n = self.unknown_rates(names), self.problem.unknown_count
+        if rates is not None:
+            for values in found.values():
+                values[..., n:] -= values[..., :n] @ rates[:, None]
+        for own in self._columns_of(names, "base"):
+            rigid = carried(lever.reshape(-1, 3)).reshape(*lever.shape[:2], 2, 3, -1)
+            for k, name in enumerate(("position", "rotation")):
+                found[name][..., n + own.start : n + own.stop] += rigid[:, :, k]
+        return found
+
+    def along_itself(self, rod: int, places: FloatArray) -> tuple[dict[str, FloatArray], FloatArray]:
+        """``AlongPass.at`` of the last integration's unknowns, inputs and directions."""
+        self._refuse_side_by_side()
+        made: AlongPass
+        if self.problem.instance_count > FEW:  # it has columns at all places
+            made = AlongPass(self.problem, places.shape[1])
+        else:
+            made = self.problem.tool(("along", places.shape[1]), lambda: AlongPass(self.problem, places.shape[1]))
+        return made.at(places, rod)
+
+    def _refuse_side_by_side(self) -> None:
+        if self.problem.features.eccentric:
+            raise NotImplementedError("derivatives along rods side by side are not known: their frames are not the line's")
+
+    def sensing(self, places: FloatArray) -> AlongPass:
+        """As ``BoundaryProblem.sensing`` has it."""
+        self._refuse_side_by_side()
+        made = AlongPass(self.problem, len(places), shared=True)
+        made.place(np.broadcast_to(places, (self.problem.instance_count, len(places))))
+        return made
+
+    def sensed(self, made: AlongPass, names: Sequence[str], rod: int) -> tuple[FloatArray, FloatArray]:
+        """As ``BoundaryProblem.sensed`` has it."""
+        curvature, columns = made.curvature(rod)
+        rates, n = self.unknown_rates(names), self.problem.unknown_count
+        if rates is not None:
+            columns[..., n:] -= columns[..., :n] @ rates[:, None]
+        return curvature, columns
+
+    def _base_position(self) -> FloatArray:
+        """Of the base in the world [m], shape (instance_count, 3)."""
+        position = self.problem.base[..., :3, 3]
+        return np.broadcast_to(position, (*self.problem.batch_shape, 3)).reshape(-1, 3) if position.ndim > 1 else position[None]

@@ -1,0 +1,1 @@
+"""Passes over nodes: what is known of a solution between base and tip."""

@@ -1,0 +1,59 @@
+"""Parts of a backbone problem: some of its instances, in double precision, finer, or between clamps."""
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from multirod.batch import IntArray, take
+from multirod.capabilities import Parts
+from multirod.integrators import AdaptiveIntegrator, Integrator
+from multirod.segments import taken
+
+if TYPE_CHECKING:
+    from multirod.models.backbone.problem import BackboneProblem
+
+FINEST = 1e-12  # relative tolerance of an integration to which rounding leaves its order
+
+
+class BackboneParts(Parts):
+    """Of a ``BackboneProblem``: finer by step control alone, which fixed steps and the finest tolerances have no use for."""
+
+    def __init__(self, problem: "BackboneProblem") -> None:
+        self.problem = problem
+
+    def of(self, instances: IntArray, *, double: bool = False, poses: bool = False) -> "BackboneProblem":  # noqa: D102
+        integrator = self.problem.integrator.in_double() if double else self.problem.integrator
+        return self._part(instances, integrator, poses)
+
+    @property
+    def may_be_clamped(self) -> bool:  # noqa: D102
+        return self.problem.may_be_clamped
+
+    def clamped(self, instances: IntArray, pieces: int) -> "BackboneProblem":  # noqa: D102
+        return self._part(instances, self._finest() or self.problem.integrator.in_double(), True, pieces)
+
+    def finer(self, instances: IntArray, *, poses: bool = False) -> "BackboneProblem | None":  # noqa: D102
+        integrator = self._finest()
+        return None if integrator is None else self._part(instances, integrator, poses)
+
+    def _finest(self) -> Integrator | None:
+        coarse = self.problem.integrator.in_double()
+        if not isinstance(coarse, AdaptiveIntegrator) or not coarse.adaptive or coarse.rtol <= FINEST:
+            return None
+        return replace(coarse, rtol=FINEST, atol=min(coarse.atol, 0.01 * FINEST))
+
+    def _part(self, instances: IntArray, integrator: Integrator, poses: bool, pieces: int = 1) -> "BackboneProblem":
+        whole = self.problem
+        shape = whole.batch_shape
+        base = take(whole.base, shape, instances, tail=2) if whole.base.ndim > 2 else whole.base
+        arrays, inputs = whole.arrays.take(shape, instances), whole.inputs_given.take(shape, instances)
+        options: dict[str, Any] = {"integrator": integrator}
+        if poses:  # with a direction too, it is the kernel that tells stability
+            options |= {"pose_sensitivities": True, "direction_count": 1 if pieces == 1 else 3 * (pieces - 1), "pieces": pieces}
+        result = whole.another(base, inputs, arrays, **options)
+        result.stop = whole.stop
+        result.judged_often = whole.judged_often
+        # the tip as the solve found it is what a pass over nodes is held to
+        for name in ("inputs", "unknowns", "position", "rotation"):
+            result.write(name, whole.read(name)[instances])
+        result.breakpoints = taken(whole.breakpoints, instances)
+        return result

@@ -1,0 +1,1 @@
+"""Launches of the kernels in lanes, and what they read and write."""

@@ -1,0 +1,127 @@
+"""How long and stiff the rods of each instance are, and how large what acts on them: bounds, and what results are counted in."""
+
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multirod.inputs import InputSpec
+from multirod.models.backbone.inputs import LOADS
+from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.models.backbone.problem import BackboneProblem
+
+
+class Sizes:
+    """Of a ``BackboneProblem``."""
+
+    def __init__(self, problem: "BackboneProblem") -> None:
+        self.problem = problem
+
+    def ends(self) -> FloatArray:
+        """Arclength at which each rod ends [m], shape (instance_count, n)."""
+        inputs = self.problem.input_view()
+        if inputs is None:
+            inputs = self.problem.read("inputs")
+        return np.asarray(self.problem.arrays.end[:, :, -1] + inputs[:, self.problem.input_slice("translation")])
+
+    def furthest_end(self) -> FloatArray:
+        """Arclength at which the last rod ends [m], shape (instance_count,)."""
+        return np.asarray(self.ends().max(axis=1))
+
+    def stiffness_over_length(self) -> FloatArray:
+        """What stiffnesses of the tip are counted in [N m], shape (instance_count,): the least of the rods', over the length."""
+        return np.asarray(self.least_stiffness / self.furthest_end())
+
+    @cached_property
+    def rigid_in_torsion(self) -> bool:
+        """Whether a rod is, anywhere."""
+        return not bool(np.isfinite(self.problem.arrays.material[..., 2]).all())
+
+    @cached_property
+    def least_stiffness(self) -> FloatArray:
+        """The least of all that a rod resists bending or twisting with [N m^2], shape (instance_count,)."""
+        return self.problem.each(self.problem.arrays.material[..., :3].min(axis=(1, 2, 3)))
+
+    @cached_property
+    def by_section(self) -> tuple[FloatArray, FloatArray]:
+        """Larger ``EI`` [N m^2] and a bound of ``|u*_xy|`` [1/m] of each section, shape (instance_count, n, section)."""
+        coefficients = self.problem.arrays.precurvature.reshape(*self.problem.arrays.precurvature.shape[:3], -1, 3)
+        kappa = np.linalg.norm(coefficients[..., :2], axis=-1).sum(axis=-1)
+        return self.problem.each(self.problem.arrays.material[..., :2].max(axis=-1)), self.problem.each(kappa)
+
+    @cached_property
+    def bend_by_section(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """``EI |u*_xy|`` [N m] of each section, (instance_count, n, section), the most of each rod together, (instance_count,),
+        and ``|u*_xy|`` as ``by_section`` has it."""
+        EI, kappa = self.by_section
+        bend = EI * kappa
+        return bend, bend.max(axis=2).sum(axis=1), kappa
+
+    @cached_property
+    def twist(self) -> FloatArray | float:
+        """By which precurvature turns rods against each other [rad]."""
+        if len(self.problem.rods) == 1 or self.problem.held:
+            return 0.0
+        size = np.diff(self.problem.arrays.end, axis=2, prepend=0.0)
+        own = np.abs(self.problem.arrays.precurvature.reshape(*size.shape, -1, 3)[..., 2]).sum(axis=-1)
+        return np.asarray((own * size).sum(axis=2).max(axis=1))
+
+    @cached_property
+    def curvature(self) -> FloatArray:
+        """What curvatures of each instance are compared with [1/m], shape (instance_count,)."""
+        arrays = self.problem.arrays
+        bent = np.abs(arrays.precurvature).reshape(*arrays.precurvature.shape[:3], -1, 3).sum(axis=(3, 4))
+        return self.problem.each(np.maximum(1 / arrays.end[:, 0, -1], bent.max(axis=(1, 2))))
+
+    def load(self, inputs: FloatArray) -> FloatArray:
+        """How much the loads of ``inputs`` (instance_count, input_count) can bend the rods, ``F L^2/EI``; (instance_count,)."""
+        table = self.problem.arrays
+        stiffness = table.material[:, 0, :, :3].min(axis=(1, 2))
+        length = table.end[:, 0, -1] + inputs[:, self.problem.input_slice("translation")][:, 0]
+        weight = table.material[:, 0, :, 9].max(axis=1)
+        total = np.zeros(self.problem.instance_count)
+        for spec in self.acting(inputs):
+            x, y, z = inputs[:, self.problem.input_slice(spec.name)].T
+            size = self.magnetic_load() if spec.name == "magnetic_field" else np.sqrt(x * x + y * y + z * z)
+            size = size * length**spec.power / stiffness
+            total += size * weight if spec.name == "gravity" else size
+        if self.problem.features.foundation:
+            total += self.medium_load()
+        if self.problem.drive_count:
+            total += self.problem.lines.load() * length / stiffness
+        if self.problem.features.measured:
+            gap = inputs[:, self.problem.input_slice("tip_curvature")] - table.precurvature[:, 0, -1, :3]
+            total += np.linalg.norm(gap, axis=1) * length
+        if self.problem.features.profile_degree >= 0:
+            profile = self.problem.table.profile.numpy()
+            size = np.abs(profile.reshape(len(profile), 6, -1)).sum(-1).max(0)
+            total += (size[:3].max() * length**3 + size[3:].max() * length**2) / stiffness
+        return total
+
+    def acting(self, inputs: FloatArray) -> list[InputSpec]:
+        """The loads that are not zero in all instances of ``inputs`` (instance_count, input_count)."""
+        acting: list[bool] = np.any(inputs, axis=0).tolist()
+        return [spec for spec, own in self.loads if any(acting[own])]
+
+    @cached_property
+    def loads(self) -> list[tuple[InputSpec, slice]]:
+        """The loads, and where they stand in a row of inputs."""
+        return [(spec, self.problem.input_slice(spec.name)) for spec in LOADS]
+
+    def medium_load(self) -> FloatArray:
+        """How much a medium bends rods that are not straight, ``k L^4/EI`` times their bend, shape (instance_count,)."""
+        table = self.problem.arrays
+        length = table.end[:, 0, -1]
+        stiffness = table.material[..., 13:16].max(axis=(1, 2, 3)) * length**4 / table.material[:, 0, :, :3].min(axis=(1, 2))
+        _, kappa = self.by_section
+        return np.asarray(self.problem.each(stiffness) * np.minimum(kappa.max(axis=(1, 2)) * self.problem.each(length), 1.0))
+
+    def magnetic_load(self) -> FloatArray:
+        """Bound of the moment per length of a magnetic field on all rods [N], shape (instance_count,)."""
+        if not self.problem.features.magnetised:
+            return np.zeros(self.problem.instance_count)
+        strongest = np.linalg.norm(self.problem.arrays.material[..., 10:13], axis=-1).max(axis=2).sum(axis=1)
+        field = np.linalg.norm(self.problem.read("inputs")[:, self.problem.input_slice("magnetic_field")], axis=1)
+        return np.asarray(self.problem.each(strongest) * field)

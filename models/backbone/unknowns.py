@@ -1,0 +1,117 @@
+"""What the unknowns of a backbone mean: the rods they belong to, where they begin, and those of a problem with other terms."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod.models.backbone.kernels.layout.features import Features
+from multirod.models.backbone.kernels.layout.layout import unknowns_of
+from multirod.models.backbone.members.member import drive_places
+from multirod.models.backbone.units import unit_stiffness
+from multirod.problem import Block
+from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.models.backbone.problem import BackboneProblem
+
+
+def blocks_of(features: Features) -> list[Block]:
+    """One block a rod with a torque of its own, the outermost first; what is left is the innermost's, and couples the others.
+
+    What is left of rods side by side is that of the line they share. A line that is driven by its displacement has its own,
+    before its rod's. An unknown base force, which all rods share, is the last.
+    """
+    slots = unknowns_of(features)
+    moment, force, first = slots.places["moment"], slots.places["force"], slots.places["torques"].start
+    places: list[tuple[str, slice, int | None]]
+    driven = np.arange(slots.size)[slots.places["drives"]]
+    carried_by = features.member_rods or (0,) * len(features.members)
+    carriers = [rod for rod, kind in zip(carried_by, features.members, strict=True) if kind.conditioned]
+    lines = [Block(f"line {k + 1}", row[None], row[None], rod) for k, (row, rod) in enumerate(zip(driven, carriers, strict=True))]
+    if lines and features.rod_count == 1:
+        own_rows = np.delete(np.arange(slots.size), driven)
+        return [*lines, Block("rod 1", own_rows, own_rows, 0)]
+    if not features.torque_count:  # one rod, or several that are one
+        places = [("rod 1", slice(0, slots.size), 0)] if not lines else [("tube 1", moment, 0), ("base force", force, None)]
+    else:
+        own = features.rod_count - features.torque_count  # that have no torque of their own
+        places = [
+            (f"tube {k + 1}", slice(first + k - own, first + k - own + 1), k) for k in range(features.rod_count - 1, own - 1, -1)
+        ]
+        places += [("tube 1" if own else "line", moment, 0 if own else None)] if features.moment else []
+        places += [("base force", force, None)] if features.base_force_unknown else []
+    return lines + [Block(name, place, place, rod) for name, place, rod in places if place.stop > place.start]
+
+
+def guess(problem: "BackboneProblem") -> FloatArray:
+    """The rods at rest, straight if they are several: unknowns (instance_count, n)."""
+    result = np.zeros((problem.instance_count, problem.unknown_count))
+    if not problem.features.turning_count:
+        result[:, problem.slots.places["moment"]] = problem.arrays.precurvature[:, 0, 0, :3]
+    return result
+
+
+def related(features: Features) -> dict[int, tuple[bool, bool]]:
+    """Of problems of the same rods by fewer terms or more, by how many unknowns they have: whether moment and force are among
+    these."""
+    kinds = [(True, False), (True, True)] + [(False, False)] * (features.torque_count > 0)
+    return {unknowns_of(features, moment=moment, force=force).size: (moment, force) for moment, force in kinds}
+
+
+def adopted(problem: "BackboneProblem", unknowns: FloatArray) -> FloatArray:
+    """Unknowns of this problem, from those of a ``related`` one."""
+    moment, force = related(problem.features)[unknowns.shape[1]]
+    unknowns = unknowns if moment else with_moment(problem, unknowns)
+    parts = unknowns_of(problem.features, moment=True, force=force).split(unknowns)
+    if problem.features.base_force_unknown and not force:
+        parts["force"] = _dead_base_force(problem, unknowns)
+    return np.asarray(problem.slots.joined(parts))
+
+
+def with_moment(problem: "BackboneProblem", torques: FloatArray) -> FloatArray:
+    """Unknowns of rods that carry a moment, from those of unloaded ones: none, and rod 1 has what the others leave, (8b)."""
+    if problem.features.eccentric:
+        return np.concatenate([np.zeros((len(torques), 3)), torques], axis=1)
+    unit = unit_stiffness(problem.arrays.material[:, :, 0])[..., 2]
+    inner = -(torques * unit[:, 1:]).sum(axis=1, keepdims=True) / unit[:, :1]
+    return np.concatenate([np.zeros((len(torques), 2)), inner, torques], axis=1)
+
+
+def _dead_base_force(problem: "BackboneProblem", unknowns: FloatArray) -> FloatArray:
+    """The base force in curvature units, equation (13), without the follower force, at ``unknowns`` without it."""
+    call = problem.nodes.over(2, unknowns=unknowns, follower_force=False)
+    scale = problem.table.length_scale.numpy() / problem.arrays.material[:, 0, 0, :2].max(axis=-1)
+    force = call.read("node_total_force" if problem.features.members else "node_force")
+    return np.asarray(force[:, 0] * scale[:, None])
+
+
+def base_torques(problem: "BackboneProblem") -> FloatArray:
+    """(10) What twists each rod behind the plate [N m], shape (instance_count, n)."""
+    x, features = problem.read("unknowns"), problem.features
+    unit = problem.each(unit_stiffness(problem.arrays.material[:, :, 0])[..., 2])
+    if not features.turning_count:
+        return np.asarray((x[:, 2:3] - problem.each(problem.arrays.precurvature[:, 0, 0, 2:3])) * unit)
+    result = np.zeros((problem.instance_count, features.rod_count))
+    own = slice(features.rod_count - features.torque_count, None)
+    if features.torque_count:
+        result[:, own] = x[:, problem.slots.places["torques"]] * unit[:, own]
+        if features.moment and not features.eccentric:
+            result[:, 0] = x[:, 2] * unit[:, 0]
+        elif not features.eccentric:
+            result[:, 0] = -result.sum(axis=1)
+    return result
+
+
+def kinks(problem: "BackboneProblem") -> NDArray[np.intp]:
+    """Places of the unknown tensions of lines that slacken."""
+    slack = [kind.slackens for kind in problem.features.members if kind.conditioned]
+    return np.asarray(np.arange(problem.unknown_count)[problem.slots.places["drives"]][np.array(slack, dtype=bool)])
+
+
+def kink_inputs(problem: "BackboneProblem") -> NDArray[np.intp]:
+    """Places of the inputs that say how long these are."""
+    laws = problem.features.members
+    slack = [kind.conditioned and kind.slackens for kind in laws if kind.drive is not None]
+    places = problem.first_drive + np.array(drive_places(laws), dtype=np.intp)
+    return np.asarray(places[np.array(slack, dtype=bool)])
