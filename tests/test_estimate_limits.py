@@ -28,21 +28,22 @@ def slack(robot):
     return seen(robot, (1.5, 0, 0), (1e-3, 0, 0))
 
 
-def bounded(robot, sensor, mean, sigma):
+def bounded(robot, sensor, mean, covariance):
     """The most probable tensions that pull, by differences of equilibria."""
+    root = np.linalg.inv(np.linalg.cholesky(covariance))
 
     def off(tension):
         tip = mr.solve(robot, robot.inputs(tension=np.maximum(tension, 0)))
         turned = tip.tip_rotation @ sensor.rotation.T
         angle = np.array([turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0], turned[1, 0] - turned[0, 1]]) / 2
-        return np.concatenate([(tip.tip_position - sensor.position) / POSITION, angle / ANGLE, (tension - mean) / sigma])
+        return np.concatenate([(tip.tip_position - sensor.position) / POSITION, angle / ANGLE, root @ (tension - mean)])
 
     return least_squares(off, np.full(3, 0.5), bounds=(0, np.inf), xtol=1e-12, ftol=1e-12)
 
 
 def test_tensions_are_the_most_probable_ones_that_pull(robot, slack):
     found = mr.estimate(robot, unknown={"tension": mr.Prior(MEAN, sigma=SIGMA)}, measured=slack)
-    expected = bounded(robot, slack, MEAN, SIGMA)
+    expected = bounded(robot, slack, MEAN, SIGMA**2 * np.eye(3))
     # least_squares ends within its bounds: 1e-3 of the prior's deviation, far below what is known of a tension, 0.5
     np.testing.assert_allclose(found.value("tension"), expected.x, atol=1e-3 * SIGMA)
     np.testing.assert_allclose(found.misfit, 2 * expected.cost, rtol=1e-4)
@@ -65,7 +66,7 @@ def test_what_begins_at_a_limit_leaves_it(robot):
     """By the sign of its multiplier: all tensions are 0 at first."""
     sensor = seen(robot, (1.5, 0.3, 0.2))
     found = mr.estimate(robot, unknown={"tension": mr.Prior(0, sigma=SIGMA)}, measured=sensor)
-    expected = bounded(robot, sensor, 0, SIGMA)
+    expected = bounded(robot, sensor, 0, SIGMA**2 * np.eye(3))
     np.testing.assert_allclose(found.value("tension"), expected.x, atol=1e-3 * SIGMA)  # as above
     np.testing.assert_array_equal(found.at_limit, [False, False, True])  # what all have in common is not seen, and small
     flat = mr.estimate(robot, unknown={"tension": mr.Prior(0, sigma=np.inf)}, measured=sensor)
@@ -113,3 +114,25 @@ def test_the_first_sample_of_a_loop_is_within_limits(robot, slack):
     first = meter.step([(slack.position, slack.rotation)])
     np.testing.assert_array_equal(first.at_limit, [False, True, True])
     robot.inputs(tension=first.value("tension"))
+
+
+def test_every_sample_of_a_loop_is_within_limits(robot, slack):
+    """The second is the most probable one that pulls, from what the first knew; two robots, of which one has all lines tight."""
+    tight, rate, dt = seen(robot, (1.5, 0.8, 0.9)), 1.0, 1e-2
+    walk = mr.Walk(rate, start=mr.Prior(MEAN, sigma=SIGMA))
+    places, turned = np.array([slack.position, tight.position]), np.array([slack.rotation, tight.rotation])
+    sensor = mr.Pose(position=places, rotation=turned, sigma=(POSITION, ANGLE))
+    meter = mr.Estimator(robot, dt=dt, unknown={"tension": walk}, sensors=sensor)
+    first = meter.step([(places, turned)])
+    further = seen(robot, (1.5, 0, 0), (1.05e-3, 0, 0))  # half a deviation
+    second = meter.step([(np.array([further.position, tight.position]), np.array([further.rotation, tight.rotation]))])
+    expected = bounded(robot, further, first.value("tension")[0], first.covariance("tension")[0] + rate**2 * dt * np.eye(3))
+    # one step of a linear model, from half a deviation away
+    np.testing.assert_allclose(second.value("tension")[0], expected.x, atol=1e-3 * SIGMA)
+    np.testing.assert_array_equal(second.value("tension")[0, 1:], 0)
+    np.testing.assert_array_equal(second.at_limit, [[False, True, True], [False, False, False]])
+    assert (second.status == mr.Status.TRACKING).all()
+    robot.inputs(tension=second.value("tension"))
+    # what the next sample expects are the unknowns of these tensions, to the second order of the step
+    tip = mr.solve(robot, robot.inputs(tension=second.value("tension")[0]), guess=second.solution.unknowns[0])
+    np.testing.assert_allclose(second.solution.unknowns[0], tip.unknowns, atol=1e-4 * np.abs(tip.unknowns).max())

@@ -65,26 +65,34 @@ class Bounds:
             p: Where it begins, shape (b, k); what is beyond a limit there may stay, and not go farther.
             told: Arguments of ``posterior``.
         """
-        step, length = planned.step, planned.length
-        if not len(self.rows.low):
-            return step, length
-        at = p @ self.rows.matrix.T
-        low, high = np.minimum(self._low - at, 0.0), np.maximum(self._high - at, 0.0)
-        moved = step @ self.rows.matrix.T
-        outside = np.flatnonzero(~((moved >= low) & (moved <= high)).all(axis=1))
+        outside = self.leading_out(planned.step, p)
         if not len(outside):
-            return step, length
-        step, length = step.copy(), length.copy()
+            return planned.step, planned.length
+        step, length = planned.step.copy(), planned.length.copy()
+        low, high = self._room(p[outside])
         J, r, root, away, unit = told
         # powers of two do not round: instances that share them share a launch, and each is as it is alone
         powers = np.round(np.log2(unit[outside]))
         shared, which = np.unique(powers, axis=0, return_inverse=True)
         for group, power in enumerate(shared):
-            own = outside[which.reshape(-1) == group]
+            mine = which.reshape(-1) == group
+            own = outside[mine]
             stacked = np.concatenate([J[own], root[own]], axis=1)
             sides = np.concatenate([r[own], (root[own] @ away[own, :, None])[..., 0]], axis=1)
-            step[own], length[own] = self._kept(step[own], stacked, sides, low[own], high[own], 2.0**power)
+            step[own], length[own] = self._kept(step[own], stacked, sides, low[mine], high[mine], 2.0**power)
         return step, length
+
+    def leading_out(self, step: FloatArray, p: FloatArray) -> NDArray[np.intp]:
+        """Which instances' steps (b, k) from ``p`` (b, k) lead beyond a limit, or farther beyond one."""
+        if not len(self.rows.low):
+            return np.zeros(0, dtype=np.intp)
+        (low, high), moved = self._room(p), step @ self.rows.matrix.T
+        return np.flatnonzero(~((moved >= low) & (moved <= high)).all(axis=1))
+
+    def _room(self, p: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """What is left to go of each row, at ``p`` (b, k), down and up, shapes (b, c)."""
+        at = p @ self.rows.matrix.T
+        return np.minimum(self._low - at, 0.0), np.maximum(self._high - at, 0.0)
 
     def _kept(
         self, free: FloatArray, stacked: FloatArray, sides: FloatArray, low: FloatArray, high: FloatArray, unit: FloatArray

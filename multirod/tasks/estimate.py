@@ -166,7 +166,7 @@ class Estimate(Generic[Robot_co]):
     @cached_property
     def at_limit(self) -> NDArray[np.bool_]:
         """Which of the unknown numbers, in the order of ``unknown``, stand at a limit of the robot, such as a tension of 0, shape
-        (..., k); those of an ``Estimator``, after its first sample, at one or beyond."""
+        (..., k)."""
         return np.asarray(frozen(self._bounds.at_limit(self._mean)))
 
     def _place(self, name: str) -> slice:

@@ -28,6 +28,7 @@ from multirod.tasks.curvature import Curvature, Places
 from multirod.tasks.estimate import Estimate, Known, Part, at_means, block_diagonal, remarked
 from multirod.tasks.filter_kernels import Filter, make_filter
 from multirod.tasks.formulation import freed, input_units, options, places_of
+from multirod.tasks.inference import Posterior, deviations, roots
 from multirod.tasks.limits import known_rows
 from multirod.tasks.priors import Prior, Walk
 from multirod.tasks.sensors import Live, Sensor, batch_of, checked
@@ -92,11 +93,12 @@ class Estimator(Uncopied, Generic[Robot_co]):
         method = RK45() if integrator is None else integrator
         places = Places(robot, given, parts)
         known = Known(robot, given, starts, parts, places, whole, Shooting(integrator=method), device, FIRST, guess)
-        self._filter = _Filter(known, Live(parts, places, whole, device), walked, block_diagonal(begin), passed)
+        self._bounds = Bounds(*known_rows(robot, None, names)[:2])
+        live = Live(parts, places, whole, device)
+        self._filter = _Filter(known, live, walked, block_diagonal(begin), passed, self._bounds)
         self._filter.present = self._present
         self._robot, self._places = robot, places_of(given, names)
         self._whole, self._dt = whole, step
-        self._bounds = Bounds(*known_rows(robot, None, names)[:2])
         self._lock = Lock()
         self._tracker = _Tracker(robot, self._filter, step, given, device)
 
@@ -192,8 +194,10 @@ class _Filter(Solver):
         counted: Rows that were not, and are not missing, shape (b,).
     """
 
-    def __init__(self, known: Known, live: Live, walked: FloatArray, start: FloatArray, gate: float | None) -> None:
-        self.known, self.live, self.start = known, live, start
+    def __init__(
+        self, known: Known, live: Live, walked: FloatArray, start: FloatArray, gate: float | None, bounds: Bounds
+    ) -> None:
+        self.known, self.live, self.start, self.bounds = known, live, start, bounds
         self.names = tuple(known.priors)
         self.integrator = known.solver.integrator
         self.pose_sensitivities = True
@@ -312,6 +316,7 @@ class _FilterTrack(Track):
             self._launch.launch()
             for shared in self._fetched:
                 shared.fetch()
+            self._keep_within(mean)
             spent = known.once
             if known.state["doubt"].values.any():
                 spent = spent.copy()
@@ -323,6 +328,24 @@ class _FilterTrack(Track):
             return Outcome(known.status.copy(), known.once.copy(), spent.copy())
         known.sound = bool(known.begun.all())
         return Outcome(known.status.copy(), known.once, spent)
+
+    def _keep_within(self, before: FloatArray) -> None:
+        """(11) What an update leads beyond a limit, from ``before`` (b, k), ends at the most probable mean within the limits."""
+        known, problem = self.known, self.problem
+        step = known.mean - before
+        out = known.bounds.leading_out(step, before)
+        if not len(out):
+            return
+        covariance, step, before = known.covariance[out], step[out], before[out]
+        count, k = step.shape
+        free = Posterior(step, covariance, np.zeros(count))
+        told = np.zeros((count, 0, k)), np.zeros((count, 0)), roots(covariance), -step, deviations(covariance)
+        kept = known.bounds.kept(before + known.bounds.step(free, before, told)[0], before)
+        unknowns = problem.read("unknowns")
+        shift = self._state.task.shift.numpy()[out, :, 1:]
+        unknowns[out] += (shift @ (kept - known.mean[out])[..., None])[..., 0]
+        known.mean[out] = kept
+        self.task.write(unknowns, known.mean)
 
     def _look(self, spent: NDArray[np.int32], mean: FloatArray, covariance: FloatArray) -> None:
         """(17) of docs/tasks.md: whether samples are stable that may not be; one that is not is lost, and what was estimated

@@ -36,9 +36,14 @@ def roots(covariance: FloatArray) -> FloatArray:
     return np.asarray(np.where(flat[:, :, None], 0.0, inverse))
 
 
+def deviations(covariance: FloatArray) -> FloatArray:
+    """Standard deviations of covariances (b, k, k), shape (b, k)."""
+    return np.asarray(np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)))
+
+
 def units(J: FloatArray, covariance: FloatArray) -> FloatArray:
     """What each number is counted in, (b, k): its prior's deviation, without one what the rows tell it to."""
-    sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    sigma = deviations(covariance)
     size = np.sqrt((J**2).sum(axis=1))
     told = 1 / np.where(size > 0, size, 1.0)
     return np.asarray(np.where(np.isinf(sigma), told, sigma))
