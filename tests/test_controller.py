@@ -196,7 +196,8 @@ def test_without_inputs_it_begins_as_near_to_the_default_as_limits_allow():
         ({"dt": 0.0}, ValueError, "Controller.dt = 0.0"),
         ({"free": ("force_point",)}, TypeError, "Controller.free takes no 'force_point'"),
         ({"inputs": MOTION[:2], "guess": None}, ValueError, "Controller.inputs = leading axes"),
-        ({"limits": mr.Limits(stability_margin=0.1)}, ValueError, "Controller.limits .* of inputs alone"),
+        ({"limits": mr.Limits(curvature=5)}, ValueError, "Controller.limits .* at the start too, whose shape is beyond"),
+        ({"limits": mr.Limits(stability_margin=2)}, ValueError, "Controller.limits .* at the start too, whose shape is beyond"),
         ({"limits": mr.Limits(translation=(-0.01, 0))}, ValueError, "Controller.limits .* at the start too"),
         ({"correction_time": -1.0}, ValueError, "Controller.correction_time = -1.0"),
     ],
@@ -222,6 +223,66 @@ def test_what_a_controller_refuses(start, changes, error, message):
 def test_samples_that_are_refused(start, sample, error, message):
     with pytest.raises(error, match="(?s)" + message):
         loop_of(start, 100).step(**sample)
+
+
+def shapes_of(start, path, **limited):
+    """Commands along a path, and the true equilibria at their inputs."""
+    limits = mr.Limits(translation=(-0.19, 0), gap=2e-3, **limited)
+    loop = mr.Controller(TUBES, dt=0.01, free=FREE, limits=limits, guess=start, integrator=STEPS)
+    commands = [loop.step(position=y) for y in path]
+    return commands, [solved(command.inputs, command) for command in commands]
+
+
+def largest_bending(solution):
+    return max(np.linalg.norm(solution.rod(k).curvature[:, :2], axis=1).max() for k in range(3))
+
+
+def aside(start, size, count):
+    """6 cm by 4 cm, and back to the start."""
+    w = 2 * np.pi * np.arange(count) / count
+    return start.tip_position + size * np.stack([0.03 * np.sin(w), 0.02 * (1 - np.cos(w)), -0.01 * np.sin(w)], axis=1)
+
+
+def test_a_limit_of_curvature_is_kept_by_other_inputs_for_the_same_tip(start):
+    path = aside(start, 1.0, 75)
+    _, free = shapes_of(start, path)
+    most = 10.2
+    assert max(map(largest_bending, free)) > 1.02 * most  # else there would be nothing to keep
+    commands, there = shapes_of(start, path, curvature=most)
+    assert max(map(largest_bending, there)) <= most
+    assert {command.status for command in commands} == {mr.Status.TRACKING}
+    # second order: steps of 2.5 mm squared over radii of 0.1 m are 6e-5, of which what is foreseen takes the most
+    assert max(np.linalg.norm(own.tip_position - y) for own, y in zip(there[3:], path[3:], strict=True)) < 2e-5
+
+
+def test_a_limit_of_the_stability_margin_is_kept_and_slid_along(start):
+    """Without it the tubes snap on this path."""
+    path = aside(start, -2.0, 100)
+    loop = loop_of(start, 100)
+    assert any(loop.step(position=y).status is mr.Status.UNSTABLE for y in path)
+    least = 1.2
+    commands, there = shapes_of(start, path, stability_margin=least)
+    assert min(own.stability_margin for own in there) >= least
+    held = [command for command in commands if command.status is mr.Status.AT_LIMIT]
+    assert {command.status for command in commands} == {mr.Status.TRACKING, mr.Status.AT_LIMIT}
+    assert len({tuple(command.inputs.rotation) for command in held}) > 5  # it moves on, as far as the limit lets it
+    assert all(command.at_limit.any() and command.target_error > 1e-6 for command in held)
+    # where a command is given again, the sample was integrated there: what it says of its tip is so to rounding and RK4's steps
+    turns = [tuple(command.inputs.rotation) for command in commands]
+    same = [k for k in range(2, len(path)) if turns[k] == turns[k - 1] == turns[k - 2]]
+    assert same
+    for k in same:
+        assert np.linalg.norm(commands[k].tip_position - there[k].tip_position) < 1e-6
+        assert abs(commands[k].target_error - np.linalg.norm(there[k].tip_position - path[k])) < 1e-6
+    assert commands[-1].status is mr.Status.TRACKING  # it finds back
+
+
+def test_a_margin_that_is_not_known_is_not_kept():
+    """A follower moment has no potential."""
+    robot = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638))
+    inputs = robot.inputs(follower_moment=(0.1, 0, 0.05), translation=-0.1)
+    with pytest.raises(ValueError, match="(?s)Controller.limits .* not known to be within"):
+        mr.Controller(robot, dt=0.01, free=("translation",), inputs=inputs, limits=mr.Limits(stability_margin=0.1))
 
 
 def column(force):

@@ -7,12 +7,14 @@ import numpy as np
 import warp as wp
 
 from multirod.launch import record
+from multirod.rotations import matrices
 from multirod.shared import Shared
 from multirod.tasks.condensed import condensed
 from multirod.tasks.control_kernels import ANGLE, ERROR, FREE, HELD, SINGULAR, Control, make_control
 from multirod.tasks.formulation import Task
 from multirod.tasks.limits import LimitRows
 from multirod.tasks.programme import programme
+from multirod.tasks.rows import PoseRows
 from multirod.tasks.watch import Watch
 from multirod.validation import FloatArray
 
@@ -29,6 +31,7 @@ class ControlStep:
         weight: Of rows of the position and of angles, shape (2,).
         gains: (15) Of the offset and of its drift.
         watch: Of the stability of samples.
+        shaped: Rows of limits of the shape beside ``rows``, which ``limit_shape`` sets.
 
     Attributes:
         given: By name what to write before ``launch``: ``position``, ``rotation``, ``axis``, ``seen_position``,
@@ -43,6 +46,7 @@ class ControlStep:
         weight: FloatArray,
         gains: tuple[float, float],
         watch: Watch,
+        shaped: int = 0,
     ) -> None:
         problem = task.problem
         self._whole, self._watch = task, watch
@@ -70,7 +74,13 @@ class ControlStep:
         }
         self._views = [self._kept[name].numpy() for name in ("record", "told", "status", "doubt")]
         self._shared = wp.get_device(device).is_cpu
+        c, k = rows.matrix.shape
+        sizes_of_limits = {"limits": (c + shaped, k), "scaled": (c + shaped, k), "low": (c + shaped,), "high": (c + shaped,)}
+        self._limits = {name: Shared(size, wp.float64, device) for name, size in sizes_of_limits.items()}
+        self._put_limits(slice(c), rows.matrix, rows.low, rows.high)
+        self._put_limits(slice(c, None), np.zeros((shaped, k)), np.full(shaped, -np.inf), np.full(shaped, np.inf))
         self._launches: dict[Kind, Callable[[], None]] = {}
+        self._kind: Kind = (0, 0, 0)  # of the last launch
         self._states: list[Any] = []  # whose arrays the launches work in
 
     def start(self, unknowns: FloatArray, values: FloatArray) -> None:
@@ -91,6 +101,7 @@ class ControlStep:
             (size,); its status; what has to be done about it, as ``watch_kernels`` says.
         """
         self._columns.update()
+        self._kind = kind
         if kind not in self._launches:
             self.prepare(kind)
         if self._shared:
@@ -117,6 +128,53 @@ class ControlStep:
         told[[SINGULAR, HELD]], told[[ERROR, ANGLE]] = 0.0, np.nan
         told[FREE : FREE + k], told[FREE + k : FREE + 7 * k], told[FREE + 7 * k :] = values[0], np.nan, 0.0
 
+    def limit_shape(self, matrix: FloatArray, high: FloatArray) -> None:
+        """``matrix p <= high`` from now on, shapes (shaped, k) and (shaped,)."""
+        self._put_limits(slice(len(self._rows.low), None), matrix, np.full(len(high), -np.inf), high)
+
+    def _put_limits(self, places: slice, matrix: FloatArray, low: FloatArray, high: FloatArray) -> None:
+        for name, values in {"limits": matrix, "scaled": matrix * self._unit, "low": low, "high": high}.items():
+            self._limits[name].values[places] = values
+            self._limits[name].send()
+
+    def stay(self, record: FloatArray, told: FloatArray) -> None:
+        """Give the last command again, as it is to first order under what else holds in this sample: ``record`` and ``told`` say
+        so, and the next sample starts there."""
+        fields, kept, k = self._problem.record_fields, self._kept, self._count
+        values, given = kept["before_values"].numpy(), record[:, fields["inputs"]]
+        back = (values - given[:, self._whole.places])[0]
+        record[:, fields["unknowns"]] += self._task.shift.numpy()[0, :, 1:] @ back
+        given[:, self._whole.places] = values
+        moved = self._task.carried.numpy()[0, :, 1:] @ back
+        record[:, fields["position"]] += moved[:3]
+        record[:, fields["rotation"]] = (matrices(moved[None, 3:])[0] @ record[0, fields["rotation"]].reshape(3, 3)).ravel()
+        names = {"good_unknowns": "unknowns", "tip_position": "position", "tip_rotation": "rotation"}
+        for name, field in names.items():
+            kept[name].assign(record[:, fields[field]].reshape(kept[name].numpy().shape))
+        kept["good_values"].assign(values)
+        for name in ("last_kind", "motion", "foreseen"):
+            kept[name].zero_()
+        self._whole.write(record[:, fields["unknowns"]], values)
+        told[SINGULAR], told[HELD] = 0.0, 1.0
+        told[FREE : FREE + k], told[FREE + 7 * k :] = values[0], 1.0
+        told[ERROR], told[ANGLE] = self._off_target(record[:, fields["position"]], record[:, fields["rotation"]])
+
+    def _off_target(self, position: FloatArray, rotation: FloatArray) -> tuple[float, float]:
+        """How far a tip (1, 3), (1, 9) is off the target, what was measured taken into account: distance and angle."""
+        position_given, rotation_given, axis_given = (bool(own) for own in self._kind)
+        moved, turned = (self._kept["offset"].numpy()[0, part] for part in range(2))
+        back, given = matrices(-turned[None])[0], self.given
+        target = PoseRows(
+            given["position"] - moved if position_given else None,
+            back @ given["rotation"] if rotation_given else None,
+            back @ given["axis"] if axis_given else None,
+            np.ones(2),
+        )
+        left = target.errors(position, rotation.reshape(1, 3, 3))[0][0]
+        first = 3 * position_given
+        distance, angle = np.linalg.norm(left[:first]), np.linalg.norm(left[first:])
+        return (float(distance) if position_given else np.nan), (float(angle) if rotation_given or axis_given else np.nan)
+
     def _made(self, kind: Kind) -> Any:
         state: Any = Control()
         for name, each in self._given.items():
@@ -127,21 +185,18 @@ class ControlStep:
         state.task, state.step, state.records = self._task, self._programme(m), self._problem.records
         for name in ("rows", "ahead"):
             setattr(state, name, self._zeros(m))
-        constants = {"unit": self._unit, "low": self._rows.low, "high": self._rows.high, "limits": self._rows.matrix}
-        for name, values in constants.items():
-            setattr(state, name, self._constant(values))
+        state.unit = wp.array(np.ascontiguousarray(self._unit), dtype=wp.float64, device=self._problem.device)
+        for name in ("limits", "low", "high"):
+            setattr(state, name, self._limits[name].array)
         state.watched, state.curvature = self._watch.state, float(self._problem.curvature_scale()[0])
         state.weight, state.gain, state.kind = wp.vec2d(*self._weight), wp.vec2d(*self._gains), wp.vec3i(*kind)
         self._states.append(state)
         return record(make_control, 1, [state], self._problem.device).launch
 
     def _programme(self, m: int) -> Any:
-        result = programme(1, m, self._count, len(self._rows.low), self._problem.device, sides=2)
-        result.limits = self._constant(self._rows.matrix * self._unit)
+        result = programme(1, m, self._count, len(self._limits["low"].values), self._problem.device, sides=2)
+        result.limits = self._limits["scaled"].array
         return result
 
     def _zeros(self, *shape: int) -> Any:
         return wp.zeros((1, *shape), dtype=wp.float64, device=self._problem.device)
-
-    def _constant(self, values: FloatArray) -> Any:
-        return wp.array(np.ascontiguousarray(values), dtype=wp.float64, device=self._problem.device)

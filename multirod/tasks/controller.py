@@ -30,6 +30,7 @@ from multirod.tasks.formulation import Task, freed, input_units, with_values
 from multirod.tasks.given import plain, turned
 from multirod.tasks.limits import SAME, LimitRows, Limits, freed_labels, limit_rows, nearest, refuse_start, told
 from multirod.tasks.rows import SMALLEST_AXIS, Pose
+from multirod.tasks.shape_limits import Look, ShapeLimits
 from multirod.tasks.watch import Watch
 from multirod.tasks.watch_kernels import LOOK, NEXT
 from multirod.types import Numbers
@@ -121,7 +122,8 @@ class Controller(Uncopied, Generic[Robot_co]):
         free: Names of the inputs that it chooses.
         inputs: Where it begins, and all that is not free. Without ``guess`` too: all by default, or as near to that as the limits
             allow.
-        limits: Of the freed inputs, kept at every sample.
+        limits: Kept at every sample: of the freed inputs, and of the shape. These cost a look at each command, an integration or
+            two, and several where a command is near one (``docs/tasks.md``).
         correction_time: Of the filter between measurement and correction [s]; five samples by default.
         guess: The equilibrium at ``inputs``.
         integrator: Of the spatial equations; ``RK4(50)`` takes the same time at each sample.
@@ -154,8 +156,6 @@ class Controller(Uncopied, Generic[Robot_co]):
         lag = LAG * self.dt if correction_time is None else positive_float("Controller.correction_time", correction_time)
         if limits is not None:
             instance("Controller.limits", limits, Limits, "Limits, such as Limits(translation=(-0.1, 0))")
-            if limits.of_shape:
-                refuse("Controller.limits", limits, "must be of inputs alone: of the shape, each sample's properties tell")
         method, device = RK45() if integrator is None else integrator, device_name("Controller.device", device)
         expect(make_control, device)
         given = robot.accept(guess.inputs if inputs is None and guess is not None else inputs)
@@ -179,7 +179,12 @@ class Controller(Uncopied, Generic[Robot_co]):
         keep = exp(-self.dt / lag)
         weight = np.array([1 / self._length**2, 1 / self._length])
         self._watch = Watch(problem)
-        self._step = ControlStep(self._task, self._rows, self._unit, weight, (1 - keep**2, (1 - keep) ** 2), self._watch)
+        self._shape = None
+        if limits is not None and limits.of_shape:
+            self._shape = ShapeLimits(robot, given, self.free, limits, self._unit, method, device)
+            self._refuse_shape(limits, problem.adopt(start.unknowns[None]))
+        gains, shaped = (1 - keep**2, (1 - keep) ** 2), 0 if self._shape is None else self._shape.count
+        self._step = ControlStep(self._task, self._rows, self._unit, weight, gains, self._watch, shaped)
         self._step.start(x, p)
         self._step.prepare((1, 0, 0), (1, 1, 0))  # what most loops ask for: a position, a pose
         self._begin(x, p, "Controller.inputs" if guess is None else "Controller.guess")
@@ -193,6 +198,14 @@ class Controller(Uncopied, Generic[Robot_co]):
             refuse(field, Described("an unstable equilibrium"), "must be stable: a robot would leave it")
         self._watch.keep(ALONE, gamma)
         self._task.write(x, p)
+
+    def _refuse_shape(self, limits: Limits, unknowns: FloatArray) -> None:
+        """A start whose shape is beyond its limits."""
+        assert self._shape is not None
+        found = self._shape.look(unknowns, self._task.problem.read("inputs"))
+        if not found.within:
+            what = "not known to be within" if np.isnan(found.room).any() else "beyond"
+            refuse("Controller.limits", limits, f"must hold at the start too, whose shape is {what} them")
 
     def _zeros(self, given: Inputs) -> dict[str, FloatArray]:
         """Freed inputs that were not given."""
@@ -328,10 +341,29 @@ class Controller(Uncopied, Generic[Robot_co]):
                 if self._unstable(record):
                     status = int(Status.UNSTABLE)
                     self._step.refuse(told)
+            if self._shape is not None and not Status(status).failed:
+                status = self._in_shape(self._shape, record, told, status)
+                spent = frozen(spent + np.int32(self._shape.integrations))
         result: Command[Robot_co] = Command(self._scene, record, Outcome(CODES[status], ONCE, spent))
         result.missing = -1 in seen
         result._free, result._told, result._rows, result._aims = self.free, told, self._rows, kind[0] == 1
         return result
+
+    def _in_shape(self, shape: ShapeLimits, record: FloatArray, told: FloatArray, status: int) -> int:
+        """(18) A command that is beyond a limit of the shape is not given: the last one is, if that is within them still."""
+        fields = self._task.problem.record_fields
+
+        def looked() -> Look:
+            return shape.look(record[:, fields["unknowns"]], record[:, fields["inputs"]])
+
+        shape.integrations = 0
+        found = looked()
+        if not shape.accepts(found):
+            self._step.stay(record, told)
+            found = looked()
+            status = int(Status.AT_LIMIT if found.within else Status.OUT_OF_LIMITS)
+        self._step.limit_shape(*shape.rows(found))
+        return status
 
     def _unstable(self, record: FloatArray) -> bool:
         """Whether a command is unstable: by an integration at it, and where ``Gamma`` there does not say so, by its modes."""

@@ -16,6 +16,7 @@ from multirod.tasks.formulation import Task
 from multirod.tasks.limits import LimitRows, Limits
 from multirod.tasks.rows import PoseRows
 from multirod.tasks.search_kernels import BEGINNING, ENDED, NOT_REACHED
+from multirod.tasks.shape_limits import largest_bending
 from multirod.validation import FloatArray
 
 LEAST_PART = 0.01  # of the way
@@ -24,7 +25,6 @@ NEAR_LIMIT = 1e-8  # in units (9)
 INSET = 1e-10  # likewise: limits are kept by so much, which rounding does not use up
 SETTLING = 4  # integrations that an equilibrium that was found by other kernels is brought to its tolerance by
 CAREFUL = 0.125  # part of the way that is gone at once where all of it ended at an equilibrium that is not stable
-NODES = 33  # of each rod, where its curvature is looked at
 
 Prefer = Literal["smallest motion", "smallest tension", "middle", "stability"]
 BoolArray = NDArray[np.bool_]
@@ -227,11 +227,7 @@ class Search:
         """Largest curvature of any rod [1/m], shape (len(rows),)."""
         problem = self.task.problem
         self.task.write(self.last.x, self.last.p)
-        if problem.shapes is None:
-            return np.zeros(len(rows))
-        shapes, _ = problem.shapes.at_nodes(NODES)
-        most = [np.nanmax(np.linalg.norm(shape.curvature[rows, :, :2], axis=-1), axis=1) for shape in shapes]
-        return np.asarray(np.max(most, axis=0))
+        return np.asarray(largest_bending(problem)[rows])
 
     def beyond(self, rows: IntArray) -> BoolArray:
         """Whether the shapes at ``last`` are beyond their limits, or not known to be within, shape (len(rows),)."""
