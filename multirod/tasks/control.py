@@ -10,7 +10,7 @@ from multirod.launch import record
 from multirod.rotations import matrices
 from multirod.shared import Shared
 from multirod.tasks.condensed import condensed
-from multirod.tasks.control_kernels import ANGLE, ERROR, FREE, HELD, SINGULAR, Control, make_control
+from multirod.tasks.control_kernels import ANGLE, ERROR, FREE, HELD, LONGEST, SINGULAR, Control, make_control
 from multirod.tasks.formulation import Task
 from multirod.tasks.limits import LimitRows
 from multirod.tasks.programme import programme
@@ -75,8 +75,12 @@ class ControlStep:
         self._views = [self._kept[name].numpy() for name in ("record", "told", "status", "doubt")]
         self._shared = wp.get_device(device).is_cpu
         c, k = rows.matrix.shape
-        sizes_of_limits = {"limits": (c + shaped, k), "scaled": (c + shaped, k), "low": (c + shaped,), "high": (c + shaped,)}
-        self._limits = {name: Shared(size, wp.float64, device) for name, size in sizes_of_limits.items()}
+        each: dict[str, tuple[int, ...]] = dict.fromkeys(("limits", "scaled"), (c + shaped, k)) | dict.fromkeys(
+            ("low", "high"), (c + shaped,)
+        )
+        self._limits = {name: Shared(size, wp.float64, device) for name, size in each.items()}
+        self._longest = Shared((1,), wp.float64, device)
+        self._longest.write(LONGEST)
         self._put_limits(slice(c), rows.matrix, rows.low, rows.high)
         self._put_limits(slice(c, None), np.zeros((shaped, k)), np.full(shaped, -np.inf), np.full(shaped, np.inf))
         self._launches: dict[Kind, Callable[[], None]] = {}
@@ -128,14 +132,20 @@ class ControlStep:
         told[[SINGULAR, HELD]], told[[ERROR, ANGLE]] = 0.0, np.nan
         told[FREE : FREE + k], told[FREE + k : FREE + 7 * k], told[FREE + 7 * k :] = values[0], np.nan, 0.0
 
-    def limit_shape(self, matrix: FloatArray, high: FloatArray) -> None:
-        """``matrix p <= high`` from now on, shapes (shaped, k) and (shaped,)."""
+    def limit_shape(self, matrix: FloatArray, high: FloatArray, longest: float) -> None:
+        """``matrix p <= high`` from now on, shapes (shaped, k) and (shaped,), and steps of ``longest`` in units (9) at most."""
+        self._longest.write(longest)
         self._put_limits(slice(len(self._rows.low), None), matrix, np.full(len(high), -np.inf), high)
 
     def _put_limits(self, places: slice, matrix: FloatArray, low: FloatArray, high: FloatArray) -> None:
         for name, values in {"limits": matrix, "scaled": matrix * self._unit, "low": low, "high": high}.items():
             self._limits[name].values[places] = values
             self._limits[name].send()
+
+    @property
+    def last_values(self) -> FloatArray:
+        """``p`` of the command before the last launch, shape (k,)."""
+        return np.array(self._kept["before_values"].numpy()[0])
 
     def stay(self, record: FloatArray, told: FloatArray) -> None:
         """Give the last command again, as it is to first order under what else holds in this sample: ``record`` and ``told`` say
@@ -188,6 +198,7 @@ class ControlStep:
         state.unit = wp.array(np.ascontiguousarray(self._unit), dtype=wp.float64, device=self._problem.device)
         for name in ("limits", "low", "high"):
             setattr(state, name, self._limits[name].array)
+        state.longest = self._longest.array
         state.watched, state.curvature = self._watch.state, float(self._problem.curvature_scale()[0])
         state.weight, state.gain, state.kind = wp.vec2d(*self._weight), wp.vec2d(*self._gains), wp.vec3i(*kind)
         self._states.append(state)

@@ -60,6 +60,7 @@ class Control:
     good_unknowns: wp.array2d[wp.float64]
     good_values: wp.array2d[wp.float64]
     watched: Watched
+    longest: wp.array[wp.float64]  # step of a sample, in units (9)
     curvature: wp.float64  # scale of unknowns [1/m], whose steps are told by it, those of values in units (9)
     foreseen: wp.array[wp.float64]  # the way to the sample's place from the last command, likewise
     doubt: wp.array[int]  # what has to be done about the sample, as ``watch_kernels`` says
@@ -233,9 +234,9 @@ def bounded(s: Control, t: int, side: int):
     longest = f64(0.0)
     for j in range(k):
         longest = wp.max(longest, wp.abs(s.step.change[t, j]))
-    if longest > f64(wp.static(LONGEST)):
+    if longest > s.longest[t]:
         for j in range(k):
-            s.step.change[t, j] = s.step.change[t, j] * (f64(wp.static(LONGEST)) / longest)
+            s.step.change[t, j] = s.step.change[t, j] * (s.longest[t] / longest)
 
 
 @wp.func

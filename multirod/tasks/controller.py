@@ -358,11 +358,11 @@ class Controller(Uncopied, Generic[Robot_co]):
 
         shape.integrations = 0
         found = looked()
-        if not shape.accepts(found):
+        if not shape.accepts(found, self._step.last_values):
             self._step.stay(record, told)
             found = looked()
             status = int(Status.AT_LIMIT if found.within else Status.OUT_OF_LIMITS)
-        self._step.limit_shape(*shape.rows(found))
+        self._step.limit_shape(*shape.rows(found), shape.longest)
         return status
 
     def _unstable(self, record: FloatArray) -> bool:

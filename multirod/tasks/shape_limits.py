@@ -9,15 +9,15 @@ from multirod.inputs import Inputs
 from multirod.integrators import Integrator
 from multirod.problem import BoundaryProblem
 from multirod.stability import modes_of
+from multirod.tasks.control_kernels import LONGEST
 from multirod.tasks.formulation import Task
 from multirod.tasks.limits import Limits
 from multirod.validation import FloatArray
 
-NODES = 33  # of each rod, where its curvature is looked at
+NODES = 101  # of each rod, where its curvature is looked at
 PROBE = 1e-3  # in units (9): steps of the differences (18)
 NEAR = 0.1  # room, of a limit of the curvature or in stability margin, below which (18) is asked for
-ROUNDED = 1e-6  # of that room, which a command that is given again may be beyond its limits
-MOST_HALVED = 20  # times, of steps after commands that were refused
+LEAST = 1e-4  # of that room, which a command that is accepted leaves: what a look is off to higher order, and rounding, after it
 INSET = 2e-3  # of that room, which steps leave: what they are off to second order
 
 
@@ -60,7 +60,11 @@ class Look:
     @property
     def within(self) -> bool:
         """Whether it is within all limits; what is not known is not."""
-        return bool((self.room >= -ROUNDED).all())
+        return self.leaves(0.0)
+
+    def leaves(self, least: float) -> bool:
+        """Whether each limit leaves so much at least."""
+        return bool((self.room >= least).all())
 
 
 class ShapeLimits:
@@ -77,6 +81,7 @@ class ShapeLimits:
 
     Attributes:
         count: Limits of the shape.
+        longest: Step that the next sample may take, in units (9).
         integrations: Of looks, each of an instance or of its shape, since it was last set to zero.
     """
 
@@ -96,7 +101,7 @@ class ShapeLimits:
         self._probes = Task.of(robot, many, free, integrator=integrator, device=device)
         self.count = (limits.curvature is not None) + (limits.stability_margin is not None)
         self.integrations = 0
-        self._refused = 0  # commands, one after another
+        self.longest = LONGEST
 
     def look(self, unknowns: FloatArray, inputs: FloatArray) -> Look:
         """At unknowns (1, n), which are an equilibrium's to first order, and a row of the problem's inputs (1, size)."""
@@ -110,15 +115,21 @@ class ShapeLimits:
         there = unknowns + towards
         return Look(there, np.array(inputs), by[0], self._room(self._one, there, inputs)[0])
 
-    def accepts(self, found: Look) -> bool:
-        """Whether a command is within all limits; steps after one that is not become shorter."""
-        self._refused = 0 if found.within else min(self._refused + 1, MOST_HALVED)
-        return found.within
+    def accepts(self, found: Look, last: FloatArray) -> bool:
+        """Whether a command is within all limits: else the next steps are half as long as the one from ``last`` (k,), from then
+        on each twice as long as the one before."""
+        accepted = found.leaves(LEAST)
+        if accepted:
+            self.longest = min(2 * self.longest, LONGEST)
+        else:
+            step = (found.inputs[0, self._one.places] - last) / self._unit
+            self.longest = 0.5 * min(self.longest, float(np.abs(step).max()))
+        return accepted
 
     def rows(self, found: Look) -> tuple[FloatArray, FloatArray]:
         """(18) ``matrix p <= high``, shapes (count, k) and (count,), of steps from a command."""
         matrix, high = np.zeros((self.count, len(self._unit))), np.full(self.count, np.inf)
-        near = found.room < NEAR if self._refused == 0 else np.ones(self.count, dtype=bool)
+        near = found.room < NEAR if self.longest == LONGEST else np.ones(self.count, dtype=bool)
         if near.any():
             places, step = self._probes.places, PROBE * self._unit
             many = np.repeat(found.inputs, len(step), axis=0)
@@ -127,8 +138,7 @@ class ShapeLimits:
             slope = (probed - found.room).T / step
             near &= np.isfinite(slope).all(axis=1)
             matrix[near] = -slope[near]
-            left = 0.5**self._refused * np.maximum(found.room - INSET, 0.0)
-            high[near] = left[near] + matrix[near] @ found.inputs[0, places]
+            high[near] = np.maximum(found.room - INSET, 0.0)[near] + matrix[near] @ found.inputs[0, places]
         return matrix, high
 
     def _room(self, task: Task, unknowns: FloatArray, inputs: FloatArray) -> FloatArray:
