@@ -131,7 +131,7 @@ class Assembly(ABC):
         """Leading axes of the rods' parameters together."""
         return broadcast_shapes(*(rod.batch_shape for rod in self.rods))
 
-    def inputs(self, **values: Any) -> Inputs:
+    def inputs(self, **values: object) -> Inputs:
         """Check and broadcast inputs by name; what is not named is zero.
 
         Raises:
@@ -316,7 +316,7 @@ else:  # without a default, which needs Python 3.13
     Robot_co = TypeVar("Robot_co", bound=Assembly, covariant=True)
 
 
-def pose(field: str, value: Any) -> FloatArray:
+def pose(field: str, value: object) -> FloatArray:
     """A checked pose (..., 4, 4); None is the identity."""
     if value is None:
         value = np.eye(4)

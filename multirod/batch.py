@@ -7,17 +7,17 @@ from contextlib import suppress
 from itertools import pairwise
 from math import prod
 from threading import Event
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.validation import FloatArray, positive_int
+from multirod.validation import FloatArray, Kind, positive_int
 
 IntArray = NDArray[np.intp]
+Instances = IntArray | NDArray[np.bool_] | slice  # some of those along the first axis of an array
 
 
-def take(values: Any, batch_shape: tuple[int, ...], instances: IntArray | None, *, tail: int) -> Any:
+def take(values: NDArray[Kind], batch_shape: tuple[int, ...], instances: IntArray | None, *, tail: int) -> NDArray[Kind]:
     """Rows of some instances of a batch.
 
     Args:
@@ -70,7 +70,7 @@ class Interrupted(RuntimeError):
     """Raised within a part of a batch whose run was stopped."""
 
 
-def thread_count(threads: Any) -> int:
+def thread_count(threads: object) -> int:
     """The number of threads asked for; by default, one for each core that this process may use.
 
     Raises:

@@ -1,7 +1,7 @@
 """Integers with names, as kernels, files and recordings hold them, and arrays of them."""
 
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, Self
+from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,11 +50,11 @@ class Codes(Integers):
     kind: ClassVar[type[Code]]
 
     @classmethod
-    def of(cls, values: Any) -> Self:
+    def of(cls, values: object) -> Self:
         """A view."""
         return np.asarray(values).view(cls)
 
-    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
+    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: object, **options: Any) -> Any:  # noqa: ANN401  (as NumPy has it)
         for given in inputs:
             if isinstance(given, (str, list, tuple, np.ndarray)) and np.asarray(given).dtype.kind == "U":
                 self.kind.refuse_text(str(np.asarray(given).flat[0]))
@@ -62,27 +62,31 @@ class Codes(Integers):
             options["out"] = tuple(map(_plain, options["out"]))
         return getattr(ufunc, method)(*map(_plain, inputs), **options)
 
-    def __getitem__(self, index: Any) -> Any:
+    def __getitem__(self, index: Any) -> Any:  # noqa: ANN401  (as NumPy has it)
         found = super().__getitem__(index)
         return self.kind(int(found)) if isinstance(found, np.int32) else found
 
     if not TYPE_CHECKING:  # which takes one for an array that has what one has
 
-        def __getattr__(self, name: str) -> Any:
+        def __getattr__(self, name: str) -> NoReturn:
             of_each = f": it is an array, of which each has one: [k].{name}" if hasattr(next(iter(self.kind)), name) else ""
             raise AttributeError(f"{type(self).__name__} has no {name!r}{of_each}", name=name)
 
     def __repr__(self) -> str:
         start = f"{type(self).__name__}("
-        return f"{start}{self._listed(separator=', ', prefix=start)})"
+        return f"{start}{self._listed(', ', start)})"
 
     def __str__(self) -> str:
         return self._listed()
 
-    def _listed(self, **layout: Any) -> str:
+    def _listed(self, separator: str = " ", prefix: str = "") -> str:
         names = {int(code): code.name for code in self.kind}
-        return np.array2string(_plain(self), formatter={"int": lambda value: names.get(int(value), str(value))}, **layout)
+
+        def name(value: object) -> str:
+            return names.get(int(cast(int, value)), str(value))
+
+        return np.array2string(self.view(np.ndarray), separator=separator, prefix=prefix, formatter={"int": name})
 
 
-def _plain(values: Any) -> Any:
+def _plain(values: object) -> object:
     return values.view(np.ndarray) if isinstance(values, Codes) else values

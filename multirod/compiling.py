@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from hashlib import sha256
 from pathlib import Path
 from threading import Lock, get_ident
-from typing import Any
+from typing import Any, cast
 
 import warp as wp
 
@@ -49,7 +49,7 @@ class Compiler:
         self._known: dict[tuple[Any, str], Future[None] | None] = {}
         self._pool: ThreadPoolExecutor | None = None
 
-    def request(self, module: Any, device: Any) -> "Future[None] | None":
+    def request(self, module: wp.Module, device: wp.Device) -> "Future[None] | None":
         """What to wait for until a module can be loaded; None where it can be now.
 
         Raises:
@@ -129,7 +129,7 @@ def cache() -> str:
     return str(path)
 
 
-def _load(module: Any, device: Any) -> None:
+def _load(module: wp.Module, device: wp.Device) -> None:
     try:
         if _headers is not None and device.is_cpu:
             _headers.precompile(device)
@@ -138,7 +138,7 @@ def _load(module: Any, device: Any) -> None:
         raise CompileError(f"the kernel {module.name} could not be compiled into {cache()}: {error}") from error
 
 
-def _is_kept(module: Any, device: Any) -> bool:
+def _is_kept(module: wp.Module, device: wp.Device) -> bool:
     """Whether Warp's cache has a module, of the name that ``Module.load`` looks for; Warp has no public way to ask."""
     if not wp.config.cache_kernels:
         return False
@@ -174,7 +174,7 @@ class _Headers:
         self._maker: int | None = None
         self._room = ""
 
-    def precompile(self, device: Any) -> None:
+    def precompile(self, device: wp.Device) -> None:
         """Have Warp precompile them with a kernel that does nothing, if nobody has: other threads wait for it.
 
         That is done elsewhere, and what is complete is moved here: other processes may be doing the same.
@@ -211,14 +211,14 @@ def _has_headers(folder: Path) -> bool:
     return any(folder.glob("*.pch"))
 
 
-def _kernel_of(number: int) -> Any:
+def _kernel_of(number: int) -> wp.Kernel:
     """A kernel that does nothing, another one for each number: Warp compiles it if its cache lacks it."""
 
     @wp.kernel(enable_backward=False, module="unique")  # type: ignore[untyped-decorator]
     def nothing() -> None:
         _ = wp.int64(wp.static(number))
 
-    return nothing
+    return cast(wp.Kernel, nothing)
 
 
 _headers: _Headers | None = None

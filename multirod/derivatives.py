@@ -11,6 +11,7 @@ from multirod.batch import solved_each
 from multirod.problem import BoundaryProblem
 from multirod.rotations import cross_matrix
 from multirod.segment_system import pose_jacobian
+from multirod.segments import Segments
 from multirod.types import Numbers
 from multirod.validation import FloatArray, array, choice, frozen, meant, refuse, shown
 
@@ -115,7 +116,7 @@ def split(solution: "Solution[Any]", names: Sequence[str], columns: FloatArray) 
     return np.split(columns, np.cumsum([solution.assembly.column_count(name) for name in names])[:-1], axis=-1)
 
 
-def _pose_rows(problem: Any, moved: FloatArray, apart: FloatArray | None = None) -> FloatArray:
+def _pose_rows(problem: BoundaryProblem, moved: FloatArray, apart: FloatArray | None = None) -> FloatArray:
     return np.concatenate([problem.pose_by_unknowns(), moved], axis=2)
 
 
@@ -131,7 +132,7 @@ def _rows(
         places = places_of(solution, at, index)
         tail = (places.size, 3) if np.ndim(np.asarray(at)) else (3,)
 
-        def along(problem: Any, moved: FloatArray, apart: FloatArray) -> FloatArray:
+        def along(problem: BoundaryProblem, moved: FloatArray, apart: FloatArray) -> FloatArray:
             own = np.maximum(places - apart[:, None], places / 2)
             values = problem.along(names, index, own)[of]
             return np.asarray(values.reshape(problem.instance_count, -1, values.shape[-1]))
@@ -141,7 +142,8 @@ def _rows(
     if not assembly.length_columns:
         raise NotImplementedError(f"{type(assembly).__name__} does not give the derivatives of its lines' lengths")
 
-    def lines(problem: Any, moved: FloatArray, apart: FloatArray) -> FloatArray:
+    def lines(problem: BoundaryProblem, moved: FloatArray, apart: FloatArray) -> FloatArray:
+        assert problem.lines is not None  # as an assembly with lines has
         ask = problem.lines.length_columns if of == "line_length" else problem.lines.tension_columns
         return np.asarray(ask(*names))
 
@@ -178,14 +180,19 @@ def _by(solution: "Solution[Any]", names: list[str], rows: Rows, tail: tuple[int
     """(D1) Derivatives by parameters, and by inputs whose terms are compiled in, (..., *tail, k), in one integration."""
     count = sum(solution.assembly.column_count(name) for name in names)
 
-    def columns(problem: Any) -> tuple[FloatArray]:
+    def columns(problem: BoundaryProblem) -> tuple[FloatArray]:
         result = _eliminated(*_fixed(problem, names, rows), _gamma(problem))
         for k, points in problem.breakpoints.items():
             by_inputs = rows is _pose_rows and not any(name in solution.assembly.parameters for name in names)
-            result[k] = pose_jacobian(problem.segments, k, points) if by_inputs else np.nan
+            result[k] = pose_jacobian(_segments(problem), k, points) if by_inputs else np.nan
         return (result,)
 
     return solution._masked(_gathered(solution, names, columns)[0], (*tail, count))
+
+
+def _segments(problem: BoundaryProblem) -> Segments:
+    assert problem.segments is not None  # as of all that is known by its breakpoints
+    return problem.segments
 
 
 def _eliminated(slopes: FloatArray, rows: FloatArray, gamma: FloatArray) -> FloatArray:
@@ -206,7 +213,7 @@ def _gamma(problem: BoundaryProblem) -> FloatArray:
     return problem.read("gamma").reshape(-1, n, n)
 
 
-def _fixed(problem: Any, names: list[str], rows: Rows) -> tuple[FloatArray, FloatArray]:
+def _fixed(problem: BoundaryProblem, names: list[str], rows: Rows) -> tuple[FloatArray, FloatArray]:
     """Columns of the residual by the names, the unknowns fixed, and rows by unknowns, then by the names."""
     apart = problem.part_ends(names)
     problem.eliminates = True
@@ -236,7 +243,7 @@ def vjp(solution: "Solution[Any]", cotangent: Numbers, of: str, wrt: object) -> 
     twins = twins_of(solution.assembly, lambda: solution.inputs, known)
     names = [twin or name for name, twin in zip(known, twins, strict=True)]
 
-    def columns(problem: Any) -> tuple[FloatArray, ...]:
+    def columns(problem: BoundaryProblem) -> tuple[FloatArray, ...]:
         slopes, carried = _fixed(problem, names, _pose_rows)
         for k in problem.breakpoints:
             carried[k] = np.nan

@@ -122,7 +122,7 @@ class Equilibrium:
             raise TypeError(f"it takes no {shown(name)}: it takes {', '.join(self.tails)}{meant(name, self.tails)}")
         return self._own(name)
 
-    def _robot(self, values: Mapping[str, FloatArray]) -> Any:
+    def _robot(self, values: Mapping[str, FloatArray]) -> Assembly:
         if not values:
             return self.robot
         rods = [_changed(rod, i, values) for i, rod in enumerate(self.robot.rods)]

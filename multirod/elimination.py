@@ -1,15 +1,25 @@
 """Matrices that are mostly zeros, eliminated: what a problem offers of a large ``Gamma``."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from multirod.validation import FloatArray
 
+if TYPE_CHECKING:
+    from scipy.sparse import csc_matrix
+
 KEPT = 3  # matrices whose factors are kept: the present one, and those that it is compared with
 LANCZOS = 150  # rows from which the least singular value is found by iteration
 CLOSE = 1e-4  # to which that is, relative
+
+
+class Factors(Protocol):
+    """What solves with a matrix."""
+
+    def solve(self, rhs: FloatArray, trans: Literal["N", "T", "H"] = "N") -> FloatArray:
+        """The solutions for sides (n,) or (n, m), with the matrix or its transpose."""
 
 
 class Elimination:
@@ -37,7 +47,7 @@ class Elimination:
         self._by_place = np.argsort(self.places)
         self._starts = np.searchsorted(self.columns, np.arange(size + 1)).astype(np.int32)
         self._rows = self.rows.astype(np.int32)
-        self._kept: list[tuple[FloatArray, Any]] = []
+        self._kept: list[tuple[FloatArray, Factors | None]] = []
 
     def __getstate__(self) -> dict[str, Any]:
         """Without the factors, which SciPy can neither copy nor pickle, and which are found again."""
@@ -53,7 +63,7 @@ class Elimination:
         found = np.searchsorted(self.places, places, sorter=self._by_place)
         return np.asarray(self._by_place[found])
 
-    def matrix(self, numbers: FloatArray) -> Any:
+    def matrix(self, numbers: FloatArray) -> "csc_matrix[np.float64]":
         """That of SciPy's in columns."""
         from scipy.sparse import csc_matrix
 
@@ -65,15 +75,15 @@ class Elimination:
         result[..., self.places] = numbers
         return result.reshape(*numbers.shape[:-1], self.size, self.size)
 
-    def factors(self, numbers: FloatArray) -> Any:
+    def factors(self, numbers: FloatArray) -> "Factors | None":
         """What solves with the matrix: ``solve(sides)``, or ``solve(sides, "T")`` with its transpose; None if it is singular."""
-        for known, factors in self._kept:
+        for known, kept in self._kept:
             if np.array_equal(known, numbers):
-                return factors
+                return kept
         from scipy.sparse.linalg import splu
 
         try:
-            factors = splu(self.matrix(numbers)) if np.isfinite(numbers).all() else None
+            factors = cast(Factors, splu(self.matrix(numbers))) if np.isfinite(numbers).all() else None
         except RuntimeError:  # a pivot is zero
             factors = None
         self._kept = [(np.array(numbers), factors), *self._kept[: KEPT - 1]]

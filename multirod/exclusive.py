@@ -1,7 +1,7 @@
 """Objects that work in buffers of their own: never copied, and one thread at a time."""
 
 from threading import RLock
-from typing import Any, ClassVar, NoReturn
+from typing import ClassVar, NoReturn
 
 
 class Uncopied:
@@ -13,7 +13,7 @@ class Uncopied:
 
     instead: ClassVar[str]
 
-    def __reduce_ex__(self, protocol: Any) -> NoReturn:
+    def __reduce_ex__(self, protocol: object) -> NoReturn:
         """Refuse ``copy.copy``, ``copy.deepcopy`` and ``pickle``, by a ``TypeError``."""
         raise TypeError(
             f"a {type(self).__name__} cannot be copied or pickled, a copy would share what it works on: {self.instead}"

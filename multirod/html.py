@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from html import escape
 from math import prod
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -48,18 +48,18 @@ def _cell(value: object) -> str:
     return f'<td style="{_RIGHT}">{escape(_number(value))}</td>'
 
 
-def _number(value: Any) -> str:
+def _number(value: object) -> str:
     """Four digits; nothing where there is no number."""
     if value is None or (isinstance(value, (float, np.floating)) and np.isnan(value)):
         return "–"
-    return f"{value:,}" if isinstance(value, (int, np.integer)) else f"{float(value):.4g}"
+    return f"{value:,}" if isinstance(value, (int, np.integer)) else f"{float(cast(float, value)):.4g}"
 
 
-def _vector(values: Any) -> str:
+def _vector(values: FloatArray) -> str:
     return ", ".join(_number(float(value)) for value in np.ravel(values))
 
 
-def _range(values: Any, tail: int = 0) -> str:
+def _range(values: object, tail: int = 0) -> str:
     """One number or vector, or the range of those of a batch."""
     given = np.asarray(values, dtype=np.float64)
     if given.ndim <= tail:
@@ -194,7 +194,7 @@ def history(found: "History") -> str:
 _HEADER = ("status", "tip x [m]", "tip y [m]", "tip z [m]", "residual [1/m]", "iterations")
 
 
-def _row(found: "Solution", place: Any) -> Cells:
+def _row(found: "Solution", place: tuple[int | np.intp, ...]) -> Cells:
     status = Status(int(np.asarray(found.status)[place]))
     values = [*found.tip_position[place], np.asarray(found.residual)[place], np.asarray(found.iterations)[place]]
     return [status.name, *values]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 from weakref import ref
 
 import numpy as np
@@ -14,6 +14,9 @@ from multirod.batch import IntArray, broadcast_shapes, take
 from multirod.profile import Profile, fit
 from multirod.types import Index
 from multirod.validation import FloatArray, array, refuse, unknown_names
+
+if TYPE_CHECKING:
+    from multirod.assembly import Assembly
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,11 +138,11 @@ class Inputs:
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name != "_checked"}
 
-    def checked_by(self, robot: Any) -> None:
+    def checked_by(self, robot: "Assembly") -> None:
         """Note that a robot takes them."""
         self._checked = ref(robot)
 
-    def was_checked_by(self, robot: Any) -> bool:
+    def was_checked_by(self, robot: "Assembly") -> bool:
         """Whether this very robot is known to take them."""
         return self._checked is not None and self._checked() is robot
 
@@ -300,7 +303,7 @@ def _counted(count: int, what: str) -> str:
     return f"{count} {what}{'s' * (count != 1)}"
 
 
-def one_each(name: str, value: Any, count: int, what: str = "") -> FloatArray:
+def one_each(name: str, value: object, count: int, what: str = "") -> FloatArray:
     """An input per rod, or per line, as (..., count): one number is the same for all, and one rod needs no axis of its own.
 
     ``what`` these are, errors say.

@@ -7,7 +7,7 @@ from concurrent.futures import Future
 from contextlib import contextmanager
 from functools import partial
 from threading import RLock
-from typing import Any
+from typing import Any, Protocol, cast
 
 import warp as wp
 
@@ -19,7 +19,20 @@ LONGEST = 1024  # integrations of a rod in one launch: some hundredths of a seco
 _MAKING = RLock()
 
 
-def record(make: Callable[[], Any], dim: int, arguments: Sequence[Any], device: str) -> Any:
+class Launch(Protocol):
+    """A kernel with its arguments, to be launched again and again."""
+
+    def launch(self) -> None:
+        """Launch it."""
+
+    def set_dim(self, dim: int) -> None:
+        """Another number of threads from now on."""
+
+    def set_param_at_index(self, index: int, value: object) -> None:
+        """Another argument from now on."""
+
+
+def record(make: Callable[[], wp.Kernel], dim: int, arguments: Sequence[object], device: str) -> Launch:
     """A launch to be repeated by ``.launch()``, which releases the interpreter lock.
 
     A kernel that Warp's cache lacks is compiled in the background: the launch waits for it when it is first used, so that what is
@@ -34,10 +47,10 @@ def record(make: Callable[[], Any], dim: int, arguments: Sequence[Any], device: 
     kernel, future = _requested(make, device)
     if future is None:
         return _record(kernel, dim, arguments, device)
-    return Pending(future, kernel, dim, arguments, device)
+    return cast(Launch, Pending(future, kernel, dim, arguments, device))  # which has what the launch has
 
 
-def expect(make: Callable[[], Any], device: str) -> None:
+def expect(make: Callable[[], wp.Kernel], device: str) -> None:
     """Have a kernel compiled in the background that is sure to be recorded later, as ``record`` does.
 
     Args:
@@ -47,7 +60,7 @@ def expect(make: Callable[[], Any], device: str) -> None:
     _requested(make, device)
 
 
-def _requested(make: Callable[[], Any], device: str) -> "tuple[Any, Future[None] | None]":
+def _requested(make: Callable[[], wp.Kernel], device: str) -> "tuple[wp.Kernel, Future[None] | None]":
     start_warp()
     with _without_collections():
         with _MAKING:
@@ -70,13 +83,13 @@ def _without_collections() -> Iterator[None]:
             gc.enable()
 
 
-def _record(kernel: Any, dim: int, arguments: Sequence[Any], device: str) -> Any:
+def _record(kernel: wp.Kernel, dim: int, arguments: Sequence[object], device: str) -> Launch:
     with _MAKING:
-        recorded = wp.launch(kernel, dim=dim, inputs=list(arguments), device=device, record_cmd=True)
+        recorded: Any = wp.launch(kernel, dim=dim, inputs=list(arguments), device=device, record_cmd=True)
     try:
-        return Direct(recorded) if recorded.device.is_cpu else recorded
+        return Direct(recorded) if recorded.device.is_cpu else cast(Launch, recorded)
     except (AttributeError, TypeError):  # another version of Warp, whose own launches do as well
-        return recorded
+        return cast(Launch, recorded)
 
 
 class Direct:
@@ -91,7 +104,7 @@ class Direct:
         launch: Launches; the same function whatever is set.
     """
 
-    def __init__(self, recorded: Any) -> None:
+    def __init__(self, recorded: Any) -> None:  # noqa: ANN401  (what Warp keeps in it has no types)
         self._recorded = recorded
         labels = [argument.label for argument in recorded.kernel.adj.args]
         values = recorded.params[1:]
@@ -115,7 +128,7 @@ class Direct:
         for label, value in zip(self._labels, values, strict=True):
             setattr(self._arguments, label, value)
 
-    def set_param_at_index(self, index: int, value: Any) -> None:
+    def set_param_at_index(self, index: int, value: object) -> None:
         """Another argument from now on."""
         self._recorded.set_param_at_index(index, value)
         self._take_over()
@@ -126,7 +139,7 @@ class Direct:
         self._take_over()
 
 
-def ready(launch: Any) -> tuple[int, int, int] | None:
+def ready(launch: Launch) -> tuple[int, int, int] | None:
     """``Direct.address`` of a launch, which is waited for while its kernel is being compiled; None if it has none."""
     if isinstance(launch, Pending):
         launch = launch.recorded()
@@ -144,12 +157,12 @@ class Pending:
         device: Warp device.
     """
 
-    def __init__(self, future: "Future[None]", kernel: Any, dim: int, arguments: Sequence[Any], device: str) -> None:
+    def __init__(self, future: "Future[None]", kernel: wp.Kernel, dim: int, arguments: Sequence[object], device: str) -> None:
         self.device = wp.get_device(device)
         self._future, self._of = future, (kernel, dim, arguments, device)
-        self._recorded: Any = None
+        self._recorded: Launch | None = None
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str) -> Any:  # noqa: ANN401  (the launch's own)
         if name.startswith("_"):
             raise AttributeError(name)
         found = getattr(self.recorded(), name)
@@ -158,7 +171,7 @@ class Pending:
             setattr(self, name, found)
         return found
 
-    def recorded(self) -> Any:
+    def recorded(self) -> Launch:
         """The launch itself, once its kernel is compiled."""
         if self._recorded is None:
             COMPILER.wait(self._future)

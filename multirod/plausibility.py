@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from multirod.batch import broadcast_shapes
 from multirod.profile import Profile
@@ -47,7 +48,7 @@ class Limit:
     above: str
     others: tuple[tuple[str, float], ...] = ()
 
-    def odd(self, values: Any) -> float | None:
+    def odd(self, values: object) -> float | None:
         """The value that is furthest outside, if one is; zero and infinity are not."""
         sizes = np.abs(np.asarray(values, dtype=np.float64)).ravel()
         sizes = sizes[(sizes > 0) & (sizes < math.inf)]
@@ -56,7 +57,7 @@ class Limit:
         least, greatest = float(sizes.min()), float(sizes.max())
         return greatest if greatest > self.high else least if least < self.low else None
 
-    def check(self, field: str, values: Any) -> bool:
+    def check(self, field: str, values: object) -> bool:
         """Warn if a value is outside; returns whether one is."""
         odd = self.odd(values)
         if odd is None:
@@ -144,7 +145,7 @@ def _with_unit(value: float, unit: str) -> str:
     return f"{value:.6g} {unit}".strip()
 
 
-def _largest(values: Any) -> float:
+def _largest(values: object) -> float:
     values = np.asarray(values)
     if values.size < FEW:  # NumPy takes several times as long
         return max(map(abs, values.ravel().tolist()), default=0.0)
@@ -521,7 +522,7 @@ def _of_load(name: str, moment: bool, most: float, power: int, robot: "Assembly"
 # ---- solutions ----
 
 
-def of_bases(robot: "Assembly", unknowns: FloatArray, left_out: Any) -> bool:
+def of_bases(robot: "Assembly", unknowns: FloatArray, left_out: NDArray[np.bool_]) -> bool:
     """Warn of strain at the base of a single rod, which its unknowns tell; returns whether there is too much."""
     rod = robot.rods[0]
     if rod.outer_diameter is None:

@@ -2,16 +2,16 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from threading import Event
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from multirod.batch import IntArray, Interrupted
 from multirod.budget import Budget
@@ -23,6 +23,7 @@ from multirod.inputs import Inputs
 from multirod.segments import Breakpoints, Segments
 from multirod.stability import StabilityAnalysis
 from multirod.status import Status, failures
+from multirod.types import WarpArray
 from multirod.validation import Described, FloatArray, frozen, refuse
 
 TOLERANCE = 1e-9  # default of solvers, of the residual [1/m]
@@ -33,6 +34,7 @@ NOTHING = 1e-12  # of the largest singular value of Gamma: what straight rods an
 ALONE = 1e-6  # of a change of unknowns, that is of others
 FEW = 8  # instances of which one thread does all, what comes between integrations too
 SMALL = 2**19  # numbers in the records of a problem that may be kept for later calls, and its tools with it
+T = TypeVar("T")
 BUFFERS = (
     "order",
     "active",
@@ -233,7 +235,7 @@ class BoundaryProblem(Uncopied, ABC):
         self.pose_columns: Any = wp.zeros((count, 6, columns), dtype=wp.float64, device=device)
 
     @cached_property
-    def gamma(self) -> Any:
+    def gamma(self) -> WarpArray:
         """``Gamma``, shape (instance_count, n, n); where records hold its numbers alone, whoever asks has it filled by every
         integration from then on."""
         n = self.unknown_count
@@ -241,7 +243,7 @@ class BoundaryProblem(Uncopied, ABC):
             return self._field("gamma", (n, n))
         return wp.zeros((self.instance_count, n, n), dtype=wp.float64, device=self.device)
 
-    def _field(self, name: str, tail: tuple[int, ...], dtype: Any = wp.float64) -> Any:
+    def _field(self, name: str, tail: tuple[int, ...], dtype: type = wp.float64) -> WarpArray:
         width = self.records.shape[1] * 8
         inner = tuple(int(np.prod(tail[k + 1 :])) * 8 for k in range(len(tail)))
         return wp.array(
@@ -280,15 +282,15 @@ class BoundaryProblem(Uncopied, ABC):
         """Whether it may serve again after it was used, and its tools with it: on the CPU, where it is not large."""
         return self._host is not None and self._host.size <= SMALL
 
-    def tool(self, key: Any, make: Callable[[], Any]) -> Any:
+    def tool(self, key: Hashable, make: Callable[[], T]) -> T:
         """What a solver works with on this problem: made anew, or, for a problem that may be kept, kept with it under ``key``."""
         if not self.may_be_kept:
             return make()
         if key not in self._tools:
             self._tools[key] = make()
-        return self._tools[key]
+        return cast(T, self._tools[key])
 
-    def share(self, target: Any, names: Iterable[str] = BUFFERS) -> None:
+    def share(self, target: object, names: Iterable[str] = BUFFERS) -> None:
         """Make arrays of this problem the fields of the same names of a kernel's argument."""
         for name in names:
             setattr(target, name, getattr(self, name))
@@ -517,12 +519,12 @@ class BoundaryProblem(Uncopied, ABC):
         """
         raise NotImplementedError(f"{type(self).__name__} does not give derivatives along its rods")
 
-    def sensing(self, places: FloatArray) -> Any:
+    def sensing(self, places: FloatArray) -> Any:  # noqa: ANN401  (each problem has its own)
         """What may be launched in the place of ``integrate``, by its ``launch()``, and tells more: curvatures at ``places``
         (count,), rising arclengths, which ``sensed`` reads."""
         raise NotImplementedError(f"{type(self).__name__} does not give derivatives along its rods")
 
-    def sensed(self, made: Any, names: Sequence[str], rod: int) -> tuple[FloatArray, FloatArray]:
+    def sensed(self, made: Any, names: Sequence[str], rod: int) -> tuple[FloatArray, FloatArray]:  # noqa: ANN401  (of ``sensing``)
         """What the last launch of ``sensing(...)`` said of a rod, after ``aim(*names)``; to be read at once.
 
         Returns:
@@ -729,7 +731,7 @@ class BoundaryProblem(Uncopied, ABC):
         names = ("fault", "residual_directions", "pose_columns", "active", "order", "load_factor")
         return {name: getattr(self, name).numpy() for name in names}
 
-    def _set(self, name: str, values: Any) -> None:
+    def _set(self, name: str, values: ArrayLike) -> None:
         """Set ``active``, ``order`` or ``load_factor``, of all instances, from what broadcasts to (instance_count,)."""
         view = self._views.get(name)
         if view is not None:

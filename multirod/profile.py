@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -66,7 +66,7 @@ class Profile:
         self.__post_init__()
 
 
-def _left_behind(s: float) -> Any:
+def _left_behind(s: float) -> NoReturn:
     raise ValueError("a function of arclength cannot be resolved anew after pickling, or from a file: give the function itself")
 
 
@@ -82,7 +82,9 @@ def interpolate(function: Callable[[float], Any], start: float, end: float, degr
     return np.asarray(np.linalg.solve(nodes[:, None] ** np.arange(degree + 1), [function(centre + half * t) for t in nodes]))
 
 
-def recentred(coefficients: FloatArray, start: Any, end: Any, new_start: FloatArray, new_end: FloatArray) -> FloatArray:
+def recentred(
+    coefficients: FloatArray, start: FloatArray | float, end: FloatArray | float, new_start: FloatArray, new_end: FloatArray
+) -> FloatArray:
     """Coefficients of the same polynomials on another piece, shape (..., degree + 1, width); arclengths may have axes ``...``."""
     size = np.asarray(end - start)[..., None]
     size = np.where(size == 0, 1.0, size)  # of no length

@@ -2,7 +2,7 @@
 
 import os
 from collections import OrderedDict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
 from threading import Lock
 from typing import Any, TypeVar
@@ -41,7 +41,7 @@ class Kept:
         self._next = 0
         self._size = 0
 
-    def take(self, robot: Assembly, key: Any) -> BoundaryProblem | None:
+    def take(self, robot: Assembly, key: object) -> BoundaryProblem | None:
         """A problem of this robot, out of what is kept; None if there is none."""
         with self._lock:
             for number in reversed(self._by_key.get(key, ())):
@@ -51,7 +51,7 @@ class Kept:
                     return problem
         return None
 
-    def put(self, robot: Assembly, key: Any, problem: BoundaryProblem) -> None:
+    def put(self, robot: Assembly, key: object, problem: BoundaryProblem) -> None:
         """Keep a problem that no one works on."""
         with self._lock:
             self._problems[self._next] = ref(robot), problem, key
@@ -79,7 +79,12 @@ if hasattr(os, "register_at_fork"):
 
 @contextmanager
 def borrowed(
-    robot: Assembly, inputs: Inputs, *, instances: IntArray | None = None, device: str = "cpu", **options: Any
+    robot: Assembly,
+    inputs: Inputs,
+    *,
+    instances: IntArray | None = None,
+    device: str = "cpu",
+    **options: Any,  # noqa: ANN401  (of the robot's own ``problem``)
 ) -> Iterator[BoundaryProblem]:
     """``robot.problem(inputs, ...)`` for as long as it is needed: on the CPU it may be one that was made before, as new.
 
@@ -102,7 +107,7 @@ def _is_reusable(robot: Assembly, inputs: Inputs) -> bool:
     return not inputs.profiles and getattr(robot.problem, "reusable", False)
 
 
-def _key(robot: Assembly, inputs: Inputs, options: dict[str, Any]) -> Any:
+def _key(robot: Assembly, inputs: Inputs, options: dict[str, Any]) -> Hashable | None:
     """What a problem must have in common with one that is to serve in its place; None where none can."""
     key = (id(robot), inputs.batch_shape, inputs.active, tuple(options.items()))
     try:

@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod import plausibility, profile
-from multirod.batch import take
+from multirod.batch import IntArray, take
 from multirod.types import AlongRod, Numbers, Precurvature
 from multirod.validation import (
     LARGEST,
     SMALLEST,
     Described,
     FloatArray,
+    Kind,
     array,
     boolean,
     frozen,
@@ -35,7 +36,7 @@ SAME_PLACE = 1e-12  # of its arclength: a cut that near the end of a section is 
 LARGEST_DIAMETER = 1e12  # m, whose fourth power no modulus makes too large
 
 
-def _pair(name: str, value: Any, *, infinite: bool) -> FloatArray:
+def _pair(name: str, value: object, *, infinite: bool) -> FloatArray:
     """Stiffness about or along the two bending axes, shape (..., 2), from one value or a pair."""
     result = positive_array(name, value, infinite=infinite)
     if result.ndim == 0 or result.shape[-1] not in (1, 2):
@@ -43,13 +44,13 @@ def _pair(name: str, value: Any, *, infinite: bool) -> FloatArray:
     return np.broadcast_to(result, (*result.shape[:-1], 2))
 
 
-def _may_be_batch(given: Any, pair: FloatArray) -> bool:
+def _may_be_batch(given: object, pair: FloatArray) -> bool:
     """Whether two numbers were given as an array or a list, which may have been meant as a batch; a tuple is a pair."""
     plain = isinstance(given, list) or (isinstance(given, np.ndarray) and given.flags.writeable)
     return plain and pair.shape == (2,) and pair[0] != pair[1]
 
 
-def _foundation(name: str, value: Any) -> FloatArray:
+def _foundation(name: str, value: object) -> FloatArray:
     """Stiffness of a medium along three axes, shape (..., 3), from one number or three."""
     result = array(name, value)
     if (result < 0).any():
@@ -131,7 +132,7 @@ class Section:
         self._check("Section")
 
     def _check(self, owner: str) -> None:
-        def put(name: str, value: Any) -> None:
+        def put(name: str, value: object) -> None:
             object.__setattr__(self, name, value)
 
         given = {name: getattr(self, name) for name in ("bending_stiffness", "shear_stiffness")}
@@ -476,7 +477,7 @@ class Rod:
         return f"Rod({label}{size}, {made}{lines})"
 
 
-def _members(given: Any) -> "tuple[Member, ...]":
+def _members(given: object) -> "tuple[Member, ...]":
     from multirod.models.backbone.members.member import Member
 
     if not isinstance(given, (list, tuple)) or not all(isinstance(member, Member) for member in given):
@@ -484,7 +485,7 @@ def _members(given: Any) -> "tuple[Member, ...]":
     return tuple(given)
 
 
-def _lines(given: Any, rod: Rod) -> "tuple[Line, ...]":
+def _lines(given: object, rod: Rod) -> "tuple[Line, ...]":
     if isinstance(given, (list, tuple)) and not given:
         return ()
     from multirod.models.backbone.members.lines import Line, refuse_beside_friction, refuse_redundant
@@ -500,7 +501,7 @@ def _lines(given: Any, rod: Rod) -> "tuple[Line, ...]":
     return tuple(line.on(rod.sections, rod.discs or 0.0) for line in given)
 
 
-def _shear_modulus(E: FloatArray, shear_modulus: Any, poisson_ratio: Any) -> FloatArray:
+def _shear_modulus(E: FloatArray, shear_modulus: object, poisson_ratio: object) -> FloatArray:
     """``G`` [Pa], given or by Poisson's ratio."""
     if poisson_ratio is None:
         if shear_modulus is None:
@@ -522,7 +523,7 @@ def _within(values: FloatArray) -> bool:
     return bool(((values >= SMALLEST) & (values <= LARGEST)).all())
 
 
-def _stretching(E: FloatArray, G: FloatArray, A: Any, hollow: Any) -> tuple[FloatArray, FloatArray]:
+def _stretching(E: FloatArray, G: FloatArray, A: FloatArray | float, hollow: FloatArray | float) -> tuple[FloatArray, FloatArray]:
     """(5a) ``EA`` and ``GA`` [N] of a round section of area ``A`` whose inner diameter is ``hollow`` times the outer."""
     with np.errstate(over="ignore", under="ignore", invalid="ignore"):
         q, m2 = E / (2 * G), hollow**2  # 1 + nu
@@ -610,7 +611,7 @@ class RodArrays:
         for name in ("end", "material", "precurvature", "section"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
-    def take(self, batch_shape: tuple[int, ...], instances: Any = None) -> "RodArrays":
+    def take(self, batch_shape: tuple[int, ...], instances: IntArray | None = None) -> "RodArrays":
         """The arrays of some instances, along one axis, of a batch to whose leading axes these broadcast.
 
         ``instances`` are their numbers in the flattened batch; all of them, with the batch's own axes, by default. What does not
@@ -626,7 +627,7 @@ class RodArrays:
         """The same with a row for every instance, whether or not it varies."""
         return replace(self, batch_shape=batch_shape, **self._rows(batch_shape, None))
 
-    def _rows(self, batch_shape: tuple[int, ...], instances: Any) -> dict[str, Any]:
+    def _rows(self, batch_shape: tuple[int, ...], instances: IntArray | None) -> dict[str, Any]:
         values = {name: getattr(self, name) for name in ("end", "material", "precurvature", "section")}
         shaped = {name: value.reshape(*self.batch_shape, *value.shape[1:]) for name, value in values.items()}
         return {name: take(value, batch_shape, instances, tail=values[name].ndim - 1) for name, value in shaped.items()}
@@ -638,7 +639,7 @@ def stack(backbones: Sequence[RodArrays], batch_shape: tuple[int, ...]) -> RodAr
     terms = max(arrays.precurvature.shape[3] for arrays in backbones)
     width = max(arrays.material.shape[3] for arrays in backbones)
 
-    def padded(value: NDArray[Any]) -> NDArray[Any]:
+    def padded(value: NDArray[Kind]) -> NDArray[Kind]:
         """Rods end with sections of no length, as ``lower`` pads them."""
         last = np.repeat(value[:, :, -1:], sections - value.shape[2], axis=2)
         return np.concatenate([value, last], axis=2)
@@ -647,7 +648,7 @@ def stack(backbones: Sequence[RodArrays], batch_shape: tuple[int, ...]) -> RodAr
         """Functions of members have no terms of higher powers."""
         return np.pad(value, ((0, 0), (0, 0), (0, 0), (0, width - value.shape[3])))
 
-    def joined(values: list[Any]) -> Any:
+    def joined(values: list[NDArray[Kind]]) -> NDArray[Kind]:
         together = np.stack([padded(value) for value in values], axis=1)
         return together.reshape(-1, *together.shape[2:])
 
@@ -728,8 +729,8 @@ def lower(rods: Sequence[Rod], offsets: FloatArray | None = None) -> RodArrays:
     polynomials = [member.polynomials(0.0)[2] for member in carried if member.functions]
     member_degree = max((values.shape[-2] - 1 for values in polynomials), default=0)
 
-    def batch(value: Any, tail: tuple[int, ...] = ()) -> FloatArray:
-        return np.broadcast_to(value, (*batch_shape, *tail)).reshape(-1, *tail)
+    def batch(value: FloatArray | float, tail: tuple[int, ...] = ()) -> FloatArray:
+        return np.broadcast_to(np.asarray(value), (*batch_shape, *tail)).reshape(-1, *tail)
 
     def made_of(rod: int, section: Section, own: list[FloatArray], s: float, start: FloatArray, end: FloatArray) -> FloatArray:
         place = (s, start.reshape(batch_shape), end.reshape(batch_shape))

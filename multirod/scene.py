@@ -42,7 +42,7 @@ class Scene(Generic[Robot_co]):
     dropped: tuple["Dropped", ...] = ()
 
 
-def stand_in(robot: Assembly, inputs: Inputs, **options: Any) -> BoundaryProblem:
+def stand_in(robot: Assembly, inputs: Inputs, **options: Any) -> BoundaryProblem:  # noqa: ANN401  (of the robot's own ``problem``)
     """A problem of some instances in the place of one of none: what is empty has its shapes."""
     if prod(np.broadcast_shapes(inputs.batch_shape, robot.batch_shape)):
         return robot.problem(inputs, instances=np.zeros(1, dtype=np.intp), **options)

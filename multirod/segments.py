@@ -223,8 +223,8 @@ class Propagation:
         def by_segment(name: str) -> FloatArray:
             return np.asarray(np.concatenate([getattr(self, name), getattr(other, name)])[rows])
 
-        def by_instance(name: str) -> Any:
-            result = getattr(self, name).copy()
+        def by_instance(name: str) -> NDArray[Any]:
+            result: NDArray[Any] = getattr(self, name).copy()
             result[some] = getattr(other, name)
             return result
 

@@ -1,8 +1,11 @@
 """Arrays that NumPy shares with kernels."""
 
-from typing import Any
+from typing import Any, cast
 
 import warp as wp
+from numpy.typing import NDArray
+
+from multirod.types import WarpArray
 
 
 class Shared:
@@ -13,30 +16,30 @@ class Shared:
         values: NumPy's.
     """
 
-    def __init__(self, shape: tuple[int, ...], dtype: Any, device: str) -> None:
+    def __init__(self, shape: tuple[int, ...], dtype: type, device: str) -> None:
         self._see(wp.zeros(shape, dtype=dtype, device=device))
 
     @classmethod
-    def of(cls, array: Any) -> "Shared":
+    def of(cls, array: WarpArray) -> "Shared":
         """An array that there is."""
         result = cls.__new__(cls)
         result._see(array)
         return result
 
-    def _see(self, array: Any) -> None:
+    def _see(self, array: WarpArray) -> None:
         self.array: Any = array
-        self._same = array.device.is_cpu
+        self._same = wp.get_device(self.array.device).is_cpu
         self.values: Any = array.numpy()
 
-    def write(self, values: Any) -> None:
+    def write(self, values: object) -> None:
         """Set all of it, on the device too."""
         self.values[...] = values
         self.send()
 
-    def fetched(self) -> Any:
+    def fetched(self) -> NDArray[Any]:
         """``values``, after ``fetch``."""
         self.fetch()
-        return self.values
+        return cast(NDArray[Any], self.values)
 
     def send(self) -> None:
         """What NumPy wrote to the device, where that is another."""

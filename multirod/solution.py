@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from multirod import derivatives, plausibility
 from multirod.assembly import Robot_co
-from multirod.batch import IntArray, parts, run, take
+from multirod.batch import Instances, IntArray, parts, run, take
 from multirod.capabilities import Lines
 from multirod.events import BranchEvent
 from multirod.inputs import Inputs
@@ -39,7 +39,7 @@ from multirod.types import (
     StabilityOrArray,
     StatusOrArray,
 )
-from multirod.validation import FloatArray, frozen, meant, names_checked, positive_int, refuse
+from multirod.validation import FloatArray, Kind, frozen, meant, names_checked, positive_int, refuse
 
 if TYPE_CHECKING:
     from multirod.models.backbone.members.lines import Line
@@ -157,7 +157,7 @@ class Solution(Generic[Robot_co]):
 
     if not TYPE_CHECKING:  # which knows what there is
 
-        def __getattr__(self, name: str) -> Any:
+        def __getattr__(self, name: str) -> object:
             if hasattr(type(self), name):  # it refused, and says why
                 return object.__getattribute__(self, name)
             hint = f"; did you mean {_OTHER_NAMES[name]}?" if name in _OTHER_NAMES else ""
@@ -191,7 +191,7 @@ class Solution(Generic[Robot_co]):
         """Leading axes of the batch that the instances are numbered in."""
         return np.broadcast_shapes(self._whole.batch_shape, self.assembly.batch_shape)
 
-    def _shaped(self, values: Any, tail: tuple[int, ...] = ()) -> Any:
+    def _shaped(self, values: NDArray[Kind], tail: tuple[int, ...] = ()) -> NDArray[Kind]:
         return frozen(np.reshape(values, (*self.batch_shape, *tail)))
 
     @property
@@ -214,7 +214,7 @@ class Solution(Generic[Robot_co]):
         return self._masked(self._records[:, self._scene.fields[name]], tail)
 
     @cached_property
-    def status(self) -> StatusOrArray | Any:
+    def status(self) -> StatusOrArray | Any:  # noqa: ANN401  (``types`` says why)
         """``Status`` of each instance, shape (...); a ``Status`` where there are no leading axes.
 
         Which of the two it is, inputs say and no type checker: ``multirod.types`` says how it is typed, and why.
@@ -224,7 +224,7 @@ class Solution(Generic[Robot_co]):
         return Statuses.of(self._shaped(self._outcome.status))
 
     @cached_property
-    def events(self) -> tuple[BranchEvent, ...] | NDArray[np.object_] | Any:
+    def events(self) -> tuple[BranchEvent, ...] | NDArray[np.object_] | Any:  # noqa: ANN401  (``types`` says why)
         """What happened on the way: a tuple of ``BranchEvent`` of each instance, shape (...); one where there are no axes.
 
         It is empty where no branch ended (``docs/branches.md``).
@@ -403,12 +403,12 @@ class Solution(Generic[Robot_co]):
         return modes
 
     @cached_property
-    def index(self) -> NDArray[np.int32] | Any:
+    def index(self) -> NDArray[np.int32] | Any:  # noqa: ANN401  (``types`` says why)
         """Unstable modes of each equilibrium (its Morse index), shape (...); -1 where it cannot be said."""
         return self._shaped(self._modes.index) if self.batch_shape else int(self._modes.index[0])
 
     @cached_property
-    def stability(self) -> StabilityOrArray | Any:
+    def stability(self) -> StabilityOrArray | Any:  # noqa: ANN401  (``types`` says why)
         """``Stability`` of each equilibrium, shape (...); a ``Stability`` where there are no leading axes."""
         values = self._modes.stability
         return Stabilities.of(self._shaped(values)) if self.batch_shape else Stability(int(values[0]))
@@ -652,7 +652,7 @@ class Solution(Generic[Robot_co]):
 
         save_result(path, self, options)
 
-    def to_xarray(self, *, nodes: int | None = None) -> Any:
+    def to_xarray(self, *, nodes: int | None = None) -> Any:  # noqa: ANN401  (xarray need not be there)
         """An ``xarray.Dataset`` with named axes, units and the robot, which netCDF and Zarr take as it is.
 
         Axes are ``time`` of a history, ``instance`` of a batch (``instance_0`` and so on of several axes), ``component``,
@@ -669,7 +669,7 @@ class Solution(Generic[Robot_co]):
 
         return dataset(self, nodes)
 
-    def to_mesh(self, *, nodes: int | None = None, corners: int = 24) -> Any:
+    def to_mesh(self, *, nodes: int | None = None, corners: int = 24) -> Any:  # noqa: ANN401  (trimesh need not be there)
         """A ``trimesh.Scene`` of tubes, swept along their centrelines, and platforms [m], each a closed surface of its own name.
 
         Tubes are as thick as their diameters; what has none is as thick as recordings show it. Failed instances are left out.
@@ -778,7 +778,7 @@ class Solution(Generic[Robot_co]):
         return f" (body {name!r} moves most)" if name else ""
 
     @contextmanager
-    def _problem(self, piece: slice | None = None, **options: Any) -> Iterator[BoundaryProblem]:
+    def _problem(self, piece: slice | None = None, **options: Any) -> Iterator[BoundaryProblem]:  # noqa: ANN401  (of the robot's own ``problem``)
         """A problem of a part of the instances at their inputs and unknowns; what failed has zeros, and no answers."""
         scene, instances = self._scene, self._instances
         if piece is not None:
@@ -796,7 +796,11 @@ class Solution(Generic[Robot_co]):
             problem.write(name, self._records[rows, self._scene.fields[name]])
         problem.breakpoints = taken(self._outcome.breakpoints, np.arange(len(self._records))[rows])
 
-    def _gather(self, compute: Callable[[BoundaryProblem], tuple[Any, ...]], **options: Any) -> list[Any]:
+    def _gather(
+        self,
+        compute: Callable[[BoundaryProblem], tuple[Any, ...]],
+        **options: Any,  # noqa: ANN401  (of the robot's own ``problem``)
+    ) -> list[Any]:
         """Arrays that ``compute`` makes of problems, joined: of a large batch in parts, on the threads that solved it."""
         if not len(self._records):
             problem = stand_in(
@@ -864,6 +868,6 @@ class Solution(Generic[Robot_co]):
     def _without(self) -> str:
         return f"; dropped {', '.join(map(str, self.dropped))}" if self.dropped else ""
 
-    def _counts(self, chosen: Any) -> str:
+    def _counts(self, chosen: Instances) -> str:
         values, counts = np.unique(self._outcome.status.reshape(-1)[chosen], return_counts=True)
         return ", ".join(f"{count} {Status(int(value))}" for value, count in zip(values, counts, strict=True))

@@ -167,7 +167,7 @@ class Solver(ABC):
             raise ValueError(f"{type(self).__name__} cannot take this problem: " + "; ".join(reasons))
         with problem.alone, problem.everyone(), problem.at_load(1.0):
             known = None if guess is None else knows(guess)
-            if known is None or known.all():
+            if guess is None or known is None or known.all():
                 outcome = self._solve(problem, guess)
             elif known.any() and problem.parts is not None:
                 outcome = self._some_guessed(problem, guess, known)
@@ -176,7 +176,7 @@ class Solver(ABC):
             refuse_unfit(problem, outcome)
         return outcome
 
-    def _some_guessed(self, problem: BoundaryProblem, guess: Any, known: NDArray[np.bool_]) -> Outcome:
+    def _some_guessed(self, problem: BoundaryProblem, guess: FloatArray, known: NDArray[np.bool_]) -> Outcome:
         """From a guess where there is one, without where there is none: each as it is alone."""
         assert problem.parts is not None
         places, outcomes = [np.flatnonzero(known), np.flatnonzero(~known)], []

@@ -2,11 +2,12 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod.batch import Instances
 from multirod.codes import Code, Codes
 from multirod.validation import FloatArray
 
@@ -76,7 +77,7 @@ class Modes:
         for name, mine in vars(self).items():
             mine[chosen] = getattr(other, name)[chosen]
 
-    def take(self, instances: Any) -> "Modes":
+    def take(self, instances: Instances | list[int]) -> "Modes":
         """Those of some instances, by an index of the first axis."""
         return Modes(*(values[instances] for values in vars(self).values()))
 

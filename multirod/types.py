@@ -17,6 +17,7 @@ from multirod.stability import Stability
 from multirod.status import Status
 
 if TYPE_CHECKING:
+    import warp as wp
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -36,6 +37,8 @@ if TYPE_CHECKING:
     Index: TypeAlias = (
         int | np.integer[Any] | slice | EllipsisType | None | NDArray[Any] | Sequence[int] | Sequence[bool] | tuple["Index", ...]
     )
+
+    WarpArray: TypeAlias = wp.array[Any, Any]
 
     class StatusOrArray(NDArray[np.int32]):
         """A ``Status``; of a batch, an array of its values."""
@@ -114,6 +117,9 @@ else:  # ``help`` shows these by their names, not what they stand for
 
     class AxesOrArray:
         """Axes of matplotlib, or an array of them."""
+
+    class WarpArray:
+        """An array of Warp, of any kind and number of axes."""
 
     StatusOrArray = Status | NDArray[np.int32]
     StabilityOrArray = Stability | NDArray[np.int32]

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 P = ParamSpec("P")
 R = TypeVar("R")
+Kind = TypeVar("Kind", bound=np.generic)
 
 LARGEST_INT = 2**31 - 1  # counts are kept in 32 bits
 LARGEST = 1e50  # in SI units: products of several such numbers are still floats, and no robot is larger
@@ -144,7 +145,7 @@ def sequence(field: str, value: object, kind: type | tuple[type, ...], allowed: 
     return tuple(value)
 
 
-def integers(field: str, value: Any) -> NDArray[np.intp]:
+def integers(field: str, value: object) -> NDArray[np.intp]:
     """Integers of shape (k,)."""
     try:
         given = np.asarray(value) if not _hides(value) else None
@@ -185,14 +186,14 @@ def choice(field: str, value: object, allowed: Iterable[str]) -> str:
     return value
 
 
-def frozen(values: Any) -> Any:
+def frozen(values: NDArray[Kind]) -> NDArray[Kind]:
     """A read-only view of an array: what a result or a robot hands out, so that writing to it changes neither."""
     view = np.asarray(values).view()
     view.flags.writeable = False
     return view
 
 
-def array(field: str, value: Any, tail: tuple[int, ...] = (), *, finite: bool = True) -> FloatArray:
+def array(field: str, value: object, tail: tuple[int, ...] = (), *, finite: bool = True) -> FloatArray:
     """``value`` as a float array whose last axes have the shape ``tail``; leading axes are batch axes.
 
     It is a copy that cannot be written to: neither changes what ``value`` is made of, nor is changed by it.
@@ -254,7 +255,7 @@ def _hides(value: object) -> bool:
 
 
 def positive_array(
-    field: str, value: Any, tail: tuple[int, ...] = (), *, infinite: bool = False, smallest: float = SMALLEST
+    field: str, value: object, tail: tuple[int, ...] = (), *, infinite: bool = False, smallest: float = SMALLEST
 ) -> FloatArray:
     """A positive array, of at least ``smallest``; with ``infinite``, ``inf`` (rigid) is allowed."""
     result = array(field, value, tail, finite=False)

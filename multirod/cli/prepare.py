@@ -2,7 +2,6 @@
 
 import argparse
 from time import perf_counter
-from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
@@ -20,7 +19,7 @@ times. Modules are looked for in the working directory too. Without one, all tha
 Exit status: 0; 1 if a kernel cannot be compiled; 2 for a wrong argument; 130 after Ctrl-C."""
 
 
-def add_parser(commands: Any) -> None:
+def add_parser(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Add the command to the parser."""
     parser = commands.add_parser(
         "prepare",

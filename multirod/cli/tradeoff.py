@@ -4,7 +4,6 @@ import argparse
 from collections.abc import Sequence
 from contextlib import ExitStack
 from importlib.util import find_spec
-from typing import Any
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -31,7 +30,7 @@ Ctrl-C ends the measurement early: what there is is shown and written.
 Exit status: 0; 1 if a promise cannot be kept or nothing was measured; 2 for a wrong argument; 130 after Ctrl-C."""
 
 
-def add_parser(commands: Any) -> None:
+def add_parser(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Add the command to the parser."""
     parser = commands.add_parser(
         "tradeoff",

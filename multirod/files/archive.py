@@ -23,7 +23,7 @@ def write(path: Path, table: Mapping[str, Any]) -> None:
         np.savez(file, allow_pickle=False, **{ABOUT: np.array(about)}, **arrays)
 
 
-def _without_arrays(value: Any, path: str, arrays: dict[str, NDArray[Any]]) -> Any:
+def _without_arrays(value: object, path: str, arrays: dict[str, NDArray[Any]]) -> object:
     if isinstance(value, np.ndarray):
         arrays[path] = value
         return {"array": path}
@@ -54,7 +54,7 @@ def read(path: Path) -> dict[str, Any]:
     return found
 
 
-def _with_arrays(value: Any, arrays: Any) -> Any:
+def _with_arrays(value: object, arrays: Mapping[str, NDArray[Any]]) -> object:
     if isinstance(value, dict):
         if value.keys() == {"array"}:
             return arrays[value["array"]]

@@ -55,7 +55,7 @@ def write(path: Path, solution: Solution, nodes: int | None = None) -> None:
         found.to_netcdf(part, engine="scipy")
 
 
-def dataset(solution: Solution, nodes: int | None) -> Any:
+def dataset(solution: Solution, nodes: int | None) -> Any:  # noqa: ANN401  (xarray need not be there)
     """See ``Solution.to_xarray``."""
     if nodes is not None:
         positive_int("to_xarray.nodes", nodes, 2)

@@ -8,9 +8,10 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from inspect import Parameter, signature
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from multirod.integrators import RK4, RK23, RK45
 from multirod.models.assemblies.concentric_tubes import ConcentricTubes
@@ -118,11 +119,11 @@ PARTS: dict[str, dict[str, Part]] = {
 }
 
 
-def _route(line: Line) -> Any:
+def _route(line: Line) -> object:
     return line._resolved
 
 
-def _stretch(line: Any) -> Any:
+def _stretch(line: Line) -> FloatArray | None:
     value = getattr(line, "axial_stiffness", None)
     return None if value is None or np.isinf(value).all() else value
 
@@ -133,16 +134,16 @@ def _joints(robot: ParallelRods) -> str | list[str]:
     return joints[0] if len(set(joints)) == 1 else joints
 
 
-def _joint_axes(robot: ParallelRods) -> Any:
+def _joint_axes(robot: ParallelRods) -> FloatArray:
     axes = robot.geometry.axes
     return axes[0] if (axes == axes[0]).all() else axes
 
 
-def _axis(joint: Joint) -> Any:
+def _axis(joint: Joint) -> FloatArray | None:
     return {"revolute": joint.axes[0:1].reshape(-1), "universal": joint.axes}.get(joint.kind)
 
 
-def _each(values: FloatArray) -> Any:
+def _each(values: FloatArray) -> FloatArray | float:
     """One number where it is the same about all axes of a joint."""
     return values if (values != values[:1]).any() else float(values[:1].sum())
 
@@ -208,7 +209,7 @@ def parameters(make: Callable[..., Any]) -> dict[str, Any]:
 # ---- from objects to tables ----
 
 
-def described(thing: Any, where: str, *, functions: bool) -> dict[str, Any]:
+def described(thing: object, where: str, *, functions: bool) -> dict[str, Any]:
     """The table of an object, called ``where`` in errors; arguments that are the default are left out.
 
     Args:
@@ -258,10 +259,10 @@ def _unnamed(table: dict[str, Any], part: Part) -> dict[str, Any]:
     return {name: value for name, value in table.items() if name != "kind"}
 
 
-def _arguments(kind: str, thing: Any, where: str) -> dict[str, tuple[Any, Any]]:
+def _arguments(kind: str, thing: object, where: str) -> dict[str, tuple[Any, Any]]:
     """Values and defaults of what makes an object; of a rod of one section, that section's among its own."""
     readers, own = READERS.get(kind, {}), parameters(CLASSES[kind])
-    if kind == "Rod":
+    if isinstance(thing, Rod):
         single = len(thing.sections) == 1
         others = ("members", "lines", "discs", "outer_diameter", "inner_diameter")
         found: dict[str, tuple[Any, Any]] = {"name": (thing.name, "")}
@@ -314,7 +315,7 @@ def _as_tube(rod: Rod) -> dict[str, tuple[Any, Any]] | None:
     return {name: (value, known[name]) for name, value in values.items()}
 
 
-def _plain(field: str, name: str, value: Any, functions: bool) -> Any:
+def _plain(field: str, name: str, value: object, functions: bool) -> object:
     """A value as a file holds it: an array, a number, a string, a list of strings, the table of a function; None is none."""
     if isinstance(value, Profile):
         if not functions:
@@ -332,21 +333,21 @@ def _plain(field: str, name: str, value: Any, functions: bool) -> Any:
     return value
 
 
-def _is(value: Any, default: Any) -> bool:
+def _is(value: object, default: object) -> bool:
     """Whether a value is the default; a batch of it is not."""
     if default is Parameter.empty:
         return False
     if default is None:
         return value is None or (isinstance(value, np.ndarray) and np.array_equal(value, np.eye(4)))
     if isinstance(default, (int, float, tuple)) and not isinstance(value, (str, dict)):
-        return bool(np.array_equal(value, default))
+        return bool(np.array_equal(cast(ArrayLike, value), default))
     return bool(value == default)
 
 
 # ---- from tables to objects ----
 
 
-def made(table: Any, part: Part, where: str) -> Any:
+def made(table: object, part: Part, where: str) -> Any:  # noqa: ANN401  (of any of ``CLASSES``)
     """The object of a table.
 
     Args:
@@ -406,7 +407,7 @@ def at(where: str, name: str) -> str:
     return where + name if where.endswith(": ") else f"{where}.{name}"
 
 
-def _argument(value: Any, part: Part | None, where: str) -> Any:
+def _argument(value: object, part: Part | None, where: str) -> object:
     if part is None:
         return profile(value, where) if isinstance(value, dict) else value
     if not part.many:
@@ -416,14 +417,14 @@ def _argument(value: Any, part: Part | None, where: str) -> Any:
     return [made(item, part, f"{where}[{k}]") for k, item in enumerate(value)]
 
 
-def _meant_as_pair(value: Any) -> Any:
+def _meant_as_pair(value: object) -> object:
     """Two numbers as a tuple: in a file they are no batch."""
     given = value.tolist() if isinstance(value, np.ndarray) else value
     plain = isinstance(given, list) and len(given) == 2 and not any(isinstance(item, list) for item in given)
-    return tuple(given) if plain else value
+    return tuple(given) if isinstance(given, list) and plain else value
 
 
-def profile(value: Any, where: str) -> Profile:
+def profile(value: object, where: str) -> Profile:
     """A function of arclength from its table."""
     if not (isinstance(value, dict) and value.get("kind") == "Profile" and set(value) == {"kind", "ends", "coefficients"}):
         refuse(where, value, "must be numbers")

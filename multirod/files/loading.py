@@ -15,7 +15,7 @@ RESULTS = ("Solution", "History")
 @overload
 def load(path: str | os.PathLike[str], *, robot: Assembly) -> Inputs: ...
 @overload
-def load(path: str | os.PathLike[str], *, robot: None = None) -> Any: ...  # only the file says what
+def load(path: str | os.PathLike[str], *, robot: None = None) -> Any: ...  # noqa: ANN401  (only the file says what)
 def load(path: str | os.PathLike[str], *, robot: Assembly | None = None) -> Any:
     """Read what ``save`` wrote to ``.npz`` or ``.toml``, or a robot or inputs that someone wrote as TOML (``docs/files.md``).
 

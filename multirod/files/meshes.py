@@ -25,7 +25,7 @@ def write(path: Path, solution: Solution, nodes: int | None = None, corners: int
         part.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
 
 
-def scene(solution: Solution, nodes: int | None, corners: int) -> Any:
+def scene(solution: Solution, nodes: int | None, corners: int) -> Any:  # noqa: ANN401  (trimesh need not be there)
     """See ``Solution.to_mesh``."""
     corners = positive_int("to_mesh.corners", corners, 3)
     count = prod(solution.batch_shape)

@@ -1,10 +1,10 @@
 """Packages that only some files need."""
 
 from importlib import import_module
-from typing import Any
+from types import ModuleType
 
 
-def optional(module: str, extra: str, purpose: str) -> Any:
+def optional(module: str, extra: str, purpose: str) -> ModuleType:
     """A module of a package that need not be installed.
 
     Raises:

@@ -4,7 +4,7 @@ import os
 from collections.abc import Callable, Mapping
 from inspect import signature
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import multirod
 from multirod.assembly import Assembly
@@ -16,6 +16,7 @@ from multirod.files.whole import written
 from multirod.history import History
 from multirod.inputs import Inputs
 from multirod.solution import Solution
+from multirod.types import RecordingOptions
 from multirod.validation import Described, file_path, refuse, unknown_names
 
 VERSION = 1  # of the tables: what is read may be of this one or of those before
@@ -94,7 +95,7 @@ def _npz(path: Path, solution: Solution) -> None:
     archive.write(path, {**_version(), "kind": kind, **table_of_result(solution)})
 
 
-def _recording(path: Path, history: History, **options: Any) -> None:
+def _recording(path: Path, history: History, **options: Unpack[RecordingOptions]) -> None:
     from multirod.recording import save
 
     save(path, history, **options)

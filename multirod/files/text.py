@@ -4,7 +4,7 @@ import json
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -38,16 +38,16 @@ def _write(table: Mapping[str, Any], units: Mapping[str, str], path: tuple[str, 
             _write(item, units, inner, lines)
 
 
-def _holds_tables(value: Any) -> bool:
+def _holds_tables(value: object) -> bool:
     return isinstance(value, dict) or (isinstance(value, list) and bool(value) and isinstance(value[0], dict))
 
 
-def _lines(name: str, value: Any, unit: str) -> list[str]:
+def _lines(name: str, value: object, unit: str) -> list[str]:
     first, *others = _value(value).split("\n")
     return [f"{name} = {first}" + (f"  # {unit}" if unit else ""), *others]
 
 
-def _value(value: Any, indent: str = "") -> str:
+def _value(value: object, indent: str = "") -> str:
     if isinstance(value, np.ndarray):
         value = value.tolist()
     if isinstance(value, str):
@@ -55,7 +55,7 @@ def _value(value: Any, indent: str = "") -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if not isinstance(value, list):
-        return repr(value if isinstance(value, int) else float(value))
+        return repr(value if isinstance(value, int) else float(cast(float, value)))
     inner = indent + "    "
     if not any(isinstance(item, list) for item in value):
         return f"[{', '.join(_value(item) for item in value)}]"

@@ -1,7 +1,7 @@
 """Curves along the arclength of rods."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from multirod.plotting.canvas import COMPONENTS, FEW, PALETTE, STYLES, colors_of, column_of_axes, legend
 from multirod.plotting.family import Family
@@ -9,7 +9,11 @@ from multirod.problem import Shape
 from multirod.recording.figure import drawn_rods
 from multirod.solution import Solution
 from multirod.strains import strains
+from multirod.types import AxesGiven
 from multirod.validation import FloatArray, refuse
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Curves = dict[str, FloatArray]  # by the names of components, each of shape (..., node_count)
 ARCLENGTH = "arclength s [m]"
@@ -35,7 +39,7 @@ QUANTITIES = {name: (_components(name), f"{name} [{unit}]") for name, (_, unit) 
 QUANTITIES["strain"] = (_strains, "strain [%]")
 
 
-def draw(ax: Any, family: Family, name: str, rods: list[int], *, nodes: int) -> list[Any]:
+def draw(ax: AxesGiven | None, family: Family, name: str, rods: list[int], *, nodes: int) -> "list[Axes]":
     """Of one rod of one instance, components in one axes; otherwise an axes for each component, coloured by rod or instance.
 
     Raises:
@@ -64,7 +68,7 @@ def draw(ax: Any, family: Family, name: str, rods: list[int], *, nodes: int) -> 
             if family.single:
                 # those of legs may lie on each other: what is below is wider
                 width = 2.8 - 1.6 * order / (len(rods) - 1)
-                style = {"color": colors[k], "linestyle": STYLES[order // len(PALETTE) % len(STYLES)]}
+                style: dict[str, Any] = {"color": colors[k], "linestyle": STYLES[order // len(PALETTE) % len(STYLES)]}
                 axes.plot(shape.arclength, values, label=drawn[k].name, lw=width, **style)
                 continue
             dashes = STYLES[order % len(STYLES)]
@@ -80,7 +84,7 @@ def draw(ax: Any, family: Family, name: str, rods: list[int], *, nodes: int) -> 
     return every
 
 
-def _one_rod(axes: Any, shape: Shape, curves: Curves) -> None:
+def _one_rod(axes: "Axes", shape: Shape, curves: Curves) -> None:
     for k, (component, values) in enumerate(curves.items()):
         color = COMPONENTS[k] if k < len(COMPONENTS) else PALETTE[k]
         axes.plot(shape.arclength, values, color=color, ls=STYLES[k % len(STYLES)], lw=1.8, label=component)
@@ -88,6 +92,6 @@ def _one_rod(axes: Any, shape: Shape, curves: Curves) -> None:
     legend(axes)
 
 
-def _zero_line(axes: Any) -> None:
+def _zero_line(axes: "Axes") -> None:
     axes.axhline(0.0, color="0.8", lw=0.8, zorder=0)
     axes.grid(True, alpha=0.25)

@@ -2,13 +2,18 @@
 
 from collections.abc import Sequence
 from importlib import import_module
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from multirod.recording.figure import DrawnRod
-from multirod.types import AxesOrArray
+from multirod.types import AxesGiven, AxesOrArray
 from multirod.validation import Described, refuse
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from mpl_toolkits.mplot3d.axes3d import Axes3D  # type: ignore[import-untyped]
 
 # after M. Okabe and K. Ito, without yellow, which is lost on white
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -20,7 +25,7 @@ WIDEST_IN_LEGEND = 4.0  # [pt]
 FEW = 3  # curves whose legend finds room in the axes
 
 
-def matplotlib(module: str = "pyplot") -> Any:
+def matplotlib(module: str = "pyplot") -> ModuleType:
     """A module of matplotlib, or the package itself.
 
     Raises:
@@ -32,7 +37,7 @@ def matplotlib(module: str = "pyplot") -> Any:
         raise ImportError('plots need matplotlib: pip install "multirod[plot]"') from None
 
 
-def in_space(module: str) -> Any:
+def in_space(module: str) -> ModuleType:
     """A module of matplotlib's that draws in three dimensions."""
     return import_module(f"mpl_toolkits.mplot3d.{module}")
 
@@ -49,7 +54,7 @@ def colors_of(drawn: Sequence[DrawnRod]) -> list[str]:
     return found
 
 
-def axes_in_space(ax: Any) -> Any:
+def axes_in_space(ax: AxesGiven | None) -> "Axes3D":
     """``ax``, or 3-D axes in a figure of their own."""
     if ax is None:
         # constrained layout does not know of labels in space
@@ -59,7 +64,7 @@ def axes_in_space(ax: Any) -> Any:
     return ax
 
 
-def column_of_axes(ax: Any, names: Sequence[str], height: float = 2.1) -> list[Any]:
+def column_of_axes(ax: AxesGiven | None, names: Sequence[str], height: float = 2.1) -> "list[Axes]":
     """``ax`` as a list of axes, one for each of ``names``, or new ones above each other that share the abscissa."""
     count = len(names)
     if ax is None:
@@ -73,7 +78,7 @@ def column_of_axes(ax: Any, names: Sequence[str], height: float = 2.1) -> list[A
     return given
 
 
-def returned(axes: Sequence[Any]) -> AxesOrArray:
+def returned(axes: "Sequence[Axes]") -> AxesOrArray:
     """One axes, or an array of them, shape (k,)."""
     result: Any = axes[0]
     if len(axes) > 1:
@@ -88,19 +93,20 @@ def style_of(k: int) -> dict[str, Any]:
     return {"color": PALETTE[k % len(PALETTE)], "linestyle": STYLES[k // len(PALETTE) % len(STYLES)]}
 
 
-def legend(ax: Any, *, above: bool = False, **options: Any) -> None:
+def legend(ax: "Axes", *, above: bool = False, **place: object) -> None:
     """A legend, if there is anything to say in it; above the axes, so that it hides nothing, or in them."""
     count = len(ax.get_legend_handles_labels()[1])
     if not count:
         return
+    options: dict[str, Any] = {"fontsize": "small", "framealpha": 0.85, **place}
     if above:
         options |= {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "ncols": min(count, 6)}
-    made = ax.legend(**{"fontsize": "small", "framealpha": 0.85, **options})
+    made = ax.legend(**options)
     for line in made.get_lines():
         line.set_linewidth(min(line.get_linewidth(), WIDEST_IN_LEGEND))
 
 
-def title(ax: Any, text: str) -> None:
+def title(ax: "Axes", text: str) -> None:
     """What has been left out; above a legend that is above the axes."""
     if text:
         own = ax.get_legend()

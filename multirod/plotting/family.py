@@ -2,9 +2,10 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from multirod.batch import IntArray
 from multirod.plotting.canvas import matplotlib
@@ -12,6 +13,10 @@ from multirod.quantities import SCALARS
 from multirod.solution import Solution
 from multirod.status import Status, failures
 from multirod.validation import Described, FloatArray, array, instance, positive_int, refuse
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.colors import Colormap, Normalize
 
 COLORMAP = "viridis"
 UNKNOWN = "0.65"  # the colour of what has no value
@@ -40,23 +45,25 @@ class Family:
         return len(self.values)
 
     @property
-    def norm(self) -> Any:
+    def norm(self) -> "Normalize":
         """From values to the part of the colour map that is used."""
         known = self.values[np.isfinite(self.values)]
         low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
-        return matplotlib("colors").Normalize(low, high if high > low else low + 1.0)
+        norm: Normalize = matplotlib("colors").Normalize(low, high if high > low else low + 1.0)
+        return norm
 
     @property
-    def colormap(self) -> Any:
+    def colormap(self) -> "Colormap":
         """Colours of the family."""
         shades = matplotlib("pyplot").get_cmap(COLORMAP)(np.linspace(*DARKEST_TO_LIGHTEST, 256))
-        return matplotlib("colors").ListedColormap(shades, name="multirod").with_extremes(bad=UNKNOWN)
+        colormap: Colormap = matplotlib("colors").ListedColormap(shades, name="multirod").with_extremes(bad=UNKNOWN)
+        return colormap
 
-    def colors(self) -> Any:
+    def colors(self) -> FloatArray:
         """One an instance."""
-        return self.colormap(self.norm(self.values))
+        return np.asarray(self.colormap(self.norm(self.values)))
 
-    def colorbar(self, axes: Any) -> None:
+    def colorbar(self, axes: "Axes | list[Axes]") -> None:
         """Beside one axes, or a list of them."""
         if self.single or len(self) < 2:
             return
@@ -70,7 +77,7 @@ class Family:
 
 
 def family_of(
-    solution: Solution, instances: int, colour_by: Any = None, colour_label: str = "", noun: str = "instances"
+    solution: Solution, instances: int, colour_by: object = None, colour_label: str = "", noun: str = "instances"
 ) -> Family:
     """At most so many instances with a result, evenly chosen.
 
@@ -98,7 +105,7 @@ def family_of(
     return Family(drawn, values, colour_label or label, False, title)
 
 
-def numbers(colour_by: Any, shape: tuple[int, ...]) -> FloatArray:
+def numbers(colour_by: object, shape: tuple[int, ...]) -> FloatArray:
     """A number of each instance of a batch, shape (k,): their own where none are given."""
     if colour_by is None:
         return np.arange(math.prod(shape), dtype=np.float64)
@@ -116,7 +123,7 @@ def _named(solution: Solution, name: str) -> FloatArray:
     return np.array(getattr(solution, name), dtype=np.float64).reshape(-1)
 
 
-def _left_out(status: IntArray, chosen: IntArray, failed: Any, noun: str) -> str:
+def _left_out(status: IntArray, chosen: IntArray, failed: NDArray[np.bool_], noun: str) -> str:
     words = []
     if len(chosen) < (~failed).sum():
         words.append(f"{len(chosen)} of {len(status):,} {noun}")

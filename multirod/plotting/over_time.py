@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,7 +14,11 @@ from multirod.plotting.canvas import COMPONENTS, FAILED, FEW, column_of_axes, le
 from multirod.plotting.family import Family, numbers
 from multirod.recording.figure import drawn_lines, drawn_rods
 from multirod.status import Status, failures
+from multirod.types import AxesGiven
 from multirod.validation import FloatArray, refuse
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 TIME = "time [s]"
 SMALLEST = 1e-16  # on a logarithmic axis
@@ -39,7 +43,7 @@ class Panel:
     log: bool = False
 
 
-def _split(history: History, values: Any) -> FloatArray:
+def _split(history: History, values: object) -> FloatArray:
     """Values (time, ...[, k]) with axes (sample, instance, component)."""
     given = np.asarray(values, dtype=np.float64)
     tail = given.shape[len(history.batch_shape) :] or (1,)
@@ -128,7 +132,9 @@ QUANTITIES: dict[str, Callable[[History], list[Panel]]] = {
 }
 
 
-def draw(ax: Any, history: History, name: str, *, instances: int, colour_by: Any, colour_label: str) -> list[Any]:
+def draw(
+    ax: AxesGiven | None, history: History, name: str, *, instances: int, colour_by: object, colour_label: str
+) -> "list[Axes]":
     """Panels of a quantity, one above the other; of a batch, one for each component, coloured by instance."""
     panels = QUANTITIES[name](history)
     batched = len(history.batch_shape) > 1 and panels[0].values.shape[1:2] != (1,)
@@ -162,7 +168,7 @@ def _parts(panel: Panel) -> list[Panel]:
     ]
 
 
-def _instances(history: History, most: int, colour_by: Any, colour_label: str) -> tuple[list[int], Family]:
+def _instances(history: History, most: int, colour_by: object, colour_label: str) -> tuple[list[int], Family]:
     """Numbers of those that are drawn, evenly chosen, and their colours."""
     shape = history.batch_shape[1:]
     if isinstance(colour_by, str):
@@ -173,14 +179,14 @@ def _instances(history: History, most: int, colour_by: Any, colour_label: str) -
     return chosen.tolist(), Family(history[0], values[chosen], colour_label or label, False, "")
 
 
-def _draw(axes: Any, history: History, panel: Panel, chosen: "tuple[list[int], Family] | None") -> None:
+def _draw(axes: "Axes", history: History, panel: Panel, chosen: "tuple[list[int], Family] | None") -> None:
     if panel.log:
         axes.set_yscale("log")
     values = panel.values
     if panel.log:  # which has no place for zero
         values = np.where(values == 0, min(values[values > 0].min(initial=np.inf), SMALLEST), values)
     # a single sample between failed ones is no line
-    alone = {"marker": "." if len(history.time) < 40 else "", "ms": 4}
+    alone: dict[str, Any] = {"marker": "." if len(history.time) < 40 else "", "ms": 4}
     if chosen is not None:
         for k, color in zip(chosen[0], chosen[1].colors(), strict=True):
             axes.plot(history.time, values[:, k, 0], color=color, lw=1.2, **alone)
@@ -192,7 +198,7 @@ def _draw(axes: Any, history: History, panel: Panel, chosen: "tuple[list[int], F
         axes.plot(history.time, values[:, 0, k], lw=width, label=label, **style, **alone)
 
 
-def _mark_failures(every: list[Any], history: History) -> None:
+def _mark_failures(every: "list[Axes]", history: History) -> None:
     """A cross on the time axis for each sample in which an instance has no result."""
     status = np.asarray(history.status, dtype=np.int64).reshape(len(history.time), -1)
     failed = failures(status)
@@ -203,5 +209,5 @@ def _mark_failures(every: list[Any], history: History) -> None:
     label = f"no result in {len(samples):,} of {len(history.time):,} samples: {codes}"
     for k, axes in enumerate(every):
         place = axes.get_xaxis_transform()
-        style = {"color": FAILED, "ms": 6, "mew": 1.5, "clip_on": False, "zorder": 5}
+        style: dict[str, Any] = {"color": FAILED, "ms": 6, "mew": 1.5, "clip_on": False, "zorder": 5}
         axes.plot(history.time[samples], np.zeros(len(samples)), "x", transform=place, label=None if k else label, **style)

@@ -1,7 +1,6 @@
 """What ``Solution.plot`` and ``History.plot`` call."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -65,7 +64,7 @@ def plot_history(
     return _drawn(family, quantity, ax, rod, nodes, frames, loads, motion)
 
 
-def _motion(history: History, instance: Any) -> tuple[Solution, str]:
+def _motion(history: History, instance: object) -> tuple[Solution, str]:
     """One instance over time, shape (sample,), and which it is, where there are several."""
     axes = history.batch_shape[1:]
     if not axes:
@@ -80,7 +79,7 @@ def _motion(history: History, instance: Any) -> tuple[Solution, str]:
     return motion, f"instance {instance} of {int(np.prod(axes)):,}"
 
 
-def _within(instance: Any, axes: tuple[int, ...]) -> int:
+def _within(instance: object, axes: tuple[int, ...]) -> int:
     number = positive_int("instance", instance, 0)
     if number >= np.prod(axes):
         refuse("instance", instance, f"must be below the number of instances, {int(np.prod(axes))}")
@@ -88,7 +87,14 @@ def _within(instance: Any, axes: tuple[int, ...]) -> int:
 
 
 def _drawn(
-    family: Family, quantity: str, ax: Any, rod: Any, nodes: int | None, frames: bool, loads: bool, motion: Solution | None = None
+    family: Family,
+    quantity: str,
+    ax: AxesGiven | None,
+    rod: int | str | None,
+    nodes: int | None,
+    frames: bool,
+    loads: bool,
+    motion: Solution | None = None,
 ) -> AxesOrArray:
     rods = _rods(family.solution, rod)
     count = (IN_SPACE if quantity == SHAPE else ALONG) if nodes is None else positive_int("nodes", nodes, 2)

@@ -1,7 +1,7 @@
 """A robot in space: its rods, what runs along them, its platform, frames and loads."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from multirod.recording.figure import DrawnRod, Plate, bases, discs, drawn_lines
 from multirod.recording.loads import place_of
 from multirod.solution import Solution
 from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from mpl_toolkits.mplot3d.axes3d import Axes3D  # type: ignore[import-untyped]
 
 _FLATTEST = 0.45  # least extent of the box over its largest, or ticks lie on each other
 _ZOOM = 0.88  # leaves room for labels
@@ -55,7 +58,7 @@ class Arrow:
 
 
 def draw(
-    ax: Any, family: Family, rods: list[int], *, nodes: int, frames: bool, loads: bool, path: FloatArray | None = None
+    ax: "Axes3D", family: Family, rods: list[int], *, nodes: int, frames: bool, loads: bool, path: FloatArray | None = None
 ) -> None:
     """Draw the rods of all instances; of a single one also frames, loads, lines, discs and joints. ``path`` is of the tip."""
     solution, drawn = family.solution, drawn_rods(family.solution.assembly)
@@ -105,7 +108,7 @@ def _scale(arrows: list[Arrow], size: float) -> float:
     return _ARROW * size / longest if longest > 0 else 0.0
 
 
-def _frame_view(ax: Any, points: FloatArray) -> None:
+def _frame_view(ax: "Axes3D", points: FloatArray) -> None:
     """Limits that hold these points and what was drawn before, with one scale for all axes."""
     low, high = points.min(axis=0), points.max(axis=0)
     if ax.has_data():
@@ -124,7 +127,7 @@ def _frame_view(ax: Any, points: FloatArray) -> None:
     ax.tick_params(labelsize="small")
 
 
-def _points_per_metre(ax: Any) -> float:
+def _points_per_metre(ax: "Axes3D") -> float:
     """How long a metre across the view is on paper [pt], in the middle of the box."""
     middle = np.array([np.mean(getattr(ax, f"get_{name}lim")()) for name in "xyz"])
     turn = np.radians(ax.azim)
@@ -140,7 +143,7 @@ def _width(radius: float, scale: float, thickest: float = _THICKEST) -> float:
     return float(np.clip(2 * radius * scale, _THINNEST, thickest))
 
 
-def _rods(ax: Any, family: Family, drawn: list[DrawnRod], shapes: dict[int, Shape], scale: float) -> None:
+def _rods(ax: "Axes3D", family: Family, drawn: list[DrawnRod], shapes: dict[int, Shape], scale: float) -> None:
     """Tubes are drawn innermost first, so that each lies on those that it is around."""
     colors = None if family.single else family.colors()
     own = colors_of(drawn)
@@ -194,7 +197,7 @@ def _body_plates(solution: Solution, robot: Network, body: Body) -> list[list[Fl
     return _placed(solids, positions, rotations)
 
 
-def _platforms(ax: Any, family: Family, plates: list[list[FloatArray]]) -> None:
+def _platforms(ax: "Axes3D", family: Family, plates: list[list[FloatArray]]) -> None:
     if not plates:
         return
     colors = [_GREY] * len(plates) if family.single else [*family.colors()] * (len(plates) // len(family))
@@ -204,7 +207,7 @@ def _platforms(ax: Any, family: Family, plates: list[list[FloatArray]]) -> None:
         ax.add_collection3d(in_space("art3d").Poly3DCollection(plate, facecolor=color, edgecolor=color, alpha=alpha, lw=lw))
 
 
-def _triad(ax: Any, place: FloatArray, rotation: FloatArray, length: float, *, letters: bool) -> None:
+def _triad(ax: "Axes3D", place: FloatArray, rotation: FloatArray, length: float, *, letters: bool) -> None:
     if not np.isfinite(place).all():
         return
     for axis, color, letter in zip(rotation.T, COMPONENTS, "xyz", strict=True):
@@ -213,7 +216,7 @@ def _triad(ax: Any, place: FloatArray, rotation: FloatArray, length: float, *, l
             ax.text(*(place + 1.25 * length * axis), letter, color=color, fontsize="x-small", ha="center", va="center")
 
 
-def _joints(ax: Any, solution: Solution) -> None:
+def _joints(ax: "Axes3D", solution: Solution) -> None:
     assembly = solution.assembly
     places: dict[str, FloatArray] = {}
     if isinstance(assembly, (ParallelRods, InverseParallelRods)):
@@ -244,7 +247,7 @@ def _joints_of_bodies(solution: Solution, robot: Network) -> dict[str, FloatArra
     return {kind: np.array(places) for kind, places in found.items()}
 
 
-def _discs(ax: Any, solution: Solution, shapes: dict[int, Shape]) -> None:
+def _discs(ax: "Axes3D", solution: Solution, shapes: dict[int, Shape]) -> None:
     for k, shape in shapes.items():
         places, radius = discs(solution.assembly.rods[k])
         s = places + float(np.broadcast_to(solution.inputs.translation[..., k], ()))
@@ -258,7 +261,7 @@ def _discs(ax: Any, solution: Solution, shapes: dict[int, Shape]) -> None:
             ax.plot(*rim.T, color=_GREY, lw=0.8)
 
 
-def _lines(ax: Any, solution: Solution, drawn: list[DrawnRod], rods: list[int], nodes: int, scale: float) -> None:
+def _lines(ax: "Axes3D", solution: Solution, drawn: list[DrawnRod], rods: list[int], nodes: int, scale: float) -> None:
     own = solution.assembly.lines
     if not any(rod in rods for rod, _ in own):
         return
@@ -349,7 +352,7 @@ def _on_rods(solution: Solution, robot: Network) -> list[Arrow]:
     return found
 
 
-def _draw_arrow(ax: Any, arrow: Arrow, scale: float) -> None:
+def _draw_arrow(ax: "Axes3D", arrow: Arrow, scale: float) -> None:
     """With two heads for what turns; of arrows with one name the first is in the legend."""
     said = ax.get_legend_handles_labels()[1]
     vectors = scale * arrow.vectors

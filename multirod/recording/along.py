@@ -1,7 +1,7 @@
 """Plots along the arclength, whose scales grow with what is drawn."""
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,9 @@ from multirod.recording.layout import PLOT_HEIGHT, PLOT_WIDTH
 from multirod.recording.profiles import Profile, Shapes, breaks, stepped
 from multirod.recording.stage import Stage
 from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.recording.columns import Index, Send
 
 Curves = dict[str, list[tuple[FloatArray, FloatArray]]]
 _LABEL_COLOR = 0xDEE2E6
@@ -26,7 +29,7 @@ class AlongPlots:
         send: Sends columns to an entity.
     """
 
-    def __init__(self, stage: Stage, send: Callable[[str, Any, Any], None]) -> None:
+    def __init__(self, stage: Stage, send: "Send") -> None:
         self._stage, self._send = stage, send
         self._limits: dict[str, tuple[float, float]] = {}
 
@@ -73,7 +76,7 @@ class AlongPlots:
             self._limits[profile.name] = length, top
             self._write_labels(profile, length or 1.0, top or 1.0, columns.index(steps[:1], times[:1]))
 
-    def _write_labels(self, profile: Profile, length: float, top: float, index: Any) -> None:
+    def _write_labels(self, profile: Profile, length: float, top: float, index: "Index") -> None:
         import rerun as rr
 
         w, h = PLOT_WIDTH, 0.5 * PLOT_HEIGHT
@@ -89,7 +92,7 @@ class AlongPlots:
     def _positive(self, profile: Profile) -> bool:
         return profile.positive or not self._stage.by_component
 
-    def write(self, curves: Curves, k: int, rod: int, index: Any, rows: slice) -> None:
+    def write(self, curves: Curves, k: int, rod: int, index: "Index", rows: slice) -> None:
         """Send some rows of all profiles of a rod of an instance."""
         for profile in self._stage.profiles:
             s, every = curves[profile.name][rod]

@@ -1,6 +1,7 @@
 """Arrays as columns of the viewer's components, a row a sample."""
 
-from typing import Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,12 +9,20 @@ from numpy.typing import NDArray
 from multirod.recording.figure import Plate
 from multirod.validation import FloatArray
 
+if TYPE_CHECKING:
+    import rerun as rr
+    from rerun._baseclasses import ComponentColumn
+
+    Index: TypeAlias = list[rr.TimeColumn]  # of rows, on both timelines
+    Columns: TypeAlias = "list[ComponentColumn] | rr.ComponentColumnList"
+    Send: TypeAlias = Callable[[str, Index, Columns], None]
+
 PULLS, PUSHES, FAINT, LOOSE = 0xFF3B30, 0x2F7DFF, 0xFFF3D6, 0x7A828C  # lines: at full tension, near none, at none
 _WITHIN = 2.795  # deviations, within which 95 % of a normal vector of three numbers is
 _CORNERS = 24  # of what is drawn as a circle
 
 
-def index(steps: NDArray[np.int64], times: FloatArray) -> list[Any]:
+def index(steps: NDArray[np.int64], times: FloatArray) -> "Index":
     """The two timelines that every row has."""
     import rerun as rr
 

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -11,6 +11,11 @@ from multirod.models.assemblies.network import Network
 from multirod.recording.columns import rgba
 from multirod.recording.figure import bodies_in_words, joined_to
 from multirod.recording.stage import Stage
+
+if TYPE_CHECKING:
+    import rerun.blueprint as rrb
+
+    View: TypeAlias = rrb.View | rrb.Container
 
 # Plots along the arclength in their own units: 2D views keep the aspect ratio, so both axes are scaled to fit.
 PLOT_WIDTH, PLOT_HEIGHT = 4.0, 1.0
@@ -129,7 +134,7 @@ def _by_instance(stage: Stage) -> bool:
     return stage.coloring is not None or (stage.batched and len(stage.rods) == 1)
 
 
-def scene_view(stage: Stage, name: str, **options: Any) -> Any:
+def scene_view(stage: Stage, name: str, overrides: Mapping[Any, Any] | None = None) -> "rrb.Spatial3DView":
     """The robot in space, seen from where the stage stands."""
     import rerun.blueprint as rrb
 
@@ -141,11 +146,11 @@ def scene_view(stage: Stage, name: str, **options: Any) -> Any:
         eye_controls=rrb.EyeControls3D(
             kind=rrb.Eye3DKind.Orbital, position=stage.eye, look_target=stage.centre, eye_up=(0, 0, 1)
         ),
-        **options,
+        overrides=overrides,
     )
 
 
-def blueprint(stage: Stage, ranges: Mapping[str, tuple[float, float]] = MappingProxyType({})) -> Any:
+def blueprint(stage: Stage, ranges: Mapping[str, tuple[float, float]] = MappingProxyType({})) -> "rrb.Blueprint":
     """The views that a recording opens with; ``ranges`` of what is plotted by its logarithm, by entity, where they are known."""
     import rerun.blueprint as rrb
 
@@ -177,11 +182,11 @@ def blueprint(stage: Stage, ranges: Mapping[str, tuple[float, float]] = MappingP
     )
 
 
-def _plots(stage: Stage, ranges: Mapping[str, tuple[float, float]]) -> Any:
+def _plots(stage: Stage, ranges: Mapping[str, tuple[float, float]]) -> "rrb.Vertical":
     """What changes with time, and what is along the arclength at the cursor."""
     import rerun.blueprint as rrb
 
-    def plot(name: str, *contents: str, legend: bool = False, span: tuple[float, float] | None = None) -> Any:
+    def plot(name: str, *contents: str, legend: bool = False, span: tuple[float, float] | None = None) -> "View":
         known = ranges.get(f"/{contents[0]}")
         span = span if known is None else decades(*known)
         return rrb.TimeSeriesView(
@@ -192,7 +197,7 @@ def _plots(stage: Stage, ranges: Mapping[str, tuple[float, float]]) -> Any:
             plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=legend),
         )
 
-    def tabs(*views: Any) -> Any:
+    def tabs(*views: "View") -> "View":
         return rrb.Tabs(*views, active_tab=0) if len(views) > 1 else views[0]
 
     few = stage.count == 1
@@ -238,7 +243,7 @@ def decades(low: float, high: float) -> tuple[float, float]:
     return min(low, math.floor(middle - 1)), max(high, math.ceil(middle + 1))
 
 
-def _along(stage: Stage) -> Any:
+def _along(stage: Stage) -> "rrb.Tabs":
     """Tabs of what is drawn along the arclength."""
     import rerun.blueprint as rrb
 

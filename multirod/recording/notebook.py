@@ -3,7 +3,7 @@
 from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Literal, Unpack
+from typing import Literal, Unpack
 
 from multirod.history import History
 from multirod.recording.recorder import save
@@ -40,21 +40,21 @@ def show(
         from rerun.notebook import Viewer
     except ImportError:
         raise ImportError(INSTALL) from None
-    size = {"width": _pixels("show.width", width), "height": _pixels("show.height", height)}
+    wide, high = _pixels("show.width", width), _pixels("show.height", height)
     titled: RecordingOptions = {"name": "history", **options}
     with TemporaryDirectory() as folder:
         path = Path(folder) / "recording.rrd"
         save(path, history, **titled)
         recording = path.read_bytes()
-    viewer = Viewer(**size, use_global_recording=False)
+    viewer = Viewer(width=wide, height=high, use_global_recording=False)
     # what a stream would send bit by bit; it waits in the widget until the page is there
     viewer._viewer.send_rrd(recording)
     viewer.display()
 
 
-def _pixels(field: str, value: Any) -> Any:
+def _pixels(field: str, value: object) -> int | Literal["auto"]:
     if value == "auto":
-        return value
+        return "auto"
     if isinstance(value, str):
         refuse(field, value, "must be a number of pixels, or 'auto'")
     return positive_int(field, value)

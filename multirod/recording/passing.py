@@ -105,7 +105,7 @@ class _Numbering(pickle.Pickler):
         super().__init__(into, _PROTOCOL)
         self._robots = robots
 
-    def persistent_id(self, value: Any) -> int | None:
+    def persistent_id(self, value: object) -> int | None:
         if not isinstance(value, Assembly):
             return None
         for number, robot in enumerate(self._robots):

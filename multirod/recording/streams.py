@@ -2,15 +2,21 @@
 
 import threading
 import uuid
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
 
 if TYPE_CHECKING:
+    from rerun import RecordingStream
     from rerun.blueprint import Blueprint
+
+    from multirod.recording.viewer import ViewerStream
+
+    Stream: TypeAlias = RecordingStream | ViewerStream
 
 VIEWER_THREAD = "multirod viewer"  # by which one is fed
 
 
-def new_stream(identity: uuid.UUID | None = None) -> Any:
+def new_stream(identity: uuid.UUID | None = None) -> "RecordingStream":
     """A ``rerun.RecordingStream`` of a recording of this package, not connected yet."""
     import rerun as rr
 
@@ -20,12 +26,12 @@ def new_stream(identity: uuid.UUID | None = None) -> Any:
     return stream
 
 
-def send_to_file(stream: Any, file: Any, blueprint: "Blueprint") -> None:
+def send_to_file(stream: "RecordingStream", file: Path, blueprint: "Blueprint") -> None:
     """Have a stream written to a file that begins with a blueprint."""
-    made: list[Any] = []
+    made: list[RecordingStream] = []
     log = blueprint._log_to_stream
 
-    def log_to(own: Any) -> None:
+    def log_to(own: "RecordingStream") -> None:
         made.append(own)
         log(own)
 

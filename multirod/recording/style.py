@@ -1,7 +1,7 @@
 """What does not change with time: frames, colours, thicknesses, and the names of series."""
 
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,9 @@ from multirod.recording.layout import PLOT_HEIGHT, PLOT_WIDTH, legend
 from multirod.recording.profiles import Profile
 from multirod.recording.stage import Stage
 from multirod.status import Status
+
+if TYPE_CHECKING:
+    from rerun import SeriesLines
 
 _AXIS_COLORS = (0xFF6B6B, 0x69DB7C, 0x74A9FF)
 _REFERENCE_COLOR = 0xB0B8C4
@@ -173,7 +176,7 @@ def _series(stage: Stage, k: int) -> Styled:
         yield stage.scalar(f"/inputs/{spec.name}", k), [_lines(names, shades)]
 
 
-def _lines(names: list[str], colors: list[int]) -> Any:
+def _lines(names: list[str], colors: list[int]) -> "SeriesLines":
     import rerun as rr
 
     return rr.SeriesLines(names=names, colors=_colors(colors), widths=[1.5] * len(names))

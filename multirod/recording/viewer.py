@@ -6,10 +6,14 @@ import warnings
 from collections.abc import Callable
 from queue import Full, Queue
 from threading import Thread
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 from multirod.recording.streams import VIEWER_THREAD
+
+if TYPE_CHECKING:
+    from rerun import RecordingStream
+    from rerun.blueprint import Blueprint
 
 _KNOCK = 0.4  # seconds that a viewer has to let itself be reached
 _START = "start one with `rerun`, which listens at rerun+http://127.0.0.1:9876/proxy"
@@ -29,7 +33,9 @@ class ViewerStream:
         say: Takes what is to be said of it from whatever thread; by default it is a warning there.
     """
 
-    def __init__(self, stream: Any, address: str, patience: float, say: Callable[[str], None] | None = None) -> None:
+    def __init__(
+        self, stream: "RecordingStream", address: str, patience: float, say: Callable[[str], None] | None = None
+    ) -> None:
         self._stream, self._address, self._patience = stream, address, patience
         self._say = _warn if say is None else say
         self._calls: Queue[tuple[str, tuple[Any, ...], dict[str, Any]]] = Queue(WAITING)
@@ -44,7 +50,7 @@ class ViewerStream:
             name, arguments, options = self._calls.get()
             getattr(self._stream, name)(*arguments, **options)
 
-    def _call(self, name: str, *arguments: Any, **options: Any) -> None:
+    def _call(self, name: str, *arguments: object, **options: object) -> None:
         try:
             self._calls.put_nowait((name, arguments, options))
         except Full:
@@ -52,11 +58,11 @@ class ViewerStream:
                 self._left_out = True
                 self._say(f"the viewer at {self._address} does not keep up: samples are left out")
 
-    def log(self, *arguments: Any, **options: Any) -> None:
+    def log(self, *arguments: object, **options: object) -> None:
         """As the stream's own."""
         self._call("log", *arguments, **options)
 
-    def send_columns(self, *arguments: Any) -> None:
+    def send_columns(self, *arguments: object) -> None:
         """As the stream's own."""
         self._call("send_columns", *arguments)
 
@@ -64,7 +70,7 @@ class ViewerStream:
         """As the stream's own."""
         self._call("send_recording_name", name)
 
-    def send_blueprint(self, blueprint: Any) -> None:
+    def send_blueprint(self, blueprint: "Blueprint") -> None:
         """As the stream's own."""
         self._call("send_blueprint", blueprint)
 

@@ -16,20 +16,25 @@ The timelines are those of a history's recording. Points and what explains them 
 
 import math
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from multirod.recording import columns
 from multirod.recording.columns import rgba
 from multirod.recording.figure import PALETTE
 from multirod.recording.layout import scene_view
 from multirod.recording.recorder import ENDING, _name
+from multirod.recording.stage import Stage
 from multirod.recording.streams import new_stream, send_to_file
 from multirod.recording.writer import Writer
 from multirod.validation import FloatArray, file_path, refuse
 
 if TYPE_CHECKING:
+    from rerun import RecordingStream
+    from rerun.blueprint import Blueprint
+
     from multirod.studies.tradeoffs.table import Measured, Tradeoff
 
 SHOWN = 5  # settings on the front whose tips and errors are recorded: more cannot be told apart
@@ -71,7 +76,7 @@ def _some(front: "list[Measured]") -> "list[Measured]":
     return [front[k] for k in np.unique(np.linspace(0, len(front) - 1, min(SHOWN, len(front))).round().astype(int))]
 
 
-def _log_setting(stream: Any, table: "Tradeoff", row: "Measured", color: int, size: float) -> None:
+def _log_setting(stream: "RecordingStream", table: "Tradeoff", row: "Measured", color: int, size: float) -> None:
     import rerun as rr
 
     whole, tips = table.reference.history, table.tips[row.name]
@@ -115,13 +120,13 @@ class _Plot:
         low, high = math.floor(math.log10(min(values))), math.ceil(math.log10(max(values)))
         return low, max(high, low + 1)
 
-    def place(self, time: Any, error: Any) -> FloatArray:
+    def place(self, time: ArrayLike, error: ArrayLike) -> FloatArray:
         """Of a time [µs] and an error [m] in the plot; 2D views point down."""
         x = (np.log10(time) - self.x[0]) / (self.x[1] - self.x[0])
         y = (np.log10(error) - self.y[0]) / (self.y[1] - self.y[0])
         return np.stack(np.broadcast_arrays(_WIDTH * x, _HEIGHT * (1 - y)), axis=-1)
 
-    def log(self, stream: Any, front: "list[Measured]", shown: "list[Measured]") -> None:
+    def log(self, stream: "RecordingStream", front: "list[Measured]", shown: "list[Measured]") -> None:
         import rerun as rr
 
         self._log_axes(stream)
@@ -148,7 +153,7 @@ class _Plot:
             point = rr.Points2D(where, colors=[rgba(PALETTE[k])], radii=large, labels=[row.name], show_labels=True, draw_order=10)
             stream.log(f"/work_precision/shown/{_entity(row.name)}", point, static=True)
 
-    def _log_axes(self, stream: Any) -> None:
+    def _log_axes(self, stream: "RecordingStream") -> None:
         import rerun as rr
 
         times, errors = (10.0 ** np.arange(low, high + 1) for low, high in (self.x, self.y))
@@ -243,7 +248,7 @@ def _description(table: "Tradeoff", front: "list[Measured]", shown: "list[Measur
 _COLOR_NAMES = ("blue", "orange", "green", "pink", "violet", "yellow", "teal", "coral", "lime", "mauve", "brown", "grey")
 
 
-def _blueprint(stage: Any, shown: "list[Measured]") -> Any:
+def _blueprint(stage: Stage, shown: "list[Measured]") -> "Blueprint":
     import rerun.blueprint as rrb
 
     w, h = _WIDTH, _HEIGHT

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from textwrap import wrap
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,12 @@ from multirod.remarks import Remarks
 from multirod.status import Status, failures, left_branch
 from multirod.strains import strains
 from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from rerun.blueprint import Blueprint
+
+    from multirod.recording.columns import Columns, Index, Send
+    from multirod.recording.streams import Stream
 
 _ROWS = 1000
 _BEYOND = 1.15  # length of a body's axes over how far it reaches
@@ -44,7 +50,7 @@ class Writer:
 
     def __init__(
         self,
-        streams: Sequence[Any],
+        streams: "Sequence[Stream]",
         *,
         node_count: int,
         instances: int,
@@ -77,7 +83,7 @@ class Writer:
         reference_name: str = "",
         coloring: Coloring | None = None,
         remarks: Sequence[Remarks] = (),
-    ) -> Any:
+    ) -> "Blueprint":
         """Set the stage by the first block, and return the layout."""
         self.stage = Stage.of(
             block,
@@ -215,7 +221,7 @@ class Writer:
             for stream in self._streams:
                 stream.send_blueprint(blueprint)
 
-    def finish(self) -> Any:
+    def finish(self) -> "Blueprint":
         """Fit the scale of arrows to all that came, and return the layout that shows it."""
         size = max(self._extent.size, 0.5 * self.stage.size)
         fitted = {kind: final_scale(known, size) for kind, known in self._largest.items() if known > 0}
@@ -270,7 +276,7 @@ class Writer:
 
         return columns.circles(between(shape["position"]), between(shape["rotation"]), radius)
 
-    def _write_line(self, k: int, line: int, index: Any, nodes: FloatArray, tension: FloatArray) -> None:
+    def _write_line(self, k: int, line: int, index: "Index", nodes: FloatArray, tension: FloatArray) -> None:
         path, shades, radius = (
             self.stage.line(k, line),
             columns.shades(tension, self.stage.strongest),
@@ -282,7 +288,7 @@ class Writer:
             pieces = np.stack([nodes[:, :-1], nodes[:, 1:]], axis=2)
             self._send(path, index, columns.strips(pieces, shades))
 
-    def _write_tip(self, k: int, index: Any, position: FloatArray, rotation: FloatArray) -> None:
+    def _write_tip(self, k: int, index: "Index", position: FloatArray, rotation: FloatArray) -> None:
         import rerun as rr
 
         frames, sound = columns.poses(position, rotation)
@@ -313,12 +319,12 @@ class Writer:
             mesh = columns.plates(drawn.solids[k], sound[changed])
             self._send(path, columns.index(steps[changed], times[changed]), mesh)
 
-    def _write_path(self, path: str, index: Any, positions: FloatArray) -> None:
+    def _write_path(self, path: str, index: "Index", positions: FloatArray) -> None:
         before = np.concatenate([self._last_tip.get(path, positions[:1]).reshape(1, 3), positions[:-1]])
         self._last_tip[path] = positions[-1]
         self._send(path, index, columns.strips(np.stack([before, positions], axis=1)))
 
-    def _write_arrows(self, k: int, load: DrawnLoad, index: Any, origins: FloatArray, force: FloatArray) -> None:
+    def _write_arrows(self, k: int, load: DrawnLoad, index: "Index", origins: FloatArray, force: FloatArray) -> None:
         """Arrows in newtons, each from the origin of a frame whose scale may yet change."""
         import rerun as rr
 
@@ -329,14 +335,14 @@ class Writer:
         places = rr.Transform3D.columns(translation=origins[sound])
         self._send(path, index, [*arrows.partition(sound.astype(int)), *places.partition(sound.astype(int))])
 
-    def _write_points(self, path: str, index: Any, positions: FloatArray) -> None:
+    def _write_points(self, path: str, index: "Index", positions: FloatArray) -> None:
         """A point a sample; none where it is not known."""
         import rerun as rr
 
         sound = np.isfinite(positions).all(axis=1)
         self._send(path, index, rr.Points3D.columns(positions=positions[sound]).partition(sound.astype(int)))
 
-    def _write_spread(self, path: str, index: Any, force: FloatArray, covariances: FloatArray) -> None:
+    def _write_spread(self, path: str, index: "Index", force: FloatArray, covariances: FloatArray) -> None:
         """The ellipsoid about an arrow's end that has 95 % of the force, in newtons as the arrow."""
         import rerun as rr
 
@@ -346,7 +352,7 @@ class Writer:
         shapes = rr.Ellipsoids3D.columns(centers=force[kept], half_sizes=half[kept], quaternions=turns[kept])
         self._send(path, index, shapes.partition(sound))
 
-    def _write_name(self, k: int, rod: int, index: Any, shapes: Sequence[dict[str, FloatArray]], rows: slice) -> None:
+    def _write_name(self, k: int, rod: int, index: "Index", shapes: Sequence[dict[str, FloatArray]], rows: slice) -> None:
         """A name where the rod can be seen: in the middle of what no tube of its leg covers."""
         import rerun as rr
 
@@ -415,7 +421,7 @@ class Writer:
         self._last_value[path] = values[-1]
         return changed
 
-    def _send_scalars(self, path: str, index: Any, values: FloatArray) -> None:
+    def _send_scalars(self, path: str, index: "Index", values: FloatArray) -> None:
         import rerun as rr
 
         self._send(path, index, rr.Scalars.columns(scalars=np.ascontiguousarray(values)))
@@ -426,10 +432,10 @@ def _scales(found: dict[str, float]) -> dict[str, Any]:
     return {f"{kind}_scale": scale for kind, scale in found.items()}
 
 
-def _sender(streams: Sequence[Any], breathe: Callable[[], None]) -> Callable[[str, Any, Any], None]:
+def _sender(streams: "Sequence[Stream]", breathe: Callable[[], None]) -> "Send":
     """Sends columns to an entity; it does not hold the writer, which would keep streams open until garbage is collected."""
 
-    def send(path: str, index: Any, values: Any) -> None:
+    def send(path: str, index: "Index", values: "Columns") -> None:
         for stream in streams:
             stream.send_columns(path, index, values)
         breathe()
@@ -476,7 +482,7 @@ def _compare(shapes: dict[str, list[dict[str, FloatArray]]]) -> None:
 def _scalars(stage: Stage, block: History, tips: dict[str, FloatArray]) -> dict[str, FloatArray]:
     """Series by entity, axes (sample, instance[, component])."""
 
-    def split(values: Any, *tail: int) -> FloatArray:
+    def split(values: object, *tail: int) -> FloatArray:
         return np.reshape(np.asarray(values, dtype=np.float64), (len(block.time), -1, *tail))
 
     residual, condition, least = split(block.residual), split(block.condition), split(block.smallest_singular_value)

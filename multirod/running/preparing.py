@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from multirod.assembly import Assembly
-from multirod.batch import SHORTEST_PART
+from multirod.batch import SHORTEST_PART, IntArray
 from multirod.compiling import COMPILER
 from multirod.inputs import Inputs
 from multirod.running.progress import Watch
@@ -75,7 +75,7 @@ def prepare(
 
 
 def _stand_in(
-    robot: Assembly, inputs: Inputs, solver: Solver, device: str, instances: Any
+    robot: Assembly, inputs: Inputs, solver: Solver, device: str, instances: IntArray | None
 ) -> tuple[Callable[[], Solution], bool]:
     """Solutions in the place of one, with zeros for unknowns; and whether a solve tests its result for stability."""
     problem = robot.problem(

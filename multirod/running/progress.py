@@ -7,9 +7,12 @@ from importlib import import_module
 from threading import Lock
 from time import monotonic
 from types import TracebackType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from multirod.validation import refuse
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
 
 PATIENCE = 2.0  # seconds before a bar is worth showing
 REFRESH = 0.2  # seconds between two states of a bar in a notebook
@@ -76,7 +79,7 @@ class Watch:
                 self._bar.update(self._bar.task_ids[0], completed=done)
 
 
-def _bar(label: str, total: int) -> Any:
+def _bar(label: str, total: int) -> "Progress | _NotebookBar | None":
     """A bar in a notebook, or on the terminal of the standard error stream; None where neither is."""
     if in_notebook():
         return _NotebookBar(label, total)
@@ -116,7 +119,7 @@ class _NotebookBar:
         return f"<small>{escape(self._label)} {bar} {self._done:,}/{self._total:,}</small>"
 
 
-def _terminal_bar(label: str, total: int) -> Any:
+def _terminal_bar(label: str, total: int) -> "Progress | None":
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 

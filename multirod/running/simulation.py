@@ -1,6 +1,6 @@
 """Solving one set of inputs, a motion, or a batch of either."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from math import prod
 from threading import Event, Lock
@@ -221,7 +221,7 @@ class Runner:
         inputs: Inputs,
         dt: float,
         device: str,
-        enabled: Any,
+        enabled: Iterable[str],
         *,
         instances: IntArray | None = None,
         options: Mapping[str, Any] | None = None,
@@ -235,7 +235,7 @@ class Runner:
         track = solver.track(self.problem, dt)
         self.track = track if self.problem.result_test is None else Tested(track)
 
-    def start(self, guess: Any, count: int, piece: slice) -> None:
+    def start(self, guess: object, count: int, piece: slice) -> None:
         """Start from a guess of ``count`` instances, of which the problem's are a piece; None is no guess."""
         unknowns = unknowns_of_guess(guess, self.problem, count, piece)
         if unknowns is not None:
@@ -299,14 +299,14 @@ def _some(chosen: IntArray | None, piece: slice, count: int) -> IntArray | None:
     return None if piece == slice(0, count) else np.arange(piece.start, piece.stop)
 
 
-def _numbers(instances: Any, count: int) -> IntArray:
+def _numbers(instances: object, count: int) -> IntArray:
     values = integers("instances", instances)
     if values.size and not (values.min() >= 0 and values.max() < count):
         refuse("instances", Described(f"{values.min()} to {values.max()}"), f"must be from 0 to {count - 1}")
     return values
 
 
-def unknowns_of_guess(guess: Any, problem: BoundaryProblem, count: int, piece: slice | IntArray) -> FloatArray | None:
+def unknowns_of_guess(guess: object, problem: BoundaryProblem, count: int, piece: slice | IntArray) -> FloatArray | None:
     """A guess of the problem's unknowns, (instance_count, n), from a solution or an array of all ``count`` instances."""
     if guess is None:
         return None
@@ -325,7 +325,7 @@ def unknowns_of_guess(guess: Any, problem: BoundaryProblem, count: int, piece: s
     return np.array(problem.adopt(np.broadcast_to(rows, (problem.instance_count, rows.shape[1]))))
 
 
-def even_times(time: Any) -> tuple[FloatArray, float]:
+def even_times(time: object) -> tuple[FloatArray, float]:
     """Checked times of samples, and their distance."""
     time = array("time", time)
     if time.ndim != 1:

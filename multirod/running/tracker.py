@@ -123,7 +123,7 @@ class Tracker(Uncopied, Generic[Robot_co]):
         ends = np.cumsum([self._robot.column_count(name) for name in stand_ins])
         return dict(zip(stand_ins, np.split(np.arange(ends[-1]), ends[:-1]), strict=True))
 
-    def _prepare(self, guess: Any) -> None:
+    def _prepare(self, guess: object) -> None:
         inputs = self._inputs
         if 0 in inputs.batch_shape:
             refuse("Tracker.inputs", Described(f"leading axes {inputs.batch_shape}"), "there must be an instance")
@@ -209,7 +209,7 @@ class Tracker(Uncopied, Generic[Robot_co]):
         finally:
             self._lock.release()
 
-    def _apply(self, inputs: Inputs | None, **changes: Any) -> None:
+    def _apply(self, inputs: Inputs | None, **changes: object) -> None:
         """Check new inputs, and compile in what they need."""
         if inputs is not None:
             if changes:

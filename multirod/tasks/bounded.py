@@ -100,7 +100,7 @@ class Bounds:
         """(8) For rows ``stacked d + sides`` that an orthogonal matrix makes as few as there are numbers."""
         turned, R = np.linalg.qr(stacked * unit)
         count, k = free.shape
-        q = programme(count, R.shape[1], k, len(low[0]), HOST)
+        q: Any = programme(count, R.shape[1], k, len(low[0]), HOST)
         q.limits = wp.zeros((len(low[0]), k), dtype=wp.float64, device=HOST)
         values: dict[str, Any] = {"J": R, "r": (np.swapaxes(turned, 1, 2) @ sides[..., None])[..., 0]}
         values |= {"softness": SOFTNESS * np.abs(R).max(axis=(1, 2)) ** 2, "low": low, "high": high, "change": free / unit}

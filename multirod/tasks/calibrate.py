@@ -4,13 +4,14 @@ from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from math import prod
-from typing import Any, Generic, Self
+from typing import Any, Generic, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from multirod.assembly import Assembly, Robot, Robot_co
 from multirod.inputs import Inputs
+from multirod.problem import BoundaryProblem
 from multirod.profile import Profile
 from multirod.rod import Rod, Section
 from multirod.rotations import left_jacobian, matrices
@@ -57,7 +58,7 @@ class Calibration(Generic[Robot_co]):
     """
 
     def __init__(self, numbers: "_Numbers", fit: "_Fit") -> None:
-        self.robot: Robot_co = fit.robot
+        self.robot = cast(Robot_co, fit.robot)
         self.solution: Solution[Robot_co] = fit.solution
         self.parameters = tuple(numbers.places)
         self.labels = numbers.labels
@@ -181,7 +182,7 @@ def calibrate(
     return Calibration(numbers, fit)
 
 
-def _checked(robot: Assembly, parameters: Any) -> dict[str, Prior]:
+def _checked(robot: Assembly, parameters: object) -> dict[str, Prior]:
     """Priors by the names of parameters."""
     names = (parameters,) if isinstance(parameters, str) else parameters
     if not isinstance(names, (list, tuple, Mapping)) or not names:
@@ -250,7 +251,7 @@ class _Numbers:
                 unit[own] = np.exp(p[own])
         return np.asarray(covariance * unit[:, None] * unit)
 
-    def robot(self, p: FloatArray) -> Any:
+    def robot(self, p: FloatArray) -> Assembly:
         """The robot with these numbers, shape (k,)."""
         rods = [copy(rod) for rod in self.begin.rods]
         for name, group in self.groups.items():
@@ -348,11 +349,11 @@ def _finite(rod: Rod, name: str) -> bool:
 class _Shapes(AlongTask):
     """All shapes of one robot; what is freed are columns by its parameters."""
 
-    def __init__(self, problem: Any, names: Sequence[str], places: Places) -> None:
+    def __init__(self, problem: BoundaryProblem, names: Sequence[str], places: Places) -> None:
         self.problem, self.free = problem, tuple(names)
         self._sense(places)
 
-    def evaluate(self, unknowns: FloatArray, *_: Any) -> Evaluation:
+    def evaluate(self, unknowns: FloatArray, *_: object) -> Evaluation:
         """One integration at ``x`` (b, n)."""
         with self.problem.alone:
             self.problem.write("unknowns", unknowns)
@@ -366,7 +367,7 @@ class _Fit:
 
     def __init__(
         self,
-        robot: Any,
+        robot: Assembly,
         inputs: Inputs,
         numbers: _Numbers,
         measured: Measured,

@@ -1,7 +1,5 @@
 """What kernels read of a task's integration, whose unknowns they eliminate. Numbers in parentheses: ``docs/tasks.md``."""
 
-from typing import Any
-
 import numpy as np
 import warp as wp
 
@@ -20,7 +18,7 @@ class Columns:
         target: Argument of a kernel, which gets them.
     """
 
-    def __init__(self, task: Task, target: Any) -> None:
+    def __init__(self, task: Task, target: Condensed) -> None:
         self._task = task
         self._own: list[Shared] = []
         problem = task.problem
@@ -45,7 +43,7 @@ class Columns:
                 own.send()
 
 
-def condensed(task: Task) -> tuple[Any, Columns]:
+def condensed(task: Task) -> tuple[Condensed, Columns]:
     """The argument of kernels that begin at a task's integration, and what keeps its columns."""
     problem, state = task.problem, Condensed()
     problem.share(state, ("fault", "unknowns", "inputs", "residual", "gamma", "position", "rotation", "pose_columns"))

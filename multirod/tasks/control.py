@@ -14,8 +14,10 @@ from multirod.tasks.control_kernels import ANGLE, ERROR, FREE, HELD, LONGEST, SI
 from multirod.tasks.formulation import Task
 from multirod.tasks.limits import LimitRows
 from multirod.tasks.programme import programme
+from multirod.tasks.programme_kernels import Programme
 from multirod.tasks.rows import PoseRows
 from multirod.tasks.watch import Watch
+from multirod.types import WarpArray
 from multirod.validation import FloatArray
 
 Kind = tuple[int, int, int]  # whether a target has a position, a rotation, an axis
@@ -57,6 +59,7 @@ class ControlStep:
         self._given = {name: Shared((1,), dtype, device) for name, dtype in vectors.items()}
         self._given["seen"] = Shared((1, 2), wp.int32, device)
         self.given: dict[str, Any] = {name: each.values[0] for name, each in self._given.items()}
+        self._task: Any
         self._task, self._columns = condensed(task)
         self._count = task.count
         kept: dict[str, tuple[tuple[int, ...], Any]] = dict.fromkeys(("offset", "drift", "motion"), ((2,), wp.vec3d))
@@ -185,7 +188,7 @@ class ControlStep:
         distance, angle = np.linalg.norm(left[:first]), np.linalg.norm(left[first:])
         return (float(distance) if position_given else np.nan), (float(angle) if rotation_given or axis_given else np.nan)
 
-    def _made(self, kind: Kind) -> Any:
+    def _made(self, kind: Kind) -> Callable[[], None]:
         state: Any = Control()
         for name, each in self._given.items():
             setattr(state, name, each.array)
@@ -204,10 +207,10 @@ class ControlStep:
         self._states.append(state)
         return record(make_control, 1, [state], self._problem.device).launch
 
-    def _programme(self, m: int) -> Any:
+    def _programme(self, m: int) -> Programme:
         result = programme(1, m, self._count, len(self._limits["low"].values), self._problem.device, sides=2)
         result.limits = self._limits["scaled"].array
         return result
 
-    def _zeros(self, *shape: int) -> Any:
+    def _zeros(self, *shape: int) -> WarpArray:
         return wp.zeros((1, *shape), dtype=wp.float64, device=self._problem.device)

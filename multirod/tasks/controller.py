@@ -102,7 +102,7 @@ class Command(Solution[Robot_co]):
         held = ", ".join(label for label, own in zip(labels, self.at_limit, strict=True) if own)
         return told(self.target_error, self.target_angle, held) | ({"singular": "yes"} if self.singular else {})
 
-    def _jacobian(self, names: tuple[object, ...], of: str, at: Any, rod: int | str) -> FloatArray:
+    def _jacobian(self, names: tuple[object, ...], of: str, at: Numbers | None, rod: int | str) -> FloatArray:
         """By the inputs that are free, without another integration: the columns of the sample's own."""
         if of == "pose" and names == self.free and at is None:
             return np.asarray(frozen(self._by_free(1, 6)))
@@ -275,7 +275,7 @@ class Controller(Uncopied, Generic[Robot_co]):
         finally:
             self._lock.release()
 
-    def _aim(self, position: Any, rotation: Any, axis: Any) -> Kind:
+    def _aim(self, position: Numbers | None, rotation: Numbers | None, axis: Numbers | None) -> Kind:
         """Take the present target; what is not plainly right is checked at length."""
         given = self._step.given
         if plain(position) and (rotation is None or (turned(rotation) and axis is None)) and (axis is None or plain(axis)):
@@ -296,7 +296,7 @@ class Controller(Uncopied, Generic[Robot_co]):
                 given[name][:] = value
         return int(target.position is not None), int(target.rotation is not None), int(target.axis is not None)
 
-    def _seen(self, position: Any, rotation: Any) -> tuple[int, int]:
+    def _seen(self, position: Numbers | None, rotation: Numbers | None) -> tuple[int, int]:
         """Take what is measured; of both whether it is there, as ``ControlStep.given`` says."""
         given, found = self._step.given, []
         for name, value, tail in (("seen_position", position, (3,)), ("seen_rotation", rotation, (3, 3))):
@@ -304,7 +304,7 @@ class Controller(Uncopied, Generic[Robot_co]):
                 found.append(0)
                 continue
             sure = plain(value, tail)
-            numbers = value if sure else array("Controller.step(measured)", value, tail, finite=False)
+            numbers = np.asarray(value) if sure else array("Controller.step(measured)", value, tail, finite=False)
             there = sure or np.isfinite(numbers).all()
             if there:
                 given[name][:] = numbers

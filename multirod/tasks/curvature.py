@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.assembly import Assembly
-from multirod.batch import IntArray, take
+from multirod.batch import Instances, IntArray, take
 from multirod.derivatives import places_on
 from multirod.inputs import Inputs
+from multirod.problem import BoundaryProblem
 from multirod.tasks.formulation import Evaluation, Task
 from multirod.types import Numbers
 from multirod.validation import Described, FloatArray, array, refuse
@@ -104,14 +105,15 @@ class CurvatureRows:
         """Rows."""
         return int(self.value.shape[1] * self.value.shape[2])
 
-    def take(self, instances: Any) -> Self:
+    def take(self, instances: Instances) -> Self:
         """Those of some instances."""
         return type(self)(self.value[instances], self.weight, self.rod, self.places)
 
-    def at(self, found: Any) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """As ``Rows`` say."""
+    def at(self, found: Evaluation) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """As ``Rows`` say; of what an ``AlongTask`` says."""
+        assert isinstance(found, AlongEvaluation)
         count, n = found.residual.shape
-        told = np.empty((count, *self.value.shape[1:], 1 + found.curvature_columns.shape[-1]))
+        told: FloatArray = np.empty((count, *self.value.shape[1:], 1 + found.curvature_columns.shape[-1]))
         self.put(found.curvature, found.curvature_columns, told)
         told = told.reshape(count, self.count, told.shape[-1])
         return told[..., 0], told[..., 1 : 1 + n], told[..., 1 + n :]
@@ -176,7 +178,7 @@ def _followed(places: NDArray[np.intp]) -> NDArray[np.intp] | slice:
 class AlongTask(Task):
     """A task whose integrations tell the curvature at some places too, and its columns, where there are any."""
 
-    def __init__(self, problem: Any, free: Sequence[str], places: Places) -> None:
+    def __init__(self, problem: BoundaryProblem, free: Sequence[str], places: Places) -> None:
         super().__init__(problem, free)
         self._sense(places)
 

@@ -1,5 +1,6 @@
 """The compiled part of a search: its arrays, which NumPy reads too, and its launches."""
 
+from collections.abc import Callable
 from functools import cache, partial
 from math import prod
 from typing import Any
@@ -7,7 +8,7 @@ from typing import Any
 import warp as wp
 
 from multirod.kernels.repeated_kernels import Calls, callable_from_kernels
-from multirod.launch import expect, record
+from multirod.launch import Launch, expect, record
 from multirod.problem import FEW
 from multirod.shared import Shared
 from multirod.tasks.condensed import condensed
@@ -16,6 +17,7 @@ from multirod.tasks.formulation import Task
 from multirod.tasks.limits import LimitRows
 from multirod.tasks.programme import programme
 from multirod.tasks.search_kernels import make_search
+from multirod.types import WarpArray
 from multirod.validation import FloatArray
 
 Kind = tuple[int, int, int]  # whether a target has a position, a rotation, an axis
@@ -29,7 +31,7 @@ def expect_search(device: str) -> None:
 
 
 @cache
-def _maker(device: str) -> Any:
+def _maker(device: str) -> Callable[[], wp.Kernel]:
     return partial(make_search, wp.get_device(device).is_cpu)
 
 
@@ -82,11 +84,11 @@ class DriveArrays:
         self._launch = record(self._make, count, [self._state, Calls(), 0], device)
         self._repeats = self._same and count <= FEW and self._columns.in_place
         self._bound: tuple[Any, ...] | None = None  # launches that ``_loop`` repeats
-        self._loop: Any = None
+        self._loop: Launch | None = None
         self._count = self.values["count"]
         self.limits: LimitRows | None = None
 
-    def _share(self, target: Any, name: str, array: Any, key: str = "") -> None:
+    def _share(self, target: object, name: str, array: WarpArray, key: str = "") -> None:
         self._shared[key or name] = Shared.of(array)
         setattr(target, name, array)
 
@@ -148,7 +150,7 @@ class DriveArrays:
                 left, asked = self._count.tolist()
         return left, asked
 
-    def _repeating(self) -> Any:
+    def _repeating(self) -> Launch | None:
         """A launch that repeats integrations, ``ROUNDS`` times at most; None where none can."""
         problem = self._task.problem
         if not self._repeats or problem.budget is not None:
@@ -156,7 +158,7 @@ class DriveArrays:
         launches = problem.launches
         if launches is not self._bound:
             self._bound, calls = launches, callable_from_kernels(launches)
-            self._loop = calls and record(self._make, 1, [self._state, calls, ROUNDS], problem.device)
+            self._loop = None if calls is None else record(self._make, 1, [self._state, calls, ROUNDS], problem.device)
         return self._loop
 
     def launch(self) -> tuple[int, int]:

@@ -27,7 +27,7 @@ from multirod.tasks.inference import kept, posterior, principal, roots, units
 from multirod.tasks.limits import freed_labels, known_rows
 from multirod.tasks.priors import Prior
 from multirod.tasks.sensors import Measured, Sensor, batch_of, checked, refuse_nothing
-from multirod.types import Numbers
+from multirod.types import Numbers, StatusOrArray
 from multirod.validation import Described, FloatArray, choice, device_name, frozen, instance, positive_int, refuse
 
 SETTLED = 1e-2  # standard deviations: a step that is less adds 1e-4 to the error's variance
@@ -100,7 +100,7 @@ class Estimate(Generic[Robot_co]):
         return self.solution.batch_shape
 
     @property
-    def status(self) -> Any:
+    def status(self) -> StatusOrArray:
         """``Status`` of each instance, as of a solution."""
         return self.solution.status
 
@@ -475,7 +475,7 @@ def remarked(places: Mapping[str, slice], covariance: FloatArray, measured: Meas
     return Remarks(measured=measured.position(), covariances=forces)
 
 
-def checked_priors(robot: Assembly, inputs: Inputs, unknown: Any) -> dict[str, Prior]:
+def checked_priors(robot: Assembly, inputs: Inputs, unknown: object) -> dict[str, Prior]:
     """Checked priors by the names of inputs."""
     if not isinstance(unknown, Mapping):
         raise TypeError(

@@ -3,18 +3,19 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from threading import Lock
-from typing import Any, Generic
+from typing import Any, Generic, Unpack
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
 from multirod import plausibility
-from multirod.assembly import Robot_co
+from multirod.assembly import Assembly, Robot_co
 from multirod.exclusive import Uncopied
 from multirod.inputs import Inputs
 from multirod.integrators import RK45, Integrator
 from multirod.launch import expect, record
+from multirod.models.assemblies.inputs import KnownInputs
 from multirod.problem import BoundaryProblem
 from multirod.running.tracker import Tracker
 from multirod.shared import Shared
@@ -116,7 +117,7 @@ class Estimator(Uncopied, Generic[Robot_co]):
     def _present(self) -> Inputs:
         return self._tracker.present()
 
-    def step(self, measured: Sequence[Any], **changes: Any) -> Estimate[Robot_co]:
+    def step(self, measured: Sequence[object], **changes: Unpack[KnownInputs]) -> Estimate[Robot_co]:
         """Take in what the sensors say now.
 
         Args:
@@ -421,7 +422,7 @@ def _signs(gamma: FloatArray) -> FloatArray:
         return np.asarray(np.linalg.slogdet(gamma)[0])
 
 
-def _walks(robot: Any, unknown: object) -> dict[str, Walk]:
+def _walks(robot: Assembly, unknown: object) -> dict[str, Walk]:
     """Checked walks by the names of inputs."""
     if not isinstance(unknown, Mapping):
         raise TypeError(f"unknown = {unknown!r} is not allowed: must be walks by name, such as {{'tip_force': Walk(0.3)}}")

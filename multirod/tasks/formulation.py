@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.assembly import Assembly
-from multirod.batch import IntArray, solved_each
+from multirod.batch import Instances, IntArray, solved_each
 from multirod.inputs import Inputs
 from multirod.integrators import Integrator
 from multirod.problem import BoundaryProblem
@@ -41,7 +41,7 @@ class Evaluation:
     pose_by_free: FloatArray
     failed: NDArray[np.bool_]
 
-    def take(self, instances: Any) -> Self:
+    def take(self, instances: Instances) -> Self:
         """That of some instances, by an index of the first axis."""
         return type(self)(**{name: getattr(self, name)[instances] for name in self.__dataclass_fields__})
 

@@ -52,7 +52,7 @@ class Limits:
         gap: float | None = None,
         curvature: float | None = None,
         stability_margin: float | None = None,
-        **inputs: Any,
+        **inputs: object,
     ) -> None:
         self.gap = None if gap is None else nonnegative_float("Limits.gap", gap)
         self.curvature = None if curvature is None else positive_float("Limits.curvature", curvature)
@@ -64,7 +64,7 @@ class Limits:
         self.inputs = {name: _pair(name, value) for name, value in inputs.items()}
 
     @property
-    def key(self) -> Any:
+    def key(self) -> tuple[object, ...]:
         """What rows of limits follow from, beside the robot and what is free."""
         return self.gap, *((name, low.tobytes(), high.tobytes()) for name, (low, high) in self.inputs.items())
 
@@ -80,7 +80,7 @@ class Limits:
         return f"Limits({', '.join(parts)})"
 
 
-def _pair(name: str, value: Any) -> tuple[FloatArray, FloatArray]:
+def _pair(name: str, value: object) -> tuple[FloatArray, FloatArray]:
     field = f"Limits.{name}"
     pair = list(value) if isinstance(value, (list, tuple)) or (isinstance(value, np.ndarray) and value.ndim) else []
     if len(pair) != 2:

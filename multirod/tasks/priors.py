@@ -1,7 +1,5 @@
 """What is known of numbers before anything is measured. Numbers in parentheses: ``docs/estimation.md``."""
 
-from typing import Any
-
 import numpy as np
 
 from multirod.batch import IntArray, take
@@ -103,7 +101,7 @@ class Walk:
         return f"Walk({self.sigma.tolist()}, start={self.start!r})"
 
 
-def deviations(field: str, value: Any, *, infinite: bool = False) -> FloatArray:
+def deviations(field: str, value: object, *, infinite: bool = False) -> FloatArray:
     """Standard deviations, > 0, of any shape."""
     result = array(field, value, finite=False)
     if not result.size or not (result > 0).all() or (not infinite and np.isinf(result).any()):
@@ -112,7 +110,7 @@ def deviations(field: str, value: Any, *, infinite: bool = False) -> FloatArray:
     return result
 
 
-def _covariance(value: Any) -> FloatArray:
+def _covariance(value: object) -> FloatArray:
     result = array("Prior.covariance", value)
     if result.ndim < 2 or result.shape[-1] != result.shape[-2]:
         refuse("Prior.covariance", Described(f"array of shape {result.shape}"), "must be (..., k, k)")

@@ -403,8 +403,8 @@ def _scattered(work: _Work, search: Search, origin: FloatArray, numbers: IntArra
     arrays = {}
     for name, given in work.inputs.arrays.items():
         if name not in work.free:
-            own = take(given, work.batch_shape, numbers, tail=1)
-            arrays[name] = np.repeat(own[:, None], starts, axis=1)
+            other = take(given, work.batch_shape, numbers, tail=1)
+            arrays[name] = np.repeat(other[:, None], starts, axis=1)
     robot, sides = work.robot, with_values(work.inputs.with_arrays(arrays), work.free, values)
     if robot.batch_shape:
         raise NotImplementedError("starts need a robot whose parameters have no leading axes")

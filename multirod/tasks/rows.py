@@ -1,14 +1,14 @@
 """Rows of a task: what is asked of an equilibrium, or measured of it. Numbers in parentheses: ``docs/tasks.md``."""
 
 from dataclasses import dataclass
-from typing import Any, Protocol, Self
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from multirod import plausibility
 from multirod.assembly import is_rotation, not_turned
-from multirod.batch import IntArray, broadcast_shapes, take
+from multirod.batch import Instances, IntArray, broadcast_shapes, take
 from multirod.rotations import cross, inverse_left_jacobian, vectors
 from multirod.tasks.formulation import Evaluation
 from multirod.types import Numbers
@@ -133,7 +133,7 @@ class PoseRows:
         """Rows."""
         return 3 * (self.position is not None) + 3 * (self.rotation is not None) + 2 * (self.axis is not None)
 
-    def take(self, instances: Any) -> Self:
+    def take(self, instances: Instances) -> Self:
         """Those of some instances, by an index of the first axis."""
         values = (self.position, self.rotation, self.axis)
         position, rotation, axis = (None if value is None else value[instances] for value in values)
@@ -192,7 +192,7 @@ def _tilt(tangent: FloatArray, axis: FloatArray) -> tuple[FloatArray, FloatArray
     return (across @ tilt[..., None])[..., 0], across @ change
 
 
-def _vector(field: str, value: Any) -> FloatArray:
+def _vector(field: str, value: object) -> FloatArray:
     """Numbers (..., 3), which may be NaN: of a sensor that dropped out."""
     result = array(field, value, (3,), finite=False)
     if np.isinf(result).any():
@@ -200,7 +200,7 @@ def _vector(field: str, value: Any) -> FloatArray:
     return result
 
 
-def _rotation(value: Any) -> FloatArray:
+def _rotation(value: object) -> FloatArray:
     """Rotations (..., 3, 3), which may be NaN."""
     result = array("Pose.rotation", value, (3, 3), finite=False)
     missing = np.isnan(result).any(axis=(-2, -1), keepdims=True)
@@ -210,7 +210,7 @@ def _rotation(value: Any) -> FloatArray:
     return result
 
 
-def _direction(value: Any) -> FloatArray:
+def _direction(value: object) -> FloatArray:
     """Unit vectors (..., 3), which may be NaN."""
     result = _vector("Pose.axis", value)
     size = np.linalg.norm(result, axis=-1, keepdims=True)
@@ -219,7 +219,7 @@ def _direction(value: Any) -> FloatArray:
     return np.asarray(result / size)
 
 
-def _sigma(value: Any, position: bool, angles: bool) -> FloatArray:
+def _sigma(value: object, position: bool, angles: bool) -> FloatArray:
     """Standard deviations of position and angles, (2,)."""
     result = array("Pose.sigma", value, finite=False)
     both = position and angles

@@ -2,14 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from copy import copy
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from multirod import plausibility
-from multirod.batch import IntArray
+from multirod.batch import Instances, IntArray
 from multirod.problem import BoundaryProblem
 from multirod.shared import Shared
 from multirod.tasks.curvature import AlongTask, Curvature, CurvatureRows, Places
@@ -81,7 +81,7 @@ class Measured:
         """A task whose integrations tell what the rows need."""
         return AlongTask(problem, free, self.places)
 
-    def at(self, found: Evaluation, chosen: Any) -> tuple[FloatArray, FloatArray]:
+    def at(self, found: Evaluation, chosen: Instances) -> tuple[FloatArray, FloatArray]:
         """(3) Whitened ``r`` (b, m) and ``J`` (b, m, k) of the chosen instances, that ``found`` is of."""
         parts = [rows.take(chosen).at(found) for rows in self.rows]
         known = self.known[chosen]
@@ -108,7 +108,7 @@ def _gone(k: int, rows: PoseRows | CurvatureRows, known: NDArray[np.bool_]) -> l
     return [f"{' and '.join(missing)} of sensor {k}"]
 
 
-def checked(field: str, measured: Any) -> tuple[Sensor, ...]:
+def checked(field: str, measured: object) -> tuple[Sensor, ...]:
     """Sensors, each with a standard deviation, of which something is measured.
 
     Raises:
@@ -224,14 +224,14 @@ class Live(Measured):
         self.there.values[:] = self.known
         self.missing, self.counted = self._missing(), self.known.sum(axis=1)
 
-    def _one(self, k: int, sensor: Sensor, value: Any) -> NDArray[np.bool_] | None:
+    def _one(self, k: int, sensor: Sensor, value: object) -> NDArray[np.bool_] | None:
         """Take what a sensor says; which rows there are, None for all."""
         if value is None:
             return np.zeros(sensor.count, dtype=bool)
         if isinstance(sensor, Curvature):
             tail, bent = (len(sensor.at), sensor.components), self.rows[k]
             if not self._batch_shape and isinstance(bent, CurvatureRows) and plain(value, tail):
-                bent.value[0] = value
+                bent.value[0] = cast(ArrayLike, value)
                 return None
             self.rows[k], known = self.places.filled(sensor, self._numbers(f"measured[{k}]", value, tail))
             return None if known.all() else known
@@ -265,7 +265,7 @@ class Live(Measured):
             self.poses[name].values[:, k] = getattr(rows, name)
         return None if known.all() else known
 
-    def _numbers(self, field: str, value: Any, tail: tuple[int, ...]) -> FloatArray:
+    def _numbers(self, field: str, value: object, tail: tuple[int, ...]) -> FloatArray:
         """(b, *tail), which may be NaN."""
         numbers = value if type(value) is np.ndarray and value.dtype == np.float64 else array(field, value, finite=False)
         if numbers.shape == (*self._batch_shape, *tail):

@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from multirod.assembly import Assembly
 from multirod.inputs import Inputs, InputSpec
@@ -65,7 +66,7 @@ class Study:
         """With the integrator of the differences."""
         return solve(self.robot, inputs, solver=Shooting(tolerance=TIGHT, integrator=self.integrator), guess=guess)
 
-    def problem(self, inputs: Inputs | None = None, **options: Any) -> BoundaryProblem:
+    def problem(self, inputs: Inputs | None = None, **options: Any) -> BoundaryProblem:  # noqa: ANN401  (of the robot's own ``problem``)
         """A problem at these inputs, those of the study by default."""
         return self.robot.problem(self.inputs if inputs is None else inputs, integrator=self.integrator, **options)
 
@@ -141,7 +142,7 @@ def _recorded(name: str, found: list[str]) -> Iterator[None]:
         found.append(f"{name}: {kind}{error}")
 
 
-def _same(what: str, given: Any, expected: Any, tolerance: float, floor: float = 0.0) -> None:
+def _same(what: str, given: object, expected: object, tolerance: float, floor: float = 0.0) -> None:
     """Refuse arrays that differ by more than a part of the largest, or than a floor."""
     given, expected = np.asarray(given, dtype=float), np.asarray(expected, dtype=float)
     if given.shape != expected.shape:
@@ -212,7 +213,7 @@ def _guess(study: Study) -> None:
         )
 
 
-def _shape(what: str, given: Any, expected: tuple[int, ...]) -> None:
+def _shape(what: str, given: ArrayLike, expected: tuple[int, ...]) -> None:
     if np.shape(given) != expected:
         raise Nonconformance(f"{what} has the shape {np.shape(given)}, not {expected}")
 

@@ -3,7 +3,7 @@
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +44,14 @@ OF_EVENTS: dict[str, Callable[[tuple[BranchEvent, ...]], float]] = {
 }
 
 
+class Settings(TypedDict):
+    """What all chunks of a study have in common."""
+
+    solver: Solver
+    options: dict[str, Any]
+    quantities: tuple[str, ...]
+
+
 @dataclass(frozen=True)
 class Chunk:
     """What it takes to solve some instances of a study.
@@ -66,7 +74,12 @@ class Chunk:
 
     @classmethod
     def of(
-        cls, robot: Assembly, inputs: Inputs, batch_shape: tuple[int, ...], instances: NDArray[np.intp], **settings: Any
+        cls,
+        robot: Assembly,
+        inputs: Inputs,
+        batch_shape: tuple[int, ...],
+        instances: NDArray[np.intp],
+        **settings: Unpack[Settings],
     ) -> "Chunk":
         """Some instances of a study: only their inputs travel, unless the rods vary too."""
         if robot.batch_shape:

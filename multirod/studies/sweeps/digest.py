@@ -9,7 +9,7 @@ import numpy as np
 _CALLABLE = (type, type(len), type(lambda: None))
 
 
-def digest(field: str, value: Any) -> str:
+def digest(field: str, value: object) -> str:
     """32 digits that differ where any number, name or type in ``value`` does.
 
     What counts is what pickles: an object's state is that of ``__reduce_ex__``, less what ``cached_property`` keeps.
@@ -27,10 +27,10 @@ def digest(field: str, value: Any) -> str:
     return result.hexdigest()
 
 
-def _feed(result: Any, value: Any, path: list[int]) -> None:
+def _feed(result: blake2b, value: Any, path: list[int]) -> None:  # noqa: ANN401  (told by its type)
     """Feed one object; each kind is fed with its name and its size, so that no two kinds look alike."""
 
-    def feed(*parts: Any) -> None:
+    def feed(*parts: object) -> None:
         for part in parts:
             _feed(result, part, [*path, id(value)])
 

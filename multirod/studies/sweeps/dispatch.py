@@ -6,7 +6,7 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, 
 from contextlib import contextmanager
 from math import inf
 from time import monotonic
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 from multirod.studies.sweeps.chunk import Chunk, Raised, run
 from multirod.studies.sweeps.table import Arrays
@@ -17,13 +17,15 @@ PATIENCE = 5.0  # [s] with a pool: to notice that a worker has died, and for idl
 _POLL = 0.2  # [s]; where waiting cannot be interrupted, it is at least short
 
 Executors = Executor | Callable[[], Executor]
+P = ParamSpec("P")
+T = TypeVar("T")
 
 
 class _Here(Executor):
     """Runs what is submitted at once, in this thread."""
 
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> "Future[Any]":
-        future: Future[Any] = Future()
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> "Future[T]":
+        future: Future[T] = Future()
         future.set_result(fn(*args, **kwargs))
         return future
 

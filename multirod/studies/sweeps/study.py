@@ -87,7 +87,7 @@ class Study:
             raise RuntimeError(f"no chunk of {self.path} is done yet")
         return tails_in(self._opened(paths[0]).schema_arrow.metadata)
 
-    def _opened(self, path: Path) -> Any:
+    def _opened(self, path: Path) -> Any:  # noqa: ANN401  (pyarrow has no types)
         """A chunk's file, what was checked and no other bytes."""
         import pyarrow as pa  # type: ignore[import-untyped]
         import pyarrow.parquet as pq  # type: ignore[import-untyped]

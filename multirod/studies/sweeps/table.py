@@ -6,11 +6,15 @@ from typing import Any
 
 import numpy as np
 
+from multirod.codes import Code
 from multirod.stability import Stability
 from multirod.status import Status
 
 # Kept by name, so that a reader without this package knows what they say; what they are where nothing is done yet.
-ENUMERATIONS: dict[str, tuple[Any, int]] = {"status": (Status, Status.NOT_RUN), "stability": (Stability, Stability.UNKNOWN)}
+ENUMERATIONS: dict[str, tuple[type[Code], Code]] = {
+    "status": (Status, Status.NOT_RUN),
+    "stability": (Stability, Stability.UNKNOWN),
+}
 _ARRAYS = b"multirod.arrays"
 
 Arrays = dict[str, np.ndarray[Any, Any]]
@@ -22,7 +26,7 @@ def column_names(name: str, tail: Sequence[int]) -> list[str]:
     return ["_".join([name, *map(str, index)]) for index in np.ndindex(*tail)]
 
 
-def to_table(axes: Arrays, arrays: Arrays) -> Any:
+def to_table(axes: Arrays, arrays: Arrays) -> Any:  # noqa: ANN401  (pyarrow has no types)
     """A row an instance: first the columns of ``axes``, as they are, then each array's components."""
     import pyarrow as pa  # type: ignore[import-untyped]  # here, as it takes a tenth of a second
 
@@ -45,7 +49,7 @@ def tails_in(metadata: Mapping[bytes, bytes]) -> Tails:
     return {name: tuple(tail) for name, tail in json.loads(metadata[_ARRAYS]).items()}
 
 
-def from_table(table: Any, names: Sequence[str], tails: Tails) -> Arrays:
+def from_table(table: Any, names: Sequence[str], tails: Tails) -> Arrays:  # noqa: ANN401  (pyarrow has no types)
     """Arrays (row, ...) of a table that has all their columns."""
     arrays: Arrays = {}
     for name in names:
@@ -58,12 +62,12 @@ def from_table(table: Any, names: Sequence[str], tails: Tails) -> Arrays:
     return arrays
 
 
-def _codes(part: Any, kind: Any) -> np.ndarray[Any, Any]:
+def _codes(part: Any, kind: type[Code]) -> np.ndarray[Any, Any]:  # noqa: ANN401  (pyarrow has no types)
     codes = np.array([int(kind[word]) for word in part.dictionary.to_pylist()], dtype=np.int32)
     return np.asarray(codes[part.indices.to_numpy()])
 
 
-def blank(name: str, dtype: Any, shape: tuple[int, ...]) -> np.ndarray[Any, Any]:
+def blank(name: str, dtype: np.dtype[Any], shape: tuple[int, ...]) -> np.ndarray[Any, Any]:
     """What an array is where nothing is done yet: NaN, ``NOT_RUN``, ``UNKNOWN``, and -1 for other integers."""
     if name in ENUMERATIONS:
         return np.full(shape, int(ENUMERATIONS[name][1]), dtype=dtype)

@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import fields
 from math import inf
-from typing import Any
 
 import numpy as np
 
@@ -13,9 +12,10 @@ from multirod.inputs import Inputs
 from multirod.models.backbone.influence.envelope import LOADS
 from multirod.profile import Profile
 from multirod.rod import Rod, Section
+from multirod.validation import FloatArray
 
 
-def _changed(section: Section, **values: Any) -> Section:
+def _changed(section: Section, **values: FloatArray) -> Section:
     """A section with other parameters, checked already: functions of arclength are not resolved anew."""
     result = object.__new__(Section)
     for field in fields(Section):

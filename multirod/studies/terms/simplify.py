@@ -1,7 +1,6 @@
 """Dropping terms that do not matter, within a bound of what all of them together may do."""
 
 from dataclasses import dataclass
-from typing import Any
 
 from multirod.assembly import Robot
 from multirod.inputs import Inputs
@@ -28,7 +27,9 @@ class Dropped:
         return f"{self.name} (tip error < {self.error:.1e} L)"
 
 
-def simplified(robot: Robot, inputs: Inputs, bound: Any, over: Inputs | None = None) -> tuple[Robot, Inputs, tuple[Dropped, ...]]:
+def simplified(
+    robot: Robot, inputs: Inputs, bound: object, over: Inputs | None = None
+) -> tuple[Robot, Inputs, tuple[Dropped, ...]]:
     """The scene without the terms that may all be dropped within ``bound``; as it is where that is None.
 
     Terms are taken from the least on while their sum stays below the bound. One whose absence would leave the kernel as it is, is
@@ -68,5 +69,5 @@ def _chosen(found: Explanation, limit: float) -> list[str]:
         candidates = [term for term in candidates if term.name != needless[-1]]
 
 
-def _without(found: Explanation, names: list[str], kept: str) -> Any:
+def _without(found: Explanation, names: list[str], kept: str) -> object:
     return found.features_without([name for name in names if name != kept])

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
+from functools import partial
 from os import PathLike
 from typing import Any
 
@@ -51,8 +52,8 @@ def tradeoff(
     Raises:
         TypeError, ValueError: If an argument is not what it must be, or the reference alone takes longer than the budget.
     """
-    options = {"solvers": solvers, "models": models, "settle": settle, "budget": budget}
-    return _measure(csv, progress, robot, inputs, time=time, **options).table
+    options: dict[str, Any] = {"solvers": solvers, "models": models, "settle": settle, "budget": budget}
+    return _measure(csv, progress, partial(Measurement, robot, inputs, time=time, **options)).table
 
 
 def tune(
@@ -95,17 +96,18 @@ def tune(
     for name, value in (("error", error), ("rate", rate)):
         if value is not None:
             positive_float(name, value)
-    options = {"solvers": solvers, "models": models, "settle": settle, "budget": budget}
-    return kept(_measure(csv, progress, robot, inputs, time=time, **options), error=error, rate=rate)
+    options: dict[str, Any] = {"solvers": solvers, "models": models, "settle": settle, "budget": budget}
+    make = partial(Measurement, robot, inputs, time=time, **options)
+    return kept(_measure(csv, progress, make), error=error, rate=rate)
 
 
 def _measure(
-    csv: str | PathLike[str] | None, progress: bool | Callable[[int], object], *motion: Any, **options: Any
+    csv: str | PathLike[str] | None, progress: bool | Callable[[int], object], make: Callable[[], Measurement]
 ) -> Measurement:
     with ExitStack() as stack:
         # its first line is there before anything is measured
         rows = None if csv is None else stack.enter_context(Rows(csv))
-        measurement = Measurement(*motion, **options)
+        measurement = make()
         watch = stack.enter_context(Watch("settings", len(measurement.settings), progress, shares=2))
         for _, row in measurement.run():
             if rows is not None and row is not None:

@@ -3,9 +3,10 @@
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from typing import Any
+from typing import cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from multirod.assembly import Assembly
 from multirod.batch import Interrupted
@@ -254,7 +255,7 @@ class _NoTime(Exception):
     """Why a setting was not run."""
 
 
-def measured(name: str, setting: Setting, history: History, reference: Reference, settled: Any) -> Measured:
+def measured(name: str, setting: Setting, history: History, reference: Reference, settled: NDArray[np.bool_]) -> Measured:
     """What a setting came to in its first samples; only those count in which the reference has a result."""
     count = len(history.time)
     failed = np.asarray(~np.isfinite(history.tip_position).all(axis=-1))
@@ -281,9 +282,9 @@ def measured(name: str, setting: Setting, history: History, reference: Reference
     )
 
 
-def _check_models(models: Any) -> None:
+def _check_models(models: object) -> None:
     instance("models", models, Mapping, "robots and inputs by name")
-    for name, model in models.items():
+    for name, model in cast(Mapping[object, object], models).items():
         instance("models", name, str, "robots and inputs by name")
         if not isinstance(model, (list, tuple)) or len(model) != 2:
             refuse(f"models[{name!r}]", model, "must be a pair, robot and inputs")

@@ -2,7 +2,7 @@
 
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -10,6 +10,9 @@ from multirod.plotting.canvas import matplotlib
 from multirod.validation import file_path, refuse
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
     from multirod.studies.tradeoffs.table import Measured, Tradeoff
 
 AXES = {
@@ -22,7 +25,7 @@ AXES = {
 MARKERS = {"Newton": "o", "observer": "s", "": "^"}  # by what a family's name begins with
 
 
-def plot(table: "Tradeoff", path: str | PathLike[str] | None, *, error: str, time: str, title: str, ax: Any) -> Any:
+def plot(table: "Tradeoff", path: str | PathLike[str] | None, *, error: str, time: str, title: str, ax: "Axes | None") -> "Axes":
     """See ``Tradeoff.plot``."""
     kinds = sorted(matplotlib("backends.backend_agg").FigureCanvasAgg.get_supported_filetypes())
     if path is not None:
@@ -30,8 +33,10 @@ def plot(table: "Tradeoff", path: str | PathLike[str] | None, *, error: str, tim
     shown = [row for row in table.rows if np.isfinite(getattr(row, error))]
     if not shown:
         refuse("plot", table, "no setting has a result in every sample: there is nothing to plot")
-    axes = ax
-    if axes is None:
+    axes: Axes
+    if ax is not None:
+        axes = ax
+    else:
         # a figure that is written is no business of pyplot's
         make = matplotlib("figure").Figure if path is not None else matplotlib().figure
         axes = make(figsize=(8, 5), layout="constrained").add_subplot()
@@ -42,11 +47,13 @@ def plot(table: "Tradeoff", path: str | PathLike[str] | None, *, error: str, tim
         axes.legend(fontsize="x-small")
     if path is not None:
         with matplotlib("").rc_context({"svg.fonttype": "none", "svg.hashsalt": "multirod"}):  # small, the same for the same rows
-            axes.figure.savefig(path, dpi=150, metadata={"Date": None} if Path(path).suffix.lower() == ".svg" else None)
+            cast("Figure", axes.figure).savefig(
+                path, dpi=150, metadata={"Date": None} if Path(path).suffix.lower() == ".svg" else None
+            )
     return axes
 
 
-def _draw(axes: Any, table: "Tradeoff", shown: "list[Measured]", *, error: str, time: str, title: str) -> None:
+def _draw(axes: "Axes", table: "Tradeoff", shown: "list[Measured]", *, error: str, time: str, title: str) -> None:
     # what is exact to the last digit has no place on a logarithmic axis
     floor = min((value for row in shown if (value := getattr(row, error)) > 0), default=1e-16)
 

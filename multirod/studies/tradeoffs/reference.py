@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 from math import inf
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from multirod.assembly import Assembly
 from multirod.batch import IntArray, Interrupted
@@ -80,7 +80,7 @@ class Reference:
         """Whether both agree to 1e-9, and no sample failed."""
         return bool(self.gap <= AGREEMENT)
 
-    def errors(self, history: History, settled: Any) -> Errors:
+    def errors(self, history: History, settled: NDArray[np.bool_]) -> Errors:
         """How far the first samples are off; shapes at some of those that are ``settled``, the worst for the tip among them."""
         count = len(history.time)
         own = self.history

@@ -127,7 +127,7 @@ def settings(
     }
 
 
-def code(thing: Any, prefix: str = "") -> str:
+def code(thing: object, prefix: str = "") -> str:
     """A solver or integrator as short as it can be written in Python; ``prefix`` stands before the names of classes."""
     if not is_dataclass(thing):
         return repr(thing)

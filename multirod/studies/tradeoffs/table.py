@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 from math import inf
 from os import PathLike
 from types import TracebackType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from multirod.solver import Solver
 from multirod.studies.tradeoffs.reference import AGREEMENT, Reference
 from multirod.studies.tradeoffs.settings import code
 from multirod.validation import FloatArray, choice, file_path, positive_float, refuse
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 ERRORS = ("position", "rotation", "shape")
 TIMES = ("median", "slow")
@@ -194,8 +197,8 @@ class Tradeoff:
         error: str = "position",
         time: str = "median",
         title: str = "",
-        ax: Any = None,
-    ) -> Any:
+        ax: "Axes | None" = None,
+    ) -> "Axes":
         """Plot work against precision, log-log.
 
         Args:
