@@ -313,6 +313,12 @@ class Clamps(ABC):
         force on it by ``L^3/EI`` times that, shape (instance_count, n, n); None where nothing holds it."""
         return None
 
+    def costless(self) -> tuple[FloatArray, FloatArray] | None:
+        """After an integration: how a turn of all of it that costs nothing turns what ``pairs`` does work on and the clamps, per
+        radian, shape (instance_count, m), zero where there is none; and the unknowns turned so to where the problem without
+        clamps wants them, shape (instance_count, n). None where nothing ever has such a turn."""
+        return None
+
     @abstractmethod
     def frames(self) -> FloatArray:
         """Frames of the rods there, in the world, shape (instance_count, clamp, 3, 3)."""

@@ -58,9 +58,9 @@ class Shooting(Solver):
             has taken them without a result ends as ``INTEGRATION_LIMIT``. The few that judge a result, or tell what is left of
             the residual, come on top.
         fallback: Whether ``MultipleShooting`` goes on where rounding or these steps end the natural branch.
-        at_fold: What is done where the natural branch of a rod, held or not, or of legs of one rod each ends, or that of any
-            motion: ``"follow"`` goes where a robot would whose loads are raised slowly, to the status ``BIFURCATED`` or
-            ``SNAPPED`` (``docs/branches.md``); ``"stop"`` ends there, with the status ``BRANCH_END``.
+        at_fold: What is done where a branch ends: ``"follow"`` goes where a robot would whose loads are raised slowly, to the
+            status ``BIFURCATED`` or ``SNAPPED``, or in a ``solve`` of tubes to ``LOWEST_ENERGY`` (``docs/branches.md``);
+            ``"stop"`` ends there, with the status ``BRANCH_END``, and no other equilibrium is looked for.
         side: To which side it goes at a bifurcation: ``"positive"``, where the tip moves along a positive axis of the world, or
             ``"negative"``, to its twin.
 
@@ -151,8 +151,8 @@ class Shooting(Solver):
             if reached is not None and multistable:
                 self._follow(problem, newton, outcome, chosen & (outcome.status == Status.BRANCH_END), reached, ends)
             newton.allow(self._left(outcome))
-            lowest_stable(problem, newton, outcome, chosen & failures(outcome.status), self.max_continuation_steps)
             if go_on is not None:
+                lowest_stable(problem, newton, outcome, chosen & failures(outcome.status), self.max_continuation_steps)
                 newton.allow(self._left(outcome))
                 lost = chosen & failures(outcome.status)
                 assemble(problem, newton, outcome, lost, self.max_continuation_steps, go_on, closing=True)

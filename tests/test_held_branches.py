@@ -8,6 +8,7 @@ import pytest
 from leg_energy import Leg, LegEnergy
 from relaxation import CreepingArch, CreepingRods
 from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
 from scipy.special import ellipe, ellipk
 
 import multirod as mr
@@ -311,3 +312,118 @@ def test_a_branch_was_stable_if_it_was_a_little_before_modes_vanished_together(b
                 answer = SimpleNamespace(**vars(critical) | {"level": request.level})
     assert ends == [meant]
     assert set(levels) == {0.9, 0.9 * (1 - 1e-3)}
+
+
+ROUND = mr.Rod(length=0.2, bending_stiffness=EI, torsional_stiffness=0.75 * EI)
+
+
+def upright(length):
+    """Pose (4, 4) of the end of a straight rod."""
+    pose = np.eye(4)
+    pose[2, 3] = length
+    return pose
+
+
+@pytest.fixture
+def round_column():
+    return mr.HeldRod(ROUND, end=upright(0.2), slide=(0, 0, 1))
+
+
+def test_a_round_column_buckles_about_y_to_the_side_that_is_asked_for(round_column):
+    """Its plane is free: it moves to a positive x, or to its twin; four quarters of an elastica."""
+    loads = np.array([1.001, 1.05, 1.4])
+    inputs = round_column.inputs(tip_force=-CLAMPED * loads[:, None] * (0, 0, 1))
+    found, twin = (mr.solve(round_column, inputs, solver=mr.Shooting(side=side)) for side in ("positive", "negative"))
+    k = np.array([brentq(lambda k, load=load: 2 * ellipk(k * k) / np.pi - np.sqrt(load), 1e-6, 0.99) for load in loads])
+    for own, side in (found, 1), (twin, -1):
+        assert names(own) == ["BIFURCATED"] * 3
+        assert (own.stability == mr.Stability.STABLE).all()
+        assert (own.integrations < 300).all()
+        middle = own.rod(0, nodes=3).position[:, 1]
+        # RK45(1e-8, 1e-10) leaves 1e-8 of the length, and the force 1e-5 of how soft the least buckled one is
+        np.testing.assert_allclose(middle[:, 0], side * 0.2 * k / ellipk(k * k), rtol=1e-5)
+        np.testing.assert_allclose(middle[:, 1], 0, atol=1e-8)
+        np.testing.assert_allclose(own.tip_position[:, 2], 0.2 * (2 * ellipe(k * k) / ellipk(k * k) - 1), atol=1e-7)
+        assert [events[0].load_factor for events in own.events] == pytest.approx(1 / loads, rel=1e-5)
+
+
+def test_a_round_column_leaves_its_plane_where_it_twists_more_easily(round_column):
+    """It then turns over; at once, in motions and by trackers alike. No clamp is held against the turn that costs nothing."""
+    time = np.linspace(0, 1, 21)
+    thrust = -1.5 * CLAMPED * time[:, None] * (0, 0, 1)
+    history = mr.simulate(round_column, round_column.inputs(tip_force=thrust), time=time).raise_if_failed()
+    assert names(history) == ["BIFURCATED", "SNAPPED"]
+    assert (history.stability == mr.Stability.STABLE).all()
+    found = mr.solve(round_column, round_column.inputs(tip_force=thrust[-1]))
+    assert (found.status, found.stability) == (mr.Status.SNAPPED, mr.Stability.STABLE)
+    assert found.integrations < 700
+    assert found.potential == pytest.approx(history[-1].potential, rel=1e-7)  # to the tolerance, of a force of 60 EI/L^2
+    assert found.tip_position == pytest.approx(history[-1].tip_position, abs=1e-7)
+    for own, other in zip(said(history), found.events, strict=True):
+        assert own.time == pytest.approx(other.load_factor, rel=1e-6)
+    tracker = mr.Tracker(round_column, inputs=round_column.inputs(tip_force=thrust[0]))
+    samples = [tracker.step(tip_force=force) for force in thrust]
+    assert [sample.status.name for sample in samples if sample.status is not mr.Status.CONVERGED] == ["BIFURCATED", "SNAPPED"]
+    assert samples[-1].tip_position == pytest.approx(history[-1].tip_position, abs=1e-7)
+
+
+def test_a_round_rod_pushed_together_leaves_its_plane_at_once_where_it_does_in_a_motion():
+    """The path of one that is straight at rest begins buckled, at an equilibrium, and each point of it is one."""
+    robot = mr.HeldRod(ROUND, end=upright(0.2))
+    time = np.linspace(0, 1, 21)
+    push = -0.15 * time[:, None] * (0, 0, 1)
+    history = mr.simulate(robot, robot.inputs(end_position=push), time=time)
+    assert names(history) == ["UNDETERMINED", "BIFURCATED"]
+    found = mr.solve(robot, robot.inputs(end_position=push[-1]))
+    assert (found.status, found.stability) == (mr.Status.BIFURCATED, mr.Stability.STABLE)
+    assert found.integrations < 400
+    (event,), (other,) = said(history), found.events
+    begun = 0.3 * 0.2  # shortened by so much, buckled
+    assert begun + other.load_factor * (0.15 - begun) == pytest.approx(0.15 * event.time, rel=1e-5)
+    assert found.potential == pytest.approx(history[-1].potential, rel=1e-7)
+
+
+def test_an_extensible_rod_pushed_far_in_one_sample_comes_to_rest():
+    """By step control, 12 times as far as it can be pushed unbuckled: it ended as ``STALLED``."""
+    soft = mr.Rod(length=0.2, bending_stiffness=EI, torsional_stiffness=0.75 * EI, axial_stiffness=500 * EI / 0.2**2)
+    robot = mr.HeldRod(soft, end=upright(0.2))
+    push = -12 * 4 * np.pi**2 / 500 * 0.2 * np.array([[0, 0, 0], [0, 0, 1]])
+    far = mr.simulate(robot, robot.inputs(end_position=push), time=np.arange(2.0)).raise_if_failed()
+    assert names(far) == ["BIFURCATED"]
+    assert (far.stability == mr.Stability.STABLE).all()
+    fixed = mr.simulate(robot, robot.inputs(end_position=push), time=np.arange(2.0), solver=mr.Shooting(integrator=mr.RK4(200)))
+    # of the fixed steps; the sides out of the plane are alike
+    assert far[-1].potential == pytest.approx(fixed[-1].potential, rel=1e-6)
+
+
+@pytest.mark.parametrize("joint", ["clamped", "revolute", "spherical"])
+def test_wide_strips_are_found_wherever_their_ends_are_held(joint):
+    """Moved and turned by lot: of these half ended as ``UNSTABLE`` or ``BRANCH_END``, after some 5000 integrations."""
+    random = np.random.default_rng(1)
+    place, axis = random.uniform(-0.3, 0.3, (6, 3)), random.normal(size=(6, 3))
+    end = np.tile(upright(LENGTH), (6, 1, 1))
+    end[:, :3, 3] += LENGTH * place * [1, 1, 0] - LENGTH * np.abs(place) * [0, 0, 1] - [0, 0, 0.1 * LENGTH]
+    turn = random.uniform(0, 1, (6, 1)) * axis / np.linalg.norm(axis, axis=1)[:, None]
+    end[:, :3, :3] = Rotation.from_rotvec(turn).as_matrix()
+    strip = mr.Rod(length=LENGTH, bending_stiffness=(25 * EI, EI), torsional_stiffness=0.75 * EI)
+    found = mr.solve(mr.HeldRod(strip, end=end, joint=joint, joint_axis=(0, 1, 0))).raise_if_failed()
+    assert (found.stability == mr.Stability.STABLE).all()
+    assert (found.integrations < 150).all()
+
+
+def test_a_held_rod_that_is_to_stop_stops(round_column):
+    inputs = round_column.inputs(tip_force=(0, 0, -1.05 * CLAMPED))
+    found = mr.solve(round_column, inputs, solver=mr.Shooting(at_fold="stop"))
+    assert found.status is mr.Status.BRANCH_END
+    assert found.integrations < 100
+
+
+def test_a_node_where_a_part_of_the_rod_has_a_mode_hides_no_stability(round_column):
+    """Half of a clamped column just buckles where the whole does, and a node of equal steps is there."""
+    inputs = round_column.inputs(tip_force=(0, 0, -1.001 * CLAMPED))
+    found = mr.solve(round_column, inputs, solver=mr.Shooting(integrator=mr.RK4(60)))
+    again = mr.solve(round_column, inputs, solver=mr.Shooting(integrator=mr.RK45(steps=96)), guess=found)
+    assert found.status is mr.Status.BIFURCATED
+    assert again.stability is mr.Stability.STABLE
+    # the form is as soft as the column is near its critical load, and RK4(60) errs by 1e-6 of that
+    assert again.stability_margin == pytest.approx(found.stability_margin, rel=1e-2)

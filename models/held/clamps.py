@@ -10,6 +10,7 @@ import warp as wp
 
 from multirod.capabilities import Clamps, Conjugates
 from multirod.models.backbone.stability.clamps import BackboneClamps, ClampedBackbones
+from multirod.models.held.held_kernels import ACROSS
 from multirod.models.joint_kernels import REVOLUTE, SPHERICAL
 from multirod.rotations import left_jacobian, matrices
 from multirod.validation import FloatArray
@@ -87,6 +88,29 @@ class HeldClamps(Clamps):
         held = 3 if problem.holders.slide is None else 2
         result[:, :held, m - 3 : m] = (self.pairs.guide().swapaxes(1, 2) @ base)[:, :held]
         return result
+
+    def costless(self) -> tuple[FloatArray, FloatArray] | None:
+        """(23) As said."""
+        problem = self.problem
+        neutral = problem.goal_is_neutral()
+        if not neutral.any():
+            return None
+        base, axis = problem.base_frame, problem.base_frame[:, None, :, 2]
+        tip = problem.read("rotation").reshape(-1, 1, 3, 3)[:, : self.pairs.turns]  # of a ball, which alone turns here
+        frames = np.concatenate([tip, self.frames()], axis=1)
+        turns = np.einsum("bpji,bpj->bpi", frames, np.broadcast_to(axis, (*frames.shape[:2], 3))) - [0.0, 0.0, 1.0]
+        unknowns, n = np.array(problem.read("unknowns")), problem.rod.unknown_count
+        turn = problem.read("inputs")[:, problem.input_slice("end_rotation")] + problem.table.rest_turn.numpy()
+        bend = np.einsum("bji,bj->bi", base, turn) * [1.0, 1.0, 0.0]
+        bend = np.where(np.linalg.norm(bend, axis=1)[:, None] > ACROSS, bend, [0.0, 1.0, 0.0])
+        # to the nearer of both
+        along, across = (bend * unknowns[:, :3]).sum(axis=1), bend[:, 0] * unknowns[:, 1] - bend[:, 1] * unknowns[:, 0]
+        angle = -np.arctan2(across * np.where(along < 0, -1, 1), np.abs(along))
+        back = matrices(angle[:, None] * [0.0, 0.0, 1.0])
+        for first in (0, n - 3):
+            own = unknowns[:, first : first + 3]
+            unknowns[:, first : first + 3] = np.where(neutral[:, None], np.einsum("bij,bj->bi", back, own), own)
+        return np.where(neutral[:, None], turns.reshape(len(turns), -1), 0.0), unknowns
 
     def turned(self) -> FloatArray:  # noqa: D102
         problem, count = self.problem, self.problem.instance_count

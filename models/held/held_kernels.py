@@ -65,6 +65,7 @@ class Held:
     direct: wp.array[int]  # whether the end's holder is where it is to be all along the path
     alike: wp.array[int]  # whether the rod is the same about its axis, whatever holds its end
     neutral: wp.array[int]  # whether a turn about the base's axis costs nothing
+    clamped: int  # whether clamps tell of that turn, and (11) need not hold it
     # the rod as a backbone whose tip is held
     rod_active: wp.array[int]
     rod_load_factor: wp.array[wp.float64]
@@ -372,7 +373,7 @@ def hold(held: Held):
         to_unknowns(held, b, held.rod_gamma, held.rod_residual_directions, 0, i)
     bent = f64(1.0) / held.stiffness[b]
     force, moment = vector(held.wrench, b, 0), vector(held.wrench, b, 3)
-    tip = tip_of(held, b, held.neutral[b] != 0, held.rod_position[b], held.rod_rotation[b], force, moment)
+    tip = tip_of(held, b, held.neutral[b] > held.clamped, held.rod_position[b], held.rod_rotation[b], force, moment)
     gap, rows = tip_rows(held, b, tip)
     total = f64(0.0)
     for j in range(3):

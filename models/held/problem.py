@@ -42,6 +42,8 @@ POSE_INPUTS = ("end_position", "end_rotation")
 POSE_SIZE = 3 * len(POSE_INPUTS)
 TURNS = {REVOLUTE: 1, SPHERICAL: 3}  # that a joint leaves free
 TAUT = 1e-9  # of the length, by which rounding may have ends farther apart
+INTEGRATIONS_AT_REST = 3
+SETTLING = 4  # and more where a rod begins buckled
 REGULAR = 1e-7  # smallest singular value of Gamma at rest, from which the path begins there
 
 
@@ -143,7 +145,7 @@ class HeldProblem(BoundaryProblem):
     and of the joint at the base (8).
     """
 
-    guess_integrations: int = 3
+    guess_integrations: IntArray | int = INTEGRATIONS_AT_REST
 
     def __init__(
         self,
@@ -186,7 +188,7 @@ class HeldProblem(BoundaryProblem):
         }
         self.rounding = self.rod.rounding
         self._natural: FloatArray | None = None
-        self.table = self._make_table()
+        self.table = self._make_table(pieces)
         self._launches = self._record()
         self.write("inputs", self.pack(inputs))
 
@@ -227,7 +229,7 @@ class HeldProblem(BoundaryProblem):
         result.whole = self
         return result
 
-    def _make_table(self) -> Any:
+    def _make_table(self, pieces: int) -> Any:
         holders, rod, count, device = self.holders, self.rod, self.instance_count, self.device
         held: Any = kernels.Held()
         self.share(held)
@@ -264,6 +266,7 @@ class HeldProblem(BoundaryProblem):
         self.alike = self._alike()
         held.alike = array(self.alike, wp.int32)
         held.neutral = wp.zeros(count, dtype=wp.int32, device=device)
+        held.clamped = int(pieces > 1)
         for name in ("active", "load_factor", "directions", "fault", "step_count", "residual", "gamma", "residual_directions"):
             setattr(held, f"rod_{name}", getattr(rod, name))
         held.rod_unknowns_at, held.rod_inputs_at = rod.unknowns, rod.inputs
@@ -460,7 +463,7 @@ class HeldProblem(BoundaryProblem):
         What is left of the residual is remembered and closes as ``load_factor`` goes from 0 to 1, (3).
         """
         x = np.zeros((self.instance_count, self.unknown_count))
-        records = self.snapshot()
+        records, buckled = self.snapshot(), np.zeros(self.instance_count, dtype=bool)
         self.table.opening.zero_(), self.table.direct.zero_()
         with self.everyone(), self.at_load(0.0):
             self.evaluate(x)
@@ -471,15 +474,36 @@ class HeldProblem(BoundaryProblem):
             least = _least_singular_value(gamma)
             stuck = ~(least > REGULAR)
             if stuck.any():
-                bent, direct = bent_rods(self, x)
-                x = np.where(stuck[:, None], bent, x)
-                self.table.direct.assign((stuck & direct).astype(np.int32))
+                start = bent_rods(self, x)
+                x = np.where(stuck[:, None], start.unknowns, x)
+                self.table.direct.assign((stuck & start.direct).astype(np.int32))
+                buckled = stuck & start.buckled
+                self.table.rest_position.assign(np.where(buckled[:, None], start.end, position))
                 residual, gamma = self.evaluate(x)
+                if buckled.any():
+                    x, residual, gamma = self._settled(x, residual, gamma, buckled)
                 least = _least_singular_value(gamma)
+        self.guess_integrations = INTEGRATIONS_AT_REST + SETTLING * buckled
         self.table.opening.assign(residual)
         self.restore(records)
         self._natural = np.minimum(1.0, least)
         return x
+
+    def _settled(
+        self, x: FloatArray, residual: FloatArray, gamma: FloatArray, chosen: NDArray[np.bool_]
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The ``chosen`` after some steps of Newton's method, with residual and ``Gamma``; as they were where these lead away."""
+        first, residuals, gammas = x, residual, gamma
+        for _ in range(SETTLING):
+            step = np.zeros_like(x)
+            regular = chosen & (_least_singular_value(gamma) > 0)
+            step[regular] = np.linalg.solve(gamma[regular], residual[regular, :, None])[..., 0]
+            x = x - step
+            residual, gamma = self.evaluate(x)
+        with np.errstate(invalid="ignore"):
+            away = ~(np.abs(residual).max(axis=1) < np.abs(residuals).max(axis=1)) | ~chosen
+        x[away], residual[away], gamma[away] = first[away], residuals[away], gammas[away]
+        return x, residual, gamma
 
     @property
     def natural_singular_value(self) -> FloatArray:

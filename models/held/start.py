@@ -1,11 +1,17 @@
-"""Where the path of a held rod begins that is straight at rest and cannot give way there: bent to an arc, or as it buckles."""
+"""Where the path of a held rod begins that is straight at rest and cannot give way there: bent to an arc, or as it buckles.
 
+Numbers in parentheses are those of ``docs/held.md``.
+"""
+
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from multirod.models.held.held_kernels import ACROSS
+from multirod.models.joint_kernels import REVOLUTE, SPHERICAL
+from multirod.rotations import cross
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -13,41 +19,107 @@ if TYPE_CHECKING:
 
 ANGLE = 1.0  # of an arc [rad]
 ASIDE = 0.3  # part of that across the plane in which the end moves: no symmetry lets a branch end on the way
-SHORTENED = 0.3  # of its length, the most that a buckled rod begins with
+# of its length, what a rod is shortened by that begins buckled: from where on it is, the least where its end is turned, the most
+BUCKLED, TURNED, MOST = 1e-6, 0.05, 0.3
+ALONG = 0.99  # cosine of the angle between axes that are taken for one
 
 
-def bent_rods(problem: "HeldProblem", unknowns: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """(4) What is straight at rest, at ``unknowns`` (instance_count, n), bent.
+@dataclass(frozen=True)
+class Start:
+    """Where paths begin.
 
-    To an arc, by a moment at its end; as a clamped column buckles, where a turn about the axis of the base will cost nothing, or
-    where it is a strip whose end is not turned across that axis; or, if its end is turned by more than ``ANGLE``, to an arc of
-    that turn. It bends about the axis about which the end is turned, if that is across the axis of the base; else about the
-    softer of its own axes, of two alike about y, so that the moment at the base of a column that buckles is about the positive
-    axis.
-
-    Returns:
-        Unknowns, and whether the path leads straight from there to the end, shape (instance_count,).
+    Attributes:
+        unknowns: Shape (instance_count, n).
+        direct: Whether the path leads straight from there to the end, shape (instance_count,).
+        buckled: Whether it is nearly the equilibrium of a rod whose end stands at ``end``, shape (instance_count,).
+        end: On the axis of the base, in the world, shape (instance_count, 3).
     """
-    L, m = problem.length[:, None], problem.rod.unknown_count
+
+    unknowns: FloatArray
+    direct: NDArray[np.bool_]
+    buckled: NDArray[np.bool_]
+    end: FloatArray
+
+
+@dataclass(frozen=True)
+class Mode:
+    """(23) How a straight rod buckles about an axis; but for the thrust, over the root of what it is shortened by.
+
+    Attributes:
+        thrust: In ``EI/L^2``.
+        base_moment: In ``EI/L``.
+        tip_moment: In ``EI/L``.
+        base_turn: By which its base turns in its joint [rad].
+    """
+
+    thrust: float
+    base_moment: float
+    tip_moment: float
+    base_turn: float
+
+
+ROOT = 4.493409457909064  # the first of tan z = z
+SHORTER = 0.5 + np.cos(ROOT) ** 2 - 1.5 * np.sin(ROOT) * np.cos(ROOT) / ROOT
+HINGED = np.sqrt(2 / SHORTER) * ROOT  # largest moment of a rod that is hinged at one end
+MODES = {  # by whether base and end turn freely about the axis
+    (False, False): Mode(4 * np.pi**2, 4 * np.pi, 4 * np.pi, 0.0),
+    (False, True): Mode(ROOT**2, -HINGED * np.sin(ROOT), 0.0, 0.0),
+    (True, False): Mode(ROOT**2, 0.0, -HINGED * np.sin(ROOT), HINGED * (1 - np.cos(ROOT)) / ROOT),
+    (True, True): Mode(np.pi**2, 0.0, 0.0, 2.0),
+}
+
+
+def bent_rods(problem: "HeldProblem", unknowns: FloatArray) -> Start:
+    """(4), (23) What is straight at rest, at ``unknowns`` (instance_count, n), bent.
+
+    As a column buckles, strips, and others where a turn about the axis of the base will cost nothing; else to an arc, by a moment
+    at the end; and where the end of such a one is turned by more than ``ANGLE``, to an arc of that turn. Strips bend about their
+    softer axis, others about that about which the end is turned, if it is across the axis of the base, else about y: so that the
+    moment at the base of a column that buckles is about the positive axis.
+    """
+    length = problem.length[:, None]
     turn = problem.read("inputs")[:, problem.input_slice("end_rotation")] + problem.table.rest_turn.numpy()
     across = np.einsum("bji,bj->bi", problem.base_frame, turn) * [1.0, 1.0, 0.0]
     size = np.linalg.norm(across, axis=1)[:, None]
     stiffness = problem.rod.each(problem.rod.arrays.material[:, 0, 0, :2])
-    axis = np.where(stiffness[:, :1] < stiffness[:, 1:], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
-    turned = size > ACROSS
-    axis = np.where(turned, across / np.maximum(size, ACROSS), -axis)
-    aside = np.stack([axis[:, 1], -axis[:, 0], axis[:, 2]], axis=1)
-    neutral = problem.goal_is_neutral()[:, None]
+    soft = stiffness.min(axis=1)[:, None]
+    softer = np.where(stiffness[:, :1] < stiffness[:, 1:], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+    turned, neutral = size > ACROSS, problem.goal_is_neutral()[:, None]
+    axis = np.where(turned, across / np.maximum(size, ACROSS), -softer)
     direct = neutral & (size > ANGLE)
-    base = np.broadcast_to(problem.rod.table.base_position.numpy(), axis.shape)
     # of a strip that begins aside of the plane in which it buckles, the path ends in an unstable state
-    aligned = neutral | (~turned & (stiffness.max(axis=1) > stiffness.min(axis=1))[:, None])
-    short = 1 - np.linalg.norm(problem.goal()[0] - base, axis=1)[:, None] / L
-    # half the integral of the squared slope of the buckled shape
-    buckled = 4 * np.pi * np.sqrt(np.clip(short, 0.0, SHORTENED))
+    buckles = (neutral & ~direct) | (stiffness[:, :1] != stiffness[:, 1:])
+    base = np.broadcast_to(problem.rod.table.base_position.numpy(), axis.shape)
+    short = 1 - np.linalg.norm(problem.goal()[0] - base, axis=1)[:, None] / length
+    short = np.clip(short, np.where(turned & ~neutral, TURNED, 0.0), MOST)
+    aside = np.stack([axis[:, 1], -axis[:, 0], axis[:, 2]], axis=1)
+    arc = np.where(direct, across, ANGLE * (axis + ASIDE * aside)) / length
     result = np.array(unknowns)
-    bend = np.where(direct, across, np.where(aligned, -buckled * axis, ANGLE * (axis + ASIDE * aside))) / L
-    result[:, :2] += bend[:, :2] * stiffness / problem.stiffness[:, None]
-    thrust = 4 * np.pi**2 * stiffness.min(axis=1) / problem.stiffness / problem.length
-    result[:, m - 1] -= np.where((aligned & ~direct)[:, 0], thrust, 0.0)
-    return result, direct[:, 0]
+    result[:, :2] += np.where(buckles, 0.0, arc[:, :2] * stiffness / problem.stiffness[:, None])
+    about = np.where(neutral, -axis, np.where((axis * softer).sum(axis=1)[:, None] > 0, -softer, softer))
+    result += np.where(buckles, _buckled(problem, about, soft, np.sqrt(short)), 0.0)
+    end = base + (1 - short) * length * problem.base_frame[:, :, 2]
+    return Start(result, direct[:, 0], (buckles & (short > BUCKLED))[:, 0], end)
+
+
+def _buckled(problem: "HeldProblem", axis: FloatArray, stiffness: FloatArray, size: FloatArray) -> FloatArray:
+    """(23) Unknowns (instance_count, n) of rods that buckle about an axis (instance_count, 3), about which they are as stiff,
+    (instance_count, 1), ``size`` (instance_count, 1) the root of what they are shortened by."""
+    holders, m, length = problem.holders, problem.rod.unknown_count, problem.length[:, None]
+    free = [_turns(kind, own, axis) for kind, own in ((holders.base_joint, holders.base_axis), (holders.joint, holders.axis))]
+    result = np.zeros((problem.instance_count, problem.unknown_count))
+    for (base, end), mode in MODES.items():
+        chosen = (free[0] == base) & (free[1] == end)
+        unit = (stiffness / problem.stiffness[:, None] / length)[chosen]
+        own, about = np.zeros((len(unit), problem.unknown_count)), size[chosen] * axis[chosen]
+        own[:, :3] = mode.base_moment * unit * about
+        own[:, m - 3 : m] = (mode.base_moment - mode.tip_moment) * unit * cross(about, np.array([0.0, 0.0, 1.0]))
+        own[:, m - 1] -= mode.thrust * unit[:, 0]
+        own[:, m:] = mode.base_turn * (about @ holders.base_axes.T) / length[chosen]
+        result[chosen] = own
+    return result
+
+
+def _turns(kind: int, own: FloatArray, axis: FloatArray) -> NDArray[np.bool_]:
+    """Whether a joint, if revolute about its ``own`` axis, turns freely about an axis (instance_count, 3)."""
+    return np.asarray((kind == SPHERICAL) | ((kind == REVOLUTE) & (np.abs(axis @ own) > ALONG)))

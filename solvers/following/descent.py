@@ -16,6 +16,7 @@ SOFT = 1e-6  # of K/L: a mode no stiffer than this is neutral
 RADIUS = 0.1  # largest turn in a mode by one step [rad]
 NUDGE = 1e-3  # of the radius, along a mode that is unstable where no step is longer
 GIVE = 1e-6  # of L^3/EI: what holds the end of a rod with clamps gives way by, in steps alone
+BENT = 1e-6  # turn of what costs nothing, below which the rod is straight [rad]
 KEPT = 1e-9  # largest condition, inverted, of a Y that is not singular
 
 
@@ -36,6 +37,8 @@ class Point:
         position: Of the end effector [m], shape (3,).
         frames: Of the same places, shape (place, 3, 3).
         stiffness: ``K/L`` [N m].
+        costless: How a turn that costs nothing turns what forces do work on, per radian, shape (m,).
+        settled: The unknowns of the problem without clamps, turned so to where it wants them [1/m], shape (n,).
     """
 
     unknowns: FloatArray
@@ -49,12 +52,45 @@ class Point:
     position: FloatArray
     frames: FloatArray
     stiffness: float
+    costless: FloatArray | None = None
+    settled: FloatArray | None = None
 
     @property
     def size(self) -> float:
-        """Largest residual [1/m]; infinite where the integration failed."""
-        size = float(np.abs(self.residual).max())
+        """Largest residual [1/m], of what costs something; infinite where the integration failed."""
+        residual, turn = self.residual, self.turn
+        if turn is not None:
+            residual = np.array(residual)
+            residual[self.forces] = turn.without(self.unit * residual[self.forces]) / self.unit
+        size = float(np.abs(residual).max())
         return size if np.isfinite(size) else np.inf
+
+    @property
+    def turn(self) -> "Costless | None":
+        """The turn that costs nothing; None where the rod is straight, and there is none."""
+        size = 0.0 if self.costless is None else float(np.linalg.norm(self.costless))
+        return None if self.costless is None or not size > BENT else Costless(self.costless / size)
+
+
+@dataclass(frozen=True)
+class Costless:
+    """(10) A turn that costs nothing, as how it turns what forces do work on.
+
+    Attributes:
+        direction: Of norm 1, shape (m,).
+    """
+
+    direction: FloatArray
+
+    def without(self, gradient: FloatArray) -> FloatArray:
+        """A gradient (m,) but for what errors of the integration leave along the turn."""
+        return gradient - self.direction * (self.direction @ gradient)
+
+    def held(self, H: FloatArray, stiffness: float) -> FloatArray:
+        """Second derivatives (m, m), the turn resisted by a stiffness [N m]."""
+        t = self.direction
+        across = np.eye(len(t)) - np.outer(t, t)
+        return across @ H @ across + stiffness * np.outer(t, t)
 
 
 @dataclass(frozen=True)
@@ -98,6 +134,11 @@ class Slope:
         """Modes that cannot be told from neutral ones."""
         return int((np.abs(self.values) <= SOFT).sum())
 
+    @property
+    def drive(self) -> float:
+        """The turn in a mode that the slope asks for, of soft modes as if they were stiff [rad]."""
+        return float((np.abs(self.along) / np.maximum(np.abs(self.values), 1)).max())
+
     def turn(self, radius: float) -> FloatArray:
         """(4) Turn in each mode: down, by that of Newton's step where it is shorter than the radius [rad], shape (m,)."""
         slope, values = self.along, self.values
@@ -139,10 +180,13 @@ def slope_at(point: Point) -> Slope:
         raise Unfit
     inverse: FloatArray = np.asarray(np.linalg.inv(both), dtype=np.float64)
     A = point.unit[:, None] * point.gamma[point.forces] @ inverse[:, :m]
-    values, modes = np.linalg.eigh(0.5 * (A + A.T))
+    H, unit = 0.5 * (A + A.T), point.stiffness
     back = -inverse[:, m:] @ point.residual[kept]
     gradient = point.unit * (point.residual[point.forces] + point.gamma[point.forces] @ back)
-    facing, unit = float(np.linalg.slogdet(both)[0]), point.stiffness
+    if (turn := point.turn) is not None:
+        H, gradient = turn.held(H, unit), turn.without(gradient)
+    values, modes = np.linalg.eigh(H)
+    facing = float(np.linalg.slogdet(both)[0])
     return Slope(gradient, values / unit, modes, inverse[:, :m], back, facing, unit, len(point.frames) - 1)
 
 

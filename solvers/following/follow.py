@@ -12,7 +12,7 @@ from multirod.batch import IntArray
 from multirod.budget import Spent
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
-from multirod.solvers.continuation.natural import MOST_STEPS, SAFE_LOAD, TURN
+from multirod.solvers.continuation.natural import MOST_STEPS, SAFE_LOAD, SINGULAR, TURN
 from multirod.solvers.following.descent import ClampedTurns, Point, Turns
 from multirod.solvers.following.journey import NOISY, At, Clamp, Journey, Judge, Judgement, Run
 from multirod.status import failures
@@ -62,6 +62,8 @@ def follow(
     if stability.multistable and before is None and problem.joints is None and not parts.may_be_clamped:
         return lost
     chosen = chosen & (reached < 1) & stability.has_potential
+    segmented = problem.segments is not None and bool(chosen.any())
+    singular = SINGULAR * problem.natural_singular_value if segmented else np.full(problem.instance_count, np.inf)
     for places in np.split(np.flatnonzero(chosen), range(TOGETHER, int(chosen.sum()), TOGETHER)):
         if not len(places):
             continue
@@ -89,7 +91,8 @@ def follow(
                 together.tip is not None,
                 together.tip is not None and (problem.joints is None or clamped is None),
                 stability.multistable and before is None,
-                NOISY if problem.segments is not None else np.inf,
+                NOISY if segmented else np.inf,
+                float(singular[place]),
             )
             for k, place in enumerate(places)
         ]
@@ -206,8 +209,9 @@ class _Together:
             residual, gamma, unit, turned = turns.after(unknowns)
             moved = np.concatenate([turns.clamps.moved(), part.pose_columns.numpy()[:, None, :3, :size]], axis=1)
             frames = np.concatenate([turns.clamps.frames(), part.read("rotation").reshape(-1, 1, 3, 3)], axis=1)
+            costless = turns.clamps.costless() or ()
         residual[part.fault.numpy() != 0] = np.nan
-        fields = residual, gamma, unit, turned, moved, part.read("position"), frames, turns.stiffness
+        fields = residual, gamma, unit, turned, moved, part.read("position"), frames, turns.stiffness, *costless
         return {k: _point(unknowns[k], at.level, turns.forces, *(field[k] for field in fields)) for k, at in asked.items()}
 
     def _judge(self, asked: dict[int, Judge]) -> dict[int, Judgement]:

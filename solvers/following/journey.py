@@ -105,6 +105,7 @@ class Journey:
         by_tip: Whether it tells what the rods are like: clamps are then tried where that fails.
         doubtful: Whether the branch may have begun unstable.
         noisy: Norm of ``Gamma``, beyond which it may be rounding that ends a branch.
+        singular: Its least singular value, beyond which no mode vanishes where one ends.
     """
 
     start: FloatArray
@@ -120,6 +121,7 @@ class Journey:
     by_tip: bool = True
     doubtful: bool = False
     noisy: float = NOISY
+    singular: float = np.inf
     integrations: int = 0
     iterations: int = 0
     status: Status = Status.BRANCH_END
@@ -157,6 +159,7 @@ class Journey:
                 break
             landed = yield from self._leave(point)
             if landed is None:
+                self._lose(point)
                 return
             landed, event, neutral = landed
             if event is not None:
@@ -164,8 +167,8 @@ class Journey:
             point = yield from self._along(landed, neutral)
             if 1 - LAST < point.level < 1:
                 point, neutral = yield from self._released(point, neutral)
-            if point.level < 1 and np.linalg.norm(point.gamma) > self.noisy:
-                self.lost = point
+            if point.level < 1 and np.linalg.svd(point.gamma, compute_uv=False)[-1] > self.singular:
+                self._lose(point)
                 return
         if point.level < 1:
             return
@@ -174,6 +177,11 @@ class Journey:
             return
         self.status = self.said
         self.end, self.neutral = point, neutral
+
+    def _lose(self, point: Point) -> None:
+        """It may be rounding that ends the way at a point: multiple shooting may go on from there."""
+        if np.linalg.norm(point.gamma) > self.noisy:
+            self.lost = point
 
     @property
     def said(self) -> Status:
@@ -192,6 +200,7 @@ class Journey:
             found, _ = yield from self._correct(end.unknowns, 1.0, self.neutral)
             if found is None:
                 self.status = Status.BRANCH_END
+                self._lose(end)
             elif (yield from self._judge(found)).modes.index[0] > 0:
                 self.status = Status.UNSTABLE
             else:
@@ -269,7 +278,8 @@ class Journey:
         rest, neutral = landed, self._slope(landed).neutral
         if len(landed.unknowns) > len(self.start):
             neutral = neutral if self.has_tip else 0  # of a held rod Gamma is made to hold what symmetry leaves neutral
-            rest, _ = yield from self._correct(landed.unknowns[: len(self.start)], landed.level, neutral)
+            own = landed.unknowns[: len(self.start)] if landed.settled is None else landed.settled
+            rest, _ = yield from self._correct(own, landed.level, neutral)
             if rest is None:
                 return None
         there = yield from self._judge(rest)
@@ -408,7 +418,8 @@ class Journey:
             self.iterations += 1
             found, longest = self._slope_or_none(trial), share * float(np.abs(turn).max())
             off = np.inf if found is None or found.facing != slope.facing else slope.missed(share * turn, found)
-            if not off <= max(MISSED * longest, OFF):
+            allowed = max(MISSED * longest, OFF * max(1.0, slope.drive))
+            if not off <= allowed:
                 share *= 0.5
                 if share < SHORTEST_CLAMPED:
                     return None
@@ -417,7 +428,7 @@ class Journey:
             point, slope = trial, found
             if point.size <= self.tolerance and slope.values[0] >= -SOFT:
                 return point
-            radius = min(RADIUS_CLAMPED, share * radius * (2 if off < 0.5 * MISSED * longest else 1))
+            radius = min(RADIUS_CLAMPED, share * radius * (2 if off < 0.5 * allowed else 1))
             share, turn = 1.0, slope.turn(radius)
         return None
 

@@ -120,7 +120,9 @@ class BackboneStability(StabilityAnalysis):
         (instance_count,), where that tells more; NaN of breakpoints, of a held tip and where rounding hides its sign. Where
         ``tensions_fixed``, those of lines of given length are not eliminated.
 
-        One integration over as many nodes as the loads call for; where the moments found call for more, another one.
+        One integration over as many nodes as the loads call for; where the moments found call for more, another one. Of what is
+        symmetric a node may be just where a part of the rod has a mode, and its columns are singular there: then one over one
+        segment more follows, which has no node inside at the same place.
         """
         unit, n = self.problem.sizes.stiffness_over_length(), len(self.problem.rods)
         size = self._free() + (3 if self.problem.held else 0)
@@ -132,7 +134,7 @@ class BackboneStability(StabilityAnalysis):
         # each instance has its own number of nodes, whatever stands beside it in the batch
         expected = self._segments_expected()
         nodes = self._nodes(np.minimum(np.where(np.isnan(expected), 0.0, expected), MOST_NODES_AT_FIRST - 2))
-        open_ = np.ones(count, dtype=bool)
+        open_, shifted = np.ones(count, dtype=bool), np.zeros(count, dtype=bool)
         if self.problem.breakpoints:
             cut = list(self.problem.breakpoints)
             form = CondensedForm.unknown(count, size)
@@ -143,23 +145,26 @@ class BackboneStability(StabilityAnalysis):
             chosen = open_ & (nodes == node_count)
             call = self.problem.nodes.over(node_count, chosen, columns=True)
             needed = self._segments_of(call)
-            done = chosen & (needed < node_count)
+            done, again = chosen & (needed < node_count), np.zeros(count, dtype=bool)
             if done.any():
                 own = self._form(call, done, unit, joint)
                 if self.problem.features.condition_count and not tensions_fixed:
                     own = self._tensions_eliminated(own, call, done)
-                if done.all():
+                again[done] = ~own.known & ~shifted[done]
+                if done.all() and not again.any():
                     form = own
                 else:
                     form = CondensedForm.unknown(count, size) if form is None else form
                     form.put(done, own)
                 if not self.problem.held and (asked := done & self._told_by_sign(self.has_potential)).any():
                     determinant[asked] = certain_determinant(call.read("gamma")[asked])
-                if done.all():
+                if done.all() and not again.any():
                     break
             more = chosen & ~done & (needed < MOST_NODES - 1)
             nodes[more] = self._nodes(needed[more])
-            open_ &= ~chosen | more
+            nodes[again] += 1
+            shifted |= again
+            open_ &= ~chosen | more | again
         return CondensedForm.unknown(count, size) if form is None else form, determinant
 
     def by_breakpoints(self) -> CondensedForm:
