@@ -121,6 +121,10 @@ class Assembly(ABC):
         """The same assembly of other rods, as many, and as long."""
         raise NotImplementedError(f"{type(self).__name__} cannot change its rods")
 
+    def with_base(self, base: FloatArray) -> Self:
+        """The same assembly on a base at another pose in the world, shape (..., 4, 4)."""
+        raise NotImplementedError(f"{type(self).__name__} has no base that can be moved")
+
     @property
     def rod_count(self) -> int:
         """Number of rods."""

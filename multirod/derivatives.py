@@ -169,7 +169,8 @@ def places_on(assembly: "Assembly", translation: FloatArray, places: FloatArray,
     gap = 1e-12 * float(np.max(end))
     result = places.copy()
     for k, other in enumerate(assembly.rods):
-        ends = np.cumsum([np.broadcast_to(section.length, other.batch_shape) for section in other.sections], axis=0)
+        shape = np.broadcast_shapes(other.batch_shape, translation.shape[:-1])
+        ends = np.cumsum([np.broadcast_to(section.length, shape) for section in other.sections], axis=0)
         ends = (ends + translation[..., k]).reshape(-1, 1)
         near = np.where(np.abs(ends - places) <= gap, ends - gap, np.inf).min(axis=0)
         result = np.minimum(result, near)
@@ -267,7 +268,7 @@ def stiffness(solution: "Solution[Any]") -> FloatArray:
     assembly = solution.assembly
     names = {spec.name for spec in assembly.input_specs}
     loads = assembly.end_loads
-    if assembly.end_held or not set(loads) <= names or "platform_position" in names:
+    if assembly.end_held or not loads or not set(loads) <= names or "platform_position" in names:
         raise AttributeError(f"{type(assembly).__name__} has no stiffness of its end: something holds it")
     parts = [np.arange(assembly.column_count(name))[own] for name, own in loads.items()]
     columns = np.concatenate([parts[0], assembly.column_count(next(iter(loads))) + parts[1]])

@@ -127,6 +127,10 @@ class NetworkInputs(Fields, total=False):
     angle: ByName
     """Where joints are driven: their coordinates [rad], by name, or shape (..., coordinate_count), in the order of
     ``driven_joints``."""
+    fixed_position: ByName
+    """How far fixed bodies are moved from their poses, world frame [m]: by name, or shape (..., body_count, 3)."""
+    fixed_rotation: ByName
+    """Rotation vectors by which fixed bodies are turned from their poses, world frame [rad]: likewise."""
     force: ByName
     """Dead force on bodies, at their origins, and on tips that nothing holds, world frame [N]: by name, or shape (...,
     place_count, 3)."""
@@ -212,6 +216,8 @@ NetworkInput: TypeAlias = Literal[
     "rotation",
     "translation",
     "angle",
+    "fixed_position",
+    "fixed_rotation",
     "force",
     "moment",
     "follower_force",

@@ -16,9 +16,12 @@ from multirod.models.assemblies.concentric_tubes import ConcentricTubes
 from multirod.models.assemblies.inputs import NetworkInput, NetworkInputs, listed
 from multirod.models.assemblies.single_rod import SingleRod
 from multirod.models.backbone.assembly import BackboneAssembly
+from multirod.models.backbone.derivatives.designs import COMPONENTS, refuse_unknown
+from multirod.models.backbone.ends import ways_back
 from multirod.models.backbone.inputs import BY_MATERIAL, DRIVE_INPUTS, DRIVES, check_drives, drive_specs, surely_driven
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.terms import scene_features
+from multirod.models.network.derivatives.designs import PARAMETERS, columns_of, parameter_size
 from multirod.models.network.elements.groups import ON_RODS, along
 from multirod.models.network.freedom import refuse_mechanism, refuse_unheld
 from multirod.models.network.graph import ENDS, Graph
@@ -26,7 +29,8 @@ from multirod.models.network.joining.bodies import Body, name_of
 from multirod.models.network.joining.joints import ALONG as ALONG_ROD
 from multirod.models.network.joining.joints import Joint
 from multirod.models.network.joining.sliding import uniform
-from multirod.models.network.problem import FOLLOWING, LOADED, PER_ROD, NetworkProblem
+from multirod.models.network.places import FIXED, FOLLOWING, LOADED, PER_ROD
+from multirod.models.network.problem import NetworkProblem
 from multirod.models.platform.problem import LEG_INPUTS
 from multirod.reuse import reusable
 from multirod.rod import Rod
@@ -81,6 +85,15 @@ ROD_INPUTS = (
         description="dead moment per length of each rod, beside distributed_moment, world frame",
     ),
 )
+FIXED_INPUTS = (
+    InputSpec(name="fixed_position", unit="m", count=0, description="how far each fixed body is moved from its pose, world frame"),
+    InputSpec(
+        name="fixed_rotation",
+        unit="rad",
+        count=0,
+        description="rotation vector by which each fixed body is turned from its pose, world frame",
+    ),
+)
 ANGLE = InputSpec(name="angle", unit="rad", count=0, description="coordinates of the joints that are driven, from their poses")
 
 
@@ -95,16 +108,17 @@ class Network(Assembly):
     Args:
         rods: The rods by name, each a ``Rod`` or a ``ConcentricTubes`` (whose own base is not used). None has a foundation; one
             that slides through holes is the same all along, and has no lines.
-        bodies: The bodies.
+        bodies: The bodies, those that move and those that are fixed.
         joints: One for every base of a rod, and one for every tip that is not free.
-        end_effector: A body, or the name of a rod whose tip is free; by default the last body, or where there is none, the first
-            such rod.
+        end_effector: A body that moves, or the name of a rod, whose tip it is; by default the last such body, or where there is
+            none, the first rod whose tip is free, or else the first.
         base: Pose of the ground in the world, shape (..., 4, 4); the identity by default.
 
     Attributes:
         bodies: As given.
         joints: As given.
-        load_places: Names of what ``force`` and ``moment`` act on: the bodies, then the rods whose tips are free.
+        load_places: Names of what ``force`` and ``moment`` act on: the bodies that move, then the rods whose tips are free.
+        fixed_bodies: Names of those that are fixed, in the order of ``fixed_position``.
 
     Raises:
         ValueError: If a name is given twice, or named and not there; if two joints hold one end; if nothing holds a body or the
@@ -140,35 +154,35 @@ class Network(Assembly):
         self.base = pose("Network.base", base)
         joined = _by_end(self.joints, rods, self.bodies)
         holes = _holes(self.joints, rods)
-        self.graph = Graph(robots, list(rods), self.bodies, joined, self.base, holes)
+        self.graph = Graph(robots, list(rods), self.bodies, joined, self.base, holes, self.joints)
         refuse_unheld(self.graph)
         refuse_mechanism(self.graph)
         self.load_places = self.graph.load_places
+        self.fixed_bodies = tuple(body.name for body in self.graph.fixed)
+        self._places = [*(body.name for body in self.graph.bodies), *rods]  # that may be the end effector
         self._end_effector = self._place_of_effector(end_effector)
         count = 3 * len(self.load_places)
         driven = sum(self.graph.driven.values())
         angle = (replace(ANGLE, count=driven),) if driven else ()
+        fixed = tuple(replace(spec, count=3 * len(self.fixed_bodies)) for spec in FIXED_INPUTS) if self.fixed_bodies else ()
         on_rods = (replace(spec, count=3 * len(rods)) for spec in ROD_INPUTS)
         loads = (*(replace(spec, count=count) for spec in LOAD_INPUTS), *on_rods)
-        self._specs = InputSpecs((*INPUTS[:2], *angle, *loads, *INPUTS[2:], *drive_specs(self.rods)))
+        self._specs = InputSpecs((*INPUTS[:2], *angle, *fixed, *loads, *INPUTS[2:], *drive_specs(self.rods)))
 
     def _place_of_effector(self, given: object) -> int:
-        """Its number among what loads act on."""
+        """Its number among the bodies that move, then the rods."""
         if given is None:
-            return max(len(self.bodies) - 1, 0) if self.load_places else self._refuse_effector(given)
+            bodies = len(self.graph.bodies)
+            return bodies - 1 if bodies else self._places.index((*self.load_places, *self._places)[0])
         name = given.name if isinstance(given, Body) else given
-        if isinstance(given, Body) and given not in self.bodies or name not in self.load_places:
-            self._refuse_effector(given)
-        return self.load_places.index(str(name))
+        if isinstance(given, Body) and given not in self.bodies or name not in self._places:
+            refuse("Network.end_effector", given, f"must be a body that moves, or a rod: {', '.join(map(repr, self._places))}")
+        return self._places.index(str(name))
 
     @property
     def end_effector(self) -> str:
         """Name of the body that is the end effector, or of the rod whose tip is."""
-        return self.load_places[self._end_effector]
-
-    def _refuse_effector(self, given: object) -> int:
-        free = ", ".join(map(repr, self.load_places)) or "there is none: add a body"
-        refuse("Network.end_effector", given, f"must be a body, or a rod whose tip is free: {free}")
+        return self._places[self._end_effector]
 
     @property
     def driven_joints(self) -> tuple[str, ...]:
@@ -179,6 +193,8 @@ class Network(Assembly):
     def vectors_on(self, spec: InputSpec) -> tuple[str, ...]:
         """Names of what the vectors of an input act on, bodies and free tips or rods, in their order; none of one that is no
         vector on each of these, such as what drives lines or joints."""
+        if spec.name in FIXED:
+            return self.fixed_bodies
         if spec.count is None or spec.load is None:
             return ()
         return {"tip": self.load_places, "along": self.graph.whole_names}.get(spec.acts, ())
@@ -205,7 +221,7 @@ class Network(Assembly):
     if TYPE_CHECKING:
         _input_name: NetworkInput
 
-    @listed(*INPUTS[:2], ANGLE, *LOAD_INPUTS, *ROD_INPUTS, *INPUTS[2:], *DRIVE_INPUTS)
+    @listed(*INPUTS[:2], ANGLE, *FIXED_INPUTS, *LOAD_INPUTS, *ROD_INPUTS, *INPUTS[2:], *DRIVE_INPUTS)
     def inputs(self, **values: Unpack[NetworkInputs]) -> Inputs:  # type: ignore[override]  # these, and no others
         """Actuation and loads by name, all optional: numbers or arrays, whose leading axes ``...`` broadcast.
 
@@ -213,8 +229,9 @@ class Network(Assembly):
         what drives lines, ``tension={"arm": (1, 0)}``; ``force`` and ``moment``, dead or following, by those of ``load_places``,
         ``{"plate": (0, 0, -2)}``; as arrays these have the shape (..., place_count, 3), and what acts along single rods,
         ``rod_force={"leg 0": (0.1, 0, 0)}``, (..., count of rods as given, 3). Where joints are driven, ``angle`` is
-        taken by those of ``driven_joints``, ``{"arm base": 0.3}``: one number, two or three each. What is not named is zero. A
-        leading axis makes a batch, an instance for each entry.
+        taken by those of ``driven_joints``, ``{"arm base": 0.3}``: one number, two or three each; where bodies are fixed,
+        ``fixed_position={"hand": (0, 0, 0.1)}`` by those of ``fixed_bodies``. What is not named is zero. A leading axis makes a
+        batch, an instance for each entry.
 
         Args:
             **values: Those of ``NetworkInputs``.
@@ -235,19 +252,23 @@ class Network(Assembly):
 
     @property
     def end_loads(self) -> dict[str, slice]:  # noqa: D102
-        own = slice(3 * self._end_effector, 3 * self._end_effector + 3)
-        return dict.fromkeys(LOADED, own)
+        if self.end_effector not in self.load_places:  # a tip that something holds
+            return {}
+        first = 3 * self.load_places.index(self.end_effector)
+        return dict.fromkeys(LOADED, slice(first, first + 3))
 
     def make_inputs(self, values: Mapping[str, Any]) -> Inputs:  # noqa: D102
         plain = dict(values)
         names, graph = self.graph.whole_names, self.graph
         per_rod = {name: robot.rod_count for name, robot in zip(names, graph.whole, strict=True)}
         sizes = dict.fromkeys(PER_ROD, per_rod) | dict.fromkeys(ON_PLACES, dict.fromkeys(self.load_places, 3))
-        sizes |= dict.fromkeys(ON_RODS, dict.fromkeys(names, 3))
+        sizes |= dict.fromkeys(ON_RODS, dict.fromkeys(names, 3)) | dict.fromkeys(FIXED, dict.fromkeys(self.fixed_bodies, 3))
         for name in DRIVES:
             sizes[name] = {rod: own.count(name) for rod, own in zip(names, graph.drives, strict=False) if own.count(name)}
         for name, own in sizes.items():
             if name in plain:
+                if name in FIXED and not own:
+                    refuse(name, plain[name], "must not be given: no body is fixed, mr.Body(..., fixed=True)")
                 plain[name] = _in_order(name, plain[name], own)
         if "angle" in plain:
             plain["angle"] = self._angles(plain["angle"])
@@ -287,8 +308,25 @@ class Network(Assembly):
         for name, rod, (first, end) in zip(graph.whole_names, graph.whole, pairwise(graph.first_tube.tolist()), strict=True):
             yield name, rod, slice(first, end)
 
-    def input_directions(self, *names: str) -> dict[str, int]:  # noqa: D102
-        return super().input_directions(*names) | ({"lengths": True} if any(self.graph.drives) else {})
+    @property
+    def parameters(self) -> tuple[str, ...]:  # noqa: D102
+        return PARAMETERS
+
+    def column_count(self, name: str) -> int:  # noqa: D102
+        return parameter_size(name, self.graph) if name in PARAMETERS else super().column_count(name)
+
+    def input_directions(self, *names: str) -> dict[str, int]:
+        """Directions for the derivatives by some inputs and parameters: the numbers of different rods share one."""
+        refuse_unknown(names, self.rods)
+        sizes = {spec.name: spec.size(self.rod_count) for spec in self.input_specs}
+        options = {"direction_count": sum(columns.size for columns in columns_of(self.graph, sizes, names))}
+        options |= {"design": True} if any(name in COMPONENTS for name in names) else {}
+        options |= {"placed": True} if "joint_pose" in names else {}
+        return options | ({"lengths": True} if any(self.graph.drives) else {})
+
+    def ends_meet(self, inputs: Inputs) -> bool:  # noqa: D102
+        translation = inputs.translation.reshape(-1, self.rod_count)
+        return any(ways_back(rod.arrays, translation[:, own]).any() for _, rod, own in self._each())
 
     @reusable
     def problem(self, inputs: Inputs, *, instances: IntArray | None = None, **options: Any) -> NetworkProblem:  # noqa: D102
@@ -311,18 +349,24 @@ class Network(Assembly):
         robots = [_renamed(robot.with_rods(rods[at]), name) for name, robot, at in self._each()]
         result.rods = tuple(rod for robot in robots for rod in robot.rods)
         own = self.graph
-        result.graph = Graph(robots, own.whole_names, self.bodies, own.joints, self.base, own.holes)
+        result.graph = Graph(robots, own.whole_names, self.bodies, own.joints, self.base, own.holes, self.joints)
         for name in ("longest", "stiffest"):
             result.__dict__.pop(name, None)
         return result
 
+    def with_base(self, base: FloatArray) -> Self:  # noqa: D102
+        result, own = copy(self), self.graph
+        result.base = pose("Network.base", base)
+        result.graph = Graph(own.whole, own.whole_names, self.bodies, own.joints, result.base, own.holes, self.joints)
+        return result
+
     def body_index(self, body: Body | str) -> int:
-        """Number of a body.
+        """Number of a body, among those that move, then those that are fixed.
 
         Raises:
             ValueError: If there is no such body.
         """
-        names = [own.name for own in self.bodies]
+        names = [own.name for own in (*self.graph.bodies, *self.graph.fixed)]
         name = body.name if isinstance(body, Body) else body
         if not isinstance(name, str) or name not in names:
             hint = meant(name, names) if isinstance(name, str) else ""
@@ -412,7 +456,7 @@ def _in_order(name: str, value: Any, sizes: Mapping[str, int]) -> Any:
     """Values by name as an array (..., numbers of all), in the order of ``sizes``; an array of them likewise."""
     if not isinstance(value, Mapping):
         given = np.asarray(value) if isinstance(value, (np.ndarray, list, tuple)) else None
-        stacked = given is not None and name in (*ON_PLACES, *ON_RODS) and len(sizes) > 1 and given.shape[-2:] == (len(sizes), 3)
+        stacked = given is not None and name in (*ON_PLACES, *ON_RODS, *FIXED) and len(sizes) > 1 and given.shape[-2:] == (len(sizes), 3)
         return given.reshape(*given.shape[:-2], -1) if stacked and given is not None else value
     return _by_name(name, value, sizes)
 

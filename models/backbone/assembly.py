@@ -22,7 +22,7 @@ from multirod.profile import Profile
 from multirod.reuse import reusable
 from multirod.rod import Rod, RodArrays, lower
 from multirod.types import Numbers
-from multirod.validation import Described, FloatArray, refuse
+from multirod.validation import Described, FloatArray, frozen, refuse
 
 
 class BackboneAssembly(Assembly):
@@ -111,6 +111,11 @@ class BackboneAssembly(Assembly):
         result.rods = tuple(rods)
         for name in ("arrays", "longest", "stiffest", "_specs"):
             result.__dict__.pop(name, None)
+        return result
+
+    def with_base(self, base: FloatArray) -> Self:  # noqa: D102
+        result = copy(self)
+        result.base = frozen(base)
         return result
 
     def features(self, inputs: Inputs, *, enabled: Iterable[str] = ()) -> tuple[Features, ...]:  # noqa: D102

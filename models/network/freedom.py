@@ -17,6 +17,9 @@ SIX = 6
 def refuse_unheld(graph: Graph) -> None:
     """Refuse, by a ``ValueError`` that names it, a body or a rod that no chain of rods joins to the ground."""
     frames = [end.frame for end in graph.ends]
+    for k, body in enumerate(graph.fixed, len(graph.bodies) + 1):
+        if not any((end.stand == k).any() for end in graph.ends):
+            refuse("Network.bodies", body, f"nothing holds on to body {body.name!r}: no rod is joined to it")
     if (frames[0] < GROUND).any():
         name = graph.names[int(np.argmax(frames[0] < GROUND))]
         refuse("Network.joints", name, f"nothing holds the base of rod {name!r}: only a tip may be free")
@@ -41,8 +44,9 @@ def refuse_mechanism(graph: Graph) -> None:
     """
     rng = np.random.default_rng(0)
     bodies = len(graph.bodies)
-    position = np.concatenate([np.zeros((1, 3)), rng.standard_normal((bodies, 3))])
-    rotation = np.concatenate([np.eye(3)[None], matrices(rng.standard_normal((bodies, 3)))])
+    moved = bodies + len(graph.fixed)
+    position = np.concatenate([np.zeros((1, 3)), rng.standard_normal((moved, 3))])
+    rotation = np.concatenate([np.eye(3)[None], matrices(rng.standard_normal((moved, 3)))])
     arms = [own.pose.reshape(-1, *own.pose.shape[-3:])[0] for own in graph.ends]
     size = max(float(np.abs(arm[:, :3, 3]).max()) for arm in arms) or 1.0
     wrenches: list[FloatArray] = []
@@ -51,7 +55,7 @@ def refuse_mechanism(graph: Graph) -> None:
         pieces = slides.of(whole)
         free = []
         for own, arm, rod in zip(graph.ends, arms, (pieces[0], pieces[-1]), strict=True):
-            holder, count = own.frame[rod], int(own.table.count[rod])
+            holder, count = own.stand[rod], int(own.table.count[rod])
             if holder < GROUND:
                 # nothing holds the tip: the rod passes on no wrench at all
                 free.append(np.eye(SIX))
@@ -69,8 +73,8 @@ def refuse_mechanism(graph: Graph) -> None:
         # (14) what a hole passes on to its body is neither along the rod nor about an axis about which the rod turns there
         for k, rod in enumerate(pieces[:-1]):
             own, arm = graph.ends[1], arms[1]
-            frame = rotation[own.frame[rod]] @ arm[rod, :3, :3]
-            place = position[own.frame[rod]] + rotation[own.frame[rod]] @ arm[rod, :3, 3] / size
+            frame = rotation[own.stand[rod]] @ arm[rod, :3, :3]
+            place = position[own.stand[rod]] + rotation[own.stand[rod]] @ arm[rod, :3, 3] / size
             count = int(own.table.count[rod])
             axes = (frame @ own.table.inner[rod])[:, :count].T
             along = frame[:, 2] if count < KINDS["spherical"] else rng.standard_normal(3)
@@ -101,8 +105,7 @@ def refuse_mechanism(graph: Graph) -> None:
     if _rank(balance) == SIX * bodies:
         return
     motion = _kernel(balance.T)
-    moved = np.linalg.norm(motion.reshape(bodies, SIX, -1), axis=(1, 2))
-    body = graph.bodies[int(np.argmax(moved))]
+    body = graph.bodies[int(np.argmax(np.linalg.norm(motion.reshape(bodies, SIX, -1), axis=(1, 2))))]
     missing = SIX * bodies - _rank(balance)
     refuse(
         "Network.joints",

@@ -29,13 +29,19 @@ class Ends:
     """One end of every rod: what holds it, and how.
 
     Attributes:
-        frame: What holds it, ``GROUND``, the number of a body from 1 on, or ``FREE``, shape (rod_count,).
+        frame: What holds it, the number of a body from 1 on, ``GROUND`` of the ground and of bodies that are fixed, which do not
+            give way either, or ``FREE``, shape (rod_count,).
+        stand: The same, but bodies that are fixed have numbers after the others, shape (rod_count,).
         pose: Where on that, shape (..., rod_count, 4, 4).
+        joint: Which of all joints it is, -1 of none, shape (rod_count,).
         table: The joints there.
     """
 
-    def __init__(self, joints: "list[Joint | None]", frames: Mapping[str, int]) -> None:
-        self.frame: NDArray[np.intp] = np.array([FREE if joint is None else frames[joint.to.name] for joint in joints])
+    def __init__(self, joints: "list[Joint | None]", numbers: Sequence[int], moving: Sequence[str], fixed: Sequence[str]) -> None:
+        frames = {name: k for k, name in enumerate((Ground.name, *moving, *fixed))}
+        self.stand: NDArray[np.intp] = np.array([FREE if joint is None else frames[joint.to.name] for joint in joints])
+        self.frame: NDArray[np.intp] = np.where(self.stand > len(moving), GROUND, self.stand)
+        self.joint: NDArray[np.intp] = np.array(numbers)
         poses = [np.eye(4) if joint is None else joint.pose for joint in joints]
         shape = np.broadcast_shapes(*(pose.shape[:-2] for pose in poses))
         self.pose: FloatArray = np.stack([np.broadcast_to(pose, (*shape, 4, 4)) for pose in poses], axis=-3)
@@ -52,11 +58,12 @@ class Graph:
 
     Args:
         rods: Each as a robot of its own.
+        names: Of the rods.
         bodies: The bodies.
         joints: What holds each end of a rod, by name and end.
-        names: Of the rods.
         base: Pose of the ground in the world, shape (..., 4, 4).
         holes: Through which rods slide, by name, from the base to the tip.
+        all_joints: All of them, in the order in which they are counted.
 
     Attributes:
         whole, whole_names: The rods as given.
@@ -70,7 +77,8 @@ class Graph:
         drive: Which of all numbers that drive lines that of each line is, in the order of ``drive_slices``, shape (rod_count, k).
         layout: Of their elements.
         ends: Their bases, then their tips.
-        base: As given.
+        base, all_joints: As given.
+        bodies, fixed: Those that move, and those that are fixed.
         mass, mass_centre: Of the bodies, shapes (body_count,), (body_count, 3).
         free: Rods whose tips nothing holds, by their numbers.
         driven: Names of the joints whose angles are inputs, ``"arm base"``, and how many coordinates each has, rod by rod.
@@ -87,6 +95,7 @@ class Graph:
         joints: Mapping[tuple[str, str], Joint],
         base: FloatArray,
         holes: Mapping[str, Sequence[Joint]],
+        all_joints: Sequence[Joint],
     ) -> None:
         self.whole, self.whole_names = tuple(rods), tuple(names)
         self.slides = Slides(names, [float(np.min(rod.rods[0].length)) for rod in rods], holes)
@@ -97,8 +106,9 @@ class Graph:
             for rod, owner in zip(whole, self.slides.owner.tolist(), strict=True)
         )
         self.names = self.slides.names(names)
-        self.bodies = tuple(bodies)
-        self.joints, self.holes = dict(joints), dict(holes)
+        self.bodies = tuple(body for body in bodies if not body.fixed)
+        self.fixed = tuple(body for body in bodies if body.fixed)
+        self.joints, self.holes, self.all_joints = dict(joints), dict(holes), tuple(all_joints)
         self.base = base
         self.arrays: tuple[RodArrays, ...] = tuple(rod.arrays for rod in self.rods)
         conditions = [sum(kind.conditioned for kind in arrays.members) for arrays in self.arrays]
@@ -108,10 +118,18 @@ class Graph:
         self.drives = [drive_names(arrays.members) for arrays in self.arrays]
         self.drive = _places_of(self.drives)
         self.layout = Layout(int(self.own.max()), self.slides.count > 0)
-        frames = {Ground.name: GROUND} | {body.name: k + 1 for k, body in enumerate(bodies)}
-        self.ends = tuple(Ends([self._joint(k, end) for k in range(len(self.rods))], frames) for end in ENDS)
-        self.mass = np.array([body.mass for body in bodies])
-        self.mass_centre = np.array([body.mass_centre for body in bodies]).reshape(-1, 3)
+        moving, fixed = ([body.name for body in own] for own in (self.bodies, self.fixed))
+        self.ends = tuple(
+            Ends(
+                [self._joint(k, end) for k in range(len(self.rods))],
+                [self._number(k, end) for k in range(len(self.rods))],
+                moving,
+                fixed,
+            )
+            for end in ENDS
+        )
+        self.mass = np.array([body.mass for body in self.bodies])
+        self.mass_centre = np.array([body.mass_centre for body in self.bodies]).reshape(-1, 3)
         self.free: NDArray[np.intp] = np.flatnonzero(~self.ends[1].held)
         self.driven: dict[str, int] = {}
         self.driven_at = tuple(np.full((len(self.rods), MOST), -1, dtype=np.intp) for _ in ENDS)
@@ -128,10 +146,22 @@ class Graph:
         given = self.joints.get((self.whole_names[self.slides.owner[rod]], end))
         return self.slides.joint(rod, end, given)
 
+    def _number(self, rod: int, end: str) -> int:
+        """Which of all joints that is, -1 of none."""
+        given = self.joints.get((self.whole_names[self.slides.owner[rod]], end))
+        own = self.slides.source(rod, end, given)
+        return next((k for k, joint in enumerate(self.all_joints) if joint is own), FREE)
+
     @property
     def load_places(self) -> tuple[str, ...]:
         """Names of what forces act on: the bodies, then the rods whose tips nothing holds."""
         return (*(body.name for body in self.bodies), *(self.whole_names[self.slides.owner[k]] for k in self.free))
+
+    @property
+    def turning_bases(self) -> NDArray[np.bool_]:
+        """Which rods have bases that turn, on bodies that move or in joints, shape (rod_count,)."""
+        base = self.ends[0]
+        return np.asarray((base.frame != GROUND) | (base.table.count > 0))
 
     @cached_property
     def depth(self) -> int:
@@ -184,15 +214,33 @@ class Graph:
         found = []
         for end in self.ends:
             poses = np.broadcast_to(end.pose, (*batch_shape, *end.pose.shape[-3:])).reshape(count, *end.pose.shape[-3:])
-            poses = np.where((end.frame == GROUND)[:, None, None], base @ poses, poses)
+            poses = np.where((end.stand == GROUND)[:, None, None], base @ poses, poses)
             found.append((np.ascontiguousarray(poses[..., :3, 3]), np.ascontiguousarray(poses[..., :3, :3])))
         return found
 
-    def placing(self, count: int, batch_shape: tuple[int, ...], driven: FloatArray | None = None) -> Placing:
-        """What placing the bodies needs, at angles ``driven`` (count, k) of the joints that are driven, or all at rest."""
+    def fixed_poses(self, count: int, batch_shape: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
+        """Position (count, body, 3) and rotation (count, body, 3, 3) of the bodies that are fixed, before inputs move them."""
+        base = np.broadcast_to(self.base, (*batch_shape, 4, 4)).reshape(count, 1, 4, 4)
+        poses = base @ np.array([body.pose for body in self.fixed]).reshape(-1, 4, 4)
+        return np.ascontiguousarray(poses[..., :3, 3]), np.ascontiguousarray(poses[..., :3, :3])
+
+    def placing(
+        self,
+        count: int,
+        batch_shape: tuple[int, ...],
+        driven: FloatArray | None = None,
+        fixed: tuple[FloatArray, FloatArray] | None = None,
+    ) -> Placing:
+        """What placing the bodies needs, at angles ``driven`` (count, k) of the joints that are driven, or all at rest, and bodies
+        that are fixed at poses ``fixed`` as of ``fixed_poses``, or not moved."""
         base = np.broadcast_to(self.base, (*batch_shape, 4, 4)).reshape(count, 4, 4)
         given = [None if body.pose is None else base @ body.pose for body in self.bodies]
-        frames = [end.frame for end in self.ends]
+        position, rotation = self.fixed_poses(count, batch_shape) if fixed is None else fixed
+        for k in range(len(self.fixed)):
+            pose = np.tile(np.eye(4), (count, 1, 1))
+            pose[:, :3, 3], pose[:, :3, :3] = position[:, k], rotation[:, k]
+            given.append(pose)
+        frames = [end.stand for end in self.ends]
         angles = [end.table.rest[None] for end in self.ends]
         if driven is not None:
             angles = [own + at for own, at in zip(angles, self.driven_angles(driven), strict=True)]
@@ -210,7 +258,8 @@ class Graph:
         tips = np.zeros((*length.shape, 3))
         tips[..., 2] = length
         position, rotation = placed(self.placing(count, batch_shape), tips, np.broadcast_to(np.eye(3), (*length.shape, 3, 3)))
-        return position[:, 1:], rotation[:, 1:]
+        moving = slice(1, 1 + len(self.bodies))
+        return position[:, moving], rotation[:, moving]
 
 
 def _places_of(drives: Sequence[Sequence[str]]) -> NDArray[np.intp]:

@@ -28,6 +28,12 @@ def stand(net: Networks):
         return
     level = level_of(net, b)
     gravity = vector(net.inputs, b, net.along_at + 6)
+    for k in range(net.fixed_count):  # (34)
+        at = net.body_count + 1 + k
+        a = vector(net.inputs, b, net.fixed_at + 3 * (net.fixed_count + k))
+        net.body_position[b, at] = net.fixed_position[b, k] + vector(net.inputs, b, net.fixed_at + 3 * k)
+        net.body_rotation[b, at] = rotation_from_vector(a) * net.fixed_rotation[b, k]
+        net.body_turns[b, at] = left_jacobian(a)
     for k in range(net.body_count):
         L = net.length[b, net.rod_count + k]
         EI = net.stiffness[b, net.rod_count + k]

@@ -7,7 +7,6 @@ put together by ``network_kernels.py``; ``entries.py`` says where they stand, an
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -20,80 +19,33 @@ from multirod.capabilities import LineTest, Loading, ResultTest
 from multirod.inputs import Inputs
 from multirod.integrators import Integrator
 from multirod.launch import record
-from multirod.models.backbone.members.member import drive_slices
+from multirod.models.backbone.ends import move_ends, ways_back
 from multirod.models.backbone.passes.lane_pass import width
 from multirod.models.backbone.starts import twisted
 from multirod.models.joint_kernels import AT_REST
 from multirod.models.network import network_kernels as kernels
-from multirod.models.network.along import NetworkSensing, columns_along
-from multirod.models.network.capabilities import NetworkJoints, NetworkLines, NetworkParts, NetworkShapes, NetworkStarts
-from multirod.models.network.elements import records
+from multirod.models.network.buffers import networks_of
+from multirod.models.network.capabilities import NetworkLines, NetworkParts, NetworkShapes
+from multirod.models.network.derivatives.along import NetworkSensing, columns_along
+from multirod.models.network.derivatives.designs import Aim, Columns, columns_of
 from multirod.models.network.elements.element_kernels import form
-from multirod.models.network.elements.elements import GAP_AT, POSE, Frames, Holding
+from multirod.models.network.elements.elements import GAP_AT, POSE, Frames
 from multirod.models.network.elements.groups import ALONG, ON_RODS, RodGroup, along, builds
 from multirod.models.network.graph import Graph
-from multirod.models.network.joining.placing import placed
+from multirod.models.network.places import FOLLOWING, LOADED, blocks_of, input_places
 from multirod.models.network.stability.clamps import NetworkClamps
 from multirod.models.network.stability.conjugates import NetworkConjugates
 from multirod.models.network.stability.form_rows import FormRows
 from multirod.models.network.stability.stability import NetworkStability
-from multirod.problem import ALONE, NOTHING, Block, BoundaryProblem
+from multirod.models.network.starting import Apart, NetworkJoints, NetworkStarts, taken_apart
+from multirod.models.network.state import State
+from multirod.problem import ALONE, NOTHING, BoundaryProblem
 from multirod.rotations import vectors
 from multirod.status import Status
 from multirod.validation import FloatArray
 
 CLOSED = 1e-4  # of a length, that a gap is closed to
 GAP_LOAD = 12.0  # EI/L^3: what a rod resists with where its tip is moved across
-
-
-@dataclass(frozen=True)
-class Apart:
-    """The network taken apart, at certain inputs.
-
-    Attributes:
-        inputs: Those that are no loads on bodies, (instance_count, k).
-        unknowns: [1/m], shape (instance_count, n).
-        residual: There, without loads [1/m], shape (instance_count, n).
-        gamma: The numbers of ``Gamma`` there that are kept, shape (instance_count, k).
-        turned: From the frames of the bases to those of what holds the tips, shape (instance_count, rod, 3, 3).
-    """
-
-    inputs: FloatArray
-    unknowns: FloatArray
-    residual: FloatArray
-    gamma: FloatArray
-    turned: FloatArray
-
-
-class State:
-    """Bodies and ends of rods of all instances at their unknowns and inputs, for what is asked once; axes (instance, rod, ...).
-
-    Attributes:
-        angles: Of the joints at bases, then at tips [rad], shape (instance, rod, 3).
-    """
-
-    def __init__(self, problem: "NetworkProblem") -> None:
-        own = problem
-        x = own.read("unknowns")
-        self.inputs = own.read("inputs")
-        self.level = own.level()
-        self.frames = own.frames()
-        length = own.length[:, : own.rod_count]
-        padded = np.concatenate([x, np.zeros((len(x), 1))], axis=1)
-        self.angles = [length[..., None] * padded[:, own.places[:, at]] for at in own.layout.angles_at]
-        if own.graph.driven:  # (24)
-            driven = own.graph.driven_angles(self.take(own, "angle"))
-            self.angles = [free + given for free, given in zip(self.angles, driven, strict=True)]
-        left = (1 - own.load_factor.numpy())[:, None, None]
-        arms = own.attachments[0][0], own.attachments[1][0] + left * own.shift  # (29)
-        self.ends = [
-            Holding(self.frames, end.frame, (arms[k], own.attachments[k][1]), end.table.at(self.angles[k]))
-            for k, end in enumerate(own.graph.ends)
-        ]
-
-    def take(self, problem: "NetworkProblem", name: str) -> FloatArray:
-        """An input, shape (instance, size)."""
-        return np.asarray(self.inputs[..., problem.input_slice(name)])
 
 
 class NetworkProblem(BoundaryProblem):
@@ -105,9 +57,10 @@ class NetworkProblem(BoundaryProblem):
 
     Args:
         graph: The network.
-        end_effector: Number of the body, or, after the bodies, of the rod among those whose tips nothing holds.
+        end_effector: Number of the body, or, after the bodies, of the rod as given whose tip it is.
         inputs: The inputs.
-        integrator, device, pose_sensitivities, direction_count, lengths, enabled: As for ``Assembly.problem``.
+        integrator, device, pose_sensitivities, direction_count, lengths, design, enabled: As for ``Assembly.problem``.
+        placed: Whether directions may be along poses of joints.
         pieces: Of each rod; of more than one, there are clamps between them, whose moments are the directions.
     """
 
@@ -124,6 +77,8 @@ class NetworkProblem(BoundaryProblem):
         pose_sensitivities: bool = False,
         direction_count: int = 0,
         lengths: bool = False,
+        design: bool = False,
+        placed: bool = False,
         enabled: Sequence[str] = (),
         pieces: int = 1,
     ) -> None:
@@ -133,18 +88,13 @@ class NetworkProblem(BoundaryProblem):
             direction_count = 3 * (pieces - 1) * self.rod_count
         self.entries = entries = graph.entries
         self.places, self.first_hole, self.first_pose, n = entries.variables, entries.first_hole, entries.first_pose, entries.size
-        self._slices = input_places(
-            int(graph.first_tube[-1]),
-            len(graph.load_places),
-            len(graph.whole),
-            sum(graph.driven.values()),
-            [name for own in graph.drives for name in own],
-        )
+        self.effector_rod = None if end_effector < self.body_count else graph.slides.of(end_effector - self.body_count)[-1]
+        self._slices = input_places(graph)
         super().__init__(
             unknown_count=n,
             batch_shape=np.broadcast_shapes(inputs.batch_shape, graph.batch_shape),
             input_count=max(place.stop for place in self._slices.values()),
-            blocks=_blocks(graph, self.places, self.first_hole, n),
+            blocks=blocks_of(graph, self.places, self.first_hole, n),
             direction_count=direction_count,
             pose_sensitivities=pose_sensitivities,
             device=device,
@@ -163,20 +113,23 @@ class NetworkProblem(BoundaryProblem):
             "integrator": integrator,
             "device": device,
             "lengths": lengths,
+            "design": design,
             "enabled": along(inputs, enabled),
         }
         count, shape = self.instance_count, self.batch_shape
         self.layout = graph.layout
         drives = self._slices[ALONG[-1]].stop
-        together = builds(graph, bool(options["enabled"]), width(integrator.precision, device))
-        self.groups = [RodGroup(graph, members, shape, direction_count, drives, options, pieces) for members in together]
+        moving = graph.turning_bases | placed
+        together = builds(graph, moving if options["enabled"] else None, width(integrator.precision, device))
+        self.groups = [RodGroup(graph, members, shape, moving, direction_count, drives, options, pieces) for members in together]
         self.rounding = self.groups[0].backbones.rounding
         size = self.rod_count + self.body_count
         scales = [np.broadcast_to(scale.reshape(*graph.batch_shape, size), (*shape, size)) for scale in graph.scales()]
         self.length, self.stiffness = (scale.reshape(count, size) for scale in scales)
         self.attachments = graph.attachments(count, shape)
         self.reference = graph.reference(self.length[:, : self.rod_count], shape)
-        self.networks = self._make_networks()
+        self.fixed = graph.fixed_poses(count, shape)
+        self.networks = networks_of(self)
         # of the path from the network taken apart, as NumPy sees what the kernels read
         own = self.networks
         self.opening, self.soft, self.shift, self.loading = (
@@ -185,80 +138,9 @@ class NetworkProblem(BoundaryProblem):
         self.loading[:] = int(Loading.RISING)
         self._launches = self._record()
         self._found: Apart | None = None
+        self._aims: dict[tuple[str, ...], Aim] = {}
+        self._followed: Aim | None = None  # whose directions depend on inputs or unknowns
         self.write("inputs", self.pack(inputs))
-
-    def _make_networks(self) -> Any:
-        graph, entries, layout, device, count = self.graph, self.entries, self.layout, self.device, self.instance_count
-        rods, bodies, d = self.rod_count, self.body_count, self.direction_count
-        own: Any = records.Networks()
-        own.rod_count, own.body_count, own.unknown_count, own.direction_count = rods, bodies, self.unknown_count, d
-        own.first_pose, own.own, own.size, own.holes = self.first_pose, layout.own, layout.size, int(layout.holes)
-        own.width = layout.size + d + layout.holes
-        own.height = layout.size + records.MORE + max(map(len, graph.drives)) + max(rod.rod_count for rod in graph.rods) - 1
-        own.effector = self.end_effector + 1 if self.end_effector < bodies else 0
-        own.effector_rod = -1 if own.effector else int(graph.free[self.end_effector - bodies]) if len(graph.free) else -1
-        names = ("order", "active", "load_factor", "unknowns", "inputs", "directions", "fault", "step_count", "residual")
-        self.share(own, (*names, "residual_directions", "position", "rotation", "pose_columns"))
-        own.numbers = self._field("gamma", (entries.count,))
-        own.rotation_at, own.translation_at = (self._slices[name].start for name in PER_ROD)
-        own.force_at, own.moment_at = (self._slices[name].start for name in LOADED)
-        own.follower_force_at, own.follower_moment_at = (self._slices[name].start for name in FOLLOWING)
-        own.along_at = self._slices[ALONG[0]].start
-        own.rod_at, own.rods_given = self._slices[next(iter(ON_RODS))].start, len(graph.whole)
-
-        def array(values: Any, dtype: Any = wp.float64) -> Any:
-            kind = np.int32 if dtype is wp.int32 else np.float64
-            return wp.array(np.ascontiguousarray(values, dtype=kind), dtype=dtype, device=device)
-
-        def zeros(*shape: int, dtype: Any = wp.float64) -> Any:
-            return wp.zeros(shape, dtype=dtype, device=device)
-
-        tables = [end.table for end in graph.ends]
-        own.holder = array([end.frame for end in graph.ends], wp.int32)
-        own.attachment_position = array(np.stack([at[0] for at in self.attachments], axis=1), wp.vec3d)
-        own.attachment_rotation = array(np.stack([at[1] for at in self.attachments], axis=1), wp.mat33d)
-        own.count = array([table.count for table in tables], wp.int32)
-        own.inner, own.outer = (array([getattr(table, name) for table in tables], wp.mat33d) for name in ("inner", "outer"))
-        own.spring, own.rest = (array([getattr(table, name) for table in tables], wp.vec3d) for name in ("stiffness", "rest"))
-        first = self._slices["angle"].start if graph.driven else 0
-        own.driven = array([np.where(at < 0, -1, first + at) for at in graph.driven_at], wp.int32)
-        own.variable = array(entries.variables, wp.int32)
-        places = np.full(rods, -1)
-        places[graph.free] = bodies + np.arange(len(graph.free))
-        own.load_place = array(places, wp.int32)
-        own.length, own.stiffness = array(self.length), array(self.stiffness)
-        slides = graph.slides
-        own.owner, own.pieces = array(graph.first_tube[slides.owner], wp.int32), array(slides.pieces, wp.int32)
-        own.whole = array(slides.owner, wp.int32)
-        own.share, own.shared = array(slides.share), array(slides.shared, wp.int32)
-        sections = [arrays.repeated(self.batch_shape) for arrays in graph.arrays]
-        own.softness = array(np.stack([a.material[:, 0, 0, 3:9] for a in sections], axis=1))
-        own.at_rest = array(np.stack([a.precurvature[:, 0, 0, :3] for a in sections], axis=1), wp.vec3d)
-        own.reference_position, own.reference_rotation = (
-            array(values, dtype) for values, dtype in zip(self.reference, (wp.vec3d, wp.mat33d), strict=True)
-        )
-        own.mass, own.mass_centre = array(graph.mass), array(graph.mass_centre, wp.vec3d)
-        own.pulled_out = wp.zeros(count, dtype=wp.int32, device=device)
-        own.opening, own.soft = zeros(count, self.unknown_count), zeros(count)
-        own.shift, own.loading = zeros(count, rods, dtype=wp.vec3d), zeros(count, dtype=wp.int32)
-        still = np.broadcast_to(np.eye(3), (count, bodies + 1, 3, 3))
-        own.body_position, own.body_rotation = zeros(count, bodies + 1, dtype=wp.vec3d), array(still, wp.mat33d)
-        own.body_turns = zeros(count, bodies + 1, dtype=wp.mat33d)
-        own.load, own.load_turns = zeros(count, POSE * bodies), zeros(count, bodies, POSE, 3)
-        own.load_directions = zeros(count, POSE * bodies, d)
-        own.value = zeros(count, rods, layout.size + records.MORE_VALUES)
-        own.element = zeros(count, rods, own.height, own.width)
-        own.tip_position, own.tip_rotation = zeros(count, rods, dtype=wp.vec3d), zeros(count, rods, dtype=wp.mat33d)
-        own.rod_fault, own.rod_steps = zeros(count, rods, dtype=wp.int32), zeros(count, rods, dtype=wp.int32)
-        rows, numbers = entries.rows, entries.numbers
-        own.row_start = array(rows.starts, wp.int32)
-        own.row_rod, own.row_row = (array(values, wp.int32) for values in np.divmod(rows.order, layout.size))
-        own.number_place, own.number_start = array(numbers.places, wp.int32), array(numbers.starts, wp.int32)
-        of_rod, within = np.divmod(numbers.order, layout.size**2)
-        own.number_rod = array(of_rod, wp.int32)
-        own.number_row, own.number_column = (array(values, wp.int32) for values in np.divmod(within, layout.size))
-        own.turn_place = array(entries.turns, wp.int32)
-        return own
 
     def _record(self) -> list[Any]:
         """Launches of one evaluation, in order: the first, three of each build, and the last."""
@@ -392,9 +274,13 @@ class NetworkProblem(BoundaryProblem):
         factor = self.load_factor.numpy()
         return np.where(self.loading == int(Loading.NONE), 0.0, np.where(self.loading == int(Loading.FULL), 1.0, factor))
 
-    @cached_property
+    @property
     def launches(self) -> tuple[Any, ...] | None:
         """Where the rods of each build are one launch, and ``Gamma`` is not eliminated along the graph, which is SciPy's."""
+        return None if self._followed else self._bare
+
+    @cached_property
+    def _bare(self) -> tuple[Any, ...] | None:
         if self._host is None or self.elimination is not None:
             return None
         result: list[Any] = []
@@ -410,6 +296,9 @@ class NetworkProblem(BoundaryProblem):
 
     def integrate_by(self, launches: Sequence[Any]) -> None:
         """Integrate by some of the launches, or by what stands in the place of them, in order."""
+        if self._followed:
+            self._launch([self._launches[0], *self._launches[1:-1:3]])
+            self._followed.write()
         for group in self.groups:
             group.backbones.stop = self.stop
         self._launch(launches)
@@ -476,6 +365,50 @@ class NetworkProblem(BoundaryProblem):
     def sensed(self, made: NetworkSensing, names: Sequence[str], rod: int) -> tuple[FloatArray, FloatArray]:  # noqa: D102
         return made.curvature(names, rod)
 
+    # ---- columns ----
+
+    def columns_of(self, names: Sequence[str]) -> list[Columns]:
+        """Where columns by inputs and parameters stand among the directions."""
+        return columns_of(self.graph, {name: place.stop - place.start for name, place in self._slices.items()}, names)
+
+    def aim_of(self, names: Sequence[str]) -> Aim:
+        """What ``aim(*names)`` points along; made once."""
+        key = tuple(names)
+        if key not in self._aims:
+            self._aims[key] = Aim(self, key)
+        return self._aims[key]
+
+    def aim(self, *names: str) -> None:
+        """As said; what depends on inputs and unknowns is found at each integration."""
+        aim = self.aim_of(names)
+        self._followed = aim if aim.follows else None
+        if not aim.follows:
+            aim.write()
+
+    def aimed(self, *names: str) -> tuple[FloatArray, FloatArray]:
+        """As said; by parameters too, the unknowns fixed."""
+        slopes, moved = super().aimed(*names)
+        return self.aim_of(names).found(slopes, moved, self.read("position"))
+
+    def part_ends(self, names: Sequence[str]) -> FloatArray:  # noqa: D102
+        furthest = super().part_ends(names)
+        if not move_ends(names):
+            return furthest
+        inputs, start = self.read("inputs"), self.input_slice("translation").start
+        for arrays, rod in zip(self.graph.arrays, self.graph.slides.owner.tolist(), strict=True):
+            own = slice(*(start + self.graph.first_tube[rod : rod + 2]))
+            back = ways_back(arrays, inputs[:, own])
+            inputs[:, own] -= back
+            furthest = np.maximum(furthest, 2 * back[:, -1])
+        if furthest.any():
+            self.write("inputs", inputs)
+        return furthest
+
+    def ground(self) -> tuple[FloatArray, FloatArray]:
+        """Position [m] and rotation of the ground in the world, shapes (instance_count, 3), (instance_count, 3, 3)."""
+        base = np.broadcast_to(self.graph.base, (*self.batch_shape, 4, 4)).reshape(-1, 4, 4)
+        return base[:, :3, 3], base[:, :3, :3]
+
     # ---- bodies ----
 
     def frames(self) -> Frames:
@@ -496,9 +429,15 @@ class NetworkProblem(BoundaryProblem):
         return np.asarray(np.concatenate([move, turn], axis=-1).reshape(self.instance_count, -1))
 
     def body_poses(self) -> tuple[FloatArray, FloatArray]:
-        """Position (instance_count, body, 3) and rotation (instance_count, body, 3, 3) at ``unknowns``."""
+        """Position (instance_count, body, 3) and rotation (instance_count, body, 3, 3) at ``unknowns``: of the bodies that move,
+        then of those that are fixed."""
         frames = self.frames()
         return frames.position[:, 1:], frames.rotation[:, 1:]
+
+    def fixed_poses(self) -> tuple[FloatArray, FloatArray]:
+        """(34) Position (instance_count, body, 3) and rotation (instance_count, body, 3, 3) of the bodies that are fixed."""
+        frames, first = self.frames(), 1 + self.body_count
+        return frames.position[:, first:], frames.rotation[:, first:]
 
     # ---- where the search begins ----
 
@@ -540,22 +479,7 @@ class NetworkProblem(BoundaryProblem):
         """The network taken apart at the present inputs; found once for all who ask."""
         inputs = self.read("inputs")[:, : self.input_slice(LOADED[0]).start]
         if self._found is None or not np.array_equal(self._found.inputs, inputs):
-            with self.unloaded(), np.errstate(all="ignore"):
-                x = np.zeros((self.instance_count, self.unknown_count))
-                for group in self.groups:
-                    own = group.backbones.guess().reshape(self.instance_count, len(group.members), -1)
-                    x[:, self.places[group.members][:, : own.shape[2]]] = own
-                for at, end in zip(self.layout.angles_at, self.graph.ends, strict=True):
-                    self._set_angles(x, at, np.broadcast_to(end.table.rest, (self.instance_count, *end.table.rest.shape)))
-                self.write("unknowns", x)
-                self.soft[:] = 1.0
-                self.integrate()
-                self._place(x)
-                self.write("unknowns", x)
-                self._assemble()
-                gamma, (base, tip) = np.array(self.numbers()), self.state().ends
-                turned = self.attachments[1][1] @ np.swapaxes(tip.frame, -1, -2) @ base.rotation
-                self._found = Apart(inputs, x, self.read("residual"), gamma, turned)
+            self._found = taken_apart(self, inputs)
         return self._found
 
     def state(self) -> State:
@@ -585,27 +509,6 @@ class NetworkProblem(BoundaryProblem):
         holds their tip they are bent too."""
         members = [(group.backbones, group.members.tolist()) for group in self.groups]
         return twisted(members, x, numbers, lambda rod: self.places[rod], self.graph.free.tolist())
-
-    def _set_angles(self, x: FloatArray, at: slice, angles: FloatArray) -> None:
-        """Angles (instance_count, rod, 3) as unknowns."""
-        places = self.places[:, at]
-        rods, which = np.nonzero(places >= 0)
-        x[:, places[rods, which]] = angles[:, rods, which] / self.length[:, rods]
-
-    def _place(self, x: FloatArray) -> None:
-        """(13) Bodies by the rods as they were integrated, and the angles of joints at tips by both."""
-        shape = (self.instance_count, self.rod_count)
-        tip, turn = np.zeros((*shape, 3)), np.zeros((*shape, 3, 3))
-        for group in self.groups:
-            tip[:, group.members], turn[:, group.members] = group.tips()
-        driven = self.read("inputs")[:, self.input_slice("angle")] if self.graph.driven else None
-        placing = self.graph.placing(self.instance_count, self.batch_shape, driven)
-        position, rotation = placed(placing, tip, turn)
-        x[:, self.first_pose :] = self.pose_unknowns(position[:, 1:], rotation[:, 1:])
-        self.write("unknowns", x)
-        base, end = self.state().ends
-        turned = np.swapaxes(end.frame, -1, -2) @ base.rotation @ turn
-        self._set_angles(x, self.layout.angles_at[1], self.graph.ends[1].table.fitted(turned))
 
     @contextmanager
     def unloaded(self) -> Iterator[None]:
@@ -646,50 +549,3 @@ class NetworkProblem(BoundaryProblem):
             gap = self.apart().residual[:, self.places[held, :6]] * L[:, : self.rod_count][:, held, None]
             total += (GAP_LOAD * np.linalg.norm(gap[..., :3], axis=2) + np.linalg.norm(gap[..., 3:], axis=2)).max(axis=1)
         return np.asarray(total)
-
-
-PER_ROD = ("rotation", "translation")
-LOADED = ("force", "moment")  # of bodies and tips
-FOLLOWING = ("follower_force", "follower_moment")  # of the same, in their frames
-
-
-def input_places(rod_count: int, load_places: int, rods_given: int, angles: int, drives: Sequence[str] = ()) -> dict[str, slice]:
-    """Where each input stands in a row; those before ``LOADED`` are no loads, and what drives lines, ``drives``, is last."""
-    sizes = {name: rod_count for name in PER_ROD} | ({"angle": angles} if angles else {})
-    sizes |= {name: 3 * load_places for name in (*LOADED, *FOLLOWING)}
-    sizes |= dict.fromkeys(ON_RODS, 3 * rods_given) | dict.fromkeys(ALONG, 3)
-    ends = np.cumsum([0, *sizes.values()]).tolist()
-    return {name: slice(ends[k], ends[k + 1]) for k, name in enumerate(sizes)} | drive_slices(drives, ends[-1])
-
-
-def _blocks(graph: Graph, places: NDArray[np.intp], first: int, n: int) -> list[Block]:
-    """One block a rod, then one of all bodies and of the holes through which rods slide.
-
-    A straight inextensible rod does not answer a force along itself: where its tip is held, that force and the gap along the base
-    stand with the bodies, and what is left of each rod is regular by itself.
-    """
-    blocks: list[Block] = []
-    forces: list[int] = []
-    gaps: list[int] = []
-    held, slides = graph.ends[1].held, graph.slides
-    turns: list[int] = []  # of holes: they belong to two pieces
-    for k, name in enumerate(graph.names):
-        own = places[k][: graph.layout.poses_at[0].start].copy()
-        if slides.shared[k]:
-            own[graph.layout.angles_at[0]] = -1
-        if slides.upper[k] >= 0:
-            turns += [place for place in own[graph.layout.angles_at[1]].tolist() if place >= 0]
-            own[graph.layout.angles_at[1]] = -1
-        own = own[own >= 0]
-        force, gap = int(places[k, graph.along[k]]), int(places[k, GAP_AT.stop - 1])
-        rod = int(slides.owner[k])
-        if held[k] and first < n:
-            blocks.append(Block(name, own[own != force], own[own != gap], rod))
-            forces, gaps = [*forces, force], [*gaps, gap]
-        else:
-            blocks.append(Block(name, own, own, rod))
-    if first < n:
-        rest = [*turns, *range(first, n)]
-        unknowns, residuals = (np.array([*along, *rest], dtype=np.intp) for along in (forces, gaps))
-        blocks.append(Block("bodies", unknowns, residuals))
-    return blocks

@@ -262,13 +262,13 @@ class _Numbers:
                     section if j not in (-1, at) else CHANGES[name](section, k, float(number))
                     for at, section in enumerate(rods[i].sections)
                 )
-        result = self.begin.with_rods(rods) if set(self.groups) - {"base"} else copy(self.begin)
+        result = self.begin.with_rods(rods) if set(self.groups) - {"base"} else self.begin
         if "base" in self.groups:
             moved = p[self.places["base"]]
             base = np.array(self.begin.base)  # type: ignore[attr-defined]
             base[:3, 3] += moved[:3]
             base[:3, :3] = matrices(moved[None, 3:])[0] @ base[:3, :3]
-            result.base = frozen(base)  # type: ignore[attr-defined]
+            result = result.with_base(base)
         return result
 
     def columns(self, robot: Assembly, p: FloatArray) -> FloatArray:
@@ -358,7 +358,7 @@ class _Shapes(AlongTask):
         with self.problem.alone:
             self.problem.write("unknowns", unknowns)
             self.problem.aim(*self.free)
-            self.problem.integrate()
+            self.integrate()
             return self.last()
 
 

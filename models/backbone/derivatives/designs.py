@@ -18,6 +18,7 @@ from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
     from multirod.models.backbone.problem import BackboneProblem
+    from multirod.models.network.problem import NetworkProblem
     from multirod.models.platform.problem import ParallelProblem
     from multirod.rod import Rod
 
@@ -59,7 +60,7 @@ def carried(lever: FloatArray) -> FloatArray:
     return result
 
 
-def turned_loads(problem: "BackboneProblem | ParallelProblem", loads: Sequence[str]) -> FloatArray:
+def turned_loads(problem: "BackboneProblem | ParallelProblem | NetworkProblem", loads: Sequence[str]) -> FloatArray:
     """(D10) Directions by the pose of the base: ``loads``, that are fixed in the world, turn the other way, seen from it.
 
     Shape (instance_count, 6, input_count).
@@ -69,7 +70,9 @@ def turned_loads(problem: "BackboneProblem | ParallelProblem", loads: Sequence[s
     inputs = problem.read("inputs")
     rows = np.zeros((problem.instance_count, POSE, problem.directions.shape[2]))
     for place in map(problem.input_slice, loads):
-        rows[:, 3:, place] = np.swapaxes(cross_matrix(inputs[:, place]), 1, 2)
+        for first in range(place.start, place.stop, 3):  # of a network, one for each place
+            own = slice(first, first + 3)
+            rows[:, 3:, own] = np.swapaxes(cross_matrix(inputs[:, own]), 1, 2)
     return rows
 
 

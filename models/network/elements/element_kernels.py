@@ -76,10 +76,11 @@ class Change:
     base_m: wp.vec3d
     beta: wp.vec3d  # (5) turn of the base, in its axes
     base_move: wp.vec3d  # in the world
-    base_turn: wp.vec3d  # of the body there
+    base_arm: wp.vec3d  # of its arm from the body
     base_angle: wp.vec3d
     tip_move: wp.vec3d
-    tip_turn: wp.vec3d
+    tip_turn: wp.vec3d  # of what holds it there
+    tip_arm: wp.vec3d
     tip_angle: wp.vec3d
     given_force: wp.vec3d
     given_moment: wp.vec3d
@@ -158,12 +159,12 @@ def write_column(net: wp.ref[Networks], own: wp.ref[Element], change: wp.ref[Cha
         force = -(frame * own.base_force)
         push = -(frame * (change.base_n + wp.cross(beta, own.base_force)))
         twist = -(frame * (change.base_m + wp.cross(beta, own.base_moment))) + wp.cross(own.base.arm, push)
-        twist += wp.cross(force, wp.cross(own.base.arm, change.base_turn))
+        twist += wp.cross(change.base_arm, force)
         write_balance(net, b, rod, holder, poses, k, push, twist)
     holder = net.holder[1, rod]
     if holder > 0:
         twist = by_moment + wp.cross(own.tip.arm, by_force)
-        twist += wp.cross(frame * own.force, wp.cross(own.tip.arm, change.tip_turn))
+        twist += wp.cross(change.tip_arm, frame * own.force)
         write_balance(net, b, rod, holder, poses + wp.static(POSE), k, by_force, twist)
     more = net.size
     write(net.element, b, rod, more + wp.static(TIP_TURN_AT), k, turn)
@@ -254,6 +255,41 @@ def integrated(group: wp.ref[RodGroup], t: int, change: wp.ref[Change], index: i
             change.phi += beta[j] * column(group.pose_columns, t, 3, k)
             change.n += beta[j] * column(group.wrench_columns, t, 0, k)
             change.m += beta[j] * column(group.wrench_columns, t, 3, k)
+
+
+@wp.func(inline=False)
+def move_ends(net: wp.ref[Networks], own: wp.ref[Element], change: wp.ref[Change], d: int) -> wp.vec3d:
+    """(34), (35) Where what holds the ends is moved along a direction; returns how it turns the base, in the world."""
+    result = nothing()
+    for e in range(2):
+        at = net.frame[e, own.rod]
+        if at >= 0:
+            move = nothing()
+            turn = nothing()
+            arm = nothing()
+            k = at - net.body_count - 1
+            if k >= 0:
+                turn = net.body_turns[own.b, at] * along(net, own.b, d, net.fixed_at + 3 * (net.fixed_count + k))
+                move = along(net, own.b, d, net.fixed_at + 3 * k)
+                move += wp.cross(turn, wp.where(e == 0, own.base.arm, own.tip.arm))
+            i = net.moved[d] - wp.static(POSE) * e
+            axes = net.body_rotation[own.b, at]
+            if at == 0:
+                axes = net.ground_rotation[own.b]
+            if i >= 0 and i < 3:
+                arm = column_of(axes, i)
+                move += arm
+            elif i >= 3 and i < wp.static(POSE):
+                turn += column_of(axes, i - 3)
+            if e == 0:
+                change.base_move = move
+                change.base_arm = arm
+                result = turn
+            else:
+                change.tip_move = move
+                change.tip_turn = turn
+                change.tip_arm = arm
+    return result
 
 
 @wp.func(inline=False)
@@ -400,19 +436,22 @@ def form(net: Networks, group: RodGroup):
             if there != 0:
                 move = nothing()
                 turn = nothing()
+                arm = nothing()
                 if i < 3:
                     scale = net.length[b, net.rod_count + holder - 1]
                     move = (scale * scale) * column_of(net.reference_rotation[b, holder - 1], i)
                 else:
                     turn = column_of(net.body_turns[b, holder], i - 3)
-                    move = wp.cross(turn, wp.where(e == 0, own.base.arm, own.tip.arm))
+                    arm = wp.cross(turn, wp.where(e == 0, own.base.arm, own.tip.arm))
+                    move = arm
                 if e == 0:
                     change.base_move = move
-                    change.base_turn = turn
+                    change.base_arm = arm
                     beta = own.back * turn
                 else:
                     change.tip_move = move
                     change.tip_turn = turn
+                    change.tip_arm = arm
         elif d < 0:
             there = 0  # holes: from the column by the length
         elif d < net.direction_count:
@@ -423,6 +462,8 @@ def form(net: Networks, group: RodGroup):
                 if net.driven[1, rod, i] >= 0:
                     change.tip_angle[i] = net.directions[b, d, net.driven[1, rod, i]]
             beta = own.back * (own.base.frame * (own.base.turns * change.base_angle))
+            if net.fixed_count > 0 or net.moved[d] >= 0:
+                beta += own.back * move_ends(net, own, change, d)
             if own.free != 0:
                 change.given_force = along(net, b, d, net.force_at + 3 * place)
                 change.given_moment = along(net, b, d, net.moment_at + 3 * place)

@@ -67,19 +67,24 @@ class Layout:
 
 @dataclass(frozen=True)
 class Frames:
-    """(4) Poses of the ground and the bodies, axes (instance, frame, ...).
+    """(4), (34) Poses of the ground and the bodies, those that are fixed after those that move, axes (instance, frame, ...).
 
     Attributes:
         position: [m], shape (..., 3).
         rotation: Shape (..., 3, 3).
-        turns: Rotation vectors by the three unknowns of rotation, in the world, as columns, shape (..., 3, 3).
-        axes: Along which the balance of each body is told, as columns, bodies alone, shape (instance, body, 3, 3).
+        turns: Rotation vectors by the three unknowns of rotation, or inputs, in the world, as columns, shape (..., 3, 3).
+        axes: Along which the balance of each body that moves is told, as columns, shape (instance, body, 3, 3).
     """
 
     position: FloatArray
     rotation: FloatArray
     turns: FloatArray
     axes: FloatArray
+
+    @property
+    def moving(self) -> slice:
+        """The bodies that move."""
+        return slice(1, 1 + self.axes.shape[1])
 
 
 class Holding:

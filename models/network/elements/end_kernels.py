@@ -43,7 +43,6 @@ class End:
     frame: wp.mat33d  # of the pose on the body
     position: wp.vec3d
     rotation: wp.mat33d  # of the end
-    body_turns: wp.mat33d
     angle: wp.vec3d
     joint: wp.mat33d  # E, in the pose
     turns: wp.mat33d  # G
@@ -57,16 +56,15 @@ class End:
 def end_at(net: wp.ref[Networks], b: int, rod: int, e: int) -> End:
     """An end of a rod, that something holds."""
     end = End()
-    holder = net.holder[e, rod]
-    R = net.body_rotation[b, holder]
+    at = net.frame[e, rod]
+    R = net.body_rotation[b, at]
     arm = net.attachment_position[b, e, rod]
     if e == 1:  # (29)
         arm += (f64(1.0) - net.load_factor[b]) * net.shift[b, rod]
     end.arm = R * arm
     end.frame = R * net.attachment_rotation[b, e, rod]
-    end.position = net.body_position[b, holder] + end.arm
+    end.position = net.body_position[b, at] + end.arm
     end.rotation = end.frame
-    end.body_turns = net.body_turns[b, holder]
     end.joint = wp.identity(3, dtype=f64)
     end.count = net.count[e, rod]
     if end.count > 0:

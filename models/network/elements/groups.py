@@ -40,6 +40,7 @@ class RodGroup:
         graph: The network.
         members: Which of its rods.
         batch_shape: Of the instances.
+        moving: Whose bases turn, shape (rod_count,).
         direction_count: Directions of inputs.
         first_drive: Where what drives lines begins among the inputs.
         options: Of ``BackboneProblem``.
@@ -56,13 +57,14 @@ class RodGroup:
         graph: Graph,
         members: Sequence[int],
         batch_shape: tuple[int, ...],
+        moving: NDArray[np.bool_],
         direction_count: int,
         first_drive: int,
         options: dict[str, Any],
         pieces: int = 1,
     ) -> None:
         self.members: NDArray[np.intp] = np.array(members)
-        self.turns = bool(options["enabled"]) and bool(_moving(graph)[self.members].any())
+        self.turns = bool(options["enabled"]) and bool(moving[self.members].any())
         self.slides = bool(graph.slides.cut[self.members].any())
         arrays = stack([graph.arrays[k].repeated(batch_shape) for k in members], batch_shape)
         first = graph.rods[members[0]]
@@ -126,13 +128,22 @@ class RodGroup:
         size = len(self.members)
         self.backbones._pass_over(None if rows is None else (rows[:, None] * size + np.arange(size)).reshape(-1))
 
+    def end_moments(self, end: int) -> FloatArray:
+        """Moment in each rod at its base (0) or its tip (1), in the axes of the section there [N m], shape (rod of all instances,
+        3), integrated."""
+        own = self.backbones
+        if end == 0:
+            moment_by, rest = self.table.moment_by.numpy(), self.table.moment_rest.numpy()
+            return np.asarray(np.einsum("tij,tj->ti", moment_by, own.read("unknowns")) - rest)
+        return np.asarray(np.einsum("tji,tj->ti", own.read("rotation").reshape(-1, 3, 3), own.tip_wrench.numpy()[:, 3:]))
+
     def tips(self) -> tuple[FloatArray, FloatArray]:
         """Position (instance, rod, 3) and rotation (instance, rod, 3, 3) of the tips in the frames of the bases, integrated."""
         own, size = self.backbones, len(self.members)
         return own.read("position").reshape(-1, size, 3), own.read("rotation").reshape(-1, size, 3, 3)
 
 
-def builds(graph: Graph, loaded: bool, lanes: int) -> list[list[int]]:
+def builds(graph: Graph, moving: NDArray[np.bool_] | None, lanes: int) -> list[list[int]]:
     """Rods by their build, what one kernel integrates, and by how many pieces they are cut into.
 
     Where something acts along rods, those whose bases turn have columns more, and are launched by themselves if that takes less
@@ -140,16 +151,15 @@ def builds(graph: Graph, loaded: bool, lanes: int) -> list[list[int]]:
 
     Args:
         graph: The network.
-        loaded: Whether anything acts along rods.
+        moving: Whose bases turn, shape (rod_count,); None where nothing acts along rods.
         lanes: Of a launch.
     """
     found: dict[Any, list[int]] = {}
     for k, (rod, arrays) in enumerate(zip(graph.rods, graph.arrays, strict=True)):
         key = (rod.rod_count, rod.transmission, arrays.members, arrays.member_rods, int(graph.slides.pieces[k]))
         found.setdefault(key, []).append(k)
-    if not loaded:
+    if moving is None:
         return list(found.values())
-    moving = _moving(graph)
     result = []
     for members in found.values():
         still, turned = ([k for k in members if moving[k] == which] for which in (False, True))
@@ -158,9 +168,3 @@ def builds(graph: Graph, loaded: bool, lanes: int) -> list[list[int]]:
         split = still and turned and apart < cost_of(len(members), columns + TURNING, lanes)
         result += [still, turned] if split else [members]
     return result
-
-
-def _moving(graph: Graph) -> NDArray[np.bool_]:
-    """Whose bases turn, on bodies or in joints, shape (rod,)."""
-    base = graph.ends[0]
-    return np.asarray((base.frame != 0) | (base.table.count > 0))

@@ -60,8 +60,12 @@ class Networks:
     along_at: int
     rod_at: int  # ON_RODS, of each rod as given
     rods_given: int
+    fixed_at: int  # how bodies that are held are moved, then how they are turned
+    fixed_count: int
+    moved: wp.array[int]  # (direction,): along and about which axis the poses of joints at bases, then tips change; -1 of others
     # rods; arrays with two ends say of bases, then of tips
-    holder: wp.array2d[int]  # (end, rod): 0 the ground, from 1 on a body, -1 nothing
+    holder: wp.array2d[int]  # (end, rod): 0 what does not give way, from 1 on a body, -1 nothing
+    frame: wp.array2d[int]  # (end, rod): the same, but of bodies that are held where these stand, after the others
     attachment_position: wp.array3d[wp.vec3d]  # (instance, end, rod), frame of what holds it
     attachment_rotation: wp.array3d[wp.mat33d]
     count: wp.array2d[int]  # (end, rod): coordinates of the joint
@@ -87,13 +91,16 @@ class Networks:
     reference_rotation: wp.array2d[wp.mat33d]
     mass: wp.array[wp.float64]
     mass_centre: wp.array[wp.vec3d]
+    ground_rotation: wp.array[wp.mat33d]
+    fixed_position: wp.array2d[wp.vec3d]  # (instance, body that is held): before it is moved
+    fixed_rotation: wp.array2d[wp.mat33d]
     pulled_out: wp.array[int]  # (instance,): whether a rod was pulled out of a hole since this was 0
     # of the path from the network taken apart
     opening: wp.array2d[wp.float64]
     soft: wp.array[wp.float64]
     shift: wp.array2d[wp.vec3d]  # (instance, rod), (29) of where tips are held, in the frames of the bodies [m]
     loading: wp.array[int]
-    # where bodies are, after the ground, and what acts on them
+    # where bodies are, after the ground, then those that are held, and what acts on them
     body_position: wp.array2d[wp.vec3d]
     body_rotation: wp.array2d[wp.mat33d]
     body_turns: wp.array2d[wp.mat33d]  # rotation vectors by the unknowns of rotation, in the world

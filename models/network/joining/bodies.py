@@ -2,6 +2,8 @@
 
 from typing import Any
 
+import numpy as np
+
 from multirod import plausibility
 from multirod.assembly import pose as checked_pose
 from multirod.types import Numbers
@@ -28,11 +30,13 @@ class Body:
         mass: [kg]; gravity acts on it at ``mass_centre``.
         mass_centre: In the frame of the body [m], shape (3,); only with a ``mass``.
         pose: About where it is, in the frame of the ground, shape (4, 4): where the search begins. By default it follows from the
-            rods at rest.
+            rods at rest. Of a fixed body it is where that is, and must be given.
+        fixed: Whether it stays there, but for what the inputs ``fixed_position`` and ``fixed_rotation`` move it by: what a hand or
+            a second robot holds. It has no mass, and no loads act on it.
 
     Raises:
         ValueError: If the name is empty or ``"ground"``, a number is out of range, the pose is none, or there is a
-            ``mass_centre`` without a mass.
+            ``mass_centre`` without a mass; if a fixed body has no pose, or a mass.
     """
 
     def __init__(
@@ -42,17 +46,26 @@ class Body:
         mass: float = 0.0,
         mass_centre: Numbers = (0.0, 0.0, 0.0),
         pose: Numbers | None = None,
+        fixed: bool = False,
     ) -> None:
         self.name = name_of("Body.name", name)
+        if not isinstance(fixed, (bool, np.bool_)):
+            raise TypeError(f"Body.fixed = {fixed!r} is not allowed: must be True or False")
+        self.fixed = bool(fixed)
         self.mass = nonnegative_float("Body.mass", mass)
         plausibility.of_body(self.name, self.mass)
         self.mass_centre = vector("Body.mass_centre", mass_centre)
         if self.mass_centre.any() and not self.mass:
             refuse("Body.mass_centre", mass_centre, "must not be given without a mass: where nothing weighs it does nothing")
         self.pose = None if pose is None else one_pose("Body.pose", pose)
+        if self.fixed and pose is None:
+            refuse("Body.pose", None, "must be given of a fixed body: it stands there")
+        if self.fixed and self.mass:
+            refuse("Body.mass", mass, "must be 0 of a fixed body: its weight does nothing")
 
     def __repr__(self) -> str:
-        return f"Body({self.name!r}, mass={self.mass:g})" if self.mass else f"Body({self.name!r})"
+        more = f", mass={self.mass:g}" * bool(self.mass) + ", fixed" * self.fixed
+        return f"Body({self.name!r}{more})"
 
 
 def name_of(field: str, value: Any) -> str:

@@ -91,8 +91,13 @@ class Slides:
 
     def joint(self, piece: int, end: str, given: Joint | None) -> Joint | None:
         """What holds an end of a piece: a hole, or what is ``given`` for that end of its rod."""
+        source = self.source(piece, end, given)
+        return source if source is given or source is None else source.around(end)
+
+    def source(self, piece: int, end: str, given: Joint | None) -> Joint | None:
+        """The joint there as it was given."""
         hole = (self.lower if end == "base" else self.upper)[piece]
-        return given if hole == NONE else self.holes[hole].around(end)
+        return given if hole == NONE else self.holes[hole]
 
     @property
     def shared(self) -> NDArray[np.bool_]:

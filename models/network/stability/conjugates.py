@@ -188,7 +188,7 @@ class NetworkConjugates(Conjugates):
         below = np.flatnonzero(graph.slides.upper >= 0)
         holes = problem.first_hole + graph.slides.upper[below]
         result[:, holes, holes] = -(L[:, below] ** 2)
-        turned = np.swapaxes(state.frames.axes, -1, -2) @ state.frames.turns[:, 1:]
+        turned = np.swapaxes(state.frames.axes, -1, -2) @ state.frames.turns[:, state.frames.moving]
         for body in range(problem.body_count):
             rows = problem.first_pose + POSE * body + np.arange(POSE)
             result[:, rows[:3], rows[:3]] = L[:, problem.rod_count + body, None] ** 2

@@ -262,7 +262,7 @@ class NetworkStability(StabilityAnalysis):
         columns[:, poses[:, :3]] = 1 / length**2
         unit, mean = self._units()
         rows, columns = rows * unit * mean[:, None], columns * unit
-        turns = np.swapaxes(state.frames.axes, -1, -2) @ state.frames.turns[:, 1:]
+        turns = np.swapaxes(state.frames.axes, -1, -2) @ state.frames.turns[:, state.frames.moving]
         turns = np.linalg.inv(turns) * unit[:, poses[:, 3:]][..., None, :] / unit[:, poses[:, 3:]][..., :, None]
         # torques of a ball are told about fixed axes: about those of its coordinates they are the derivatives
         balls, blocks = [np.zeros((0, 3), dtype=np.intp)], [np.zeros((count, 0, 3, 3))]
@@ -328,9 +328,10 @@ class NetworkStability(StabilityAnalysis):
         total -= (carried * moved).sum(axis=(1, 2))
         force, weight = problem.forces(state)
         for frames, sense in ((state.frames, 1.0), (zero.frames, -1.0)):
-            centre = frames.position[:, 1:] + np.einsum("bkij,kj->bki", frames.rotation[:, 1:], graph.mass_centre)
+            position, rotation = frames.position[:, frames.moving], frames.rotation[:, frames.moving]
+            centre = position + np.einsum("bkij,kj->bki", rotation, graph.mass_centre)
             total -= sense * (weight * centre).sum(axis=(1, 2))
-            total -= sense * (force[:, : problem.body_count] * frames.position[:, 1:]).sum(axis=(1, 2))
+            total -= sense * (force[:, : problem.body_count] * position).sum(axis=(1, 2))
         tips = tip_position[:, graph.free] - zero.ends[0].position[:, graph.free]
         total -= (force[:, problem.body_count :] * tips).sum(axis=(1, 2))
         return np.where(self.has_potential, total, np.nan)

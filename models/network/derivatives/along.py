@@ -6,7 +6,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multirod.models.backbone.derivatives.along import AlongPass, along_member, of_member
+from multirod.models.backbone.derivatives.designs import POSE, carried
+from multirod.models.network.derivatives.designs import Aim, by_numbers
 from multirod.models.network.elements.elements import TURNING
+from multirod.models.network.places import FIXED
 from multirod.rotations import cross
 from multirod.validation import FloatArray
 
@@ -36,24 +39,41 @@ def columns_along(problem: "NetworkProblem", names: Sequence[str], rod: int, pla
     group, place, tube = find_rod(problem, rod)
     problem.hand_over()
     found, lever = along_member(group.backbones, tube, place, places)
-    base, move, turn = base_columns(problem, names, int(group.members[place]))
+    aim, member = problem.aim_of(names), int(group.members[place])
+    base, move, turn = base_columns(problem, aim, member)
     beta = np.swapaxes(base, 1, 2) @ turn
-    result = {name: by_network(problem, group, place, values, beta) for name, values in found.items()}
+    result = {name: by_network(problem, aim, group, place, values, beta) for name, values in found.items()}
     for name in ("position", "rotation"):
         result[name] = base[:, None] @ result[name]
     arm = (base[:, None] @ lever[..., None])[..., 0]
     result["rotation"] += turn[:, None]
     result["position"] += move[:, None] + np.swapaxes(cross(np.swapaxes(turn, 1, 2)[:, None], arm[:, :, None]), 2, 3)
+    arm += (problem.state().ends[0].position[:, member] - problem.ground()[0])[:, None]
+    rigid = carried(arm.reshape(-1, 3)).reshape(*arm.shape[:2], 2, 3, POSE)
+    for own in aim.numbers_of("base"):  # (D10)
+        for k, name in enumerate(("position", "rotation")):
+            result[name][..., problem.unknown_count + own.start : problem.unknown_count + own.stop] += rigid[:, :, k]
+    for values in result.values():
+        at_rates(problem, aim, values)
     return result
 
 
-def base_columns(problem: "NetworkProblem", names: Sequence[str], rod: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(1), (4), (5) of ``docs/networks.md``: the frame of a rod's base, (instance_count, 3, 3), and how it moves and turns, in
-    the world, by the unknowns, then by each number that is named, each of shape (instance_count, 3, n + k)."""
+def at_rates(problem: "NetworkProblem", aim: Aim, values: FloatArray) -> None:
+    """(D9) In place: columns (..., 3, n + k) by numbers at fixed unknowns, not at what the unknowns stand for."""
+    if aim.is_parameter and not problem.eliminates:
+        n = problem.unknown_count
+        values[..., n:] -= values[..., :n] @ aim.unknown_rates()[:, None]
+
+
+def base_columns(problem: "NetworkProblem", aim: Aim, rod: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(1), (4), (5), (34), (35) of ``docs/networks.md``: the frame of a rod's base, (instance_count, 3, 3), and how it moves and
+    turns, in the world, by the unknowns, then by each number that is named, each of shape (instance_count, 3, n + k)."""
     n, layout, state = problem.unknown_count, problem.layout, problem.state()
-    graph, end = problem.graph, state.ends[0]
-    directions = np.concatenate([problem.directions_by(name) for name in names], axis=1)
-    move, turn = np.zeros((2, problem.instance_count, 3, n + len(directions[0])))
+    graph, end, frames = problem.graph, state.ends[0], state.frames
+    directions = np.array(problem.buffer("directions"))
+    size = sum(columns.numbers for columns in aim.every)
+    move, turn = np.zeros((2, problem.instance_count, 3, n + size))
+    along_move, along_turn = np.zeros((2, problem.instance_count, 3, directions.shape[1]))
     by_angles = end.frame[:, rod] @ end.joints.turns[:, rod]
     at = problem.places[rod, layout.angles_at[0]]
     for j in np.flatnonzero(at >= 0).tolist():
@@ -61,28 +81,41 @@ def base_columns(problem: "NetworkProblem", names: Sequence[str], rod: int) -> t
     if (graph.driven_at[0][rod] >= 0).any():  # (24) there
         first = problem.input_slice("angle").start
         for j in np.flatnonzero(graph.driven_at[0][rod] >= 0).tolist():
-            rate = directions[..., first + graph.driven_at[0][rod, j]]
-            turn[..., n:] += by_angles[..., j, None] * rate[:, None]
-    holder = int(graph.ends[0].frame[rod])
+            along_turn += by_angles[..., j, None] * directions[..., first + graph.driven_at[0][rod, j]][:, None]
+    holder, stand = int(graph.ends[0].frame[rod]), int(graph.ends[0].stand[rod])
+    arm = end.position[:, rod] - frames.position[:, stand]
     if holder:
-        pose, frames, body = problem.places[rod, layout.poses_at[0]], state.frames, holder - 1
-        size = problem.length[:, problem.rod_count + body, None, None]
+        pose, body = problem.places[rod, layout.poses_at[0]], holder - 1
+        length = problem.length[:, problem.rod_count + body, None, None]
         turns = frames.turns[:, holder]
-        arm = end.position[:, rod] - frames.position[:, holder]
-        move[..., pose[:3]] = size**2 * frames.axes[:, body]
+        move[..., pose[:3]] = length**2 * frames.axes[:, body]
         move[..., pose[3:]] = np.swapaxes(cross(np.swapaxes(turns, 1, 2), arm[:, None]), 1, 2)
         turn[..., pose[3:]] = turns
+    elif stand:
+        k = stand - problem.body_count - 1
+        moved, turned = (directions[..., problem.input_slice(name)][..., 3 * k : 3 * k + 3] for name in FIXED)
+        turned = turned @ np.swapaxes(frames.turns[:, stand], 1, 2)
+        along_turn += np.swapaxes(turned, 1, 2)
+        along_move += np.swapaxes(moved + cross(turned, np.broadcast_to(arm[:, None], turned.shape)), 1, 2)
+    axes = frames.rotation[:, stand] if stand else problem.ground()[1]
+    for columns in aim.every:
+        if columns.name == "joint_pose":
+            along_move[..., columns.start : columns.start + 3] += axes
+            along_turn[..., columns.start + 3 : columns.start + POSE] += axes
+    move[..., n:], turn[..., n:] = (by_numbers(aim.every, rod, values) for values in (along_move, along_turn))
     return end.rotation[:, rod], move, turn
 
 
-def by_network(problem: "NetworkProblem", group: "RodGroup", place: int, found: FloatArray, beta: FloatArray) -> FloatArray:
-    """(D21) Columns of a rod in its base, (instance_count, ..., m + turns + k), as columns (..., n + k) by the unknowns of the
+def by_network(
+    problem: "NetworkProblem", aim: Aim, group: "RodGroup", place: int, found: FloatArray, beta: FloatArray
+) -> FloatArray:
+    """(D21) Columns of a rod in its base, (instance_count, ..., m + turns + d), as columns (..., n + k) by the unknowns of the
     network, then by each number that is named; ``beta`` is how the base turns, in its own axes."""
-    n, m, k = problem.unknown_count, group.backbones.unknown_count, beta.shape[2] - problem.unknown_count
+    n, m, rod = problem.unknown_count, group.backbones.unknown_count, int(group.members[place])
     turns = TURNING * group.turns
-    result = np.zeros((*found.shape[:-1], n + k))
-    result[..., problem.places[group.members[place], :m]] = found[..., :m]
-    result[..., n:] = found[..., m + turns : m + turns + k]
+    result = np.zeros((*found.shape[:-1], beta.shape[2]))
+    result[..., problem.places[rod, :m]] = found[..., :m]
+    result[..., n:] = by_numbers(aim.every, rod, found[..., m + turns : m + turns + problem.direction_count])
     if turns:
         result += found[..., m : m + turns] @ beta[:, None]
     return result
@@ -113,5 +146,8 @@ class NetworkSensing:
         group, place, tube = find_rod(problem, rod)
         found = self._passes[problem.groups.index(group)].curvature(tube)
         curvature, columns = (of_member(values, problem.instance_count, place) for values in found)
-        base, _, turn = base_columns(problem, names, int(group.members[place]))
-        return curvature, by_network(problem, group, place, columns, np.swapaxes(base, 1, 2) @ turn)
+        aim = problem.aim_of(names)
+        base, _, turn = base_columns(problem, aim, int(group.members[place]))
+        columns = by_network(problem, aim, group, place, columns, np.swapaxes(base, 1, 2) @ turn)
+        at_rates(problem, aim, columns)
+        return curvature, columns

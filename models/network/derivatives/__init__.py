@@ -1,0 +1,1 @@
+"""How a network varies with its inputs and with the numbers of its rods, joints and ground."""

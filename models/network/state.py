@@ -1,0 +1,44 @@
+"""Where bodies, joints and the ends of rods are. Numbers in parentheses are those of ``docs/networks.md``."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multirod.models.network.elements.elements import Holding
+from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.models.network.problem import NetworkProblem
+
+
+class State:
+    """Bodies and ends of rods of all instances at their unknowns and inputs, for what is asked once; axes (instance, rod, ...).
+
+    Attributes:
+        angles: Of the joints at bases, then at tips [rad], shape (instance, rod, 3).
+    """
+
+    def __init__(self, problem: "NetworkProblem") -> None:
+        own = problem
+        x = own.read("unknowns")
+        self.inputs = own.read("inputs")
+        self.level = own.level()
+        self.frames = own.frames()
+        length = own.length[:, : own.rod_count]
+        padded = np.concatenate([x, np.zeros((len(x), 1))], axis=1)
+        self.angles = [length[..., None] * padded[:, own.places[:, at]] for at in own.layout.angles_at]
+        if own.graph.driven:  # (24)
+            driven = own.graph.driven_angles(self.take(own, "angle"))
+            self.angles = [free + given for free, given in zip(self.angles, driven, strict=True)]
+        left = (1 - own.load_factor.numpy())[:, None, None]
+        arms = own.attachments[0][0], own.attachments[1][0] + left * own.shift  # (29)
+        self.ends = [
+            Holding(self.frames, end.stand, (arms[k], own.attachments[k][1]), end.table.at(self.angles[k]))
+            for k, end in enumerate(own.graph.ends)
+        ]
+
+    def take(self, problem: "NetworkProblem", name: str) -> FloatArray:
+        """An input, shape (instance, size)."""
+        return np.asarray(self.inputs[..., problem.input_slice(name)])
+
+
