@@ -114,3 +114,18 @@ def test_bad_input(wire, options, error, message):
     seen = mr.Pose(position=(0, 0, 0.4), rotation=np.eye(3), sigma=(1e-3, 1e-2))
     with pytest.raises(error, match=message):
         mr.calibrate(robot, **({"parameters": "precurvature", "measured": seen} | options))
+
+
+def test_a_stiffness_is_found_by_curvatures_of_several_shapes():
+    """Of a rod of two sections, by what another that is stiffer says along itself."""
+
+    def made(factor):
+        stiffness = {"bending_stiffness": 0.2 * factor, "torsional_stiffness": 0.06}
+        return mr.SingleRod(mr.Rod(sections=[mr.Section(length=0.2, **stiffness), mr.Section(length=0.1, **stiffness)]))
+
+    force = np.random.default_rng(1).normal(size=(5, 3))
+    real, robot = made(1.2), made(1.0)
+    shape = mr.solve(real, real.inputs(tip_force=force)).rod(0, nodes=301)
+    sensor = mr.Curvature(at=(0.1, 0.25), value=shape.curvature[:, [100, 250], :2], sigma=1e-2)
+    fit = mr.calibrate(robot, robot.inputs(tip_force=force), parameters="bending_stiffness", measured=sensor).raise_if_failed()
+    np.testing.assert_allclose(fit.value("bending_stiffness"), 1.2, rtol=1e-4)

@@ -6,9 +6,9 @@ from random_networks import draw, violation
 from test_network import EXACT, FORCE, GRAVITY, RK4, hexapod, parallel
 
 import multirod as mr
-from multirod.models.network.capabilities import NetworkJoints
 from multirod.models.network.elements import groups
 from multirod.models.network.elements.elements import Elements
+from multirod.models.network.starting import NetworkJoints
 from multirod.solvers.continuation.natural import natural_branch
 
 MOST = 15  # integrations of a cold start: one apart, one together, one without loads, those of one step

@@ -79,7 +79,6 @@ def refused_columns():
         ("inverse", (*OWN, "base")),
         ("held", (*OWN, "base")),
         ("held at an end", ("base",)),
-        ("network", (*OWN, "base")),
     ):
         for number in numbers:
             yield name, number
@@ -93,7 +92,6 @@ def refused_fits():
         ("inverse", (*STIFFNESSES, "precurvature", "base")),
         ("held", (*STIFFNESSES, "precurvature", "base")),
         ("held at an end", ("base",)),
-        ("network", (*STIFFNESSES, "precurvature", "base")),
     ):
         for number in numbers:
             yield name, number

@@ -17,7 +17,7 @@ from multirod.models.assemblies.inputs import NetworkInput, NetworkInputs, liste
 from multirod.models.assemblies.single_rod import SingleRod
 from multirod.models.backbone.assembly import BackboneAssembly
 from multirod.models.backbone.derivatives.designs import COMPONENTS, refuse_unknown
-from multirod.models.backbone.ends import ways_back
+from multirod.models.backbone.derivatives.ends import ways_back
 from multirod.models.backbone.inputs import BY_MATERIAL, DRIVE_INPUTS, DRIVES, check_drives, drive_specs, surely_driven
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.terms import scene_features
@@ -86,7 +86,9 @@ ROD_INPUTS = (
     ),
 )
 FIXED_INPUTS = (
-    InputSpec(name="fixed_position", unit="m", count=0, description="how far each fixed body is moved from its pose, world frame"),
+    InputSpec(
+        name="fixed_position", unit="m", count=0, description="how far each fixed body is moved from its pose, world frame"
+    ),
     InputSpec(
         name="fixed_rotation",
         unit="rad",
@@ -317,7 +319,8 @@ class Network(Assembly):
 
     def input_directions(self, *names: str) -> dict[str, int]:
         """Directions for the derivatives by some inputs and parameters: the numbers of different rods share one."""
-        refuse_unknown(names, self.rods)
+        for _, rod, _ in self._each():
+            refuse_unknown(names, rod.rods)
         sizes = {spec.name: spec.size(self.rod_count) for spec in self.input_specs}
         options = {"direction_count": sum(columns.size for columns in columns_of(self.graph, sizes, names))}
         options |= {"design": True} if any(name in COMPONENTS for name in names) else {}
@@ -456,7 +459,12 @@ def _in_order(name: str, value: Any, sizes: Mapping[str, int]) -> Any:
     """Values by name as an array (..., numbers of all), in the order of ``sizes``; an array of them likewise."""
     if not isinstance(value, Mapping):
         given = np.asarray(value) if isinstance(value, (np.ndarray, list, tuple)) else None
-        stacked = given is not None and name in (*ON_PLACES, *ON_RODS, *FIXED) and len(sizes) > 1 and given.shape[-2:] == (len(sizes), 3)
+        stacked = (
+            given is not None
+            and name in (*ON_PLACES, *ON_RODS, *FIXED)
+            and len(sizes) > 1
+            and given.shape[-2:] == (len(sizes), 3)
+        )
         return given.reshape(*given.shape[:-2], -1) if stacked and given is not None else value
     return _by_name(name, value, sizes)
 

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from copy import copy
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ from multirod.validation import FloatArray
 
 GROUND = 0  # among frames: the bodies follow in their order
 FREE = -1  # in the place of a frame: nothing holds this end
-ENDS = ("base", "tip")
+ENDS: tuple[Literal["base", "tip"], ...] = ("base", "tip")
 
 
 class Ends:
@@ -142,7 +143,7 @@ class Graph:
         shapes = [own.batch_shape for own in self.arrays]
         self.batch_shape = np.broadcast_shapes(*shapes, base.shape[:-2], *(end.pose.shape[:-3] for end in self.ends))
 
-    def _joint(self, rod: int, end: str) -> Joint | None:
+    def _joint(self, rod: int, end: Literal["base", "tip"]) -> Joint | None:
         given = self.joints.get((self.whole_names[self.slides.owner[rod]], end))
         return self.slides.joint(rod, end, given)
 
@@ -231,8 +232,8 @@ class Graph:
         driven: FloatArray | None = None,
         fixed: tuple[FloatArray, FloatArray] | None = None,
     ) -> Placing:
-        """What placing the bodies needs, at angles ``driven`` (count, k) of the joints that are driven, or all at rest, and bodies
-        that are fixed at poses ``fixed`` as of ``fixed_poses``, or not moved."""
+        """What placing the bodies needs, at angles ``driven`` (count, k) of the joints that are driven, or all at rest, and with
+        bodies that are fixed at poses ``fixed``, as of ``fixed_poses``, or not moved."""
         base = np.broadcast_to(self.base, (*batch_shape, 4, 4)).reshape(count, 4, 4)
         given = [None if body.pose is None else base @ body.pose for body in self.bodies]
         position, rotation = self.fixed_poses(count, batch_shape) if fixed is None else fixed

@@ -19,7 +19,7 @@ from multirod.capabilities import LineTest, Loading, ResultTest
 from multirod.inputs import Inputs
 from multirod.integrators import Integrator
 from multirod.launch import record
-from multirod.models.backbone.ends import move_ends, ways_back
+from multirod.models.backbone.derivatives.ends import move_ends, ways_back
 from multirod.models.backbone.passes.lane_pass import width
 from multirod.models.backbone.starts import twisted
 from multirod.models.joint_kernels import AT_REST

@@ -40,5 +40,3 @@ class State:
     def take(self, problem: "NetworkProblem", name: str) -> FloatArray:
         """An input, shape (instance, size)."""
         return np.asarray(self.inputs[..., problem.input_slice(name)])
-
-

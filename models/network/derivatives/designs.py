@@ -131,7 +131,8 @@ class Aim:
             elif columns.name == "joint_pose":
                 moved[columns.own] = np.arange(columns.size)
             elif columns.owned is None:
-                directions[:, range(columns.start, columns.start + columns.size), _range(problem.input_slice(columns.name))] = 1.0
+                at = problem.input_slice(columns.name)
+                directions[:, range(columns.start, columns.start + columns.size), range(at.start, at.stop)] = 1.0
         for group in problem.groups:
             self._write_rods(group, directions)
         start = problem.input_slice("translation").start
@@ -168,7 +169,7 @@ class Aim:
     def rows(self, group: RodGroup, name: str) -> FloatArray:
         """Directions of rods of one build along each of their own numbers, as many as if every tube had the most sections, shape
         (instance_count, rod, k, width)."""
-        rows = group.backbones.designs(name).rows()
+        rows = group.backbones.derivatives.designs(name).rows()
         return self.padded(group, rows.reshape(self.problem.instance_count, len(group.members), *rows.shape[1:]), name)
 
     def padded(self, group: RodGroup, rows: FloatArray, name: str) -> FloatArray:
@@ -199,8 +200,8 @@ class Aim:
             first += columns.numbers
 
     def _slopes(self, found: FloatArray) -> FloatArray:
-        """Of the residual by each number, shape (instance_count, n, k), by its columns ``found`` along directions: what stands for
-        the unknowns is fixed, moments and forces at bases, angles, and the places of bodies."""
+        """Of the residual by each number, shape (instance_count, n, k), by its columns ``found`` along directions: what unknowns
+        stand for is fixed, moments and forces at bases, angles, and the places of bodies."""
         if all(columns.owned is None for columns in self.every):
             return found
         problem = self.problem
@@ -241,7 +242,7 @@ class Aim:
         """(D22) Of what slides at an end [N], shape (instance_count, rod, k)."""
         problem, own = self.problem, group.backbones
         moment = group.end_moments(end)
-        designs = own.designs(name)
+        designs = own.derivatives.designs(name)
         bent = own.each(designs.precurvature[:, :, 0, 0, :3])
         soft = own.each(designs.softness[:, :, 0, 0] * own.arrays.material[:, None, 0, 0, 3:6])
         rates = np.einsum("ti,tki->tk", moment, bent) + 0.5 * np.einsum("ti,tki->tk", moment**2, soft)
@@ -261,7 +262,7 @@ class Aim:
                 raise NotImplementedError(f"the derivatives of networks by {columns.name}, the unknowns fixed, are not known")
             if columns.name in COMPONENTS:
                 for group in problem.groups:
-                    own = np.swapaxes(group.backbones.designs(columns.name).unknown_rates(), 1, 2)
+                    own = np.swapaxes(group.backbones.derivatives.designs(columns.name).unknown_rates(), 1, 2)
                     own = own.reshape(problem.instance_count, len(group.members), *own.shape[1:])
                     own = self.padded(group, own, columns.name)
                     for place, rod in enumerate(group.members.tolist()):
@@ -269,10 +270,6 @@ class Aim:
                         result[:, problem.places[rod, : own.shape[3], None], numbers] = np.swapaxes(own[:, place], 1, 2)
             first += columns.numbers
         return result
-
-
-def _range(place: slice) -> range:
-    return range(place.start, place.stop)
 
 
 assert ENDS == ("base", "tip")  # in whose order the poses of joints are moved

@@ -258,7 +258,7 @@ def integrated(group: wp.ref[RodGroup], t: int, change: wp.ref[Change], index: i
 
 
 @wp.func(inline=False)
-def move_ends(net: wp.ref[Networks], own: wp.ref[Element], change: wp.ref[Change], d: int) -> wp.vec3d:
+def carry_ends(net: wp.ref[Networks], own: wp.ref[Element], change: wp.ref[Change], d: int) -> wp.vec3d:
     """(34), (35) Where what holds the ends is moved along a direction; returns how it turns the base, in the world."""
     result = nothing()
     for e in range(2):
@@ -463,7 +463,7 @@ def form(net: Networks, group: RodGroup):
                     change.tip_angle[i] = net.directions[b, d, net.driven[1, rod, i]]
             beta = own.back * (own.base.frame * (own.base.turns * change.base_angle))
             if net.fixed_count > 0 or net.moved[d] >= 0:
-                beta += own.back * move_ends(net, own, change, d)
+                beta += own.back * carry_ends(net, own, change, d)
             if own.free != 0:
                 change.given_force = along(net, b, d, net.force_at + 3 * place)
                 change.given_moment = along(net, b, d, net.moment_at + 3 * place)

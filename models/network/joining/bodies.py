@@ -30,9 +30,9 @@ class Body:
         mass: [kg]; gravity acts on it at ``mass_centre``.
         mass_centre: In the frame of the body [m], shape (3,); only with a ``mass``.
         pose: About where it is, in the frame of the ground, shape (4, 4): where the search begins. By default it follows from the
-            rods at rest. Of a fixed body it is where that is, and must be given.
-        fixed: Whether it stays there, but for what the inputs ``fixed_position`` and ``fixed_rotation`` move it by: what a hand or
-            a second robot holds. It has no mass, and no loads act on it.
+            rods at rest. A fixed body is there, and must have one.
+        fixed: Whether it stays there, but for what the inputs ``fixed_position`` and ``fixed_rotation`` move it by: a hand that
+            holds it. It has no mass, and no loads act on it.
 
     Raises:
         ValueError: If the name is empty or ``"ground"``, a number is out of range, the pose is none, or there is a

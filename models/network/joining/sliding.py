@@ -6,7 +6,7 @@ Numbers in parentheses are those of ``docs/networks.md``.
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,8 @@ from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
     from multirod.models.network.elements.elements import Elements
-    from multirod.models.network.problem import NetworkProblem, State
+    from multirod.models.network.problem import NetworkProblem
+    from multirod.models.network.state import State
 
 DENSITY = 9  # where the mass per length stands among what kernels read of a section
 NONE = -1  # in the place of a hole
@@ -89,7 +90,7 @@ class Slides:
             for k, rod in zip(order, self.owner.tolist(), strict=True)
         )
 
-    def joint(self, piece: int, end: str, given: Joint | None) -> Joint | None:
+    def joint(self, piece: int, end: Literal["base", "tip"], given: Joint | None) -> Joint | None:
         """What holds an end of a piece: a hole, or what is ``given`` for that end of its rod."""
         source = self.source(piece, end, given)
         return source if source is given or source is None else source.around(end)

@@ -17,7 +17,8 @@ from multirod.rotations import cross_matrix, matrices
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
-    from multirod.models.network.problem import NetworkProblem, State
+    from multirod.models.network.problem import NetworkProblem
+    from multirod.models.network.state import State
 
 AXIS = np.array([0.0, 0.0, 1.0])  # of a rod
 

@@ -24,7 +24,8 @@ from multirod.stability import Modes, StabilityAnalysis
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
-    from multirod.models.network.problem import NetworkProblem, State
+    from multirod.models.network.problem import NetworkProblem
+    from multirod.models.network.state import State
 
 
 CONDITION = GAP_AT.stop  # how far behind an unknown of a rod's lines its row is: those of the tip come first

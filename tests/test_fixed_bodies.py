@@ -1,0 +1,129 @@
+"""Bodies of networks that are fixed, and moved by inputs: against ``HeldRod``, bodies put elsewhere, and differences."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from test_check_assembly import check_assembly
+from test_network_rods import at
+
+import multirod as mr
+
+STEPS = mr.RK4(50)
+SOLVER = mr.Shooting(tolerance=1e-11, integrator=STEPS)
+ROD = mr.Rod(length=0.3, bending_stiffness=0.02, torsional_stiffness=0.015, precurvature=(1, 0.5, 0), linear_density=0.02)
+END = at(0.05, 0, 0.25)
+MOVED = {"fixed_position": {"hand": (0.01, 0.02, -0.01)}, "fixed_rotation": {"hand": (0.2, 0.1, 0.3)}}
+
+
+def held(base=None):
+    hand = mr.Body("hand", pose=END, fixed=True)
+    joints = [mr.Joint("rod", "base", to=mr.ground), mr.Joint("rod", "tip", to=hand)]
+    return mr.Network(rods={"rod": ROD}, bodies=[hand], joints=joints, base=base)
+
+
+def tripod(hand_pose=END):
+    """Three legs on a plate with a mass; the third stands on a hand, in a hinge."""
+    plate, hand = mr.Body("plate", mass=0.05), mr.Body("hand", pose=hand_pose, fixed=True)
+    joints = [mr.Joint("leg 0", "tip", to=plate), mr.Joint("leg 1", "tip", to=plate, pose=at(-0.06, 0.04))]
+    joints.append(mr.Joint("leg 2", "tip", to=plate, pose=at(-0.06, -0.03)))
+    joints += [
+        mr.Joint(f"leg {k}", "base", to=mr.ground, pose=at(0.05 * np.cos(2.1 * k), 0.05 * np.sin(2.1 * k))) for k in range(2)
+    ]
+    joints.append(mr.Joint("leg 2", "base", to=hand, pose=at(0, 0.01, 0.02), kind="revolute", axis=(0, 1, 0)))
+    return mr.Network(rods={f"leg {k}": ROD for k in range(3)}, bodies=[hand, plate], joints=joints)
+
+
+GIVEN = {"force": {"plate": (0.3, -0.2, 0.1)}, "gravity": (0, 0, -9.81)}
+LOW = at(-0.05, 0.01, -0.01)
+
+
+def test_a_rod_in_a_hand_is_a_held_rod():
+    """To what the steps of the rod leave: both are integrated alike."""
+    turned = at(0.1, 0.2, 0.3)
+    turned[:3, :3] = Rotation.from_rotvec((0.2, 0.3, -0.4)).as_matrix()
+    single = mr.HeldRod(ROD, base=turned, end=turned @ END)
+    robot = held(turned)
+    assert robot.fixed_bodies == ("hand",)
+    assert robot.end_effector == "rod"
+    assert robot.load_places == ()
+    gravity = {"gravity": (0, 0, -9.81)}
+    given = {"end_position": MOVED["fixed_position"]["hand"], "end_rotation": MOVED["fixed_rotation"]["hand"]}
+    expected = mr.solve(single, single.inputs(**given, **gravity), solver=SOLVER).raise_if_failed()
+    found = mr.solve(robot, robot.inputs(**MOVED, **gravity), solver=SOLVER).raise_if_failed()
+    np.testing.assert_allclose(found.rod(0).position, expected.rod(0).position, atol=1e-11)
+    np.testing.assert_allclose(found.rod(0).moment, expected.rod(0).moment, atol=1e-10)
+    np.testing.assert_allclose(found.energy, expected.energy, rtol=1e-10)
+    assert found.stability is expected.stability
+    np.testing.assert_allclose(found.body_position("hand"), found.tip_position, atol=1e-12)
+    np.testing.assert_allclose(found.body_rotation("hand"), found.tip_rotation, atol=1e-10)
+    by_hand = found.jacobian("fixed_position", "fixed_rotation", of="position", at=0.15)
+    np.testing.assert_allclose(by_hand, expected.jacobian("end_position", "end_rotation", of="position", at=0.15), atol=1e-8)
+    with pytest.raises(AttributeError, match="has no stiffness of its end: something holds it"):
+        _ = found.stiffness
+
+
+def test_a_hand_that_is_moved_is_a_hand_that_stands_there():
+    robot = tripod(LOW)
+    moved = mr.solve(robot, robot.inputs(**MOVED, **GIVEN), solver=SOLVER).raise_if_failed()
+    pose = LOW.copy()
+    pose[:3, 3] += MOVED["fixed_position"]["hand"]
+    pose[:3, :3] = Rotation.from_rotvec(MOVED["fixed_rotation"]["hand"]).as_matrix() @ pose[:3, :3]
+    other = tripod(pose)
+    there = mr.solve(other, other.inputs(**GIVEN), solver=SOLVER).raise_if_failed()
+    np.testing.assert_allclose(moved.tip_position, there.tip_position, atol=1e-11)
+    np.testing.assert_allclose(moved.energy, there.energy, rtol=1e-9)
+    np.testing.assert_allclose(moved.body_position("hand"), pose[:3, 3], atol=1e-15)
+    assert (robot.load_places, robot.end_effector) == (("plate",), "plate")
+    # a body that stands on the ground where the hand does is told by the pose of its joint alone
+    joints = [joint for joint in robot.joints if joint.to.name != "hand"]
+    on_ground = mr.Joint("leg 2", "base", to=mr.ground, pose=pose @ at(0, 0.01, 0.02), kind="revolute", axis=(0, 1, 0))
+    plate = [body for body in robot.bodies if not body.fixed]
+    alone = mr.Network(rods={f"leg {k}": ROD for k in range(3)}, bodies=plate, joints=[*joints, on_ground])
+    expected = mr.solve(alone, alone.inputs(**GIVEN), solver=SOLVER).raise_if_failed()
+    np.testing.assert_allclose(there.tip_position, expected.tip_position, atol=1e-11)
+    np.testing.assert_allclose(there.stability_margin, expected.stability_margin, rtol=1e-7)
+
+
+def test_columns_by_where_a_hand_is():
+    """The whole of what an assembly promises, where a hand is moved and turned."""
+    robot = tripod(LOW)
+    check_assembly(robot, robot.inputs(**MOVED, **GIVEN), tip_rod=0, vary=tuple(MOVED), solvers=("shooting",))
+
+
+def test_arrays_and_names_say_the_same():
+    robot = tripod(LOW)
+    by_name = robot.inputs(fixed_position={"hand": (0.01, 0.02, 0)})
+    np.testing.assert_array_equal(robot.inputs(fixed_position=(0.01, 0.02, 0)).fixed_position, by_name.fixed_position)
+    batch = robot.inputs(fixed_rotation={"hand": np.zeros((4, 3))})
+    assert batch.batch_shape == (4,)
+
+
+def test_a_network_with_a_hand_is_saved_and_drawn(tmp_path):
+    robot = tripod(LOW)
+    solution = mr.solve(robot, robot.inputs(**MOVED, **GIVEN), solver=SOLVER)
+    solution.save(tmp_path / "hand.npz")
+    again = mr.load(tmp_path / "hand.npz")
+    np.testing.assert_allclose(again.body_position("hand"), solution.body_position("hand"), atol=1e-15)
+    assert again.assembly.fixed_bodies == ("hand",)
+    solution.plot()
+
+
+def test_what_a_fixed_body_cannot_be():
+    for match, arguments in (
+        ("Body.pose = None is not allowed: must be given of a fixed body", {}),
+        ("Body.mass = 1.0 is not allowed: must be 0 of a fixed body", {"pose": END, "mass": 1.0}),
+    ):
+        with pytest.raises(ValueError, match=match):
+            mr.Body("hand", fixed=True, **arguments)
+    with pytest.raises(TypeError, match="Body.fixed = 1 is not allowed: must be True or False"):
+        mr.Body("hand", fixed=1, pose=END)
+    plate = mr.Body("plate")
+    joints = [mr.Joint("rod", "base", to=mr.ground), mr.Joint("rod", "tip", to=plate)]
+    robot = mr.Network(rods={"rod": ROD}, bodies=[plate], joints=joints)
+    with pytest.raises(ValueError, match="fixed_position = .0, 0, 0. is not allowed: must not be given: no body is fixed"):
+        robot.inputs(fixed_position=(0, 0, 0))
+    unused = mr.Body("hand", pose=END, fixed=True)
+    with pytest.raises(ValueError, match="nothing holds on to body 'hand': no rod is joined to it"):
+        mr.Network(rods={"rod": ROD}, bodies=[plate, unused], joints=joints)
+    with pytest.raises(ValueError, match="end_effector = 'hand' is not allowed: must be a body that moves, or a rod"):
+        mr.Network(rods={"rod": ROD}, bodies=[unused], joints=[joints[0], mr.Joint("rod", "tip", to=unused)], end_effector="hand")
