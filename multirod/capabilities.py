@@ -98,6 +98,14 @@ class Parts(ABC):
         """The same, its integration as exact as rounding lets it be; None where that is not offered, or it is so already."""
         return None
 
+    def kinds(self, instances: IntArray) -> "list[IntArray]":
+        """Instances, (k,), by how finely ``followed`` integrates them, which depends on those alone that it is asked for."""
+        return [instances]
+
+    def followed(self, instances: IntArray) -> "BoundaryProblem":
+        """The problem by which branches of instances of one kind are followed, (k,), with the columns of the pose."""
+        return self.finer(instances, poses=True) or self.of(instances, double=True, poses=True)
+
     @property
     def may_be_clamped(self) -> bool:
         """Whether ``clamped`` is offered."""

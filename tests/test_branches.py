@@ -52,6 +52,39 @@ def test_a_column_buckles_to_the_side_of_the_rule(wide):
         np.testing.assert_allclose(event.tip_displacement, (1, 0, 0), rtol=0, atol=1e-5)
 
 
+@pytest.mark.parametrize("wide", [1.0, 2.0], ids=["round", "flat"])
+def test_by_the_default_settings_a_column_stands_up_to_near_its_load_and_buckles_from_near_it(wide):
+    """Whose columns step control does not see: Euler's load was 1.2e-4 too low, and ``BRANCH_END`` between."""
+    robot = column(wide)
+    loads = np.array([0.9999, 0.99999, 0.999999, 1.0, 1.00001, 1.0001, 1.001])
+    found = mr.solve(robot, robot.inputs(tip_force=-CRITICAL * loads[:, None] * (0, 0, 1))).raise_if_failed()
+    assert [mr.Status(k).name for k in found.status] == ["CONVERGED"] * 4 + ["BIFURCATED"] * 3
+    bent = mr.Stability.FOLD if wide == 1 else mr.Stability.STABLE
+    assert list(found.stability) == [mr.Stability.STABLE] * 3 + [mr.Stability.FOLD] + [bent] * 3
+    assert (found.integrations < 150).all()
+    np.testing.assert_allclose(found.tip_position[:4], [[0, 0, LENGTH]] * 4, rtol=0, atol=1e-9)
+    # RK45(1e-8) errs by 1e-8 in the curvature, over what is left of its stiffness: 2e-5 at least
+    expected = LENGTH * np.array([elastica(load) for load in loads[4:]])
+    np.testing.assert_allclose(found.tip_position[4:, 0], expected, rtol=2e-3)
+    for events, load in zip(found.events[4:], loads[4:], strict=True):
+        assert events[0].load_factor == pytest.approx(1 / load, rel=5e-7)  # steps end at 1e-7
+
+
+def test_rods_that_are_straight_and_rods_that_are_not_are_followed_as_they_are_alone():
+    """Straight ones at equal steps; of one batch."""
+    bent = np.zeros((3, 3))
+    bent[1] = 0.2, 0.1, 0.0
+    rod = mr.Rod(length=LENGTH, bending_stiffness=(2 * EI, EI), torsional_stiffness=0.015, precurvature=bent)
+    force = -1.3 * CRITICAL * np.array([[0, 0, 1], [0, 0, 9], [0, 0, 1]])
+    robot = mr.SingleRod(rod)
+    both = mr.solve(robot, robot.inputs(tip_force=force))
+    for k in range(3):
+        one = mr.SingleRod(mr.Rod(length=LENGTH, bending_stiffness=(2 * EI, EI), torsional_stiffness=0.015, precurvature=bent[k]))
+        alone = mr.solve(one, one.inputs(tip_force=force[k]))
+        assert both.status[k] == alone.status
+        np.testing.assert_array_equal(both.unknowns[k], alone.unknowns)
+
+
 def test_a_batch_is_its_instances_and_the_others_do_not_notice():
     robot = column(2.0)
     force = np.zeros((5, 3))

@@ -22,17 +22,26 @@ PER_RADIAN = 20  # by which it is bent at rest
 MOST_STEPS = 1024
 
 
-def equal_steps(integrator: Integrator, backbones: "Iterable[BackboneProblem]") -> Integrator | None:
-    """The same method at equal steps, as many as the rod needs that is bent the most at rest; None where they are equal already.
+def step_counts(backbones: "Iterable[BackboneProblem]") -> IntArray:
+    """How many equal steps each instance needs, by its rod that is bent the most at rest, shape (instance_count,)."""
+    bent = np.max([own.curvature_scale() * own.each(own.arrays.end[:, 0, -1]) for own in backbones], axis=0)
+    return np.asarray(np.clip(np.ceil(PER_RADIAN * bent), STEPS, MOST_STEPS).astype(np.intp))
+
+
+def at_equal_steps(integrator: Integrator, steps: int) -> Integrator | None:
+    """The same method at so many equal steps; None where they are equal already.
 
     The error of long steps in ``Gamma`` moves where its modes vanish, by some thousandths between whole rods and their pieces.
     """
     own = integrator.in_double()
     if not (isinstance(own, AdaptiveIntegrator) and own.adaptive):
         return None
-    bent = max((own.curvature_scale() * own.each(own.arrays.end[:, 0, -1])).max() for own in backbones)
-    steps = int(np.clip(np.ceil(PER_RADIAN * bent), STEPS, MOST_STEPS))
     return replace(own, steps=steps)
+
+
+def split(instances: IntArray, kinds: IntArray) -> list[IntArray]:
+    """Instances, (k,), by their kinds, (k,)."""
+    return [instances[kinds == kind] for kind in np.unique(kinds)]
 
 
 class PartsAtEqualSteps(Parts, Generic[P]):
@@ -47,6 +56,12 @@ class PartsAtEqualSteps(Parts, Generic[P]):
     def __init__(self, problem: P, integrator: Integrator, backbones: "Sequence[BackboneProblem]") -> None:
         self.problem, self._integrator, self._backbones = problem, integrator, backbones
 
+    def _at_equal_steps(self, instances: IntArray) -> Integrator | None:
+        return at_equal_steps(self._integrator, int(step_counts(self._backbones)[instances].max()))
+
+    def kinds(self, instances: IntArray) -> list[IntArray]:  # noqa: D102
+        return split(instances, step_counts(self._backbones)[instances])
+
     @abstractmethod
     def _part(self, instances: IntArray, integrator: Integrator, *, poses: bool, pieces: int = 1) -> P:
         """Of some instances, by another integrator, with rods in so many pieces."""
@@ -60,9 +75,9 @@ class PartsAtEqualSteps(Parts, Generic[P]):
         return False
 
     def finer(self, instances: IntArray, *, poses: bool = False) -> P | None:  # noqa: D102
-        integrator = equal_steps(self._integrator, self._backbones)
+        integrator = self._at_equal_steps(instances)
         return None if integrator is None else self._part(instances, integrator, poses=poses)
 
     def clamped(self, instances: IntArray, pieces: int) -> P:  # noqa: D102
-        integrator = equal_steps(self._integrator, self._backbones) or self._integrator.in_double()
+        integrator = self._at_equal_steps(instances) or self._integrator.in_double()
         return self._part(instances, integrator, poses=True, pieces=pieces)

@@ -3,9 +3,13 @@
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from multirod.batch import IntArray, take
 from multirod.capabilities import Parts
 from multirod.integrators import AdaptiveIntegrator, Integrator
+from multirod.models.backbone.equal_steps import STEPS, at_equal_steps, split
 from multirod.segments import taken
 
 if TYPE_CHECKING:
@@ -29,7 +33,27 @@ class BackboneParts(Parts):
         return self.problem.may_be_clamped
 
     def clamped(self, instances: IntArray, pieces: int) -> "BackboneProblem":  # noqa: D102
-        return self._part(instances, self._finest() or self.problem.integrator.in_double(), True, pieces)
+        return self._part(instances, self._followed(instances) or self.problem.integrator.in_double(), True, pieces)
+
+    def kinds(self, instances: IntArray) -> list[IntArray]:  # noqa: D102
+        return split(instances, self._straight()[instances].astype(np.intp))
+
+    def followed(self, instances: IntArray) -> "BackboneProblem":  # noqa: D102
+        return self._part(instances, self._followed(instances) or self.problem.integrator.in_double(), True)
+
+    def _followed(self, instances: IntArray) -> Integrator | None:
+        """What is straight is not seen by step control, however fine it is, until it has buckled."""
+        if self._straight()[instances].all():
+            return at_equal_steps(self.problem.integrator, STEPS)
+        return self._finest()
+
+    def _straight(self) -> NDArray[np.bool_]:
+        """Which instances are single rods that are straight at rest, shape (instance_count,)."""
+        problem, precurvature = self.problem, self.problem.arrays.precurvature
+        if len(problem.rods) > 1:
+            return np.zeros(problem.instance_count, dtype=bool)
+        straight = ~precurvature.any(axis=tuple(range(1, precurvature.ndim)))
+        return np.broadcast_to(straight, problem.instance_count)
 
     def finer(self, instances: IntArray, *, poses: bool = False) -> "BackboneProblem | None":  # noqa: D102
         integrator = self._finest()

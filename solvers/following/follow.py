@@ -64,11 +64,9 @@ def follow(
     chosen = chosen & (reached < 1) & stability.has_potential
     segmented = problem.segments is not None and bool(chosen.any())
     singular = SINGULAR * problem.natural_singular_value if segmented else np.full(problem.instance_count, np.inf)
-    for places in np.split(np.flatnonzero(chosen), range(TOGETHER, int(chosen.sum()), TOGETHER)):
-        if not len(places):
-            continue
+    for places in (some for kind in parts.kinds(np.flatnonzero(chosen)) for some in _split(kind)):
         # where branches end, the error of the integration moves what it finds the most
-        part = parts.finer(places, poses=True) or parts.of(places, double=True, poses=True)
+        part = parts.followed(places)
         start = None if before is None else before[places]
         safe, most = np.ones(len(places)), np.ones(len(places))
         if start is None:
@@ -101,6 +99,11 @@ def follow(
         _report(places, journeys, outcome)
         lost |= {int(place): journey for place, journey in zip(places, journeys, strict=True) if journey.lost is not None}
     return lost
+
+
+def _split(places: IntArray) -> list[IntArray]:
+    """Instances in so many parts that no more than ``TOGETHER`` are on their way at once."""
+    return [some for some in np.split(places, range(TOGETHER, len(places), TOGETHER)) if len(some)]
 
 
 class _Together:

@@ -21,6 +21,8 @@ from multirod.validation import FloatArray
 OVERSHOOT = 1e-3  # of the load, or of the way between two samples: first step beyond a critical point
 LEFT = 0.05  # of the rest of the way, where that leads nowhere: what is put together stiffens as its inverse
 DECIDED = 1e-4  # of K/L: a mode as unstable, or a moment as large, decides
+AT_END = 2e-6  # of K/L: at the end of the way a mode as unstable decides
+LEAST_LEFT = 1e-5  # of the way: the end may be as near to the branch as its own critical point
 CLEAR = 3e-3  # of K/L: as unstable it is wanted where no moment drives it, before the end of the way
 NEAR = 5.0  # turn to a branch that leaves, over the root of how unstable the other is: 2.6 of a column [rad]
 DRIVEN = 1e-6  # of K/L: a smaller moment along a mode that vanishes is none
@@ -50,7 +52,8 @@ MOST_EVENTS = 16
 NOISY = 100.0  # norm of Gamma, beyond which it may be rounding that ends a branch
 NEARLY = 1e-4  # singular value of Gamma, below which a mode may be neutral
 LAST = 1e-3  # of the way, on which a neutral mode may be one that rounded kinks held until there
-ASIDE = 0.05  # turn along a neutral mode, where it is still neutral if symmetry makes it so [rad]
+# turns along a neutral mode, where it is still neutral if symmetry makes it so: the less, the less it is bent [rad]
+ASIDE = (0.05, 0.005)
 
 
 @dataclass(frozen=True)
@@ -159,7 +162,7 @@ class Journey:
                 break
             landed = yield from self._leave(point)
             if landed is None:
-                self._lose(point)
+                yield from self._end_undecided(point)
                 return
             landed, event, neutral = landed
             if event is not None:
@@ -177,6 +180,17 @@ class Journey:
             return
         self.status = self.said
         self.end, self.neutral = point, neutral
+
+    def _end_undecided(self, point: Point) -> Run:
+        """The end of the way, if it is just where the branch is critical, and an equilibrium on which no mode is unstable but by
+        what cannot be told."""
+        if 1 - point.level > LEAST_LEFT:
+            self._lose(point)
+            return
+        there = yield from self._at(point.unknowns, 1.0)
+        if there.size <= self.tolerance and (yield from self._stands(there)):
+            self.status, self.end = self.said, there
+            self.neutral = int((np.linalg.svd(there.gamma, compute_uv=False) < NEARLY).sum())
 
     def _lose(self, point: Point) -> None:
         """It may be rounding that ends the way at a point: multiple shooting may go on from there."""
@@ -346,7 +360,7 @@ class Journey:
             if slope.lowest < -CLEAR or abs(slope.along[0]) > DECIDED or _held(slope):
                 return beyond
             if level == 1.0:
-                return beyond if slope.lowest < -DECIDED else None
+                return beyond if slope.lowest < -AT_END else None
             step *= 4
 
     def _beyond(self, critical: Point, level: float) -> Run:
@@ -447,16 +461,23 @@ class Journey:
             return 0
         count = slope.neutral
         for k in np.argsort(np.abs(slope.values))[:count].tolist():
-            begin = point.unknowns + slope.change(ASIDE * slope.modes[:, k])
-            found, _ = yield from self._correct(begin, point.level, count)
-            there = None if found is None else self._slope_or_none(found)
-            if found is None or there is None or there.neutral < count:
-                return 0
-            # what moves need not be the tip
-            turn = point.turned[: len(point.forces)] @ (found.unknowns - point.unknowns)
-            if abs(slope.modes[:, k] @ turn) < 0.5 * ASIDE:
+            for turn in ASIDE:
+                step = slope.change(turn * slope.modes[:, k])
+                if (yield from self._neutral_along(point, slope.modes[:, k], step, turn, count)):
+                    break
+            else:
                 return 0
         return count
+
+    def _neutral_along(self, point: Point, mode: FloatArray, step: FloatArray, turn: float, count: int) -> Run:
+        """Whether an equilibrium with as many neutral modes is a step along one of them, that turns what it turns by so much."""
+        found, _ = yield from self._correct(point.unknowns + step, point.level, count)
+        there = None if found is None else self._slope_or_none(found)
+        if found is None or there is None or there.neutral < count:
+            return False
+        # what moves need not be the tip
+        turned = point.turned[: len(point.forces)] @ (found.unknowns - point.unknowns)
+        return bool(abs(mode @ turned) >= 0.5 * turn)
 
     def _along(self, start: Point, neutral: int) -> Run:
         """The last point on the branch through one, of level 1 if it leads there."""
