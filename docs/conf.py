@@ -61,7 +61,8 @@ def directive(name: str) -> str:
     options = ["members"]
     options += ["undoc-members"] * issubclass(thing, IntEnum)
     options += ["show-inheritance"] * any(map(public, thing.__bases__))
-    options += ["inherited-members"] * (issubclass(thing, mr.Assembly) and thing is not mr.Assembly)
+    own = [base for base in thing.__bases__ if base.__module__.startswith("multirod.") and not public(base)]
+    options += ["inherited-members"] * bool(own or (issubclass(thing, mr.Assembly) and thing is not mr.Assembly))
     return f".. autoclass:: multirod.{name}\n" + "".join(f"   :{option}:\n" for option in options)
 
 

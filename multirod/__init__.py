@@ -27,12 +27,10 @@ if _typing.TYPE_CHECKING:
     from multirod import recording as recording
     from multirod import testing as testing
     from multirod.assembly import Assembly
-    from multirod.compiling import CompileError
-    from multirod.events import BranchEvent
     from multirod.files import load
-    from multirod.history import History
     from multirod.inputs import Inputs, InputSpec
     from multirod.integrators import RK4, RK23, RK45, AdaptiveIntegrator, FixedStepIntegrator, Integrator, Tableau
+    from multirod.kernels.compiling import CompileError
     from multirod.models.assemblies.concentric_tubes import ConcentricTubes
     from multirod.models.assemblies.eccentric_tubes import EccentricTubes
     from multirod.models.assemblies.held_rod import HeldRod
@@ -48,10 +46,12 @@ if _typing.TYPE_CHECKING:
     from multirod.plausibility import PlausibilityWarning
     from multirod.problem import Block, BoundaryProblem, Shape
     from multirod.recording import Recorder
+    from multirod.results.events import BranchEvent
+    from multirod.results.history import History
+    from multirod.results.solution import IncompleteWarning, Solution, SolveError
     from multirod.rod import Rod, Section
     from multirod.running.simulation import simulate, solve
     from multirod.running.tracker import Tracker
-    from multirod.solution import IncompleteWarning, Solution, SolveError
     from multirod.solver import Outcome, Solver, Track, registered_solvers
     from multirod.solvers.energy_descent import EnergyDescent
     from multirod.solvers.multiple_shooting import MultipleShooting
@@ -65,14 +65,14 @@ if _typing.TYPE_CHECKING:
     from multirod.studies.sweeps import Study, sweep
     from multirod.studies.terms import Dropped, Explanation, Term, explain
     from multirod.studies.tradeoffs import Measured, Tradeoff, tradeoff, tune
-    from multirod.tasks.calibrate import Calibration, calibrate
-    from multirod.tasks.controller import Command, Controller
-    from multirod.tasks.curvature import Curvature
-    from multirod.tasks.estimate import Estimate, estimate
-    from multirod.tasks.estimator import Estimator
+    from multirod.tasks.controlling.controller import Command, Controller
+    from multirod.tasks.estimating.calibrate import Calibration, calibrate
+    from multirod.tasks.estimating.estimate import Estimate, estimate
+    from multirod.tasks.estimating.estimator import Estimator
+    from multirod.tasks.estimating.priors import Prior, Walk
     from multirod.tasks.limits import Limits
-    from multirod.tasks.priors import Prior, Walk
-    from multirod.tasks.reach import Reached, reach
+    from multirod.tasks.measuring.curvature import Curvature
+    from multirod.tasks.reaching.reach import Reached, reach
     from multirod.tasks.rows import Pose
 
 __version__ = "0.1.0"
@@ -166,17 +166,17 @@ __all__ = [
 # where each public name is, to be loaded when it is first used: Warp alone takes more than half a second
 _PUBLIC = {
     "assembly": "Assembly",
-    "compiling": "CompileError",
+    "kernels.compiling": "CompileError",
     "studies.critical_loads": "CriticalLoad CriticalLoads critical_loads",
     "studies.equilibria": "Equilibria equilibria",
-    "events": "BranchEvent",
+    "results.events": "BranchEvent",
     "files": "load",
     "inputs": "Inputs InputSpec",
     "models.assemblies.concentric_tubes": "ConcentricTubes",
     "models.assemblies.eccentric_tubes": "EccentricTubes",
     "models.backbone.members.lines": "Chamber PushRod Tendon",
     "models.backbone.members.member": "Member",
-    "history": "History",
+    "results.history": "History",
     "integrators": "RK4 RK23 RK45 AdaptiveIntegrator FixedStepIntegrator Integrator Tableau",
     "models.assemblies.held_rod": "HeldRod",
     "models.assemblies.multibackbone": "multibackbone",
@@ -191,7 +191,7 @@ _PUBLIC = {
     "recording": "Recorder",
     "rod": "Rod Section",
     "running.simulation": "simulate solve",
-    "solution": "IncompleteWarning Solution SolveError",
+    "results.solution": "IncompleteWarning Solution SolveError",
     "solver": "Outcome Solver Track registered_solvers",
     "solvers.energy_descent": "EnergyDescent",
     "solvers.multiple_shooting": "MultipleShooting",
@@ -202,14 +202,14 @@ _PUBLIC = {
     "status": "Status",
     "studies.sweeps": "Study sweep",
     "studies.terms": "Dropped Explanation Term explain",
-    "tasks.calibrate": "Calibration calibrate",
-    "tasks.curvature": "Curvature",
-    "tasks.estimate": "Estimate estimate",
-    "tasks.estimator": "Estimator",
-    "tasks.priors": "Prior Walk",
-    "tasks.controller": "Command Controller",
+    "tasks.estimating.calibrate": "Calibration calibrate",
+    "tasks.measuring.curvature": "Curvature",
+    "tasks.estimating.estimate": "Estimate estimate",
+    "tasks.estimating.estimator": "Estimator",
+    "tasks.estimating.priors": "Prior Walk",
+    "tasks.controlling.controller": "Command Controller",
     "tasks.limits": "Limits",
-    "tasks.reach": "Reached reach",
+    "tasks.reaching.reach": "Reached reach",
     "tasks.rows": "Pose",
     "running.tracker": "Tracker",
     "studies.tradeoffs": "Measured Tradeoff tradeoff tune",

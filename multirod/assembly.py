@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from multirod.models.backbone.influence.bound import Influence
     from multirod.models.backbone.kernels.layout.features import Features
     from multirod.models.backbone.members.lines import Line
-    from multirod.solution import Solution
+    from multirod.results.solution import Solution
     from multirod.solver import Solver
 else:
     from typing import TypeVar
@@ -252,7 +252,7 @@ class Assembly(ABC):
         save_robot(path, self)
 
     def _repr_html_(self) -> str:
-        from multirod import html
+        from multirod.results import html
 
         return html.robot(self)
 

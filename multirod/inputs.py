@@ -85,7 +85,7 @@ class InputSpecs(tuple[InputSpec, ...]):
         return "\n".join(lines + ["* or a function of the arclength"] * any(spec.function for spec in self))
 
     def _repr_html_(self) -> str:
-        from multirod import html
+        from multirod.results import html
 
         return html.input_specs(self)
 
@@ -283,7 +283,7 @@ class Inputs:
         return result
 
     def _repr_html_(self) -> str:
-        from multirod import html
+        from multirod.results import html
 
         return html.inputs(self)
 

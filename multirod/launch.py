@@ -11,7 +11,7 @@ from typing import Any, Protocol, cast
 
 import warp as wp
 
-from multirod.compiling import COMPILER, start_warp
+from multirod.kernels.compiling import COMPILER, start_warp
 
 LONGEST = 1024  # integrations of a rod in one launch: some hundredths of a second at most at a hundred steps each
 

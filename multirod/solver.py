@@ -10,10 +10,10 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.events import Events, placed_events, taken_events
 from multirod.exclusive import Uncopied
 from multirod.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
+from multirod.results.events import Events, placed_events, taken_events
 from multirod.segments import Breakpoints, placed, taken
 from multirod.status import Status, failures
 from multirod.validation import FloatArray, positive_float, refuse

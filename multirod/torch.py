@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 
 from multirod.assembly import Assembly
-from multirod.differentiable import Equilibrium
 from multirod.files.optional import optional
 from multirod.inputs import Inputs
-from multirod.solution import Solution
+from multirod.results.differentiable import Equilibrium
+from multirod.results.solution import Solution
 from multirod.solver import Solver
 from multirod.types import Numbers
 

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from multirod.history import History
     from multirod.inputs import Inputs
+    from multirod.results.history import History
 
     class SupportsArray(Protocol):
         """What NumPy makes an array of: its own arrays and numbers, series, tensors."""

@@ -165,7 +165,7 @@ def device_name(field: str, value: object) -> str:
     """The name of a device that there is."""
     import warp as wp
 
-    from multirod.compiling import start_warp
+    from multirod.kernels.compiling import start_warp
 
     start_warp()
     if isinstance(value, str) and value == "cpu":  # which there always is

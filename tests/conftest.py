@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import multirod as mr
-from multirod.compiling import COMPILER
+from multirod.kernels.compiling import COMPILER
 
 DATA = Path(__file__).parent / "data"
 CASE_FIXTURES = {"single_rod_case": "single_rod", "tube_case": "concentric_tubes", "parallel_case": "parallel_continuum_robot"}

@@ -825,13 +825,13 @@ warnings.filterwarnings("ignore", category=mr.PlausibilityWarning)  # I mean it
 warnings.filterwarnings("error", category=mr.PlausibilityWarning)  # in tests and scripts: stop there
 ```
 
-Limits are in `multirod/plausibility.py`, in one table. They are wide: published robots pass. So not every mistake is seen: a
-radius given for a diameter, degrees below 10, a force in mN, a wrong sign. Forces are warned of from 20,000 `EI/L^2` on: some 10
-bend a rod double, but a long thin wire that carries something, pulled along its axis, may well bear thousands. Below that it is
-the strain that tells: give rods their diameters. A `Tracker` looks at the inputs that it starts with
-and at those that come as `robot.inputs(...)`, not at every sample by name. The strain of the outer fibre is looked at where
-a diameter is known: at the base of a single rod as soon as it is solved, along all rods once a shape is asked for;
-estimates of an observer are left out.
+Limits are in `multirod/plausibility/limits.py`, in one table. They are wide: published robots pass. So not every mistake is
+seen: a radius given for a diameter, degrees below 10, a force in mN, a wrong sign. Forces are warned of from 20,000 `EI/L^2`
+on: some 10 bend a rod double, but a long thin wire that carries something, pulled along its axis, may well bear thousands.
+Below that it is the strain that tells: give rods their diameters. A `Tracker` looks at the inputs that it starts with and at
+those that come as `robot.inputs(...)`, not at every sample by name. The strain of the outer fibre is looked at where a diameter
+is known: at the base of a single rod as soon as it is solved, along all rods once a shape is asked for; estimates of an
+observer are left out.
 
 The table is what the tests run (`tests/mistakes.py`, which writes this page). Its code comes after this:
 

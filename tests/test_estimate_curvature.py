@@ -76,8 +76,8 @@ def test_gratings_and_a_pose_in_a_loop(wire, gratings):
 
 def test_columns_of_tubes_by_differences():
     """Of every tube, in its own frame: value and derivatives of what one integration tells."""
-    from multirod.tasks.curvature import AlongTask, Places
     from multirod.tasks.formulation import options
+    from multirod.tasks.measuring.curvature import AlongTask, Places
 
     def tube(length, bending, torsion, curved):
         at_rest = [(length - 0.1, (0, 0, 0)), (0.1, curved)]

@@ -221,8 +221,8 @@ def test_unknowns_go_along_with_the_estimate(make, wire):
 @pytest.mark.parametrize("told", ["rotation", "axis", "curvature"])
 def test_the_compiled_sample_is_that_of_estimate(wire, make, wandering, off, told):
     """(10) to (12) by the rows that ``estimate`` has, of a measurement that is far off."""
-    from multirod.tasks.curvature import Places
-    from multirod.tasks.sensors import Measured
+    from multirod.tasks.measuring.curvature import Places
+    from multirod.tasks.measuring.sensors import Measured
 
     robot, sigma = mr.SingleRod(wire), (POSITION, ANGLE)
     p, R = (values[0] for values in wandering[1:])

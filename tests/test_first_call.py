@@ -14,7 +14,7 @@ import warp as wp
 import multirod as mr
 from multirod.batch import thread_count
 from multirod.cli import main
-from multirod.compiling import COMPILER, cache
+from multirod.kernels.compiling import COMPILER, cache
 from multirod.launch import LONGEST, Direct, Pending, expect, record
 from multirod.models.assemblies import single_rod
 from multirod.studies.scenes import SCENES, load
@@ -26,7 +26,7 @@ BUDGET = {"paper": 3, "three-tubes": 6, "three-tubes, loaded": 4, "six-legs": 5}
 QUICKLY = "import warp; warp.config.optimization_level = 0\n"
 SCENE = """
 import multirod as mr
-from multirod.compiling import COMPILER
+from multirod.kernels.compiling import COMPILER
 robot = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638, precurvature=(14, 5, 0)))
 inputs = robot.inputs(rotation=0.1, tip_force=(1, 0, 0))
 """
@@ -63,7 +63,7 @@ def test_the_first_call_says_so_in_one_line_and_later_ones_nothing(tmp_path: Pat
     assert (later.returncode, later.stdout, later.stderr) == (0, "", "")
 
 
-LEVEL = "import multirod.compiling, warp; print(warp.config.log_level)"
+LEVEL = "import multirod.kernels.compiling, warp; print(warp.config.log_level)"
 
 
 @pytest.mark.parametrize(
@@ -73,7 +73,7 @@ LEVEL = "import multirod.compiling, warp; print(warp.config.log_level)"
         ("import warp; warp.config.log_level = warp.LOG_DEBUG; " + LEVEL, {}, wp.LOG_DEBUG),
         ("import warp; warp.config.log_level = warp.LOG_ERROR; " + LEVEL, {}, wp.LOG_ERROR),
         ("import warp; warp.config.verbose = True; " + LEVEL, {}, wp.LOG_INFO),
-        ("import multirod.compiling, warp; warp.config.log_level = warp.LOG_INFO; " + LEVEL, {}, wp.LOG_INFO),
+        ("import multirod.kernels.compiling, warp; warp.config.log_level = warp.LOG_INFO; " + LEVEL, {}, wp.LOG_INFO),
         (LEVEL, {"MULTIROD_WARP_LOG": "info"}, wp.LOG_INFO),
     ],
 )
@@ -82,16 +82,16 @@ def test_a_level_that_was_chosen_for_warps_log_is_left(text, variables, level, t
 
 
 def test_warps_log_is_there_for_those_who_ask(tmp_path: Path) -> None:
-    done = program("import multirod.compiling as c; c.start_warp()", tmp_path, MULTIROD_WARP_LOG="INFO")
+    done = program("import multirod.kernels.compiling as c; c.start_warp()", tmp_path, MULTIROD_WARP_LOG="INFO")
     assert done.stdout.startswith(f"Warp {wp.config.version} initialized")
-    wrong = program("import multirod.compiling", tmp_path, MULTIROD_WARP_LOG="loud")
+    wrong = program("import multirod.kernels.compiling", tmp_path, MULTIROD_WARP_LOG="loud")
     assert "MULTIROD_WARP_LOG = 'loud' is not allowed: must be one of debug, info, warning, error" in wrong.stderr
 
 
 def test_only_the_note_on_the_driver_is_kept_from_the_error_stream(tmp_path: Path) -> None:
     text = """
 import os, sys
-import multirod.compiling as c
+import multirod.kernels.compiling as c
 with c._without_driver_note():
     os.write(2, b"Warp CUDA warning: Could not find or load the NVIDIA CUDA driver. GPU execution will not be available.\\n")
     os.write(2, b"kept\\n")
@@ -152,7 +152,7 @@ def test_a_kernel_is_compiled_once_however_many_threads_ask() -> None:
 def test_what_is_waited_for_in_portions(monkeypatch: pytest.MonkeyPatch) -> None:
     """A large batch of a scene that is new: its launch is cut into portions before it is compiled."""
     monkeypatch.setattr(COMPILER, "_known", {})
-    monkeypatch.setattr("multirod.compiling._is_kept", lambda module, device: False)
+    monkeypatch.setattr("multirod.kernels.compiling._is_kept", lambda module, device: False)
     wire = mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638, precurvature=(14, 5, 0))
     robot = mr.SingleRod(wire)
     force = np.zeros((LONGEST + 5, 3))
@@ -300,7 +300,7 @@ def test_scenes_take_no_more_kernels_than_they_did(scene: str, tmp_path: Path) -
     assert name in SCENES
     text = f"""
 import multirod as mr
-from multirod.compiling import COMPILER
+from multirod.kernels.compiling import COMPILER
 from multirod.studies.scenes import load
 motion = load({name!r})
 inputs = motion.inputs[0]

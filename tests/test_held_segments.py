@@ -6,7 +6,7 @@ from scipy.integrate import solve_bvp
 from scipy.spatial.transform import Rotation
 
 import multirod as mr
-from multirod.segment_system import System
+from multirod.results.segment_system import System
 from multirod.segments import Cuts
 
 STIFF = {"bending_stiffness": 1.0, "torsional_stiffness": 0.8, "axial_stiffness": 1e4, "shear_stiffness": 5e3}

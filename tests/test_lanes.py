@@ -138,7 +138,7 @@ from pathlib import Path
 import warp as wp
 wp.config.optimization_level = 1  # what is compiled matters here, not how fast it is
 import multirod as mr
-from multirod.compiling import COMPILER
+from multirod.kernels.compiling import COMPILER
 from multirod.models.backbone.passes import lane_pass
 from multirod.studies.scenes import load
 lane_pass.WIDTH.update(float64=1, float32=1)  # a lane a thread, as on a GPU

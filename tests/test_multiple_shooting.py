@@ -17,7 +17,7 @@ from multirod import batch
 from multirod.models.backbone.problem import POSES_APART
 from multirod.models.backbone.segments import BackboneSegments, largest_singular_value
 from multirod.recording.samples import first_instances
-from multirod.segment_system import System
+from multirod.results.segment_system import System
 from multirod.segments import Breakpoints, Cuts, Propagation
 from multirod.solvers import multiple_shooting
 from multirod.solvers.continuation import natural

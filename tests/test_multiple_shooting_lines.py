@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import multirod as mr
-from multirod.segment_system import System
+from multirod.results.segment_system import System
 from multirod.solvers import multiple_shooting
 from multirod.solvers.segments import path as segmented_path
 from multirod.solvers.segments.band import Step

@@ -12,7 +12,7 @@ import pytest
 
 import multirod as mr
 from multirod.plotting.plots import OF_HISTORIES, OF_SOLUTIONS
-from multirod.strains import strains
+from multirod.results.strains import strains
 
 matplotlib.use("Agg")
 plt = pytest.importorskip("matplotlib.pyplot")

@@ -9,7 +9,7 @@ import multirod as mr
 from multirod.rotations import matrices, vectors
 from multirod.tasks.formulation import Task, input_units
 from multirod.tasks.limits import limit_rows, middle
-from multirod.tasks.search import Goals, Search
+from multirod.tasks.reaching.search import Goals, Search
 
 SOLVER = mr.Shooting(integrator=mr.RK4(30))
 TUBES, MOTION = three_tubes()

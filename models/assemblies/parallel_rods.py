@@ -40,7 +40,7 @@ from multirod.types import Numbers
 from multirod.validation import Described, FloatArray, array, choice, frozen, instance, nonnegative_float, refuse
 
 if TYPE_CHECKING:
-    from multirod.solution import Solution
+    from multirod.results.solution import Solution
 
 ROUNDED = 1e-15  # what the length of an axis of length 1 may be off
 SMALLEST_AXIS = 1e-100  # whose square still is a number

@@ -10,6 +10,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from multirod.kernels.shared import Shared
 from multirod.launch import record
 from multirod.models.joint_kernels import REVOLUTE, SPHERICAL
 from multirod.models.platform.beam_kernels import (
@@ -23,7 +24,6 @@ from multirod.models.platform.beam_kernels import (
     settle_beams,
 )
 from multirod.rotations import cross, vectors
-from multirod.shared import Shared
 from multirod.validation import FloatArray
 
 # In L^3/EI, added to the tips of beams in all directions: one that is straight and inextensible gives way along itself by

@@ -16,6 +16,7 @@ from multirod.batch import IntArray, take
 from multirod.capabilities import LineTest, Loading, ResultTest, Shapes
 from multirod.inputs import Inputs, InputSpec
 from multirod.integrators import Integrator
+from multirod.kernels.shared import Shared
 from multirod.launch import record
 from multirod.models.backbone.assembly import BackboneAssembly
 from multirod.models.backbone.derivatives.designs import COMPONENTS, turned_loads
@@ -55,7 +56,6 @@ from multirod.models.platform.starting import PlatformJoints, PlatformStarts
 from multirod.problem import Block, BoundaryProblem, Shape
 from multirod.rod import RodArrays, stack
 from multirod.rotations import matrices
-from multirod.shared import Shared
 from multirod.validation import FloatArray, frozen
 
 POSE = kernels.POSE

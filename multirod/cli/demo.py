@@ -13,9 +13,9 @@ from rich.progress import Progress
 from rich.table import Table
 
 from multirod.cli.terminal import FULL_WIDTH, count, file_of, positive, progress_bar
-from multirod.history import History
 from multirod.integrators import RK4
 from multirod.recording import save
+from multirod.results.history import History
 from multirod.running.simulation import simulate
 from multirod.solver import Solver
 from multirod.status import Status

@@ -6,7 +6,7 @@ from time import perf_counter
 from rich.console import Console
 from rich.markup import escape
 
-from multirod.compiling import CompileError, cache
+from multirod.kernels.compiling import CompileError, cache
 from multirod.studies.scenes import SCENES, Motion, load
 
 _DESCRIPTION = f"""\

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from multirod.files.whole import written
-from multirod.history import History
 from multirod.recording.figure import drawn_rods
-from multirod.solution import Solution
+from multirod.results.history import History
+from multirod.results.solution import Solution
 from multirod.status import Status
 from multirod.validation import FloatArray
 

@@ -9,10 +9,10 @@ import numpy as np
 import multirod
 from multirod.files.optional import optional
 from multirod.files.whole import written
-from multirod.history import History
 from multirod.models.assemblies.network import Network
 from multirod.recording.figure import drawn_lines, drawn_rods
-from multirod.solution import Solution
+from multirod.results.history import History
+from multirod.results.solution import Solution
 from multirod.stability import Stability
 from multirod.status import Status
 from multirod.validation import FloatArray, positive_int

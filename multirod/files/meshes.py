@@ -11,7 +11,7 @@ from multirod.files.optional import optional
 from multirod.files.whole import written
 from multirod.recording.bodies import drawn_bodies, poses_of
 from multirod.recording.figure import PLATFORM_COLOR, Plate, drawn_rods
-from multirod.solution import Solution
+from multirod.results.solution import Solution
 from multirod.validation import Described, FloatArray, positive_int, refuse
 
 ENDINGS = (".glb", ".obj", ".ply", ".stl")

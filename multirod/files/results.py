@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from multirod.assembly import Assembly
 from multirod.batch import thread_count
-from multirod.events import joined_events, separate_events
 from multirod.files.kinds import INTEGRATORS, ROBOTS, Part, described, made, profile
-from multirod.history import History
 from multirod.inputs import Inputs
 from multirod.models.assemblies.network import Network
-from multirod.scene import Scene
+from multirod.results.events import joined_events, separate_events
+from multirod.results.history import History
+from multirod.results.scene import Scene
+from multirod.results.solution import Solution
 from multirod.segments import Breakpoints
-from multirod.solution import Solution
 from multirod.solver import Outcome
 from multirod.studies.terms.simplify import Dropped
 from multirod.validation import refuse
@@ -133,7 +133,7 @@ def _device(name: str) -> str:
     """The device that it was computed on, or the CPU where there is none such."""
     import warp as wp
 
-    from multirod.compiling import start_warp
+    from multirod.kernels.compiling import start_warp
 
     start_warp()
     return name if name in [device.alias for device in wp.get_devices()] else "cpu"

@@ -13,9 +13,9 @@ from multirod.files.kinds import UNITS, described
 from multirod.files.results import table_of_inputs, table_of_result
 from multirod.files.text import toml
 from multirod.files.whole import written
-from multirod.history import History
 from multirod.inputs import Inputs
-from multirod.solution import Solution
+from multirod.results.history import History
+from multirod.results.solution import Solution
 from multirod.types import RecordingOptions
 from multirod.validation import Described, file_path, refuse, unknown_names
 

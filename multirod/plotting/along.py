@@ -7,8 +7,8 @@ from multirod.plotting.canvas import COMPONENTS, FEW, PALETTE, STYLES, colors_of
 from multirod.plotting.family import Family
 from multirod.problem import Shape
 from multirod.recording.figure import drawn_rods
-from multirod.solution import Solution
-from multirod.strains import strains
+from multirod.results.solution import Solution
+from multirod.results.strains import strains
 from multirod.types import AxesGiven
 from multirod.validation import FloatArray, refuse
 

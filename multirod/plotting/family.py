@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from multirod.batch import IntArray
 from multirod.plotting.canvas import matplotlib
-from multirod.quantities import SCALARS
-from multirod.solution import Solution
+from multirod.results.quantities import SCALARS
+from multirod.results.solution import Solution
 from multirod.status import Status, failures
 from multirod.validation import Described, FloatArray, array, instance, positive_int, refuse
 

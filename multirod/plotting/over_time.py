@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from multirod.history import History
 from multirod.inputs import InputSpec
 from multirod.models.assemblies.network import Network
 from multirod.plotting.canvas import COMPONENTS, FAILED, FEW, column_of_axes, legend, style_of, title
 from multirod.plotting.family import Family, numbers
 from multirod.recording.figure import drawn_lines, drawn_rods
+from multirod.results.history import History
 from multirod.status import Status, failures
 from multirod.types import AxesGiven
 from multirod.validation import FloatArray, refuse

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from multirod.history import History
 from multirod.plotting import along, over_time, scene
 from multirod.plotting.canvas import axes_in_space, returned, title
 from multirod.plotting.family import Family, family_of
-from multirod.solution import Solution
+from multirod.results.history import History
+from multirod.results.solution import Solution
 from multirod.types import AxesGiven, AxesOrArray, Numbers
 from multirod.validation import boolean, choice, positive_int, refuse
 

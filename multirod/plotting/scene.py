@@ -17,7 +17,7 @@ from multirod.recording.bodies import body_through, least_around
 from multirod.recording.columns import circles
 from multirod.recording.figure import DrawnRod, Plate, bases, discs, drawn_lines, drawn_rods, plate_through
 from multirod.recording.loads import place_of
-from multirod.solution import Solution
+from multirod.results.solution import Solution
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from threading import Condition, RLock, Thread
 from typing import NamedTuple
 
-from multirod.solution import Solution
+from multirod.results.solution import Solution
 
 WAITING = 256_000_000  # bytes of samples that wait to be written at most
 _OVERHEAD = 4_000  # bytes of a sample besides its records, about

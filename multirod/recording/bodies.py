@@ -9,7 +9,7 @@ from multirod.models.assemblies.network import Network
 from multirod.models.assemblies.parallel_rods import InverseParallelRods, ParallelRods
 from multirod.models.network.joining.bodies import Body
 from multirod.recording.figure import Plate, drawn_rods, plate_through, solid_through
-from multirod.solution import Solution
+from multirod.results.solution import Solution
 from multirod.validation import FloatArray
 
 _LEAST = 0.03  # radius of what holds a single rod, over the length of the longest

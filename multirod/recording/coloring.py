@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.quantities import SCALARS
+from multirod.results.quantities import SCALARS
 from multirod.validation import Described, FloatArray, array, refuse
 
 if TYPE_CHECKING:
-    from multirod.history import History
+    from multirod.results.history import History
 
 SCALE = (0x4F83F1, 0x3FC1B0, 0xF4E04D, 0xE8503A)
 WORDS = "blue, teal, yellow, red"

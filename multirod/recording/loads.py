@@ -6,10 +6,10 @@ from typing import Literal
 import numpy as np
 
 from multirod.assembly import Assembly
-from multirod.history import History
 from multirod.inputs import Inputs, InputSpec
 from multirod.models.assemblies.network import Network
-from multirod.solution import Solution
+from multirod.results.history import History
+from multirod.results.solution import Solution
 from multirod.validation import FloatArray
 
 

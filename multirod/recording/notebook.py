@@ -5,8 +5,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Literal, Unpack
 
-from multirod.history import History
 from multirod.recording.recorder import save
+from multirod.results.history import History
 from multirod.types import RecordingOptions
 from multirod.validation import positive_int, refuse
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from multirod.assembly import Assembly
 from multirod.inputs import Inputs
 from multirod.recording.background import Sample
-from multirod.scene import Scene
-from multirod.solution import Solution
+from multirod.results.scene import Scene
+from multirod.results.solution import Solution
 from multirod.solver import Outcome
 
 _PROTOCOL = pickle.HIGHEST_PROTOCOL

@@ -10,7 +10,7 @@ from pathlib import Path
 from threading import Lock
 from typing import IO, Any
 
-from multirod.compiling import start_warp
+from multirod.kernels.compiling import start_warp
 from multirod.recording.background import Sample
 from multirod.recording.passing import Packer, Unpacker
 from multirod.recording.target import Goal, Target

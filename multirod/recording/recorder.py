@@ -14,7 +14,6 @@ import numpy as np
 
 from multirod.assembly import Assembly
 from multirod.exclusive import Uncopied
-from multirod.history import History
 from multirod.recording.background import Sample, WritingThread
 from multirod.recording.coloring import Coloring
 from multirod.recording.process import Unfit, WritingProcess
@@ -22,7 +21,8 @@ from multirod.recording.samples import first_instances
 from multirod.recording.streams import new_stream, send_to_file
 from multirod.recording.target import Goal, Target
 from multirod.recording.writer import Writer
-from multirod.solution import Solution
+from multirod.results.history import History
+from multirod.results.solution import Solution
 from multirod.types import Numbers
 from multirod.validation import choice, file_path, finite_float, names_checked, positive_float, positive_int, refuse
 

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from multirod.history import History, alike
 from multirod.recording.background import Sample
-from multirod.remarks import Remarks
-from multirod.solution import Solution
+from multirod.results.history import History, alike
+from multirod.results.remarks import Remarks
+from multirod.results.solution import Solution
 
 
 def stackable(before: Sample, sample: Sample) -> bool:

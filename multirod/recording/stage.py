@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.assembly import Assembly
-from multirod.history import History
 from multirod.inputs import InputSpec
 from multirod.recording.bodies import DrawnBody, around, drawn_bodies
 from multirod.recording.coloring import Coloring
@@ -27,7 +26,8 @@ from multirod.recording.figure import (
 from multirod.recording.framing import ARROW, Extent, Frame, halved, radian_force, round_down, round_up
 from multirod.recording.loads import DrawnLoad, arrow_ends, drawn_loads, largest
 from multirod.recording.profiles import Profile, profiles
-from multirod.remarks import Remarks
+from multirod.results.history import History
+from multirod.results.remarks import Remarks
 from multirod.validation import FloatArray
 
 TIP_AXES = 0.1  # length of the tip's axes over what is in view

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from multirod.history import stack
 from multirod.recording.background import Sample
 from multirod.recording.samples import first_instances, remarks, stackable
 from multirod.recording.streams import new_stream
 from multirod.recording.viewer import ViewerStream
 from multirod.recording.writer import Writer
+from multirod.results.history import stack
 
 
 @dataclass(frozen=True, kw_only=True)

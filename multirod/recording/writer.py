@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.history import History
 from multirod.recording import columns, layout
 from multirod.recording.along import AlongPlots
 from multirod.recording.bodies import around, poses_of
@@ -19,9 +18,10 @@ from multirod.recording.framing import Extent, Frame
 from multirod.recording.loads import DrawnLoad, acting, arrow_ends, largest
 from multirod.recording.stage import TIP_AXES, Stage, final_scale, frame_ends, given, live_scale, targets
 from multirod.recording.style import scales, styles
-from multirod.remarks import Remarks
+from multirod.results.history import History
+from multirod.results.remarks import Remarks
+from multirod.results.strains import strains
 from multirod.status import Status, failures, left_branch
-from multirod.strains import strains
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:

@@ -11,12 +11,12 @@ import numpy as np
 
 from multirod.assembly import Assembly
 from multirod.batch import SHORTEST_PART, IntArray
-from multirod.compiling import COMPILER
 from multirod.inputs import Inputs
+from multirod.kernels.compiling import COMPILER
+from multirod.results.scene import Scene
+from multirod.results.solution import Solution
 from multirod.running.progress import Watch
 from multirod.running.simulation import as_solver, simulate, solve
-from multirod.scene import Scene
-from multirod.solution import Solution
 from multirod.solver import Outcome, Solver
 from multirod.status import Status
 from multirod.validation import boolean, device_name, unknown_names

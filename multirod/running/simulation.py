@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 from multirod import plausibility
 from multirod.assembly import Assembly, Robot
 from multirod.batch import IntArray, broadcast_shapes, parts, run, thread_count
-from multirod.events import Events, placed_events
-from multirod.history import History
 from multirod.inputs import Inputs
 from multirod.problem import BoundaryProblem
+from multirod.results.events import Events, placed_events
+from multirod.results.history import History
+from multirod.results.scene import Scene, stand_in
+from multirod.results.solution import Solution
 from multirod.reuse import borrowed
 from multirod.running.progress import Watch
-from multirod.scene import Scene, stand_in
 from multirod.segments import Breakpoints, placed
-from multirod.solution import Solution
 from multirod.solver import Outcome, Solver, Tested
 from multirod.solvers.shooting import Shooting
 from multirod.studies.terms.simplify import simplified

@@ -11,14 +11,14 @@ import numpy as np
 
 from multirod import plausibility
 from multirod.assembly import Assembly, Robot_co
-from multirod.derivatives import Columns, known_names, twins_of
 from multirod.exclusive import Uncopied
 from multirod.inputs import Inputs
 from multirod.models.assemblies.inputs import KnownInputs
+from multirod.results.derivatives import Columns, known_names, twins_of
+from multirod.results.scene import Scene
+from multirod.results.solution import Solution
 from multirod.running.plain import PlainInputs
 from multirod.running.simulation import Runner, as_solver
-from multirod.scene import Scene
-from multirod.solution import Solution
 from multirod.solver import Solver
 from multirod.types import Numbers, P, Takes
 from multirod.validation import Described, FloatArray, device_name, positive_float, refuse, unknown_names

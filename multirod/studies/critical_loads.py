@@ -12,8 +12,8 @@ from multirod.budget import Budget, Spent
 from multirod.inputs import Inputs
 from multirod.integrators import RK45
 from multirod.profile import Profile
+from multirod.results.solution import IncompleteWarning, Solution, SolveError
 from multirod.running.simulation import solve
-from multirod.solution import IncompleteWarning, Solution, SolveError
 from multirod.solvers.continuation import Branch, BranchLost, Change, Point
 from multirod.solvers.shooting import Shooting
 from multirod.stability import Stability
@@ -55,7 +55,7 @@ class CriticalLoad:
         return abs(self.index_after - self.index_before)
 
     def _repr_html_(self) -> str:
-        from multirod import html
+        from multirod.results import html
 
         return html.critical_loads([self])
 
@@ -83,7 +83,7 @@ class CriticalLoads(tuple[CriticalLoad, ...]):
         return result
 
     def _repr_html_(self) -> str:
-        from multirod import html
+        from multirod.results import html
 
         unsure = [f"from {low:.6g} to {high:.6g} changes may be missing" for low, high in self.undecided]
         return html.critical_loads(self, [f"searched up to load factor {self.reached:.6g}", *unsure])

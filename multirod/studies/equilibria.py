@@ -12,8 +12,8 @@ from multirod.assembly import Assembly, Robot, Robot_co
 from multirod.budget import Budget, Spent
 from multirod.inputs import Inputs
 from multirod.problem import BoundaryProblem
+from multirod.results.solution import IncompleteWarning, Solution, SolveError
 from multirod.running.simulation import solve
-from multirod.solution import IncompleteWarning, Solution, SolveError
 from multirod.solvers.continuation import Branch
 from multirod.solvers.shooting import Shooting
 from multirod.solvers.starting import ROUND, SAME, STARTS, Catalogue, converge, degrees, limits
@@ -69,7 +69,7 @@ class Equilibria(Solution[Robot_co]):
         return result
 
     def _repr_html_(self) -> str:
-        from multirod import html
+        from multirod.results import html
 
         return html.equilibria(self)
 

@@ -6,9 +6,9 @@ from math import pi
 
 import numpy as np
 
-from multirod.history import History
 from multirod.integrators import RK45, Integrator
 from multirod.models.assemblies.single_rod import SingleRod
+from multirod.results.history import History
 from multirod.rod import Rod
 from multirod.running.simulation import simulate
 from multirod.solver import Solver

@@ -3,7 +3,7 @@
 import numpy as np
 import warp as wp
 
-from multirod.shared import Shared
+from multirod.kernels.shared import Shared
 from multirod.tasks.condensed_kernels import Condensed
 from multirod.tasks.formulation import Task
 

@@ -13,7 +13,7 @@ from multirod import plausibility
 from multirod.assembly import Assembly
 from multirod.models.assemblies.concentric_tubes import ConcentricTubes
 from multirod.models.assemblies.parallel_rods import ParallelRods
-from multirod.remarks import Remarks
+from multirod.results.remarks import Remarks
 from multirod.tasks.formulation import input_units, options
 from multirod.validation import FloatArray, array, nonnegative_float, number, positive_float, refuse, shown, unknown_names
 

@@ -7,8 +7,8 @@ import warp as wp
 from numpy.typing import NDArray
 
 from multirod.batch import IntArray
+from multirod.kernels.shared import Shared
 from multirod.problem import BoundaryProblem
-from multirod.shared import Shared
 from multirod.stability import Stability, modes_of
 from multirod.tasks.watch_kernels import SURE, Watched
 from multirod.validation import FloatArray

@@ -13,8 +13,8 @@ from multirod.assembly import Assembly
 from multirod.inputs import Inputs, InputSpec
 from multirod.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
+from multirod.results.solution import Solution
 from multirod.running.simulation import solve
-from multirod.solution import Solution
 from multirod.solver import Solver, registered_solvers
 from multirod.solvers.shooting import Shooting
 from multirod.stability import Stability

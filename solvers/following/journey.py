@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from multirod.budget import Spent
-from multirod.events import BranchEvent
+from multirod.results.events import BranchEvent
 from multirod.solvers.continuation.acceptance import CONTRACTION, MIN_STEP, SURPRISE, same_branch
 from multirod.solvers.following.descent import RADIUS, SOFT, Point, Slope, Unfit, slope_at
 from multirod.stability import Modes

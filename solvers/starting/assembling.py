@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from multirod.batch import IntArray
 from multirod.capabilities import Joints, Loading
-from multirod.events import placed_events
 from multirod.problem import BoundaryProblem
+from multirod.results.events import placed_events
 from multirod.solver import Outcome
 from multirod.solvers.continuation.natural import SAFE_LOAD, Paths
 from multirod.solvers.newton.iteration import Newton

@@ -9,6 +9,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from multirod.kernels.repeated_kernels import callable_from_kernels
+from multirod.kernels.shared import Shared
 from multirod.launch import record
 from multirod.models.backbone.nodes.correction import NEAR
 from multirod.models.backbone.nodes.node_pass import NodePass
@@ -16,7 +17,6 @@ from multirod.models.backbone.passes.lane_pass import LanePass
 from multirod.models.backbone.stability.condensing.forms import form_of
 from multirod.models.backbone.stability.sure_kernels import Sure, make_sure
 from multirod.problem import FEW
-from multirod.shared import Shared
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:

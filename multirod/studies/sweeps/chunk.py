@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.assembly import Assembly
-from multirod.events import BranchEvent
 from multirod.inputs import Inputs
+from multirod.results.events import BranchEvent
+from multirod.results.solution import Solution
 from multirod.running.simulation import solve
-from multirod.solution import Solution
 from multirod.solver import Solver
 from multirod.studies.sweeps.table import Arrays
 

@@ -288,7 +288,7 @@ class Explanation:
         return "\n".join([head, "", *lines, "", below])
 
     def _repr_html_(self) -> str:
-        from multirod import html
+        from multirod.results import html
 
         return html.explanation(self)
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from multirod.assembly import Assembly
 from multirod.batch import Interrupted
-from multirod.history import History
 from multirod.inputs import Inputs
+from multirod.results.history import History
 from multirod.running.simulation import Runner, as_solver, even_times, simulate
 from multirod.solver import Solver
 from multirod.studies.tradeoffs import limit as clock

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from multirod.assembly import Assembly
 from multirod.batch import IntArray, Interrupted
-from multirod.history import History
 from multirod.inputs import Inputs
 from multirod.integrators import RK4, RK45
+from multirod.results.history import History
 from multirod.running.simulation import Runner, simulate, solve
 from multirod.solvers.shooting import Shooting
 from multirod.studies.tradeoffs.limit import Limited

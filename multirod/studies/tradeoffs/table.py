@@ -236,7 +236,7 @@ class Tradeoff:
         save_tradeoff(path, self, name=name)
 
     def _repr_html_(self) -> str:
-        from multirod import html
+        from multirod.results import html
 
         return html.tradeoff(self)
 

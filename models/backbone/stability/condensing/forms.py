@@ -7,12 +7,12 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from multirod.kernels.shared import Shared
 from multirod.launch import record
 from multirod.models.backbone.nodes.node_pass import NodePass
 from multirod.models.backbone.stability.condensing.by_nodes import compliance_form, condensed_form
 from multirod.models.backbone.stability.condensing.form_kernels import Form, make_form
 from multirod.models.backbone.stability.condensing.second_variation import CondensedForm, NodeColumns
-from multirod.shared import Shared
 from multirod.validation import FloatArray
 
 

@@ -1,0 +1,76 @@
+"""Of robots and tasks: poses, bodies, legs, tubes, times."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multirod.plausibility.inputs import of_angles
+from multirod.plausibility.limits import ASIDE, DEVIATION, DT, LENGTH, PLATFORM_MASS, REACH, largest
+from multirod.plausibility.warning import say
+from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.rod import Rod
+
+
+def of_pose(field: str, poses: FloatArray) -> None:
+    """Warn of poses that are far away."""
+    LENGTH.check(f"{field} position", np.maximum(np.abs(poses[..., :3, 3]), LENGTH.low))
+
+
+def of_place(field: str, position: FloatArray | None) -> None:
+    """Warn of a place, of a target or measured, that is far away; what is missing of it is NaN."""
+    if position is not None and not np.abs(position).max(initial=0.0) <= LENGTH.high:
+        LENGTH.check(field, np.maximum(np.abs(position), LENGTH.low))
+
+
+def of_limits(field: str, name: str, values: FloatArray) -> None:
+    """Warn of limits of what tubes are moved and turned by, in other units; infinite ones are none."""
+    finite = values[np.isfinite(values)]
+    if name == "translation":
+        of_place(field, finite)
+    elif name == "rotation" and finite.size and np.any(finite):
+        of_angles(field, finite, largest(finite))
+
+
+def of_pose_sigma(sigma: FloatArray, position: bool) -> None:
+    """Warn of a standard deviation (2,) of positions that is no measurement's, where there are any."""
+    if position and DEVIATION[0] < sigma[0] < DEVIATION[1]:
+        say(f"Pose.sigma = {sigma[0]:.6g} m of a position says next to nothing of it; if it is in mm, give {1e-3 * sigma[0]:.6g}")
+
+
+def of_legs(base: FloatArray, platform: FloatArray, mass: float, rods: "tuple[Rod, ...]") -> None:
+    """Warn of legs that are further apart than they are long, and of a heavy platform."""
+    longest = max(float(np.max(rod.length)) for rod in rods)
+    for name, poses in (("base", base), ("platform", platform)):
+        size = largest(np.linalg.norm(poses[..., :3, 3] - poses[..., :1, :3, 3], axis=-1))
+        if REACH * longest < size <= LENGTH.high:
+            say(
+                f"ParallelRods.{name}: legs of at most {longest:.6g} m are {size:.6g} m apart; positions are in m, those of "
+                "platform in the platform's frame"
+            )
+    if mass > PLATFORM_MASS:
+        say(f"ParallelRods.platform_mass = {mass:.6g} kg is heavy for slender legs; if it is in g, give {1e-3 * mass:.6g}")
+
+
+def of_body(name: str, mass: float) -> None:
+    """Warn of a heavy body."""
+    if mass > PLATFORM_MASS:
+        say(f"Body.mass = {mass:.6g} kg of {name!r} is heavy for slender rods; if it is in g, give {1e-3 * mass:.6g}")
+
+
+def of_offsets(offsets: FloatArray, rods: "tuple[Rod, ...]") -> None:
+    """Warn of tubes that are far from the line that they run along."""
+    aside, length = largest(offsets), max(float(np.max(rod.length)) for rod in rods)
+    if aside > ASIDE * length:
+        say(
+            f"EccentricTubes.offsets of {aside:.6g} m are more than half of the length, {length:.6g} m; if they are in mm, give "
+            f"{1e-3 * aside:.6g}"
+        )
+
+
+def of_dt(field: str, dt: float, loop: str = "an observer") -> None:
+    """Warn of a time step that is no step of a control loop."""
+    if dt > DT:
+        milli = f"if it is in ms, give {1e-3 * dt:.6g}"
+        say(f"{field} = {dt:.6g} s between samples is slow for {loop}; {milli}, if a rate in Hz, {1 / dt:.6g}")

@@ -1,0 +1,260 @@
+"""Of rods: what they are made of, and what they carry."""
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from multirod.plausibility.limits import (
+    ASIDE,
+    DENSITY,
+    HARDLY,
+    LENGTH,
+    MAGNETISED,
+    POISSON,
+    RUBBING,
+    SHEAR,
+    SLENDER,
+    SOFT,
+    SPECIFIC,
+    STRETCHED,
+    TWISTING,
+    WIDE,
+    WINDING,
+    YOUNG,
+    largest,
+)
+from multirod.plausibility.warning import say
+from multirod.profile import Profile
+from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.rod import Rod
+
+
+class Material(NamedTuple):
+    """What a rod was made of.
+
+    Attributes:
+        young: Young's modulus [Pa].
+        shear: Shear modulus [Pa].
+        density: [kg/m^3].
+        shear_given: Whether the shear modulus was, and is not made of Poisson's ratio.
+    """
+
+    young: FloatArray
+    shear: FloatArray
+    density: float
+    shear_given: bool = True
+
+
+def of_rod(rod: "Rod", material: Material | None) -> None:
+    """Warn of what a rod is made of: of what was given first, of what follows from that only where all that is plausible."""
+    length = float(np.max(rod.length))
+    odd = LENGTH.check("Rod.length", rod.length)
+    if material is not None:
+        odd |= _of_material(material)
+    odd = odd or _of_diameter(rod, length)
+    if not odd:
+        _of_stiffness(rod, material)
+    _of_precurvature(rod, length)
+    _of_mass(rod, material)
+    _of_lines(rod, length)
+
+
+def _of_material(material: Material) -> bool:
+    E, G, density, shear_given = material
+    ratio = float(np.min(G))
+    if 0.0 < ratio <= 0.5 and np.all(ratio == G):
+        say(f"Rod.shear_modulus = {ratio:g} Pa is nothing; if it is Poisson's ratio, give poisson_ratio={ratio:g} instead")
+        return True
+    odd = YOUNG.check("Rod.young_modulus", E) | (shear_given and SHEAR.check("Rod.shear_modulus", G))
+    if odd:
+        return True
+    poisson = E / (2 * G) - 1
+    if (poisson < POISSON.low).any() or (poisson > POISSON.high).any():
+        least, most = float(poisson.min()), float(poisson.max())
+        low = least < POISSON.low
+        why = (
+            "G is at most about E/2; are young_modulus and shear_modulus exchanged?" if low else "is G too small, or E too large?"
+        )
+        values = f"Rod.young_modulus = {float(np.max(E)):.6g} Pa and shear_modulus = {float(np.max(G)):.6g} Pa"
+        say(f"{values} mean a Poisson ratio of {least if low else most:.3g}: {why}")
+        return True
+    if DENSITY.check("Rod.density", density):
+        return True
+    if density and SPECIFIC.odd(E / density) is not None:
+        other = f"; if it is in g/cm^3, give {1e3 * density:.6g}" if float(np.max(E)) / density > SPECIFIC.high else ""
+        units = "E is in Pa, density in kg/m^3"
+        say(f"Rod.density = {density:.6g} kg/m^3 with young_modulus = {float(np.max(E)):.6g} Pa is no material: {units}{other}")
+        return True
+    return False
+
+
+def _of_diameter(rod: "Rod", length: float) -> bool:
+    outer = rod.outer_diameter
+    if outer is None or SLENDER.odd(length / outer) is None:
+        return False
+    what = "is thicker than the rod is long" if outer > length else "is a hundred thousandth of the length and less"
+    found = f"; if it is in mm, give {1e-3 * outer:.6g}" if SLENDER.odd(1e3 * length / outer) is None and outer > length else ""
+    say(f"Rod.outer_diameter = {outer:.6g} m {what}, {length:.6g} m{found}")
+    return True
+
+
+def _of_stiffness(rod: "Rod", material: Material | None) -> None:
+    EI = np.array([float(np.max(section.bending_stiffness)) for section in rod.sections])
+    outer = rod.outer_diameter
+    if material is None:
+        if outer is not None:
+            I = math.pi / 64 * (outer**4 - (rod.inner_diameter or 0.0) ** 4)
+            found = YOUNG.odd(EI / I) if I > 0 else None
+            if found is not None:
+                what = YOUNG.above if found > YOUNG.high else YOUNG.below
+                own = found * I
+                mm = f"; if EI is in N mm^2, give {1e-6 * own:.6g}" if YOUNG.odd(1e-6 * EI / I) is None else ""
+                of = f"Rod.bending_stiffness = {own:.6g} N m^2 at outer_diameter = {outer:.6g} m"
+                say(f"{of} means a Young's modulus of {found:.3g} Pa, which {what}{mm}")
+                return
+        if _twists_too_little(rod):
+            return
+    square = float(np.max(rod.length)) ** 2
+    force = EI / square
+    odd = SOFT.odd(force)
+    if odd is not None:
+        what = f"is bent by a force of about EI/L^2 = {odd:.3g} N"
+        if material is None:
+            own = odd * square
+            mm = f"if EI is in N mm^2, give {1e-6 * own:.6g}" if SOFT.odd(1e-6 * force) is None else "it is in N m^2"
+            say(f"Rod.bending_stiffness = {own:.6g} N m^2 at length = {_length(rod)} {what}; {mm}")
+        else:
+            made = f"young_modulus = {largest(material.young):.6g} Pa, outer_diameter = {outer:.6g} m, length = {_length(rod)}"
+            say(f"Rod of {made} {what}; are diameters and length in m, moduli in Pa?")
+        return
+    _of_stretch(rod)
+
+
+def _length(rod: "Rod") -> str:
+    return f"{float(np.max(rod.length)):.6g} m"
+
+
+def _twists_too_little(rod: "Rod") -> bool:
+    for section in rod.sections:
+        GJ, EI = section.torsional_stiffness, section.bending_stiffness.sum(axis=-1)
+        wrong = np.isfinite(GJ) & (GJ > TWISTING * EI)
+        if wrong.any():
+            twisting, bending = (float(np.broadcast_to(value, wrong.shape)[wrong][0]) for value in (GJ, EI))
+            say(
+                f"Rod.torsional_stiffness = {twisting:.6g} N m^2 is too much beside bending_stiffness = {bending / 2:.6g} N m^2: "
+                "of one material GJ is at most about EI; are they exchanged, or in different units?"
+            )
+            return True
+    return False
+
+
+def _of_stretch(rod: "Rod") -> None:
+    outer = rod.outer_diameter
+    for section in rod.sections if outer is not None else ():
+        assert outer is not None
+        EI = section.bending_stiffness.max(axis=-1)
+        for name, stiffness in (("axial_stiffness", section.axial_stiffness), ("shear_stiffness", section.shear_stiffness)):
+            finite = np.asarray(stiffness)[np.isfinite(stiffness)]
+            implied = 4 * math.sqrt(float(EI.max()) / float(finite.max())) if finite.size else outer
+            if not outer / WIDE <= implied <= outer * WIDE:
+                say(
+                    f"Rod.{name} = {float(finite.max()):.6g} N beside bending_stiffness = {float(EI.max()):.6g} N m^2 means a "
+                    f"diameter of about {implied:.2g} m, not {outer:.6g} m: it is a modulus times an area, in N"
+                )
+                return
+
+
+def _curvatures(rod: "Rod") -> Iterator[tuple[FloatArray, float]]:
+    """Precurvature (..., 3) of each section at some places, and its length."""
+    for section in rod.sections:
+        size = float(np.max(section.length))
+        law = section.precurvature
+        yield np.array([law(s) for s in np.linspace(0, size, 9)]) if isinstance(law, Profile) else np.asarray(law), size
+
+
+def _of_precurvature(rod: "Rod", length: float) -> None:
+    bent = [(float(np.linalg.norm(u[..., :2], axis=-1).max()), size) for u, size in _curvatures(rod)]
+    most, total = max(u for u, _ in bent), sum(u * size for u, size in bent)
+    radius = None if rod.outer_diameter is None else rod.outer_diameter / 2
+    if radius is not None and most * radius > 1:
+        say(
+            f"Rod.precurvature of {most:.6g} 1/m is a radius of {1 / most:.3g} m, less than the rod's own, {radius:.3g} m"
+            + (f"; if it is a radius in mm, give {1e3 / most:.6g}" if 1e3 / most * radius < 1 else "; it is a curvature in 1/m")
+        )
+    elif total > 2 * math.pi * WINDING:
+        degrees = f"; if it is in degrees per m, give {math.radians(most):.6g}"
+        say(f"Rod.precurvature of {most:.6g} 1/m winds the rod up {total / (2 * math.pi):.3g} times{degrees}")
+    elif HARDLY[0] < total < HARDLY[1] and length <= LENGTH.high:
+        say(
+            f"Rod.precurvature of {most:.6g} 1/m bends {length:.6g} m by {math.degrees(total):.2g} degrees; if it is a radius in "
+            f"m, give {1 / most:.6g}, if it is in 1/mm, {1e3 * most:.6g}"
+        )
+    elif not total and not rod.carried and not rod.is_magnetised:
+        twist = max(float(np.abs(u[..., 2]).max()) for u, _ in _curvatures(rod))
+        round_ = all(np.all(s.bending_stiffness[..., 0] == s.bending_stiffness[..., 1]) for s in rod.sections)
+        if twist and round_:
+            say(
+                f"Rod.precurvature = (0, 0, {twist:.6g}) 1/m twists a round rod and leaves it straight: it is (about x, about y, "
+                "twist), so give the curvature first or second"
+            )
+
+
+def _of_mass(rod: "Rod", material: Material | None) -> None:
+    if material is not None:
+        return
+    if rod.outer_diameter is not None:
+        area = math.pi / 4 * (rod.outer_diameter**2 - (rod.inner_diameter or 0.0) ** 2)
+        for section in rod.sections:
+            odd = DENSITY.odd(section.linear_density / area) if area > 0 else None
+            if odd is not None:
+                grams = f"; if it is in g/m, give {1e-3 * odd * area:.6g}" if DENSITY.odd(1e-3 * odd) is None else ""
+                what = DENSITY.above if odd > DENSITY.high else DENSITY.below
+                say(f"Rod.linear_density = {odd * area:.6g} kg/m means a density of {odd:.3g} kg/m^3, which {what}{grams}")
+                return
+            if largest(section.magnetisation) > MAGNETISED * area:
+                most = largest(section.magnetisation)
+                say(
+                    f"Rod.magnetisation = {most:.6g} A m is {most / area:.3g} A/m, more than any magnet; it is the magnetic "
+                    f"moment per length: if it is in A/m, give it to Rod.tube or Rod.wire, or {most * area:.6g}"
+                )
+                return
+
+
+def of_tube_magnetisation(magnetisation: FloatArray) -> None:
+    """Warn of a magnetisation per volume."""
+    most = largest(magnetisation)
+    if most > MAGNETISED:
+        say(f"Rod.magnetisation = {most:.6g} A/m is more than any magnet has, some 1e6 A/m")
+    elif 0 < most < 10:
+        remanence = most / (4e-7 * math.pi)
+        say(f"Rod.magnetisation = {most:.6g} A/m is next to nothing; if it is a remanence in T, give {remanence:.3g} A/m")
+
+
+def _of_lines(rod: "Rod", length: float) -> None:
+    if rod.discs is not None and rod.discs >= length:
+        found = f"; if it is in mm, give {1e-3 * rod.discs:.6g}" if 1e-3 * rod.discs < length else ""
+        say(f"Rod.discs = {rod.discs:.6g} m is a spacing beyond the rod's length, {length:.6g} m{found}")
+    for line in rod.lines:
+        field = type(line).__name__.removeprefix("Rubbing").removeprefix("Displaced").removeprefix("Section")
+        there = np.linspace(line.start, min(line._last, length), 9)
+        route: Any = line.offset if line.offset is not None else [line._offset_and_slope(s)[0] for s in there]
+        aside = largest(route)
+        if aside > ASIDE * length:
+            found = f"; if it is in mm, give {1e-3 * aside:.6g}" if 1e-3 * aside < ASIDE * length else ""
+            say(f"{field}.offset = {aside:.6g} m is beside a rod of {length:.6g} m, further than half its length{found}")
+        area = getattr(line, "area", None)
+        if area is not None and math.sqrt(float(np.max(area))) > length:
+            found = f"; if it is in mm^2, give {1e-6 * float(np.max(area)):.6g}"
+            say(f"{field}.area = {float(np.max(area)):.6g} m^2 is wider than the rod is long, {length:.6g} m{found}")
+        rest, rubs = getattr(line, "rest_length", None), largest(getattr(line, "friction", 0.0))
+        if rest is not None and np.ndim(rod.length) == 0:
+            natural = float(np.max(line.length_at_rest(rod.sections)))
+            if abs(rest - natural) > STRETCHED * natural:
+                found = f"; if it is in mm, give {1e-3 * rest:.6g}" if abs(1e-3 * rest / natural - 1) < STRETCHED else ""
+                say(f"{field}.rest_length = {rest:.6g} m: in the rod at rest the line is {natural:.6g} m long{found}")
+        if rubs > RUBBING:
+            say(f"{field}.friction = {rubs:.6g} is a coefficient, seldom above 0.5; if it is in percent, give {rubs / 100:.6g}")

@@ -1,0 +1,25 @@
+"""The warning, and where it is given."""
+
+import sys
+import warnings
+
+
+class PlausibilityWarning(UserWarning):
+    """Of a number that is allowed and hardly meant, such as a length in mm.
+
+    It names the field, its value, what that means and what was probably meant. It is given once, where the thing is made.
+    ``warnings.simplefilter("ignore", mr.PlausibilityWarning)`` is for who means it, ``"error"`` for who never does.
+    """
+
+
+def say(message: str) -> None:
+    """Warn of something, where the package was called."""
+    frame, level = sys._getframe(1), 2
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == "multirod":
+        frame, level = frame.f_back, level + 1
+    warnings.warn(message, PlausibilityWarning, stacklevel=level)
+
+
+def with_unit(value: float, unit: str) -> str:
+    """A number as messages say it."""
+    return f"{value:.6g} {unit}".strip()

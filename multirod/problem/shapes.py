@@ -1,0 +1,62 @@
+"""Rods and lines on nodes along their arclength: what problems say, and results."""
+
+from dataclasses import dataclass
+
+from multirod.validation import FloatArray, frozen
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Rods of all instances on nodes along their arclength; axes (batch, node, ...) of one rod, read-only.
+
+    Attributes:
+        arclength: From the base [m], shape (batch, node_count).
+        position: Centreline in the world [m], shape (batch, node_count, 3).
+        rotation: Material frames of this rod, body to world, shape (batch, node_count, 3, 3).
+        curvature: ``u`` in that frame [1/m], shape (batch, node_count, 3); at a section end, that of the section before.
+        moment: Internal moment of this rod, in that frame [N m], shape (batch, node_count, 3).
+        force: Internal force in that frame [N], of all concentric rods together, shape (batch, node_count, 3).
+        total_moment: The moment of this rod and of its members and lines together, shape (batch, node_count, 3).
+        total_force: The same for the force.
+    """
+
+    arclength: FloatArray
+    position: FloatArray
+    rotation: FloatArray
+    curvature: FloatArray
+    moment: FloatArray
+    force: FloatArray
+    total_moment: FloatArray = None  # type: ignore[assignment]  # the rod's own, by default
+    total_force: FloatArray = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        for name in ("moment", "force"):
+            if getattr(self, f"total_{name}") is None:
+                object.__setattr__(self, f"total_{name}", getattr(self, name))
+        for name, value in vars(self).items():
+            object.__setattr__(self, name, frozen(value))
+
+    def __repr__(self) -> str:
+        return f"Shape({', '.join(f'{name} {value.shape}' for name, value in vars(self).items())})"
+
+
+@dataclass(frozen=True)
+class LineShape:
+    """A line on nodes evenly spaced along its rod; read-only, NaN where the line is not.
+
+    Attributes:
+        arclength: Of the rod [m], shape (..., node_count).
+        position: In the world [m], shape (..., node_count, 3).
+        tension: [N], shape (..., node_count).
+    """
+
+    arclength: FloatArray
+    position: FloatArray
+    tension: FloatArray
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            object.__setattr__(self, name, frozen(value))
+
+    def __repr__(self) -> str:
+        return f"LineShape({', '.join(f'{name} {value.shape}' for name, value in vars(self).items())})"

@@ -1,0 +1,1 @@
+"""Results: equilibria of all instances, over time too, and what is told of them."""

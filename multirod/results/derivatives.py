@@ -1,0 +1,287 @@
+"""Derivatives of solutions at equilibrium, by inputs and by the robot's own numbers; equations of ``docs/derivatives.md``."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod.batch import solved_each
+from multirod.problem import BoundaryProblem
+from multirod.results.segment_system import pose_jacobian
+from multirod.rotations import cross_matrix
+from multirod.segments import Segments
+from multirod.types import Numbers
+from multirod.validation import FloatArray, array, choice, frozen, meant, refuse, shown
+
+if TYPE_CHECKING:
+    from multirod.assembly import Assembly
+    from multirod.inputs import Inputs
+    from multirod.results.solution import Solution
+
+POSE = 6
+ALONG = ("position", "rotation", "curvature")  # at places along a rod
+OF = ("pose", "line_length", "tension", *ALONG)
+OF_TIP = {"tip_pose": slice(0, POSE), "tip_position": slice(0, 3)}
+SINGULAR = 1e-14  # of the largest: a singular value of the compliance that rounding may have left
+
+# of a problem, its columns of the pose by numbers at fixed unknowns, and what ends at one place were moved apart
+Rows = Callable[[Any, FloatArray, FloatArray], FloatArray]
+
+
+@dataclass(frozen=True)
+class Columns:
+    """What an integration carried along, at fixed unknowns.
+
+    Attributes:
+        places: By each name, where its columns stand.
+        slopes: Of the residual, shape (instance, n, k).
+        rows: Of the end effector's pose, by the unknowns, then by the names, shape (instance, 6, n + k).
+        gamma: Shape (instance, n, n).
+    """
+
+    places: dict[str, NDArray[np.intp]]
+    slopes: FloatArray
+    rows: FloatArray
+    gamma: FloatArray
+
+    @classmethod
+    def of(cls, problem: BoundaryProblem, places: dict[str, NDArray[np.intp]]) -> "Columns":
+        """Those of the last integration, after ``aim(*places)``."""
+        slopes, moved = problem.aimed(*places)
+        return cls(places, slopes, _pose_rows(problem, moved), np.array(_gamma(problem)))
+
+    def by(self, names: Sequence[object]) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+        """The columns by these names, slopes, rows and ``gamma``; None where some are not there."""
+        if tuple(names) == tuple(self.places):
+            return self.slopes, self.rows, self.gamma
+        places = [self.places[name] for name in names if isinstance(name, str) and name in self.places]
+        if not places or len(places) < len(names):
+            return None
+        chosen = np.concatenate(places)
+        n = self.gamma.shape[-1]
+        return self.slopes[:, :, chosen], self.rows[:, :, np.concatenate([np.arange(n), n + chosen])], self.gamma
+
+
+def names_of(solution: "Solution[Any]", names: Sequence[object], call: str = "jacobian(name)") -> list[str]:
+    """Inputs and parameters that are there, or a ``TypeError``."""
+    return known_names(solution.assembly, names, call)
+
+
+def known_names(assembly: "Assembly", names: Sequence[object], call: str) -> list[str]:
+    """The same of an assembly."""
+    allowed = (*(spec.name for spec in assembly.input_specs), *assembly.parameters)
+    if not names:
+        raise TypeError(f"{call} needs an input or several: it takes " + ", ".join(allowed))
+    known: list[str] = []
+    for name in names:
+        if not isinstance(name, str) or name not in allowed:
+            hint = meant(name, allowed) if isinstance(name, str) else ""
+            raise TypeError(f"{call} takes no {shown(name)}: it takes " + ", ".join(allowed) + hint)
+        known.append(name)
+    return known
+
+
+def jacobian(solution: "Solution[Any]", names: Sequence[object], of: str, at: Numbers | None, rod: int | str) -> FloatArray:
+    """What ``Solution.jacobian`` says."""
+    choice("of", of, OF)
+    kept = _kept(solution, names) if of == "pose" and at is None else None
+    if kept is not None:
+        return solution._masked(_eliminated(*kept), (POSE, kept[0].shape[-1]))
+    known = names_of(solution, names)
+    if of not in ALONG and at is not None:
+        refuse("at", at, f"must not be given of {of}: it is for {', '.join(ALONG)}")
+    # a follower force is an unknown's worth of equations more, but to first order only its direction counts
+    twins = twins_of(solution.assembly, lambda: solution.inputs, known)
+    stand_ins = [twin or name for name, twin in zip(known, twins, strict=True)]
+    tail, rows = _rows(solution, stand_ins, of, at, rod)
+    result = _by(solution, stand_ins, rows, tail)
+    if not any(twins):
+        return result
+    parts = split(solution, known, result)
+    R = solution.tip_rotation.reshape(*solution.batch_shape, *(1,) * (len(tail) - 1), 3, 3)
+    turned = [part @ R if twin else part for part, twin in zip(parts, twins, strict=True)]
+    return np.asarray(frozen(np.concatenate(turned, axis=-1)))
+
+
+def twins_of(assembly: "Assembly", inputs: "Callable[[], Inputs]", names: Sequence[str]) -> list[str]:
+    """Of each name the dead load that stands in for it, or none; inputs are asked for where there may be one."""
+    specs = {spec.name: spec.dead_twin for spec in assembly.input_specs}
+    return [specs[name] if specs.get(name) and not inputs().is_active(name) else "" for name in names]
+
+
+def split(solution: "Solution[Any]", names: Sequence[str], columns: FloatArray) -> list[FloatArray]:
+    """Columns (..., k) by each name."""
+    return np.split(columns, np.cumsum([solution.assembly.column_count(name) for name in names])[:-1], axis=-1)
+
+
+def _pose_rows(problem: BoundaryProblem, moved: FloatArray, apart: FloatArray | None = None) -> FloatArray:
+    return np.concatenate([problem.pose_by_unknowns(), moved], axis=2)
+
+
+def _rows(
+    solution: "Solution[Any]", names: list[str], of: str, at: Numbers | None, rod: int | str
+) -> tuple[tuple[int, ...], Rows]:
+    """The axes of what is asked for, and what gives its derivatives by unknowns and by numbers, (instance, rows, n + k)."""
+    assembly = solution.assembly
+    if of == "pose":
+        return (POSE,), _pose_rows
+    if of in ALONG:
+        index = solution._rod_index(rod)
+        places = places_of(solution, at, index)
+        tail = (places.size, 3) if np.ndim(np.asarray(at)) else (3,)
+
+        def along(problem: BoundaryProblem, moved: FloatArray, apart: FloatArray) -> FloatArray:
+            own = np.maximum(places - apart[:, None], places / 2)
+            values = problem.along(names, index, own)[of]
+            return np.asarray(values.reshape(problem.instance_count, -1, values.shape[-1]))
+
+        return tail, along
+    count = len(solution._lines())
+    if not assembly.length_columns:
+        raise NotImplementedError(f"{type(assembly).__name__} does not give the derivatives of its lines' lengths")
+
+    def lines(problem: BoundaryProblem, moved: FloatArray, apart: FloatArray) -> FloatArray:
+        assert problem.lines is not None  # as an assembly with lines has
+        ask = problem.lines.length_columns if of == "line_length" else problem.lines.tension_columns
+        return np.asarray(ask(*names))
+
+    return (count,), lines
+
+
+def places_of(solution: "Solution[Any]", at: Numbers | None, rod: int) -> FloatArray:
+    """Checked arclengths along a rod (count,): where a section ends, those just before it."""
+    if at is None:
+        refuse("at", at, "must be an arclength along the rod [m], or several, rising")
+    places = np.atleast_1d(array("at", at))
+    if places.ndim != 1 or not places.size or (np.diff(places) <= 0).any():
+        refuse("at", at, "must be one arclength or several, rising")
+    return places_on(solution.assembly, solution.assembly.translations_of(solution), places, rod)
+
+
+def places_on(assembly: "Assembly", translation: FloatArray, places: FloatArray, rod: int) -> FloatArray:
+    """Rising arclengths along a rod (count,), which must be on it: where a section ends, those just before it; all rods are
+    pushed out by ``translation`` (..., rod)."""
+    end = assembly.rods[rod].length + translation[..., rod]
+    if places[0] <= 0 or (places[-1] > end * (1 + SINGULAR)).any():
+        refuse("at", places.tolist(), f"must be > 0 and <= {float(np.min(end)):g} m, where the rod ends")
+    gap = 1e-12 * float(np.max(end))
+    result = places.copy()
+    for k, other in enumerate(assembly.rods):
+        shape = np.broadcast_shapes(other.batch_shape, translation.shape[:-1])
+        ends = np.cumsum([np.broadcast_to(section.length, shape) for section in other.sections], axis=0)
+        ends = (ends + translation[..., k]).reshape(-1, 1)
+        near = np.where(np.abs(ends - places) <= gap, ends - gap, np.inf).min(axis=0)
+        result = np.minimum(result, near)
+    return result
+
+
+def _by(solution: "Solution[Any]", names: list[str], rows: Rows, tail: tuple[int, ...]) -> FloatArray:
+    """(D1) Derivatives by parameters, and by inputs whose terms are compiled in, (..., *tail, k), in one integration."""
+    count = sum(solution.assembly.column_count(name) for name in names)
+
+    def columns(problem: BoundaryProblem) -> tuple[FloatArray]:
+        result = _eliminated(*_fixed(problem, names, rows), _gamma(problem))
+        for k, points in problem.breakpoints.items():
+            by_inputs = rows is _pose_rows and not any(name in solution.assembly.parameters for name in names)
+            result[k] = pose_jacobian(_segments(problem), k, points) if by_inputs else np.nan
+        return (result,)
+
+    return solution._masked(_gathered(solution, names, columns)[0], (*tail, count))
+
+
+def _segments(problem: BoundaryProblem) -> Segments:
+    assert problem.segments is not None  # as of all that is known by its breakpoints
+    return problem.segments
+
+
+def _eliminated(slopes: FloatArray, rows: FloatArray, gamma: FloatArray) -> FloatArray:
+    """(D1) What is left once the unknowns follow; NaN where they cannot be told."""
+    n = gamma.shape[-1]
+    return np.asarray(rows[:, :, n:] - rows[:, :, :n] @ solved_each(gamma, slopes))
+
+
+def _kept(solution: "Solution[Any]", names: Sequence[object]) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Slopes, rows and ``Gamma`` that the solution has by these names; None where it has not."""
+    if solution.columns is None or ("translation" in names and solution.assembly.ends_meet(solution.inputs)):
+        return None
+    return solution.columns.by(names)
+
+
+def _gamma(problem: BoundaryProblem) -> FloatArray:
+    n = problem.unknown_count
+    return problem.read("gamma").reshape(-1, n, n)
+
+
+def _fixed(problem: BoundaryProblem, names: list[str], rows: Rows) -> tuple[FloatArray, FloatArray]:
+    """Columns of the residual by the names, the unknowns fixed, and rows by unknowns, then by the names."""
+    apart = problem.part_ends(names)
+    problem.eliminates = True
+    slopes, moved = problem.input_columns(*names)
+    found = slopes, rows(problem, moved, apart)
+    problem.eliminates = False  # after an error it is not used again
+    return found
+
+
+def _gathered(solution: "Solution[Any]", names: list[str], columns: Callable[[Any], tuple[FloatArray, ...]]) -> list[Any]:
+    parameters = solution.assembly.parameters
+    enabled = tuple(name for name in names if name not in parameters)
+    options = solution.assembly.input_directions(*names)
+    return solution._gather(columns, pose_sensitivities=True, enabled=enabled, **options)
+
+
+def vjp(solution: "Solution[Any]", cotangent: Numbers, of: str, wrt: object) -> Mapping[str, FloatArray]:
+    """What ``Solution.vjp`` says; (D13)."""
+    part = OF_TIP[choice("of", of, OF_TIP)]
+    known = names_of(solution, tuple(wrt) if isinstance(wrt, (tuple, list)) else (wrt,), "vjp(wrt=...)")
+    rows = part.stop - part.start
+    given = array("cotangent", cotangent, (rows,))
+    try:
+        given = np.broadcast_to(given, (*solution.batch_shape, rows))
+    except ValueError:
+        refuse("cotangent", f"shape {given.shape}", f"must broadcast to {(*solution.batch_shape, rows)}")
+    twins = twins_of(solution.assembly, lambda: solution.inputs, known)
+    names = [twin or name for name, twin in zip(known, twins, strict=True)]
+
+    def columns(problem: BoundaryProblem) -> tuple[FloatArray, ...]:
+        slopes, carried = _fixed(problem, names, _pose_rows)
+        for k in problem.breakpoints:
+            carried[k] = np.nan
+        return slopes, carried, _gamma(problem)
+
+    slopes, carried, gamma = _kept(solution, names) or _gathered(solution, names, columns)
+    n = gamma.shape[-1]
+    c = given.reshape(-1, rows, 1)
+    carried = np.swapaxes(carried[:, part], 1, 2)
+    back = solved_each(np.swapaxes(gamma, 1, 2), carried[:, :n] @ c)
+    result = (carried[:, n:] @ c - np.swapaxes(slopes, 1, 2) @ back)[..., 0]
+    result = solution._masked(result, result.shape[1:])
+    pieces = split(solution, known, result)
+    R = solution.tip_rotation
+    turned = [(own[..., None, :] @ R)[..., 0, :] if twin else own for own, twin in zip(pieces, twins, strict=True)]
+    return {name: np.asarray(frozen(piece)) for name, piece in zip(known, turned, strict=True)}
+
+
+def stiffness(solution: "Solution[Any]") -> FloatArray:
+    """What ``Solution.stiffness`` says; (D14)."""
+    assembly = solution.assembly
+    names = {spec.name for spec in assembly.input_specs}
+    loads = assembly.end_loads
+    if assembly.end_held or not loads or not set(loads) <= names or "platform_position" in names:
+        raise AttributeError(f"{type(assembly).__name__} has no stiffness of its end: something holds it")
+    parts = [np.arange(assembly.column_count(name))[own] for name, own in loads.items()]
+    columns = np.concatenate([parts[0], assembly.column_count(next(iter(loads))) + parts[1]])
+    compliance = np.array(jacobian(solution, tuple(loads), "pose", None, 0)[..., columns])
+    if "force_point" in names:
+        arm = (solution.tip_rotation @ solution.inputs.force_point[..., None])[..., 0]
+        compliance[..., :3] -= compliance[..., 3:] @ cross_matrix(arm)
+    scale = np.ones(POSE)
+    scale[3:] = assembly.longest
+    scaled = compliance * scale[:, None] * scale
+    result = np.full(compliance.shape, np.nan)
+    sound = np.asarray(np.isfinite(scaled).all(axis=(-2, -1)))
+    values = np.linalg.svd(np.where(sound[..., None, None], scaled, 0.0), compute_uv=False)
+    sound &= values[..., -1] > SINGULAR * values[..., 0]
+    result[sound] = np.linalg.inv(scaled[sound]) * scale[:, None] * scale
+    return np.asarray(frozen(result))

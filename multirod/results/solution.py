@@ -1,0 +1,328 @@
+"""Results: an equilibrium of each instance."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+from os import PathLike
+from typing import TYPE_CHECKING, Any, Literal, Self, Unpack
+
+import numpy as np
+
+from multirod.assembly import Robot_co
+from multirod.batch import Instances
+from multirod.results import derivatives
+from multirod.results.computed import Computed
+from multirod.results.remarks import Remarks
+from multirod.status import Status
+from multirod.types import (
+    AxesGiven,
+    AxesOrArray,
+    Index,
+    Name,
+    Named,
+    Numbers,
+    Parameter,
+    Quantity,
+    SaveOptions,
+)
+from multirod.validation import FloatArray, names_checked
+
+_OTHER_NAMES = {
+    **dict.fromkeys(("tip", "pose", "tip_pose", "end_effector"), "tip_position and tip_rotation"),
+    **dict.fromkeys(
+        ("position", "shape", "shapes", "centreline", "arclength", "curvature"), "rod(0), which has position and more"
+    ),
+    "rotation": "tip_rotation, or rod(0).rotation along a rod",
+    **dict.fromkeys(("converged", "success", "ok"), "status, or failed"),
+    **dict.fromkeys(("message", "reason"), "status.message"),
+    "rods": "rod(0), rod(1), ..., or robot.rods",
+}  # what attributes of a solution are called elsewhere
+
+
+class SolveError(RuntimeError):
+    """Raised by ``Solution.raise_if_failed`` where an instance has no result."""
+
+
+class IncompleteWarning(UserWarning):
+    """Of a list that is known to lack something, or may lack something at a place that is known."""
+
+
+class Solution(Computed[Robot_co]):
+    """Equilibria of all instances; every array has the batch's leading axes ``...`` and is read-only: change a copy of it.
+
+    An instance that failed has NaN in every array but ``status``, ``residual``, ``iterations`` and ``integrations``,
+    which say how it ended. Shapes, energy, stability and Jacobians are computed when they are first asked for: of a large batch,
+    ask for those of the instances of interest, ``solution[index].rod(0)``.
+    """
+
+    _remarks: Remarks | None = None  # of a task, for recordings
+    columns: derivatives.Columns | None = None  # of the pose, where the integrations of a tracker carried them
+
+    def __getitem__(self, index: Index) -> "Solution[Robot_co]":
+        """The solution of some instances: ``index`` as for an array with the leading axes ``batch_shape``.
+
+        Raises:
+            IndexError: If there are no such instances.
+        """
+        numbers: Any = np.arange(len(self._records)).reshape(self.batch_shape)
+        rows = numbers[index]
+        flat = rows.reshape(-1)
+        chosen = flat if self._instances is None else self._instances[flat]
+        scene = replace(self._scene, batch_shape=rows.shape)
+        return Solution(scene, self._records[flat], self._outcome.take(flat), self._whole, chosen)
+
+    if not TYPE_CHECKING:  # which knows what there is
+
+        def __getattr__(self, name: str) -> object:
+            if hasattr(type(self), name):  # it refused, and says why
+                return object.__getattribute__(self, name)
+            hint = f"; did you mean {_OTHER_NAMES[name]}?" if name in _OTHER_NAMES else ""
+            raise AttributeError(f"{type(self).__name__} has no {name!r}{hint}", name=name, obj=None if hint else self)
+
+    def jacobian(
+        self: "Solution[Named[Name]]",  # type: ignore[type-var]  # a robot, by what its inputs are called
+        *names: "Name | Parameter",
+        of: Literal["pose", "line_length", "tension", "position", "rotation", "curvature"] = "pose",
+        at: Numbers | None = None,
+        rod: int | str = 0,
+    ) -> FloatArray:
+        """Derivative of the end effector's pose by inputs or parameters of the robot, at equilibrium, or of what is along it.
+
+        Several take one integration together: ``jacobian("rotation", "translation")`` has the columns of each beside each other,
+        in the order named.
+
+        Args:
+            *names: Inputs, such as ``"tip_force"`` (then it is the compliance) or ``"rotation"``, or ``"precurvature"`` [1/m],
+                ``"bending_stiffness"``, ``"torsional_stiffness"`` [N m^2], ``"length"`` [m] of each section of each rod,
+                ``"base"``, ``"platform"`` (``docs/derivatives.md`` says what stays as it is meanwhile, and of which robots).
+            of: ``"pose"`` of the end effector, ``"line_length"`` or ``"tension"`` of lines; or, at places along a rod,
+                ``"position"``, ``"rotation"`` or ``"curvature"``.
+            at: Of the last three, arclengths from the base [m], one or several, rising, as ``rod(k).arclength``.
+            rod: Of them too, index or name of the rod.
+
+        Returns:
+            Shape (..., 6, k): position rows [m per unit], then rotation-vector rows [rad per unit], both in the world
+            frame; one column for each component of an input, or each rod or line. Of lines, shape (..., line_count, k). Along a
+            rod, shape (..., 3, k) or (..., count, 3, k): positions and rotation vectors in the world, curvatures in the frame of
+            the rod [1/m]. Columns by parameters run over rods, then over as many sections of each as any has, then over
+            components: three of ``precurvature``, ``EI_x`` and ``EI_y`` of ``bending_stiffness``; columns of sections that a rod
+            has not are zero. Of ``base`` position, then rotation vector about it, in the world, of each leg of parallel robots;
+            of ``platform`` those of each leg's attachment, in the platform's frame.
+
+        Raises:
+            TypeError: If the assembly takes no such input, or none is named.
+            ValueError: If ``of`` is none of these, or ``at`` is not on the rod.
+            NotImplementedError: If the assembly does not give these derivatives.
+        """
+        return self._jacobian(names, of, at, rod)
+
+    def _jacobian(self, names: tuple[object, ...], of: str, at: Numbers | None, rod: int | str) -> FloatArray:
+        return derivatives.jacobian(self, names, of, at, rod)
+
+    def vjp(
+        self: "Solution[Named[Name]]",  # type: ignore[type-var]
+        cotangent: Numbers,
+        *,
+        of: Literal["tip_pose", "tip_position"] = "tip_pose",
+        wrt: "Sequence[Name | Parameter] | Name | Parameter",
+    ) -> Mapping[str, FloatArray]:
+        """Derivatives of a scalar that depends on the end effector's pose, by inputs and parameters: one transposed solve.
+
+        Args:
+            cotangent: Its derivative by position [per m] and rotation vector [per rad] of the end effector, both in the world,
+                shape (..., 6), or by position alone, (..., 3); the leading axes broadcast to the batch's.
+            of: ``"tip_pose"`` or ``"tip_position"``.
+            wrt: One name or several, as for ``jacobian``.
+
+        Returns:
+            By each name, shape (..., k), in the order of the columns of ``jacobian``; NaN where there is no result.
+
+        Raises:
+            TypeError, ValueError, NotImplementedError: As for ``jacobian``, or if the cotangent does not fit.
+        """
+        return derivatives.vjp(self, cotangent, of, wrt)
+
+    @cached_property
+    def stiffness(self) -> FloatArray:
+        """Stiffness of the end effector, shape (..., 6, 6): force [N], then moment [N m], by its position, then rotation vector.
+
+        What a small displacement of the end effector takes, all inputs as they are: the inverse of the compliance by
+        ``tip_force`` and ``tip_moment``. In the axes of the world, about the origin of the end effector. Symmetric where its
+        loads have a potential (``docs/derivatives.md``). NaN where nothing moves it some way, as along a straight rod that
+        does not stretch, and where there is no result.
+
+        Raises:
+            AttributeError: If something holds the end.
+        """
+        return derivatives.stiffness(self)
+
+    def save(self, path: str | PathLike[str], **options: Unpack[SaveOptions]) -> None:
+        """Write the solution to a file, by its ending (``docs/files.md``).
+
+        Args:
+            path: File to write; an existing one is replaced, and there is a whole one or none. ``.npz`` holds all of it, for
+                ``mr.load``; ``.csv`` the centrelines; ``.nc`` what ``to_xarray`` makes of it; ``.glb``, ``.obj``, ``.ply`` and
+                ``.stl`` what ``to_mesh`` does.
+            **options: ``nodes`` of a rod, for all but ``.npz``; of meshes also ``corners``.
+
+        Raises:
+            TypeError: If there is no such option.
+            ValueError: If the ending is none of these, or ``.npz`` cannot hold it: robots of other packages.
+            ImportError: If a package is missing that the file needs; the message says what to install.
+        """
+        from multirod.files.saving import save_result
+
+        save_result(path, self, options)
+
+    def to_xarray(self, *, nodes: int | None = None) -> Any:  # noqa: ANN401  (xarray need not be there)
+        """An ``xarray.Dataset`` with named axes, units and the robot, which netCDF and Zarr take as it is.
+
+        Axes are ``time`` of a history, ``instance`` of a batch (``instance_0`` and so on of several axes), ``component``,
+        ``rod``, ``line``, ``unknown``. Failed instances are NaN; ``status`` says why.
+
+        Args:
+            nodes: Nodes of a rod, for arclength, position, rotation, curvature, moment and force along the rods to be included;
+                None, the default, is without.
+
+        Raises:
+            ImportError: If xarray is missing: ``pip install "multirod[xarray]"``.
+        """
+        from multirod.files.datasets import dataset
+
+        return dataset(self, nodes)
+
+    def to_mesh(self, *, nodes: int | None = None, corners: int = 24) -> Any:  # noqa: ANN401  (trimesh need not be there)
+        """A ``trimesh.Scene`` of tubes, swept along their centrelines, and platforms [m], each a closed surface of its own name.
+
+        Tubes are as thick as their diameters; what has none is as thick as recordings show it. Failed instances are left out.
+
+        Args:
+            nodes: Nodes of a rod, as for ``rod``.
+            corners: Of the polygons in the place of circles; they lie on these.
+
+        Raises:
+            ValueError: If no instance has a result, or there are more than 100: choose some, ``solution[index]``.
+            ImportError: If trimesh is missing: ``pip install "multirod[mesh]"``.
+        """
+        from multirod.files.meshes import scene
+
+        return scene(self, nodes, corners)
+
+    @names_checked
+    def plot(
+        self,
+        quantity: Quantity = "shape",
+        *,
+        ax: AxesGiven | None = None,
+        rod: int | str | None = None,
+        instances: int = 20,
+        colour_by: str | Numbers | None = None,
+        colour_label: str = "",
+        nodes: int | None = None,
+        frames: bool = True,
+        loads: bool = True,
+    ) -> AxesOrArray:
+        """Plot the shape in space, or a quantity along the arclength, by matplotlib (``docs/plotting.md``).
+
+        ==============  ==========================================================================================================
+        quantity        what is drawn
+        ==============  ==========================================================================================================
+        ``shape``       the robot in 3-D, to scale: rods, lines, discs, platform, joints; frames at bases and tip; loads as arrows
+        ``curvature``   ``u1, u2, u3`` in the frame of each rod [1/m]
+        ``moment``      the internal moment of each rod, in its frame [N m]
+        ``force``       the internal force in that frame [N], of all concentric rods together
+        ``strain``      bending and torsion at the surface of rods that have an outer diameter, extension and shear of rods that
+                        stretch or shear [%]
+        ==============  ==========================================================================================================
+
+        A batch is drawn as a family of shapes or curves, without lines, discs and loads. Instances that failed are left out, and
+        the title says so. ``plt.show()`` is not called.
+
+        Args:
+            quantity: One of the above.
+            ax: Axes to draw on, 3-D ones for a shape; by default those of a new figure. Along the arclength, several rods or
+                instances need an array of them, one for each component.
+            rod: Index or name of the only rod to be drawn; all by default.
+            instances: How many instances of a batch are drawn at most, evenly chosen among those that have a result.
+            colour_by: What instances are coloured by: an array of the batch's shape, or the name of a scalar such as
+                ``"residual"`` or ``"energy"``; by default their number.
+            colour_label: Of the colour bar.
+            nodes: Of each rod; by default 51 in space, 301 along the arclength.
+            frames: Whether frames are drawn.
+            loads: Whether loads are drawn.
+
+        Returns:
+            The axes, or an array of them, shape (k,).
+
+        Raises:
+            ValueError: If there is no such quantity or rod, or ``ax`` is not what it takes.
+            ImportError: If matplotlib is not there: ``pip install "multirod[plot]"``.
+            NotImplementedError: If the assembly offers no shapes.
+        """
+        from multirod.plotting import plot_solution
+
+        options: dict[str, Any] = {
+            "instances": instances,
+            "colour_by": colour_by,
+            "colour_label": colour_label,
+            "nodes": nodes,
+            "frames": frames,
+            "loads": loads,
+        }
+        return plot_solution(self, quantity, ax=ax, rod=rod, **options)
+
+    def raise_if_failed(self) -> Self:
+        """Return ``self`` if every instance has a result.
+
+        Raises:
+            SolveError: Otherwise; the message counts the failures and explains the first.
+        """
+        failed = self._failed
+        if failed.any():
+            first = int(np.argmax(failed))
+            status = Status(int(self._outcome.status.reshape(-1)[first]))
+            where = ""
+            if failed.size > 1:
+                where = f"{failed.sum()} of {failed.size} instances failed ({self._counts(failed)}); the first is {first}: "
+            reached = self._outcome.reached
+            moves = self._loose(first) if status is Status.LOOSE else ""
+            part = "" if reached is None else f", {reached.reshape(-1)[first]:.1%} of the load reached"
+            raise SolveError(
+                f"{where}{status.name} after {self._outcome.iterations.reshape(-1)[first]} iterations, "
+                f"residual {self.residual.reshape(-1)[first]:.3g} 1/m{part}: {status.message}{moves}"
+            )
+        return self
+
+    def _loose(self, instance: int) -> str:
+        """Which body of a loose network moves most, as the end of a message."""
+        with self._problem() as problem:
+            name = problem.loose()[instance]
+        return f" (body {name!r} moves most)" if name else ""
+
+    def __repr__(self) -> str:
+        if not self.batch_shape:
+            x, y, z = self.tip_position
+            tip = "" if self.status.failed else f", tip ({x:.5g}, {y:.5g}, {z:.5g}) m"
+            asides = "".join(f", {name} {value}" for name, value in self._asides.items())
+            residual = f"{asides}, residual {float(self.residual):.2g} 1/m"
+            events = "".join(f"; {event.said}" for event in self.events)
+            return f"{type(self).__name__}({self.status.name}{tip}{residual}{self._without}{events})"
+        return f"{type(self).__name__}(batch {self.batch_shape}: {self._counts(slice(None))}{self._without})"
+
+    def _repr_html_(self) -> str:
+        from multirod.results import html
+
+        return html.solution(self)
+
+    @property
+    def _asides(self) -> dict[str, str]:
+        """What a kind of result says beside what all say, by name; of a single one."""
+        return {}
+
+    @property
+    def _without(self) -> str:
+        return f"; dropped {', '.join(map(str, self.dropped))}" if self.dropped else ""
+
+    def _counts(self, chosen: Instances) -> str:
+        values, counts = np.unique(self._outcome.status.reshape(-1)[chosen], return_counts=True)
+        return ", ".join(f"{count} {Status(int(value))}" for value, count in zip(values, counts, strict=True))

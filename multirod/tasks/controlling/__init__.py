@@ -1,0 +1,1 @@
+"""Inputs along a moving target, one integration a sample."""

@@ -1,0 +1,216 @@
+"""The compiled sample of a controller: its arrays, made once, and its launches."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from multirod.kernels.shared import Shared
+from multirod.launch import record
+from multirod.rotations import matrices
+from multirod.tasks.condensed import condensed
+from multirod.tasks.controlling.control_kernels import ANGLE, ERROR, FREE, HELD, LONGEST, SINGULAR, Control, make_control
+from multirod.tasks.formulation import Task
+from multirod.tasks.limits import LimitRows
+from multirod.tasks.programme import programme
+from multirod.tasks.programme_kernels import Programme
+from multirod.tasks.rows import PoseRows
+from multirod.tasks.watch import Watch
+from multirod.types import WarpArray
+from multirod.validation import FloatArray
+
+Kind = tuple[int, int, int]  # whether a target has a position, a rotation, an axis
+
+
+class ControlStep:
+    """All of a controller's sample that comes after its integration.
+
+    Args:
+        task: Aimed at what is free; without leading axes.
+        rows: Limits of what is free.
+        unit: (9), shape (k,).
+        weight: Of rows of the position and of angles, shape (2,).
+        gains: (15) Of the offset and of its drift.
+        watch: Of the stability of samples.
+        shaped: Rows of limits of the shape beside ``rows``, which ``limit_shape`` sets.
+
+    Attributes:
+        given: By name what to write before ``launch``: ``position``, ``rotation``, ``axis``, ``seen_position``,
+            ``seen_rotation``, and ``seen``, of both 0, 1 for measured, -1 for missing.
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        rows: LimitRows,
+        unit: FloatArray,
+        weight: FloatArray,
+        gains: tuple[float, float],
+        watch: Watch,
+        shaped: int = 0,
+    ) -> None:
+        problem = task.problem
+        self._whole, self._watch = task, watch
+        self._problem, device = problem, problem.device
+        self._rows, self._unit, self._weight, self._gains = rows, unit, weight, gains
+        vectors = {"position": wp.vec3d, "rotation": wp.mat33d, "axis": wp.vec3d}
+        vectors |= {"seen_position": wp.vec3d, "seen_rotation": wp.mat33d}
+        self._given = {name: Shared((1,), dtype, device) for name, dtype in vectors.items()}
+        self._given["seen"] = Shared((1, 2), wp.int32, device)
+        self.given: dict[str, Any] = {name: each.values[0] for name, each in self._given.items()}
+        self._task: Any
+        self._task, self._columns = condensed(task)
+        self._count = task.count
+        kept: dict[str, tuple[tuple[int, ...], Any]] = dict.fromkeys(("offset", "drift", "motion"), ((2,), wp.vec3d))
+        kept |= dict.fromkeys(("tip_position", "last_position", "last_axis"), ((), wp.vec3d))
+        kept |= dict.fromkeys(("tip_rotation", "last_rotation"), ((), wp.mat33d))
+        kept |= {"has_tip": ((), wp.int32), "last_kind": ((), wp.vec3i), "begun": ((), wp.float64), "status": ((), wp.int32)}
+        kept |= {"foreseen": ((), wp.float64), "doubt": ((), wp.int32), "before_tip": ((), wp.int32)}
+        kept |= {"before_position": ((), wp.vec3d), "before_rotation": ((), wp.mat33d)}
+        sizes = {"before_unknowns": problem.unknown_count, "before_values": task.count}
+        sizes |= {"good_unknowns": problem.unknown_count, "good_values": task.count, "values": task.count}
+        sizes |= {"record": problem.records.shape[1], "told": FREE + 8 * task.count}
+        kept |= {name: ((size,), wp.float64) for name, size in sizes.items()}
+        self._kept: dict[str, Any] = {
+            name: wp.zeros((1, *shape), dtype=dtype, device=device) for name, (shape, dtype) in kept.items()
+        }
+        self._views = [self._kept[name].numpy() for name in ("record", "told", "status", "doubt")]
+        self._shared = wp.get_device(device).is_cpu
+        c, k = rows.matrix.shape
+        each: dict[str, tuple[int, ...]] = dict.fromkeys(("limits", "scaled"), (c + shaped, k)) | dict.fromkeys(
+            ("low", "high"), (c + shaped,)
+        )
+        self._limits = {name: Shared(size, wp.float64, device) for name, size in each.items()}
+        self._longest = Shared((1,), wp.float64, device)
+        self._longest.write(LONGEST)
+        self._put_limits(slice(c), rows.matrix, rows.low, rows.high)
+        self._put_limits(slice(c, None), np.zeros((shaped, k)), np.full(shaped, -np.inf), np.full(shaped, np.inf))
+        self._launches: dict[Kind, Callable[[], None]] = {}
+        self._kind: Kind = (0, 0, 0)  # of the last launch
+        self._states: list[Any] = []  # whose arrays the launches work in
+
+    def start(self, unknowns: FloatArray, values: FloatArray) -> None:
+        """Begin at ``x`` (1, n) and ``p`` (1, k)."""
+        self._kept["good_unknowns"].assign(unknowns)
+        self._kept["good_values"].assign(values)
+
+    def prepare(self, *kinds: Kind) -> None:
+        """Make the launches for targets of these kinds: one that is not made takes a sample as long as forty do."""
+        for kind in kinds:
+            self._launches[kind] = self._made(kind)
+
+    def launch(self, kind: Kind) -> tuple[FloatArray, FloatArray, int, int]:
+        """From an integration to the next one's place.
+
+        Returns:
+            The problem's records at the command, shape (1, size); what is told of it, as ``control_kernels`` says where, shape
+            (size,); its status; what has to be done about it, as ``watch_kernels`` says.
+        """
+        self._columns.update()
+        self._kind = kind
+        if kind not in self._launches:
+            self.prepare(kind)
+        if self._shared:
+            self._launches[kind]()
+            found, told, status, doubt = self._views
+            return found.copy(), told[0].copy(), int(status[0]), int(doubt[0])
+        for each in self._given.values():
+            each.send()
+        self._launches[kind]()
+        found, told, status, doubt = (self._kept[name].numpy() for name in ("record", "told", "status", "doubt"))
+        return found, told[0], int(status[0]), int(doubt[0])
+
+    def refuse(self, told: FloatArray) -> None:
+        """Take the last sample back, which is not stable: the next starts from the one before, and ``told`` says so."""
+        kept, k = self._kept, self._count
+        names = {"good_unknowns": "unknowns", "good_values": "values"}
+        names |= {"tip_position": "position", "tip_rotation": "rotation", "has_tip": "tip"}
+        for name, before in names.items():
+            kept[name].assign(kept[f"before_{before}"])
+        for name in ("last_kind", "motion"):
+            kept[name].zero_()
+        values = kept["good_values"].numpy()
+        self._whole.write(kept["good_unknowns"].numpy(), values)
+        told[[SINGULAR, HELD]], told[[ERROR, ANGLE]] = 0.0, np.nan
+        told[FREE : FREE + k], told[FREE + k : FREE + 7 * k], told[FREE + 7 * k :] = values[0], np.nan, 0.0
+
+    def limit_shape(self, matrix: FloatArray, high: FloatArray, longest: float) -> None:
+        """``matrix p <= high`` from now on, shapes (shaped, k) and (shaped,), and steps of ``longest`` in units (9) at most."""
+        self._longest.write(longest)
+        self._put_limits(slice(len(self._rows.low), None), matrix, np.full(len(high), -np.inf), high)
+
+    def _put_limits(self, places: slice, matrix: FloatArray, low: FloatArray, high: FloatArray) -> None:
+        for name, values in {"limits": matrix, "scaled": matrix * self._unit, "low": low, "high": high}.items():
+            self._limits[name].values[places] = values
+            self._limits[name].send()
+
+    @property
+    def last_values(self) -> FloatArray:
+        """``p`` of the command before the last launch, shape (k,)."""
+        return np.array(self._kept["before_values"].numpy()[0])
+
+    def stay(self, record: FloatArray, told: FloatArray) -> None:
+        """Give the last command again, as it is to first order under what else holds in this sample: ``record`` and ``told`` say
+        so, and the next sample starts there."""
+        fields, kept, k = self._problem.record_fields, self._kept, self._count
+        values, given = kept["before_values"].numpy(), record[:, fields["inputs"]]
+        back = (values - given[:, self._whole.places])[0]
+        record[:, fields["unknowns"]] += self._task.shift.numpy()[0, :, 1:] @ back
+        given[:, self._whole.places] = values
+        moved = self._task.carried.numpy()[0, :, 1:] @ back
+        record[:, fields["position"]] += moved[:3]
+        record[:, fields["rotation"]] = (matrices(moved[None, 3:])[0] @ record[0, fields["rotation"]].reshape(3, 3)).ravel()
+        names = {"good_unknowns": "unknowns", "tip_position": "position", "tip_rotation": "rotation"}
+        for name, field in names.items():
+            kept[name].assign(record[:, fields[field]].reshape(kept[name].numpy().shape))
+        kept["good_values"].assign(values)
+        for name in ("last_kind", "motion", "foreseen"):
+            kept[name].zero_()
+        self._whole.write(record[:, fields["unknowns"]], values)
+        told[SINGULAR], told[HELD] = 0.0, 1.0
+        told[FREE : FREE + k], told[FREE + 7 * k :] = values[0], 1.0
+        told[ERROR], told[ANGLE] = self._off_target(record[:, fields["position"]], record[:, fields["rotation"]])
+
+    def _off_target(self, position: FloatArray, rotation: FloatArray) -> tuple[float, float]:
+        """How far a tip (1, 3), (1, 9) is off the target, what was measured taken into account: distance and angle."""
+        position_given, rotation_given, axis_given = (bool(own) for own in self._kind)
+        moved, turned = (self._kept["offset"].numpy()[0, part] for part in range(2))
+        back, given = matrices(-turned[None])[0], self.given
+        target = PoseRows(
+            given["position"] - moved if position_given else None,
+            back @ given["rotation"] if rotation_given else None,
+            back @ given["axis"] if axis_given else None,
+            np.ones(2),
+        )
+        left = target.errors(position, rotation.reshape(1, 3, 3))[0][0]
+        first = 3 * position_given
+        distance, angle = np.linalg.norm(left[:first]), np.linalg.norm(left[first:])
+        return (float(distance) if position_given else np.nan), (float(angle) if rotation_given or axis_given else np.nan)
+
+    def _made(self, kind: Kind) -> Callable[[], None]:
+        state: Any = Control()
+        for name, each in self._given.items():
+            setattr(state, name, each.array)
+        for name, array in self._kept.items():
+            setattr(state, name, array)
+        m = 3 * kind[0] + 3 * kind[1] + 2 * kind[2]
+        state.task, state.step, state.records = self._task, self._programme(m), self._problem.records
+        for name in ("rows", "ahead"):
+            setattr(state, name, self._zeros(m))
+        state.unit = wp.array(np.ascontiguousarray(self._unit), dtype=wp.float64, device=self._problem.device)
+        for name in ("limits", "low", "high"):
+            setattr(state, name, self._limits[name].array)
+        state.longest = self._longest.array
+        state.watched, state.curvature = self._watch.state, float(self._problem.curvature_scale()[0])
+        state.weight, state.gain, state.kind = wp.vec2d(*self._weight), wp.vec2d(*self._gains), wp.vec3i(*kind)
+        self._states.append(state)
+        return record(make_control, 1, [state], self._problem.device).launch
+
+    def _programme(self, m: int) -> Programme:
+        result = programme(1, m, self._count, len(self._limits["low"].values), self._problem.device, sides=2)
+        result.limits = self._limits["scaled"].array
+        return result
+
+    def _zeros(self, *shape: int) -> WarpArray:
+        return wp.zeros((1, *shape), dtype=wp.float64, device=self._problem.device)

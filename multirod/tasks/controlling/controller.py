@@ -1,0 +1,382 @@
+"""A robot's inputs along a moving target, one integration a sample. Numbers in parentheses: ``docs/tasks.md``."""
+
+from collections.abc import Sequence
+from functools import cached_property
+from math import exp, hypot
+from threading import Lock
+from typing import Any, Generic
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod import plausibility
+from multirod.assembly import Robot_co
+from multirod.exclusive import Uncopied
+from multirod.inputs import Inputs
+from multirod.integrators import RK45, Integrator
+from multirod.launch import expect
+from multirod.results.remarks import Remarks
+from multirod.results.scene import Scene
+from multirod.results.solution import Solution
+from multirod.running.plain import PlainInputs
+from multirod.running.simulation import solve
+from multirod.running.tracker import Unpack
+from multirod.solver import Outcome
+from multirod.solvers.shooting import Shooting
+from multirod.status import Status
+from multirod.tasks.controlling.control import ControlStep, Kind
+from multirod.tasks.controlling.control_kernels import ANGLE, ERROR, FREE, OFFSET, SINGULAR, TARGET, make_control
+from multirod.tasks.controlling.shape_limits import Look, ShapeLimits
+from multirod.tasks.formulation import Task, freed, input_units, with_values
+from multirod.tasks.given import plain, turned
+from multirod.tasks.limits import SAME, LimitRows, Limits, freed_labels, limit_rows, nearest, refuse_start, told
+from multirod.tasks.rows import SMALLEST_AXIS, Pose
+from multirod.tasks.watch import Watch
+from multirod.tasks.watch_kernels import LOOK, NEXT
+from multirod.types import Numbers
+from multirod.validation import Described, FloatArray, array, device_name, frozen, instance, positive_float, refuse, unknown_names
+
+LAG = 5.0  # samples, of the correction by default
+OWN = "position", "rotation", "axis", "measured_position", "measured_rotation"  # of a sample, beside inputs
+# shared by all samples
+CODES: list[Any] = [frozen(np.array([code], dtype=np.int32)) for code in range(max(Status) + 1)]
+ALONE = np.arange(1)  # of instances, the only one
+ONCE, TWICE = (frozen(np.array([count], dtype=np.int32)) for count in (1, 2))
+
+
+class Command(Solution[Robot_co]):
+    """What a sample of a controller asks for: a ``Solution`` at ``inputs``, to first order from the place of its integration.
+
+    Attributes:
+        missing: Whether a measurement was given that is NaN, and left out.
+    """
+
+    missing: bool
+    _free: tuple[str, ...]
+    _told: FloatArray
+    _rows: LimitRows
+    _aims: bool  # at a position
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Names of the inputs that were chosen."""
+        return self._free
+
+    @property
+    def target_error(self) -> float:
+        """Distance of the model's tip from the position asked for, what was measured taken into account [m]; NaN if none was."""
+        return float(self._told[ERROR])
+
+    @property
+    def target_angle(self) -> float:
+        """Angle of the model's tip from the rotation or the axis asked for, likewise [rad]."""
+        return float(self._told[ANGLE])
+
+    @property
+    def singular(self) -> bool:
+        """Whether the freed inputs cannot bring the tip where it is to be: the step was bounded."""
+        return bool(self._told[SINGULAR])
+
+    @property
+    def offset(self) -> FloatArray:
+        """By how much the robot's tip is off the model's, as the measurements say [m], shape (3,); zero without."""
+        return np.asarray(frozen(self._told[OFFSET:TARGET]))
+
+    @property
+    def at_limit(self) -> NDArray[np.bool_]:
+        """Which of the freed numbers are held by a limit, shape (k,)."""
+        return np.asarray(frozen(self._by_free(7)[0] != 0))
+
+    def _by_free(self, first: int, count: int = 1) -> FloatArray:
+        """Rows of what is told of each freed number: p, the pose by it, whether it is held; shape (count, k)."""
+        k = self._rows.matrix.shape[1]
+        return self._told[FREE + first * k :][: count * k].reshape(count, k)
+
+    @cached_property
+    def _remarks(self) -> Remarks:  # type: ignore[override]  # found when it is asked for
+        return self._rows.remarks(self._by_free(0)[0], self._told[TARGET:ANGLE] if self._aims else None, self.target_error)
+
+    @property
+    def _asides(self) -> dict[str, str]:
+        labels = freed_labels(self.free, [getattr(self.inputs, name).shape[-1] for name in self.free])
+        held = ", ".join(label for label, own in zip(labels, self.at_limit, strict=True) if own)
+        return told(self.target_error, self.target_angle, held) | ({"singular": "yes"} if self.singular else {})
+
+    def _jacobian(self, names: tuple[object, ...], of: str, at: Numbers | None, rod: int | str) -> FloatArray:
+        """By the inputs that are free, without another integration: the columns of the sample's own."""
+        if of == "pose" and names == self.free and at is None:
+            return np.asarray(frozen(self._by_free(1, 6)))
+        return super()._jacobian(names, of, at, rod)
+
+
+class Controller(Uncopied, Generic[Robot_co]):
+    """Chooses inputs so that the end effector follows a target, one integration of each rod a sample.
+
+    Each sample is evaluated where the last one expected the target to be, and corrected to first order to where it is; then the
+    target's motion is extrapolated by its last two changes. What is measured is never extrapolated so: it corrects the target by
+    a filtered offset between robot and model. One thread steps a controller at a time.
+
+    Args:
+        robot: The assembly; without leading axes.
+        dt: Time between samples [s].
+        free: Names of the inputs that it chooses.
+        inputs: Where it begins, and all that is not free. Without ``guess`` too: all by default, or as near to that as the limits
+            allow.
+        limits: Kept at every sample: of the freed inputs, and of the shape. These cost a look at each command, an integration or
+            two, and several where a command is near one (``docs/tasks.md``).
+        correction_time: Of the filter between measurement and correction [s]; five samples by default.
+        guess: The equilibrium at ``inputs``.
+        integrator: Of the spatial equations; ``RK4(50)`` takes the same time at each sample.
+        device: Warp device.
+
+    Raises:
+        TypeError: If an argument is not what it must be, or an input is not one of the robot's.
+        ValueError: If a number is out of range, or the limits exclude the start or it is unstable, or there are leading axes.
+        SolveError: If there is no equilibrium at the start.
+    """
+
+    instead = "make another Controller"
+
+    def __init__(
+        self,
+        robot: Robot_co,
+        *,
+        dt: float,
+        free: Sequence[str],
+        inputs: Inputs | None = None,
+        limits: Limits | None = None,
+        correction_time: float | None = None,
+        guess: Solution | None = None,
+        integrator: Integrator | None = None,
+        device: str = "cpu",
+    ) -> None:
+        self.dt = positive_float("Controller.dt", dt)
+        plausibility.of_dt("Controller.dt", self.dt, "a controller")
+        self.free = freed("Controller.free", robot, free)
+        lag = LAG * self.dt if correction_time is None else positive_float("Controller.correction_time", correction_time)
+        if limits is not None:
+            instance("Controller.limits", limits, Limits, "Limits, such as Limits(translation=(-0.1, 0))")
+        method, device = RK45() if integrator is None else integrator, device_name("Controller.device", device)
+        expect(make_control, device)
+        given = robot.accept(guess.inputs if inputs is None and guess is not None else inputs)
+        if given.batch_shape or robot.batch_shape:
+            refuse("Controller.inputs", Described(f"leading axes {given.batch_shape}"), "there must be none")
+        given = given.with_arrays(given.arrays | self._zeros(given))
+        self._robot, self._unit, self._length = robot, input_units(robot, self.free), robot.longest
+        self._rows = limit_rows(robot, limits, self.free)
+        if inputs is None and guess is None:
+            given = self._within(given)
+        start = solve(robot, given, solver=Shooting(integrator=method), device=device) if guess is None else guess
+        start.raise_if_failed()
+        self._task = Task.of(robot, given, self.free, integrator=method, device=device)
+        problem = self._task.problem
+        x, p = np.array(problem.adopt(start.unknowns[None])), self._task.values()
+        refuse_start("Controller.limits", self._rows, p, robot, self.free)
+        unpack = Unpack(given, {name: problem.input_slice(name) for name in given.arrays}, ())
+        self._given = given
+        self._scene: Scene[Robot_co] = Scene(robot, (), method, device, problem.record_fields, unpack)
+        self._plain, self._names = PlainInputs(robot, problem, given, self.free), {spec.name for spec in robot.input_specs}
+        keep = exp(-self.dt / lag)
+        weight = np.array([1 / self._length**2, 1 / self._length])
+        self._watch = Watch(problem)
+        self._shape = None
+        if limits is not None and limits.of_shape:
+            self._shape = ShapeLimits(robot, given, self.free, limits, self._unit, method, device)
+            self._refuse_shape(limits, problem.adopt(start.unknowns[None]))
+        gains, shaped = (1 - keep**2, (1 - keep) ** 2), 0 if self._shape is None else self._shape.count
+        self._step = ControlStep(self._task, self._rows, self._unit, weight, gains, self._watch, shaped)
+        self._step.start(x, p)
+        self._step.prepare((1, 0, 0), (1, 1, 0))  # what most loops ask for: a position, a pose
+        self._begin(x, p, "Controller.inputs" if guess is None else "Controller.guess")
+        self._lock = Lock()
+
+    def _begin(self, x: FloatArray, p: FloatArray, field: str) -> None:
+        """At a stable equilibrium, as far as that can be said."""
+        self._task.evaluate(x, p)
+        gamma = self._watch.gamma()
+        if self._watch.unstable(ALONE).any():
+            refuse(field, Described("an unstable equilibrium"), "must be stable: a robot would leave it")
+        self._watch.keep(ALONE, gamma)
+        self._task.write(x, p)
+
+    def _refuse_shape(self, limits: Limits, unknowns: FloatArray) -> None:
+        """A start whose shape is beyond its limits."""
+        assert self._shape is not None
+        found = self._shape.look(unknowns, self._task.problem.read("inputs"))
+        if not found.within:
+            what = "not known to be within" if np.isnan(found.room).any() else "beyond"
+            refuse("Controller.limits", limits, f"must hold at the start too, whose shape is {what} them")
+
+    def _zeros(self, given: Inputs) -> dict[str, FloatArray]:
+        """Freed inputs that were not given."""
+        for name in self.free:
+            if name in given.profiles:
+                refuse("Controller.free", self.free, f"{name} is a function of the arclength: it cannot be chosen")
+        return {name: np.array(getattr(given, name)) for name in self.free if name not in given.given}
+
+    def _within(self, given: Inputs) -> Inputs:
+        """The inputs by default, those that are free as near to that as limits allow."""
+        p = np.concatenate([given.array(name) for name in self.free])
+        if not (self._rows.outside(p[None], self._unit) > SAME).any():
+            return given
+        return with_values(given, self.free, nearest(self._rows, p, self._unit))
+
+    def __repr__(self) -> str:
+        return f"Controller({self._robot!r}, {', '.join(self.free)} free, dt {self.dt:g} s)"
+
+    @property
+    def robot(self) -> Robot_co:
+        """The robot."""
+        return self._robot
+
+    def step(
+        self,
+        *,
+        position: Numbers | None = None,
+        rotation: Numbers | None = None,
+        axis: Numbers | None = None,
+        measured_position: Numbers | None = None,
+        measured_rotation: Numbers | None = None,
+        **changes: Numbers,
+    ) -> Command[Robot_co]:
+        """Choose inputs for the present target.
+
+        Args:
+            position: Of the tip, in the world [m], shape (3,).
+            rotation: Of the tip, body to world, shape (3, 3).
+            axis: Direction of the tip's z axis in the world, shape (3,), in place of the rotation.
+            measured_position: Where the robot's tip is seen to be [m], under the inputs of the last sample. NaN is a sensor that
+                dropped out: the sample goes on without it, and says so.
+            measured_rotation: Its rotation, likewise.
+            **changes: Inputs that are not free, by name, where they have changed.
+
+        Returns:
+            The inputs to apply, with the equilibrium that they lead to. ``TRACKING``; ``AT_LIMIT`` where a limit holds the tip
+            back. A failure is ``UNSTABLE`` where the command is known not to be stable, or that of the integration; the next
+            sample then starts from the last good one. ``integrations`` is 2 where the command itself was looked at.
+
+        Raises:
+            TypeError: If a name is not an input of the robot, or is free.
+            ValueError: If a value is out of range, or no target is given.
+            RuntimeError: If another thread is in ``step``.
+        """
+        if changes and not changes.keys() <= self._names:
+            unknown_names("Controller.step()", changes, [*OWN, *(spec.name for spec in self._robot.input_specs)])
+        if not self._lock.acquire(False):
+            raise RuntimeError("this Controller is in use on another thread: make a Controller for each thread")
+        try:
+            seen = self._seen(measured_position, measured_rotation)
+            kind = self._aim(position, rotation, axis)
+            if changes:
+                if not self._plain.write(changes):
+                    self._change(changes)
+                self._watch.compare()
+            return self._sample(kind, seen)
+        finally:
+            self._lock.release()
+
+    def _aim(self, position: Numbers | None, rotation: Numbers | None, axis: Numbers | None) -> Kind:
+        """Take the present target; what is not plainly right is checked at length."""
+        given = self._step.given
+        if plain(position) and (rotation is None or (turned(rotation) and axis is None)) and (axis is None or plain(axis)):
+            size = 1.0 if axis is None else hypot(*axis)
+            if size > SMALLEST_AXIS:
+                given["position"][:] = position
+                if rotation is not None:
+                    given["rotation"][:] = rotation
+                if axis is not None:
+                    given["axis"][:] = [value / size for value in axis]
+                return 1, int(rotation is not None), int(axis is not None)
+        target = Pose(position=position, rotation=rotation, axis=axis)
+        if target.batch_shape or not target.complete.all():
+            refuse("Controller.step(target)", target, "must be finite, without leading axes")
+        parts = {"position": target.position, "rotation": target.rotation, "axis": target.axis}
+        for name, value in parts.items():
+            if value is not None:
+                given[name][:] = value
+        return int(target.position is not None), int(target.rotation is not None), int(target.axis is not None)
+
+    def _seen(self, position: Numbers | None, rotation: Numbers | None) -> tuple[int, int]:
+        """Take what is measured; of both whether it is there, as ``ControlStep.given`` says."""
+        given, found = self._step.given, []
+        for name, value, tail in (("seen_position", position, (3,)), ("seen_rotation", rotation, (3, 3))):
+            if value is None:
+                found.append(0)
+                continue
+            sure = plain(value, tail)
+            numbers = np.asarray(value) if sure else array("Controller.step(measured)", value, tail, finite=False)
+            there = sure or np.isfinite(numbers).all()
+            if there:
+                given[name][:] = numbers
+            found.append(1 if there else -1)
+        return found[0], found[1]
+
+    def _change(self, changes: dict[str, Any]) -> None:
+        """Other values of what is not free."""
+        for name in changes:
+            if name in self.free:
+                raise TypeError(f"Controller.step() takes no {name!r}: it is free")
+        new, problem = self._robot.inputs(**changes), self._task.problem
+        if new.batch_shape or new.profiles:
+            refuse("Controller.step()", Described(", ".join(changes)), "must be numbers, without leading axes")
+        for name, value in changes.items():
+            if new.is_active(name) and not problem.takes(name):
+                refuse(f"Controller.step({name})", value, "must be given, not zero, at the start: it is compiled in there")
+        rows = problem.read("inputs")
+        for name in changes:
+            rows[:, problem.input_slice(name)] = getattr(new, name)
+        problem.write("inputs", rows)
+
+    def _sample(self, kind: Kind, seen: tuple[int, int]) -> Command[Robot_co]:
+        self._step.given["seen"][:] = seen
+        problem = self._task.problem
+        with problem.alone:
+            problem.integrate()
+            record, told, status, doubt = self._step.launch(kind)
+            spent = ONCE
+            if doubt == NEXT:
+                self._watch.keep(ALONE, self._watch.gamma())
+            elif doubt == LOOK:
+                spent = TWICE
+                if self._unstable(record):
+                    status = int(Status.UNSTABLE)
+                    self._step.refuse(told)
+            if self._shape is not None and not Status(status).failed:
+                status = self._in_shape(self._shape, record, told, status)
+                spent = frozen(spent + np.int32(self._shape.integrations))
+        result: Command[Robot_co] = Command(self._scene, record, Outcome(CODES[status], ONCE, spent))
+        result.missing = -1 in seen
+        result._free, result._told, result._rows, result._aims = self.free, told, self._rows, kind[0] == 1
+        return result
+
+    def _in_shape(self, shape: ShapeLimits, record: FloatArray, told: FloatArray, status: int) -> int:
+        """(18) A command that is beyond a limit of the shape is not given: the last one is, if that is within them still."""
+        fields = self._task.problem.record_fields
+
+        def looked() -> Look:
+            return shape.look(record[:, fields["unknowns"]], record[:, fields["inputs"]])
+
+        shape.integrations = 0
+        found = looked()
+        if not shape.accepts(found, self._step.last_values):
+            self._step.stay(record, told)
+            found = looked()
+            status = int(Status.AT_LIMIT if found.within else Status.OUT_OF_LIMITS)
+        self._step.limit_shape(*shape.rows(found), shape.longest)
+        return status
+
+    def _unstable(self, record: FloatArray) -> bool:
+        """Whether a command is unstable: by an integration at it, and where ``Gamma`` there does not say so, by its modes."""
+        problem, fields = self._task.problem, self._task.problem.record_fields
+        names = "unknowns", "inputs"
+        ahead = [problem.read(name) for name in names]
+        for name in names:
+            problem.write(name, record[:, fields[name]])
+        problem.integrate()
+        gamma = self._watch.gamma()
+        unstable = not self._watch.near(ALONE, gamma)[0] and bool(self._watch.unstable(ALONE)[0])
+        if not unstable:
+            self._watch.keep(ALONE, gamma)
+        for name, values in zip(names, ahead, strict=True):
+            problem.write(name, values)
+        return unstable

@@ -1,0 +1,150 @@
+"""Limits of shapes, kept by a controller from sample to sample. Numbers in parentheses: ``docs/tasks.md``."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from multirod.assembly import Assembly
+from multirod.inputs import Inputs
+from multirod.integrators import Integrator
+from multirod.problem import BoundaryProblem
+from multirod.stability import modes_of
+from multirod.tasks.controlling.control_kernels import LONGEST
+from multirod.tasks.formulation import Task
+from multirod.tasks.limits import Limits
+from multirod.validation import FloatArray
+
+NODES = 101  # of each rod, where its curvature is looked at
+PROBE = 1e-3  # in units (9): steps of the differences (18)
+NEAR = 0.1  # room, of a limit of the curvature or in stability margin, below which (18) is asked for
+LEAST = 1e-4  # of that room, which a command that is accepted leaves: what a look is off to higher order, and rounding, after it
+INSET = 2e-3  # of that room, which steps leave: what they are off to second order
+
+
+def largest_bending(problem: BoundaryProblem) -> FloatArray:
+    """Largest ``|u_xy|`` of any rod at what the problem holds [1/m], shape (b,); zero of a robot without shapes."""
+    if problem.shapes is None:
+        return np.zeros(problem.instance_count)
+    shapes, _ = problem.shapes.at_nodes(NODES)
+    most = [np.fmax.reduce(np.linalg.norm(shape.curvature[..., :2], axis=-1), axis=1) for shape in shapes]
+    return np.asarray(np.max(most, axis=0))
+
+
+def room(problem: BoundaryProblem, limits: Limits) -> FloatArray:
+    """What each limit of the shape leaves at the equilibria that the problem holds, >= 0 within: of the curvature, as a part of
+    its limit, then of the stability margin; shape (b, 1 or 2). NaN where it is not known."""
+    left = []
+    if limits.curvature is not None:
+        left.append(1 - largest_bending(problem) / limits.curvature)
+    if limits.stability_margin is not None:
+        left.append(modes_of(problem).eigenvalue(0) - limits.stability_margin)
+    return np.stack(left, axis=1)
+
+
+@dataclass(frozen=True)
+class Look:
+    """A command, looked at.
+
+    Attributes:
+        unknowns: Of its equilibrium, shape (1, n).
+        inputs: A row of the problem's, shape (1, size).
+        by: (2) ``B``: how the unknowns vary with what is free along equilibria, shape (n, k).
+        room: What is left of each limit of the shape, shape (count,).
+    """
+
+    unknowns: FloatArray
+    inputs: FloatArray
+    by: FloatArray
+    room: FloatArray
+
+    @property
+    def within(self) -> bool:
+        """Whether it is within all limits; what is not known is not."""
+        return self.leaves(0.0)
+
+    def leaves(self, least: float) -> bool:
+        """Whether each limit leaves so much at least."""
+        return bool((self.room >= least).all())
+
+
+class ShapeLimits:
+    """Looks at commands, and says how steps are limited where one is near a limit of the shape.
+
+    Args:
+        robot: Without leading axes.
+        inputs: Where it begins.
+        free: Names of freed inputs.
+        limits: Of the shape, at least one.
+        unit: (9), shape (k,).
+        integrator: Of the spatial equations.
+        device: Warp device.
+
+    Attributes:
+        count: Limits of the shape.
+        longest: Step that the next sample may take, in units (9).
+        integrations: Of looks, each of an instance or of its shape, since it was last set to zero.
+    """
+
+    def __init__(
+        self,
+        robot: Assembly,
+        inputs: Inputs,
+        free: tuple[str, ...],
+        limits: Limits,
+        unit: FloatArray,
+        integrator: Integrator,
+        device: str,
+    ) -> None:
+        self._limits, self._unit = limits, unit
+        self._one = Task.of(robot, inputs, free, integrator=integrator, device=device)
+        many = inputs.with_arrays({name: np.tile(value, (len(unit), 1)) for name, value in inputs.arrays.items()})
+        self._probes = Task.of(robot, many, free, integrator=integrator, device=device)
+        self.count = (limits.curvature is not None) + (limits.stability_margin is not None)
+        self.integrations = 0
+        self.longest = LONGEST
+
+    def look(self, unknowns: FloatArray, inputs: FloatArray) -> Look:
+        """At unknowns (1, n), which are an equilibrium's to first order, and a row of the problem's inputs (1, size)."""
+        problem = self._one.problem
+        with problem.alone:
+            problem.write("unknowns", unknowns)
+            problem.write("inputs", inputs)
+            self._one.integrate()
+            self.integrations += 1
+            towards, by = self._one.last().eliminated
+        there = unknowns + towards
+        return Look(there, np.array(inputs), by[0], self._room(self._one, there, inputs)[0])
+
+    def accepts(self, found: Look, last: FloatArray) -> bool:
+        """Whether a command is within all limits: else the next steps are half as long as the one from ``last`` (k,), from then
+        on each twice as long as the one before."""
+        accepted = found.leaves(LEAST)
+        if accepted:
+            self.longest = min(2 * self.longest, LONGEST)
+        else:
+            step = (found.inputs[0, self._one.places] - last) / self._unit
+            self.longest = 0.5 * min(self.longest, float(np.abs(step).max()))
+        return accepted
+
+    def rows(self, found: Look) -> tuple[FloatArray, FloatArray]:
+        """(18) ``matrix p <= high``, shapes (count, k) and (count,), of steps from a command."""
+        matrix, high = np.zeros((self.count, len(self._unit))), np.full(self.count, np.inf)
+        near = found.room < NEAR if self.longest == LONGEST else np.ones(self.count, dtype=bool)
+        if near.any():
+            places, step = self._probes.places, PROBE * self._unit
+            many = np.repeat(found.inputs, len(step), axis=0)
+            many[:, places] += np.diag(step)
+            probed = self._room(self._probes, found.unknowns + found.by.T * step[:, None], many)
+            slope = (probed - found.room).T / step
+            near &= np.isfinite(slope).all(axis=1)
+            matrix[near] = -slope[near]
+            high[near] = np.maximum(found.room - INSET, 0.0)[near] + matrix[near] @ found.inputs[0, places]
+        return matrix, high
+
+    def _room(self, task: Task, unknowns: FloatArray, inputs: FloatArray) -> FloatArray:
+        problem = task.problem
+        with problem.alone:
+            problem.write("unknowns", unknowns)
+            problem.write("inputs", inputs)
+            self.integrations += len(inputs)
+            return room(problem, self._limits)

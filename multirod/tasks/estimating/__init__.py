@@ -1,0 +1,1 @@
+"""What is behind measurements: loads and inputs, at once or in a loop, and the parameters of the robot itself."""

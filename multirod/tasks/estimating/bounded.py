@@ -1,0 +1,112 @@
+"""Steps of estimates that stay within what the robot can do. Numbers in parentheses: ``docs/tasks.md``."""
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from multirod.launch import record
+from multirod.tasks.estimating.inference import Posterior
+from multirod.tasks.limits import LimitRows
+from multirod.tasks.programme import programme
+from multirod.tasks.programme_kernels import make_keeping
+from multirod.validation import FloatArray
+
+SOFTNESS = 1e-14  # of the largest number squared: bounds a step along what nothing is told of, and slows none that is told of
+NEAR = 1e-8  # in units (9), what still is at a limit
+ROUNDED = 1e-12  # likewise, what of a number is rounding where it is at its limit
+INSET = 1e-10  # likewise: limits of several numbers together are kept by so much, which rounding does not use up
+HOST = "cpu"  # where steps of estimates are planned, whatever device integrates
+
+
+class Bounds:
+    """(10) What a robot cannot do, of unknown inputs.
+
+    Args:
+        rows: Its limits.
+        unit: (9), shape (k,).
+    """
+
+    def __init__(self, rows: LimitRows, unit: FloatArray) -> None:
+        self.rows = rows
+        size = np.abs(rows.matrix) @ unit
+        inset = np.minimum(INSET * size, 0.25 * (rows.high - rows.low)) * ((rows.matrix != 0).sum(axis=1) > 1)
+        self._near, self._low, self._high, self._unit = NEAR * size, rows.low + inset, rows.high - inset, unit
+
+    def at_limit(self, values: FloatArray) -> NDArray[np.bool_]:
+        """Which numbers ``p`` (..., k) take part in a limit that they are at, or beyond, shape (..., k); none where they are
+        NaN."""
+        at = values @ self.rows.matrix.T
+        with np.errstate(invalid="ignore"):
+            near = (at - self.rows.low <= self._near) | (self.rows.high - at <= self._near)
+        return np.asarray((near[..., :, None] & (self.rows.matrix != 0)).any(axis=-2))
+
+    def kept(self, values: FloatArray, before: FloatArray) -> FloatArray:
+        """``p`` (b, k), what is at a limit of a number by itself without rounding; ``before`` (b, k) is where it came from."""
+        result = np.array(values)
+        for row, low, high in zip(self.rows.matrix, self.rows.low, self.rows.high, strict=True):
+            own = np.flatnonzero(row)
+            if len(own) == 1:
+                k = own[0]
+                at, rounded = result[:, k], ROUNDED * self._unit[k]
+                for end in (low, high):
+                    at = np.where(np.abs(at - end) <= rounded, end, at)
+                result[:, k] = np.clip(at, np.minimum(low, before[:, k]), np.maximum(high, before[:, k]))
+        return result
+
+    def step(
+        self, planned: Posterior, p: FloatArray, told: tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
+    ) -> tuple[FloatArray, FloatArray]:
+        """(7) The step of least squares within the limits, and its length in standard deviations, shapes (b, k) and (b,).
+
+        Args:
+            planned: The step without limits, which is taken where it is within them.
+            p: Where it begins, shape (b, k); what is beyond a limit there may stay, and not go farther.
+            told: Arguments of ``posterior``.
+        """
+        outside = self.leading_out(planned.step, p)
+        if not len(outside):
+            return planned.step, planned.length
+        step, length = planned.step.copy(), planned.length.copy()
+        low, high = self._room(p[outside])
+        J, r, root, away, unit = told
+        # powers of two do not round: instances that share them share a launch, and each is as it is alone
+        powers = np.round(np.log2(unit[outside]))
+        shared, which = np.unique(powers, axis=0, return_inverse=True)
+        for group, power in enumerate(shared):
+            mine = which.reshape(-1) == group
+            own = outside[mine]
+            stacked = np.concatenate([J[own], root[own]], axis=1)
+            sides = np.concatenate([r[own], (root[own] @ away[own, :, None])[..., 0]], axis=1)
+            step[own], length[own] = self._kept(step[own], stacked, sides, low[mine], high[mine], 2.0**power)
+        return step, length
+
+    def leading_out(self, step: FloatArray, p: FloatArray) -> NDArray[np.intp]:
+        """Which instances' steps (b, k) from ``p`` (b, k) lead beyond a limit, or farther beyond one."""
+        if not len(self.rows.low):
+            return np.zeros(0, dtype=np.intp)
+        (low, high), moved = self._room(p), step @ self.rows.matrix.T
+        return np.flatnonzero(~((moved >= low) & (moved <= high)).all(axis=1))
+
+    def _room(self, p: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """What is left to go of each row, at ``p`` (b, k), down and up, shapes (b, c)."""
+        at = p @ self.rows.matrix.T
+        return np.minimum(self._low - at, 0.0), np.maximum(self._high - at, 0.0)
+
+    def _kept(
+        self, free: FloatArray, stacked: FloatArray, sides: FloatArray, low: FloatArray, high: FloatArray, unit: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """(8) For rows ``stacked d + sides`` that an orthogonal matrix makes as few as there are numbers."""
+        turned, R = np.linalg.qr(stacked * unit)
+        count, k = free.shape
+        q: Any = programme(count, R.shape[1], k, len(low[0]), HOST)
+        q.limits = wp.zeros((len(low[0]), k), dtype=wp.float64, device=HOST)
+        values: dict[str, Any] = {"J": R, "r": (np.swapaxes(turned, 1, 2) @ sides[..., None])[..., 0]}
+        values |= {"softness": SOFTNESS * np.abs(R).max(axis=(1, 2)) ** 2, "low": low, "high": high, "change": free / unit}
+        values |= {"limits": self.rows.matrix * unit}
+        for name, own in values.items():
+            getattr(q, name).numpy()[...] = own
+        record(make_keeping, count, [q], HOST).launch()
+        change = q.change.numpy()
+        return change * unit, np.linalg.norm((R @ change[..., None])[..., 0], axis=1)

@@ -1,0 +1,1 @@
+"""Measurements: what sensors say, and what of it is missing."""

@@ -1,0 +1,276 @@
+"""Measurements as rows: what is measured of each instance, and what of it is missing."""
+
+from collections.abc import Callable, Sequence
+from copy import copy
+from typing import Any, cast
+
+import numpy as np
+import warp as wp
+from numpy.typing import ArrayLike, NDArray
+
+from multirod import plausibility
+from multirod.batch import Instances, IntArray
+from multirod.kernels.shared import Shared
+from multirod.problem import BoundaryProblem
+from multirod.tasks.formulation import Evaluation
+from multirod.tasks.given import plain, turned
+from multirod.tasks.measuring.curvature import AlongTask, Curvature, CurvatureRows, Places
+from multirod.tasks.rows import SMALLEST_AXIS, Pose, PoseRows
+from multirod.validation import Described, FloatArray, array, refuse
+
+Sensor = Pose | Curvature
+EYE = np.eye(3)
+TURNED = 1e-4  # what a measured R R^T may be off the identity: sensors round
+PARTS = ("position", "rotation", "axis")
+# what surely is a measurement of each, of a sensor that did not drop out
+PLAINLY: dict[str, Callable[[Any], bool]] = {
+    "position": plain,
+    "rotation": lambda value: turned(value, TURNED),
+    "axis": lambda value: False,
+}
+
+
+class Measured:
+    """The rows of all sensors for some instances; those of a number that is NaN count for nothing.
+
+    Attributes:
+        rows: Of each sensor.
+        known: Which rows there are, shape (b, m).
+        missing: Whether a number of each sensor is missing, shape (b, sensor_count).
+    """
+
+    def __init__(
+        self, sensors: Sequence[Sensor], places: Places, batch_shape: tuple[int, ...], instances: IntArray | None
+    ) -> None:
+        self.places = places
+        pairs: list[tuple[PoseRows | CurvatureRows, NDArray[np.bool_]]] = [
+            places.rows(sensor, batch_shape, instances)
+            if isinstance(sensor, Curvature)
+            else _filled(sensor.rows(1.0, batch_shape, instances))
+            for sensor in sensors
+        ]
+        self.rows: list[PoseRows | CurvatureRows] = [rows for rows, _ in pairs]
+        self.known: NDArray[np.bool_] = np.concatenate([known for _, known in pairs], axis=1)
+        self.ends = np.cumsum([known.shape[1] for _, known in pairs])
+        self.missing = self._missing()
+
+    def position(self) -> FloatArray | None:
+        """Where the first instance's end effector was seen [m], shape (3,), NaN where that is missing; None where none looks."""
+        for rows, end in zip(self.rows, self.ends, strict=True):
+            if isinstance(rows, PoseRows) and rows.position is not None:
+                known = self.known[0, end - rows.count :][:3]
+                return np.where(known, rows.position[0], np.nan)
+        return None
+
+    def _missing(self) -> NDArray[np.bool_]:
+        return np.stack([~own.all(axis=1) for own in np.split(self.known, self.ends[:-1], axis=1)], axis=1)
+
+    def dropped(self) -> tuple[str, ...]:
+        """What the first instance is without, in words."""
+        own = np.split(self.known[0], self.ends[:-1])
+        return tuple(said for k, (rows, known) in enumerate(zip(self.rows, own, strict=True)) for said in _gone(k, rows, known))
+
+    def take(self, instances: IntArray) -> "Measured":
+        """Those of some instances."""
+        result = copy(self)
+        result.rows, result.known = [rows.take(instances) for rows in self.rows], self.known[instances]
+        result.missing = self.missing[instances]
+        return result
+
+    def task(self, problem: BoundaryProblem, free: Sequence[str]) -> AlongTask:
+        """A task whose integrations tell what the rows need."""
+        return AlongTask(problem, free, self.places)
+
+    def at(self, found: Evaluation, chosen: Instances) -> tuple[FloatArray, FloatArray]:
+        """(3) Whitened ``r`` (b, m) and ``J`` (b, m, k) of the chosen instances, that ``found`` is of."""
+        parts = [rows.take(chosen).at(found) for rows in self.rows]
+        known = self.known[chosen]
+        joined = parts[0] if len(parts) == 1 else [np.concatenate(part, axis=1) for part in zip(*parts, strict=True)]
+        r, J = found.condensed(joined[0], joined[1], joined[2])
+        if known.all():
+            return r, J
+        return np.where(known, r, 0.0), np.where(known[..., None], J, 0.0)
+
+
+def _gone(k: int, rows: PoseRows | CurvatureRows, known: NDArray[np.bool_]) -> list[str]:
+    """What sensor ``k`` does not say, of its rows (m,) that are known."""
+    if known.all():
+        return []
+    if not known.any():
+        return [f"sensor {k}"]
+    if isinstance(rows, CurvatureRows):
+        return [f"{np.count_nonzero(~known)} of {len(known)} numbers of sensor {k}"]
+    missing = [name for name, there in zip("xyz", known[:3], strict=True) if not there] if rows.position is not None else []
+    if missing == ["x", "y", "z"]:
+        missing = ["position"]
+    if not known[3:].all():
+        missing.append("rotation" if rows.rotation is not None else "axis")
+    return [f"{' and '.join(missing)} of sensor {k}"]
+
+
+def checked(field: str, measured: object) -> tuple[Sensor, ...]:
+    """Sensors, each with a standard deviation, of which something is measured.
+
+    Raises:
+        TypeError: If one is no sensor.
+        ValueError: If one has no ``sigma``, or nothing is measured at all.
+    """
+    given = (measured,) if isinstance(measured, Sensor) else measured
+    if not isinstance(given, (list, tuple)) or not given or not all(isinstance(item, Sensor) for item in given):
+        raise TypeError(f"{field} must be measurements, such as [Pose(position=p, rotation=R, sigma=(5e-4, 5e-3))]")
+    for k, item in enumerate(given):
+        if item.sigma is None:
+            name = type(item).__name__
+            refuse(f"{field}[{k}].sigma", None, f"must be given: {name}(..., sigma=), standard deviations of what is measured")
+        if isinstance(item, Pose):
+            plausibility.of_place(f"{field}[{k}].position", item.position)
+    return tuple(given)
+
+
+def refuse_nothing(field: str, known: NDArray[np.bool_]) -> None:
+    """Refuse measurements all of whose numbers are NaN."""
+    if not known.any():
+        refuse(field, Described("NaN in all rows"), "something must be measured")
+
+
+def _filled(own: PoseRows) -> tuple[PoseRows, NDArray[np.bool_]]:
+    """The rows of a pose, NaN replaced, and which of them were no NaN; of angles all or none."""
+    known: list[NDArray[np.bool_]] = []
+    position, rotation, axis = own.position, own.rotation, own.axis
+    if position is not None:
+        known.append(np.isfinite(position))
+        position = np.where(known[-1], position, 0.0)
+    for value, tail, width in ((rotation, (1, 2), 3), (axis, (1,), 2)):
+        if value is not None:
+            whole = np.asarray(np.isfinite(value).all(axis=tail))
+            known.append(np.repeat(whole.reshape(-1, 1), width, axis=1))
+    if rotation is not None:
+        rotation = np.where(known[-1][:, :1, None], rotation, np.eye(3))
+    if axis is not None:
+        axis = np.where(known[-1][:, :1], axis, (0.0, 0.0, 1.0))
+    return PoseRows(position, rotation, axis, own.weight), np.concatenate(known, axis=1)
+
+
+def batch_of(sensors: Sequence[Sensor]) -> tuple[int, ...]:
+    """Leading axes of all sensors together."""
+    shapes = [sensor.batch_shape for sensor in sensors]
+    try:
+        return np.broadcast_shapes(*shapes)
+    except ValueError:
+        refuse("measured", Described(f"leading axes {shapes}"), "must broadcast")
+
+
+class Live(Measured):
+    """The rows of sensors whose measurements come one sample after another, in the place of those they were made with.
+
+    Attributes:
+        rows: Of each sensor; those of poses are of what is in ``poses``.
+        known: Which rows there are, shape (b, m).
+        missing: Whether a number of each sensor is missing, shape (b, sensor_count).
+        counted: Rows that there are, shape (b,).
+        slices: Where those of each sensor stand.
+        weights: One over the deviations of each sensor.
+        kinds: Whether each sensor has a position, a rotation, an axis; none of a curvature.
+        poses: What poses say, by these names, ``position`` and ``axis`` (b, sensor_count, 3), ``rotation``
+            (b, sensor_count, 3, 3), as kernels read it.
+        there: ``known``, as kernels read it.
+    """
+
+    def __init__(self, sensors: Sequence[Sensor], places: Places, batch_shape: tuple[int, ...], device: str) -> None:
+        super().__init__(sensors, places, batch_shape, None)
+        self.sensors = tuple(sensors)
+        self._batch_shape, self._count = batch_shape, len(self.known)
+        self.slices = [slice(end - sensor.count, end) for sensor, end in zip(sensors, self.ends.tolist(), strict=True)]
+        self.weights = [1 / sensor.sigma for sensor in sensors if sensor.sigma is not None]
+        self._whole = np.zeros((self._count, len(sensors)), dtype=bool), np.full(self._count, self.known.shape[1])
+        self.known[:] = True
+        self.missing, self.counted = self._whole
+        shape = self._count, len(sensors)
+        types = {"position": wp.vec3d, "rotation": wp.mat33d, "axis": wp.vec3d}
+        self.poses = {name: Shared(shape, dtype, device) for name, dtype in types.items()}
+        self.poses["rotation"].values[:], self.poses["axis"].values[:] = EYE, EYE[2]
+        self.there = Shared(self.known.shape, wp.int32, device)
+        self.there.values[:] = 1
+        self._names = [[name for name in PARTS if getattr(sensor, name, None) is not None] for sensor in sensors]
+        self.kinds = [tuple(int(name in names) for name in PARTS) for names in self._names]
+        for k, sensor in enumerate(sensors):
+            if isinstance(sensor, Pose):
+                own: Any = [self.poses[name].values[:, k] if name in self._names[k] else None for name in PARTS]
+                self.rows[k] = PoseRows(own[0], own[1], own[2], self.weights[k])
+            else:
+                self.rows[k], _ = places.filled(sensor, np.zeros((self._count, len(sensor.at), sensor.components)))
+
+    def dropped(self) -> tuple[str, ...]:
+        """As of ``Measured``; at no cost where nothing dropped out."""
+        return () if self.missing is self._whole[0] else super().dropped()
+
+    def put(self, values: object) -> None:
+        """Take what each sensor says now; None, or NaN, where it dropped out.
+
+        Raises:
+            TypeError: If there are no numbers.
+            ValueError: If there are not as many as sensors, or one measures something else.
+        """
+        if not isinstance(values, (list, tuple)) or len(values) != len(self.sensors):
+            refuse("measured", values, f"must be a list of {len(self.sensors)}, what each sensor says, None where it dropped out")
+        found = [self._one(k, sensor, value) for k, (sensor, value) in enumerate(zip(self.sensors, values, strict=True))]
+        if all(known is None for known in found):
+            if self.missing is not self._whole[0]:
+                self.known[:], self.there.values[:] = True, 1
+                self.missing, self.counted = self._whole
+            return
+        for own, known in zip(self.slices, found, strict=True):
+            self.known[:, own] = True if known is None else known
+        self.there.values[:] = self.known
+        self.missing, self.counted = self._missing(), self.known.sum(axis=1)
+
+    def _one(self, k: int, sensor: Sensor, value: object) -> NDArray[np.bool_] | None:
+        """Take what a sensor says; which rows there are, None for all."""
+        if value is None:
+            return np.zeros(sensor.count, dtype=bool)
+        if isinstance(sensor, Curvature):
+            tail, bent = (len(sensor.at), sensor.components), self.rows[k]
+            if not self._batch_shape and isinstance(bent, CurvatureRows) and plain(value, tail):
+                bent.value[0] = cast(ArrayLike, value)
+                return None
+            self.rows[k], known = self.places.filled(sensor, self._numbers(f"measured[{k}]", value, tail))
+            return None if known.all() else known
+        names = self._names[k]
+        parts = (value,) if len(names) == 1 else value
+        if not isinstance(parts, (list, tuple)) or len(parts) != len(names):
+            refuse(f"measured[{k}]", value, f"must be ({', '.join(names)})")
+        if not self._batch_shape and all(PLAINLY[name](part) for name, part in zip(names, parts, strict=True)):
+            for name, part in zip(names, parts, strict=True):
+                self.poses[name].values[0, k] = part
+            return None
+        told: dict[str, FloatArray | None] = dict.fromkeys(PARTS)
+        for name, part in zip(names, parts, strict=True):
+            told[name] = self._numbers(f"measured[{k}], {name}", part, (3, 3) if name == "rotation" else (3,))
+        axis, rotation = told["axis"], told["rotation"]
+        if axis is not None:
+            size = np.linalg.norm(axis, axis=1, keepdims=True)
+            if (size <= SMALLEST_AXIS).any():
+                refuse(f"measured[{k}], axis", parts[-1], "must not be zero")
+            told["axis"] = axis / size
+        if rotation is not None:
+            off = np.abs(rotation @ np.swapaxes(rotation, 1, 2) - EYE)
+            if not off.max() <= TURNED and (off > TURNED).any():  # the maximum may be NaN
+                refuse(
+                    f"measured[{k}], rotation",
+                    parts[-1],
+                    f"must be a rotation: R R^T is off the identity by {np.nanmax(off):.2g}",
+                )
+        rows, known = _filled(PoseRows(told["position"], told["rotation"], told["axis"], self.weights[k]))
+        for name in names:
+            self.poses[name].values[:, k] = getattr(rows, name)
+        return None if known.all() else known
+
+    def _numbers(self, field: str, value: object, tail: tuple[int, ...]) -> FloatArray:
+        """(b, *tail), which may be NaN."""
+        numbers = value if type(value) is np.ndarray and value.dtype == np.float64 else array(field, value, finite=False)
+        if numbers.shape == (*self._batch_shape, *tail):
+            return np.array(numbers).reshape(self._count, *tail)
+        try:
+            return np.broadcast_to(numbers, (*self._batch_shape, *tail)).reshape(self._count, *tail)
+        except ValueError:
+            refuse(field, Described(f"array of shape {numbers.shape}"), f"must broadcast to {(*self._batch_shape, *tail)}")

@@ -1,0 +1,365 @@
+"""The way to a target: unknowns and freed inputs step together, many instances at once. Numbers: ``docs/tasks.md``."""
+
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod.batch import IntArray
+from multirod.stability import Modes, Stability, modes_of
+from multirod.status import Status
+from multirod.tasks.controlling.shape_limits import largest_bending
+from multirod.tasks.formulation import Task
+from multirod.tasks.limits import LimitRows, Limits
+from multirod.tasks.reaching.drive import DriveArrays
+from multirod.tasks.reaching.drive_kernels import (
+    ANGLE_WEIGHT,
+    LEAST,
+    LENGTH,
+    PART,
+    POSITION_WEIGHT,
+    PULLED,
+    RESUMED,
+    SHAPED,
+    TOLERANCE,
+)
+from multirod.tasks.reaching.search_kernels import BEGINNING, ENDED, NOT_REACHED
+from multirod.tasks.rows import PoseRows
+from multirod.validation import FloatArray
+
+LEAST_PART = 0.01  # of the way
+SINGULAR = 1e-5  # least over largest singular value of J, from which a target that is not reached is called singular
+NEAR_LIMIT = 1e-8  # in units (9)
+INSET = 1e-10  # likewise: limits are kept by so much, which rounding does not use up
+SETTLING = 4  # integrations that an equilibrium that was found by other kernels is brought to its tolerance by
+CAREFUL = 0.125  # part of the way that is gone at once where all of it ended at an equilibrium that is not stable
+
+Prefer = Literal["smallest motion", "smallest tension", "middle", "stability"]
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass
+class Place:
+    """Unknowns and freed inputs; axes (instance, ...)."""
+
+    x: FloatArray
+    p: FloatArray
+
+    def copy(self) -> "Place":
+        """Another, that may change."""
+        return Place(self.x.copy(), self.p.copy())
+
+    def put(self, chosen: IntArray | BoolArray, other: "Place") -> None:
+        """Take some instances of another."""
+        self.x[chosen], self.p[chosen] = other.x[chosen], other.p[chosen]
+
+
+@dataclass
+class Goals:
+    """What a search is for.
+
+    Attributes:
+        rows: Of the target.
+        limits: Of the freed inputs.
+        of_shape: Limits of shapes, if any.
+        unit: (9), shape (k,).
+        length: What makes rows numbers, the longest rod's [m].
+        tolerance: Of the target, in its rows [1/m].
+        residual_tolerance: Of ``eps`` [1/m], shape (b,).
+        centre: Where what the target leaves free is pulled to, shape (k,); None are steps of least size.
+        max_integrations: Allowed, of an instance and start.
+    """
+
+    rows: PoseRows
+    limits: LimitRows
+    of_shape: Limits | None
+    unit: FloatArray
+    length: float
+    tolerance: float
+    residual_tolerance: FloatArray
+    centre: FloatArray | None
+    max_integrations: int
+
+
+def _limiting(limits: LimitRows, unit: FloatArray) -> dict[str, FloatArray]:
+    """What kernels are told of limits of the freed inputs."""
+    size = np.abs(limits.matrix) @ unit
+    inset = np.minimum(INSET * size, 0.25 * (limits.high - limits.low))
+    result = {"unit": unit, "limits": limits.matrix, "step_limits": limits.matrix * unit}
+    result |= {"low": limits.low, "high": limits.high, "near": NEAR_LIMIT * size}
+    return result | {"inset_low": limits.low + inset, "inset_high": limits.high - inset}
+
+
+class Search:
+    """Drives the instances of one task to their targets, and judges what comes of it.
+
+    Attributes:
+        last: Where each instance is.
+        status: Values of ``Status``, shape (b,).
+        integrations: Of each instance, shape (b,).
+        iterations: Steps that were kept, shape (b,).
+        errors: Of the target's rows at ``last`` [1/m], shape (b, m).
+    """
+
+    def __init__(self, task: Task, goals: Goals, x: FloatArray, p: FloatArray) -> None:
+        self.task, self.goals = task, goals
+        rows, limits, problem = goals.rows, goals.limits, task.problem
+        kind = int(rows.position is not None), int(rows.rotation is not None), int(rows.axis is not None)
+        key = ("search", task.free, kind, len(limits.low))
+        self._arrays: DriveArrays = problem.tool(key, lambda: DriveArrays(task, kind, len(limits.low)))
+        self._arrays.clear()
+        problem.expect_judging()
+        self._values = values = self._arrays.values
+        self.origin, self.origin_unknowns = np.array(p), np.array(x)
+        self.origin_errors = np.full((len(x), rows.count), np.nan)  # NaN where the start is not known
+        given: dict[str, FloatArray | None] = {"position": rows.position, "rotation": rows.rotation, "axis": rows.axis}
+        given |= {"centre": goals.centre, "residual_tolerance": goals.residual_tolerance}
+        if self._arrays.limits is not limits:
+            self._arrays.limit(limits, _limiting(limits, goals.unit) | {"curvature": problem.curvature_scale()})
+        for name, value in given.items():
+            if value is not None:
+                values[name][:] = value
+        settings = values["settings"]
+        settings[[LENGTH, TOLERANCE]] = goals.length, goals.tolerance
+        settings[[POSITION_WEIGHT, ANGLE_WEIGHT]] = rows.weight
+        settings[[SHAPED, PULLED]] = goals.of_shape is not None, goals.centre is not None
+        self.start, self.last, self.here, self._fold = (
+            Place(values[f"{name}_x"], values[f"{name}_p"]) for name in ("start", "last", "here", "fold")
+        )
+        for place in (self.start, self.last, self.here):
+            place.x[:], place.p[:] = x, p
+        self.status, self.integrations, self.iterations = (values[name] for name in ("status", "integrations", "iterations"))
+        self.errors, self.J, self.by = (values[name] for name in ("errors", "J", "by"))  # at ``last``, in units (9)
+        self._first_errors, self._first_sign = values["first_errors"], values["first_sign"]
+
+    def begin(self, chosen: IntArray, start: Place) -> None:
+        """Let some instances begin elsewhere, rows of ``start`` in their order."""
+        self.start.x[chosen], self.start.p[chosen] = start.x, start.p
+
+    def drive(self, chosen: BoolArray, part: float = 1.0, least: float = LEAST_PART) -> None:
+        """Bring the instances chosen from ``start`` to their targets: all the way at once, or by parts of it.
+
+        Parts that fail are shortened, to no less than ``least``, others lengthened. ``status`` is then ``REACHED``, ``AT_LIMIT``,
+        ``UNREACHABLE``, ``SINGULAR_TASK`` or ``INTEGRATION_LIMIT``, or ``UNSTABLE`` if the only equilibrium found is past a fold.
+        """
+        if not chosen.any():
+            return
+        values, arrays = self._values, self._arrays
+        values["phase"][:] = np.where(chosen, BEGINNING, ENDED)
+        values["settings"][[LEAST, PART, RESUMED]] = least, part, 0.0
+        np.add(self.integrations, self.goals.max_integrations, out=values["allowed"])
+        arrays.send()
+        with self.task.problem.alone:
+            under_way, _ = arrays.launch()
+            while under_way:
+                under_way = self._pass(under_way)
+        arrays.fetch()
+        if (self.status == Status.REACHED).all():
+            return
+        self._settle(np.flatnonzero(chosen & (self.status == Status.AT_LIMIT)))
+        self._say_why(np.flatnonzero(self.status == NOT_REACHED))
+
+    def _settle(self, rows: IntArray) -> IntArray:
+        """Bring those that limits hold to their equilibria: steps along limits may end before the rest of the robot is at rest.
+        Which of the rows could not be brought there."""
+        if not len(rows):
+            return rows
+        self.here.x[rows], self.here.p[rows] = self.last.x[rows], self.last.p[rows]
+        settled = self._settled(rows)
+        self.last.put(settled, self.here)
+        return np.setdiff1d(rows, settled)
+
+    def _pass(self, under_way: int) -> int:
+        """Integrations of those under way until one of them ends or asks, which then is answered; how many are under way then."""
+        arrays, problem = self._arrays, self.task.problem
+        with ExitStack() as only:
+            if under_way < len(self.status):
+                arrays.fetch()
+                only.enter_context(problem.only(self._values["phase"] != ENDED))
+            left, asked = arrays.go_on(under_way)
+        while asked:
+            arrays.fetch()
+            self._answer()
+            self._values["settings"][RESUMED] = 1.0
+            arrays.send()
+            self.task.write(self.here.x, self.here.p)
+            left, asked = arrays.launch()
+            self._values["settings"][RESUMED] = 0.0
+            arrays.send()
+        return left
+
+    def _answer(self) -> None:
+        """Look at the shapes of those that asked."""
+        rows = np.flatnonzero(self._values["asked"])
+        self._values["verdict"][rows] = self.beyond(rows)
+
+    def _say_why(self, rows: IntArray) -> None:
+        """Targets that are not reached: of an unstable equilibrium past a fold, of a singular task, or neither."""
+        if not len(rows):
+            return
+        folded = rows[self._values["folded"][rows] != 0]
+        last = Place(self.last.x[folded], self.last.p[folded])
+        self.last.put(folded, self._fold)
+        unstable = folded[self.unstable(folded)]
+        self.last.x[folded], self.last.p[folded] = last.x, last.p
+        values = np.linalg.svd(self.J[rows], compute_uv=False)
+        singular = values[:, -1] <= SINGULAR * values[:, 0]
+        self.status[rows] = np.where(singular, Status.SINGULAR_TASK, Status.UNREACHABLE)
+        self.status[unstable] = Status.UNSTABLE
+
+    # ---- what is judged ----
+
+    def held(self, rows: IntArray) -> BoolArray:
+        """Which freed inputs stand at a limit, shape (len(rows), k)."""
+        limits, least = self.goals.limits, self._values["near"]
+        at = self.last.p[rows] @ limits.matrix.T
+        near = (at - limits.low <= least) | (limits.high - at <= least)
+        return np.asarray((near[:, :, None] & (limits.matrix != 0)).any(axis=1))
+
+    def modes(self, rows: IntArray) -> Modes:
+        """Of the equilibria at ``last``."""
+        problem = self.task.problem
+        part = problem.parts
+        self.task.write(self.last.x, self.last.p)
+        if len(rows) == problem.instance_count:
+            return modes_of(problem)
+        if part is not None:
+            return modes_of(part.of(rows))
+        return modes_of(problem).take(rows)
+
+    def margin(self, rows: IntArray) -> FloatArray:
+        """Stability margins of the equilibria at ``last``, NaN where not known, shape (len(rows),)."""
+        return self.modes(rows).eigenvalue(0)
+
+    def bending(self, rows: IntArray) -> FloatArray:
+        """Largest curvature of any rod [1/m], shape (len(rows),)."""
+        problem = self.task.problem
+        self.task.write(self.last.x, self.last.p)
+        return np.asarray(largest_bending(problem)[rows])
+
+    def beyond(self, rows: IntArray) -> BoolArray:
+        """Whether the shapes at ``last`` are beyond their limits, or not known to be within, shape (len(rows),)."""
+        limits = self.goals.of_shape
+        result = np.zeros(len(rows), dtype=bool)
+        if limits is None or not len(rows):
+            return result
+        if limits.curvature is not None:
+            result |= self.bending(rows) > limits.curvature
+        if limits.stability_margin is not None:
+            result |= ~(self.margin(rows) >= limits.stability_margin)  # NaN is not within either
+        return result
+
+    def unstable(self, rows: IntArray) -> BoolArray:
+        """Whether the equilibria at ``last`` are not stable, as far as that can be said, shape (len(rows),)."""
+        if not len(rows):
+            return np.zeros(0, dtype=bool)
+        problem = self.task.problem
+        self.task.write(self.last.x, self.last.p)
+        if len(rows) == problem.instance_count and problem.stability is not None and problem.stability.surely_stable():
+            return np.zeros(len(rows), dtype=bool)
+        stability = self.modes(rows).stability
+        return np.asarray((stability == Stability.UNSTABLE) | (stability == Stability.FOLD))
+
+    def tried(self, chosen: BoolArray) -> None:
+        """Drive the instances chosen from where they begin now, at once or not at all.
+
+        Those that do not get there are as before, or nearer at a limit.
+        """
+        rows = np.flatnonzero(chosen)
+        names = ("errors", "r", "J", "towards", "by", "residual", "status")
+        before = {name: self._values[name][rows] for name in names}
+        last = Place(self.last.x[rows].copy(), self.last.p[rows].copy())
+        self.drive(chosen, least=0.5)
+        self.status[self._not_stable(chosen)] = Status.UNSTABLE
+        now, limited = self.status[rows], before["status"] == Status.AT_LIMIT
+        nearer = np.linalg.norm(self.errors[rows], axis=1) < np.linalg.norm(before["errors"], axis=1)
+        better = (now == Status.REACHED) | ((now == Status.AT_LIMIT) & (nearer | ~limited))
+        worse = ~better
+        for name, value in before.items():
+            self._values[name][rows[worse]] = value[worse]
+        self.last.x[rows[worse]], self.last.p[rows[worse]] = last.x[worse], last.p[worse]
+
+    def sought(self, chosen: BoolArray) -> None:
+        """Drive the instances chosen, and again with care where what was found is not stable; ``UNSTABLE`` if so again."""
+        self.drive(chosen)
+        unstable = self._not_stable(chosen)
+        if unstable.any():
+            self.drive(unstable, CAREFUL)
+            self.status[self._not_stable(unstable)] = Status.UNSTABLE
+        sound = chosen & (self._first_sign != 0)
+        self.origin_errors[sound] = self._first_errors[sound]
+        missed = chosen & (self.status != Status.REACHED)
+        if self._values["settings"][PULLED] and missed.any():  # the target comes before the middle
+            self._values["settings"][PULLED] = 0.0
+            self.sought(missed)
+            self._values["settings"][PULLED] = 1.0
+
+    def returned(self) -> None:
+        """Put those back to where they began that are not ``REACHED`` and ended farther off than that; statuses stay.
+
+        A result, ``AT_LIMIT``, only where that is stable and within the limits of shapes.
+        """
+        if (self.status == Status.REACHED).all():
+            return
+        nearer = np.linalg.norm(self.origin_errors, axis=1) < np.linalg.norm(self.errors, axis=1)
+        rows = np.flatnonzero(nearer & (self.status != Status.REACHED))
+        if not len(rows):
+            return
+        ended, errors = self.last.copy(), self.errors.copy()
+        self.here.x[rows], self.here.p[rows] = self.origin_unknowns[rows], self.origin[rows]
+        settled = self._settled(rows)
+        self.last.put(settled, self.here)
+        results = settled[self.status[settled] == Status.AT_LIMIT]
+        unfit = np.setdiff1d(rows, settled)
+        if len(results):
+            unfit = np.union1d(unfit, results[self.unstable(results) | self.beyond(results)])
+        self.last.put(unfit, ended)
+        self.errors[unfit] = errors[unfit]
+
+    def _settled(self, rows: IntArray) -> IntArray:
+        """Newton's method on the unknowns alone, from ``here``, whose errors are then known; which of the rows converged."""
+        settled = np.zeros(len(self.status), dtype=bool)
+        for _ in range(SETTLING):
+            open_ = np.zeros(len(self.status), dtype=bool)
+            open_[rows] = True
+            found = self.task.evaluate(self.here.x, self.here.p, open_)
+            self.integrations[rows] += 1
+            there = np.abs(found.residual).max(axis=1, initial=0.0) <= self.goals.residual_tolerance[rows]
+            self.errors[rows] = self.goals.rows.take(rows).at(found)[0]
+            settled[rows[there]] = True
+            rows = rows[~there]
+            if not len(rows):
+                break
+            self.here.x[rows] += found.eliminated[0][~there]
+        return np.flatnonzero(settled)
+
+    def _found(self) -> BoolArray:
+        """Which are results."""
+        return np.asarray((self.status == Status.REACHED) | (self.status == Status.AT_LIMIT))
+
+    def _not_stable(self, chosen: BoolArray) -> BoolArray:
+        result = np.zeros(len(chosen), dtype=bool)
+        rows = np.flatnonzero(chosen & self._found())
+        result[rows] = self.unstable(rows)
+        return result
+
+    def leave(self) -> None:
+        """Leave the problem's buffers at ``last``, and what its own test refuses as failed."""
+        self.status[self._settle(np.flatnonzero(self.status == Status.AT_LIMIT))] = Status.UNREACHABLE
+        if self.goals.of_shape is not None:
+            rows = np.flatnonzero(self._found())
+            self.status[rows[self.beyond(rows)]] = Status.OUT_OF_LIMITS  # of another start
+        problem, found = self.task.problem, self._found()
+        differ = (problem.read("unknowns") != self.last.x).any(axis=1) | (self.here.x != self.last.x).any(axis=1)
+        stale = found & (differ | (self.here.p != self.last.p).any(axis=1))
+        if stale.any():
+            self.here.put(stale, self.last)
+            self.task.evaluate(self.last.x, self.last.p, stale)
+            self.integrations[stale] += 1
+        self.task.write(self.last.x, self.last.p)
+        if problem.result_test is not None:
+            refusals = problem.result_test.refusals(found)
+            refused = found & (refusals != Status.NOT_RUN)
+            self.status[refused] = refusals[refused]
