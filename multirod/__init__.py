@@ -39,7 +39,8 @@ if _typing.TYPE_CHECKING:
     from multirod.models.assemblies.parallel_rods import InverseParallelRods, ParallelRods
     from multirod.models.assemblies.single_rod import SingleRod
     from multirod.models.assemblies.stacked import stacked
-    from multirod.models.backbone.members.lines import Chamber, PushRod, Tendon
+    from multirod.models.backbone.kernels.loads.load import Load
+    from multirod.models.backbone.members.line_kinds import Chamber, PushRod, Tendon
     from multirod.models.backbone.members.member import Member
     from multirod.models.network.joining.bodies import Body, ground
     from multirod.models.network.joining.joints import Joint
@@ -113,6 +114,7 @@ __all__ = [
     "InverseParallelRods",
     "Joint",
     "Limits",
+    "Load",
     "Measured",
     "Member",
     "MultipleShooting",
@@ -174,7 +176,8 @@ _PUBLIC = {
     "inputs": "Inputs InputSpec",
     "models.assemblies.concentric_tubes": "ConcentricTubes",
     "models.assemblies.eccentric_tubes": "EccentricTubes",
-    "models.backbone.members.lines": "Chamber PushRod Tendon",
+    "models.backbone.kernels.loads.load": "Load",
+    "models.backbone.members.line_kinds": "Chamber PushRod Tendon",
     "models.backbone.members.member": "Member",
     "results.history": "History",
     "integrators": "RK4 RK23 RK45 AdaptiveIntegrator FixedStepIntegrator Integrator Tableau",

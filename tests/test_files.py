@@ -195,13 +195,13 @@ def test_the_robots_tried_have_all_that_a_file_may_hold():
         look(kinds.described(robot, "robot", functions=True), kinds.Part(kinds.ROBOTS, many=False, named=True))
     shown["Rod"] |= shown["Section"]
     shown["Section"] |= {"precurvature"}
-    without_unit = {"name", "driven", "friction", "area_fixed", "joints", "joint_axes", "route", "members"}
+    without_unit = {"name", "driven", "friction", "area_fixed", "joints", "joint_axes", "route", "members", "loads"}
     without_unit |= {"joint", "joint_axis", "slide", "base_joint", "base_joint_axis"}
     without_unit |= {"end_effector", "rod", "end", "to", "kind", "axis"}
     for kind in (*kinds.ROBOTS, *kinds.LINES, "Rod", "Section", "Body", "Joint"):
         arguments = set(kinds.parameters(kinds.CLASSES[kind]))
         only_default = {"driven"} if kind == "PushRod" else set()  # which has no other value
-        assert arguments - shown[kind] <= {"members"} | only_default, kind
+        assert arguments - shown[kind] <= {"members", "loads"} | only_default, kind
         parts = set(kinds.PARTS.get(kind, {}))
         assert {name for name in arguments - parts if name not in kinds.UNITS} <= without_unit, kind
 

@@ -4,14 +4,16 @@ from collections.abc import Sequence
 from functools import cached_property
 from itertools import combinations
 from math import inf
-from typing import TYPE_CHECKING, Any, Self, Unpack
+from typing import TYPE_CHECKING, Self, Unpack
 
 import numpy as np
+from numpy.typing import NDArray
 
 from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.models.assemblies.inputs import ConcentricTubesInput, ConcentricTubesInputs, listed
 from multirod.models.backbone.assembly import BackboneAssembly
-from multirod.models.backbone.inputs import BY_MATERIAL, DRIVE_INPUTS, DRIVES, TUBE_INPUTS, drive_specs, surely_driven
+from multirod.models.backbone.checks import surely_driven
+from multirod.models.backbone.inputs import BY_MATERIAL, DRIVE_INPUTS, DRIVES, TUBE_INPUTS, drive_specs
 from multirod.rod import Rod
 from multirod.types import Numbers
 from multirod.validation import FloatArray, refuse, sequence
@@ -150,7 +152,7 @@ def refuse_behind_plate(inputs: Inputs, tubes: Sequence[Rod]) -> None:
         _refuse_where(out, beta, k, f"must be > -length = {limit:g} m: the tube is pulled out of the plate{millimetres}")
 
 
-def _refuse_where(wrong: Any, beta: FloatArray, k: int, allowed: str) -> None:
+def _refuse_where(wrong: np.bool_ | NDArray[np.bool_], beta: FloatArray, k: int, allowed: str) -> None:
     """Refuse the translation of tube k in the first instance where it is wrong."""
     if np.any(wrong):
         values = np.broadcast_to(beta[..., k], np.shape(wrong))

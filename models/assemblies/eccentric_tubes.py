@@ -107,5 +107,5 @@ def _check(field: str, tube: Rod) -> None:
             refuse(field, tube, "bending_stiffness must be the same about both axes")
         if section.foundation.any() or section.magnetisation.any():
             refuse(field, tube, "must have no foundation and no magnetisation")
-    if tube.members or tube.lines:
-        refuse(field, tube, "must have no members and no lines")
+    if tube.members or tube.lines or tube.loads:
+        refuse(field, tube, "must have no members, no lines and no loads of its own")

@@ -72,8 +72,12 @@ class HeldRod(Assembly):
     ) -> None:
         if not isinstance(rod, Rod):
             raise TypeError(f"HeldRod takes a Rod, not {type(rod).__name__}")
-        if rod.is_embedded:
-            refuse("HeldRod.rod", rod, "must have no foundation: it is modelled for one backbone with a free tip")
+        if rod.is_embedded or rod.loads:
+            refuse(
+                "HeldRod.rod",
+                rod,
+                "must have no foundation and no loads of its own, which take a free tip",
+            )
         self.rods = (rod,)
         self.base = pose("HeldRod.base", base)
         self.end = None if end is None else pose("HeldRod.end", end)

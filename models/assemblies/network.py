@@ -16,9 +16,10 @@ from multirod.models.assemblies.concentric_tubes import ConcentricTubes
 from multirod.models.assemblies.inputs import NetworkInput, NetworkInputs, listed
 from multirod.models.assemblies.single_rod import SingleRod
 from multirod.models.backbone.assembly import BackboneAssembly
+from multirod.models.backbone.checks import check_drives, surely_driven
 from multirod.models.backbone.derivatives.designs import COMPONENTS, refuse_unknown
 from multirod.models.backbone.derivatives.ends import ways_back
-from multirod.models.backbone.inputs import BY_MATERIAL, DRIVE_INPUTS, DRIVES, check_drives, drive_specs, surely_driven
+from multirod.models.backbone.inputs import BY_MATERIAL, DRIVE_INPUTS, DRIVES, drive_specs
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.terms import scene_features
 from multirod.models.network.derivatives.designs import PARAMETERS, columns_of, parameter_size
@@ -386,8 +387,12 @@ class Network(Assembly):
 
 
 def _refuse_rod(name: str, rod: Rod | ConcentricTubes) -> None:
-    if isinstance(rod, Rod) and rod.is_embedded:
-        refuse(f"Network.rods[{name!r}]", rod, "must have no foundation: it is modelled for one backbone with a free tip")
+    if any(own.is_embedded or own.loads for own in ((rod,) if isinstance(rod, Rod) else rod.rods)):
+        refuse(
+            f"Network.rods[{name!r}]",
+            rod,
+            "must have no foundation and no loads of its own, which take a free tip",
+        )
 
 
 def _robot(rod: Rod | ConcentricTubes, name: str) -> BackboneAssembly:

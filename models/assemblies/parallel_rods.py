@@ -24,10 +24,11 @@ from multirod.models.assemblies.inputs import (
 )
 from multirod.models.assemblies.single_rod import SingleRod
 from multirod.models.backbone.assembly import BackboneAssembly
+from multirod.models.backbone.checks import check_drives, surely_driven
 from multirod.models.backbone.derivatives.designs import COMPONENTS, refuse_unknown
 from multirod.models.backbone.derivatives.ends import ways_back
 from multirod.models.backbone.influence.bound import Influence, influences
-from multirod.models.backbone.inputs import BY_MATERIAL, DRIVE_INPUTS, DRIVES, check_drives, drive_specs, surely_driven
+from multirod.models.backbone.inputs import BY_MATERIAL, DRIVE_INPUTS, DRIVES, drive_specs
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.terms import scene_features
 from multirod.models.joint_kernels import CLAMPED, JOINTS
@@ -100,9 +101,11 @@ class ParallelRods(Assembly):
         mass = nonnegative_float("ParallelRods.platform_mass", platform_mass)
         robots: list[BackboneAssembly] = [SingleRod(leg) if isinstance(leg, Rod) else leg for leg in legs]
         for k, robot in enumerate(robots):
-            if any(rod.is_embedded for rod in robot.rods):
+            if any(rod.is_embedded or rod.loads for rod in robot.rods):
                 refuse(
-                    f"ParallelRods.legs[{k}]", legs[k], "must have no foundation: it is modelled for one backbone with a free tip"
+                    f"ParallelRods.legs[{k}]",
+                    legs[k],
+                    "must have no foundation and no loads of its own, which take a free tip",
                 )
         self.legs = tuple(legs)
         self.geometry = Geometry(

@@ -9,15 +9,8 @@ import numpy as np
 from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.models.assemblies.inputs import SingleRodInput, SingleRodInputs, listed
 from multirod.models.backbone.assembly import BackboneAssembly
-from multirod.models.backbone.inputs import (
-    BACKBONE_INPUTS,
-    BY_MATERIAL,
-    DRIVE_INPUTS,
-    DRIVES,
-    TIP_CURVATURE,
-    drive_specs,
-    surely_driven,
-)
+from multirod.models.backbone.checks import surely_driven
+from multirod.models.backbone.inputs import BACKBONE_INPUTS, BY_MATERIAL, DRIVE_INPUTS, DRIVES, TIP_CURVATURE, drive_specs
 from multirod.rod import Rod
 from multirod.types import Numbers
 from multirod.validation import refuse

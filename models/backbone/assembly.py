@@ -3,20 +3,23 @@
 from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
 from functools import cached_property
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Self, Unpack
 
 import numpy as np
 
 from multirod.assembly import Assembly, pose
 from multirod.batch import IntArray, broadcast_shapes, take
 from multirod.inputs import Inputs, InputSpec, InputSpecs
+from multirod.integrators import Integrator
+from multirod.models.backbone.checks import check_drives, check_reach
 from multirod.models.backbone.derivatives.designs import COMPONENTS, PARAMETERS, parameter_size, refuse_unknown
 from multirod.models.backbone.derivatives.ends import ways_back
 from multirod.models.backbone.influence.bound import Influence, influences
-from multirod.models.backbone.inputs import BACKBONE_INPUTS, check_drives, check_reach
+from multirod.models.backbone.inputs import BACKBONE_INPUTS
 from multirod.models.backbone.kernels.layout.features import Features
-from multirod.models.backbone.members.member import drives, kinds
-from multirod.models.backbone.problem import BackboneProblem
+from multirod.models.backbone.kernels.layout.members import drives
+from multirod.models.backbone.members.member import kinds
+from multirod.models.backbone.problem import BackboneProblem, ProblemOptions
 from multirod.models.backbone.terms import scene_features
 from multirod.profile import Profile
 from multirod.reuse import reusable
@@ -124,14 +127,19 @@ class BackboneAssembly(Assembly):
         return (scene_features(self.arrays, active, inputs.profiles, **options),)
 
     def influences(self, inputs: Inputs) -> Mapping[str, Influence]:  # noqa: D102
-        if self.arrays.members or self.arrays.foundation or self.arrays.eccentric:
+        if self.arrays.members or self.arrays.loads or self.arrays.eccentric:
             return {}  # what they hold the rod back by is not bounded
         whole = np.broadcast_shapes(inputs.batch_shape, self.batch_shape)
         return influences(self.arrays, inputs, whole, transmission=self.transmission)
 
     @reusable
     def problem(  # noqa: D102
-        self, inputs: Inputs, *, instances: IntArray | None = None, **options: Any
+        self,
+        inputs: Inputs,
+        *,
+        integrator: Integrator,
+        instances: IntArray | None = None,
+        **options: Unpack[ProblemOptions],
     ) -> BackboneProblem:
         arrays, base = self.arrays, self.base
         if instances is not None:
@@ -139,4 +147,6 @@ class BackboneAssembly(Assembly):
             inputs = inputs.take(whole, instances)
             arrays = arrays.take(whole, instances)
             base = take(base, whole, instances, tail=2) if base.ndim > 2 else base
-        return BackboneProblem(self.rods, base, inputs, transmission=self.transmission, arrays=arrays, **options)
+        return BackboneProblem(
+            self.rods, base, inputs, integrator=integrator, transmission=self.transmission, arrays=arrays, **options
+        )

@@ -1,7 +1,7 @@
 """Parts of a backbone problem: some of its instances, in double precision, finer, or between clamps."""
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from multirod.models.backbone.equal_steps import STEPS, at_equal_steps, split
 from multirod.segments import taken
 
 if TYPE_CHECKING:
-    from multirod.models.backbone.problem import BackboneProblem
+    from multirod.models.backbone.problem import BackboneProblem, ProblemOptions
 
 FINEST = 1e-12  # relative tolerance of an integration to which rounding leaves its order
 
@@ -70,10 +70,11 @@ class BackboneParts(Parts):
         shape = whole.batch_shape
         base = take(whole.base, shape, instances, tail=2) if whole.base.ndim > 2 else whole.base
         arrays, inputs = whole.arrays.take(shape, instances), whole.inputs_given.take(shape, instances)
-        options: dict[str, Any] = {"integrator": integrator}
+        options: ProblemOptions = {}
         if poses:  # with a direction too, it is the kernel that tells stability
-            options |= {"pose_sensitivities": True, "direction_count": 1 if pieces == 1 else 3 * (pieces - 1), "pieces": pieces}
-        result = whole.another(base, inputs, arrays, **options)
+            directions = 1 if pieces == 1 else 3 * (pieces - 1)
+            options = {"pose_sensitivities": True, "direction_count": directions, "pieces": pieces}
+        result = whole.another(base, inputs, arrays, integrator, **options)
         result.stop = whole.stop
         result.judged_often = whole.judged_often
         # the tip as the solve found it is what a pass over nodes is held to

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any, TypedDict, TypeVar, Unpack
 
 import numpy as np
 import warp as wp
@@ -26,17 +26,18 @@ from multirod.models.backbone.derivatives.derivatives import BackboneDerivatives
 from multirod.models.backbone.derivatives.designs import PARAMETERS
 from multirod.models.backbone.derivatives.ends import move_ends, ways_back
 from multirod.models.backbone.inputs import DRIVES
-from multirod.models.backbone.kernels.layout.arguments import INPUT_VECTORS, DesignOffsets, input_size
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.kernels.layout.layout import unknowns_of
+from multirod.models.backbone.kernels.layout.members import drive_slices, drives
+from multirod.models.backbone.kernels.layout.rows import INPUT_VECTORS, DesignOffsets, input_size
+from multirod.models.backbone.kernels.loads.load import Load
 from multirod.models.backbone.members.driven import DrivenLines
-from multirod.models.backbone.members.member import drive_slices, drives
 from multirod.models.backbone.nodes.node_passes import NodePasses
 from multirod.models.backbone.parts import BackboneParts
 from multirod.models.backbone.passes.buffers import Buffers
 from multirod.models.backbone.passes.lane_pass import LanePass
 from multirod.models.backbone.passes.warp_types import Struct
-from multirod.models.backbone.segments import BackboneSegments
+from multirod.models.backbone.segments.segments import BackboneSegments
 from multirod.models.backbone.shapes import BackboneShapes
 from multirod.models.backbone.sizes import Sizes
 from multirod.models.backbone.stability.clamps import BackboneClamps, ClampedBackbones
@@ -53,6 +54,22 @@ from multirod.validation import FloatArray
 POSES_APART = 64  # instances from which leaving poses out saves more than two kernels cost
 
 Number = TypeVar("Number", bound=np.generic)
+
+
+class ProblemOptions(TypedDict, total=False):
+    """How a ``BackboneProblem`` is made, beside its rods, inputs and integrator."""
+
+    device: str
+    pose: bool
+    pose_sensitivities: bool
+    direction_count: int
+    lengths: bool
+    design: bool
+    enabled: Sequence[str]
+    held: bool
+    pieces: int
+    first_moment: IntArray | int
+    load_directions: int
 
 
 class BackboneProblem(BoundaryProblem):
@@ -95,10 +112,9 @@ class BackboneProblem(BoundaryProblem):
         self.integrator = integrator
         self.enabled = frozenset(enabled)
         self.inputs_given = inputs
-        self.options: dict[str, Any] = {
-            "integrator": integrator,
+        self.options: ProblemOptions = {
             "device": device,
-            "transmission": transmission,
+            "enabled": tuple(enabled),
             "pose": pose,
             "pose_sensitivities": pose_sensitivities,
             "direction_count": direction_count,
@@ -164,10 +180,19 @@ class BackboneProblem(BoundaryProblem):
             self.launch = self.lane_pass(self.features, self._call)
 
     def _features(self, inputs: Inputs) -> Features:
-        asked = {name: self.options[name] for name in ("transmission", "held", "design", "pose", "pose_sensitivities", "lengths")}
-        active = (*inputs.active, *self.enabled)
+        options = self.options
         return problem_features(
-            self.arrays, active, inputs.profiles, self.integrator, directions=self.options["direction_count"] > 0, **asked
+            self.arrays,
+            (*inputs.active, *self.enabled),
+            inputs.profiles,
+            self.integrator,
+            transmission=self.transmission,
+            held=self.held,
+            design=options["design"],
+            pose=options["pose"],
+            lengths=options["lengths"],
+            pose_sensitivities=options["pose_sensitivities"],
+            directions=options["direction_count"] > 0,
         )
 
     # ---- the integration ----
@@ -218,13 +243,19 @@ class BackboneProblem(BoundaryProblem):
 
     @property
     def segments(self) -> BackboneSegments | None:  # noqa: D102
-        return None if len(self.rods) > 1 or self.held or self.features.foundation else self.cut
+        return None if len(self.rods) > 1 or self.held or self._by_place else self.cut
 
     @property
     def segments_refused(self) -> str:  # noqa: D102
         if len(self.rods) > 1 or self.held:
             return super().segments_refused
-        return "Rod.foundation is not 0, must be 0: a segment does not know how far its base has moved; Shooting takes it"
+        names = " and ".join(load.of_rod for load in self._by_place)
+        return f"{names} is not 0, must be 0: a segment does not know how far its base has moved; Shooting takes it"
+
+    @property
+    def _by_place(self) -> list[type[Load]]:
+        """Loads that depend on where the rods are, or whose force depends on how they are turned: then n is a state."""
+        return [load for load in self.features.loads if load.force or load.by_place]
 
     @cached_property
     def cut(self) -> BackboneSegments:
@@ -235,7 +266,7 @@ class BackboneProblem(BoundaryProblem):
     def may_be_clamped(self) -> bool:
         """Whether places along it can be clamped: not along several rods, in a medium, or by lines of given length."""
         terms = self.features
-        return len(self.rods) == 1 and not (terms.foundation or terms.condition_count or terms.friction)
+        return len(self.rods) == 1 and not (self._by_place or terms.condition_count or terms.friction)
 
     @cached_property
     def clamps(self) -> BackboneClamps | None:  # noqa: D102
@@ -435,7 +466,8 @@ class BackboneProblem(BoundaryProblem):
     def has_potential(self) -> bool:
         """Whether all but vectors of the inputs derives from one: load profiles, and the laws of the tip and of lines."""
         moments = self.features.profile_degree >= 0 and bool(self.table.profile.numpy().reshape(-1, 6, DEGREE + 1)[:, 3:].any())
-        return not (moments or self.features.measured or self.features.friction)
+        conservative = all(load.conservative for load in self.features.loads)
+        return conservative and not (moments or self.features.measured or self.features.friction)
 
     @property
     def turned(self) -> slice:  # noqa: D102
@@ -456,7 +488,11 @@ class BackboneProblem(BoundaryProblem):
         """Values of the rods' batch, one an instance."""
         return np.broadcast_to(values, (self.instance_count, *values.shape[1:]))
 
-    def another(self, base: FloatArray, inputs: Inputs, arrays: RodArrays, **changes: Any) -> "BackboneProblem":
+    def another(
+        self, base: FloatArray, inputs: Inputs, arrays: RodArrays, integrator: Integrator, **changes: Unpack[ProblemOptions]
+    ) -> "BackboneProblem":
         """A problem of other instances of the same rods, by the same options but for some."""
-        options = {**self.options, **changes}
-        return BackboneProblem(self.rods, base, inputs, enabled=tuple(self.enabled), arrays=arrays, **options)
+        options: ProblemOptions = {**self.options, **changes}
+        return BackboneProblem(
+            self.rods, base, inputs, integrator=integrator, transmission=self.transmission, arrays=arrays, **options
+        )

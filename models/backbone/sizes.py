@@ -82,13 +82,15 @@ class Sizes:
         length = table.end[:, 0, -1] + inputs[:, self.problem.input_slice("translation")][:, 0]
         weight = table.material[:, 0, :, 9].max(axis=1)
         total = np.zeros(self.problem.instance_count)
+        by_configuration = {load.input for load in self.problem.features.loads}
         for spec in self.acting(inputs):
+            if spec.name in by_configuration:
+                continue
             x, y, z = inputs[:, self.problem.input_slice(spec.name)].T
-            size = self.magnetic_load() if spec.name == "magnetic_field" else np.sqrt(x * x + y * y + z * z)
-            size = size * length**spec.power / stiffness
+            size = np.sqrt(x * x + y * y + z * z) * length**spec.power / stiffness
             total += size * weight if spec.name == "gravity" else size
-        if self.problem.features.foundation:
-            total += self.medium_load()
+        for load in self.problem.features.loads:
+            total += load.size(self)
         if self.problem.drive_count:
             total += self.problem.lines.load() * length / stiffness
         if self.problem.features.measured:
@@ -110,18 +112,7 @@ class Sizes:
         """The loads, and where they stand in a row of inputs."""
         return [(spec, self.problem.input_slice(spec.name)) for spec in LOADS]
 
-    def medium_load(self) -> FloatArray:
-        """How much a medium bends rods that are not straight, ``k L^4/EI`` times their bend, shape (instance_count,)."""
-        table = self.problem.arrays
-        length = table.end[:, 0, -1]
-        stiffness = table.material[..., 13:16].max(axis=(1, 2, 3)) * length**4 / table.material[:, 0, :, :3].min(axis=(1, 2))
-        _, kappa = self.by_section
-        return np.asarray(self.problem.each(stiffness) * np.minimum(kappa.max(axis=(1, 2)) * self.problem.each(length), 1.0))
-
-    def magnetic_load(self) -> FloatArray:
-        """Bound of the moment per length of a magnetic field on all rods [N], shape (instance_count,)."""
-        if not self.problem.features.magnetised:
-            return np.zeros(self.problem.instance_count)
-        strongest = np.linalg.norm(self.problem.arrays.material[..., 10:13], axis=-1).max(axis=2).sum(axis=1)
-        field = np.linalg.norm(self.problem.read("inputs")[:, self.problem.input_slice("magnetic_field")], axis=1)
-        return np.asarray(self.problem.each(strongest) * field)
+    def moment_per_length(self) -> FloatArray:
+        """Bound of the moment per length of loads that depend on the configuration [N], shape (instance_count,)."""
+        bounds = [load.moment_bound(self) for load in self.problem.features.loads]
+        return np.asarray(sum(bounds, np.zeros(self.problem.instance_count)))

@@ -7,18 +7,20 @@ from multirod.inputs import InputSpec
 from multirod.integrators import Integrator
 from multirod.models.backbone.inputs import BACKBONE_INPUTS, TIP_CURVATURE
 from multirod.models.backbone.kernels.layout.features import Features
-from multirod.models.backbone.members.member import drives
+from multirod.models.backbone.kernels.layout.members import drives
+from multirod.models.backbone.kernels.loads.load import Load
+from multirod.models.backbone.kernels.loads.magnetic import Magnetic
 from multirod.profile import DEGREE
 from multirod.rod import RodArrays
 
+BY_INPUT: tuple[type[Load], ...] = (Magnetic,)  # loads that depend on the configuration, and act where an input does
+
 
 def terms_of(spec: InputSpec) -> tuple[str, ...]:
-    """The features without which an input would not act."""
+    """The features without which an input would not act; of one that is of a load of ``BY_INPUT`` none."""
     if spec.measured:
         return ("measured",)
-    if spec.name == "magnetic_field":
-        return ("magnetised",)
-    if spec.load is None or spec.acts not in ("tip", "along"):
+    if spec.load is None or spec.name in {load.input for load in BY_INPUT} or spec.acts not in ("tip", "along"):
         return ()
     if spec.load == "moment":
         return ("follower_moment" if spec.follows else "tip_moment" if spec.acts == "tip" else "distributed_moment",)
@@ -38,8 +40,10 @@ def scene_features(
     held: bool = False,
 ) -> Features:
     """The terms that rods ask for, and inputs by the names of those that act and of those that are functions of arclength."""
-    needs = {term: True for name in active for term in TERMS.get(name, ())}
-    needs["force"] = "force" in needs or held or arrays.foundation or "distributed_force" in profiles
+    acting = set(active)
+    loads = (*(load for load in BY_INPUT if load.input in acting), *arrays.loads)
+    needs = {term: True for name in acting for term in TERMS.get(name, ())}
+    needs["force"] = "force" in needs or held or any(load.force for load in loads) or "distributed_force" in profiles
     return Features(
         rod_count=rod_count,
         eccentric=arrays.eccentric,
@@ -50,7 +54,7 @@ def scene_features(
         member_rods=arrays.member_rods,
         member_degree=arrays.member_degree,
         discs=arrays.discs,
-        foundation=arrays.foundation,
+        loads=loads,
         transmission=transmission,
         anisotropic=arrays.anisotropic and rod_count > 1,
         torsion=arrays.eccentric or (rod_count > 1 and (held or arrays.torsion)),
@@ -111,4 +115,5 @@ def problem_features(
 
 def takes(features: Features, name: str) -> bool:
     """Whether an input may act: whether the terms that it needs are there."""
-    return all(getattr(features, term) for term in TERMS.get(name, ()))
+    own = [load for load in BY_INPUT if load.input == name]
+    return all(load in features.loads for load in own) and all(getattr(features, term) for term in TERMS.get(name, ()))

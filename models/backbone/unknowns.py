@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.kernels.layout.layout import unknowns_of
-from multirod.models.backbone.members.member import drive_places
+from multirod.models.backbone.kernels.layout.members import drive_places
 from multirod.models.backbone.units import unit_stiffness
 from multirod.problem import Block
 from multirod.validation import FloatArray

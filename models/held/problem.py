@@ -279,7 +279,7 @@ class HeldProblem(BoundaryProblem):
         """(10) Whether nothing of the rod tells directions across its axis apart, shape (instance_count,)."""
         arrays, features = self.rod.arrays, self.rod.features
         material = arrays.material[:, 0]
-        free = self.turns or self.holders.joint == REVOLUTE or features.members or features.magnetised
+        free = self.turns or self.holders.joint == REVOLUTE or features.members or features.loads
         if free or features.distributed_force or features.distributed_moment or features.profile_degree >= 0:
             return np.zeros(self.instance_count, dtype=bool)
         if self.holders.slide is not None and abs(self.holders.slide[2]) < 1 - kernels.ON_AXIS:
@@ -336,7 +336,7 @@ class HeldProblem(BoundaryProblem):
     def may_be_clamped(self) -> bool:
         """Whether places along the rod can be: not where its base turns and what acts along the rod does not turn with it."""
         terms = self.rod.features
-        along = terms.distributed_force or terms.distributed_moment or terms.magnetised or terms.profile_degree >= 0
+        along = terms.distributed_force or terms.distributed_moment or terms.loads or terms.profile_degree >= 0
         return self.rod.may_be_clamped and not (self.turns and along)
 
     @property

@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 
 from multirod.batch import IntArray
-from multirod.models.backbone.segments import BackboneSegments
+from multirod.models.backbone.segments.segments import BackboneSegments
 from multirod.models.backbone.stability.condensing.by_segments import HeldUnits, compliance_by_segments
 from multirod.models.backbone.stability.condensing.second_variation import CondensedForm
 from multirod.models.held import held_kernels as kernels

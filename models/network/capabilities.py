@@ -98,7 +98,7 @@ def _joined(pieces: list[dict[int, dict[str, FloatArray]]], node_count: int) -> 
     return Shape(**{name: np.concatenate([part[name] for part in parts], axis=1)[:, kept] for name in parts[0]})
 
 
-class NetworkLines(LinesOfGroups):
+class NetworkLines(LinesOfGroups["NetworkProblem"]):
     """Of a ``NetworkProblem``: those of its rods."""
 
     def __init__(self, problem: "NetworkProblem") -> None:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from multirod.batch import IntArray, take
 from multirod.models.backbone.assembly import BackboneAssembly
-from multirod.models.backbone.members.member import drive_slices
-from multirod.models.backbone.members.member import drives as drive_names
+from multirod.models.backbone.kernels.layout.members import drive_slices
+from multirod.models.backbone.kernels.layout.members import drives as drive_names
 from multirod.models.network.elements.elements import Layout
 from multirod.models.network.elements.entries import Entries
 from multirod.models.network.joining.bodies import Body, Ground

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.models.backbone.members.member import drive_slices
+from multirod.models.backbone.kernels.layout.members import drive_slices
 from multirod.models.network.elements.elements import GAP_AT
 from multirod.models.network.elements.groups import ALONG, ON_RODS
 from multirod.problem import Block

@@ -23,9 +23,9 @@ from multirod.models.backbone.derivatives.designs import COMPONENTS, turned_load
 from multirod.models.backbone.derivatives.ends import move_ends, ways_back
 from multirod.models.backbone.equal_steps import PartsAtEqualSteps
 from multirod.models.backbone.inputs import BACKBONE_INPUTS, DRIVES
+from multirod.models.backbone.kernels.layout.members import drive_slices
+from multirod.models.backbone.kernels.layout.members import drives as drive_names
 from multirod.models.backbone.members.driven import LinesOfGroups
-from multirod.models.backbone.members.member import drive_slices
-from multirod.models.backbone.members.member import drives as drive_names
 from multirod.models.backbone.problem import BackboneProblem
 from multirod.models.backbone.starts import twisted
 from multirod.models.platform import platform_kernels as kernels
@@ -923,7 +923,7 @@ class PlatformShapes(Shapes):
         return tuple(shape for shape in found if shape is not None), energy
 
 
-class PlatformLines(LinesOfGroups):
+class PlatformLines(LinesOfGroups[ParallelProblem]):
     """Of a ``ParallelProblem``: those of its legs."""
 
     def __init__(self, problem: ParallelProblem) -> None:

@@ -20,16 +20,16 @@ from multirod.models.assemblies.held_rod import HeldRod
 from multirod.models.assemblies.network import Network
 from multirod.models.assemblies.parallel_rods import InverseParallelRods, ParallelRods
 from multirod.models.assemblies.single_rod import SingleRod
-from multirod.models.backbone.members.lines import (
+from multirod.models.backbone.members.line_kinds import (
     Chamber,
     DisplacedTendon,
-    Line,
     PushRod,
     RubbingDisplacedTendon,
     RubbingTendon,
     SectionChamber,
     Tendon,
 )
+from multirod.models.backbone.members.lines import Line
 from multirod.models.joint_kernels import JOINTS
 from multirod.models.network.joining.bodies import Body, ground
 from multirod.models.network.joining.joints import Joint
@@ -243,8 +243,8 @@ def described(thing: object, where: str, *, functions: bool) -> dict[str, Any]:
             ]
             if tables:
                 result[name] = tables if parts[name].many else tables[0]
-        elif name == "members" and value:
-            refuse(field, list(value), "a file holds only the lines of multirod itself, and no members of other classes")
+        elif name in ("members", "loads") and value:
+            refuse(field, list(value), f"a file holds only the lines of multirod itself, and no {name} of other classes")
         else:
             plain = _plain(field, name, value, functions)
             if not _is(plain, default) or NO_IDENTITY.get(kind) == name and value is not None:
@@ -264,7 +264,7 @@ def _arguments(kind: str, thing: object, where: str) -> dict[str, tuple[Any, Any
     readers, own = READERS.get(kind, {}), parameters(CLASSES[kind])
     if isinstance(thing, Rod):
         single = len(thing.sections) == 1
-        others = ("members", "lines", "discs", "outer_diameter", "inner_diameter")
+        others = ("members", "lines", "loads", "discs", "outer_diameter", "inner_diameter")
         found: dict[str, tuple[Any, Any]] = {"name": (thing.name, "")}
         if single:
             (section,) = thing.sections
@@ -309,7 +309,7 @@ def _as_tube(rod: Rod) -> dict[str, tuple[Any, Any]] | None:
         for own, other in zip(sections, twin.sections, strict=True)
         for item in fields(Section)
     )
-    if not same or rod.members:
+    if not same or rod.members or rod.loads:
         return None
     known = parameters(Rod.tube)
     return {name: (value, known[name]) for name, value in values.items()}

@@ -7,7 +7,7 @@ import numpy as np
 
 from multirod.models.assemblies.network import Network
 from multirod.models.assemblies.parallel_rods import InverseParallelRods, ParallelRods
-from multirod.models.backbone.members.lines import Chamber
+from multirod.models.backbone.members.line_kinds import Chamber
 from multirod.models.joint_kernels import JOINTS
 from multirod.models.network.joining.bodies import Body
 from multirod.plotting.canvas import COMPONENTS, STYLES, colors_of, in_space, legend, matplotlib

@@ -12,7 +12,8 @@ from multirod.assembly import Assembly
 from multirod.models.assemblies.network import Network
 from multirod.models.assemblies.parallel_rods import InverseParallelRods, ParallelRods
 from multirod.models.backbone.assembly import BackboneAssembly
-from multirod.models.backbone.members.lines import Chamber, Line
+from multirod.models.backbone.members.line_kinds import Chamber
+from multirod.models.backbone.members.lines import Line
 from multirod.models.network.graph import ENDS
 from multirod.models.network.joining.bodies import ground
 from multirod.rod import Rod

@@ -103,6 +103,7 @@ def rod(own: "Rod") -> str:
         inner = f", inner {1e3 * own.inner_diameter:g} mm" if own.inner_diameter else ""
         notes.append(f"outer diameter {1e3 * own.outer_diameter:g} mm{inner}")
     notes += [f"line: {line!r}" for line in own.lines] + [f"carries {type(member).__name__}" for member in own.members]
+    notes += [f"under {type(load).__name__}" for load in own.loads]
     if own.discs is not None:
         notes.append(f"discs every {1e3 * own.discs:g} mm")
     name = f"Rod {own.name!r}" if own.name else "Rod"

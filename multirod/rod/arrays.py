@@ -20,6 +20,7 @@ from multirod.validation import (
 )
 
 if TYPE_CHECKING:
+    from multirod.models.backbone.kernels.loads.load import Load
     from multirod.models.backbone.members.member import Member
 
 SAME_PLACE = 1e-12  # of its arclength: a cut that near the end of a section is there
@@ -42,7 +43,8 @@ class RodArrays:
         shear: Whether any rod shears or extends.
         anisotropic: Whether any bending stiffness differs between the axes.
         torsion: Whether any rod twists elastically.
-        foundation: Whether a medium is around any rod.
+        loads: Laws of the loads that depend on the configuration and act by what the rods are: their parameters are the last
+            columns of ``material``.
         eccentric: Whether the rods run side by side.
         members: Laws of what the rods carry along themselves, whose parameters and functions are further columns of ``material``.
         member_rods: Of several rods, the one that carries each.
@@ -59,7 +61,7 @@ class RodArrays:
     shear: bool
     anisotropic: bool
     torsion: bool
-    foundation: bool = False
+    loads: "tuple[type[Load], ...]" = ()
     eccentric: bool = False
     members: "tuple[type[Member], ...]" = ()
     member_rods: tuple[int, ...] = ()
@@ -126,7 +128,7 @@ def stack(backbones: Sequence[RodArrays], batch_shape: tuple[int, ...]) -> RodAr
         shear=any(arrays.shear for arrays in backbones),
         anisotropic=any(arrays.anisotropic for arrays in backbones),
         torsion=any(arrays.torsion for arrays in backbones),
-        foundation=any(arrays.foundation for arrays in backbones),
+        loads=tuple(dict.fromkeys(load for arrays in backbones for load in arrays.loads)),
         members=backbones[0].members,
         member_rods=backbones[0].member_rods,
         member_degree=max(arrays.member_degree for arrays in backbones),
@@ -161,6 +163,17 @@ def _carried(
     return found + [values[..., k, j] for k in range(degree + 1) for values in functions for j in range(values.shape[-1])]
 
 
+def _loading(rod: Rod, section: Section, kinds: "tuple[type[Load], ...]") -> list[FloatArray]:
+    """Parameters of loads of these kinds on a section of a rod; zero of what does not act on it."""
+    found: list[FloatArray] = []
+    for kind in kinds:
+        own = [load for load in rod.loads if type(load) is kind]
+        count = len(kind.parameters)
+        values = array(f"{kind.__name__}.values", own[0].values(section), (count,)) if own else np.zeros(count)
+        found += [values[..., k] for k in range(count)]
+    return found
+
+
 def _cut(start: FloatArray, end: FloatArray, cuts: Sequence[float]) -> Iterator[tuple[float, FloatArray, FloatArray]]:
     """Parts of a piece from ``start`` to ``end`` (batch,) between ``cuts``: an arclength between these, start and end."""
     if not cuts:
@@ -181,8 +194,10 @@ def lower(rods: Sequence[Rod], offsets: FloatArray | None = None) -> RodArrays:
 
     ``offsets`` (rod_count, 2) are those of rods that run side by side.
     """
+    from multirod.models.backbone.kernels.loads.foundation import Foundation
     from multirod.models.backbone.members.member import kinds
 
+    loads = tuple(dict.fromkeys(type(load) for rod in rods for load in rod.loads))
     batch_shape = np.broadcast_shapes(*(rod.batch_shape for rod in rods))
     degree = profile.DEGREE if any(isinstance(s.precurvature, profile.Profile) for rod in rods for s in rod.sections) else 0
     carried = [member for rod in rods for member in rod.carried]
@@ -194,7 +209,8 @@ def lower(rods: Sequence[Rod], offsets: FloatArray | None = None) -> RodArrays:
 
     def made_of(rod: int, section: Section, own: list[FloatArray], s: float, start: FloatArray, end: FloatArray) -> FloatArray:
         place = (s, start.reshape(batch_shape), end.reshape(batch_shape))
-        return np.stack(own + [batch(value) for value in _carried(rods, rod, section, *place, member_degree)], -1)
+        further = [*_carried(rods, rod, section, *place, member_degree), *_loading(rods[rod], section, loads)]
+        return np.stack(own + [batch(value) for value in further], -1)
 
     columns: list[list[tuple[Any, ...]]] = []
     for k, rod in enumerate(rods):
@@ -250,7 +266,7 @@ def lower(rods: Sequence[Rod], offsets: FloatArray | None = None) -> RodArrays:
         shear=bool((material[..., 6:9] > 0).any()),
         anisotropic=bool((material[..., 0] != material[..., 1]).any()),
         torsion=bool(np.isfinite(material[..., 2]).any()),
-        foundation=bool(material[..., 13:16].any()),
+        loads=(*([Foundation] if any(rod.is_embedded for rod in rods) else []), *loads),
         eccentric=offsets is not None,
         members=kinds(carried),
         member_rods=tuple(k for k, rod in enumerate(rods) for _ in rod.carried) if len(rods) > 1 else (),

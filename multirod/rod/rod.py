@@ -25,6 +25,7 @@ from multirod.validation import (
 )
 
 if TYPE_CHECKING:
+    from multirod.models.backbone.kernels.loads.load import Load
     from multirod.models.backbone.members.lines import Line
     from multirod.models.backbone.members.member import Member
 
@@ -53,6 +54,7 @@ class Rod:
         lines: What runs along it at an offset and is pulled, such as ``Tendon`` (``docs/lines.md``), likewise.
         discs: Spacing of discs [m], between which tendons and push rods run straight; None, the default, is so close that it does
             not matter.
+        loads: Loads along it that depend on its configuration (``Load``, ``docs/extending.md``), one of each kind.
         sections: ``Section`` objects from base to tip, instead of all the above.
         outer_diameter: For drawing, to check that tubes nest, and for strain [m].
         inner_diameter: The same [m].
@@ -83,6 +85,7 @@ class Rod:
         members: Sequence["Member"] = (),
         lines: Sequence["Line"] = (),
         discs: float | None = None,
+        loads: Sequence["Load"] = (),
         sections: Sequence[Section] | None = None,
         outer_diameter: float | None = None,
         inner_diameter: float | None = None,
@@ -120,6 +123,7 @@ class Rod:
         self.members = _members(members)
         self.discs = None if discs is None else positive_float("Rod.discs", discs)
         self.lines = _lines(lines, self)
+        self.loads = _loads(loads)
         self.outer_diameter, self.inner_diameter = diameters(outer_diameter, inner_diameter)
         if not isinstance(name, str):
             refuse("Rod.name", name, "must be a string")
@@ -334,10 +338,24 @@ def _members(given: object) -> "tuple[Member, ...]":
     return tuple(given)
 
 
+def _loads(given: object) -> "tuple[Load, ...]":
+    if isinstance(given, (list, tuple)) and not given:
+        return ()
+    from multirod.models.backbone.kernels.loads.load import Load
+
+    if not isinstance(given, (list, tuple)) or not all(isinstance(load, Load) for load in given):
+        refuse("Rod.loads", given, "must be a list of Load")
+    kinds = [type(load).__name__ for load in given]
+    if len(set(kinds)) < len(kinds):
+        refuse("Rod.loads", kinds, "must be one of each kind")
+    return tuple(given)
+
+
 def _lines(given: object, rod: Rod) -> "tuple[Line, ...]":
     if isinstance(given, (list, tuple)) and not given:
         return ()
-    from multirod.models.backbone.members.lines import Line, refuse_beside_friction, refuse_redundant
+    from multirod.models.backbone.members.line_kinds import refuse_beside_friction, refuse_redundant
+    from multirod.models.backbone.members.lines import Line
 
     if not isinstance(given, (list, tuple)) or not all(isinstance(line, Line) for line in given):
         refuse("Rod.lines", given, "must be a list of lines, such as Tendon")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multirod.models.backbone.inputs import LOADS
-from multirod.models.backbone.kernels.layout.arguments import DesignOffsets
+from multirod.models.backbone.kernels.layout.rows import DesignOffsets
 from multirod.models.backbone.units import unit_stiffness
 from multirod.models.backbone.unknowns import base_torques
 from multirod.rotations import cross_matrix

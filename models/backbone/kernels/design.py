@@ -11,17 +11,9 @@ from types import SimpleNamespace
 import warp as wp
 
 from multirod.models.backbone.kernels.instance import Instance
-from multirod.models.backbone.kernels.layout.arguments import (
-    END,
-    END_MOVER,
-    START,
-    Call,
-    DesignOffsets,
-    InputOffsets,
-    RodTable,
-    input_size,
-)
+from multirod.models.backbone.kernels.layout.arguments import END, END_MOVER, START, Call, RodTable
 from multirod.models.backbone.kernels.layout.layout import Layout, Memory
+from multirod.models.backbone.kernels.layout.rows import DesignOffsets, InputOffsets, input_size
 from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul, neg, sub  # noqa: F401  (by name)
 from multirod.models.backbone.kernels.numbers.vectors import vectors
 

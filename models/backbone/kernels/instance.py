@@ -26,7 +26,6 @@ class Instance:
     distributed_force: wp.vec3d
     distributed_moment: wp.vec3d
     gravity: wp.vec3d
-    magnetic_field: wp.vec3d
     profile_factor: f64
     # what numbers in lanes are counted in: SI units, or natural ones in single precision, which ends at 1e38
     moment: f64

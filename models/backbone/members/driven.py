@@ -2,18 +2,22 @@
 
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from multirod.capabilities import Lines
-from multirod.models.backbone.members.lines import Chamber, Line, SectionChamber
-from multirod.models.backbone.members.member import CONDITION, Member, columns_in_material, drive_places
+from multirod.models.backbone.kernels.layout.members import CONDITION, columns_in_material, drive_places
+from multirod.models.backbone.members.line_kinds import Chamber, SectionChamber
+from multirod.models.backbone.members.lines import Line
+from multirod.models.backbone.members.member import Member
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
     from multirod.models.backbone.problem import BackboneProblem
+    from multirod.models.network.problem import NetworkProblem
+    from multirod.models.platform.problem import ParallelProblem
 
 SECTIONS = 65  # places along the rod
 RIGID = 1e6  # what counts as infinite, over the bending stiffness
@@ -307,10 +311,13 @@ def line_stiffness(T: FloatArray, rho: FloatArray, slope: FloatArray, u: FloatAr
     return np.asarray(by.swapaxes(-1, -2) @ across @ by)
 
 
-class LinesOfGroups(Lines):
+Grouped = TypeVar("Grouped", bound="ParallelProblem | NetworkProblem")
+
+
+class LinesOfGroups(Lines, Generic[Grouped]):
     """Of a problem whose rods are backbones in groups of one build, each with ``members``, its rods, and ``backbones``."""
 
-    def __init__(self, problem: Any, drives: Sequence[Sequence[str]]) -> None:
+    def __init__(self, problem: Grouped, drives: Sequence[Sequence[str]]) -> None:
         self.problem, self.drives = problem, drives
         # the first line of each rod, and their number
         self.first: NDArray[np.intp] = np.cumsum([0, *map(len, drives)])

@@ -2,32 +2,16 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import accumulate
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from multirod.models.backbone.kernels.layout.members import CONDITION
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
     from multirod.rod import Section
-
-
-# (L7) what the condition of an unknown ``T`` takes: a lever that scales it, the line's compliance, how long it is in the rod at
-# rest, and how much longer it would be alone
-# of what is driven by its length: ``pushed`` and ``pulled`` are its rest length per translation, out of the base and into it;
-# how long it is where its rod is held straight, and that per length of rod
-CONDITION = {
-    "lever": (0, 1),
-    "compliance": (-1, 1),
-    "natural": (0, 1),
-    "excess": (0, 1),
-    "pushed": (0, 0),
-    "pulled": (0, 0),
-    "straight": (0, 1),
-    "held": (0, 0),
-}
 
 
 class Member(ABC):
@@ -108,39 +92,6 @@ class Member(ABC):
         """
 
 
-def kinds(members: Any) -> tuple[type[Member], ...]:
+def kinds(members: Iterable[Member]) -> tuple[type[Member], ...]:
     """The laws of members, in their order."""
     return tuple(type(member) for member in members)
-
-
-def columns_in_material(laws: "Iterable[type[Member]]") -> list[int]:
-    """Where the values of each member stand in ``RodTable.material``, and at last the functions of all."""
-    from multirod.models.backbone.kernels.layout.arguments import MATERIAL_SIZE
-
-    return list(accumulate((law.value_count() for law in laws), initial=MATERIAL_SIZE))
-
-
-def driven(laws: "Iterable[type[Member]]") -> list[type[Member]]:
-    """Those of the laws that are driven, in their order."""
-    return [law for law in laws if law.drive is not None]
-
-
-def drives(laws: "Iterable[type[Member]]") -> list[str]:
-    """The inputs that drive members of these laws, one entry a member that is driven, in their order."""
-    return [law.drive[0] for law in laws if law.drive is not None]
-
-
-def drive_places(laws: "Iterable[type[Member]]") -> list[int]:
-    """Where that of each member that is driven stands in a row of inputs: all of one input side by side, in their order."""
-    names = drives(laws)
-    slices = drive_slices(names)
-    return [slices[name].start + names[:k].count(name) for k, name in enumerate(names)]
-
-
-def drive_slices(names: Sequence[str], first: int = 0) -> dict[str, slice]:
-    """Where the numbers of each input stand that drives members, in a row of inputs from ``first`` on, by the names of all."""
-    slices = {}
-    for name in sorted(set(names)):
-        slices[name] = slice(first, first + names.count(name))
-        first = slices[name].stop
-    return slices

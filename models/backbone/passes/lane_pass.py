@@ -11,6 +11,7 @@ from multirod.models.backbone.kernels.integration.integrate import SCALARS, make
 from multirod.models.backbone.kernels.layout.arguments import LANE_SIZE, Call
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.kernels.layout.layout import Layout
+from multirod.models.backbone.passes.warp_types import Array, Struct
 
 
 def processor_has(feature: str) -> bool:
@@ -52,9 +53,9 @@ def _cost(count: int, columns: int, lanes: int, parts: int) -> float:
     return -(-count * parts // lanes) * (BASE_COST + -(-columns // parts))
 
 
-def own(call: Any) -> Any:
+def own(call: Struct) -> Struct:
     """A copy of a launch's arguments, its arrays shared."""
-    result: Any = Call()
+    result: Struct = Call()
     for name in call._cls.vars:
         setattr(result, name, getattr(call, name))
     return result
@@ -78,8 +79,8 @@ class LanePass:
         features: Features,
         integrator: Integrator,
         precision: str,
-        table: Any,
-        call: Any,
+        table: Struct,
+        call: Struct,
         columns: tuple[int, int],
         device: str,
         *,
@@ -99,11 +100,10 @@ class LanePass:
         )
         launch_arguments = [table, call, self._arrays]
 
-        def make() -> Any:
-            return make_kernel(features, integrator.tableau, precision, lanes)
-
         self._threads = threads(call, portion)
-        self._launch = record(make, self._threads, launch_arguments, device)
+        self._launch = record(
+            lambda: make_kernel(features, integrator.tableau, precision, lanes), self._threads, launch_arguments, device
+        )
         self._order, self._portion = call.order, portion
         self._orders = self._portions(count)
         self._recorded = (self._launch,) if len(self._orders) == 1 else None
@@ -123,7 +123,7 @@ class LanePass:
         if len(self._orders) == 1:
             self._aim(self._orders[0])
 
-    def _aim(self, order: Any) -> None:
+    def _aim(self, order: Array) -> None:
         self._call.order = order
         self._launch.set_param_at_index(1, self._call)
         count = threads(self._call, len(order))
@@ -142,7 +142,7 @@ class LanePass:
             self._launch.launch()
 
 
-def refuse_narrow(call: Any, features: Features, layout: Layout) -> None:
+def refuse_narrow(call: Struct, features: Features, layout: Layout) -> None:
     """See that what a launch writes by rows and columns fits into its arrays: a kernel does not look."""
     m, unknowns, directions = features.unknown_count, call.unknown_columns, call.direction_columns
     columns, lengths = unknowns + directions, layout.LENGTHS
@@ -162,14 +162,14 @@ def refuse_narrow(call: Any, features: Features, layout: Layout) -> None:
             raise AssertionError(f"{name} of a launch has room for {room} numbers of an instance, and {least} are written")
 
 
-def threads(call: Any, count: int) -> int:
+def threads(call: Struct, count: int) -> int:
     """Threads for so many instances."""
     return max(1, -(-count * int(call.parts) // int(call.chunk)))
 
 
 def deal(
-    call: Any, layout: Layout, integrator: Integrator, precision: str, device: str, count: int, lanes: int, *, shared: bool
-) -> Any:
+    call: Struct, layout: Layout, integrator: Integrator, precision: str, device: str, count: int, lanes: int, *, shared: bool
+) -> Array:
     """Set what ``call`` says of lanes, for ``count`` instances at most in a launch; returns the memory of the threads."""
     columns = call.unknown_columns + call.direction_columns
     call.parts = parts_of(count, columns, lanes) if shared else 1

@@ -36,9 +36,7 @@ class BackboneConjugates(Conjugates):
         m = len(self.forces)
         of = problem if seen is None else seen
 
-        def array(values: Any, dtype: Any = wp.float64) -> Any:
-            return wp.array(np.ascontiguousarray(values, dtype=np.float64), dtype=dtype, device=device)
-
+        array = problem.buffers.array
         length = np.broadcast_to(problem.table.length_scale.numpy(), count)
         scale, unit = np.ones((count, m)), np.ones((count, m))
         moment, force = self._row(places["moment"]), self._row(places["force"])

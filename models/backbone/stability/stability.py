@@ -54,7 +54,8 @@ class BackboneStability(StabilityAnalysis):
 
     def _has_potential(self, inputs: FloatArray) -> NDArray[np.bool_]:
         problem, features = self.problem, self.problem.features
-        acting = np.full(problem.instance_count, features.measured or features.friction)
+        conservative = all(load.conservative for load in features.loads)
+        acting = np.full(problem.instance_count, features.measured or features.friction or not conservative)
         for spec in problem.sizes.acting(inputs):
             if not spec.potential:
                 acting |= inputs[:, problem.input_slice(spec.name)].any(axis=1)
@@ -92,7 +93,7 @@ class BackboneStability(StabilityAnalysis):
             return np.zeros(self.problem.instance_count, dtype=bool)
         form, determinant = self.condensed_form()
         terms = self.problem.features
-        if not (terms.members or terms.foundation) and self.has_potential.all() and form.surely_stable():
+        if not (terms.members or terms.world_force_is_state) and self.has_potential.all() and form.surely_stable():
             return np.zeros(self.problem.instance_count, dtype=bool)
         return np.asarray(self._modes(form, determinant).stability == Stability.UNSTABLE)
 
@@ -102,7 +103,7 @@ class BackboneStability(StabilityAnalysis):
     def _modes(self, form: CondensedForm, determinant: FloatArray) -> Modes:
         modes = form.modes(self.problem.sizes.stiffness_over_length())
         potential, lines = self.has_potential, self.problem.lines
-        judged = potential & lines.stays_stiff() & (not self.problem.features.foundation)
+        judged = potential & lines.stays_stiff() & (not self.problem.features.world_force_is_state)
         if not judged.all():
             modes.known[~judged] = False
             modes.values[~judged] = np.nan
@@ -113,7 +114,7 @@ class BackboneStability(StabilityAnalysis):
     def _told_by_sign(self, potential: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Where the sign of ``det Gamma`` is all that tells of instability, shape (instance_count,)."""
         terms = self.problem.features
-        return np.asarray((~potential | terms.foundation) & (not terms.measured))
+        return np.asarray((~potential | terms.world_force_is_state) & (not terms.measured))
 
     def condensed_form(self, joint: TipJoint | None = None, *, tensions_fixed: bool = False) -> tuple[CondensedForm, FloatArray]:
         """The second variation at ``unknowns``, condensed to the tip, or to what a ``joint`` gives there, and ``det Gamma``
@@ -267,7 +268,7 @@ class BackboneStability(StabilityAnalysis):
 
     def _segments(self, moment: FloatArray, force: FloatArray, curvature: FloatArray) -> FloatArray:
         """(7) from bounds [N m], [N], [1/m], shape (instance_count,)."""
-        coupling, potential = moment, force + self.problem.sizes.magnetic_load()
+        coupling, potential = moment, force + self.problem.sizes.moment_per_length()
         if self.problem.features.turning_count:
             bend, most, kappa = self.problem.sizes.bend_by_section
             coupling = moment + most
@@ -287,7 +288,7 @@ class BackboneStability(StabilityAnalysis):
         bounds[:, 0] += np.where(self.has_potential, 0.0, 0.5 * self.problem.load_scale())
         bounds[~self.has_potential, 1] = np.inf
         if (
-            self.problem.features.anisotropic or self.problem.features.magnetised
+            self.problem.features.anisotropic or self.problem.features.loads
         ):  # they resist being turned against their neighbours even where all are straight
             bounds = np.maximum(bounds, (1.0, np.inf))
         return np.asarray(bounds)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 def may_be_sure(problem: "BackboneProblem") -> bool:
     """Whether a problem is one of those that ``SureStability`` looks at: free rods under loads with a potential, on the CPU."""
     own = problem.features
-    others = (own.members, own.eccentric, own.magnetised, own.foundation, own.measured, own.friction, own.profile_degree >= 0)
+    others = (own.members, own.eccentric, own.loads, own.measured, own.friction, own.profile_degree >= 0)
     return (
         own.moment
         and not any(others)

@@ -210,6 +210,9 @@ class Explanation:
         embedded = [f"rods[{k}]" for k, rod in enumerate(self.robot.rods) if rod.is_embedded]
         if embedded:
             yield Term("foundation", f"{', '.join(embedded)}: an elastic medium is around them")
+        loaded = [f"rods[{k}]" for k, rod in enumerate(self.robot.rods) if rod.loads]
+        if loaded:
+            yield Term("loads", f"{', '.join(loaded)}: loads of their own act that depend on the configuration")
         lines = [f"rods[{k}]" for k, rod in enumerate(self.robot.rods) if rod.lines]
         if lines:
             yield Term("lines", f"{', '.join(lines)}: lines run along them")

@@ -9,8 +9,9 @@ from types import SimpleNamespace
 import warp as wp
 
 from multirod.models.backbone.kernels.instance import Instance, bending_stiffness, section_unit
-from multirod.models.backbone.kernels.layout.arguments import Call, InputOffsets, RodTable
+from multirod.models.backbone.kernels.layout.arguments import Call, RodTable
 from multirod.models.backbone.kernels.layout.layout import Layout
+from multirod.models.backbone.kernels.layout.rows import InputOffsets
 from multirod.models.backbone.kernels.numbers.scalars import axes_rotation, rotate, rotate_inverse, turn_base
 
 f64 = wp.float64
@@ -24,7 +25,7 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
     PerRod = wp.types.vector(length=n, dtype=f64)
     s, c = layout.state, layout.column
     N_AT, THETA_AT, TAU_AT, Q_AT, ENERGY_AT = s["force"], s["angles"], s["torques"], s["frame"], s["energy"]
-    DQ_AT, WORLD_AT, FOUNDATION = c["frame"], s["world_force"], layout.FOUNDATION  # a column's stands alike
+    DQ_AT, WORLD_AT, WORLD_STATE = c["frame"], s["world_force"], layout.WORLD_STATE  # a column's stands alike
     FORCE_STATE, FRAME, COLUMN_FRAME = layout.FORCE_STATE, layout.FRAME, layout.COLUMN_FRAME
     FORCE_UNKNOWN, TRANSMISSION, TUBES = features.base_force_unknown, features.transmission, layout.TUBES
     FIRST, CONCENTRIC = layout.FIRST, not layout.ECCENTRIC
@@ -205,7 +206,7 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
             N = rotate_inverse(b.q, n0)
             for j in range(3):
                 y[N_AT + j] = N[j]
-        if wp.static(FOUNDATION):
+        if wp.static(WORLD_STATE):
             for j in range(3):
                 y[WORLD_AT + j] = n0[j]
         for i in range(wp.static(FIRST), rods.end.shape[1]):
@@ -281,7 +282,7 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
                 dN = rotate_inverse(b.q, dn) + turn * wp.vec3d(b.N[1], -b.N[0], f64(0.0))
                 for j in range(3):
                     y[N_AT + j] = dN[j]
-        if wp.static(FOUNDATION):
+        if wp.static(WORLD_STATE):
             for j in range(3):
                 y[WORLD_AT + j] = dn[j]
         if wp.static(COLUMN_FRAME):

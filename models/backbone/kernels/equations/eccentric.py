@@ -38,7 +38,8 @@ def make_eccentric_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simp
     UNIT_LENGTH = s["unit_length"]
     X, CURVATURE, TUBE_X, TUBE_Y, TORQUE = p["x"], p["curvature"], p["tube_x"], p["tube_y"], p["torque"]
     FLEXIBILITY, COSINE, SINE = p["flexibility"], p["cosine"], p["sine"]
-    STRETCHING, TWISTING, OWN_TWIST, NODES = p["stretching"], p["twisting"], p["own_twist"], layout.NODES
+    STRETCHING, TWISTING = p["stretching"], p["twisting"]
+    OWN_CURVATURE, TOTAL_MOMENT = p["own_curvature"], p["total_moment"]
     THETA, TAU = layout.state["angles"], layout.state["torques"]
     precurvature, precurvature_variation = law.precurvature, law.precurvature_variation
 
@@ -57,8 +58,6 @@ def make_eccentric_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simp
         zero = fill(d(0.0))
         for i in range(wp.static(n)):
             u = precurvature(memory, z, i, x)
-            if wp.static(NODES):
-                put(memory, a + wp.static(OWN_TWIST + i), u.z)
             c, s = cosine_and_sine(part(b, wp.static(THETA + i)))
             put(memory, a + wp.static(COSINE + i), c)
             put(memory, a + wp.static(SINE + i), s)
@@ -224,7 +223,23 @@ def make_eccentric_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simp
             keep_in(f, wp.static(THETA + i), own + longer * row(memory, a + wp.static(TWISTING + i)))
             keep_in(f, wp.static(TAU + i), du.x * by - du.y * bx + u.x * dby - u.y * dbx)
 
+    @wp.func
+    def put_own(memory: memory_type, z: int, a: int, b: State):
+        """(7o) To the place: curvature of each rod by its own arclength, and its moment, along the axes of the frame."""
+        x = row(memory, a + wp.static(X))
+        u = row3(memory, a + wp.static(CURVATURE))
+        for i in range(wp.static(n)):
+            lam = row(memory, a + wp.static(STRETCHING + i))
+            tau = part(b, wp.static(TAU + i))
+            twist = precurvature(memory, z, i, x).z + row(memory, z + wp.static(TORSION + i)) * tau
+            EI = row(memory, z + wp.static(BENDING + i))
+            mx = EI * (u.x / lam) - row(memory, a + wp.static(TUBE_X + i))
+            my = EI * (u.y / lam) - row(memory, a + wp.static(TUBE_Y + i))
+            put3(memory, a + wp.static(OWN_CURVATURE + 3 * i), Vec3(u.x / lam, u.y / lam, twist))
+            put3(memory, a + wp.static(TOTAL_MOMENT + 3 * i), Vec3(mx, my, tau))
+
     return SimpleNamespace(
+        put_own=put_own,
         strain=strain,
         rates=rates,
         energy_rate=energy_rate,

@@ -13,8 +13,7 @@ import warp as wp
 from multirod.models.backbone.kernels.equations.strains import make_strains
 from multirod.models.backbone.kernels.layout.layout import Layout
 from multirod.models.backbone.kernels.loads.dead import make_loads
-from multirod.models.backbone.kernels.loads.foundation import make_foundation
-from multirod.models.backbone.kernels.loads.magnetic import make_magnetic
+from multirod.models.backbone.kernels.loads.together import make_acting
 from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul, neg, sub  # noqa: F401  (by name)
 from multirod.models.backbone.kernels.numbers.vectors import vectors
 
@@ -46,21 +45,15 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
     loads, law = make_loads(layout, W, d), make_strains(layout, W, d)
     world_force, distributed_moment = loads.world_force, loads.distributed_moment
     force_variation, moment_variation = loads.force_variation, loads.moment_variation
-    WORLD_AT, DWORLD_AT, FOUNDATION, FORCE_PER_LENGTH = (
-        s["world_force"],
-        c["world_force"],
-        layout.FOUNDATION,
-        layout.FORCE_PER_LENGTH,
-    )
-    medium = make_foundation(layout, W, d)
-    foundation_force, foundation_variation = medium.foundation_force, medium.foundation_variation
-    foundation_work = medium.foundation_work
+    WORLD_AT, DWORLD_AT = s["world_force"], c["world_force"]
+    WORLD_STATE, FORCE_PER_LENGTH = layout.WORLD_STATE, layout.FORCE_PER_LENGTH
+    # loads that depend on the configuration
+    acting = make_acting(layout, W, d)
+    acting_force, acting_moment, acting_torques, acting_work = acting.force, acting.moment, acting.torques, acting.work
+    acting_force_variation, acting_moment_variation = acting.force_variation, acting.moment_variation
+    acting_torque_variations = acting.torque_variations
+    ACTING, MOMENTS, TURNS = acting_work is not None, acting_moment is not None, acting_torques is not None
     distributed_force, distributed_force_variation = loads.distributed_force, loads.distributed_force_variation
-    MAGNETISED = layout.MAGNETISED
-    field = make_magnetic(layout, W, d)
-    magnetic_moment, magnetic_torques, magnetic_work = field.magnetic_moment, field.magnetic_torques, field.magnetic_work
-    field_variation, magnetic_moment_variation = field.field_variation, field.magnetic_moment_variation
-    magnetic_torque_variations = field.magnetic_torque_variations
     strain, own_rates, own_energy = law.strain, law.rates, law.energy_rate
     DRIVEN, LENGTHS = layout.DRIVES > 0, layout.LENGTHS > 0
     FRICTION, MOMENT_RATE = layout.FRICTION, p["pull_rates"]
@@ -112,6 +105,9 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
         M = zero3()
         N = zero3()
         n = zero3()
+        p = zero3()
+        if wp.static(POSE):
+            p = part3(b, wp.static(P_AT))
         put(memory, a + wp.static(X), x)
         if wp.static(FRAME):
             frame = frame_of(b)
@@ -125,7 +121,7 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
         if wp.static(FORCE_STATE):
             N = part3(b, wp.static(N_AT))
         if wp.static(FORCE and not FORCE_STATE):
-            if wp.static(FOUNDATION):
+            if wp.static(WORLD_STATE):
                 n = part3(b, wp.static(WORLD_AT))
             else:
                 n = world_force(memory, z, x)
@@ -146,8 +142,8 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
             m_s = cross(n, p_s)
             if wp.static(MOMENT_PER_LENGTH):
                 m_s = minus(m_s, distributed_moment(memory, z, x))
-            if wp.static(MAGNETISED):
-                m_s = minus(m_s, magnetic_moment(memory, z, a, frame))
+            if wp.static(MOMENTS):
+                m_s = minus(m_s, acting_moment(memory, z, a, x, frame, p))
             keep3(f, wp.static(M_AT), m_s)
             put3(memory, a + wp.static(WORLD_FORCE_AT), n)
             put3(memory, a + wp.static(TANGENT_AT), p_s)
@@ -156,8 +152,8 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
             if wp.static(SHEAR):
                 M_s = ahead_cross(M_s, N, extension)
             keep3(f, wp.static(M_AT), M_s)
-        if wp.static(FOUNDATION):  # (3e)
-            n_s = foundation_force(memory, z, x, part3(b, wp.static(P_AT)))
+        if wp.static(WORLD_STATE):  # (3e)
+            n_s = scaled(fill(d(-1.0)), acting_force(memory, z, a, x, frame, p))
             if wp.static(FORCE_PER_LENGTH):
                 n_s = minus(n_s, distributed_force(memory, z, x))
             keep3(f, wp.static(WORLD_AT), n_s)
@@ -177,22 +173,20 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
             N_s = zero3()
             if wp.static(SHEAR and FORCE):
                 N_s = cross(N, u)
-                if wp.static(FOUNDATION):
+                if wp.static(WORLD_STATE):
                     N_s = plus(N_s, rotate_inverse(frame, n_s))
                 elif wp.static(FORCE_PER_LENGTH):
                     N_s = minus(N_s, rotate_inverse(frame, distributed_force(memory, z, x)))
             friction_rates(memory, z, a, x, u, M_s, N_s, b, f)
-        if wp.static(MAGNETISED):
-            magnetic_torques(memory, a, f)
+        if wp.static(TURNS):
+            acting_torques(memory, a, f)
         if wp.static(NODES):
             energy = own_energy(memory, z, a, x, b, M, N, u)
             work = N.z
             if wp.static(SHEAR):
                 work = work + dot(N, extension)
-            if wp.static(FOUNDATION):
-                work = work + foundation_work(memory, z, x, part3(b, wp.static(P_AT)))
-            if wp.static(MAGNETISED):
-                work = work + magnetic_work(memory, a)
+            if wp.static(ACTING):
+                work = work + acting_work(memory, z, a, x, frame, p)
             if wp.static(DRIVEN):
                 work = work + driven_work(memory, z, a, u)
             keep(f, wp.static(ENERGY), d(0.5) * energy)
@@ -218,6 +212,9 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
         dN = zero3()
         dn = zero3()
         dphi = zero3()
+        dp = zero3()
+        if wp.static(POSE_COLUMNS):
+            dp = part3_of(v, wp.static(DP_AT))
         if wp.static(MOMENT):
             dM = part3_of(v, wp.static(DM_AT))
         if wp.static(COLUMN_FRAME):  # (15)
@@ -231,8 +228,8 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
             dN = part3_of(v, wp.static(DN_AT))
         elif wp.static(FORCE):  # (16)
             dN = cross(N, dphi)
-        if wp.static(GIVEN_FORCE or FOUNDATION):
-            if wp.static(FOUNDATION):
+        if wp.static(GIVEN_FORCE or WORLD_STATE):
+            if wp.static(WORLD_STATE):
                 dn = part3_of(v, wp.static(DWORLD_AT))
             else:
                 dn = force_variation(memory, z, g, x)
@@ -249,21 +246,20 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
                 keep3_in(f, wp.static(DP_AT), dp_s)
         if wp.static(FIXED):  # (18b)
             dm_s = cross(row3(memory, a + wp.static(WORLD_FORCE_AT)), dp_s)
-            if wp.static(GIVEN_FORCE or FOUNDATION):
+            if wp.static(GIVEN_FORCE or WORLD_STATE):
                 dm_s = plus(dm_s, cross(dn, row3(memory, a + wp.static(TANGENT_AT))))
             if wp.static(DIRECTIONS and MOMENT_PER_LENGTH):
                 dm_s = minus(dm_s, moment_variation(memory, z, g, x))
-            if wp.static(MAGNETISED):
-                dB = field_variation(memory, a, g, frame, dphi)
-                dm_s = minus(dm_s, magnetic_moment_variation(memory, a, frame, v, dphi, dB))
+            if wp.static(MOMENTS):
+                dm_s = minus(dm_s, acting_moment_variation(memory, z, a, g, x, frame, v, dphi, dp))
             keep3_in(f, wp.static(DM_AT), dm_s)
         if wp.static(MOMENT and not FIXED):  # (18)
             dM_s = ahead_cross(ahead_cross(couple(dN), dM, u), M, du)
             if wp.static(SHEAR):
                 dM_s = ahead_cross(ahead_cross(dM_s, dN, extension), N, dextension)
             keep3_in(f, wp.static(DM_AT), dM_s)
-        if wp.static(FOUNDATION):  # (18e)
-            dn_s = foundation_variation(memory, z, g, x, part3_of(v, wp.static(DP_AT)))
+        if wp.static(WORLD_STATE):  # (18e)
+            dn_s = scaled(fill(d(-1.0)), acting_force_variation(memory, z, a, g, x, frame, v, dphi, dp))
             if wp.static(FORCE_PER_LENGTH and DIRECTIONS):
                 dn_s = minus(dn_s, distributed_force_variation(memory, z, g, x))
             keep3_in(f, wp.static(DWORLD_AT), dn_s)
@@ -280,16 +276,16 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
             dN_s = zero3()
             if wp.static(SHEAR and FORCE):
                 dN_s = ahead_cross(cross(dN, u), N, du)
-                if wp.static(FOUNDATION or (FORCE_PER_LENGTH and not FORCE_STATE)):
+                if wp.static(WORLD_STATE or (FORCE_PER_LENGTH and not FORCE_STATE)):
                     n_s_body = ahead_cross(row3(memory, a + wp.static(MOMENT_RATE + 3)), u, N)  # R^T n'
                     dN_s = ahead_cross(dN_s, n_s_body, dphi)
-                if wp.static(FOUNDATION):
+                if wp.static(WORLD_STATE):
                     dN_s = plus(dN_s, rotate_inverse(frame, dn_s))
                 elif wp.static(FORCE_PER_LENGTH and DIRECTIONS):
                     dN_s = minus(dN_s, rotate_inverse(frame, distributed_force_variation(memory, z, g, x)))
             friction_variations(memory, z, a, g, v, du, dextension, dM_s, dN_s, f)
-        if wp.static(MAGNETISED):
-            magnetic_torque_variations(memory, a, v, dB, f)
+        if wp.static(TURNS):
+            acting_torque_variations(memory, a, g, frame, v, dphi, f)
         if wp.static(COLUMN_FRAME):  # (19)
             half = fill(d(0.5))
             dr_s = ahead_cross(ahead3(ahead3(cross(dr, u), dw, u), frame.w, du), frame.r, du)
@@ -301,4 +297,4 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
                 keep_in(f, j, part_of(f, j) + growth * row(memory, a + wp.static(RATE_AT + j)))
         return f
 
-    return SimpleNamespace(base_rates=base_rates, column_rates=column_rates)
+    return SimpleNamespace(base_rates=base_rates, column_rates=column_rates, put_own=law.put_own)

@@ -1,7 +1,9 @@
 # mypy: ignore-errors
 """The strain law: how the rods of a backbone bend and twist under its moment, and their torques; (5) to (8), (14), (17).
 
-This is the one file that knows it; ``members`` adds what rods carry along themselves, ``eccentric`` rods side by side.
+What follows from section force and moment is said here, and nowhere else: strains, the rates of angles and torques, the energy
+per length, the variations of these, and what each rod has of curvature and moment (``put_own``). ``members`` asks it what rods
+do alone, and adds what they carry along themselves; ``eccentric`` has the same functions for rods side by side.
 ``z`` is where the record of a stretch stands in memory, ``b`` the state, ``a`` where the record of a place stands, ``v`` a column
 of the state and ``g`` where stands what its direction varies. Numbers in parentheses are those of ``docs/model.md``.
 """
@@ -13,6 +15,7 @@ import warp as wp
 
 from multirod.models.backbone.kernels.design import make_design_precurvature, make_design_strains
 from multirod.models.backbone.kernels.equations.eccentric import make_eccentric_rods
+from multirod.models.backbone.kernels.equations.precurvature import make_precurvature
 from multirod.models.backbone.kernels.layout.layout import Layout
 from multirod.models.backbone.kernels.members.rod import make_rod_with_members
 from multirod.models.backbone.kernels.members.tubes import make_tubes_with_members
@@ -30,84 +33,45 @@ def make_strains(layout: Layout, W: int, d) -> SimpleNamespace:
         make = make_eccentric_rods
     elif layout.CARRIERS:
         make = partial(make_tubes_with_members, several=make_several_rods(layout, W, d, precurvature))
+    elif layout.features.members:
+        make = partial(make_rod_with_members, alone=make_one_rod(layout, W, d, precurvature))
     else:
-        make = make_rod_with_members if layout.features.members else make_one_rod if layout.n == 1 else make_several_rods
+        make = make_one_rod if layout.n == 1 else make_several_rods
     law = SimpleNamespace(**(vars(precurvature) | vars(make(layout, W, d, precurvature))))
     return make_design_strains(layout, W, d, law) if layout.DESIGN and not layout.CARRIERS else law
-
-
-def make_precurvature(layout: Layout, W: int, d) -> SimpleNamespace:
-    """(6) u* of each rod, by Horner's rule, and its slope."""
-    L, V = lanes(W, d), vectors(W, d)
-    Real, fill, row = L.Real, L.fill, L.row
-    Vec3, row3, ahead3, zero3, scaled = V.Vec3, V.row3, V.ahead3, V.zero3, V.scaled
-    memory_type = wp.array(dtype=d)
-    TERMS, VARIED = layout.CURVATURE_TERMS, layout.VARIED
-    CURVE = layout.stretch["precurvature"]
-    CENTRE, SLOPE = layout.stretch["centre"], layout.stretch["slope"]
-    GIVEN_START, GROWTH, SHIFT = layout.given["start"], layout.given["growth"], layout.given["shift"]
-
-    @wp.func
-    def precurvature(memory: memory_type, z: int, i: int, x: Real) -> Vec3:
-        first = z + wp.static(CURVE) + i * wp.static(3 * TERMS)
-        if wp.static(VARIED):
-            t = (x - row(memory, z + wp.static(CENTRE) + i)) * row(memory, z + wp.static(SLOPE) + i)
-            u = row3(memory, first + wp.static(3 * (TERMS - 1)))
-            for k in range(wp.static(TERMS - 1)):
-                u = ahead3(row3(memory, first + wp.static(3 * (TERMS - 2 - k))), t, u)
-            return u
-        return row3(memory, first)
-
-    @wp.func
-    def precurvature_slope(memory: memory_type, z: int, i: int, x: Real) -> Vec3:
-        """d(u*)/ds"""
-        first = z + wp.static(CURVE) + i * wp.static(3 * TERMS)
-        slope = row(memory, z + wp.static(SLOPE) + i)
-        t = (x - row(memory, z + wp.static(CENTRE) + i)) * slope
-        u = zero3()
-        for k in range(wp.static(TERMS - 1)):
-            m = wp.static(TERMS - 1) - k
-            u = ahead3(scaled(fill(d(m)), row3(memory, first + wp.static(3 * (TERMS - 1 - k)))), t, u)
-        return scaled(slope, u)
-
-    @wp.func
-    def precurvature_variation(memory: memory_type, z: int, i: int, x: Real, g: int) -> Vec3:
-        """Variation of u* for a direction, at a fixed part of the stretch: the rod moves along itself."""
-        moved = (
-            row(memory, g + wp.static(GIVEN_START))
-            + x * row(memory, g + wp.static(GROWTH))
-            - row(memory, g + wp.static(SHIFT) + i)
-        )
-        return scaled(moved, precurvature_slope(memory, z, i, x))
-
-    return SimpleNamespace(
-        precurvature=precurvature, precurvature_slope=precurvature_slope, precurvature_variation=precurvature_variation
-    )
 
 
 def make_one_rod(layout: Layout, W: int, d, law: SimpleNamespace) -> SimpleNamespace:
     """(5): ``u = u* + K^-1 M``."""
     L, V = lanes(W, d), vectors(W, d)
-    Real, row, put = L.Real, L.row, L.put
+    Real, row = L.Real, L.row
     Vec3, row3, put3, zero3, plus, times, dot = V.Vec3, V.row3, V.put3, V.zero3, V.plus, V.times, V.dot
     memory_type = wp.array(dtype=d)
     state, column = L.few(layout.state.size), L.few(layout.column.size)
     State, Column = state.type, column.type
-    COMPLIANCE, X, OWN_TWIST = layout.stretch["compliance"], layout.place["x"], layout.place["own_twist"]
-    SHEAR_AT, EXTENSION_AT, SHEAR = layout.stretch["shear"], layout.place["extension"], layout.features.shear
-    NODES = layout.NODES
+    p = layout.place
+    COMPLIANCE, X, CURVATURE, MOMENT_AT = layout.stretch["compliance"], p["x"], p["curvature"], p["moment"]
+    SHEAR_AT, EXTENSION_AT, SHEAR = layout.stretch["shear"], p["extension"], layout.features.shear
+    OWN_CURVATURE, TOTAL_MOMENT = p["own_curvature"], p["total_moment"]
     VARIED = (layout.VARIED or layout.DESIGN) and layout.DIRECTIONS
     precurvature, precurvature_variation = law.precurvature, law.precurvature_variation
 
     @wp.func
+    def slid(memory: memory_type, z: int, N: Vec3) -> Vec3:
+        """(5) v - e3 = S^-1 N"""
+        return times(row3(memory, z + wp.static(SHEAR_AT)), N)
+
+    @wp.func
+    def free_strain(memory: memory_type, z: int, x: Real, M: Vec3) -> Vec3:
+        """(5) u"""
+        return plus(precurvature(memory, z, 0, x), times(row3(memory, z + wp.static(COMPLIANCE)), M))
+
+    @wp.func
     def strain(memory: memory_type, z: int, a: int, x: Real, b: State, M: Vec3, N: Vec3) -> Vec3:
         """(5) u, and v - e3 to the place"""
-        u_star = precurvature(memory, z, 0, x)
-        if wp.static(NODES):
-            put(memory, a + wp.static(OWN_TWIST), u_star.z)
         if wp.static(SHEAR):
-            put3(memory, a + wp.static(EXTENSION_AT), times(row3(memory, z + wp.static(SHEAR_AT)), N))
-        return plus(u_star, times(row3(memory, z + wp.static(COMPLIANCE)), M))
+            put3(memory, a + wp.static(EXTENSION_AT), slid(memory, z, N))
+        return free_strain(memory, z, x, M)
 
     @wp.func
     def rates(memory: memory_type, z: int, a: int, x: Real, b: State, u: Vec3, f: wp.ref[State]):
@@ -115,10 +79,10 @@ def make_one_rod(layout: Layout, W: int, d, law: SimpleNamespace) -> SimpleNames
 
     @wp.func
     def energy_rate(memory: memory_type, z: int, a: int, x: Real, b: State, M: Vec3, N: Vec3, u: Vec3) -> Real:
-        """(14) Twice the energy per length."""
+        """(14) Twice the energy per length, of what the rod itself carries."""
         energy = dot(M, times(row3(memory, z + wp.static(COMPLIANCE)), M))
         if wp.static(SHEAR):
-            energy = energy + dot(N, row3(memory, a + wp.static(EXTENSION_AT)))
+            energy = energy + dot(N, slid(memory, z, N))
         return energy
 
     @wp.func
@@ -129,15 +93,28 @@ def make_one_rod(layout: Layout, W: int, d, law: SimpleNamespace) -> SimpleNames
             du = plus(du, precurvature_variation(memory, z, 0, row(memory, a + wp.static(X)), g))
         de = zero3()
         if wp.static(SHEAR):
-            de = times(row3(memory, z + wp.static(SHEAR_AT)), dN)
+            de = slid(memory, z, dN)
         return du, de
+
+    @wp.func
+    def put_own(memory: memory_type, z: int, a: int, b: State):
+        """To the place: all there is, is the rod's."""
+        put3(memory, a + wp.static(OWN_CURVATURE), row3(memory, a + wp.static(CURVATURE)))
+        put3(memory, a + wp.static(TOTAL_MOMENT), row3(memory, a + wp.static(MOMENT_AT)))
 
     @wp.func
     def rate_variations(memory: memory_type, z: int, a: int, g: int, v: Column, du: Vec3, f: wp.ref[Column]):
         """No angles, no torques."""
 
     return SimpleNamespace(
-        strain=strain, rates=rates, energy_rate=energy_rate, strain_variation=strain_variation, rate_variations=rate_variations
+        slid=slid,
+        free_strain=free_strain,
+        strain=strain,
+        rates=rates,
+        energy_rate=energy_rate,
+        strain_variation=strain_variation,
+        rate_variations=rate_variations,
+        put_own=put_own,
     )
 
 
@@ -158,7 +135,7 @@ def make_several_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simple
     SOFTNESS, TORSION = s["softness"], s["torsion"]
     X, CURVATURE, TUBE_X, TUBE_Y, SLOPE_X, SLOPE_Y = p["x"], p["curvature"], p["tube_x"], p["tube_y"], p["slope_x"], p["slope_y"]
     STIFFNESS, FLEXIBILITY, COSINE, SINE = p["stiffness"], p["flexibility"], p["cosine"], p["sine"]
-    OWN_TWIST, NODES = p["own_twist"], layout.NODES
+    MOMENT_AT, OWN_CURVATURE, TOTAL_MOMENT = p["moment"], p["own_curvature"], p["total_moment"]
     THETA, TAU = layout.state["angles"], layout.state["torques"]  # of rod 2; a column's stand alike
     precurvature, precurvature_variation = law.precurvature, law.precurvature_variation
     PerRod = L.few(n)
@@ -196,8 +173,6 @@ def make_several_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simple
         yy = fill(d(0.0))
         for i in range(wp.static(n)):
             u = precurvature(memory, z, i, x)
-            if wp.static(NODES):
-                put(memory, a + wp.static(OWN_TWIST + i), u.z)
             bx = u.x
             by = u.y
             if wp.static(i > 0):
@@ -243,18 +218,27 @@ def make_several_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simple
             by = one_of(bys, i)
             if wp.static(ANISOTROPIC):
                 k = row3(memory, a + wp.static(STIFFNESS + 3 * i))
-                cx = bx - k.x * ux - k.y * uy
-                cy = by - k.y * ux - k.z * uy
-                put(memory, a + wp.static(TUBE_X + i), cx)
-                put(memory, a + wp.static(TUBE_Y + i), cy)
-                put(memory, a + wp.static(SLOPE_X + i), k.y * ux - k.x * uy - cy)
-                put(memory, a + wp.static(SLOPE_Y + i), cx - k.y * uy + k.z * ux)
-            else:
-                put(memory, a + wp.static(TUBE_X + i), bx)
-                put(memory, a + wp.static(TUBE_Y + i), by)
-                put(memory, a + wp.static(SLOPE_X + i), -by)
-                put(memory, a + wp.static(SLOPE_Y + i), bx)
+                bx = bx - k.x * ux - k.y * uy
+                by = by - k.y * ux - k.z * uy
+            put_bent(memory, a, wp.static(i), bx, by, ux, uy)
         return Vec3(ux, uy, uz)
+
+    @wp.func
+    def slope(memory: memory_type, a: int, i: int, x: Real, y: Real, ux: Real, uy: Real):
+        """(8) J c + K_i J u: how ``c = b_i - K_i u`` changes as rod i turns, J a quarter turn; of one equally stiff J b_i."""
+        if wp.static(ANISOTROPIC):
+            k = row3(memory, a + wp.static(STIFFNESS) + 3 * i)
+            return k.y * ux - k.x * uy - y, x - k.y * uy + k.z * ux
+        return -y, x
+
+    @wp.func
+    def put_bent(memory: memory_type, a: int, i: int, x: Real, y: Real, ux: Real, uy: Real):
+        """(8) To the place: ``b_i - K_i u`` of rod i, or b_i of one equally stiff, and its slope by the angle."""
+        put(memory, a + wp.static(TUBE_X) + i, x)
+        put(memory, a + wp.static(TUBE_Y) + i, y)
+        sx, sy = slope(memory, a, i, x, y, ux, uy)
+        put(memory, a + wp.static(SLOPE_X) + i, sx)
+        put(memory, a + wp.static(SLOPE_Y) + i, sy)
 
     @wp.func
     def rates(memory: memory_type, z: int, a: int, x: Real, b: State, u: Vec3, f: wp.ref[State]):
@@ -273,9 +257,33 @@ def make_several_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simple
         """K_i (v_x, v_y)"""
         if wp.static(ANISOTROPIC):
             k = row3(memory, a + wp.static(STIFFNESS) + 3 * i)
-            return Vec3(k.x * v.x + k.y * v.y, k.y * v.x + k.z * v.y, v.z)
+            return Vec3(k.x * v.x + k.y * v.y, k.y * v.x + k.z * v.y, fill(d(0.0)))
         EI = row(memory, z + wp.static(BENDING) + i)
-        return Vec3(EI * v.x, EI * v.y, v.z)
+        return Vec3(EI * v.x, EI * v.y, fill(d(0.0)))
+
+    @wp.func
+    def put_own(memory: memory_type, z: int, a: int, b: State):
+        """(7), (8) To the place: curvature and moment of each rod, along the axes of rod 1.
+
+        Of rods that are rigid in torsion only the sum of the torques is determined: each is no number.
+        """
+        x = row(memory, a + wp.static(X))
+        u = row3(memory, a + wp.static(CURVATURE))
+        for i in range(wp.static(n)):
+            twist = precurvature(memory, z, i, x).z
+            torque = fill(d(0.0) / d(0.0))
+            if wp.static(TORQUES > 0):
+                if wp.static(i == 0):
+                    torque = inner_torque(memory, z, b, row(memory, a + wp.static(MOMENT_AT + 2)))
+                else:
+                    torque = part(b, wp.static(TAU + i - 1))
+                twist = twist + row(memory, z + wp.static(TORSION + i)) * torque
+            m = Vec3(-row(memory, a + wp.static(TUBE_X + i)), -row(memory, a + wp.static(TUBE_Y + i)), torque)
+            if wp.static(not ANISOTROPIC):
+                EI = row(memory, z + wp.static(BENDING + i))
+                m = Vec3(m.x + EI * u.x, m.y + EI * u.y, torque)
+            put3(memory, a + wp.static(OWN_CURVATURE + 3 * i), Vec3(u.x, u.y, twist))
+            put3(memory, a + wp.static(TOTAL_MOMENT + 3 * i), m)
 
     @wp.func
     def energy_rate(memory: memory_type, z: int, a: int, x: Real, b: State, M: Vec3, N: Vec3, u: Vec3) -> Real:
@@ -361,7 +369,11 @@ def make_several_rods(layout: Layout, W: int, d, law: SimpleNamespace) -> Simple
 
     return SimpleNamespace(
         bent=bent,
+        slope=slope,
+        put_bent=put_bent,
+        stiffened=stiffened,
         inner_torque=inner_torque,
+        put_own=put_own,
         turned_variation=turned_variation,
         strain=strain,
         rates=rates,

@@ -11,8 +11,9 @@ from types import SimpleNamespace
 import warp as wp
 
 from multirod.models.backbone.kernels.instance import Instance, bending_stiffness, section_unit
-from multirod.models.backbone.kernels.layout.arguments import Call, InputOffsets, RodTable
+from multirod.models.backbone.kernels.layout.arguments import Call, RodTable
 from multirod.models.backbone.kernels.layout.layout import Layout
+from multirod.models.backbone.kernels.layout.rows import InputOffsets
 from multirod.models.backbone.kernels.numbers.scalars import (
     axes_rotation,
     body_rotation,

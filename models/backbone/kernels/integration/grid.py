@@ -19,19 +19,19 @@ from multirod.models.backbone.kernels.layout.arguments import (
     END_MOVER,
     FORCE,
     JOB,
-    MATERIAL_SIZE,
     OUTPUT,
     START,
     START_MOVER,
     STOP,
     Call,
-    InputOffsets,
     RodTable,
 )
 from multirod.models.backbone.kernels.layout.layout import Layout, Memory
+from multirod.models.backbone.kernels.layout.members import columns_in_material, drive_places, driven
+from multirod.models.backbone.kernels.layout.rows import MATERIAL_SIZE, InputOffsets
+from multirod.models.backbone.kernels.loads.loading import load_of_all
 from multirod.models.backbone.kernels.members.loading import load_members_of_tubes
 from multirod.models.backbone.kernels.numbers.lanes import lanes
-from multirod.models.backbone.members.member import columns_in_material, drive_places, driven
 
 f64 = wp.float64
 
@@ -47,8 +47,8 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
     MEMBERS = bool(features.members) and not CARRIERS
     PROFILE, PROFILE_TERMS, CURVATURE_TERMS = layout.PROFILE, layout.PROFILE_TERMS, layout.CURVATURE_TERMS
     FORCE_PER_LENGTH, MOMENT_PER_LENGTH, VARIED = layout.FORCE_PER_LENGTH, layout.MOMENT_PER_LENGTH, layout.VARIED
-    WORLD_FORCE = layout.FORCE and not layout.FORCE_STATE and not layout.FOUNDATION
-    FOUNDATION, ANISOTROPIC, SHEAR = layout.FOUNDATION, features.anisotropic, features.shear
+    WORLD_FORCE = layout.FORCE and not layout.FORCE_STATE and not layout.WORLD_STATE
+    ANISOTROPIC, SHEAR, LOADS = features.anisotropic, features.shear, bool(features.loads)
     DIRECTIONS = layout.DIRECTIONS
     SINGLE = d is wp.float32
     FUNCTIONS, ROUTED = layout.FUNCTIONS * (not CARRIERS), layout.ROUTED
@@ -61,7 +61,6 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
     DRIVES_AT = at.DRIVES
     TRANSLATION, PROFILE_FACTOR = at.TRANSLATION, at.PROFILE_FACTOR
     TIP_FORCE, TIP_MOMENT, GRAVITY = at.TIP_FORCE, at.TIP_MOMENT, at.GRAVITY
-    MAGNETISED, MAGNETIC_FIELD = layout.MAGNETISED, at.MAGNETIC_FIELD
     DISTRIBUTED_FORCE, DISTRIBUTED_MOMENT = at.DISTRIBUTED_FORCE, at.DISTRIBUTED_MOMENT
     Z, COLUMNS, COLUMN_SIZE, GIVEN = memory.STRETCH, memory.COLUMNS, memory.COLUMN_SIZE, layout.column.size
     z_at, given_at = layout.stretch.__getitem__, layout.given.__getitem__
@@ -123,8 +122,6 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         case.distributed_force = case.to_base * load_vector(call, t, DISTRIBUTED_FORCE)
         case.distributed_moment = case.to_base * load_vector(call, t, DISTRIBUTED_MOMENT)
         case.gravity = case.to_base * load_vector(call, t, GRAVITY)
-        if wp.static(MAGNETISED):
-            case.magnetic_field = case.to_base * load_vector(call, t, MAGNETIC_FIELD)
         case.profile_factor = call.load_factor[t] * call.inputs[t, PROFILE_FACTOR]
         case.unit = f64(1.0)
         case.stiffness = f64(1.0)
@@ -334,6 +331,13 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         for j in range(3):
             set_lane(memory, row + j, l, d(a[j]))
 
+    reach = SimpleNamespace(
+        memory_type=memory_type, section_from=section_from, counted=counted, set_number=set_number, set_vector=set_vector,
+        load_vector=load_vector, direction_vector=direction_vector,
+    )  # fmt: skip
+    acting = load_of_all(layout, at, reach)
+    load_acting, load_acting_direction = acting.stretch, acting.direction
+
     def make_drive(k: int):
         """The function that returns T of member k."""
         number = len(driven(features.members[:k]))
@@ -458,7 +462,6 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
             factor = case.unit * wp.sqrt(call.load_factor[case.index])
         EI = f64(0.0)
         stiffness = f64(0.0)
-        medium = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
         for i in range(rods.end.shape[1]):
             from_here = section_from(rods, call, case, i, s)
             m = wp.min(from_here, rods.end.shape[2] - 1)
@@ -490,13 +493,6 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
                     if wp.static(SHEAR):
                         shear = rods.material[case.rods, i, m, 6 + j] * case.force
                         set_number(memory, z + wp.static(z_at("shear")) + j, l, shear)
-            if wp.static(FOUNDATION):
-                for j in range(3):
-                    medium[j] = medium[j] + present * rods.material[case.rods, i, m, 13 + j]
-            if wp.static(MAGNETISED):
-                for j in range(3):
-                    mu = present * rods.material[case.rods, i, m, 10 + j] / case.force
-                    set_number(memory, z + wp.static(z_at("magnetisation")) + 3 * i + j, l, mu)
             if wp.static(MEMBERS):
                 load_members(rods, call, case, memory, z, l, m)
             if wp.static(FUNCTIONS > 0):
@@ -515,10 +511,9 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
                     slope = f64(2.0) / (end - begin)
                 set_number(memory, z + wp.static(z_at("centre")) + i, l, centre / case.unit)
                 set_number(memory, z + wp.static(z_at("slope")) + i, l, slope * case.unit)
-        if wp.static(FOUNDATION):  # a medium that is raised with the loads: the unloaded rod is where solvers begin
-            scale = call.load_factor[case.index] * case.unit * case.unit / case.force
-            set_vector(memory, z + wp.static(z_at("foundation")), l, scale * medium)
+        if wp.static(LOADS):
             set_number(memory, z + wp.static(z_at("from_base")), l, s / case.unit)
+            load_acting(rods, call, case, memory, z, l, s)
         if wp.static(SEVERAL):
             set_number(memory, z + wp.static(z_at("softness")), l, case.stiffness / EI)
         set_number(memory, z + wp.static(z_at("unit_moment")), l, stiffness / case.scale / case.moment)
@@ -591,9 +586,8 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
                 if case.profile_factor != f64(0.0):
                     profile /= case.profile_factor
                 set_number(memory, g + wp.static(given_at("profile")), l, profile / unit)
-                if wp.static(MAGNETISED):
-                    field = (f64(1.0) / unit) * (case.to_base * direction_vector(call, case, k, MAGNETIC_FIELD))
-                    set_vector(memory, g + wp.static(given_at("field")), l, field)
+                if wp.static(LOADS):
+                    load_acting_direction(call, case, memory, g, l, k, unit)
                 start_rate = moved(call, case, k, int(call.lane[p, START_MOVER]))
                 end_rate = moved(call, case, k, int(call.lane[p, END_MOVER]))
                 set_number(memory, g + wp.static(given_at("start")), l, start_rate / (case.unit * unit))
@@ -637,8 +631,6 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
                 set_vector(memory, z + wp.static(z_at("distributed_force")), l, force)
             if wp.static(MOMENT_PER_LENGTH):
                 set_vector(memory, z + wp.static(z_at("distributed_moment")), l, case.distributed_moment / case.force)
-            if wp.static(MAGNETISED):
-                set_vector(memory, z + wp.static(z_at("field")), l, case.magnetic_field)
             if wp.static(PROFILE):
                 load_profile(rods, case, memory, o, l, start)
         if wp.static(MEMBERS):

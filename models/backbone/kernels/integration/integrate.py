@@ -66,7 +66,7 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
     grid = make_grid(layout, memory, W, d)
     base = make_base(layout, grid)
     tip = make_tip(layout, base, grid)
-    nodes = make_nodes(layout, memory, base, tip, grid, W, d)
+    nodes = make_nodes(layout, memory, base, tip, W, d)
     record = make_records(layout, memory, base, grid, W, d)
     rates = make_rates(layout, W, d)
     step = make_steps(layout, memory, tableau, rates, W, d)
@@ -160,14 +160,13 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
         rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, o: int, l: int, p: int, job: int
     ):
         """A lane at the end of its stretch: outputs there, and the force from there on."""
-        start = call.lane[p, START]
         end = call.lane[p, END]
         if wp.static(NODES):
             output = int(call.lane[p, OUTPUT]) + 1
             # an iterate may have a length that is none, and so be past all nodes
             if output < call.node_count and end >= output_arclength(rods, call, case, output):
                 y = state_in(case, memory, o, l)
-                write_node(rods, call, case, memory, o, l, y, output, start, end)
+                write_node(rods, call, case, memory, o, l, y, output, end)
                 call.lane[p, OUTPUT] = f64(output)
         if wp.static(NODE_COLUMNS):
             if call.node_count > 0:
@@ -388,7 +387,7 @@ def make_carry(parts: SimpleNamespace, features: Features, jobs: SimpleNamespace
                         if at_base(call, memory, o, l, p + l):
                             job = int(call.lane[p + l, JOB])
                             case = load_instance(rods, call, instance_of(call, jobs, job // call.parts))
-                            write_node(rods, call, case, memory, o, l, state_in(case, memory, o, l), 0, f64(0.0), f64(0.0))
+                            write_node(rods, call, case, memory, o, l, state_in(case, memory, o, l), 0, f64(0.0))
             if busy == 1:
                 advance(call, memory, o, p)
 
@@ -409,7 +408,7 @@ def make_kernel(features: Features, tableau: Tableau, precision: str = "float64"
     write_momenta = nodes.write_tip_column
     state_in, column_in, force_column_in = record.state_in, record.column_in, record.force_column_in
     put_state, put_column = record.put_state, record.put_column
-    NODE_COLUMNS, FOUNDATION = features.node_columns, features.foundation
+    NODE_COLUMNS, WORLD_STATE = features.node_columns, features.world_force_is_state
     WORLD_AT = own.layout.state["world_force"]  # a column's stands alike
     LENGTHS, LENGTHS_AT = own.layout.LENGTHS, own.layout.state["lengths"]  # likewise
     CONDITIONS, conditions, load_drive_columns = own.layout.CONDITIONS, parts.grid.conditions, parts.grid.load_drive_columns
@@ -483,7 +482,7 @@ def make_kernel(features: Features, tableau: Tableau, precision: str = "float64"
         t = case.index
         y = state_in(case, memory, o, l)
         n_tip = force_at(call, p)
-        if wp.static(FOUNDATION):
+        if wp.static(WORLD_STATE):
             n_tip = wp.vec3d(y[WORLD_AT], y[WORLD_AT + 1], y[WORLD_AT + 2])
         total = f64(0.0)
         if job % call.parts == 0:
@@ -499,7 +498,7 @@ def make_kernel(features: Features, tableau: Tableau, precision: str = "float64"
         for c in range(column_count(call, job)):
             v = column_in(case, memory, o, l, c)
             dn = force_column_in(case, memory, o, l, c)
-            if wp.static(FOUNDATION):
+            if wp.static(WORLD_STATE):
                 dn = wp.vec3d(v[WORLD_AT], v[WORLD_AT + 1], v[WORLD_AT + 2])
             total += write_tip_column(rods, call, case, y, v, s, n_tip, dn, first + c)
             if wp.static(CONDITIONS > 0):

@@ -11,33 +11,27 @@ import warp as wp
 from multirod.models.backbone.kernels.instance import Instance
 from multirod.models.backbone.kernels.layout.arguments import Call, RodTable
 from multirod.models.backbone.kernels.layout.layout import Layout, Memory
-from multirod.models.backbone.kernels.members.loading import write_node_of_tubes
 from multirod.models.backbone.kernels.numbers.lanes import lanes
 from multirod.models.backbone.kernels.numbers.scalars import rotate, rotation_matrix, turned_about_z
 
 f64 = wp.float64
 
 
-def make_nodes(layout: Layout, memory: Memory, base: SimpleNamespace, tip: SimpleNamespace, grid: SimpleNamespace, W: int, d):
+def make_nodes(layout: Layout, memory: Memory, base: SimpleNamespace, tip: SimpleNamespace, W: int, d):
     """Functions that write nodes; the record of the place must have been made anew where the lanes stand."""
     get_lane = lanes(W, d).get
     memory_type = wp.array(dtype=d)
     n, TORQUES, TUBES, FIRST, ECCENTRIC = layout.n, layout.TORQUES, layout.TUBES, layout.FIRST, layout.ECCENTRIC
-    ANISOTROPIC = layout.features.anisotropic
     State, Column = base.State, base.Column
     THETA_AT, TAU_AT = layout.state["angles"], layout.state["torques"]
-    PLACE, Z = memory.PLACES, memory.STRETCH
+    PLACE, Z, OFFSET, MEMBERS = memory.PLACES, memory.STRETCH, layout.stretch["offset"], bool(layout.features.members)
     p = layout.place
-    MOMENT_AT, FORCE_AT, CURVATURE_AT, TWIST_AT = p["moment"], p["force"], p["curvature"], p["own_twist"]
-    TUBE_X, TUBE_Y, PRESENT, BENDING = p["tube_x"], p["tube_y"], layout.stretch["present"], layout.stretch["bending"]
-    OFFSET, STRETCHING = layout.stretch["offset"], p["stretching"]
-    CARRIERS = layout.CARRIERS
-    MEMBERS, MEMBER_MOMENT, MEMBER_FORCE = bool(layout.features.members) and not CARRIERS, p["member_moment"], p["member_force"]
+    MOMENT_AT, FORCE_AT, CURVATURE_AT = p["moment"], p["force"], p["curvature"]
+    OWN_CURVATURE, TOTAL_MOMENT, OWN_MOMENT, OWN_FORCE = p["own_curvature"], p["total_moment"], p["own_moment"], p["own_force"]
     GRIPS, GRIPS_AT = layout.DRIVES * layout.FRICTION, layout.state["grips"]
     frame, world_position = tip.frame, tip.world_position
     turn_column, tip_angle_column = tip.turn_column, tip.tip_angle_column
     body_moment_column = tip.body_moment_column
-    section_from = grid.section_from
 
     @wp.func
     def vector_of(memory: memory_type, row: int, l: int) -> wp.vec3d:
@@ -53,55 +47,37 @@ def make_nodes(layout: Layout, memory: Memory, base: SimpleNamespace, tip: Simpl
         l: int,
         y: State,
         output: int,
-        s0: f64,
         s: f64,
     ):
-        """One rod at an output node at s; the stretch began at s0."""
+        """One rod at an output node at s."""
         t = case.index
         a = o + wp.static(PLACE)
-        z = o + wp.static(Z)
         u = vector_of(memory, a + wp.static(CURVATURE_AT), l) / case.unit
         M = case.moment * vector_of(memory, a + wp.static(MOMENT_AT), l)
         N = case.force * vector_of(memory, a + wp.static(FORCE_AT), l)
-        if wp.static(MEMBERS):
-            if call.unknown_columns == 0:  # a shape: the rod's own, beside what its members carry
-                call.node_total_moment[t, output] = M
-                call.node_total_force[t, output] = N
-                M -= case.moment * vector_of(memory, a + wp.static(MEMBER_MOMENT), l)
-                N -= case.force * vector_of(memory, a + wp.static(MEMBER_FORCE), l)
         to_rod = wp.identity(3, dtype=f64)
         aside = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
-        if wp.static(TUBES):
-            for i in range(rods.end.shape[1]):
-                if i == call.node_rod:
-                    m = wp.min(section_from(rods, call, case, i, s0), rods.end.shape[2] - 1)
-                    u_z = f64(get_lane(memory, a + wp.static(TWIST_AT) + i, l)) / case.unit
-                    torque = f64(0.0) / f64(0.0)  # of rods that are rigid in torsion only the sum is determined
-                    if wp.static(TORQUES > 0):
-                        torque = M[2]
-                        if i >= wp.static(FIRST):
-                            torque = y[wp.static(TAU_AT) + i - wp.static(FIRST)]
-                        else:
-                            for j in range(1, rods.end.shape[1]):
-                                torque -= f64(get_lane(memory, z + wp.static(PRESENT) + j, l)) * y[wp.static(TAU_AT) + j - 1]
-                        u_z += rods.material[case.rods, i, m, 5] * torque
-                    if i >= wp.static(FIRST):
-                        to_rod = turned_about_z(-y[wp.static(THETA_AT) + i - wp.static(FIRST)])
-                    if wp.static(ECCENTRIC):  # the rod's own curvature, by its own arclength
-                        lam = f64(get_lane(memory, a + wp.static(STRETCHING) + i, l))
-                        u[0] = u[0] / lam
-                        u[1] = u[1] / lam
-                        aside[0] = case.unit * f64(get_lane(memory, z + wp.static(OFFSET) + 2 * i, l))
-                        aside[1] = case.unit * f64(get_lane(memory, z + wp.static(OFFSET) + 2 * i + 1, l))
-                    # m_i = K_i u - b_i, (8); the place holds b_i, and where K_i turns, what is left of it
-                    M_x = -case.moment * f64(get_lane(memory, a + wp.static(TUBE_X) + i, l))
-                    M_y = -case.moment * f64(get_lane(memory, a + wp.static(TUBE_Y) + i, l))
-                    if wp.static(not ANISOTROPIC):
-                        EI = case.stiffness * f64(get_lane(memory, z + wp.static(BENDING) + i, l))
-                        M_x += EI * u[0]
-                        M_y += EI * u[1]
-                    M = wp.vec3d(M_x, M_y, torque)
-                    u[2] = u_z
+        i = int(wp.static(n))  # the rod, n of all together
+        if wp.static(n == 1):
+            i = int(0)
+        else:
+            i = call.node_rod
+        if i < wp.static(n):
+            u = vector_of(memory, a + wp.static(OWN_CURVATURE) + 3 * i, l) / case.unit
+            M = case.moment * vector_of(memory, a + wp.static(TOTAL_MOMENT) + 3 * i, l)
+            if wp.static(TUBES):
+                if i >= wp.static(FIRST):
+                    to_rod = turned_about_z(-y[wp.static(THETA_AT) + i - wp.static(FIRST)])
+            if wp.static(ECCENTRIC):
+                aside[0] = case.unit * f64(get_lane(memory, o + wp.static(Z + OFFSET) + 2 * i, l))
+                aside[1] = case.unit * f64(get_lane(memory, o + wp.static(Z + OFFSET + 1) + 2 * i, l))
+        if wp.static(MEMBERS):
+            if call.unknown_columns == 0:  # a shape: the rod's own, beside what its members carry
+                call.node_total_moment[t, output] = to_rod * M
+                call.node_total_force[t, output] = to_rod * N
+                N = case.force * vector_of(memory, a + wp.static(OWN_FORCE), l)
+                if i < wp.static(n):
+                    M = case.moment * vector_of(memory, a + wp.static(OWN_MOMENT) + 3 * i, l)
         for j in range(wp.static(GRIPS)):
             call.node_left[t, output, j] = y[wp.static(GRIPS_AT) + j]
         call.node_arclength[t, output] = s
@@ -158,6 +134,4 @@ def make_nodes(layout: Layout, memory: Memory, base: SimpleNamespace, tip: Simpl
                 call.tip_columns[t, row, k] = torque
                 row += int(1)
 
-    if CARRIERS:
-        write_node = write_node_of_tubes(layout, memory, base, W, d, vector_of, write_node)
     return SimpleNamespace(write_node=write_node, write_node_column=write_node_column, write_tip_column=write_tip_column)

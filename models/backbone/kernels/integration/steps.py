@@ -52,7 +52,7 @@ def make_steps(layout: Layout, memory: Memory, tableau: Tableau, rate: SimpleNam
     GIVEN, PLACE_SIZE = layout.column.size, layout.place.size
     HELD, FORCE_AT, SEVERAL = layout.features.held, layout.place["force"], layout.TUBES
     SOFT_AT = z["softness"] if SEVERAL else z["compliance"]
-    base_rates, column_rates = rate.base_rates, rate.column_rates
+    base_rates, column_rates, put_own, NODES = rate.base_rates, rate.column_rates, rate.put_own, layout.NODES
     inverse_root = L.power_root(tableau.order)
 
     @wp.func
@@ -203,5 +203,7 @@ def make_steps(layout: Layout, memory: Memory, tableau: Tableau, rate: SimpleNam
         """The record of the place where each lane stands."""
         b = read_state(memory, o + wp.static(STATE))
         base_rates(memory, o + wp.static(Z), o + wp.static(PLACE), row(memory, o + wp.static(X)), b)
+        if wp.static(NODES):
+            put_own(memory, o + wp.static(Z), o + wp.static(PLACE), b)
 
     return SimpleNamespace(equal_step=equal_step, controlled_step=controlled_step if ADAPTIVE else None, place_here=place_here)

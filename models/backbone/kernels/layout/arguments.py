@@ -1,52 +1,7 @@
 # mypy: ignore-errors
-"""Arguments of the kernels: the rods, the arrays of a launch, and where its inputs and its lanes' numbers stand."""
+"""Arguments of the kernels: the rods, the arrays of a launch, and where its lanes' numbers stand."""
 
 import warp as wp
-
-# EI_x, EI_y, GJ, their inverses, 1/GA_x, 1/GA_y, 1/EA, mass per length, magnetic moment per length, stiffness of the foundation
-MATERIAL_SIZE = 16
-INPUT_VECTORS = (
-    "tip_force",
-    "tip_moment",
-    "follower_force",
-    "follower_moment",
-    "distributed_force",
-    "distributed_moment",
-    "gravity",
-    "magnetic_field",
-    "tip_curvature",
-)
-
-
-def input_size(rod_count: int, drive_count: int = 0) -> int:
-    """Length of the packed inputs: rotations, translations, the vectors of ``INPUT_VECTORS``, what drives members, scale of the
-    load profiles.
-    """
-    return 2 * rod_count + 3 * len(INPUT_VECTORS) + drive_count + 1
-
-
-class InputOffsets:
-    """Where each input begins in a row of ``Call.inputs`` and ``Call.directions``; see ``input_size``."""
-
-    def __init__(self, rod_count: int, drive_count: int = 0) -> None:
-        self.ROTATION = 0
-        self.TRANSLATION = rod_count
-        for k, name in enumerate(INPUT_VECTORS):
-            setattr(self, name.upper(), 2 * rod_count + 3 * k)
-        self.DRIVES = 2 * rod_count + 3 * len(INPUT_VECTORS)
-        self.PROFILE_FACTOR = self.DRIVES + drive_count
-
-
-class DesignOffsets:
-    """How a direction says, after its inputs, what changes of each section of each rod: the same numbers for each."""
-
-    def __init__(self, curvature_terms: int) -> None:
-        self.END = 0  # arclength of its end
-        self.BENDING = 1  # EI_x, EI_y
-        self.SOFTNESS = 3  # of the inverse of EI_x, EI_y and GJ, relative to it
-        self.SHIFT = 6  # of the law of its precurvature along the rod
-        self.PRECURVATURE = 7
-        self.SIZE = 7 + 3 * curvature_terms
 
 
 @wp.struct

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from multirod.models.backbone.kernels.loads.load import Load
     from multirod.models.backbone.members.member import Member
 
 
@@ -27,8 +28,8 @@ class Features:
         follower_force: The tip force has a part that follows the tip frame, so the base force is unknown, equation (13).
         follower_moment: The tip moment has a part that follows the tip frame, equation (11).
         held: Something else holds the tip: the base force is unknown, and the tip's wrench is written out, equation (22).
-        magnetised: Magnetised rods stand in a magnetic field, equation (3d).
-        foundation: The rods stand in an elastic medium, equation (3e): the force is a state, and the base force unknown.
+        loads: Loads along the rods that depend on their configuration, kinds of ``Load``: a magnetic field, equation (3d), an
+            elastic medium, equation (3e), and others.
         measured: A measured tip curvature takes the place of the boundary condition, equation (12).
         members: What the rods carry along themselves, kinds of ``Member``, in the order of the rods, equation (5m).
         member_rods: Of several rods, the one that carries each.
@@ -60,8 +61,7 @@ class Features:
     follower_force: bool = False
     follower_moment: bool = False
     held: bool = False
-    magnetised: bool = False
-    foundation: bool = False
+    loads: tuple[type["Load"], ...] = ()
     measured: bool = False
     members: tuple[type["Member"], ...] = ()
     member_rods: tuple[int, ...] = ()
@@ -84,7 +84,7 @@ class Features:
     @property
     def base_force_unknown(self) -> bool:
         """Whether what acts on the tip is not known beforehand in the world frame."""
-        return self.follower_force or self.held or self.foundation
+        return self.follower_force or self.held or self.world_force_is_state
 
     @property
     def loads_need_frame(self) -> bool:
@@ -93,7 +93,7 @@ class Features:
             self.tip_moment
             or self.distributed_force
             or self.distributed_moment
-            or self.magnetised
+            or bool(self.loads)
             or self.base_force_unknown
             or self.profile_degree >= 0
         )
@@ -101,7 +101,7 @@ class Features:
     @property
     def fixed_moment(self) -> bool:
         """Whether a moment acts whose law is told in the world: then the state carries it along fixed axes, equation (4b)."""
-        return self.tip_moment or self.distributed_moment or self.magnetised
+        return self.tip_moment or self.distributed_moment or any(load.moment for load in self.loads)
 
     @property
     def loaded(self) -> bool:
@@ -138,6 +138,16 @@ class Features:
     def force_is_state(self) -> bool:
         """Whether the body force is integrated, equation (3b), rather than obtained from the frame, equation (3a)."""
         return self.force and not self.loads_need_frame and not self.column_has_frame
+
+    @property
+    def world_force_is_state(self) -> bool:
+        """Whether the force is integrated along fixed axes, as a load's force depends on the configuration, equation (3e)."""
+        return any(load.force for load in self.loads)
+
+    @property
+    def loads_by_place(self) -> bool:
+        """Whether a load depends on the position of the rods."""
+        return any(load.by_place for load in self.loads)
 
     @property
     def frame(self) -> bool:

@@ -1,63 +1,22 @@
 # mypy: ignore-errors
 """How the numbers of a backbone stand: its state and columns, a stretch, a place.
 
-A record is a list of ``Slot``; offsets, sizes and units follow from it. Numbers in parentheses are those of ``docs/model.md``.
+Numbers in parentheses are those of ``docs/model.md``.
 """
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from multirod.models.backbone.kernels.layout.features import Features
+from multirod.models.backbone.kernels.layout.slots import Record, Slot
 
 if TYPE_CHECKING:
+    from multirod.models.backbone.kernels.loads.load import Load
     from multirod.models.backbone.members.member import Member
-
-
-@dataclass(frozen=True)
-class Slot:
-    """One entry of a record: its name, how many numbers, and what they are counted in: "moment", "force", "length" or "1"."""
-
-    name: str
-    size: int
-    unit: str = "1"
-
-
-class Record:
-    """Numbers that stand together: where each begins (``at``; -1 if it is not there) and how many there are (``size``).
-
-    ``places`` are those of all entries, also of what is not there: empty, where it would be.
-    """
-
-    def __init__(self, slots: Iterable[Slot]) -> None:
-        self.slots: list[Slot] = []
-        self.at: dict[str, int] = {}
-        self.places: dict[str, slice] = {}
-        self.size = 0
-        for slot in slots:
-            self.places[slot.name] = slice(self.size, self.size + slot.size)
-            if slot.size:
-                self.slots.append(slot)
-                self.at[slot.name] = self.size
-                self.size += slot.size
-
-    def __getitem__(self, name: str) -> int:
-        return self.at.get(name, -1)
-
-    def split(self, values: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-        """The entries of rows (..., size), by name."""
-        return {name: values[..., place] for name, place in self.places.items()}
-
-    def joined(self, parts: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
-        """The reverse: rows (..., size) of the entries that there are; what else is given is left out."""
-        return np.concatenate([parts[slot.name] for slot in self.slots], axis=-1)
-
-    def units(self) -> list[str]:
-        """Of each number."""
-        return [slot.unit for slot in self.slots for _ in range(slot.size)]
 
 
 BREAKPOINT = ("rotation", "lengths", "grips")  # what varies where a segment begins beside the unknowns
@@ -107,6 +66,15 @@ def _member_slots(k: int, kind: type["Member"]) -> list[Slot]:
     return [Slot(f"{k} {name}", 1) for name in (*kind.parameters, *(["drive"] if kind.drive is not None else []))]
 
 
+def _load_prefix(features: Features, load: type["Load"]) -> str:
+    return f"load {features.loads.index(load)} "
+
+
+def _load_slots(features: Features, slots_of: Callable[[type["Load"]], list[Slot]]) -> list[Slot]:
+    """Those of all loads that depend on the configuration, by names of their own."""
+    return [replace(slot, name=_load_prefix(features, load) + slot.name) for load in features.loads for slot in slots_of(load)]
+
+
 class Layout:
     """The records of a backbone with certain features. How many columns there are is known to a launch only.
 
@@ -136,14 +104,13 @@ class Layout:
         self.PROFILE_TERMS = max(f.profile_degree, 0) + 1
         self.CURVATURE_TERMS = f.precurvature_degree + 1
         self.VARIED = self.CURVATURE_TERMS > 1
-        self.FOUNDATION = f.foundation
-        self.POSE = f.pose or f.nodes or f.pose_sensitivities or f.foundation
-        self.POSE_COLUMNS = f.pose_sensitivities or f.foundation
+        self.WORLD_STATE = f.world_force_is_state
+        self.POSE = f.pose or f.nodes or f.pose_sensitivities or f.loads_by_place
+        self.POSE_COLUMNS = f.pose_sensitivities or f.loads_by_place
         self.NODES = f.nodes
         self.FIXED = f.fixed_moment
         self.DIRECTIONS = f.directions
         self.DESIGN = f.design
-        self.MAGNETISED = f.magnetised
         # strains that members depend on: u, and v - e3 where the rod shears
         self.STRAINS = 6 if f.shear else 3
         # what is solved for at a place: of several rods that carry members, their bending and the twist of each that does
@@ -160,11 +127,11 @@ class Layout:
         self.FUNCTIONS, self.FUNCTION_TERMS = sum(len(kind.functions) for kind in f.members), f.member_degree + 1
         self.ROUTED = self.FUNCTIONS > 0 and (f.member_degree > 0 or f.friction)
         # an unknown base force, or a direction, makes n depend on it
-        self.GIVEN_FORCE = f.force and not f.force_is_state and not f.foundation and (f.directions or f.base_force_unknown)
+        self.GIVEN_FORCE = f.force and not f.force_is_state and not self.WORLD_STATE and (f.directions or f.base_force_unknown)
         statics = [
             Slot("moment", 3 * self.MOMENT, "moment"),
             Slot("force", 3 * self.FORCE_STATE, "force"),
-            Slot("world_force", 3 * f.foundation, "force"),  # n, which depends on the position
+            Slot("world_force", 3 * self.WORLD_STATE, "force"),  # n, which depends on the configuration
             Slot("angles", f.turning_count),
             Slot("torques", self.TORQUES, "moment"),
             Slot("lengths", self.LENGTHS, "length"),  # what drives of members work on
@@ -191,7 +158,7 @@ class Layout:
                 Slot("profile", directed),  # relative
                 Slot("start", directed, "length"),  # of the arclength of the start
                 Slot("growth", directed),  # (20) of the stretch, relative
-                Slot("field", 3 * directed * f.magnetised),  # magnetic, base axes
+                *_load_slots(f, lambda load: load.of_direction(n) if directed else []),
                 Slot("shift", n * directed, "length"),  # of the rods, along themselves
                 Slot("curving", 3 * self.CURVATURE_TERMS * n * f.design, "1/length"),  # (D4) of the precurvature
                 Slot("softening", 3 * n * f.design),  # (D4) of stiffnesses
@@ -220,17 +187,15 @@ class Layout:
                 Slot("precurvature", 3 * self.CURVATURE_TERMS * n, "1/length"),
                 Slot("centre", n * (self.VARIED or self.ROUTED), "length"),
                 Slot("slope", n * (self.VARIED or self.ROUTED), "1/length"),
-                Slot("force", 3 * (f.force and not f.force_is_state and not f.foundation), "force"),  # n at the start
+                Slot("force", 3 * (f.force and not f.force_is_state and not self.WORLD_STATE), "force"),  # n at the start
                 Slot("distributed_force", 3 * self.FORCE_PER_LENGTH, "force per length"),
                 Slot("distributed_moment", 3 * self.MOMENT_PER_LENGTH, "force"),
                 Slot("profile_force", 3 * self.PROFILE_TERMS * self.PROFILE, "force per length"),
                 Slot("profile_moment", 3 * self.PROFILE_TERMS * (self.PROFILE and self.MOMENT_PER_LENGTH), "force"),
                 Slot("profile_centre", 1 * self.PROFILE, "length"),
                 Slot("profile_slope", 1 * self.PROFILE, "1/length"),
-                Slot("foundation", 3 * f.foundation, "force per area"),
-                Slot("from_base", 1 * f.foundation, "length"),  # arclength of the start
-                Slot("field", 3 * f.magnetised),  # magnetic, along the axes of the base [T]
-                Slot("magnetisation", 3 * n * f.magnetised, "force"),  # per tesla
+                Slot("from_base", 1 * bool(f.loads), "length"),  # arclength of the start
+                *_load_slots(f, lambda load: load.on_stretch(n)),
                 *self.member_slots,
                 Slot("functions", self.FUNCTIONS * self.FUNCTION_TERMS),  # of members, the constant terms first
                 Slot("unanswered", 1 * bool(f.members)),  # 1 where members left no strains for what the rod carried
@@ -266,8 +231,7 @@ class Layout:
                 Slot("torque", n * f.eccentric, "moment"),
                 Slot("cosine", tube),
                 Slot("sine", tube),
-                Slot("field", 3 * f.magnetised),  # R^T B
-                Slot("turned_magnetisation", 3 * n * f.magnetised, "force"),  # along the axes of rod 1
+                *_load_slots(f, lambda load: load.at_place(n)),
                 # I + C D, factored; of several rods without their twists, inverted
                 Slot("system", 4 if carriers else self.STRAINS**2 * bool(f.members)),
                 # of each rod that carries members, in its own frame; of one alone only where it is asked for
@@ -292,7 +256,12 @@ class Layout:
                 Slot("excess", carriers, "1/length"),
                 Slot("member_stiffness", 6 * carriers),
                 Slot("twist_changes", 2 * carriers),
-                Slot("own_twist", n * f.nodes, "1/length"),  # u*_i,z
+                # at nodes, along the axes of the frame: of each rod its curvature, its moment with that of its members and
+                # without; the force of all rods without that of members
+                Slot("own_curvature", 3 * n * f.nodes, "1/length"),
+                Slot("total_moment", 3 * n * f.nodes, "moment"),
+                Slot("own_moment", 3 * n * bool(f.members and f.nodes), "moment"),
+                Slot("own_force", 3 * bool(f.members and f.nodes), "force"),
                 Slot("rate", self.column.size * directed),  # of what of the state stands in a column
             ]
         )
@@ -314,6 +283,12 @@ class Layout:
         """Where the parameters of member k begin in a stretch, and its functions among those of all."""
         first = next(slot.name for slot in self.member_slots if slot.name.startswith(f"{k} "))
         return self.stretch[first], sum(len(kind.functions) for kind in self.features.members[:k])
+
+    def slots_of(self, load: type["Load"]) -> dict[str, Callable[[str], int]]:
+        """Where the numbers of a load stand: functions that find them by their names on a stretch, at a place, in a direction."""
+        records = {"on_stretch": self.stretch, "at_place": self.place, "of_direction": self.given}
+        prefix = _load_prefix(self.features, load)
+        return {name: lambda own, record=record: record[prefix + own] for name, record in records.items()}
 
     def memory(self, stages: int) -> "Memory":
         """Where the records of a thread stand in its memory."""

@@ -1,53 +1,110 @@
 # mypy: ignore-errors
-"""Rods in an elastic medium, in lanes: the force per length (3e), its variation (18e), and the energy (14e).
+"""Rods in an elastic medium: the force per length (3e), its variation (18e), and the energy (14e).
 
-``z`` is where the record of the stretch stands in memory, ``x`` the arclength from its start, ``p`` the position in the frame of
-the base and ``g`` where stands what a column's direction varies. Numbers in parentheses are those of ``docs/model.md``.
+Numbers in parentheses are those of ``docs/model.md``.
 """
 
 from types import SimpleNamespace
 
+import numpy as np
 import warp as wp
 
-from multirod.models.backbone.kernels.layout.layout import Layout
-from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul, neg, sub  # noqa: F401  (by name)
-from multirod.models.backbone.kernels.numbers.vectors import vectors
+from multirod.models.backbone.kernels.instance import Instance
+from multirod.models.backbone.kernels.layout.arguments import Call, RodTable
+from multirod.models.backbone.kernels.layout.slots import Slot
+from multirod.models.backbone.kernels.loads.load import Load
+from multirod.models.backbone.kernels.numbers.lanes import add, div, mul, neg, sub  # noqa: F401  (by name)
+from multirod.validation import FloatArray
+
+f64 = wp.float64
+MEDIUM = 13  # where the stiffness of the medium stands in the material
 
 
-def make_foundation(layout: Layout, W: int, d) -> SimpleNamespace:
-    """Functions of the medium: it holds each piece to its place on the line straight out of the base."""
-    L, V = lanes(W, d), vectors(W, d)
-    Real, row = L.Real, L.row
-    Vec3, row3, times, dot = V.Vec3, V.row3, V.times, V.dot
-    memory_type = wp.array(dtype=d)
-    STIFFNESS, FROM_BASE = layout.stretch["foundation"], layout.stretch["from_base"]
-    GIVEN_START, GROWTH, DIRECTIONS = layout.given["start"], layout.given["growth"], layout.DIRECTIONS
+class Foundation(Load):
+    """A medium that holds each piece of the rods to its place on the line straight out of the base."""
 
-    @wp.func
-    def departure(memory: memory_type, z: int, x: Real, p: Vec3) -> Vec3:
-        """p - s e3"""
-        return Vec3(p.x, p.y, p.z - (row(memory, z + wp.static(FROM_BASE)) + x))
+    force = by_place = conservative = True
+    of_rod = "Rod.foundation"
 
-    @wp.func
-    def foundation_force(memory: memory_type, z: int, x: Real, p: Vec3) -> Vec3:
-        """(3e) What holds the rod, the negative of what the medium pushes it by: ``k (p - s e3)``."""
-        return times(row3(memory, z + wp.static(STIFFNESS)), departure(memory, z, x, p))
+    @classmethod
+    def on_stretch(cls, n: int) -> list[Slot]:
+        return [Slot("stiffness", 3, "force per area")]  # of what is around all rods
 
-    @wp.func
-    def foundation_variation(memory: memory_type, z: int, g: int, x: Real, dp: Vec3) -> Vec3:
-        """(18e) Its variation, at a fixed part of the stretch."""
-        moved = dp
-        if wp.static(DIRECTIONS):
-            ds = row(memory, g + wp.static(GIVEN_START)) + x * row(memory, g + wp.static(GROWTH))
-            moved = Vec3(dp.x, dp.y, dp.z - ds)
-        return times(row3(memory, z + wp.static(STIFFNESS)), moved)
+    @classmethod
+    def size(cls, sizes) -> FloatArray:
+        """How much it bends rods that are not straight, ``k L^4/EI`` times their bend."""
+        problem, table = sizes.problem, sizes.problem.arrays
+        length = table.end[:, 0, -1]
+        stiffness = table.material[..., MEDIUM : MEDIUM + 3].max(axis=(1, 2, 3)) * length**4
+        stiffness = stiffness / table.material[:, 0, :, :3].min(axis=(1, 2))
+        _, kappa = sizes.by_section
+        return np.asarray(problem.each(stiffness) * np.minimum(kappa.max(axis=(1, 2)) * problem.each(length), 1.0))
 
-    @wp.func
-    def foundation_work(memory: memory_type, z: int, x: Real, p: Vec3) -> Real:
-        """(14e) What makes of the internal force's work that of the dead loads, less the energy of the medium, per length."""
-        force = foundation_force(memory, z, x, p)
-        return dot(force, p) - d(0.5) * dot(force, departure(memory, z, x, p))
+    @staticmethod
+    def law(numbers: SimpleNamespace) -> SimpleNamespace:
+        Real, Vec3, Frame, Column, memory_type, d = (
+            numbers.Real,
+            numbers.Vec3,
+            numbers.Frame,
+            numbers.Column,
+            numbers.memory_type,
+            numbers.d,
+        )
+        row3, times, dot = numbers.row3, numbers.times, numbers.dot
+        STIFFNESS = numbers.on_stretch("stiffness")
 
-    return SimpleNamespace(
-        foundation_force=foundation_force, foundation_variation=foundation_variation, foundation_work=foundation_work
-    )
+        @wp.func
+        def departure(s: Real, p: Vec3) -> Vec3:
+            """p - s e3"""
+            return Vec3(p.x, p.y, p.z - s)
+
+        @wp.func
+        def push(memory: memory_type, z: int, by: Vec3) -> Vec3:
+            """``-k`` times a way from the place."""
+            held = times(row3(memory, z + wp.static(STIFFNESS)), by)
+            return Vec3(-held.x, -held.y, -held.z)
+
+        @wp.func
+        def force(memory: memory_type, z: int, a: int, s: Real, frame: Frame, p: Vec3) -> Vec3:
+            """(3e) ``-k (p - s e3)``"""
+            return push(memory, z, departure(s, p))
+
+        @wp.func
+        def force_variation(
+            memory: memory_type, z: int, a: int, g: int, ds: Real, frame: Frame, v: Column, dphi: Vec3, dp: Vec3
+        ) -> Vec3:
+            """(18e)"""
+            return push(memory, z, departure(ds, dp))
+
+        @wp.func
+        def energy(memory: memory_type, z: int, a: int, s: Real, frame: Frame, p: Vec3) -> Real:
+            """(14e)"""
+            way = departure(s, p)
+            return d(-0.5) * dot(push(memory, z, way), way)
+
+        return SimpleNamespace(force=force, force_variation=force_variation, energy=energy)
+
+    @classmethod
+    def loading(cls, grid: SimpleNamespace) -> SimpleNamespace:
+        memory_type, set_vector, section_from = grid.memory_type, grid.set_vector, grid.section_from
+        STIFFNESS = grid.on_stretch("stiffness")
+
+        @wp.func
+        def stretch(
+            rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, z: int, l: int, s: f64
+        ):
+            """Raised with the loads: the unloaded rod is where solvers begin."""
+            medium = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
+            for i in range(rods.end.shape[1]):
+                m = section_from(rods, call, case, i, s)
+                if m < rods.end.shape[2]:
+                    for j in range(3):
+                        medium[j] = medium[j] + rods.material[case.rods, i, m, wp.static(MEDIUM) + j]
+            scale = call.load_factor[case.index] * case.unit * case.unit / case.force
+            set_vector(memory, z + wp.static(STIFFNESS), l, scale * medium)
+
+        @wp.func
+        def direction(call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, g: int, l: int, k: int, unit: f64):
+            """No input."""
+
+        return SimpleNamespace(stretch=stretch, direction=direction)

@@ -1,115 +1,174 @@
 # mypy: ignore-errors
-"""Magnetised rods in a uniform field, in lanes: the moment per length (3d), their torques (8d), and the variations (18d).
+"""Magnetised rods in a uniform field: the moment per length (3d), their torques (8d), the variations (18d), the energy (14d).
 
-``z`` is where the record of the stretch stands in memory, ``a`` that of the place, ``b`` the state, ``v`` a column of it and
-``g`` where stands what its direction varies. Numbers in parentheses are those of ``docs/model.md``.
+Numbers in parentheses are those of ``docs/model.md``.
 """
 
 from types import SimpleNamespace
 
+import numpy as np
 import warp as wp
 
-from multirod.models.backbone.kernels.layout.layout import Layout
-from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul, neg, sub  # noqa: F401  (by name)
-from multirod.models.backbone.kernels.numbers.vectors import vectors
+from multirod.models.backbone.kernels.instance import Instance
+from multirod.models.backbone.kernels.layout.arguments import Call, RodTable
+from multirod.models.backbone.kernels.layout.slots import Slot
+from multirod.models.backbone.kernels.loads.load import Load
+from multirod.models.backbone.kernels.numbers.lanes import add, div, mul, neg, sub  # noqa: F401  (by name)
+from multirod.validation import FloatArray
+
+f64 = wp.float64
+MAGNETISATION = 10  # where the magnetic moment per length stands in the material
 
 
-def make_magnetic(layout: Layout, W: int, d) -> SimpleNamespace:
-    """Functions of what a field does to the rods; rod 1 has what their sum leaves of the torque, as in (7)."""
-    L, V = lanes(W, d), vectors(W, d)
-    Real, row, fill = L.Real, L.row, L.fill
-    Vec3, Frame, row3, put3, zero3 = V.Vec3, V.Frame, V.row3, V.put3, V.zero3
-    cross, dot, plus, rotate, rotate_inverse = V.cross, V.dot, V.plus, V.rotate, V.rotate_inverse
-    memory_type = wp.array(dtype=d)
-    state, column = L.few(layout.state.size), L.few(layout.column.size)
-    State, Column = state.type, column.type
-    part, keep, part_of, keep_in = state.part, state.keep, column.part, column.keep
-    n, TORQUES = layout.n, layout.TORQUES
-    FIELD, MAGNETISATION = layout.stretch["field"], layout.stretch["magnetisation"]
-    FIELD_AT, TURNED = layout.place["field"], layout.place["turned_magnetisation"]
-    COSINE, SINE, GIVEN_FIELD = layout.place["cosine"], layout.place["sine"], layout.given["field"]
-    THETA, TAU = layout.state["angles"], layout.state["torques"]
-    DIRECTIONS = layout.DIRECTIONS
+class Magnetic(Load):
+    """A uniform field, fixed in the world, that turns each piece of magnetised rods towards itself."""
 
-    @wp.func
-    def about_axis(mu: Vec3, turn: Real) -> Vec3:
-        """``e3 x mu`` times an angle."""
-        return Vec3(-turn * mu.y, turn * mu.x, fill(d(0.0)))
+    moment = conservative = True
+    input = "magnetic_field"
+    of_rod = "Rod.magnetisation"
 
-    @wp.func
-    def torque_on(mu: Vec3, B: Vec3) -> Real:
-        """(8d) ``(mu x B)_z``"""
-        return mu.x * B.y - mu.y * B.x
+    @classmethod
+    def on_stretch(cls, n: int) -> list[Slot]:
+        return [Slot("input", 3), Slot("magnetisation", 3 * n, "force")]  # of each rod in its own frame, per tesla
 
-    @wp.func
-    def magnetic_moment(memory: memory_type, z: int, a: int, frame: Frame) -> Vec3:
-        """(3d) Moment per length of all rods, along the axes of the base; the angles of the place must stand there already."""
-        B = rotate_inverse(frame, row3(memory, z + wp.static(FIELD)))
-        put3(memory, a + wp.static(FIELD_AT), B)
-        mu = row3(memory, z + wp.static(MAGNETISATION))
-        put3(memory, a + wp.static(TURNED), mu)
-        for i in range(1, wp.static(n)):
-            own = row3(memory, z + wp.static(MAGNETISATION + 3 * i))
-            c = row(memory, a + wp.static(COSINE + i))
-            s = row(memory, a + wp.static(SINE + i))
-            own = Vec3(c * own.x - s * own.y, s * own.x + c * own.y, own.z)
-            put3(memory, a + wp.static(TURNED + 3 * i), own)
-            mu = plus(mu, own)
-        return rotate(frame, cross(mu, B))
+    @classmethod
+    def at_place(cls, n: int) -> list[Slot]:
+        return [Slot("field", 3), Slot("turned", 3 * n, "force")]  # R^T B, and magnetisation along the axes of rod 1
 
-    @wp.func
-    def magnetic_torques(memory: memory_type, a: int, f: wp.ref[State]):
-        """(8d) What the field takes of tau_i'."""
-        B = row3(memory, a + wp.static(FIELD_AT))
-        for i in range(1, wp.static(TORQUES + 1)):
-            at = wp.static(TAU + i - 1)
-            keep(f, at, part(f, at) - torque_on(row3(memory, a + wp.static(TURNED + 3 * i)), B))
+    @classmethod
+    def size(cls, sizes) -> FloatArray:
+        problem = sizes.problem
+        table, translation = problem.arrays, problem.read("inputs")[:, problem.input_slice("translation")]
+        length = table.end[:, 0, -1] + translation[:, 0]
+        return np.asarray(cls.moment_bound(sizes) * length**2 / table.material[:, 0, :, :3].min(axis=(1, 2)))
 
-    @wp.func
-    def magnetic_work(memory: memory_type, a: int) -> Real:
-        """(14d) ``mu . R^T B`` of all rods: the work of the field, per length, since the rods stood across it."""
-        B = row3(memory, a + wp.static(FIELD_AT))
-        work = fill(d(0.0))
-        for i in range(wp.static(n)):
-            work = work + dot(row3(memory, a + wp.static(TURNED + 3 * i)), B)
-        return work
+    @classmethod
+    def moment_bound(cls, sizes) -> FloatArray:
+        problem = sizes.problem
+        strongest = problem.arrays.material[..., MAGNETISATION : MAGNETISATION + 3]
+        strongest = np.linalg.norm(strongest, axis=-1).max(axis=2).sum(axis=1)
+        field = np.linalg.norm(problem.read("inputs")[:, problem.input_slice(cls.input)], axis=1)
+        return np.asarray(problem.each(strongest) * field)
 
-    @wp.func
-    def field_variation(memory: memory_type, a: int, g: int, frame: Frame, dphi: Vec3) -> Vec3:
-        """(18d) ``d(R^T B)``"""
-        dB = cross(row3(memory, a + wp.static(FIELD_AT)), dphi)
-        if wp.static(DIRECTIONS):
-            dB = plus(dB, rotate_inverse(frame, row3(memory, g + wp.static(GIVEN_FIELD))))
-        return dB
+    @staticmethod
+    def law(numbers: SimpleNamespace) -> SimpleNamespace:
+        """Rod 1 has what the sum of all leaves of the torque, as in (7)."""
+        Real, Vec3, Frame, memory_type, d = numbers.Real, numbers.Vec3, numbers.Frame, numbers.memory_type, numbers.d
+        State, Column, fill, row = numbers.State, numbers.Column, numbers.fill, numbers.row
+        part, keep, part_of, keep_in = numbers.part, numbers.keep, numbers.part_of, numbers.keep_in
+        row3, put3, zero3, cross, dot, plus = numbers.row3, numbers.put3, numbers.zero3, numbers.cross, numbers.dot, numbers.plus
+        rotate, rotate_inverse, layout = numbers.rotate, numbers.rotate_inverse, numbers.layout
+        n, TORQUES, DIRECTIONS = layout.n, layout.TORQUES, layout.DIRECTIONS
+        FIELD, OWN = numbers.on_stretch("input"), numbers.on_stretch("magnetisation")
+        FIELD_AT, TURNED, VARIED = numbers.at_place("field"), numbers.at_place("turned"), numbers.of_direction("input")
+        COSINE, SINE = layout.place["cosine"], layout.place["sine"]
+        THETA, TAU = layout.state["angles"], layout.state["torques"]
 
-    @wp.func
-    def magnetic_moment_variation(memory: memory_type, a: int, frame: Frame, v: Column, dphi: Vec3, dB: Vec3) -> Vec3:
-        """(18d) dl, along the axes of the base."""
-        B = row3(memory, a + wp.static(FIELD_AT))
-        mu = zero3()
-        dmu = zero3()
-        for i in range(wp.static(n)):
-            own = row3(memory, a + wp.static(TURNED + 3 * i))
-            mu = plus(mu, own)
-            if wp.static(i > 0):
-                dmu = plus(dmu, about_axis(own, part_of(v, wp.static(THETA + i - 1))))
-        return rotate(frame, plus(cross(dphi, cross(mu, B)), plus(cross(dmu, B), cross(mu, dB))))
+        @wp.func
+        def about_axis(mu: Vec3, turn: Real) -> Vec3:
+            """``e3 x mu`` times an angle."""
+            return Vec3(-turn * mu.y, turn * mu.x, fill(d(0.0)))
 
-    @wp.func
-    def magnetic_torque_variations(memory: memory_type, a: int, v: Column, dB: Vec3, f: wp.ref[Column]):
-        """(18d) What the field takes of dtau_i'."""
-        B = row3(memory, a + wp.static(FIELD_AT))
-        for i in range(1, wp.static(TORQUES + 1)):
-            at = wp.static(TAU + i - 1)
-            mu = row3(memory, a + wp.static(TURNED + 3 * i))
-            turned = torque_on(about_axis(mu, part_of(v, wp.static(THETA + i - 1))), B)
-            keep_in(f, at, part_of(f, at) - turned - torque_on(mu, dB))
+        @wp.func
+        def torque_on(mu: Vec3, B: Vec3) -> Real:
+            """(8d) ``(mu x B)_z``"""
+            return mu.x * B.y - mu.y * B.x
 
-    return SimpleNamespace(
-        magnetic_moment=magnetic_moment,
-        magnetic_torques=magnetic_torques,
-        magnetic_work=magnetic_work,
-        field_variation=field_variation,
-        magnetic_moment_variation=magnetic_moment_variation,
-        magnetic_torque_variations=magnetic_torque_variations,
-    )
+        @wp.func
+        def moment(memory: memory_type, z: int, a: int, s: Real, frame: Frame, p: Vec3) -> Vec3:
+            """(3d) Of all rods; the angles of the place must stand there already."""
+            B = rotate_inverse(frame, row3(memory, z + wp.static(FIELD)))
+            put3(memory, a + wp.static(FIELD_AT), B)
+            mu = row3(memory, z + wp.static(OWN))
+            put3(memory, a + wp.static(TURNED), mu)
+            for i in range(1, wp.static(n)):
+                own = row3(memory, z + wp.static(OWN + 3 * i))
+                c = row(memory, a + wp.static(COSINE + i))
+                s_ = row(memory, a + wp.static(SINE + i))
+                own = Vec3(c * own.x - s_ * own.y, s_ * own.x + c * own.y, own.z)
+                put3(memory, a + wp.static(TURNED + 3 * i), own)
+                mu = plus(mu, own)
+            return rotate(frame, cross(mu, B))
+
+        @wp.func
+        def torques(memory: memory_type, a: int, f: wp.ref[State]):
+            """(8d) What the field takes of tau_i'."""
+            B = row3(memory, a + wp.static(FIELD_AT))
+            for i in range(1, wp.static(TORQUES + 1)):
+                at = wp.static(TAU + i - 1)
+                keep(f, at, part(f, at) - torque_on(row3(memory, a + wp.static(TURNED + 3 * i)), B))
+
+        @wp.func
+        def energy(memory: memory_type, z: int, a: int, s: Real, frame: Frame, p: Vec3) -> Real:
+            """(14d) ``-mu . R^T B`` of all rods, since they stood across the field."""
+            B = row3(memory, a + wp.static(FIELD_AT))
+            total = fill(d(0.0))
+            for i in range(wp.static(n)):
+                total = total - dot(row3(memory, a + wp.static(TURNED + 3 * i)), B)
+            return total
+
+        @wp.func
+        def field_variation(memory: memory_type, a: int, g: int, frame: Frame, dphi: Vec3) -> Vec3:
+            """(18d) ``d(R^T B)``"""
+            dB = cross(row3(memory, a + wp.static(FIELD_AT)), dphi)
+            if wp.static(DIRECTIONS):
+                dB = plus(dB, rotate_inverse(frame, row3(memory, g + wp.static(VARIED))))
+            return dB
+
+        @wp.func
+        def moment_variation(
+            memory: memory_type, z: int, a: int, g: int, ds: Real, frame: Frame, v: Column, dphi: Vec3, dp: Vec3
+        ) -> Vec3:
+            """(18d) dl"""
+            B = row3(memory, a + wp.static(FIELD_AT))
+            dB = field_variation(memory, a, g, frame, dphi)
+            mu = zero3()
+            dmu = zero3()
+            for i in range(wp.static(n)):
+                own = row3(memory, a + wp.static(TURNED + 3 * i))
+                mu = plus(mu, own)
+                if wp.static(i > 0):
+                    dmu = plus(dmu, about_axis(own, part_of(v, wp.static(THETA + i - 1))))
+            return rotate(frame, plus(cross(dphi, cross(mu, B)), plus(cross(dmu, B), cross(mu, dB))))
+
+        @wp.func
+        def torque_variations(memory: memory_type, a: int, g: int, frame: Frame, v: Column, dphi: Vec3, f: wp.ref[Column]):
+            """(18d) What the field takes of dtau_i'."""
+            B = row3(memory, a + wp.static(FIELD_AT))
+            dB = field_variation(memory, a, g, frame, dphi)
+            for i in range(1, wp.static(TORQUES + 1)):
+                at = wp.static(TAU + i - 1)
+                mu = row3(memory, a + wp.static(TURNED + 3 * i))
+                turned = torque_on(about_axis(mu, part_of(v, wp.static(THETA + i - 1))), B)
+                keep_in(f, at, part_of(f, at) - turned - torque_on(mu, dB))
+
+        return SimpleNamespace(
+            moment=moment,
+            moment_variation=moment_variation,
+            torques=torques,
+            torque_variations=torque_variations,
+            energy=energy,
+        )
+
+    @classmethod
+    def loading(cls, grid: SimpleNamespace) -> SimpleNamespace:
+        memory_type, set_number, section_from = grid.memory_type, grid.set_number, grid.section_from
+        OWN, own_input = grid.on_stretch("magnetisation"), super().loading(grid)
+        load_input = own_input.stretch
+
+        @wp.func
+        def stretch(
+            rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, z: int, l: int, s: f64
+        ):
+            load_input(rods, call, case, memory, z, l, s)
+            for i in range(rods.end.shape[1]):
+                m = section_from(rods, call, case, i, s)
+                present = f64(1.0)
+                if m == rods.end.shape[2]:
+                    present = f64(0.0)
+                    m -= int(1)
+                for j in range(3):
+                    mu = present * rods.material[case.rods, i, m, wp.static(MAGNETISATION) + j] / case.force
+                    set_number(memory, z + wp.static(OWN) + 3 * i + j, l, mu)
+
+        return SimpleNamespace(stretch=stretch, direction=own_input.direction)

@@ -20,8 +20,8 @@ MOST_WARM = 8  # after which Newton's method begins anew, where members carry no
 HUGE = {wp.float64: 1e300, wp.float32: 1e37}
 
 
-def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> SimpleNamespace:
-    """(5m): the rod and its members share the strains, and carry force and moment together."""
+def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace, alone: SimpleNamespace) -> SimpleNamespace:
+    """(5m): the rod and its members share the strains, and carry force and moment together; ``alone`` is the rod without."""
     L, V = lanes(W, d), vectors(W, d)
     members = make_members(layout, W, d)
     newton = make_newton(layout, W, d, members)
@@ -29,14 +29,16 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
     Real, row, put, fill, any_less = L.Real, L.row, L.put, L.fill, L.any_less
     absolute, largest, where_less = L.absolute, L.largest, L.where_less
     Vec3, row3, put3, zero3 = V.Vec3, V.row3, V.put3, V.zero3
-    plus, minus, times, dot, ahead3 = V.plus, V.minus, V.times, V.dot, V.ahead3
+    minus, dot, ahead3 = V.minus, V.dot, V.ahead3
     memory_type = wp.array(dtype=d)
     state, column = L.few(layout.state.size), L.few(layout.column.size)
     State, Column, keep_in = state.type, column.type, column.keep
     SHEAR, NODES, m = layout.features.shear, layout.NODES, layout.STRAINS
     s, p, given = layout.stretch, layout.place, layout.given
-    COMPLIANCE, SHEAR_AT, UNIT_LENGTH = s["compliance"], s["shear"], s["unit_length"]
-    X, EXTENSION_AT, SYSTEM, OWN_TWIST = p["x"], p["extension"], p["system"], p["own_twist"]
+    UNIT_LENGTH = s["unit_length"]
+    X, EXTENSION_AT, SYSTEM, CURVATURE = p["x"], p["extension"], p["system"], p["curvature"]
+    MOMENT_AT, FORCE_AT = p["moment"], p["force"]
+    OWN_CURVATURE, TOTAL_MOMENT, OWN_MOMENT, OWN_FORCE = p["own_curvature"], p["total_moment"], p["own_moment"], p["own_force"]
     MEMBER_MOMENT, MEMBER_FORCE, UNANSWERED = p["member_moment"], p["member_force"], s["unanswered"]
     PLACES = members.places
     KNOWN_AT, STRAINS_AT, DRIFT, FIRST_OF_LAST = s["place"], s["strains"], s["drift"], s["strains"]
@@ -47,8 +49,7 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
     vector = L.few(m)
     Few, keep_one, one_of = vector.type, vector.keep, vector.part
     choose, write_vector = vector.where_less, vector.write
-    VARIED = (layout.VARIED or layout.DESIGN) and layout.DIRECTIONS
-    precurvature, precurvature_variation = law.precurvature, law.precurvature_variation
+    slid, free_strain, free_variation, free_energy = alone.slid, alone.free_strain, alone.strain_variation, alone.energy_rate
     Response, part_of_response, answer = members.Response, members.part_of_response, members.answer
     at_place, extension_at, compliances = members.at_place, members.extension_at, members.compliances
     drive_variation, put_pulls, put_slides = members.drive_variation, members.put_pulls, members.put_slides
@@ -115,24 +116,21 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
 
         The search for it begins where the last ones on this stretch lead, or where members carry nothing.
         """
-        u_star = precurvature(memory, z, 0, x)
-        if wp.static(NODES):
-            put(memory, a + wp.static(OWN_TWIST), u_star.z)
         if wp.static(ROUTED):
             at_place(memory, z, a, x)
         if wp.static(FRICTION):
             put_grips(memory, z, a, b, 0)
         c = compliances(memory, z)
-        free = plus(u_star, times(row3(memory, z + wp.static(COMPLIANCE)), M))
+        free = free_strain(memory, z, x, M)
         start = Few()
         keep_one(start, 0, free.x)
         keep_one(start, 1, free.y)
         keep_one(start, 2, free.z)
         if wp.static(SHEAR):
-            slid = times(row3(memory, z + wp.static(SHEAR_AT)), N)
-            keep_one(start, 3, slid.x)
-            keep_one(start, 4, slid.y)
-            keep_one(start, 5, slid.z)
+            extension = slid(memory, z, N)
+            keep_one(start, 3, extension.x)
+            keep_one(start, 4, extension.y)
+            keep_one(start, 5, extension.z)
         length = row(memory, z + wp.static(UNIT_LENGTH))
         one = fill(d(1.0))
         zero = fill(d(0.0))
@@ -220,11 +218,24 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
     def energy_rate(memory: memory_type, z: int, a: int, x: Real, b: State, M: Vec3, N: Vec3, u: Vec3) -> Real:
         """(14) Twice the energy per length, that of the members with it."""
         own = minus(M, row3(memory, a + wp.static(MEMBER_MOMENT)))
-        energy = dot(own, times(row3(memory, z + wp.static(COMPLIANCE)), own))
+        pull = N
         if wp.static(SHEAR):
             pull = minus(N, row3(memory, a + wp.static(MEMBER_FORCE)))
-            energy = energy + dot(pull, times(row3(memory, z + wp.static(SHEAR_AT)), pull))
+        energy = free_energy(memory, z, a, x, b, own, pull, u)
         return energy + d(2.0) * energy_of_members(memory, z, a, u, extension_at(memory, a))
+
+    @wp.func
+    def put_own(memory: memory_type, z: int, a: int, b: State):
+        """To the place: what the rod and its members carry together, and what the rod does itself."""
+        M = row3(memory, a + wp.static(MOMENT_AT))
+        put3(memory, a + wp.static(OWN_CURVATURE), row3(memory, a + wp.static(CURVATURE)))
+        put3(memory, a + wp.static(TOTAL_MOMENT), M)
+        put3(memory, a + wp.static(OWN_MOMENT), minus(M, row3(memory, a + wp.static(MEMBER_MOMENT))))
+        put3(
+            memory,
+            a + wp.static(OWN_FORCE),
+            minus(row3(memory, a + wp.static(FORCE_AT)), row3(memory, a + wp.static(MEMBER_FORCE))),
+        )
 
     @wp.func
     def moved(memory: memory_type, a: int, g: int) -> Real:
@@ -265,18 +276,15 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
             dM, dN = less_pulls(memory, a, g, v, dM, dN)
         if wp.static(ALONG):
             dM, dN = less_slide(memory, a, moved(memory, a, g), dM, dN)
-        c = times(row3(memory, z + wp.static(COMPLIANCE)), dM)
-        if wp.static(VARIED):
-            c = plus(c, precurvature_variation(memory, z, 0, row(memory, a + wp.static(X)), g))
+        c, extension = free_variation(memory, z, a, g, v, dM, dN)
         right = Few()
         keep_one(right, 0, c.x)
         keep_one(right, 1, c.y)
         keep_one(right, 2, c.z)
         if wp.static(SHEAR):
-            slid = times(row3(memory, z + wp.static(SHEAR_AT)), dN)
-            keep_one(right, 3, slid.x)
-            keep_one(right, 4, slid.y)
-            keep_one(right, 5, slid.z)
+            keep_one(right, 3, extension.x)
+            keep_one(right, 4, extension.y)
+            keep_one(right, 5, extension.z)
         q = solve(read_matrix(memory, a + wp.static(SYSTEM)), right)
         e = zero3()
         if wp.static(SHEAR):
@@ -315,6 +323,7 @@ def make_rod_with_members(layout: Layout, W: int, d, law: SimpleNamespace) -> Si
 
     return SimpleNamespace(
         strain=strain,
+        put_own=put_own,
         friction_rates=friction.rates,
         friction_variations=friction.variations,
         rates=rates,

@@ -31,8 +31,8 @@ def make_tube_friction(layout: Layout, W: int, d, law: SimpleNamespace, tubes: S
     # of the lines of a tube, in its own frame: how their moment changes along it, and by what of its own strains' change
     Tally, tally_one, tallied = tally.type, tally.keep, tally.part
     s, p = layout.stretch, layout.place
-    TORSION, BENDING, UNIT_LENGTH, PRESENT = s["torsion"], s["bending"], s["unit_length"], s["present"]
-    X, CURVATURE, TUBE_X, TUBE_Y, STIFFNESS = p["x"], p["curvature"], p["tube_x"], p["tube_y"], p["stiffness"]
+    TORSION, UNIT_LENGTH, PRESENT = s["torsion"], s["unit_length"], s["present"]
+    X, CURVATURE, TUBE_X, TUBE_Y = p["x"], p["curvature"], p["tube_x"], p["tube_y"]
     OWN_STRAINS, MEMBER_MOMENT, MEMBER_STIFFNESS = p["own_strains"], p["member_moment"], p["member_stiffness"]
     RATE_MOMENT = p["rate_moment"]
     TWIST_CHANGES, HELD_AT, GRIPS_AT = p["twist_changes"], p["grips"], layout.state["grips"]
@@ -48,21 +48,13 @@ def make_tube_friction(layout: Layout, W: int, d, law: SimpleNamespace, tubes: S
         tubes.pushed,
         tubes.turn_of,
     )
+    stiffened, slope = tubes.stiffened, tubes.slope
     over_carriers, unsettled, drive_variation = tubes.over_carriers, tubes.unsettled, tubes.drive_variation
 
     @wp.func
     def quarter(v: Vec3) -> Vec3:
         """J v"""
         return Vec3(-v.y, v.x, fill(d(0.0)))
-
-    @wp.func
-    def stiffened(memory: memory_type, z: int, a: int, i: int, v: Vec3) -> Vec3:
-        """K_i v_xy"""
-        if wp.static(ANISOTROPIC):
-            k = row3(memory, a + wp.static(STIFFNESS) + 3 * i)
-            return Vec3(k.x * v.x + k.y * v.y, k.y * v.x + k.z * v.y, fill(d(0.0)))
-        EI = row(memory, z + wp.static(BENDING) + i)
-        return Vec3(EI * v.x, EI * v.y, fill(d(0.0)))
 
     @wp.func
     def stiffness_turned(memory: memory_type, z: int, a: int, i: int, v: Vec3) -> Vec3:
@@ -93,13 +85,12 @@ def make_tube_friction(layout: Layout, W: int, d, law: SimpleNamespace, tubes: S
 
     @wp.func
     def by_angle(memory: memory_type, z: int, a: int, i: int, u: Vec3) -> Vec3:
-        """(L21) F_theta = J F - K J u, F = K u - b what tube i carries itself."""
+        """(L21) F_theta = J F - K J u, F = K u - b what tube i carries itself: its slope by the angle."""
         G = members_carry(memory, a, i)
-        c = Vec3(row(memory, a + wp.static(TUBE_X) + i) + G.x, row(memory, a + wp.static(TUBE_Y) + i) + G.y, fill(d(0.0)))
-        found = scaled(fill(d(-1.0)), quarter(c))
-        if wp.static(ANISOTROPIC):
-            found = minus(found, stiffened(memory, z, a, i, quarter(u)))
-        return found
+        cx = row(memory, a + wp.static(TUBE_X) + i) + G.x
+        cy = row(memory, a + wp.static(TUBE_Y) + i) + G.y
+        x, y = slope(memory, a, i, cx, cy, u.x, u.y)
+        return Vec3(-x, -y, fill(d(0.0)))
 
     # ---- lines of one tube ----
 

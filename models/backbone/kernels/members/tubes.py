@@ -26,7 +26,7 @@ def make_tubes_with_members(layout: Layout, W: int, d, law: SimpleNamespace, sev
     L, V = lanes(W, d), vectors(W, d)
     Real, row, put, fill, any_less = L.Real, L.row, L.put, L.fill, L.any_less
     absolute, largest, where_less = L.absolute, L.largest, L.where_less
-    Vec3, row3, put3, zero3, dot = V.Vec3, V.row3, V.put3, V.zero3, V.dot
+    Vec3, row3, put3, zero3, dot, minus = V.Vec3, V.row3, V.put3, V.zero3, V.dot, V.minus
     memory_type = wp.array(dtype=d)
     state, column = L.few(layout.state.size), L.few(layout.column.size)
     State, Column = state.type, column.type
@@ -55,12 +55,14 @@ def make_tubes_with_members(layout: Layout, W: int, d, law: SimpleNamespace, sev
         p["twist_changes"],
     )
     PULLS_AT, SLIDES_AT, PULLED, ROUTED = p["pulls"], p["slides"], layout.PULLED, layout.ROUTED
+    FORCE_AT, OWN_CURVATURE, TOTAL_MOMENT = p["force"], p["own_curvature"], p["total_moment"]
+    OWN_MOMENT, OWN_FORCE = p["own_moment"], p["own_force"]
     ALONG, DRIVES_VARY, FRICTION = layout.ROUTED and layout.DIRECTIONS, layout.DRIVES_VARY, layout.FRICTION
     LENGTHS, LENGTHS_AT, SLID = layout.LENGTHS > 0, layout.state["lengths"], p["slides"] + 3 * len(CARRIERS)
     THETA, TAU = layout.state["angles"], layout.state["torques"]  # of tube 2; a column's stand alike
     GIVEN_START, GROWTH, SHIFT = given["start"], given["growth"], given["shift"]
     precurvature = law.precurvature
-    bent, inner_torque = several.bent, several.inner_torque
+    bent, inner_torque, put_bent, put_free = several.bent, several.inner_torque, several.put_bent, several.put_own
     turned_variation, free_strain, free_rates = several.turned_variation, several.strain, several.rates
     free_variation, free_rate_variations, free_energy = (
         several.strain_variation,
@@ -289,10 +291,7 @@ def make_tubes_with_members(layout: Layout, W: int, d, law: SimpleNamespace, sev
             y = uy - from_y
             cx = row(memory, a + wp.static(TUBE_X) + i) - k.x * x - k.y * y
             cy = row(memory, a + wp.static(TUBE_Y) + i) - k.y * x - k.z * y
-            put(memory, a + wp.static(TUBE_X) + i, cx)
-            put(memory, a + wp.static(TUBE_Y) + i, cy)
-            put(memory, a + wp.static(SLOPE_X) + i, k.y * ux - k.x * uy - cy)
-            put(memory, a + wp.static(SLOPE_Y) + i, cx - k.y * uy + k.z * ux)
+            put_bent(memory, a, i, cx, cy, ux, uy)
 
     @wp.func
     def strain(memory: memory_type, z: int, a: int, x: Real, b: State, M: Vec3, N: Vec3) -> Vec3:
@@ -422,6 +421,37 @@ def make_tubes_with_members(layout: Layout, W: int, d, law: SimpleNamespace, sev
     def driven_work(memory: memory_type, z: int, a: int, u: Vec3) -> Real:
         """Work per length of what drives members."""
         return -work_of_all(memory, z, a)
+
+    # ---- (L15): what each tube has itself ----
+
+    def own_of(j: int, i: int, own: SimpleNamespace, rest):
+        @wp.func
+        def put(memory: memory_type, a: int):
+            at = a + wp.static(OWN_CURVATURE + 3 * i)
+            u = row3(memory, at)
+            put3(memory, at, Vec3(u.x, u.y, u.z + row(memory, a + wp.static(EXCESS + j))))
+            carried = turned(memory, a, wp.static(i), row3(memory, a + wp.static(MEMBER_MOMENT + 3 * j)))
+            put3(memory, a + wp.static(OWN_MOMENT + 3 * i), minus(row3(memory, a + wp.static(TOTAL_MOMENT + 3 * i)), carried))
+            pull = turned(memory, a, wp.static(i), row3(memory, a + wp.static(MEMBER_FORCE + 3 * j)))
+            put3(memory, a + wp.static(OWN_FORCE), minus(row3(memory, a + wp.static(OWN_FORCE)), pull))
+            rest(memory, a)
+
+        return put
+
+    @wp.func
+    def no_own(memory: memory_type, a: int):
+        """After the last."""
+
+    put_own_of_all = over_carriers(own_of, no_own)
+
+    @wp.func
+    def put_own(memory: memory_type, z: int, a: int, b: State):
+        """To the place: what each tube and its members have together, and what it has itself; its force is that of all tubes."""
+        put_free(memory, z, a, b)
+        for i in range(wp.static(n)):
+            put3(memory, a + wp.static(OWN_MOMENT + 3 * i), row3(memory, a + wp.static(TOTAL_MOMENT + 3 * i)))
+        put3(memory, a + wp.static(OWN_FORCE), row3(memory, a + wp.static(FORCE_AT)))
+        put_own_of_all(memory, a)
 
     # ---- (L18): columns ----
 
@@ -559,9 +589,11 @@ def make_tubes_with_members(layout: Layout, W: int, d, law: SimpleNamespace, sev
         """With the other rates."""
 
     own = {"bent": bent, "turned": turned, "turned_back": turned_back, "give": give, "pushed": pushed, "turn_of": turn_of}
+    own |= {"stiffened": several.stiffened, "slope": several.slope}
     own |= {"over_carriers": over_carriers, "unsettled": unsettled, "drive_variation": drive_variation}
     friction = make_tube_friction(layout, W, d, law, SimpleNamespace(**own)) if FRICTION else None
     return SimpleNamespace(
+        put_own=put_own,
         strain=strain,
         rates=rates,
         energy_rate=energy_rate,

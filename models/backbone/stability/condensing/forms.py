@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from multirod.kernels.shared import Shared
 from multirod.launch import record
 from multirod.models.backbone.nodes.node_pass import NodePass
+from multirod.models.backbone.passes.warp_types import Array, Launch, Struct
 from multirod.models.backbone.stability.condensing.by_nodes import compliance_form, condensed_form
 from multirod.models.backbone.stability.condensing.form_kernels import Form, make_form
 from multirod.models.backbone.stability.condensing.second_variation import CondensedForm, NodeColumns
@@ -49,7 +50,7 @@ class CompiledForm:
         tip: Of one that is held; None of a free one.
     """
 
-    def __init__(self, call: Any, size: int, rods: int, device: str, tip: HeldTip | None = None) -> None:
+    def __init__(self, call: Struct, size: int, rods: int, device: str, tip: HeldTip | None = None) -> None:
         state: Any = Form()
         self._state, self._tip, self._free, count = state, tip, size, len(call.column_arclength)
         state.arclength, state.configuration, state.momenta = call.column_arclength, call.node_columns, call.tip_columns
@@ -70,13 +71,14 @@ class CompiledForm:
         self._launch = record(make_form, count, [state], device)
 
     @property
-    def launch(self) -> Any:
+    def launch(self) -> Launch:
         """The recorded launch."""
         return self._launch
 
-    def array(self, name: str) -> Any:
+    def array(self, name: str) -> Array:
         """What kernels share with it: ``ends`` and ``unit``, which it is given, or what it finds."""
-        return self._shared[name].array
+        found: Array = self._shared[name].array
+        return found
 
     def want_all(self) -> None:
         """Have launches condense all instances."""

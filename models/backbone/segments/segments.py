@@ -1,4 +1,4 @@
-"""Segments of a backbone of one rod: the launches of its segment kernels, and its states' variations."""
+"""Segments of a backbone of one rod: its states and their variations, and what is left of these at the tip."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,12 +9,11 @@ import numpy as np
 import warp as wp
 
 from multirod.batch import IntArray
-from multirod.launch import record
-from multirod.models.backbone.kernels.integration.segments import SegmentCall, make_segment_kernel
 from multirod.models.backbone.kernels.layout.features import Features
-from multirod.models.backbone.kernels.layout.layout import Layout, breakpoint_state, of_whole, unknowns_of
+from multirod.models.backbone.kernels.layout.layout import breakpoint_state, of_whole, unknowns_of
 from multirod.models.backbone.passes.buffers import NODE_FIELDS, TOTALS
-from multirod.models.backbone.passes.lane_pass import deal, own, threads, width
+from multirod.models.backbone.passes.warp_types import Struct
+from multirod.models.backbone.segments.room import Room
 from multirod.models.backbone.stability.condensing.by_segments import form_by_segments
 from multirod.models.backbone.stability.condensing.second_variation import MOST_NODES, CondensedForm, segments_needed
 from multirod.models.backbone.stability.condensing.tensions import without_tensions
@@ -29,82 +28,7 @@ from multirod.validation import FloatArray
 if TYPE_CHECKING:
     from multirod.models.backbone.problem import BackboneProblem
 
-STEPS_ALLOWED = 16384  # of a segment: numbers that overflow on its equal steps would go on by ever shorter ones
 LOOKED_AT = 33  # nodes at which moments and forces are bounded
-WHOLE = ("instance", "at_tip", "steps", "fault")  # numbers of a segment
-FOUND = ("end_state", "columns", "fault", "energy", "work", "line_length")
-
-
-class Room:
-    """A recorded launch over up to ``capacity`` segments, and its arrays.
-
-    Args:
-        problem: Of the segments.
-        features: Of the kernel.
-        call: Its arguments; a copy is made, whose arrays are the same.
-        table: The rods.
-        capacity: Segments.
-        columns: By the states where segments begin; without any there are none by directions either.
-        directions: Along which there are columns.
-        given: Whether states at the base are given too.
-    """
-
-    def __init__(
-        self,
-        problem: "BackboneProblem",
-        features: Features,
-        call: Any,
-        table: Any,
-        capacity: int,
-        columns: int,
-        directions: int,
-        given: bool,
-    ) -> None:
-        self.call, self.table = own(call), table
-        device, lanes = problem.device, width("float64", problem.device)
-        call = self.call
-        if call.node_count == 0:  # else a segment's steps are those of a whole rod
-            call.step_limit = min(call.step_limit, STEPS_ALLOWED)
-        call.unknown_columns, call.direction_columns = columns, directions if columns else 0
-        memory = deal(call, Layout(features), problem.integrator, "float64", device, capacity, lanes, shared=call.node_count == 0)
-        shapes: dict[str, tuple[tuple[int, ...], Any]] = {name: ((capacity,), wp.int32) for name in WHOLE}
-        shapes |= {name: ((capacity,), wp.float64) for name in ("start", "end", "energy", "work")}
-        size, varied = breakpoint_state(features).size, unknowns_of(features).size
-        shapes |= {name: ((capacity, size), wp.float64) for name in ("state", "end_state")}
-        shapes["columns"] = ((capacity, varied + 3, columns + call.direction_columns), wp.float64)
-        shapes["line_length"] = ((capacity, problem.drive_count), wp.float64)
-        self._arrays = {name: wp.zeros(shape, dtype=kind, device=device) for name, (shape, kind) in shapes.items()}
-        self._views = {name: a.numpy() for name, a in self._arrays.items()} if wp.get_device(device).is_cpu else {}
-        self._count = 0  # of the last launch
-        self._seg: Any = SegmentCall()
-        self._seg.given = int(given)
-        for name, array in self._arrays.items():
-            setattr(self._seg, name, array)
-
-        def make() -> Any:
-            return make_segment_kernel(features, problem.integrator.tableau, lanes)
-
-        self._launch = record(make, threads(call, capacity), [table, call, memory, self._seg], device)
-
-    def run(self, count: int, given: dict[str, Any]) -> dict[str, Any]:
-        """What a launch over ``count`` segments finds, of each; ``given`` is what it is told of them."""
-        for name, array in self._arrays.items():
-            values = given.get(name, 0)
-            if self._views:
-                self._views[name][:count] = values
-            elif name in given:
-                array[:count].assign(np.ascontiguousarray(values).astype(array.numpy().dtype))
-            else:
-                array.zero_()
-        if count != self._count:
-            self._count = count
-            self._seg.instance = self._arrays["instance"][:count]
-            self._launch.set_param_at_index(3, self._seg)
-            self._launch.set_dim(threads(self.call, count))
-        self._launch.launch()
-        if self._views:
-            return {name: self._views[name][:count].copy() for name in FOUND}
-        return {name: self._arrays[name].numpy()[:count] for name in FOUND}
 
 
 class BackboneSegments(Segments):
@@ -120,7 +44,7 @@ class BackboneSegments(Segments):
 
     def __init__(self, problem: "BackboneProblem") -> None:
         self.problem = problem
-        self.table: Any = problem.table
+        self.table: Struct = problem.table
         self.features = replace(
             problem.features, segment=True, pose=True, pose_sensitivities=True, nodes=False, node_columns=False, lengths=False
         )
@@ -206,7 +130,7 @@ class BackboneSegments(Segments):
 
     # ---- launches ----
 
-    def _load(self, cuts: Cuts, level: FloatArray, call: Any) -> dict[str, Any]:
+    def _load(self, cuts: Cuts, level: FloatArray, call: Struct) -> dict[str, Any]:
         """Set the levels and unknowns of instances; what a launch over all segments is told of each of these."""
         levels, unknowns = call.load_factor.numpy(), call.unknowns.numpy()
         levels[cuts.instances] = level
@@ -223,13 +147,13 @@ class BackboneSegments(Segments):
     def propagate(self, cuts: Cuts, level: FloatArray) -> Propagation:  # noqa: D102
         return self._propagate(cuts, level, self.table)
 
-    def _launched(self, cuts: Cuts, level: FloatArray, table: Any) -> dict[str, Any]:
+    def _launched(self, cuts: Cuts, level: FloatArray, table: Struct) -> dict[str, Any]:
         """What a launch over all segments finds."""
         self.problem.heed_stop()
         count = len(cuts.start)
         return self._room(count, table).run(count, self._load(cuts, level, self._call))
 
-    def _propagate(self, cuts: Cuts, level: FloatArray, table: Any) -> Propagation:
+    def _propagate(self, cuts: Cuts, level: FloatArray, table: Struct) -> Propagation:
         call, d = self._call, self.variation_size
         found = self._launched(cuts, level, table)
         end, values = found["end_state"], found["columns"]
@@ -246,7 +170,7 @@ class BackboneSegments(Segments):
             fault=np.maximum.reduceat(found["fault"], cuts.first[:-1]),
         )
 
-    def _room(self, count: int, table: Any) -> Room:
+    def _room(self, count: int, table: Struct) -> Room:
         """Room for so many segments and more, kept for the next launch over about as many."""
         capacity = 1 << max(count - 1, 3).bit_length()
         room = self._rooms.get(capacity)
@@ -256,7 +180,7 @@ class BackboneSegments(Segments):
                 self._rooms[capacity] = room
         return room
 
-    def _make_room(self, features: Features, call: Any, table: Any, capacity: int, columns: int) -> Room:
+    def _make_room(self, features: Features, call: Struct, table: Struct, capacity: int, columns: int) -> Room:
         return Room(self.problem, features, call, table, capacity, columns, self.direction_count, self.given_at_base)
 
     # ---- results ----

@@ -1,0 +1,1 @@
+"""Segments of a backbone of one rod, end to end, for multiple shooting."""

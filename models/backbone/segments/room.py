@@ -1,0 +1,94 @@
+"""Launches of the segment kernels, and their arrays."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import warp as wp
+
+from multirod.launch import record
+from multirod.models.backbone.kernels.integration.segments import SegmentCall, make_segment_kernel
+from multirod.models.backbone.kernels.layout.features import Features
+from multirod.models.backbone.kernels.layout.layout import Layout, breakpoint_state, unknowns_of
+from multirod.models.backbone.passes.lane_pass import deal, own, threads, width
+from multirod.models.backbone.passes.warp_types import Struct
+
+if TYPE_CHECKING:
+    from multirod.models.backbone.problem import BackboneProblem
+
+STEPS_ALLOWED = 16384  # of a segment: numbers that overflow on its equal steps would go on by ever shorter ones
+WHOLE = ("instance", "at_tip", "steps", "fault")  # numbers of a segment
+FOUND = ("end_state", "columns", "fault", "energy", "work", "line_length")
+
+
+class Room:
+    """A recorded launch over up to ``capacity`` segments, and its arrays.
+
+    Args:
+        problem: Of the segments.
+        features: Of the kernel.
+        call: Its arguments; a copy is made, whose arrays are the same.
+        table: The rods.
+        capacity: Segments.
+        columns: By the states where segments begin; without any there are none by directions either.
+        directions: Along which there are columns.
+        given: Whether states at the base are given too.
+    """
+
+    def __init__(
+        self,
+        problem: "BackboneProblem",
+        features: Features,
+        call: Struct,
+        table: Struct,
+        capacity: int,
+        columns: int,
+        directions: int,
+        given: bool,
+    ) -> None:
+        self.call, self.table = own(call), table
+        device, lanes = problem.device, width("float64", problem.device)
+        call = self.call
+        if call.node_count == 0:  # else a segment's steps are those of a whole rod
+            call.step_limit = min(call.step_limit, STEPS_ALLOWED)
+        call.unknown_columns, call.direction_columns = columns, directions if columns else 0
+        memory = deal(call, Layout(features), problem.integrator, "float64", device, capacity, lanes, shared=call.node_count == 0)
+        shapes: dict[str, tuple[tuple[int, ...], Any]] = {name: ((capacity,), wp.int32) for name in WHOLE}
+        shapes |= {name: ((capacity,), wp.float64) for name in ("start", "end", "energy", "work")}
+        size, varied = breakpoint_state(features).size, unknowns_of(features).size
+        shapes |= {name: ((capacity, size), wp.float64) for name in ("state", "end_state")}
+        shapes["columns"] = ((capacity, varied + 3, columns + call.direction_columns), wp.float64)
+        shapes["line_length"] = ((capacity, problem.drive_count), wp.float64)
+        self._arrays = {name: wp.zeros(shape, dtype=kind, device=device) for name, (shape, kind) in shapes.items()}
+        self._views = {name: a.numpy() for name, a in self._arrays.items()} if wp.get_device(device).is_cpu else {}
+        self._count = 0  # of the last launch
+        self._seg: Any = SegmentCall()
+        self._seg.given = int(given)
+        for name, array in self._arrays.items():
+            setattr(self._seg, name, array)
+
+        self._launch = record(
+            lambda: make_segment_kernel(features, problem.integrator.tableau, lanes),
+            threads(call, capacity),
+            [table, call, memory, self._seg],
+            device,
+        )
+
+    def run(self, count: int, given: dict[str, Any]) -> dict[str, Any]:
+        """What a launch over ``count`` segments finds, of each; ``given`` is what it is told of them."""
+        for name, array in self._arrays.items():
+            values = given.get(name, 0)
+            if self._views:
+                self._views[name][:count] = values
+            elif name in given:
+                array[:count].assign(np.ascontiguousarray(values).astype(array.numpy().dtype))
+            else:
+                array.zero_()
+        if count != self._count:
+            self._count = count
+            self._seg.instance = self._arrays["instance"][:count]
+            self._launch.set_param_at_index(3, self._seg)
+            self._launch.set_dim(threads(self.call, count))
+        self._launch.launch()
+        if self._views:
+            return {name: self._views[name][:count].copy() for name in FOUND}
+        return {name: self._arrays[name].numpy()[:count] for name in FOUND}

@@ -1,0 +1,320 @@
+"""The seam for loads that depend on the configuration: loads that are not in the package, each a law and its numbers."""
+
+from types import SimpleNamespace
+from typing import ClassVar
+
+import numpy as np
+import pytest
+import warp as wp
+from scipy.integrate import solve_ivp
+
+import multirod as mr
+from multirod.models.backbone.kernels.layout.slots import Slot
+from multirod.models.backbone.kernels.numbers.lanes import add, div, mul, neg, sub  # noqa: F401  (operators: looked up by name)
+
+STIFFNESS, LENGTH = np.array([0.01, 0.015, 0.008]), 0.2
+PRECISE = mr.Shooting(tolerance=1e-10, integrator=mr.RK45(rtol=1e-12, atol=1e-14))
+FORCE = np.array([0.5, 0.3, -0.2])
+
+
+class Drag(mr.Load):
+    """``f = (c - b) (t . w) t + b w``: a fluid flows past slender rods with the velocity ``w``. By resistive force theory they
+    resist by c along their tangent ``t`` and by b across it. It has no energy."""
+
+    force = True
+    parameters: ClassVar = {"along": (1, -1), "across": (1, -1)}  # times a velocity, in units in which its speed is one
+    raised = ("along", "across")
+    flow = np.array([1.0, 0.5, -0.2])
+
+    def __init__(self, along, across):
+        self.numbers = along, across
+
+    def values(self, section):
+        return np.asarray(self.numbers)
+
+    @classmethod
+    def at_place(cls, n):
+        return [Slot("tangent", 3)]
+
+    @classmethod
+    def size(cls, sizes):
+        return np.full(sizes.problem.instance_count, 1.0)
+
+    @staticmethod
+    def law(numbers: SimpleNamespace) -> SimpleNamespace:
+        Real, Vec3, Frame, Column, memory_type = (
+            numbers.Real,
+            numbers.Vec3,
+            numbers.Frame,
+            numbers.Column,
+            numbers.memory_type,
+        )
+        row, fill, d, n = numbers.row, numbers.fill, numbers.d, numbers.layout.n
+        dot, scaled, ahead3, row3, put3 = numbers.dot, numbers.scaled, numbers.ahead3, numbers.row3, numbers.put3
+        tangent, rotate = numbers.tangent, numbers.rotate
+        ALONG, ACROSS, TANGENT = numbers.on_stretch("along"), numbers.on_stretch("across"), numbers.at_place("tangent")
+        X, Y, Z = Drag.flow.tolist()
+
+        @wp.func
+        def flow() -> Vec3:
+            return Vec3(fill(d(wp.static(X))), fill(d(wp.static(Y))), fill(d(wp.static(Z))))
+
+        @wp.func
+        def total(memory: memory_type, at: int) -> Real:
+            """Of all rods."""
+            value = row(memory, at)
+            for i in range(1, wp.static(n)):
+                value = value + row(memory, at + i)
+            return value
+
+        @wp.func
+        def force(memory: memory_type, z: int, a: int, s: Real, frame: Frame, p: Vec3) -> Vec3:
+            b = total(memory, z + wp.static(ACROSS))
+            t = tangent(frame)
+            put3(memory, a + wp.static(TANGENT), t)
+            return ahead3(scaled(b, flow()), (total(memory, z + wp.static(ALONG)) - b) * dot(t, flow()), t)
+
+        @wp.func
+        def force_variation(
+            memory: memory_type, z: int, a: int, g: int, ds: Real, frame: Frame, v: Column, dphi: Vec3, dp: Vec3
+        ) -> Vec3:
+            t = row3(memory, a + wp.static(TANGENT))
+            dt = rotate(frame, Vec3(dphi.y, -dphi.x, fill(d(0.0))))
+            more = total(memory, z + wp.static(ALONG)) - total(memory, z + wp.static(ACROSS))
+            return ahead3(scaled(more * dot(dt, flow()), t), more * dot(t, flow()), dt)
+
+        return SimpleNamespace(force=force, force_variation=force_variation)
+
+
+class Spring(mr.Load):
+    """``f = -k r (1 - h/sqrt(r^2 + h^2))``, ``r = p - (0, 0, s)``, and ``l = m (R e_x) x e_y``: springs between the rod and the
+    axis of its base, which push near it and pull far from it, and a keel that turns it; both have an energy."""
+
+    force = moment = by_place = conservative = True
+    parameters: ClassVar = {"stiffness": (1, -2), "rest": (0, 1), "keel": (1, 0)}
+    raised = ("stiffness", "keel")
+
+    def __init__(self, stiffness, rest, keel):
+        self.numbers = stiffness, rest, keel
+
+    def values(self, section):
+        return np.asarray(self.numbers)
+
+    @classmethod
+    def at_place(cls, n):
+        return [Slot("way", 3), Slot("arm", 3)]
+
+    @classmethod
+    def size(cls, sizes):
+        return np.full(sizes.problem.instance_count, 1.0)
+
+    @staticmethod
+    def law(numbers: SimpleNamespace) -> SimpleNamespace:
+        Real, Vec3, Frame, Column, memory_type = (
+            numbers.Real,
+            numbers.Vec3,
+            numbers.Frame,
+            numbers.Column,
+            numbers.memory_type,
+        )
+        row, fill, root, d = numbers.row, numbers.fill, numbers.root, numbers.d
+        dot, scaled, ahead3, cross, row3, put3 = (
+            numbers.dot,
+            numbers.scaled,
+            numbers.ahead3,
+            numbers.cross,
+            numbers.row3,
+            numbers.put3,
+        )
+        rotate = numbers.rotate
+        K, H, M = numbers.on_stretch("stiffness"), numbers.on_stretch("rest"), numbers.on_stretch("keel")
+        WAY, ARM = numbers.at_place("way"), numbers.at_place("arm")
+
+        @wp.func
+        def softened(r: Vec3, h: Real) -> Real:
+            """sqrt(r^2 + h^2), a length that is smooth on the axis."""
+            return root(dot(r, r) + h * h)
+
+        @wp.func
+        def force(memory: memory_type, z: int, a: int, s: Real, frame: Frame, p: Vec3) -> Vec3:
+            r = Vec3(p.x, p.y, p.z - s)
+            put3(memory, a + wp.static(WAY), r)
+            h = row(memory, z + wp.static(H))
+            return scaled(row(memory, z + wp.static(K)) * (h / softened(r, h) - d(1.0)), r)
+
+        @wp.func
+        def force_variation(
+            memory: memory_type, z: int, a: int, g: int, ds: Real, frame: Frame, v: Column, dphi: Vec3, dp: Vec3
+        ) -> Vec3:
+            r = row3(memory, a + wp.static(WAY))
+            dr = Vec3(dp.x, dp.y, dp.z - ds)
+            h = row(memory, z + wp.static(H))
+            size = softened(r, h)
+            k = row(memory, z + wp.static(K))
+            return ahead3(scaled(k * (h / size - d(1.0)), dr), -k * h * dot(r, dr) / (size * size * size), r)
+
+        @wp.func
+        def moment(memory: memory_type, z: int, a: int, s: Real, frame: Frame, p: Vec3) -> Vec3:
+            zero = fill(d(0.0))
+            arm = rotate(frame, Vec3(fill(d(1.0)), zero, zero))
+            put3(memory, a + wp.static(ARM), arm)
+            return scaled(row(memory, z + wp.static(M)), cross(arm, Vec3(zero, fill(d(1.0)), zero)))
+
+        @wp.func
+        def moment_variation(
+            memory: memory_type, z: int, a: int, g: int, ds: Real, frame: Frame, v: Column, dphi: Vec3, dp: Vec3
+        ) -> Vec3:
+            zero = fill(d(0.0))
+            dar = rotate(frame, Vec3(zero, dphi.z, -dphi.y))
+            return scaled(row(memory, z + wp.static(M)), cross(dar, Vec3(zero, fill(d(1.0)), zero)))
+
+        @wp.func
+        def energy(memory: memory_type, z: int, a: int, s: Real, frame: Frame, p: Vec3) -> Real:
+            r = Vec3(p.x, p.y, p.z - s)
+            h = row(memory, z + wp.static(H))
+            arm = row3(memory, a + wp.static(ARM))
+            stretched = d(0.5) * dot(r, r) - h * softened(r, h)
+            return row(memory, z + wp.static(K)) * stretched - row(memory, z + wp.static(M)) * arm.y
+
+        return SimpleNamespace(
+            force=force, force_variation=force_variation, moment=moment, moment_variation=moment_variation, energy=energy
+        )
+
+
+def drag_acts(p, R, s, along=1.5, across=4.0):
+    t = R[:, 2]
+    return (along - across) * (t @ Drag.flow) * t + across * Drag.flow, np.zeros(3)
+
+
+def spring_acts(p, R, s, stiffness=60.0, rest=0.03, keel=0.4):
+    r = p - [0, 0, s]
+    return stiffness * (rest / np.sqrt(r @ r + rest**2) - 1) * r, keel * np.cross(R[:, 0], [0, 1, 0])
+
+
+def both_act(p, R, s):
+    return tuple(sum(values) for values in zip(drag_acts(p, R, s), spring_acts(p, R, s), strict=True))
+
+
+DRAG, SPRING = Drag(1.5, 4.0), Spring(60.0, 0.03, 0.4)
+LAWS = {"drag": ((DRAG,), drag_acts), "springs and a keel": ((SPRING,), spring_acts), "both": ((DRAG, SPRING), both_act)}
+U_STAR = np.array([4.0, -2.0, 1.0])
+
+
+def rod(*loads: mr.Load, **properties) -> mr.Rod:
+    basic = {"length": LENGTH, "bending_stiffness": STIFFNESS[:2], "torsional_stiffness": STIFFNESS[2], "loads": loads}
+    return mr.Rod(**basic | {"precurvature": U_STAR} | properties)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_equilibrium_is_that_of_an_independent_integration(name):
+    loads, acts = LAWS[name]
+    robot = mr.SingleRod(rod(*loads))
+    solution = mr.solve(robot, robot.inputs(tip_force=FORCE), solver=PRECISE)
+    assert solution.status == mr.Status.CONVERGED
+
+    def rates(s, y):
+        R, m, n = y[3:12].reshape(3, 3), y[12:15], y[15:]
+        f, l = acts(y[:3], R, s)
+        u = U_STAR + R.T @ m / STIFFNESS
+        spin = np.array([[0, -u[2], u[1]], [u[2], 0, -u[0]], [-u[1], u[0], 0]])
+        return np.concatenate([R[:, 2], (R @ spin).ravel(), -np.cross(R[:, 2], n) - l, -f])
+
+    moment = STIFFNESS * (solution.unknowns[:3] - U_STAR)
+    start = np.concatenate([np.zeros(3), np.eye(3).ravel(), moment, STIFFNESS[:2].max() / LENGTH * solution.unknowns[3:]])
+    end = solve_ivp(rates, (0, LENGTH), start, method="DOP853", rtol=1e-12, atol=1e-14).y[:, -1]
+    np.testing.assert_allclose(end[15:], FORCE, atol=1e-8)
+    np.testing.assert_allclose(end[12:15], 0, atol=1e-9)
+    np.testing.assert_allclose(solution.tip_position, end[:3], atol=1e-10)
+    free = mr.SingleRod(rod())
+    assert np.linalg.norm(mr.solve(free, free.inputs(tip_force=FORCE)).tip_position - end[:3]) > 0.01  # the load does something
+
+
+def sheathed() -> mr.ConcentricTubes:
+    """Tubes, each with a load of its own."""
+    outer = rod(Drag(0.5, 1.0), length=0.14, bending_stiffness=0.03, torsional_stiffness=0.02, precurvature=(0, 9.0, 0))
+    return mr.ConcentricTubes([rod(DRAG), outer])
+
+
+SCENES = {
+    "drag": (lambda: mr.SingleRod(rod(DRAG)), {"rotation": 0.3, "translation": 0.01}),
+    "springs that shear": (
+        lambda: mr.SingleRod(rod(SPRING, shear_stiffness=40.0, axial_stiffness=90.0)),
+        {"rotation": 0.3, "translation": 0.01},
+    ),
+    "both": (lambda: mr.SingleRod(rod(DRAG, SPRING)), {"distributed_force": (0.1, 0.2, 0.3), "translation": 0.01}),
+    "tubes": (sheathed, {"rotation": (0.3, 1.2), "translation": (-0.03, -0.01)}),
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_gamma_and_input_columns_are_exact(name):
+    make, inputs = SCENES[name]
+    robot = make()
+    options = robot.input_directions("translation")
+    given = robot.inputs(tip_force=FORCE, **inputs)
+    problem = robot.problem(given, integrator=mr.RK45(steps=20), pose_sensitivities=True, **options)
+    x = problem.guess() + 0.3 * np.sin(1 + np.arange(problem.unknown_count))
+    problem.write("unknowns", x)
+    columns, pose = problem.input_columns("translation")
+    _, gamma = problem.evaluate(x)
+    h = 1e-6
+    for k, e in enumerate(np.eye(problem.unknown_count)):
+        difference = (problem.evaluate(x + h * e)[0] - problem.evaluate(x - h * e)[0])[0] / (2 * h)
+        np.testing.assert_allclose(gamma[0, :, k], difference, atol=1e-7 * max(1.0, np.abs(gamma[0, :, k]).max()))
+    rows, place = problem.read("inputs"), problem.input_slice("translation")
+    for k in range(place.start, place.stop):
+        ends = []
+        for sign in (1, -1):
+            changed = rows.copy()
+            changed[:, k] += sign * h
+            problem.write("inputs", changed)
+            ends.append((problem.evaluate(x)[0], problem.read("position")))
+        rate, moved = ((a - b)[0] / (2 * h) for a, b in zip(*ends, strict=True))
+        np.testing.assert_allclose(columns[0, :, k - place.start], rate, atol=1e-6 * max(1.0, np.abs(rate).max()))
+        np.testing.assert_allclose(pose[0, :3, k - place.start], moved, atol=1e-7)
+
+
+def test_energy_changes_with_the_force_by_the_tip():
+    robot = mr.SingleRod(rod(SPRING))
+    h = 1e-4
+
+    def at(force):
+        return mr.solve(robot, robot.inputs(tip_force=force), solver=PRECISE)
+
+    tip = at(FORCE).tip_position
+    slopes = [(at(FORCE + h * e).potential - at(FORCE - h * e).potential) / (2 * h) for e in np.eye(3)]
+    np.testing.assert_allclose(slopes, -tip, atol=1e-7)
+
+
+def test_a_batch_is_what_each_is_alone_and_single_precision_agrees():
+    robot = mr.SingleRod(rod(DRAG, SPRING))
+    forces = FORCE * np.linspace(-1, 1, 5)[:, None]
+    batch = mr.solve(robot, robot.inputs(tip_force=forces))
+    alone = mr.solve(robot, robot.inputs(tip_force=forces[1:2]))
+    np.testing.assert_array_equal(batch.tip_position[1], alone.tip_position[0])
+    single = mr.solve(robot, robot.inputs(tip_force=forces), solver=mr.Shooting(integrator=mr.RK4(50, precision="float32")))
+    np.testing.assert_allclose(single.tip_position, batch.tip_position, atol=1e-5 * LENGTH)
+
+
+def test_what_is_not_known_is_not_said():
+    robot = mr.SingleRod(rod(DRAG))
+    solution = mr.solve(robot, robot.inputs(tip_force=FORCE))
+    assert str(solution.stability) == "UNKNOWN"
+    assert np.isnan(solution.potential)
+
+
+def test_where_loads_are_not_modelled_they_are_refused(tmp_path):
+    poses = np.tile(np.eye(4), (2, 1, 1))
+    with pytest.raises(ValueError, match=r"legs\[0\] = .* must have no foundation and no loads of its own"):
+        mr.ParallelRods(legs=[rod(DRAG), rod(DRAG)], base=poses, platform=poses)
+    with pytest.raises(ValueError, match=r"HeldRod.rod = .* must have no foundation and no loads of its own"):
+        mr.HeldRod(rod(DRAG), end=poses[0])
+    with pytest.raises(ValueError, match=r"Rod.loads = .* must be one of each kind"):
+        rod(DRAG, DRAG)
+    with pytest.raises(ValueError, match=r"Rod.loads = .* must be a list of Load"):
+        rod("drag")
+    with pytest.raises(ValueError, match=r"no loads of other classes"):
+        mr.SingleRod(rod(DRAG)).save(tmp_path / "robot.toml")
+    robot = mr.SingleRod(rod(DRAG))
+    with pytest.raises(ValueError, match=r"Rod.loads is not 0, must be 0: a segment does not know"):
+        mr.solve(robot, solver=mr.MultipleShooting())
