@@ -4,9 +4,11 @@ import re
 
 import numpy as np
 import pytest
+from benchmarks import network_estimates
 from measured_rods import MeasuredRod, turned_by
 
 import multirod as mr
+from multirod.tasks.estimating.inference import damping
 
 POSITION, ANGLE = 1e-4, np.radians(0.1)  # of the sensor: 0.1 mm, 0.1 degree
 SIGMA = 0.25  # of the prior [N]
@@ -270,3 +272,26 @@ def test_bad_priors(options, message):
     with pytest.raises(ValueError, match=message):
         mr.Prior(0, **options)
     assert re.match(r"Prior\(0.0, sigma=0.25\)", repr(PRIOR["tip_force"]))
+
+
+def test_a_sharp_pose_alone_tells_forces_on_a_chain():
+    """The valley of the squares is narrow and bent: steps are damped there. By halving alone 18 of these 20 are found."""
+    robot, known = network_estimates.chain()
+    force, seen = network_estimates.draw(robot, known, 0.1, 20)
+    found = network_estimates.estimated(robot, known, seen, (5e-4, 5e-3), 0.25, 30).raise_if_failed()
+    # of a pose without noise the misfit is the prior's: at most that of the forces themselves, and a hundredth more
+    assert (found.misfit <= (force**2).sum(axis=(1, 2)) / 0.25**2 + 0.01).all()
+    assert found.integrations.max() <= 35  # of which 21 or 22 find the start
+
+
+def test_a_damped_step_is_as_long_as_it_is_to_be():
+    """(16), against the least-squares problem itself."""
+    random = np.random.default_rng(2)
+    J, r, root = random.normal(size=(3, 7, 4)), random.normal(size=(3, 7)), 0.1 * random.normal(size=(3, 4, 4))
+    away, unit, part = random.normal(size=(3, 4)), random.uniform(0.5, 2, (3, 4)), np.array([0.5, 0.1, 1e-3])
+    mu = damping(J, r, root, away, unit, part)
+    for k in range(3):
+        rows = np.concatenate([J[k], root[k]]) * unit[k]
+        sides = np.concatenate([r[k], root[k] @ away[k]])
+        whole, damped = (np.linalg.solve(rows.T @ rows + m * np.eye(4), rows.T @ sides) for m in (0.0, mu[k]))
+        np.testing.assert_allclose(np.linalg.norm(damped), part[k] * np.linalg.norm(whole), rtol=1e-6)

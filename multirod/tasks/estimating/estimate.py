@@ -21,7 +21,7 @@ from multirod.solver import Outcome, Solver, refuse_unfit
 from multirod.stability import Stability, modes_of
 from multirod.status import Status, failures
 from multirod.tasks.estimating.bounded import Bounds
-from multirod.tasks.estimating.inference import kept, posterior, principal, roots, units
+from multirod.tasks.estimating.inference import damping, deviations, kept, posterior, principal, roots, units
 from multirod.tasks.estimating.priors import Prior
 from multirod.tasks.formulation import Evaluation, freed, places_of, with_values
 from multirod.tasks.limits import freed_labels, known_rows
@@ -34,12 +34,14 @@ SETTLED = 1e-2  # standard deviations: a step that is less adds 1e-4 to the erro
 TOLERANCE = 1e-8  # of the curvatures that arise: moves a tip by 1e-8 of its length
 SEEN = 0.5  # of the prior's variance: where more is kept, the prior says more than the measurements
 HALVINGS = 8
+LIKELY = 3.0  # standard deviations of the priors, beyond which no step goes once one has not come off
+EPSILON = float(np.finfo(np.float64).eps)
 SHARPEST = 20.0  # residuals of a step that is taken, over the curvatures that arise
 ROUNDED = 1e-9  # of the largest of some numbers, what is not shown
 FORCES = ("tip_force", "follower_force")  # whose covariance can be drawn
 RESTORED = 0.5  # of the residual: a step that leaves no more of it is taken too
 SLACK = 1e-9  # of the squares' sum, that rounding may add
-PLACE = ("x", "p", "square", "gap", "towards", "by", "step", "covariance")
+PLACE = ("x", "p", "square", "gap", "towards", "by", "step", "covariance", "J", "r")
 
 
 class Estimate(Generic[Robot_co]):
@@ -279,7 +281,8 @@ class Known:
 class Part:
     """Some instances: Gauss-Newton steps in the freed inputs, the unknowns eliminated, one integration each.
 
-    ``towards`` and ``by`` say where the equilibrium goes with a step, (2); ``step`` is the one that is tried next.
+    ``towards`` and ``by`` say where the equilibrium goes with a step, (2); ``step`` is the one that is tried next, of whose
+    no more than ``part`` is gone, (16), as it did not come off or the last did not; ``J`` and ``r`` are what it was planned by.
     """
 
     def __init__(
@@ -304,7 +307,10 @@ class Part:
         self.towards, self.by = np.zeros((self.count, n)), np.zeros((self.count, n, k))
         self.step, self.covariance = np.zeros((self.count, k)), np.full((self.count, k, k), np.nan)
         self.square, self.gap = np.full((2, self.count), np.inf)
+        rows = self.measured.known.shape[1]
+        self.J, self.r = np.zeros((self.count, rows, k)), np.zeros((self.count, rows))
         self.part = np.ones(self.count)
+        self.shortened, self.returned = np.zeros((2, self.count), dtype=np.intp)  # how often it was, since it came off
         self.restoring, self.based = np.zeros((2, self.count), dtype=bool)
         self.base = {name: np.array(getattr(self, name)) for name in PLACE}
         self.base_part = np.ones(self.count)
@@ -368,9 +374,12 @@ class Part:
         """One integration where the next step leads; which instances go on."""
         part = np.where(active, self.part, 0.0)[:, None]
         still = self.restoring[:, None]
-        along, step = np.where(still, part, part > 0), np.where(still, 0.0, part)
-        x = self.x + np.where(along > 0, along * self.towards, 0.0) + step * (self.by @ self.step[..., None])[..., 0]
-        p = self.bounds.kept(self.p + step * self.step, self.p)
+        along, step = np.where(still, part, part > 0), np.where(still | ~active[:, None], 0.0, self.step)
+        short = np.flatnonzero(active & ~self.restoring & (self.part < 1))
+        if len(short):
+            step[short] = self._damped(short)
+        x = self.x + np.where(along > 0, along * self.towards, 0.0) + (self.by @ step[..., None])[..., 0]
+        p = self.bounds.kept(self.p + step, self.p)
         chosen = np.flatnonzero(active)
         found = self.task.evaluate(x, p, active)
         self.outcome.iterations[chosen] += 1
@@ -378,6 +387,15 @@ class Part:
         go_on = self._take(chosen, x[chosen], p[chosen], found)
         self.outcome.status[active & ~go_on & (self.outcome.status == Status.NOT_RUN)] = Status.STALLED
         return go_on
+
+    def _damped(self, own: NDArray[np.intp]) -> FloatArray:
+        """(16) Their steps, as long as ``part`` of those planned; shape (b, k)."""
+        J, r, root, away = self.J[own], self.r[own], self.root[own], self.p[own] - self.mean[own]
+        unit = units(J, self.prior[own])
+        damped = np.sqrt(damping(J, r, root, away, unit, self.part[own]))[:, None, None] * np.eye(J.shape[2]) / unit[:, None]
+        rows, sides = np.concatenate([J, damped], axis=1), np.concatenate([r, np.zeros(away.shape)], axis=1)
+        told = rows, sides, root, away, unit
+        return self.bounds.step(posterior(*told), self.p[own], told)[0]
 
     def _take(self, chosen: NDArray[np.intp], x: FloatArray, p: FloatArray, found: Evaluation) -> NDArray[np.bool_]:
         """Take a step that came off, and plan the next; which of all instances go on."""
@@ -396,18 +414,32 @@ class Part:
         planned = posterior(*told)
         step, length = self.bounds.step(planned, p[came_off], told)
         towards, by = found.take(came_off).eliminated
+        unit, was = told[4], self.step[own]
+        longer = np.linalg.norm(step / unit, axis=1) / np.maximum(np.linalg.norm(was / unit, axis=1), EPSILON)
         self.x[own], self.p[own], self.square[own], self.gap[own] = x[came_off], p[came_off], square[came_off], gap[came_off]
+        self.J[own], self.r[own] = J[came_off], r[came_off]
         self.towards[own], self.by[own], self.step[own], self.covariance[own] = towards, by, step, planned.covariance
         settled = (length <= SETTLED) & (gap[came_off] <= self.tolerance[own])
         self.outcome.status[own[settled]] = Status.CONVERGED
-        self.part[own] = np.minimum(1.0, 2 * self.part[own])
-        self.part[chosen[~came_off]] /= 2
+        free = (self.part[own] == 1) | self.restoring[own]
+        self.part[own] = np.where(free, 1.0, np.minimum(1.0, 2 * self.part[own] / np.maximum(longer, EPSILON)))
+        self._shorten(chosen[~came_off])
+        self.shortened[own] = 0
         go_on = np.zeros(self.count, dtype=bool)
         go_on[chosen] = True
         go_on[own[settled]] = False
         self._rest(own[~settled], go_on)
         self._restore(chosen[~came_off], go_on)
         return go_on
+
+    def _shorten(self, own: NDArray[np.intp]) -> None:
+        """Half as far, and no farther than what the priors make likely: where rods buckle, the first step may lead far beyond."""
+        gone = self.part[own] * np.linalg.norm(
+            self.step[own] / deviations(self.prior[own]), axis=1
+        )  # none where nothing is known
+        likely = np.where(self.restoring[own], 1.0, LIKELY / np.maximum(gone, LIKELY))
+        self.part[own] *= np.minimum(0.5, likely)
+        self.shortened[own] += 1
 
     def _rest(self, own: NDArray[np.intp], go_on: NDArray[np.bool_]) -> None:
         """Those that are at an equilibrium now go on from there, or from the last one, where (1) was less."""
@@ -417,14 +449,15 @@ class Part:
         own = own[~worse]
         self.part[own] = np.where(self.restoring[own], 1.0, self.part[own])
         self.restoring[own], self.based[own], self.base_part[own] = False, True, self.part[own]
+        self.returned[own] = 0
         for name, values in self.base.items():
             values[own] = getattr(self, name)[own]
 
     def _restore(self, own: NDArray[np.intp], go_on: NDArray[np.bool_]) -> None:
         """Those whose step did not come off, however short: where it began at no equilibrium, that is sought, ``p`` as it is."""
-        short = own[self.part[own] < 0.5**HALVINGS]
+        short = own[self.shortened[own] > HALVINGS]
         sought = ~self.restoring[short] & (self.gap[short] > self.tolerance[short]) & np.isfinite(self.gap[short])
-        self.restoring[short[sought]], self.part[short[sought]] = True, 1.0
+        self.restoring[short[sought]], self.part[short[sought]], self.shortened[short[sought]] = True, 1.0, 0
         short = short[~sought]
         back = self.restoring[short] & self.based[short]
         go_on[short[~back]] = False
@@ -435,8 +468,9 @@ class Part:
         for name, values in self.base.items():
             getattr(self, name)[own] = values[own]
         self.base_part[own] /= 4
-        self.part[own], self.restoring[own] = self.base_part[own], False
-        go_on[own] = self.part[own] >= 0.5**HALVINGS
+        self.returned[own] += 2
+        self.part[own], self.restoring[own], self.shortened[own] = self.base_part[own], False, 0
+        go_on[own] = self.returned[own] <= HALVINGS
 
 
 def _joined(scene: Known, pieces: Sequence[Part]) -> Estimate[Any]:

@@ -10,6 +10,8 @@ import numpy as np
 from multirod.validation import FloatArray
 
 UNSEEN = 1e-10  # of the largest singular value, each number in its unit: what is less is not determined at all
+BISECTIONS = 30  # of the damping
+MILDEST = 1e-12  # damping that is looked at first, over the largest there may be
 SHARE = 1e-6  # of a direction that is not determined, from which on a number that takes part in it is not
 
 
@@ -73,6 +75,26 @@ def posterior(J: FloatArray, r: FloatArray, root: FloatArray, away: FloatArray, 
         across = np.arange(lost.shape[1])
         covariance[:, across, across] = np.where(lost, np.inf, covariance[:, across, across])
     return Posterior((scaled @ along[..., None])[..., 0] * unit, covariance, np.sqrt((along**2).sum(axis=1)))
+
+
+def damping(J: FloatArray, r: FloatArray, root: FloatArray, away: FloatArray, unit: FloatArray, part: FloatArray) -> FloatArray:
+    """(16) ``mu`` (b,) by which the step of ``posterior`` is so many times as long as without, ``part`` (b,), below 1."""
+    left, size, _ = np.linalg.svd(np.concatenate([J, root], axis=1) * unit[:, None, :], full_matrices=False)
+    sides = np.concatenate([r, (root @ away[..., None])[..., 0]], axis=1)
+    along = (np.swapaxes(left, 1, 2) @ sides[..., None])[..., 0]
+    size = np.where(size > UNSEEN * size[:, :1], size, np.inf)
+
+    def length(mu: FloatArray) -> FloatArray:
+        return np.asarray(np.linalg.norm(along / (size + mu[:, None] / size), axis=1))
+
+    # by so much damping it is shorter than wanted: size^2 + mu is at least size^2 / part
+    low, high = np.zeros(len(part)), size.max(axis=1, where=np.isfinite(size), initial=0.0) ** 2 / part
+    wanted = part * length(low)
+    for _ in range(BISECTIONS):
+        middle = np.where(low > 0, np.sqrt(low * high), MILDEST * high)
+        long = length(middle) > wanted
+        low, high = np.where(long, middle, low), np.where(long, high, middle)
+    return np.asarray(high)
 
 
 def kept(covariance: FloatArray, prior: FloatArray) -> FloatArray:
