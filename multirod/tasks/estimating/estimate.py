@@ -282,7 +282,7 @@ class Part:
     """Some instances: Gauss-Newton steps in the freed inputs, the unknowns eliminated, one integration each.
 
     ``towards`` and ``by`` say where the equilibrium goes with a step, (2); ``step`` is the one that is tried next, of whose
-    no more than ``part`` is gone, (16), as it did not come off or the last did not; ``J`` and ``r`` are what it was planned by.
+    length ``part`` is gone, (16), less than all where one did not come off; ``J`` and ``r`` are what it was planned by.
     """
 
     def __init__(

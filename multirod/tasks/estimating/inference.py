@@ -87,7 +87,7 @@ def damping(J: FloatArray, r: FloatArray, root: FloatArray, away: FloatArray, un
     def length(mu: FloatArray) -> FloatArray:
         return np.asarray(np.linalg.norm(along / (size + mu[:, None] / size), axis=1))
 
-    # by so much damping it is shorter than wanted: size^2 + mu is at least size^2 / part
+    # by so much damping no component is more than that part of itself
     low, high = np.zeros(len(part)), size.max(axis=1, where=np.isfinite(size), initial=0.0) ** 2 / part
     wanted = part * length(low)
     for _ in range(BISECTIONS):
