@@ -427,3 +427,24 @@ def test_a_node_where_a_part_of_the_rod_has_a_mode_hides_no_stability(round_colu
     assert again.stability is mr.Stability.STABLE
     # the form is as soft as the column is near its critical load, and RK4(60) errs by 1e-6 of that
     assert again.stability_margin == pytest.approx(found.stability_margin, rel=1e-2)
+
+
+@pytest.mark.parametrize("stiffness", [EI, (4 * EI, EI)], ids=["round", "strip"])
+@pytest.mark.parametrize("joint", ["clamped", "spherical"])
+def test_a_rod_that_is_pushed_out_is_a_longer_one(stiffness, joint):
+    """Between the same ends; and reaches so far, no farther."""
+    rods = [mr.Rod(length=length, bending_stiffness=stiffness, torsional_stiffness=0.015) for length in (LENGTH, 1.1 * LENGTH)]
+    short, longer = (mr.HeldRod(rod, joint=joint) for rod in rods)
+    pushed = mr.solve(short, short.inputs(translation=0.1 * LENGTH)).raise_if_failed()
+    expected = mr.solve(longer, longer.inputs(end_position=(0, 0, -0.1 * LENGTH))).raise_if_failed()
+    assert pushed.stability is expected.stability is mr.Stability.STABLE
+    shapes = pushed.rod(0), expected.rod(0)
+    np.testing.assert_allclose(shapes[0].position, shapes[1].position, rtol=0, atol=1e-6 * LENGTH)  # as both are integrated
+    for translation, end, status in (
+        (0.1, 0.08, mr.Status.CONVERGED),
+        (0.1, 0.12, mr.Status.OUT_OF_REACH),
+        (-0.1, -0.12, mr.Status.CONVERGED),
+        (-0.1, -0.08, mr.Status.OUT_OF_REACH),
+    ):
+        inputs = short.inputs(translation=translation * LENGTH, end_position=(0, 0, end * LENGTH))
+        assert mr.solve(short, inputs).status is status

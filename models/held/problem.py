@@ -558,6 +558,10 @@ class HeldProblem(BoundaryProblem):
         turn += np.linalg.norm(self.table.rest_turn.numpy(), axis=1)
         return np.asarray(turn + np.abs(inputs[:, 0]))
 
+    def length_in_use(self) -> FloatArray:
+        """Of the rod, from its base on, by which ``translation`` it is pushed out [m], shape (instance_count,)."""
+        return np.asarray(self.length + self.read("inputs")[:, self.input_slice("translation")][:, 0])
+
     def out_of_reach(self) -> NDArray[np.bool_]:
         """(17) As said: of a rod that neither stretches nor shears, whose length is all that its line can have."""
         features = self.rod.features
@@ -568,7 +572,7 @@ class HeldProblem(BoundaryProblem):
         if self.holders.slide is not None:
             along = frame @ self.holders.slide
             away = away - (away * along).sum(axis=1)[:, None] * along
-        return np.asarray(np.linalg.norm(away, axis=1) > (1 + TAUT) * self.length)
+        return np.asarray(np.linalg.norm(away, axis=1) > (1 + TAUT) * self.length_in_use())
 
     def curvature_scale(self) -> FloatArray:  # noqa: D102
         return np.maximum(self.rod.curvature_scale(), self.turning_angle() / self.length)

@@ -77,7 +77,7 @@ def bent_rods(problem: "HeldProblem", unknowns: FloatArray) -> Start:
     softer axis, others about that about which the end is turned, if it is across the axis of the base, else about y: so that the
     moment at the base of a column that buckles is about the positive axis.
     """
-    length = problem.length[:, None]
+    length = problem.length_in_use()[:, None]
     turn = problem.read("inputs")[:, problem.input_slice("end_rotation")] + problem.table.rest_turn.numpy()
     across = np.einsum("bji,bj->bi", problem.base_frame, turn) * [1.0, 1.0, 0.0]
     size = np.linalg.norm(across, axis=1)[:, None]
@@ -105,7 +105,8 @@ def bent_rods(problem: "HeldProblem", unknowns: FloatArray) -> Start:
 def _buckled(problem: "HeldProblem", axis: FloatArray, stiffness: FloatArray, size: FloatArray) -> FloatArray:
     """(23) Unknowns (instance_count, n) of rods that buckle about an axis (instance_count, 3), about which they are as stiff,
     (instance_count, 1), ``size`` (instance_count, 1) the root of what they are shortened by."""
-    holders, m, length = problem.holders, problem.rod.unknown_count, problem.length[:, None]
+    holders, m = problem.holders, problem.rod.unknown_count
+    whole, length = problem.length[:, None], problem.length_in_use()[:, None]
     free = [_turns(kind, own, axis) for kind, own in ((holders.base_joint, holders.base_axis), (holders.joint, holders.axis))]
     result = np.zeros((problem.instance_count, problem.unknown_count))
     for (base, end), mode in MODES.items():
@@ -113,9 +114,10 @@ def _buckled(problem: "HeldProblem", axis: FloatArray, stiffness: FloatArray, si
         unit = (stiffness / problem.stiffness[:, None] / length)[chosen]
         own, about = np.zeros((len(unit), problem.unknown_count)), size[chosen] * axis[chosen]
         own[:, :3] = mode.base_moment * unit * about
-        own[:, m - 3 : m] = (mode.base_moment - mode.tip_moment) * unit * cross(about, np.array([0.0, 0.0, 1.0]))
-        own[:, m - 1] -= mode.thrust * unit[:, 0]
-        own[:, m:] = mode.base_turn * (about @ holders.base_axes.T) / length[chosen]
+        pushed = unit * (whole / length)[chosen]
+        own[:, m - 3 : m] = (mode.base_moment - mode.tip_moment) * pushed * cross(about, np.array([0.0, 0.0, 1.0]))
+        own[:, m - 1] -= mode.thrust * pushed[:, 0]
+        own[:, m:] = mode.base_turn * (about @ holders.base_axes.T) / whole[chosen]
         result[chosen] = own
     return result
 

@@ -170,8 +170,9 @@ def make_steps(layout: Layout, memory: Memory, tableau: Tableau, rate: SimpleNam
             if wp.static(i == 0):
                 if any_less(size, zero):
                     size = where_less(size, zero, first_size(memory, o, b, f, small), size)
-                if wp.static(HELD):
-                    size = least(wave_size(memory, z, o + wp.static(PLACE)), size)
+                if wp.static(HELD):  # but of equal steps
+                    wave = least(wave_size(memory, z, o + wp.static(PLACE)), size)
+                    size = where_less(half, row(memory, o + wp.static(CONTROLLED)), wave, size)
                 last = where_less(d(CUT) * size, rest, zero, one)
                 step = active * where_less(half, last, rest, size)
         trial = advance(b, step, k)
