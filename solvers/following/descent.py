@@ -17,7 +17,7 @@ RADIUS = 0.1  # largest turn in a mode by one step [rad]
 NUDGE = 1e-3  # of the radius, along a mode that is unstable where no step is longer
 GIVE = 1e-6  # of L^3/EI: what holds the end of a rod with clamps gives way by, in steps alone
 BENT = 1e-6  # turn of what costs nothing, below which the rod is straight [rad]
-KEPT = 1e-9  # largest condition, inverted, of a Y that is not singular
+KEPT = 1e-9  # largest condition, in the Frobenius norm, inverted, of a Y that is not singular
 
 
 @dataclass(frozen=True)
@@ -173,13 +173,18 @@ def slope_at(point: Point) -> Slope:
     Raises:
         Unfit: If the tip's turn does not tell it.
     """
-    m = len(point.forces)
-    kept = np.setdiff1d(np.arange(len(point.unknowns)), point.forces)
-    both = point.turned
-    if not (np.isfinite(both).all() and np.isfinite(point.gamma).all()) or np.linalg.cond(both) * KEPT > 1:
+    m, both = len(point.forces), point.turned
+    if not (np.isfinite(both).all() and np.isfinite(point.gamma).all()):
         raise Unfit
-    inverse: FloatArray = np.asarray(np.linalg.inv(both), dtype=np.float64)
-    A = point.unit[:, None] * point.gamma[point.forces] @ inverse[:, :m]
+    try:
+        inverse: FloatArray = np.asarray(np.linalg.inv(both), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        raise Unfit from None
+    if np.linalg.norm(both) * np.linalg.norm(inverse) * KEPT > 1:
+        raise Unfit
+    kept = np.ones(len(point.unknowns), dtype=bool)
+    kept[point.forces] = False
+    A: FloatArray = point.unit[:, None] * point.gamma[point.forces] @ inverse[:, :m]
     H, unit = 0.5 * (A + A.T), point.stiffness
     back = -inverse[:, m:] @ point.residual[kept]
     gradient = point.unit * (point.residual[point.forces] + point.gamma[point.forces] @ back)
@@ -203,6 +208,7 @@ class ClampedTurns:
         self.problem, self.clamps, self.size = problem, clamps, n + clamps.size
         self.forces = np.append(clamps.pairs.forces, range(n, self.size))
         self.stiffness = clamps.pairs.stiffness
+        self._order = np.append(self.forces, np.setdiff1d(np.arange(n), clamps.pairs.forces))
 
     def put(self, unknowns: FloatArray) -> None:
         """Unknowns and moments (instance_count, size) to where the next integration finds them."""
@@ -226,8 +232,7 @@ class ClampedTurns:
         give = clamps.give()
         if give is not None:
             result[:, :n, :n] += GIVE * give
-        order = np.append(self.forces, np.setdiff1d(np.arange(n), pairs.forces))
-        return residual, gamma, np.concatenate([pairs.unit.numpy() * scale, clamps.unit], axis=1), result[:, order]
+        return residual, gamma, np.concatenate([pairs.unit.numpy() * scale, clamps.unit], axis=1), result[:, self._order]
 
 
 class Turns:
@@ -252,5 +257,5 @@ class Turns:
         result[:, pairs.forces] = pairs.columns.numpy()[:, :, :n] / scale[..., None]
         for row, unknown, by in pairs.give:
             result[:, row, unknown] += by
-        order = np.append(pairs.forces, np.setdiff1d(np.arange(n), pairs.forces))
+        order = np.append(pairs.forces, np.delete(np.arange(n), pairs.forces))
         return pairs.unit.numpy() * scale, result[:, order]

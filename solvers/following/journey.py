@@ -12,7 +12,7 @@ import numpy as np
 
 from multirod.budget import Spent
 from multirod.results.events import BranchEvent
-from multirod.solvers.continuation.acceptance import CONTRACTION, MIN_STEP, SURPRISE, same_branch
+from multirod.solvers.continuation.acceptance import CONTRACTION, MIN_STEP, SURPRISE, goes_on
 from multirod.solvers.following.descent import RADIUS, SOFT, Point, Slope, Unfit, slope_at
 from multirod.stability import Modes
 from multirod.status import Status
@@ -533,11 +533,9 @@ class Journey:
             # one step at least, as what is within the tolerance by chance tells the next step along the branch nothing
             if point.size <= (self.tolerance if k else POLISHED * self.tolerance):
                 return point, contraction
-            u, s, v = np.linalg.svd(point.gamma)
-            kept = slice(0, len(s) - neutral)
-            if s[kept][-1] == 0:
+            move = _least_step(point, neutral)
+            if move is None:
                 break
-            move = -v[kept].T @ ((u[:, kept].T @ point.residual) / s[kept])
             before, size = size, float(np.linalg.norm(move))
             if k and size > 1e-10 * float(np.linalg.norm(unknowns)):
                 contraction = max(contraction, size / before)
@@ -545,6 +543,18 @@ class Journey:
                 break
             unknowns = unknowns + move
         return None, np.inf
+
+
+def _least_step(point: Point, neutral: int) -> FloatArray | None:
+    """(7) Newton's step without its part along ``neutral`` modes; None where another is singular."""
+    if not neutral:
+        try:
+            return np.asarray(-np.linalg.solve(point.gamma, point.residual))
+        except np.linalg.LinAlgError:
+            return None
+    u, s, v = np.linalg.svd(point.gamma)
+    kept = slice(0, len(s) - neutral)
+    return None if s[kept][-1] == 0 else np.asarray(-v[kept].T @ ((u[:, kept].T @ point.residual) / s[kept]))
 
 
 def _held(slope: Slope) -> bool:
@@ -582,11 +592,11 @@ def _foreseen(found: FloatArray, expected: FloatArray, last: FloatArray, surpris
 
 
 def _alike(gamma: FloatArray, before: FloatArray, neutral: int) -> bool:
-    """``same_branch`` without the modes that are neutral all along."""
+    """``goes_on`` without the modes that are neutral all along."""
     if neutral:
         if np.linalg.svd(gamma, compute_uv=False)[-neutral] > SOFT:
             return False  # another branch, which has not that symmetry
         u, _, v = np.linalg.svd(before)
         u, v = u[:, :-neutral], v[:-neutral].T
         gamma, before = u.T @ gamma @ v, u.T @ before @ v
-    return bool(same_branch(gamma[None], before[None])[0])
+    return goes_on(gamma, before)
