@@ -471,7 +471,7 @@ class NewtonTrack(Track):
             good = ~failures(outcome.status)
             good[list(outcome.breakpoints)] = False
             # what failed starts again from its last equilibrium, what is new from its first, both without a slope
-            elsewhere = np.isin(outcome.status, (Status.BIFURCATED, Status.SNAPPED))
+            elsewhere = np.isin(outcome.status, (Status.BIFURCATED, Status.SNAPPED, Status.DAMPED))
             self.fresh |= elsewhere
             kept, new = good[:, None], (good & (elsewhere | ~self.known))[:, None]
             last = past[:, 0].copy()

@@ -129,12 +129,52 @@ def test_what_cannot_be_decided_is_no_result():
     assert limited.status is mr.Status.INTEGRATION_LIMIT
     assert limited.integrations <= 80 + 10  # those that judge come on top, as everywhere
     assert limited.events == ()
-    without_potential = robot.inputs(tip_force=press, tip_moment=(0, 0, 1e-9))
-    assert mr.solve(robot, without_potential, solver=PRECISE).status is mr.Status.BRANCH_END
+    soft = column(2.0, foundation=1.0)
+    in_a_medium = mr.solve(soft, soft.inputs(tip_force=3 * np.array(press)), solver=PRECISE)
+    assert in_a_medium.status is mr.Status.BRANCH_END
     with pytest.raises(ValueError, match="Shooting.at_fold = 'go' is not allowed"):
         mr.Shooting(at_fold="go")
     with pytest.raises(ValueError, match="Shooting.side = 'left' is not allowed"):
         mr.Shooting(side="left")
+
+
+def test_without_a_potential_damped_dynamics_go_on():
+    """Pushed to and fro with a moment on its tip; energy descent, which passes folds, is the witness."""
+    robot, time = column(25.0), np.linspace(0, 6, 121)
+    press, push = -1.5 * np.clip(time / 2, 0, 1), 0.5 * np.sin(np.pi * np.clip(time - 2, 0, 4) / 2)
+    force = CRITICAL * np.stack([push, 0 * time, press], axis=-1)
+    inputs = robot.inputs(tip_force=force, tip_moment=(0, 0.05 * EI / LENGTH, 0))
+    history = mr.simulate(robot, inputs, time=time, solver=PRECISE).raise_if_failed()
+    assert set(history.status) == {mr.Status.CONVERGED, mr.Status.DAMPED}
+    witness = mr.simulate(robot, inputs, time=time, solver=mr.EnergyDescent(integrator=mr.RK4(50)))
+    tracking = witness.status == mr.Status.TRACKING
+    (snapped, *_) = np.flatnonzero(history.status == mr.Status.DAMPED)
+    assert tracking[snapped + 1 :].sum() > 10
+    # energy descent is off by what a sample moves, squared
+    np.testing.assert_allclose(history.tip_position[tracking], witness.tip_position[tracking], rtol=0, atol=0.01 * LENGTH)
+    assert history.tip_position[snapped - 1, 0] * history.tip_position[snapped + 1, 0] < 0
+
+
+def test_without_a_potential_a_solve_goes_on_as_well():
+    """A column with so small a moment about its axis that it is an elastica all the same."""
+    robot = column(2.0)
+    inputs = robot.inputs(tip_force=(0, 0, -1.5 * CRITICAL), tip_moment=(0, 0, 1e-6 * EI / LENGTH))
+    found = mr.solve(robot, inputs, solver=PRECISE)
+    assert (found.status, found.stability, found.events) == (mr.Status.DAMPED, mr.Stability.UNKNOWN, ())
+    assert found.integrations < 500
+    assert abs(found.tip_position[0]) == pytest.approx(LENGTH * elastica(1.5), rel=1e-4)  # of RK4(50), and of the moment
+    assert mr.solve(robot, inputs, solver=mr.Shooting(at_fold="stop")).status is mr.Status.BRANCH_END
+
+
+def test_a_branch_that_rounding_ends_beyond_its_critical_point_is_left_there():
+    """By equal steps without poses it ends 1e-5 later: it went on, unstable, and ended as ``UNSTABLE``."""
+    robot = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638, precurvature=(14, 5, 0)))
+    found, fine = (
+        mr.solve(robot, robot.inputs(tip_force=(0, 0, -30)), solver=mr.Shooting(integrator=integrator))
+        for integrator in (mr.RK4(50), mr.RK45())
+    )
+    assert (found.status, found.stability) == (mr.Status.SNAPPED, mr.Stability.STABLE)
+    np.testing.assert_allclose(found.tip_position, fine.tip_position, rtol=0, atol=1e-4)  # of RK4(50)
 
 
 @pytest.fixture(scope="module")

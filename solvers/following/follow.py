@@ -10,18 +10,20 @@ from numpy.typing import NDArray
 
 from multirod.batch import IntArray
 from multirod.budget import Spent
+from multirod.integrators import RK45
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.continuation.natural import MOST_STEPS, SAFE_LOAD, SINGULAR, TURN
+from multirod.solvers.energy_descent import EnergyDescent, EnergyDescentTrack
 from multirod.solvers.following.descent import ClampedTurns, Point, Turns
-from multirod.solvers.following.journey import NOISY, At, Clamp, Journey, Judge, Judgement, Run
+from multirod.solvers.following.journey import NOISY, At, Clamp, Journey, Judge, Judgement, Run, Settle
 from multirod.status import failures
 from multirod.validation import FloatArray
 
 TOGETHER = 4096  # instances on their way at once
 PIECES = 6  # into which clamps cut a rod
 
-Request = At | Clamp | Judge
+Request = At | Clamp | Judge | Settle
 
 
 def follow(
@@ -61,7 +63,7 @@ def follow(
         return lost
     if stability.multistable and before is None and problem.joints is None and not parts.may_be_clamped:
         return lost
-    chosen = chosen & (reached < 1) & stability.has_potential
+    chosen, potential = chosen & (reached < 1), stability.has_potential
     segmented = problem.segments is not None and bool(chosen.any())
     singular = SINGULAR * problem.natural_singular_value if segmented else np.full(problem.instance_count, np.inf)
     for places in (some for kind in parts.kinds(np.flatnonzero(chosen)) for some in _split(kind)):
@@ -91,6 +93,7 @@ def follow(
                 stability.multistable and before is None,
                 NOISY if segmented else np.inf,
                 float(singular[place]),
+                bool(potential[place]),
             )
             for k, place in enumerate(places)
         ]
@@ -145,6 +148,8 @@ class _Together:
                     answers = self._integrate(plain)
             elif clamped:
                 answers = self._integrate_clamped(clamped)
+            elif damped := {k: request for k, request in asked.items() if isinstance(request, Settle)}:
+                answers = self._settle(damped)
             else:
                 judged = {k: request for k, request in asked.items() if isinstance(request, Judge)}
                 with self._placed(self.part, {k: judge.point.level for k, judge in judged.items()}):
@@ -216,6 +221,29 @@ class _Together:
         residual[part.fault.numpy() != 0] = np.nan
         fields = residual, gamma, unit, turned, moved, part.read("position"), frames, turns.stiffness, *costless
         return {k: _point(unknowns[k], at.level, turns.forces, *(field[k] for field in fields)) for k, at in asked.items()}
+
+    def _settle(self, asked: dict[int, Settle]) -> dict[int, tuple[FloatArray | None, int]]:
+        """Where damped dynamics rest."""
+        part, count = self.part, self.part.instance_count
+        method = EnergyDescent(integrator=RK45(), feed_forward=False)
+        if method.unsupported(part):
+            return dict.fromkeys(asked, (None, 0))
+        most = max(request.most for request in asked.values())
+        asked = {k: request for k, request in asked.items() if request.most == most}  # the others come next
+        chosen, guess, level = np.zeros(count, dtype=bool), part.read("unknowns"), np.ones(count)
+        for k, request in asked.items():
+            chosen[k], guess[k], level[k] = True, request.unknowns, request.level
+        with self._placed(part, {k: request.level for k, request in asked.items()}):
+            outcome = EnergyDescentTrack(method, part, corrected=False).settle(
+                tolerance=None,
+                max_iterations=most,
+                ramp=1,
+                guess=guess,
+                level=1.0 if self.before is not None else level,
+                chosen=chosen,
+            )
+        found, rest = part.read("unknowns"), ~failures(outcome.status)
+        return {k: (found[k] if rest[k] else None, int(outcome.integrations[k])) for k in asked}
 
     def _judge(self, asked: dict[int, Judge]) -> dict[int, Judgement]:
         stability = self.part.stability

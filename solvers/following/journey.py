@@ -21,6 +21,8 @@ from multirod.validation import FloatArray
 OVERSHOOT = 1e-3  # of the load, or of the way between two samples: first step beyond a critical point
 LEFT = 0.05  # of the rest of the way, where that leads nowhere: what is put together stiffens as its inverse
 DECIDED = 1e-4  # of K/L: a mode as unstable, or a moment as large, decides
+FAR_BEYOND = 1e-2  # as OVERSHOOT, of damped dynamics, which leave what is hardly unstable slowly
+SETTLING = 400  # integrations in which they are to rest
 AT_END = 2e-6  # of K/L: at the end of the way a mode as unstable decides
 LEAST_LEFT = 1e-5  # of the way: the end may be as near to the branch as its own critical point
 CLEAR = 3e-3  # of K/L: as unstable it is wanted where no moment drives it, before the end of the way
@@ -87,7 +89,19 @@ class Clamp:
     level: float
 
 
-Run = Generator[At | Judge | Clamp, Any, Any]
+@dataclass(frozen=True)
+class Settle:
+    """A request to let damped dynamics go from unknowns, shape (n,), at a level until they rest, by so many integrations at most.
+
+    The answer is the unknowns, None where they do not rest, and how many it took.
+    """
+
+    unknowns: FloatArray
+    level: float
+    most: int
+
+
+Run = Generator[At | Judge | Clamp | Settle, Any, Any]
 
 
 @dataclass
@@ -108,6 +122,7 @@ class Journey:
         by_tip: Whether it tells what the rods are like: clamps are then tried where that fails.
         doubtful: Whether the branch may have begun unstable.
         noisy: Norm of ``Gamma``, beyond which it may be rounding that ends a branch.
+        potential: Whether its loads have one: without, it is damped dynamics that go on, and nothing is known of stability.
         singular: Its least singular value, beyond which no mode vanishes where one ends.
     """
 
@@ -125,6 +140,7 @@ class Journey:
     doubtful: bool = False
     noisy: float = NOISY
     singular: float = np.inf
+    potential: bool = True
     integrations: int = 0
     iterations: int = 0
     status: Status = Status.BRANCH_END
@@ -154,7 +170,10 @@ class Journey:
         if neutral != soft:
             found, _ = yield from self._correct(self.start, self.level, neutral)
         if found is not None:
-            point = yield from self._along(found, neutral)
+            point = found if self._passed(found) else (yield from self._along(found, neutral))
+        if not self.potential:
+            yield from self._run_damped(point)
+            return
         if self.doubtful and not (yield from self._was_stable(point, neutral)):
             return
         for _ in range(MOST_EVENTS):
@@ -180,6 +199,27 @@ class Journey:
             return
         self.status = self.said
         self.end, self.neutral = point, neutral
+
+    def _run_damped(self, point: Point) -> Run:
+        """The same by damped dynamics, (11), wherever the branch ends."""
+        for _ in range(MOST_EVENTS):
+            if point.level == 1:
+                self.status, self.end = Status.DAMPED, point
+                return
+            step = FAR_BEYOND if self.by_inputs else FAR_BEYOND * max(point.level, FAR_BEYOND)
+            landed = None
+            while landed is None:
+                level = min(1.0, point.level + step)
+                most = min(SETTLING, self.allowed - self.integrations)
+                found, taken = yield Settle(point.unknowns, level, most)
+                self._count(taken)
+                self.iterations += taken
+                if found is not None:
+                    landed, _ = yield from self._correct(found, level, 0)
+                if landed is None and level == 1.0:
+                    return
+                step *= 4
+            point = yield from self._along(landed, 0)
 
     def _end_undecided(self, point: Point) -> Run:
         """The end of the way, if it is just where the branch is critical, and an equilibrium on which no mode is unstable but by
@@ -215,7 +255,7 @@ class Journey:
             if found is None:
                 self.status = Status.BRANCH_END
                 self._lose(end)
-            elif (yield from self._judge(found)).modes.index[0] > 0:
+            elif self.potential and (yield from self._judge(found)).modes.index[0] > 0:
                 self.status = Status.UNSTABLE
             else:
                 self.end = found
@@ -254,6 +294,11 @@ class Journey:
         """Whether no mode is unstable."""
         modes = (yield from self._judge(point)).modes
         return bool(modes.known[0] and modes.index[0] <= 0 and not modes.diverging[0])
+
+    def _passed(self, point: Point) -> bool:
+        """Whether a branch is unstable where it ended, by equations that are a little finer than those by which it did."""
+        slope = self._slope_or_none(point) if self.by_tip and self.potential else None
+        return slope is not None and slope.values[0] < -SOFT
 
     def _rests(self, point: Point, neutral: int) -> Run:
         """Whether a point is stable but for modes that symmetry leaves neutral."""

@@ -9,7 +9,7 @@ import warp as wp
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome, Track, knows
 from multirod.solvers.continuation.acceptance import same_branch
-from multirod.status import Fault, Status
+from multirod.status import BoolArray, Fault, Status
 from multirod.validation import FloatArray, frozen
 
 
@@ -74,7 +74,16 @@ class SampledTrack(Track):
         status, size = self._host[1:] if self._host else (state.status.numpy(), state.size.numpy())
         return Outcome(status.copy(), self._ones, self._ones, size.copy(), self._rates())
 
-    def settle(self, *, tolerance: float | None, max_iterations: int, ramp: int, guess: FloatArray | None) -> Outcome:
+    def settle(
+        self,
+        *,
+        tolerance: float | None,
+        max_iterations: int,
+        ramp: int,
+        guess: FloatArray | None,
+        level: FloatArray | float = 1.0,
+        chosen: BoolArray | None = None,
+    ) -> Outcome:
         """Take samples at fixed inputs until the residual is within ``tolerance``.
 
         Args:
@@ -84,6 +93,8 @@ class SampledTrack(Track):
                 ``Gamma`` changes from one sample to the next as it does between two branches, may have left the natural branch:
                 ``BRANCH_END``.
             guess: Unknowns to start from (instance_count, n).
+            level: Part of the loads that acts in the end, of each instance (instance_count,) or of all.
+            chosen: Which instances do, shape (instance_count,); all by default. The status of the others stays ``NOT_RUN``.
         """
         problem, count = self.problem, self.problem.instance_count
         if guess is not None:
@@ -91,12 +102,13 @@ class SampledTrack(Track):
             ramp = 1
         limit = problem.tolerance(tolerance)
         outcome = Outcome.zeros(count)
-        active = np.ones(count, dtype=bool)
+        chosen = np.ones(count, dtype=bool) if chosen is None else chosen
+        active = chosen.copy()
         strayed = np.zeros(count, dtype=bool)
         before: FloatArray | None = None
         for iteration in range(max_iterations):
             load = min(1.0, (iteration + 1) / ramp)
-            with problem.only(active), problem.at_load(load):
+            with problem.only(active), problem.at_load(load * level):
                 self.step()
             outcome.integrations[active] += 1
             status = self.state.status.numpy()
@@ -112,7 +124,7 @@ class SampledTrack(Track):
                 before = gamma
                 outcome.status[active & (status == Status.NEAR_FOLD)] = Status.BRANCH_END
                 outcome.status[done & strayed] = Status.BRANCH_END
-            active = outcome.status == Status.NOT_RUN
+            active = chosen & (outcome.status == Status.NOT_RUN)
             if not active.any():
                 break
             if not active.all():
